@@ -1,0 +1,1 @@
+"""Shared types, rotations, clocks, units and the recording."""

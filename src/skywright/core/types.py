@@ -1,0 +1,135 @@
+"""The records that cross role boundaries every tick.
+
+They are NumPy structured types of fixed size, so that numba compiles every law, estimator and
+sensor against one signature a role, whatever the robot (design: one flat signature a role,
+typed views inside). `record[0]` is a view with named fields, in Python and in compiled code.
+
+Units are SI and radians. Frames: W world (ENU), B body (FLU), T tip (z along the probe, pointing
+out of the robot), S surface (z = outward normal). Quaternions are wxyz.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+MAX_JOINTS = 8
+"""Most actuated arm joints of one robot (the dual arm of Suarez 2020 has 2 x 4)."""
+MAX_ROTORS = 12
+"""Most rotors of one robot."""
+
+f8 = np.float64
+i8 = np.int64
+
+REFERENCE = np.dtype(
+    [
+        ("t", f8),  # s, mission time from which this row holds
+        ("p_WB", f8, 3),  # m, nominal platform position
+        ("v_WB", f8, 3),  # m/s
+        ("a_WB", f8, 3),  # m/s^2
+        ("R_WB", f8, (3, 3)),  # nominal platform attitude
+        ("w_WB_B", f8, 3),  # rad/s, in B
+        ("wd_WB_B", f8, 3),  # rad/s^2, in B
+        ("q", f8, MAX_JOINTS),  # rad, nominal arm joints (output side)
+        ("qd", f8, MAX_JOINTS),  # rad/s
+        ("p_WT", f8, 3),  # m, desired tip position (inside the surface while pushing)
+        ("v_WT", f8, 3),  # m/s
+        ("R_WT", f8, (3, 3)),  # desired tip attitude
+        ("R_WS", f8, (3, 3)),  # surface frame at the desired tip (identity in free flight)
+        ("dead_zone", f8),  # m, of the integral along z_S; 0 trims all directions (free flight)
+        ("track_tip", f8),  # 1: close the position loop at the tip (law 4); 0: at the platform
+        ("active", f8),  # 1: rotors on; 0: motors off
+    ]
+)
+"""A row of a plan: what a control law may be asked to follow. Rows are interpolated linearly."""
+
+ESTIMATE = np.dtype(
+    [
+        ("t", f8),
+        ("p_WB", f8, 3),
+        ("v_WB", f8, 3),
+        ("R_WB", f8, (3, 3)),
+        ("w_WB_B", f8, 3),
+        ("q", f8, MAX_JOINTS),
+        ("qd", f8, MAX_JOINTS),
+        ("p_WT", f8, 3),
+        ("v_WT", f8, 3),
+        ("R_WT", f8, (3, 3)),
+        ("f_ext_W", f8, 3),  # N, estimated external force on the robot (wind, contact, model error)
+    ]
+)
+"""What a control law may see of the world."""
+
+BODY = np.dtype(
+    [
+        ("mass", f8),  # kg, whole robot
+        ("gravity", f8),  # m/s^2, positive down
+        ("p_BC", f8, 3),  # m, whole-robot centre of mass in B at the estimated joints
+        ("I_B", f8, (3, 3)),  # kg m^2, composite inertia about the origin of B
+        ("J_BT", f8, (3, MAX_JOINTS)),  # tip position Jacobian in B (m/rad)
+        ("n_joints", i8),
+    ]
+)
+"""The nominal rigid body at the estimated configuration (belief, never plant data)."""
+
+COMMAND = np.dtype(
+    [
+        ("f_B", f8, 3),  # N, force that the rotors shall make, in B at the origin of B
+        ("t_B", f8, 3),  # N m
+        ("qd", f8, MAX_JOINTS),  # rad/s, joint velocity commands (output side)
+        ("rotor_speed", f8, MAX_ROTORS),  # rad/s, filled by the allocation
+        ("f_B_alloc", f8, 3),  # N, what the allocated rotors can really make
+        ("t_B_alloc", f8, 3),
+        ("saturated", f8),  # 1 when the allocation had to give something up
+    ]
+)
+"""What a law commands (wrench and joint velocities) and what the allocation made of it."""
+
+SAMPLE = np.dtype(
+    [
+        ("t", f8),
+        ("phase", i8),  # index into the run's phase list
+        # truth (the plant)
+        ("p_WB", f8, 3),
+        ("q_WB", f8, 4),
+        ("v_WB", f8, 3),
+        ("w_WB_B", f8, 3),
+        ("q", f8, MAX_JOINTS),
+        ("qd", f8, MAX_JOINTS),
+        ("p_WT", f8, 3),
+        ("q_WT", f8, 4),
+        ("rotor_thrust", f8, MAX_ROTORS),  # N
+        ("rotor_speed", f8, MAX_ROTORS),  # rad/s
+        ("spring", f8),  # m, compression of the probe's spring
+        ("gap", f8),  # m, tip to surface; negative is penetration
+        ("gap_max", f8),  # m, worst since the last sample
+        ("tilt", f8),  # rad, probe axis to the inward normal of the surface
+        ("f_contact", f8, 3),  # N, force of the surface on the tip, in W
+        ("f_normal", f8),  # N, its normal part
+        ("f_collision", f8),  # N, largest unintended contact force since the last sample
+        ("f_wind_W", f8, 3),  # N, aerodynamic drag force on the robot
+        ("power", f8),  # W, electrical
+        # belief
+        ("est_p_WB", f8, 3),
+        ("est_q_WB", f8, 4),
+        ("est_v_WB", f8, 3),
+        ("est_w_WB_B", f8, 3),
+        ("est_p_WT", f8, 3),
+        ("est_f_ext_W", f8, 3),
+        # reference and command
+        ("ref_p_WB", f8, 3),
+        ("ref_q_WB", f8, 4),
+        ("ref_q", f8, MAX_JOINTS),
+        ("ref_p_WT", f8, 3),
+        ("ref_q_WT", f8, 4),
+        ("ref_normal_W", f8, 3),  # outward surface normal at the desired tip (zero in free flight)
+        ("cmd_f_B", f8, 3),
+        ("cmd_t_B", f8, 3),
+        ("cmd_qd", f8, MAX_JOINTS),
+        ("saturated", f8),
+        # eddy-current instrument, its own units; and the tip as motion capture measured it
+        ("ec", f8, 2),
+        ("meas_p_WT", f8, 3),
+        ("meas_axis_W", f8, 3),  # measured probe axis (z_T) in W
+    ]
+)
+"""One sample of a recording (100 Hz): truth, belief, reference, command and instrument."""

@@ -1,0 +1,47 @@
+"""The one error base class. Every message says what was wrong and lists what is valid."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class SkywrightError(Exception):
+    """Base of every error that a user can cause or meet; the command line prints it as one line.
+
+    `exit_code` follows the command-line contract: 1 a requirement failed or no plan exists,
+    2 the input is wrong, 3 the simulation failed.
+    """
+
+    exit_code = 2
+
+
+class InputError(SkywrightError):
+    """A file, flag, key or stream is wrong; nothing was started."""
+
+    exit_code = 2
+
+
+class InfeasibleError(SkywrightError):
+    """The input is valid but no plan exists; `blocked_by` names the constraint."""
+
+    exit_code = 1
+
+    def __init__(self, message: str, blocked_by: str) -> None:
+        super().__init__(message)
+        self.blocked_by = blocked_by
+
+
+class SimulationError(SkywrightError):
+    """The simulation diverged or met NaN."""
+
+    exit_code = 3
+
+
+def neighbours(word: str, valid: Iterable[str], count: int = 5) -> str:
+    """Return the valid names nearest to `word` for an error message, or all when there are few."""
+    names = sorted(valid)
+    if len(names) <= count:
+        return ", ".join(names)
+    close = difflib.get_close_matches(word, names, n=count, cutoff=0.3)
+    return ", ".join(close or names[:count]) + ", ..."
