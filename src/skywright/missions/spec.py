@@ -1,0 +1,94 @@
+"""What a mission file may say: the roots `mission` and `plant`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from skywright.core.spec import Fraction, NonNegative, Positive, Spec
+
+
+class Scan(Spec):
+    """A scan pattern on the pipe's unrolled surface (s along the axis, c around it)."""
+
+    pattern: Literal["raster", "line", "spiral"] = "raster"
+    side: Literal["side", "top", "underside", "angle"] = "side"
+    centre_angle_deg: float = 0.0  # circumferential angle of the sector's middle, side = "angle"
+    arc_deg: float = Field(default=40.0, gt=0, le=180)
+    passes: int = Field(default=4, ge=1, le=100)  # axial passes; each makes two corners
+    pass_length_m: Positive = 0.2
+    centre_s_m: float = 0.0
+    speed_mps: Positive = 0.01
+    depth_m: Positive | None = None  # of the desired tip inside the surface; default from force_n
+    stand_off_m: Positive = 0.05  # tip distance before touching
+    retries: int = Field(default=2, ge=0, le=10)
+
+
+class Waypoint(Spec):
+    """A platform pose to reach and hold."""
+
+    x_m: float
+    y_m: float
+    z_m: Positive
+    yaw_deg: float = 0.0
+    hold_s: NonNegative = 2.0
+
+
+class Requirement(Spec):
+    """A metric with a limit that a run must meet."""
+
+    limit: float
+    sense: Literal["<=", "<", ">=", ">", "=="] = "<="
+    unit: str = ""
+    source: str = ""
+
+
+class Mission(Spec):
+    """The root `mission`."""
+
+    name: str
+    description: str = ""
+    kind: Literal["scan", "waypoints"]
+    robot: str
+    world: str
+    seed: int = Field(default=1, ge=0)
+    resolved: bool = False  # written in a run's mission.toml: the file is complete in itself
+    mode: Literal["fast", "interactive"] = "fast"
+    law: str | None = None  # registry name or "file.py:function"
+    estimator: Literal["observer", "truth"] = "observer"
+    hover_height_m: Positive = 1.2
+    start_x_m: float = 0.0
+    start_y_m: float = 0.0
+    start_yaw_deg: float = 0.0
+    wind_fraction: Fraction = 0.7  # of the computed wind limit that a mission may use
+    planner_time_s: Positive = 20.0  # before the planner gives up
+    scan: Scan | None = None
+    waypoints: list[Waypoint] = []
+    requirements: dict[str, Requirement] = {}
+
+    @model_validator(mode="after")
+    def _kind_has_its_table(self) -> Mission:
+        if self.kind == "scan" and self.scan is None:
+            raise ValueError("kind = 'scan' needs a [mission.scan] table")
+        if self.kind == "waypoints" and not self.waypoints:
+            raise ValueError("kind = 'waypoints' needs at least one [[mission.waypoints]]")
+        return self
+
+
+class Plant(Spec):
+    """The root `plant`: how the simulated truth deviates from what the controllers believe.
+
+    Errors are fractions of the nominal value, or absolute where the key carries a unit.
+    """
+
+    mass_error: float = Field(default=0.03, gt=-0.9, lt=10)
+    rotor_gain_error: float = Field(default=-0.03, gt=-0.9, lt=10)  # common to all rotors
+    rotor_gain_spread: NonNegative = 0.02  # 1 sigma between rotors, drawn from the seed
+    com_x_error_m: float = 0.004
+    com_y_error_m: float = -0.003
+    com_z_error_m: float = 0.004
+    inertia_error: float = Field(default=0.05, gt=-0.9, lt=10)
+    link_length_error_m: float = 0.004  # of the last link: a kinematic calibration error
+    joint_offset_error_deg: float = 0.4  # encoder zero of every joint
+    drag_error: float = Field(default=0.2, gt=-1, lt=10)

@@ -1,0 +1,248 @@
+"""What a robot file may say: the root `robot`.
+
+A robot is a platform with rotors, optionally an arm (named links in a chain or a tree) and a
+probe. Every number has its unit in the key. Frames: B body (FLU: x forward, y left, z up) at the
+platform's reference point; a link's frame sits at its joint with x along the link.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from skywright.core.spec import Fraction, NonNegative, Positive, Spec
+from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+
+
+class Platform(Spec):
+    """The airframe without arm."""
+
+    mass_kg: Positive
+    inertia_xx_kgm2: Positive
+    inertia_yy_kgm2: Positive
+    inertia_zz_kgm2: Positive
+    com_x_m: float = 0.0
+    com_y_m: float = 0.0
+    com_z_m: float = 0.0
+    diameter_m: Positive  # over the propeller tips
+    height_m: Positive  # of the collision body around the rotor plane, gear excluded
+    body_radius_m: Positive = 0.12  # central hub
+    gear_height_m: Positive = 0.25  # feet below the origin of B
+    gear_radius_m: Positive = 0.2
+    drag_area_x_m2: NonNegative = 0.05  # C_D A of body and arm, force = rho/2 C_D A v^2
+    drag_area_y_m2: NonNegative = 0.05
+    drag_area_z_m2: NonNegative = 0.08
+
+
+class Rotors(Spec):
+    """Rotor layout and propulsion. Axis of rotor i: Rz(azimuth) Rx(alpha) Ry(beta) z.
+
+    The lists have one entry a rotor. `spin` is the propeller's sense seen from above; the drag
+    torque on the body is opposite. Thrust = thrust_coefficient * speed^2.
+    """
+
+    azimuth_deg: list[float] = Field(min_length=3, max_length=MAX_ROTORS)
+    radius_m: Positive  # distance of the hubs from the z axis of B
+    height_m: float = 0.0  # of the hubs above B
+    alpha_deg: list[float]  # tilt about the radial axis
+    beta_deg: list[float]  # tilt about the (rotated) tangential axis
+    spin: list[Literal["ccw", "cw"]]
+    propeller_radius_m: Positive
+    thrust_coefficient_n_per_rad2s2: Positive
+    torque_per_thrust_m: Positive
+    thrust_min_n: NonNegative
+    thrust_max_n: Positive
+    thrust_fraction: Fraction = 1.0  # of thrust_max that capability and missions may use
+    time_constant_s: Positive  # of the rotor speed
+    drag_coefficient_n_per_rads_mps: NonNegative  # force in the disc plane = -c * speed * v_perp
+    figure_of_merit: Fraction = 0.6  # ideal induced over shaft power
+    motor_efficiency: Fraction = 0.8  # shaft over electrical power
+
+    @model_validator(mode="after")
+    def _lengths_agree(self) -> Rotors:
+        n = len(self.azimuth_deg)
+        for name in ("alpha_deg", "beta_deg", "spin"):
+            if len(getattr(self, name)) != n:
+                raise ValueError(
+                    f"{name} has {len(getattr(self, name))} entries, azimuth_deg has {n}: "
+                    "give one entry a rotor"
+                )
+        if self.thrust_max_n <= self.thrust_min_n:
+            raise ValueError("thrust_max_n must exceed thrust_min_n")
+        return self
+
+
+class Battery(Spec):
+    """Energy on board, for endurance."""
+
+    energy_wh: Positive
+    usable_fraction: Fraction = 0.8
+    avionics_power_w: NonNegative = 15.0
+
+
+class Link(Spec):
+    """One arm link, moved by one joint at its origin; x runs along the link.
+
+    The joint sits at (`x_m`, `y_m`, `z_m`) in the parent's frame; without them at the end of the
+    parent link (its `length_m` along x), or at the mount for the first. Hinge angle zero means x
+    parallel to the parent's x.
+    """
+
+    parent: str | None = None  # link name, or "platform"; default: the link before it
+    x_m: float | None = None
+    y_m: float | None = None
+    z_m: float | None = None
+    joint: Literal["hinge", "slide", "fixed"] = "hinge"
+    axis: Literal["x", "y", "z"] = "y"
+    length_m: Positive
+    mass_kg: Positive
+    com_m: float | None = None  # along x; default: the middle
+    radius_m: Positive = 0.015  # collision capsule
+    joint_min_deg: float = -180.0
+    joint_max_deg: float = 180.0
+    folded_deg: float = 0.0  # in free flight and on the ground
+    working_deg: float = 0.0  # posture that a task starts from
+    flex_stiffness_nm_per_rad: Positive | None = None  # structural, in series with the joint
+    flex_damping_ratio: NonNegative = 0.03
+
+    @model_validator(mode="after")
+    def _limits_ordered(self) -> Link:
+        if self.joint_max_deg <= self.joint_min_deg:
+            raise ValueError("joint_max_deg must exceed joint_min_deg")
+        for name in ("folded_deg", "working_deg"):
+            if not self.joint_min_deg <= getattr(self, name) <= self.joint_max_deg:
+                raise ValueError(f"{name} lies outside joint_min_deg..joint_max_deg")
+        return self
+
+
+class Servo(Spec):
+    """A velocity-controlled servo motor of the arm."""
+
+    stall_torque_nm: Positive
+    no_load_speed_rad_s: Positive
+    velocity_time_constant_s: Positive = 0.03
+    armature_kgm2: Positive = 0.005  # rotor inertia through the gear
+    encoder_counts: int = Field(default=4096, ge=16)
+
+
+class Arm(Spec):
+    """Links in order (a chain unless `parent` says otherwise) and the servos that drive them.
+
+    `belt` is J_AM of Tognon 2018: joint speeds = J_AM * motor speeds (identity when absent).
+    """
+
+    mount_x_m: float = 0.0
+    mount_y_m: float = 0.0
+    mount_z_m: float = 0.0
+    links: dict[str, Link]
+    servos: dict[str, Servo]
+    belt: list[list[float]] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _split(cls, data: object) -> object:
+        """`[robot.arm.link1]` and `[robot.arm.motor1]` are told apart by their keys."""
+        if not isinstance(data, dict) or "links" in data:
+            return data
+        out: dict[str, object] = {"links": {}, "servos": {}}
+        for key, value in data.items():
+            if isinstance(value, dict):
+                kind = "servos" if "stall_torque_nm" in value else "links"
+                out[kind][key] = value  # type: ignore[index]
+            else:
+                out[key] = value
+        return out
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Arm:
+        moving = [n for n, link in self.links.items() if link.joint != "fixed"]
+        if len(moving) > MAX_JOINTS:
+            raise ValueError(f"{len(moving)} joints; at most {MAX_JOINTS} are supported")
+        if len(self.servos) != len(moving):
+            raise ValueError(
+                f"{len(self.servos)} servos for {len(moving)} joints: give one servo table a joint"
+            )
+        names = set(self.links) | {"platform"}
+        for name, link in self.links.items():
+            if link.parent is not None and link.parent not in names:
+                raise ValueError(f"{name}.parent is {link.parent!r}; valid: {sorted(names)}")
+        if self.belt is not None:
+            n = len(moving)
+            if len(self.belt) != n or any(len(row) != n for row in self.belt):
+                raise ValueError(f"belt must be a {n} x {n} matrix")
+        return self
+
+
+class Probe(Spec):
+    """The probe in its sprung holder at the end of the last link (or of the link `on`).
+
+    Its axis is x of that link, turned by `pitch_deg` about the link's y. The tip is a small
+    sphere; the spring compresses along the axis.
+    """
+
+    on: str | None = None
+    mass_kg: Positive  # holder and sensor
+    length_m: Positive  # from the link's end to the tip, spring released
+    pitch_deg: float = 0.0
+    slider_mass_kg: Positive = 0.04  # the part behind the spring that moves
+    spring_n_per_m: Positive = 200.0
+    spring_preload_n: NonNegative = 0.5
+    spring_travel_m: Positive = 0.01
+    spring_damping_ratio: NonNegative = 0.7
+    tip_radius_m: Positive = 0.004
+    radius_m: Positive = 0.012  # collision capsule of the holder
+    force_n: Positive = 2.0  # nominal push
+    kind: Literal["eddy_current", "none"] = "eddy_current"
+
+
+class Sensors(Spec):
+    """Onboard sensors."""
+
+    gyro_rate_hz: Positive = 500.0
+    gyro_noise_rad_s_sqrthz: NonNegative = 3.4e-4
+    gyro_bias_rad_s: NonNegative = 0.005  # 1 sigma, drawn once a run
+    encoder_rate_hz: Positive = 500.0
+
+
+class Control(Spec):
+    """Bandwidths from which every gain follows (no gain is written in a file)."""
+
+    law: str | None = None  # registry name or "file.py:function"; the mission may override
+    position_bandwidth_rad_s: Positive = 3.0
+    position_damping: Positive = 1.0
+    position_integral_rad_s: NonNegative = 0.3
+    attitude_bandwidth_rad_s: Positive = 9.0
+    attitude_damping: Positive = 1.0
+    attitude_integral_rad_s: NonNegative = 0.5
+    arm_bandwidth_rad_s: NonNegative = 3.0
+    tilt_max_deg: Positive = 25.0
+    rate_hz: Positive = 500.0
+    observer_bandwidth_rad_s: Positive = 12.0
+    speed_max_mps: Positive = 1.0
+    acceleration_max_mps2: Positive = 0.8
+
+
+class Robot(Spec):
+    """The root `robot`."""
+
+    name: str
+    description: str = ""
+    paper: str = ""
+    platform: Platform
+    rotors: Rotors
+    battery: Battery
+    arm: Arm | None = None
+    probe: Probe | None = None
+    sensors: Sensors = Sensors()
+    control: Control = Control()
+
+    @model_validator(mode="after")
+    def _probe_needs_arm(self) -> Robot:
+        if self.probe is not None and self.arm is None:
+            raise ValueError("a probe needs an arm to sit on")
+        if self.probe is not None and self.arm is not None:
+            on = self.probe.on
+            if on is not None and on not in self.arm.links:
+                raise ValueError(f"probe.on is {on!r}; valid: {sorted(self.arm.links)}")
+        return self

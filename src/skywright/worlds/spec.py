@@ -1,0 +1,100 @@
+"""What a world file may say: the root `world`. W is ENU with the ground at z = 0."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from skywright.core.spec import Fraction, NonNegative, Positive, Spec
+
+
+class Pipe(Spec):
+    """A pipe: a cylinder whose centre sits at (x, y, z).
+
+    Its axis points along +y at yaw 0 and inclination 0; `yaw_deg` turns it about z,
+    `inclination_deg` lifts its +y end. The circumferential angle phi of a surface point is zero
+    at the side facing -x (at yaw 0) and grows towards the top.
+    """
+
+    diameter_m: Positive = 0.4
+    length_m: Positive = 0.5
+    x_m: float = 2.0
+    y_m: float = 0.0
+    z_m: float = 1.5
+    yaw_deg: float = 0.0
+    inclination_deg: float = Field(default=0.0, ge=-90, le=90)
+    friction: NonNegative = 0.2
+    conductivity_s_per_m: Positive = 5.0e6
+    relative_permeability: Positive = 100.0
+    supports: bool = True  # two posts from the ground, near the ends
+
+
+class Weld(Spec):
+    """A straight weld on the unrolled surface (s along the axis, c = R phi around it).
+
+    `offset_m` is s where the line meets phi = 0. `angle_deg` is measured from the circumferential
+    direction: 0 is a girth weld, 90 a seam along the axis.
+    """
+
+    present: bool = True
+    angle_deg: float = Field(default=10.0, gt=-90, le=90)
+    offset_m: float = 0.0
+    half_width_m: Positive = 0.005
+    conductivity_change: float = Field(default=-0.1, gt=-1)  # fraction
+    permeability_change: float = Field(default=-0.35, gt=-1)  # fraction
+
+
+class Box(Spec):
+    """A fixed box obstacle."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    size_x_m: Positive
+    size_y_m: Positive
+    size_z_m: Positive
+    yaw_deg: float = 0.0
+
+
+class Wind(Spec):
+    """Air moving in W. `toward_deg` is where it blows to, from +x counter-clockwise."""
+
+    kind: Literal["none", "steady"] = "none"
+    mean_mps: NonNegative = 0.0
+    toward_deg: float = 0.0
+    vertical_mps: float = 0.0
+
+
+class Mocap(Spec):
+    """Motion capture of the vehicle and of the probe."""
+
+    rate_hz: float = Field(default=100.0, gt=0, le=500)
+    latency_s: NonNegative = 0.008
+    position_noise_m: NonNegative = 0.0003
+    attitude_noise_rad: NonNegative = 0.002
+    dropout_fraction: Fraction = 0.01
+
+
+class World(Spec):
+    """The root `world`."""
+
+    name: str
+    description: str = ""
+    gravity_mps2: Positive = 9.81
+    air_density_kg_m3: Positive = 1.2
+    pipe: Pipe | None = None
+    weld: Weld | None = None
+    obstacles: dict[str, Box] = {}
+    wind: Wind = Wind()
+    mocap: Mocap = Mocap()
+
+    @model_validator(mode="after")
+    def _weld_needs_pipe(self) -> World:
+        if self.weld is not None and self.pipe is None:
+            raise ValueError("a weld needs a pipe")
+        if self.pipe is not None:
+            bottom = self.pipe.z_m - self.pipe.diameter_m / 2
+            if bottom < 0:
+                raise ValueError(f"the pipe reaches {-bottom:.2f} m below the ground")
+        return self
