@@ -1,0 +1,331 @@
+"""The nominal rigid body: platform and arm as the controllers and planners believe them.
+
+One record (`BODY_MODEL`) describes the link tree; `fill_kinematics` and `fill_body` turn joint
+angles into the tip pose, the tip Jacobian and the composite mass, centre of mass and inertia.
+A test holds all of it against MuJoCo's own mass matrix and Jacobians.
+
+Frames: B body (FLU), link frames with x along the link, T tip with z out of the robot along the
+probe and y along the link's y.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.core.rotations import mat_mat, mat_vec, rot_about, rot_y
+from skywright.core.types import BODY, MAX_JOINTS
+from skywright.robots.spec import Link, Probe, Robot
+
+Array = NDArray[np.float64]
+Record = Any  # one element of a structured array; numba sees a typed record
+
+MAX_LINKS = 12
+
+BODY_MODEL = np.dtype(
+    [
+        ("n_links", np.int64),
+        ("n_joints", np.int64),
+        ("gravity", np.float64),
+        ("mass0", np.float64),  # kg, platform
+        ("com0", np.float64, 3),  # m, in B
+        ("inertia0", np.float64, (3, 3)),  # kg m^2 about the origin of B
+        ("parent", np.int64, MAX_LINKS),  # link index, -1 for the platform
+        ("joint", np.int64, MAX_LINKS),  # index into q, -1 when fixed
+        ("slide", np.int64, MAX_LINKS),
+        ("axis", np.int64, MAX_LINKS),  # 0 x, 1 y, 2 z of the link frame
+        ("offset", np.float64, (MAX_LINKS, 3)),  # m, joint in the parent's frame
+        ("mass", np.float64, MAX_LINKS),
+        ("com", np.float64, (MAX_LINKS, 3)),
+        ("inertia", np.float64, (MAX_LINKS, 3, 3)),  # kg m^2 about the link's own com
+        ("tip_link", np.int64),  # -1: no arm, the tip is the origin of B
+        ("tip_offset", np.float64, 3),
+        ("tip_rot", np.float64, (3, 3)),  # R_LT
+        ("q_min", np.float64, MAX_JOINTS),
+        ("q_max", np.float64, MAX_JOINTS),
+        ("belt", np.float64, (MAX_JOINTS, MAX_JOINTS)),  # J_AM: joint = belt * motor speeds
+        ("belt_inv", np.float64, (MAX_JOINTS, MAX_JOINTS)),
+        ("motor_speed_max", np.float64, MAX_JOINTS),
+    ]
+)
+
+KINEMATICS = np.dtype(
+    [
+        ("p", np.float64, (MAX_LINKS, 3)),  # m, joint origins in B
+        ("R", np.float64, (MAX_LINKS, 3, 3)),
+        ("p_BT", np.float64, 3),
+        ("R_BT", np.float64, (3, 3)),
+        ("J_BT", np.float64, (3, MAX_JOINTS)),  # m/rad, in B
+        ("Jw_BT", np.float64, (3, MAX_JOINTS)),  # rad/rad, in B
+    ]
+)
+
+
+class ProbeParts(NamedTuple):
+    """How the probe's mass is laid out along its axis (from the link's end to the tip)."""
+
+    holder_mass: float
+    holder_length: float
+    slider_mass: float
+    slider_com: float
+
+
+def build_probe_parts(probe: Probe) -> ProbeParts:
+    """Holder: a rod up to the spring; slider: the sprung part, its com near the tip."""
+    slider_length = min(0.05, 0.5 * probe.length_m)
+    return ProbeParts(
+        probe.mass_kg - probe.slider_mass_kg,
+        probe.length_m - slider_length,
+        probe.slider_mass_kg,
+        probe.length_m - 0.5 * slider_length,
+    )
+
+
+def rod_inertia(mass: float, length: float, radius: float) -> Array:
+    """Return the (3, 3) inertia of a solid cylinder along x about its centre."""
+    axial = 0.5 * mass * radius**2
+    across = mass * (length**2 / 12 + radius**2 / 4)
+    return np.diag([axial, across, across])
+
+
+def probe_rotation(probe: Probe) -> Array:
+    """Return R_LT (3, 3): z_T is the link's x turned by `pitch_deg` about y; y_T is y."""
+    z = rot_y(math.radians(probe.pitch_deg)) @ np.array([1.0, 0.0, 0.0])
+    y = np.array([0.0, 1.0, 0.0])
+    return np.column_stack([np.cross(y, z), y, z])
+
+
+def link_offset(robot: Robot, name: str) -> tuple[int, Array]:
+    """Return (parent index, joint position in the parent's frame) of a link."""
+    assert robot.arm is not None
+    names = list(robot.arm.links)
+    link = robot.arm.links[name]
+    index = names.index(name)
+    parent = link.parent or (names[index - 1] if index else "platform")
+    if parent == "platform":
+        default = [robot.arm.mount_x_m, robot.arm.mount_y_m, robot.arm.mount_z_m]
+        parent_index = -1
+    else:
+        default = [robot.arm.links[parent].length_m, 0.0, 0.0]
+        parent_index = names.index(parent)
+    given = (link.x_m, link.y_m, link.z_m)
+    return parent_index, np.array([d if g is None else g for d, g in zip(default, given, strict=True)])
+
+
+def link_com(link: Link) -> float:
+    """Return the centre of mass along x (m)."""
+    return link.com_m if link.com_m is not None else 0.5 * link.length_m
+
+
+def joint_names(robot: Robot) -> list[str]:
+    """Names of the actuated joints, in the order of q."""
+    if robot.arm is None:
+        return []
+    return [n for n, link in robot.arm.links.items() if link.joint != "fixed"]
+
+
+def posture(robot: Robot, which: str) -> Array:
+    """Return q (n_joints,) of the `folded` or `working` posture."""
+    if robot.arm is None:
+        return np.zeros(0)
+    return np.array(
+        [math.radians(getattr(robot.arm.links[n], f"{which}_deg")) for n in joint_names(robot)]
+    )
+
+
+def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
+    """Return the robot's rigid-body description as a (1,) array of BODY_MODEL."""
+    out = np.zeros(1, BODY_MODEL)
+    m = out[0]
+    p = robot.platform
+    com = np.array([p.com_x_m, p.com_y_m, p.com_z_m])
+    m["gravity"], m["mass0"], m["com0"] = gravity, p.mass_kg, com
+    m["inertia0"] = np.diag([p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2]) + (
+        p.mass_kg * (com @ com * np.eye(3) - np.outer(com, com))
+    )
+    m["tip_link"], m["tip_rot"] = -1, np.eye(3)
+    m["belt"] = m["belt_inv"] = np.eye(MAX_JOINTS)
+    m["parent"] = m["joint"] = -1
+    if robot.arm is None:
+        return out
+    names = list(robot.arm.links)
+    joint = 0
+    for i, (name, link) in enumerate(robot.arm.links.items()):
+        m["parent"][i], m["offset"][i] = link_offset(robot, name)
+        if link.joint != "fixed":
+            m["joint"][i] = joint
+            m["q_min"][joint] = math.radians(link.joint_min_deg)
+            m["q_max"][joint] = math.radians(link.joint_max_deg)
+            joint += 1
+        m["slide"][i] = link.joint == "slide"
+        m["axis"][i] = "xyz".index(link.axis)
+        m["mass"][i] = link.mass_kg
+        m["com"][i] = [link_com(link), 0.0, 0.0]
+        m["inertia"][i] = rod_inertia(link.mass_kg, link.length_m, link.radius_m)
+    m["n_links"], m["n_joints"] = len(names), joint
+    if robot.arm.belt is not None:
+        m["belt"][:joint, :joint] = robot.arm.belt
+        m["belt_inv"][:joint, :joint] = np.linalg.inv(np.array(robot.arm.belt))
+    for i, servo in enumerate(robot.arm.servos.values()):
+        m["motor_speed_max"][i] = servo.no_load_speed_rad_s
+    tip_link = len(names) - 1
+    if robot.probe is not None:
+        if robot.probe.on is not None:
+            tip_link = names.index(robot.probe.on)
+        _add_probe(m, tip_link, robot.arm.links[names[tip_link]], robot.probe)
+    else:
+        m["tip_offset"] = [robot.arm.links[names[tip_link]].length_m, 0.0, 0.0]
+        m["tip_rot"] = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    m["tip_link"] = tip_link
+    return out
+
+
+def _add_probe(m: Record, i: int, link: Link, probe: Probe) -> None:
+    """Weld holder and slider (spring released) onto link `i` and set the tip."""
+    parts = build_probe_parts(probe)
+    rot = probe_rotation(probe)
+    axis = rot[:, 2]
+    end = np.array([link.length_m, 0.0, 0.0])
+    m["tip_offset"], m["tip_rot"] = end + probe.length_m * axis, rot
+    # the holder's rod is along z_T; rod_inertia is along x of (z_T, y_T, -x_T)
+    along = np.column_stack([axis, rot[:, 1], -rot[:, 0]])
+    rod = along @ rod_inertia(parts.holder_mass, parts.holder_length, probe.radius_m) @ along.T
+    bodies = [
+        (m["mass"][i], m["com"][i].copy(), m["inertia"][i].copy()),
+        (parts.holder_mass, end + 0.5 * parts.holder_length * axis, rod),
+        (parts.slider_mass, end + parts.slider_com * axis, np.zeros((3, 3))),
+    ]
+    mass = sum(b[0] for b in bodies)
+    com = sum(b[0] * b[1] for b in bodies) / mass
+    inertia = np.zeros((3, 3))
+    for b_mass, b_com, b_inertia in bodies:
+        d = b_com - com
+        inertia += b_inertia + b_mass * (d @ d * np.eye(3) - np.outer(d, d))
+    m["mass"][i], m["com"][i], m["inertia"][i] = mass, com, inertia
+
+
+@njit(cache=True)
+def fill_kinematics(m: Record, q: Array, k: Record) -> None:
+    """Fill link frames, tip pose p_BT, R_BT and the tip Jacobians (all in B) at joints `q`."""
+    rot = np.empty((3, 3))
+    vec = np.empty(3)
+    for i in range(m.n_links):
+        parent, joint = m.parent[i], m.joint[i]
+        if parent < 0:
+            for a in range(3):
+                k.p[i, a] = m.offset[i, a]
+                for b in range(3):
+                    k.R[i, a, b] = 1.0 if a == b else 0.0
+        else:
+            mat_vec(k.R[parent], m.offset[i], vec)
+            for a in range(3):
+                k.p[i, a] = k.p[parent, a] + vec[a]
+                for b in range(3):
+                    k.R[i, a, b] = k.R[parent, a, b]
+        if joint >= 0:
+            axis = m.axis[i]
+            if m.slide[i]:
+                for a in range(3):
+                    k.p[i, a] += k.R[i, a, axis] * q[joint]
+            else:
+                rot_about(axis, q[joint], rot)
+                base = k.R[i].copy()
+                mat_mat(base, rot, k.R[i])
+    tip = m.tip_link
+    for a in range(3):
+        for j in range(MAX_JOINTS):
+            k.J_BT[a, j] = 0.0
+            k.Jw_BT[a, j] = 0.0
+    if tip < 0:
+        for a in range(3):
+            k.p_BT[a] = 0.0
+            for b in range(3):
+                k.R_BT[a, b] = 1.0 if a == b else 0.0
+        return
+    mat_vec(k.R[tip], m.tip_offset, vec)
+    for a in range(3):
+        k.p_BT[a] = k.p[tip, a] + vec[a]
+    mat_mat(k.R[tip], m.tip_rot, k.R_BT)
+    i = tip
+    while i >= 0:
+        joint, axis = m.joint[i], m.axis[i]
+        if joint >= 0:
+            ax, ay, az = k.R[i, 0, axis], k.R[i, 1, axis], k.R[i, 2, axis]
+            if m.slide[i]:
+                k.J_BT[0, joint], k.J_BT[1, joint], k.J_BT[2, joint] = ax, ay, az
+            else:
+                dx = k.p_BT[0] - k.p[i, 0]
+                dy = k.p_BT[1] - k.p[i, 1]
+                dz = k.p_BT[2] - k.p[i, 2]
+                k.J_BT[0, joint] = ay * dz - az * dy
+                k.J_BT[1, joint] = az * dx - ax * dz
+                k.J_BT[2, joint] = ax * dy - ay * dx
+                k.Jw_BT[0, joint], k.Jw_BT[1, joint], k.Jw_BT[2, joint] = ax, ay, az
+        i = m.parent[i]
+
+
+@njit(cache=True)
+def fill_body(m: Record, k: Record, body: Record) -> None:
+    """Fill the composite BODY record from link frames computed by `fill_kinematics`."""
+    mass = m.mass0
+    cx, cy, cz = m.mass0 * m.com0[0], m.mass0 * m.com0[1], m.mass0 * m.com0[2]
+    for a in range(3):
+        for b in range(3):
+            body.I_B[a, b] = m.inertia0[a, b]
+    c = np.empty(3)
+    tmp = np.empty((3, 3))
+    for i in range(m.n_links):
+        mi = m.mass[i]
+        mat_vec(k.R[i], m.com[i], c)
+        for a in range(3):
+            c[a] += k.p[i, a]
+        mass += mi
+        cx += mi * c[0]
+        cy += mi * c[1]
+        cz += mi * c[2]
+        mat_mat(k.R[i], m.inertia[i], tmp)
+        cc = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
+        for a in range(3):
+            for b in range(3):
+                s = 0.0
+                for n in range(3):
+                    s += tmp[a, n] * k.R[i, b, n]
+                s -= mi * c[a] * c[b]
+                if a == b:
+                    s += mi * cc
+                body.I_B[a, b] += s
+    body.mass = mass
+    body.gravity = m.gravity
+    body.p_BC[0], body.p_BC[1], body.p_BC[2] = cx / mass, cy / mass, cz / mass
+    body.n_joints = m.n_joints
+    for a in range(3):
+        for j in range(MAX_JOINTS):
+            body.J_BT[a, j] = k.J_BT[a, j]
+
+
+@njit(cache=True)
+def _compute_body(m: Record, q: Array, k: Record, body: Record) -> None:
+    fill_kinematics(m, q, k)
+    fill_body(m, k, body)
+
+
+def compute_body(model: NDArray[Any], q: Array) -> tuple[float, Array, Array]:
+    """Return (mass kg, p_BC (3,) m, I_B (3, 3) kg m^2 about the origin of B) at joints `q`."""
+    k, body = np.zeros(1, KINEMATICS), np.zeros(1, BODY)
+    full = np.zeros(MAX_JOINTS)
+    full[: len(q)] = q
+    _compute_body(model[0], full, k[0], body[0])
+    return float(body[0]["mass"]), body[0]["p_BC"].copy(), body[0]["I_B"].copy()
+
+
+def compute_tip(model: NDArray[Any], q: Array) -> tuple[Array, Array]:
+    """Return (p_BT (3,) m, R_BT (3, 3)) at joints `q`."""
+    k, body = np.zeros(1, KINEMATICS), np.zeros(1, BODY)
+    full = np.zeros(MAX_JOINTS)
+    full[: len(q)] = q
+    _compute_body(model[0], full, k[0], body[0])
+    return k[0]["p_BT"].copy(), k[0]["R_BT"].copy()
