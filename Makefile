@@ -1,0 +1,50 @@
+# `make demo` and `make test` need only uv or Python 3.11 to 3.13: they make .venv by themselves.
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint bench docs lock pictures clean
+
+help:  ## list these targets
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
+
+# A stamp, so that a second run installs nothing and works offline.
+$(STAMP): requirements.lock pyproject.toml scripts/make_venv.sh
+	@echo "Installing into $(VENV) (once) ..."
+	@sh scripts/make_venv.sh $(VENV)
+	@touch $@
+
+demo: $(STAMP)  ## fly the pipe inspection: plan, scan, weld map, report
+	$(BIN)/skywright run pipe-weld-scan
+
+test: $(STAMP)  ## the whole test suite
+	$(BIN)/pytest -n 2 --dist loadfile
+
+lint: $(STAMP)  ## style, types and import contracts
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
+
+bench: $(STAMP)  ## time the loops, the planner and the command line
+	$(BIN)/python -m skywright.studies.bench
+
+docs: $(STAMP)  ## build the documentation into site/ (opens from disk: site/index.html)
+	$(BIN)/python docs/generate_reference.py
+	$(BIN)/mkdocs build --strict --quiet
+	@echo "Open site/index.html"
+
+pictures: $(STAMP)  ## remake the pictures of README and docs
+	$(BIN)/python -m skywright.studies.pictures
+	$(BIN)/python docs/draw_conventions.py
+
+lock:  ## resolve requirements.lock again (needs uv)
+	uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \
+	  --all-extras --generate-hashes --no-emit-index-url --no-header --no-annotate --quiet \
+	  --upgrade -o requirements.lock
+
+clean:  ## remove what make made, the runs excepted
+	rm -rf $(VENV) site build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache \
+	  .hypothesis
+	find src tests docs -name __pycache__ -type d -prune -exec rm -rf {} +
