@@ -104,9 +104,7 @@ def compute_power(thrust: F8, n: int, watt_per_n15: float) -> float:
 
 
 @njit(cache=True)
-def step_rotor_speed(
-    speed: F8, command: F8, n: int, dt: float, time_constant: float
-) -> None:
+def step_rotor_speed(speed: F8, command: F8, n: int, dt: float, time_constant: float) -> None:
     """Advance rotor speeds (rad/s) in place by dt: the exact first-order lag for a held command."""
     decay = math.exp(-dt / time_constant)
     for i in range(n):

@@ -1,0 +1,250 @@
+"""Allocation: from a wrench to rotor thrusts that never leave their limits.
+
+The exact inverse for six independent rotors, least squares for more; robots whose rotors cannot
+make a lateral force (coplanar ones) get the controllable part (f_z and the torques). When a wrench
+is out of reach, parts are given up in the order that keeps a robot in the air: lateral force
+first, then yaw torque, then thrust against roll and pitch torque. Each part is scaled by a closed
+form (a ray against the box of limits), so a call costs well under a microsecond and there is no
+iteration that could fail to converge.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.errors import InputError
+from skywright.models.rotors import RotorSet
+
+F8 = NDArray[np.float64]
+
+EXACT = 0
+LATERAL_REDUCED = 1
+YAW_REDUCED = 2
+ATTITUDE_OR_THRUST_REDUCED = 3
+NOT_FINITE = -1
+
+THRUST_BAND = 0.3
+"""Fraction by which vertical thrust may give way to roll and pitch torque, and no further."""
+
+
+class Allocator(NamedTuple):
+    """What `allocate` needs; readable from compiled code."""
+
+    B: F8  # (6, n) wrench [N; N m] in B per newton of thrust
+    P: F8  # (n, 6) thrust per wrench; lateral columns are zero when `full` is 0
+    t_min: F8  # (n,) N
+    t_max: F8  # (n,) N
+    k_f: float  # N/(rad/s)^2
+    full: int  # 1 when all six components can be made independently
+
+
+def build_allocator(rotors: RotorSet) -> Allocator:
+    """Build the allocator of a rotor set.
+
+    Raises InputError when the rotors cannot control f_z and the three torques independently.
+    """
+    arm = max(float(np.max(np.linalg.norm(rotors.position, axis=1))), 1e-6)
+    scaled = rotors.B / np.array([1.0, 1.0, 1.0, arm, arm, arm])[:, None]
+    sigma = np.linalg.svd(scaled, compute_uv=False)
+    # A tilt of less than 0.1 % of the thrust is no lateral authority that a law could use.
+    full = bool(len(sigma) == 6 and sigma[-1] > 1e-3 * sigma[0])
+    n = rotors.B.shape[1]
+    pinv = np.zeros((n, 6))
+    if full:
+        pinv[:, :] = np.linalg.inv(rotors.B) if n == 6 else np.linalg.pinv(rotors.B)
+    else:
+        rows = np.linalg.svd(scaled[2:], compute_uv=False)
+        if len(rows) < 4 or rows[-1] < 1e-6 * rows[0]:
+            raise InputError(
+                f"robot.rotors: these {n} rotors cannot control vertical force and all three "
+                "torques independently; use at least 4 rotors with both spins, not on one line"
+            )
+        pinv[:, 2:] = np.linalg.pinv(rotors.B[2:])
+    return Allocator(
+        B=rotors.B,
+        P=np.ascontiguousarray(pinv),
+        t_min=rotors.thrust_min,
+        t_max=rotors.thrust_max,
+        k_f=rotors.k_f,
+        full=int(full),
+    )
+
+
+@njit(cache=True)
+def _interval(base: F8, ray: F8, t_min: F8, t_max: F8) -> tuple[float, float]:
+    """Return [lo, hi] of s with t_min <= base + s ray <= t_max (lo > hi when there is none)."""
+    lo = -math.inf
+    hi = math.inf
+    for i in range(base.shape[0]):
+        r = ray[i]
+        below = t_min[i] - base[i]
+        above = t_max[i] - base[i]
+        if abs(r) < 1e-12:
+            if below > 1e-9 or above < -1e-9:
+                return 1.0, -1.0
+            continue
+        a = below / r
+        b = above / r
+        if a > b:
+            a, b = b, a
+        lo = max(lo, a)
+        hi = min(hi, b)
+    return lo, hi
+
+
+@njit(cache=True)
+def _mul(P: F8, fx: float, fy: float, fz: float, tx: float, ty: float, tz: float, out: F8) -> None:
+    for i in range(P.shape[0]):
+        out[i] = (
+            P[i, 0] * fx + P[i, 1] * fy + P[i, 2] * fz + P[i, 3] * tx + P[i, 4] * ty + P[i, 5] * tz
+        )
+
+
+@njit(cache=True)
+def _torque_share(thrust: float, up: F8, turn: F8, t_min: F8, t_max: F8, work: F8) -> float:
+    """Return the largest share in [0, 1] of the torque thrusts `turn` at this vertical thrust."""
+    for i in range(up.shape[0]):
+        work[i] = thrust * up[i]
+    lo, hi = _interval(work, turn, t_min, t_max)
+    if lo > hi or lo > 1e-9 or hi < 0.0:
+        return 0.0
+    return min(hi, 1.0)
+
+
+@njit(cache=True)
+def _limit_thrust_and_torque(
+    wanted: float, up: F8, turn: F8, t_min: F8, t_max: F8, work: F8
+) -> tuple[float, float, bool]:
+    """Return vertical thrust (N), share of the roll and pitch torque, and whether any exists."""
+    work[:] = 0.0
+    f_lo, f_hi = _interval(work, up, t_min, t_max)
+    if f_lo > f_hi:
+        return 0.0, 0.0, False
+    f0 = min(max(wanted, f_lo), f_hi)
+    f_lo = max(f_lo, (1.0 - THRUST_BAND) * f0)
+    f_hi = min(f_hi, (1.0 + THRUST_BAND) * f0)
+    a, b = _interval(turn, up, t_min, t_max)
+    a = max(a, f_lo)
+    b = min(b, f_hi)
+    if a <= b:
+        return min(max(f0, a), b), 1.0, True
+    # The share is a concave function of the thrust: golden section with a fixed number of steps.
+    g = 0.6180339887498949
+    x1 = f_hi - g * (f_hi - f_lo)
+    x2 = f_lo + g * (f_hi - f_lo)
+    y1 = _torque_share(x1, up, turn, t_min, t_max, work)
+    y2 = _torque_share(x2, up, turn, t_min, t_max, work)
+    for _ in range(10):
+        if y1 >= y2:
+            f_hi, x2, y2 = x2, x1, y1
+            x1 = f_hi - g * (f_hi - f_lo)
+            y1 = _torque_share(x1, up, turn, t_min, t_max, work)
+        else:
+            f_lo, x1, y1 = x1, x2, y2
+            x2 = f_lo + g * (f_hi - f_lo)
+            y2 = _torque_share(x2, up, turn, t_min, t_max, work)
+    if y1 >= y2:
+        return x1, y1, True
+    return x2, y2, True
+
+
+@njit(cache=True)
+def allocate(
+    B: F8,
+    P: F8,
+    t_min: F8,
+    t_max: F8,
+    full: int,
+    f_B: F8,
+    t_B: F8,
+    up_B: F8,
+    p_BC: F8,
+    thrust: F8,
+) -> int:
+    """Write thrusts (n,) N that make the wrench, or the nearest one in the order of priority.
+
+    f_B (3,) N and t_B (3,) N m: wanted wrench in B, torque about B's origin. up_B (3,): the
+    vertical seen from B (third row of R_WB). p_BC (3,) m: whole-robot centre of mass in B; a force
+    that is given up is given up at this point, so the arm's weight stays balanced.
+
+    Returns EXACT (0), LATERAL_REDUCED (1), YAW_REDUCED (2), ATTITUDE_OR_THRUST_REDUCED (3: the
+    vertical thrust gives way by at most THRUST_BAND, then the torque shrinks) or NOT_FINITE (-1:
+    `thrust` is untouched and the caller decides). The result never leaves [t_min, t_max].
+
+    What remains when lateral force is given up is thrust along z_B with the wanted vertical
+    component: at level attitude no lateral force, at a tilted one that of a coplanar robot.
+    """
+    n = P.shape[0]
+    fx, fy, fz = f_B[0], f_B[1], f_B[2]
+    tx, ty, tz = t_B[0], t_B[1], t_B[2]
+    if not math.isfinite(fx + fy + fz + tx + ty + tz):
+        return -1
+    if full == 0:
+        fx = 0.0
+        fy = 0.0
+    ok = True
+    for i in range(n):
+        t = P[i, 0] * fx + P[i, 1] * fy + P[i, 2] * fz + P[i, 3] * tx + P[i, 4] * ty + P[i, 5] * tz
+        thrust[i] = t
+        if t < t_min[i] - 1e-9 or t > t_max[i] + 1e-9:
+            ok = False
+    if ok:
+        for i in range(n):
+            thrust[i] = min(max(thrust[i], t_min[i]), t_max[i])
+        return 0
+
+    work = np.empty((5, n))
+    up, turn, yaw, lateral, base = work[0], work[1], work[2], work[3], work[4]
+    cx, cy, cz = p_BC[0], p_BC[1], p_BC[2]
+    # torque about the centre of mass
+    mx = tx - (cy * fz - cz * fy)
+    my = ty - (cz * fx - cx * fz)
+    mz = tz - (cx * fy - cy * fx)
+    # thrust along z_B with the wanted vertical component
+    wanted = fz
+    if full != 0 and up_B[2] > 0.3:
+        wanted = (fx * up_B[0] + fy * up_B[1] + fz * up_B[2]) / up_B[2]
+    _mul(P, 0.0, 0.0, 1.0, cy, -cx, 0.0, up)
+    _mul(P, 0.0, 0.0, 0.0, mx, my, 0.0, turn)
+    _mul(P, 0.0, 0.0, 0.0, 0.0, 0.0, mz, yaw)
+    vertical, share, exists = _limit_thrust_and_torque(wanted, up, turn, t_min, t_max, base)
+    if not exists:  # the robot cannot even hover with this centre of mass: nearest corner
+        for i in range(n):
+            thrust[i] = min(max(thrust[i], t_min[i]), t_max[i])
+        return 3
+    for i in range(n):
+        base[i] = vertical * up[i] + share * turn[i]
+    flag = 0
+    if share < 1.0 or abs(vertical - wanted) > 1e-9:
+        flag = 3
+    _, s = _interval(base, yaw, t_min, t_max)
+    s = min(max(s, 0.0), 1.0)
+    if s < 1.0 and flag == 0:
+        flag = 2
+    for i in range(n):
+        base[i] += s * yaw[i]
+    # what is left of the force is lateral; it acts at the centre of mass
+    if full != 0:
+        dz = fz - wanted
+        _mul(P, fx, fy, dz, cy * dz - cz * fy, cz * fx - cx * dz, cx * fy - cy * fx, lateral)
+        _, s = _interval(base, lateral, t_min, t_max)
+        s = min(max(s, 0.0), 1.0)
+        if s < 1.0 and flag == 0:
+            flag = 1
+        for i in range(n):
+            base[i] += s * lateral[i]
+    for i in range(n):
+        thrust[i] = min(max(base[i], t_min[i]), t_max[i])
+    return flag
+
+
+@njit(cache=True)
+def thrust_to_speed(thrust: F8, n: int, k_f: float, speed: F8) -> None:
+    """Write rotor speeds (rad/s) sqrt(T / k_f) of the first n thrusts (N); the rest become 0."""
+    for i in range(speed.shape[0]):
+        speed[i] = math.sqrt(max(thrust[i], 0.0) / k_f) if i < n else 0.0
