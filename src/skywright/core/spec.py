@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -24,6 +24,13 @@ class Source(NamedTuple):
 class Spec(BaseModel):
     """A frozen, strictly validated table of a description file; unknown keys are rejected."""
 
+    inline_tables: ClassVar[tuple[str, ...]] = ()
+    """Fields (dicts of tables) whose tables are written directly under this one in a file."""
+
     model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, str_strip_whitespace=True
+        frozen=True,
+        strict=True,  # no text or true/false where a number is meant
+        extra="forbid",
+        allow_inf_nan=False,
+        str_strip_whitespace=True,
     )

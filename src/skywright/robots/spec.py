@@ -7,7 +7,7 @@ platform's reference point; a link's frame sits at its joint with x along the li
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -132,6 +132,8 @@ class Arm(Spec):
     `belt` is J_AM of Tognon 2018: joint speeds = J_AM * motor speeds (identity when absent).
     """
 
+    inline_tables: ClassVar[tuple[str, ...]] = ("links", "servos")
+
     mount_x_m: float = 0.0
     mount_y_m: float = 0.0
     mount_z_m: float = 0.0
@@ -148,8 +150,9 @@ class Arm(Spec):
         out: dict[str, object] = {"links": {}, "servos": {}}
         for key, value in data.items():
             if isinstance(value, dict):
-                kind = "servos" if "stall_torque_nm" in value else "links"
-                out[kind][key] = value  # type: ignore[index]
+                names = set(value)
+                servo = len(names & set(Servo.model_fields)) > len(names & set(Link.model_fields))
+                out["servos" if servo else "links"][key] = value  # type: ignore[index]
             else:
                 out[key] = value
         return out

@@ -1,0 +1,196 @@
+"""Loading a mission: robot < world < mission < assignments, validated into one description."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from skywright.core.catalog import Entry, Found, find_file, list_entries
+from skywright.core.keys import apply_assignments, parse_assignment
+from skywright.core.spec import Source, Spec
+from skywright.core.toml_files import Layer, describe_value, load_layer, merge_layers
+from skywright.core.validation import list_problems, validate_root
+from skywright.errors import InputError
+from skywright.missions.spec import Mission, Plant
+from skywright.robots.loader import find_robot
+from skywright.robots.spec import Robot
+from skywright.worlds.loader import find_world
+from skywright.worlds.spec import World
+
+DATA = Path(__file__).parent / "data"
+
+SPECS: dict[str, type[Spec]] = {
+    "robot": Robot,
+    "world": World,
+    "mission": Mission,
+    "plant": Plant,
+}
+"""The four roots and what each may hold."""
+
+Sets = Mapping[str, object] | Iterable[str]
+
+
+class Description(NamedTuple):
+    """Everything that a plan or a run needs to know."""
+
+    robot: Robot
+    world: World
+    mission: Mission
+    plant: Plant
+    sources: dict[str, Source]
+    """Dotted key -> where its number comes from."""
+    origin: dict[str, str]
+    """Dotted key -> the file (or `--set`) that wrote it; a default has none."""
+
+
+def list_missions() -> list[Entry]:
+    """List the built-in missions."""
+    return list_entries(DATA, "mission")
+
+
+def find_mission(name: str | os.PathLike[str]) -> Found:
+    """Find a mission by built-in name, file, or folder (a finished run's directory)."""
+    return find_file(name, DATA, "mission")
+
+
+def load_description(
+    mission: str | os.PathLike[str],
+    robot: str | os.PathLike[str] | None = None,
+    world: str | os.PathLike[str] | None = None,
+    sets: Sets = (),
+    seed: int | None = None,
+) -> Description:
+    """Load a mission with its robot and world.
+
+    `mission` is a built-in name, a file, or a finished run's directory; `robot` and `world` replace
+    those that the mission names. `sets` are `KEY=VALUE` texts, or a mapping from dotted keys to
+    values. `seed` replaces `mission.seed`.
+    Raises InputError naming file and key on anything that is wrong.
+    """
+    found = find_mission(mission)
+    layers = load_layers(found, robot, world, split_assignments(sets), seed)
+    tree, sources, origin = merge_layers(layers)
+    parts: dict[str, Any] = {}
+    for root, spec in SPECS.items():
+        parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
+    folder = found.path.parent
+    law = _locate_law(parts["mission"].law, "mission.law", folder)
+    # `resolved` says how a file is to be read; a loaded mission is always complete
+    parts["mission"] = parts["mission"].model_copy(update={"resolved": False, "law": law})
+    control = parts["robot"].control
+    if control.law is not None:
+        law = _locate_law(control.law, "robot.control.law", folder)
+        control = control.model_copy(update={"law": law})
+        parts["robot"] = parts["robot"].model_copy(update={"control": control})
+    return Description(**parts, sources=sources, origin=origin)
+
+
+def list_description_problems(mission: str | os.PathLike[str]) -> list[str]:
+    """List everything that is wrong with a mission (and its robot and world), one line each."""
+    found = find_mission(mission)
+    try:
+        layers = load_layers(found, None, None, [], None)
+        tree, _, origin = merge_layers(layers)
+    except InputError as error:
+        return [str(error)]
+    problems: list[str] = []
+    for root, spec in SPECS.items():
+        problems += list_problems(spec, tree.get(root, {}), root, origin, found.label)[1]
+    return problems
+
+
+def split_assignments(sets: Sets) -> list[tuple[str, object]]:
+    """Turn `sets` into (dotted key, value) pairs."""
+    if isinstance(sets, Mapping):
+        return list(sets.items())
+    if isinstance(sets, str):
+        sets = [sets]
+    return [parse_assignment(text) for text in sets]
+
+
+def load_layers(
+    found: Found,
+    robot: str | os.PathLike[str] | None,
+    world: str | os.PathLike[str] | None,
+    assignments: list[tuple[str, object]],
+    seed: int | None,
+) -> list[Layer]:
+    """Load the layers of a mission in order: robot, world, mission, assignments."""
+    mission = load_layer(found.path, found.label)
+    table = mission.tree.get("mission")
+    if table is None:
+        raise InputError(
+            f"{found.label}: no [mission] table; a mission file is needed, this one holds: "
+            f"{', '.join(mission.tree)}"
+        )
+    complete = table.get("resolved") is True
+    folder = found.path.parent
+    layers: list[Layer] = []
+    chosen: list[tuple[str, object]] = []
+    for root, given, find in (("robot", robot, find_robot), ("world", world, find_world)):
+        key = f"mission.{root}"
+        assigned = [value for name, value in assignments if name == key]
+        name: Any = given
+        folders: list[Path] = []
+        if name is None and assigned:
+            name = str(assigned[-1]).strip("\"'")
+        if name is not None:
+            if complete:  # the whole robot or world is exchanged
+                mission.tree.pop(root, None)
+                mission = mission._replace(sources=_drop(mission.sources, root))
+            chosen.append((key, os.fspath(name)))
+        elif complete:
+            continue
+        else:
+            name = table.get(root)
+            folders = [folder]
+            if name is None:
+                raise InputError(f"{found.label}: mission lacks {root}")
+            if not isinstance(name, str):
+                raise InputError(
+                    f"{found.label}: {key} is {describe_value(name)}; a name or path is needed"
+                )
+        base_file = find(name, folders)
+        base = load_layer(base_file.path, base_file.label)
+        if root not in base.tree:
+            raise InputError(
+                f"{base_file.label}: no [{root}] table; a {root} file is needed, this one holds: "
+                f"{', '.join(base.tree)}"
+            )
+        if "mission" in base.tree:
+            raise InputError(
+                f"{base_file.label}: a {root} file has no [mission] table; put it in a mission file"
+            )
+        layers.append(base)
+    layers.append(mission)
+    others = [(k, v) for k, v in assignments if k not in ("mission.robot", "mission.world")]
+    if chosen:
+        tree = merge_layers(layers)[0]
+        layers.append(apply_assignments(tree, chosen, SPECS, "command line"))
+    if others:
+        layers.append(apply_assignments(merge_layers(layers)[0], others, SPECS, "--set"))
+    if seed is not None:
+        tree = merge_layers(layers)[0]
+        layers.append(apply_assignments(tree, [("mission.seed", seed)], SPECS, "--seed"))
+    return layers
+
+
+def _drop(sources: dict[str, Source], root: str) -> dict[str, Source]:
+    return {key: source for key, source in sources.items() if not key.startswith(root + ".")}
+
+
+def _locate_law(law: str | None, key: str, folder: Path) -> str | None:
+    """Make the file of a user's law absolute: it is looked up beside the mission, then here."""
+    if law is None or ".py:" not in law:
+        return law
+    file, _, function = law.rpartition(":")
+    for base in (folder, Path()):
+        path = base / Path(file).expanduser()
+        if path.is_file():
+            return f"{path.resolve()}:{function}"
+    raise InputError(
+        f"{key}: no file {file!r} beside the mission or in the current folder; "
+        "a user's law is written file.py:function"
+    )
