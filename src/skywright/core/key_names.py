@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from skywright.errors import neighbours
 
 UNITS = {
@@ -27,67 +29,10 @@ UNITS = {
 }
 """Unit suffixes in keys, and how to say them."""
 
-_FOREIGN_UNITS = frozenset(
-    [
-        "mm",
-        "cm",
-        "km",
-        "in",
-        "ft",
-        "um",
-        "nm",
-        "g",
-        "t",
-        "lb",
-        "gf",
-        "kgf",
-        "kn",
-        "mn",
-        "ms",
-        "us",
-        "min",
-        "h",
-        "hr",
-        "khz",
-        "rpm",
-        "rps",
-        "mwh",
-        "kwh",
-        "mah",
-        "wh",
-        "kw",
-        "mw",
-        "v",
-        "kmh",
-        "km_h",
-        "kph",
-        "mph",
-        "knots",
-        "kts",
-        "m_s",
-        "ms2",
-        "rad",
-        "rads",
-        "deg",
-        "degs",
-        "degrees",
-        "grad",
-        "percent",
-        "pct",
-        "n_m",
-        "n_mm",
-        "nmm",
-        "g_cm2",
-        "n_per_mm",
-        "deg_s",
-        "cm2",
-        "mm2",
-        "meters",
-        "metres",
-        "seconds",
-        "newtons",
-        "hertz",
-    ]
+_FOREIGN_UNIT = re.compile(
+    "mm|cm|km|in|ft|um|nm|g|t|lb|gf|kgf|kn|mn|ms|us|min|h|hr|khz|rpm|rps|mwh|kwh|mah|kw|mw|v|"
+    "kmh|km_h|kph|mph|knots|kts|m_s|ms2|rads|degs|degrees|grad|percent|pct|n_m|n_mm|nmm|g_cm2|"
+    "n_per_mm|deg_s|cm2|mm2|meters|metres|seconds|newtons|hertz"
 )
 
 
@@ -113,7 +58,10 @@ def _find_unit_twin(name: str, valid: list[str]) -> tuple[str, str] | None:
             tail = name.removeprefix(stem)
             if tail != name and (
                 tail == ""
-                or (tail[0] == "_" and (tail[1:] in UNITS or tail[1:].lower() in _FOREIGN_UNITS))
+                or (
+                    tail[0] == "_"
+                    and (tail[1:] in UNITS or _FOREIGN_UNIT.fullmatch(tail[1:].lower()))
+                )
             ):
                 return field, UNITS[suffix]
             break
