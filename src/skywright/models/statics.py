@@ -1,0 +1,257 @@
+"""Static limits of a rotor set: how far a wrench can grow before a rotor meets its limit.
+
+Six independent rotors have one thrust vector a wrench, so the limit along a ray of wrenches is a
+closed form (the ray against the box of thrust limits). Any other layout is a linear programme.
+The closed form is tested against the linear programme. Frame B, SI units, torques about B's origin.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+
+from skywright.models.allocation import Allocator, build_allocator
+from skywright.models.rotors import RotorSet
+
+F8 = NDArray[np.float64]
+
+UP = np.array([0.0, 0.0, 1.0])
+
+TOLERANCE = 1e-9
+"""Newtons by which a thrust may pass a limit before it counts (round-off)."""
+
+
+class Layout(NamedTuple):
+    """Rotors with the thrust range that a mission may use."""
+
+    rotors: RotorSet
+    B: F8  # (6, n)
+    P: F8  # (n, 6)
+    t_min: F8  # (n,) N
+    t_max: F8  # (n,) N, after the thrust fraction
+    full: bool  # six independent components
+    exact: bool  # one thrust vector a wrench: six rotors and `full`
+
+
+class Interval(NamedTuple):
+    """Range [lo, hi] of a scale; empty when lo > hi (then both are NaN)."""
+
+    lo: float
+    hi: float
+
+
+NONE = Interval(math.nan, math.nan)
+
+
+def build_layout(rotors: RotorSet, thrust_fraction: float = 1.0) -> Layout:
+    """Return the rotors with `thrust_fraction` of the upper limit in use."""
+    a: Allocator = build_allocator(rotors)
+    t_max = a.t_max * thrust_fraction
+    return Layout(
+        rotors, a.B, a.P, a.t_min, t_max, bool(a.full), bool(a.full) and a.P.shape[0] == 6
+    )
+
+
+def wrench_at(force: F8, point: F8) -> F8:
+    """Return the wrench (6,) about B's origin of a force (3,) N that acts at a point (3,) m."""
+    return np.concatenate([force, np.cross(point, force)])
+
+
+def compute_ray(layout: Layout, w0: F8, w1: F8) -> Interval:
+    """Return the range of s for which the rotors can make the wrench w0 + s w1.
+
+    Closed form when `layout.exact`, else the linear programme.
+    """
+    if not layout.exact:
+        return compute_ray_lp(layout, w0, w1)
+    lo, hi = compute_rays(layout, w0[None, :], w1[None, :])
+    return Interval(float(lo[0]), float(hi[0]))
+
+
+def compute_rays(layout: Layout, w0: F8, w1: F8) -> tuple[F8, F8]:
+    """Closed form of `compute_ray` for many rays (m, 6); NaN where a ray misses the box."""
+    base, ray = w0 @ layout.P.T, w1 @ layout.P.T
+    flat = np.abs(ray) < 1e-12
+    safe = np.where(flat, 1.0, ray)
+    a = (layout.t_min - TOLERANCE - base) / safe
+    b = (layout.t_max + TOLERANCE - base) / safe
+    lo = np.where(flat, -np.inf, np.minimum(a, b)).max(axis=1)
+    hi = np.where(flat, np.inf, np.maximum(a, b)).min(axis=1)
+    outside = (base < layout.t_min - TOLERANCE) | (base > layout.t_max + TOLERANCE)
+    missed = (flat & outside).any(axis=1) | (lo > hi)
+    return np.where(missed, np.nan, lo), np.where(missed, np.nan, hi)
+
+
+def compute_ray_lp(layout: Layout, w0: F8, w1: F8) -> Interval:
+    """`compute_ray` as a linear programme over (T, s): B T = w0 + s w1 within the limits."""
+    n = layout.B.shape[1]
+    equal = np.hstack([layout.B, -np.asarray(w1)[:, None]])
+    bounds = [*zip(layout.t_min, layout.t_max, strict=True), (None, None)]
+    ends: list[float] = []
+    for sign in (1.0, -1.0):
+        cost = np.zeros(n + 1)
+        cost[-1] = sign
+        found = linprog(cost, A_eq=equal, b_eq=w0, bounds=bounds, method="highs")
+        if found.status == 3:
+            ends.append(-sign * math.inf)
+        elif found.status != 0:
+            return NONE
+        else:
+            ends.append(float(found.x[-1]))
+    return Interval(ends[0], ends[1])
+
+
+def compute_thrust(layout: Layout, w: F8) -> F8 | None:
+    """Return thrusts (n,) N within the limits that make the wrench, or None.
+
+    Least squares where they fit; else (redundant rotors) those with the lowest peak load.
+    """
+    thrust = layout.P @ w
+    made = np.allclose(layout.B @ thrust, w, atol=1e-6)
+    inside = np.all(thrust >= layout.t_min - 1e-6) and np.all(thrust <= layout.t_max + 1e-6)
+    if made and inside:
+        return np.clip(thrust, layout.t_min, layout.t_max)
+    if layout.exact:
+        return None
+    n = len(thrust)
+    cost = np.zeros(n + 1)
+    cost[-1] = 1.0  # peak load as a fraction of the limit
+    below = np.hstack([np.eye(n) / layout.t_max[:, None], -np.ones((n, 1))])
+    found = linprog(
+        cost,
+        A_ub=below,
+        b_ub=np.zeros(n),
+        A_eq=np.hstack([layout.B, np.zeros((6, 1))]),
+        b_eq=w,
+        bounds=[*zip(layout.t_min, layout.t_max, strict=True), (0.0, 1.0)],
+        method="highs",
+    )
+    return np.asarray(found.x[:n]) if found.status == 0 else None
+
+
+def compute_lateral_forces(layout: Layout, weight: float, p_BC: F8, directions: F8) -> F8:
+    """Return the largest force (m,) N toward each direction (m,) rad at level attitude.
+
+    The rotors carry the weight, and the force makes no torque about the centre of mass
+    (Sanchez-Cuevas et al. 2020, section III). NaN when hover itself is infeasible.
+    """
+    level = wrench_at(weight * UP, p_BC)
+    flat = np.column_stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))])
+    rays = np.hstack([flat, np.cross(p_BC, flat)])
+    if layout.exact:
+        lo, hi = compute_rays(layout, np.broadcast_to(level, rays.shape), rays)
+        return np.where(lo <= 1e-6, np.maximum(hi, 0.0), np.nan)
+    if compute_thrust(layout, level) is None:
+        return np.full(len(directions), np.nan)
+    if np.allclose(layout.B[:2], 0.0, atol=1e-12):  # coplanar: every force is along z_B
+        return np.zeros(len(directions))
+    return np.array([max(compute_ray(layout, level, ray).hi, 0.0) for ray in rays])
+
+
+def compute_tilt_limit(layout: Layout, weight: float, p_BC: F8, axis_B: F8) -> float:
+    """Return the largest tilt (rad, at most pi/2) about the horizontal `axis_B` at which the robot
+    holds its position: the whole rotor force vertical, no torque about the centre of mass.
+
+    For six independent rotors each thrust is A cos(tilt) + C sin(tilt), so each limit is met in
+    closed form. Zero for robots that cannot make a lateral force; NaN when hover is infeasible.
+    """
+    side = -np.cross(axis_B, UP)  # R^T z = z cos + side sin for R = rot(axis, tilt)
+    level = wrench_at(weight * UP, p_BC)
+    if compute_thrust(layout, level) is None:
+        return math.nan
+    if not layout.full:
+        return 0.0
+    lean = wrench_at(weight * side, p_BC)
+    if not layout.exact:
+        return _bisect_tilt(layout, level, lean)
+    a, c = layout.P @ level, layout.P @ lean
+    radius, phase = np.hypot(a, c), np.arctan2(c, a)
+    best = math.pi / 2
+    for limit in (layout.t_min, layout.t_max):
+        ratio = limit / np.maximum(radius, 1e-12)
+        for i in np.flatnonzero(np.abs(ratio) <= 1.0):
+            turn = math.acos(ratio[i])
+            for theta in ((phase[i] + turn) % (2 * math.pi), (phase[i] - turn) % (2 * math.pi)):
+                # a touching limit at level counts only when the thrust moves beyond it
+                slope = -radius[i] * math.sin(theta - phase[i])
+                leaves = slope < 0 if limit is layout.t_min else slope > 0
+                if leaves:
+                    best = min(best, theta)
+    return best
+
+
+def _bisect_tilt(layout: Layout, level: F8, lean: F8) -> float:
+    lo, hi = 0.0, math.pi / 2
+    for _ in range(20):
+        mid = 0.5 * (lo + hi)
+        if compute_thrust(layout, math.cos(mid) * level + math.sin(mid) * lean) is None:
+            hi = mid
+        else:
+            lo = mid
+    return lo
+
+
+def compute_polytope(layout: Layout, w0: F8, map_: F8) -> F8:
+    """Return vertices (v, 3) of {x: the rotors can make w0 + map_ x} with map_ (6, 3).
+
+    Six independent rotors: the 12 half-spaces of the thrust limits. Otherwise the support points
+    of 48 directions by linear programme (an inner approximation; flat sets come out flat).
+    """
+    if layout.exact:
+        base, slope = layout.P @ w0, layout.P @ map_
+        centre = _chebyshev_centre(layout, base, slope)
+        if centre is None:
+            return np.zeros((0, 3))
+        half = np.vstack(
+            [
+                np.column_stack([slope, base - layout.t_max]),
+                np.column_stack([-slope, layout.t_min - base]),
+            ]
+        )
+        points = HalfspaceIntersection(half, centre).intersections
+        return np.unique(points.round(9), axis=0)
+    n = layout.B.shape[1]
+    bounds = [*zip(layout.t_min, layout.t_max, strict=True), *([(None, None)] * 3)]
+    points_lp = []
+    for direction in _sphere(48):
+        cost = np.concatenate([np.zeros(n), -direction])
+        found = linprog(
+            cost, A_eq=np.hstack([layout.B, -map_]), b_eq=w0, bounds=bounds, method="highs"
+        )
+        if found.status == 0:
+            points_lp.append(found.x[n:])
+    if not points_lp:
+        return np.zeros((0, 3))
+    points = np.unique(np.round(points_lp, 6), axis=0)
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except (QhullError, ValueError):  # flat or a segment
+        return np.asarray(points)
+
+
+def _chebyshev_centre(layout: Layout, base: F8, slope: F8) -> F8 | None:
+    """Return a point well inside the polytope (largest inscribed ball), or None if it is empty."""
+    norm = np.linalg.norm(slope, axis=1)[:, None]
+    found = linprog(
+        np.array([0.0, 0.0, 0.0, -1.0]),
+        A_ub=np.vstack([np.hstack([slope, norm]), np.hstack([-slope, norm])]),
+        b_ub=np.concatenate([layout.t_max - base, base - layout.t_min]),
+        bounds=[(None, None)] * 3 + [(0.0, None)],
+        method="highs",
+    )
+    return np.asarray(found.x[:3]) if found.status == 0 and found.x[3] > 1e-9 else None
+
+
+def _sphere(count: int) -> F8:
+    """Return evenly spread unit directions (count, 3): the Fibonacci sphere, plus the six axes."""
+    i = np.arange(count) + 0.5
+    polar, turn = np.arccos(1 - 2 * i / count), math.pi * (1 + 5**0.5) * i
+    spread = np.column_stack(
+        [np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)]
+    )
+    return np.vstack([spread, np.eye(3), -np.eye(3)])
