@@ -1,0 +1,97 @@
+"""How well the probe sat on the surface, over the unrolled surface and along the planned path."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from skywright.errors import InputError
+
+Array = NDArray[np.float64]
+
+GAP_LIMIT = 1e-3
+"""m, largest air gap at which a reading counts (Tognon 2018)."""
+TILT_LIMIT = math.radians(10.0)
+"""rad, largest tilt at which a reading counts (Tognon 2018)."""
+
+
+class ContactMap(NamedTuple):
+    """Worst contact per cell of the unrolled surface; NaN where the probe never was."""
+
+    s_edges: Array  # (n_s + 1,) m
+    c_edges: Array  # (n_c + 1,) m
+    gap: Array  # (n_s, n_c) m, largest
+    tilt: Array  # (n_s, n_c) rad, largest
+    lift_off: Array  # (n_s, n_c) instrument units, largest
+    samples: NDArray[np.int64]  # (n_s, n_c)
+
+
+def compute_contact_map(
+    s: Array, c: Array, gap: Array, tilt: Array, lift_off: Array, cell: float = 0.005
+) -> ContactMap:
+    """Bin samples (n,) (m, m, m, rad, units) into cells of size `cell` (m)."""
+    data = np.stack([np.asarray(x, float).ravel() for x in (s, c, gap, tilt, lift_off)])
+    data = data[:, np.all(np.isfinite(data), axis=0)]
+    if not cell > 0 or data.shape[1] == 0:
+        raise InputError(f"contact map: {data.shape[1]} valid samples, cell {cell} m; both above 0")
+    low = np.floor(data[:2].min(axis=1) / cell).astype(int)
+    size = np.floor(data[:2].max(axis=1) / cell).astype(int) - low + 1
+    if int(size[0]) * int(size[1]) > 4_000_000:
+        raise InputError(f"contact map: {size[0]} x {size[1]} cells; choose a larger cell")
+    i, j = (np.floor(data[:2] / cell).astype(int) - low[:, None]).tolist()
+    count = np.zeros(size, np.int64)
+    np.add.at(count, (i, j), 1)
+    worst = []
+    for values in data[2:]:
+        grid = np.full(size, -math.inf)
+        np.maximum.at(grid, (i, j), values)
+        worst.append(np.where(count > 0, grid, np.nan))
+    s_edges = (low[0] + np.arange(size[0] + 1)) * cell
+    c_edges = (low[1] + np.arange(size[1] + 1)) * cell
+    return ContactMap(s_edges, c_edges, worst[0], worst[1], worst[2], count)
+
+
+def compute_coverage(
+    s_plan: Array,
+    c_plan: Array,
+    s: Array,
+    c: Array,
+    gap: Array,
+    tilt: Array,
+    *,
+    reach: float = 0.006,
+    gap_limit: float = GAP_LIMIT,
+    tilt_limit: float = TILT_LIMIT,
+    step: float = 0.001,
+) -> float:
+    """Fraction of the planned path's length that was inspected.
+
+    A piece of the path (m, on the unrolled surface; NaN separates strokes) counts where the probe
+    came within `reach` of it with a gap below `gap_limit` and a tilt below `tilt_limit` (the coil
+    sees a disk of a few millimetres). Returns a value in 0..1; raises InputError without a path.
+    """
+    plan = np.stack([np.asarray(s_plan, float).ravel(), np.asarray(c_plan, float).ravel()], axis=1)
+    pieces = []
+    for a, b in pairwise(plan):
+        length = float(np.hypot(*(b - a)))
+        if length > 0:  # False for NaN
+            n = max(1, math.ceil(length / step))
+            middle = (np.arange(n) + 0.5) / n
+            points = a + middle[:, None] * (b - a)
+            pieces.append(np.column_stack([points, np.full(n, length / n)]))
+    if not pieces:
+        raise InputError("coverage: the planned path has no length")
+    path = np.concatenate(pieces)
+    with np.errstate(invalid="ignore"):
+        good = (np.asarray(gap) < gap_limit) & (np.asarray(tilt) < tilt_limit)
+    tip = np.stack([np.asarray(s, float), np.asarray(c, float)], axis=1)[good]
+    tip = tip[np.all(np.isfinite(tip), axis=1)]
+    if len(tip) == 0:
+        return 0.0
+    distance, _ = cKDTree(tip).query(path[:, :2], distance_upper_bound=reach)
+    return float(path[np.isfinite(distance), 2].sum() / path[:, 2].sum())

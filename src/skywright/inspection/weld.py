@@ -1,0 +1,293 @@
+"""From a scan to a weld: contact, weld signal, crossings, line. Simulated and real data alike."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.errors import InputError
+from skywright.inspection.calibration import (
+    Calibration,
+    compute_components,
+    estimate_weld_axis,
+    robust_std,
+    to_complex,
+)
+from skywright.inspection.surface_fit import roll_point, unroll_points
+from skywright.inspection.weld_line import INLIER, WeldLine, estimate_weld_line, line_distance
+from skywright.worlds.surface import Cylinder
+
+Array = NDArray[np.float64]
+
+MERGE_DISTANCE = 0.004
+"""m; two flagged stretches closer than this, without leaving contact for long, are one crossing."""
+MERGE_TIME = 2.0
+"""s; and no further apart than this."""
+MIN_LENGTH = 0.0015
+"""m; a flagged stretch shorter than this is noise: the coil itself averages over 3.5 mm."""
+SIGNIFICANCE = 5.0
+"""Least height of a crossing above the base metal, in standard deviations of its texture."""
+LONG_LENGTH = 0.035
+"""m; a longer stretch runs along the weld and is cut into pieces of this length."""
+
+
+class Crossing(NamedTuple):
+    """One stretch of the path on the weld."""
+
+    t: float  # s, of its middle
+    s: float  # m
+    c: float  # m
+    p_W: tuple[float, float, float]  # m, on the surface
+    peak: float  # instrument units, above the base metal
+    v_s: float  # m/s, mean velocity while crossing
+    v_c: float
+    std: float  # m, of the position along the motion (across the weld)
+    samples: int
+    on_line: bool = False
+
+
+class WeldResult(NamedTuple):
+    """A processed scan; arrays are (n,), one value a sample, NaN where the sample was invalid."""
+
+    t: Array  # s
+    s: Array  # m, along the axis
+    c: Array  # m, around it
+    gap: Array  # m, measured tip to surface
+    lift_off: Array  # instrument units
+    weld: Array  # instrument units
+    contact: NDArray[np.bool_]
+    on_weld: NDArray[np.bool_]
+    contact_fraction: float
+    crossings: tuple[Crossing, ...]
+    line: WeldLine | None
+    calibration: Calibration  # with the weld axis that was used
+    surface: Cylinder
+    notes: tuple[str, ...]
+
+
+def detect_contact(
+    ec: NDArray[Any], calibration: Calibration
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """(lift_off, weld, contact), each (n,): contact where |lift_off| < threshold (Tognon 2018)."""
+    lift_off, weld = compute_components(ec, calibration)
+    return lift_off, weld, np.abs(lift_off) < calibration.lift_off_threshold
+
+
+def _runs(flag: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8)))
+    return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
+
+
+def _merge_runs(runs: list[tuple[int, int]], t: Array, s: Array, c: Array) -> list[tuple[int, int]]:
+    merged: list[tuple[int, int]] = []
+    for start, stop in runs:
+        if merged:
+            last = merged[-1][1] - 1
+            apart = math.hypot(s[start] - s[last], c[start] - c[last])
+            if apart < MERGE_DISTANCE and t[start] - t[last] < MERGE_TIME:
+                merged[-1] = (merged[-1][0], stop)
+                continue
+        merged.append((start, stop))
+    return merged
+
+
+def _locate(
+    t: Array,
+    s: Array,
+    c: Array,
+    weld: Array,
+    noise: float,
+    surface: Cylinder,
+    normal: tuple[float, float] | None = None,
+) -> Crossing | None:
+    """Centroid of one stretch above half its peak, weighted along the path, not in time.
+
+    The place along the motion counts, or along the weld's `normal` (s, c) once that is known:
+    then a path that wanders while it crosses at a slant does no harm.
+    """
+    count = t.size
+    peak = float(np.quantile(weld, 0.95)) if count > 20 else float(np.max(weld))
+    middle_s, middle_c = float(np.mean(s)), float(np.mean(c))
+    d = np.stack([s - middle_s, c - middle_c], axis=1)
+    duration = float(t[-1] - t[0])
+    if count < 3 or duration <= 0:
+        return None
+    # velocity by regression: differences of measured positions are mostly noise
+    tau = t - t.mean()
+    v = tau @ d / float(tau @ tau)
+    direction = np.linalg.eigh(d.T @ d)[1][:, -1] if normal is None else np.array(normal)
+    direction = direction * (1.0 if direction @ v >= 0 else -1.0)
+    x = d @ direction
+    length = float(np.ptp(x)) if count < 20 else float(np.diff(np.quantile(x, [0.02, 0.98]))[0])
+    if length < MIN_LENGTH:
+        return None
+    order = np.argsort(x, kind="stable")
+    xs = x[order]
+    share = np.gradient(xs) if count > 2 else np.ones(count)
+    share = np.maximum(share, 0.0)
+    height = np.maximum(weld[order] - 0.5 * peak, 0.0) * share
+    total = float(height.sum())
+    if not total > 0:
+        height, total = np.ones(count), float(count)
+    centre = float(height @ xs) / total
+    # position across the motion and time at that place, from neighbours of the place
+    near = np.abs(x - centre) <= max(0.15 * length, float(np.sort(np.abs(x - centre))[2]))
+    across = d @ np.array([-direction[1], direction[0]])
+    offset = float(np.mean(across[near]))
+    s_c = middle_s + centre * direction[0] - offset * direction[1]
+    c_c = middle_c + centre * direction[1] + offset * direction[0]
+    # a slope of the noise over the stretch moves the centroid; so does the positions' own noise
+    position_noise = robust_std(x - float(direction @ v) * tau)
+    slope = 0.35 * length * noise / max(peak, 1e-12)
+    std = math.sqrt(slope**2 + min(position_noise, 0.01) ** 2 / count + (5e-5) ** 2)
+    p = roll_point(surface, s_c, c_c)
+    return Crossing(
+        t=float(np.mean(t[near])),
+        s=s_c,
+        c=c_c,
+        p_W=(float(p[0]), float(p[1]), float(p[2])),
+        peak=peak,
+        v_s=float(v[0]),
+        v_c=float(v[1]),
+        std=std,
+        samples=count,
+    )
+
+
+def _columns(crossings: list[Crossing], *names: str) -> tuple[Array, ...]:
+    return tuple(np.array([getattr(x, name) for x in crossings], float) for name in names)
+
+
+def find_crossings(
+    t: Array,
+    s: Array,
+    c: Array,
+    weld: Array,
+    on_weld: NDArray[np.bool_],
+    noise: float,
+    surface: Cylinder,
+    normal: tuple[float, float] | None = None,
+) -> tuple[list[Crossing], list[Crossing]]:
+    """(crossings, points for the line) of a scan.
+
+    They are the same, except where the path runs along the weld: such a stretch is one crossing
+    but several points, each as uncertain as the weld is wide.
+    """
+    crossings: list[Crossing] = []
+    points: list[Crossing] = []
+    for start, stop in _merge_runs(_runs(on_weld), t, s, c):
+        span = slice(start, stop)
+        found = _locate(t[span], s[span], c[span], weld[span], noise, surface, normal)
+        if found is None:
+            continue
+        crossings.append(found)
+        path = np.hypot(s[span] - s[start], c[span] - c[start])
+        reach = float(path.max())
+        if reach <= LONG_LENGTH:
+            points.append(found)
+            continue
+        pieces = min(math.ceil(reach / LONG_LENGTH), 50)
+        for index in np.array_split(np.arange(start, stop), pieces):
+            piece = _locate(t[index], s[index], c[index], weld[index], noise, surface)
+            if piece is not None:
+                points.append(piece._replace(std=0.005))
+    return crossings, points
+
+
+def process_scan(
+    t: Array,
+    ec: NDArray[Any],
+    p_WT: Array,
+    surface: Cylinder,
+    calibration: Calibration,
+    *,
+    exclude: tuple[float, float] | None = None,
+) -> WeldResult:
+    """Find contact, crossings and the weld line of a scan.
+
+    Parameters: `t` (n,) s, increasing; `ec` (n, 2) or complex (n,), instrument units; `p_WT`
+    (n, 3) m, measured tip in W; `surface` as built or fitted; `exclude` a time span (s) whose
+    contact is not looked at for welds (the calibration). Samples with NaN are left out.
+    Where the calibration knows no weld axis, it is estimated from this scan.
+    Raises InputError for arrays that do not fit together.
+    """
+    t = np.asarray(t, float).ravel()
+    w = to_complex(ec)
+    p = np.asarray(p_WT, float)
+    if not (t.size == w.size == len(p)) or p.shape != (t.size, 3):
+        raise InputError(
+            f"scan: {t.size} times, {w.size} signals and positions of shape {p.shape}; valid: "
+            "(n,), (n, 2) and (n, 3)"
+        )
+    valid = np.isfinite(t) & np.isfinite(w) & np.all(np.isfinite(p), axis=1)
+    if np.any(np.diff(t[valid]) < 0):
+        raise InputError("scan: times go backwards; sort the samples by time")
+    notes: list[str] = []
+    s, c, gap = unroll_points(surface, p)
+
+    _, _, contact = detect_contact(w, calibration)
+    contact &= valid
+    if calibration.weld_axis is None:
+        axis = estimate_weld_axis(w[contact], calibration)
+        if axis is not None:
+            calibration = calibration._replace(weld_axis=axis)
+    lift_off, weld, contact = detect_contact(w, calibration)
+    contact &= valid
+    on_weld = contact & (weld > calibration.weld_threshold)
+    if exclude is not None:
+        on_weld &= ~((t >= exclude[0]) & (t <= exclude[1]))
+
+    # the texture of the steel moves the same way as the weld, only less: what is found must
+    # stand out of the base metal that this scan saw
+    quiet = contact & (np.abs(weld) < calibration.weld_threshold)
+    noise = robust_std(weld[quiet])
+    base = float(np.median(weld[quiet])) if quiet.any() else 0.0
+    index = np.flatnonzero(valid)
+    data = (t[index], s[index], c[index], weld[index] - base, on_weld[index], noise, surface)
+    line: WeldLine | None = None
+    for _ in range(3):  # the line's normal refines the crossings, which refine the line
+        normal = None if line is None else (math.cos(line.angle), -math.sin(line.angle))
+        found, points = find_crossings(*data, normal)
+        crossings = [x for x in found if x.peak >= SIGNIFICANCE * noise]
+        points = [x for x in points if x.peak >= SIGNIFICANCE * noise]
+        refined = estimate_weld_line(*_columns(points, "s", "c", "v_s", "v_c", "std"))
+        if refined is None:
+            break
+        line = refined
+    if len(found) > len(crossings):
+        notes.append(
+            f"{len(found) - len(crossings)} stretches above the weld threshold do not stand out of "
+            f"the texture of the base metal ({SIGNIFICANCE:g} x {noise:.2g} units): left out"
+        )
+    if line is not None:
+        near = np.abs(line_distance(line, *_columns(crossings, "s", "c"))) < INLIER
+        crossings = [x._replace(on_line=bool(b)) for x, b in zip(crossings, near, strict=True)]
+        if not near.all():
+            notes.append(
+                f"{np.count_nonzero(~near)} of {len(crossings)} crossings lie off the line and "
+                "were left out"
+            )
+    elif len(crossings) == 1:
+        notes.append("one crossing only: its angle, so the line, cannot be told")
+    elif crossings:
+        notes.append("the crossings lie too close together to tell the line")
+    count = int(valid.sum())
+    return WeldResult(
+        t=t,
+        s=s,
+        c=c,
+        gap=gap,
+        lift_off=lift_off,
+        weld=weld,
+        contact=contact,
+        on_weld=on_weld,
+        contact_fraction=float(contact.sum()) / count if count else 0.0,
+        crossings=tuple(crossings),
+        line=line,
+        calibration=calibration,
+        surface=surface,
+        notes=tuple(notes),
+    )
