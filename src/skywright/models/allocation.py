@@ -106,14 +106,21 @@ def _mul(P: F8, fx: float, fy: float, fz: float, tx: float, ty: float, tz: float
 
 
 @njit(cache=True)
-def _torque_share(thrust: float, up: F8, turn: F8, t_min: F8, t_max: F8, work: F8) -> float:
-    """Return the largest share in [0, 1] of the torque thrusts `turn` at this vertical thrust."""
+def _share_line(thrust: float, up: F8, turn: F8, t_min: F8, t_max: F8) -> tuple[float, float]:
+    """Return the largest share of the torque thrusts `turn` at this vertical thrust, and its slope.
+
+    Each rotor allows share <= (limit - thrust up_i) / turn_i, a line over the vertical thrust.
+    """
+    best, slope = math.inf, 0.0
     for i in range(up.shape[0]):
-        work[i] = thrust * up[i]
-    lo, hi = _interval(work, turn, t_min, t_max)
-    if lo > hi or lo > 1e-9 or hi < 0.0:
-        return 0.0
-    return min(hi, 1.0)
+        r = turn[i]
+        if abs(r) < 1e-12:
+            continue
+        limit = t_max[i] if r > 0.0 else t_min[i]
+        share = (limit - thrust * up[i]) / r
+        if share < best:
+            best, slope = share, -up[i] / r
+    return best, slope
 
 
 @njit(cache=True)
@@ -133,24 +140,27 @@ def _limit_thrust_and_torque(
     b = min(b, f_hi)
     if a <= b:
         return min(max(f0, a), b), 1.0, True
-    # The share is a concave function of the thrust: golden section with a fixed number of steps.
-    g = 0.6180339887498949
-    x1 = f_hi - g * (f_hi - f_lo)
-    x2 = f_lo + g * (f_hi - f_lo)
-    y1 = _torque_share(x1, up, turn, t_min, t_max, work)
-    y2 = _torque_share(x2, up, turn, t_min, t_max, work)
-    for _ in range(10):
-        if y1 >= y2:
-            f_hi, x2, y2 = x2, x1, y1
-            x1 = f_hi - g * (f_hi - f_lo)
-            y1 = _torque_share(x1, up, turn, t_min, t_max, work)
+    # The share is the lowest of n lines: intersect the ones that rise and fall until they meet.
+    left, right = f_lo, f_hi
+    y1, s1 = _share_line(left, up, turn, t_min, t_max)
+    y2, s2 = _share_line(right, up, turn, t_min, t_max)
+    if s1 <= 0.0:
+        return left, min(max(y1, 0.0), 1.0), True
+    if s2 >= 0.0:
+        return right, min(max(y2, 0.0), 1.0), True
+    best = left
+    share = y1
+    for _ in range(6):
+        best = (y2 - y1 + s1 * left - s2 * right) / (s1 - s2)
+        top = y1 + s1 * (best - left)
+        share, slope = _share_line(best, up, turn, t_min, t_max)
+        if share > top - 1e-12:
+            break
+        if slope > 0.0:
+            left, y1, s1 = best, share, slope
         else:
-            f_lo, x1, y1 = x1, x2, y2
-            x2 = f_lo + g * (f_hi - f_lo)
-            y2 = _torque_share(x2, up, turn, t_min, t_max, work)
-    if y1 >= y2:
-        return x1, y1, True
-    return x2, y2, True
+            right, y2, s2 = best, share, slope
+    return best, min(max(share, 0.0), 1.0), True
 
 
 @njit(cache=True)
@@ -238,8 +248,14 @@ def allocate(
             flag = 1
         for i in range(n):
             base[i] += s * lateral[i]
+    # Every component may still move toward the demand as far as the limits allow; without this
+    # step the result would jump where a demand becomes feasible only as a whole.
     for i in range(n):
-        thrust[i] = min(max(base[i], t_min[i]), t_max[i])
+        lateral[i] = thrust[i] - base[i]
+    _, s = _interval(base, lateral, t_min, t_max)
+    s = min(max(s, 0.0), 1.0)
+    for i in range(n):
+        thrust[i] = min(max(base[i] + s * lateral[i], t_min[i]), t_max[i])
     return flag
 
 

@@ -69,7 +69,8 @@ def compute_hold(
     `f_push_W` (m, 3) N at `p_push_B` (3,) m: force that the robot exerts on something. Yaw is
     zero. Robots with lateral force hold their attitude, leaning `lean` (rad, a number or (m,))
     against the horizontal load; the others take the tilt at which thrust along z_B balances the
-    load (a fixed point, since drag turns with the body). Thrusts may lie outside the limits: the caller judges.
+    load (a fixed point, since drag turns with the body). Thrusts may lie outside the limits: the
+    caller judges.
     """
     m, n = len(wind_W), layout.B.shape[1]
     push = np.zeros((m, 3)) if f_push_W is None else f_push_W
@@ -148,7 +149,8 @@ def compute_wind_limits(
     """Return the wind (m,) m/s that can be held while it blows toward each direction (m,) rad.
 
     Level attitude (or leaning `lean` rad, a number or (m,)) for robots with lateral force; the
-    others tilt by at most `tilt_max` rad. NaN where the robot does not hold even in calm air; at most FASTEST.
+    others tilt by at most `tilt_max` rad. NaN where the robot does not hold even in calm air; at
+    most FASTEST.
     """
     d = np.column_stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))])
 
