@@ -1,0 +1,121 @@
+"""Every command in README and docs runs: each distinct one of the ```console blocks, once.
+
+Pages are read in the order of the navigation and share one working folder, so that a page may
+use what an earlier command wrote. `# not run` at the end of a line leaves it out, `# exits 2`
+says which exit code it must have (0 without it).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+class Command(NamedTuple):
+    """A command line of a page and the exit code that the page says it has."""
+
+    line: str
+    exit_code: int
+    page: str
+
+
+def _pages() -> list[Path]:
+    """README, then the navigation in its order, then pages outside it."""
+
+    def leaves(node: object) -> list[str]:
+        if isinstance(node, str):
+            return [node]
+        if isinstance(node, dict):
+            node = list(node.values())
+        assert isinstance(node, list)
+        return [leaf for item in node for leaf in leaves(item)]
+
+    nav = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
+    pages = [ROOT / "README.md", *(ROOT / "docs" / name for name in leaves(nav))]
+    pages += sorted({*(ROOT / "docs").rglob("*.md")} - {*pages})
+    return [page for page in pages if page.exists()]
+
+
+def parse_commands(text: str, page: str) -> list[Command]:
+    """Return the commands of the console blocks in `text`; lines ending in `\\` are joined."""
+    commands = []
+    for block in re.findall(r"^```console\n(.*?)^```", text, re.M | re.S):
+        for line in block.replace("\\\n", " ").splitlines():
+            if not line.startswith("$ "):
+                continue  # output
+            command, _, comment = line[2:].partition("  #")
+            if "not run" in comment:
+                continue
+            code = re.search(r"exits (\d)", comment)
+            commands.append(Command(command.strip(), int(code.group(1)) if code else 0, page))
+    return commands
+
+
+def _distinct() -> list[Command]:
+    seen: dict[str, Command] = {}
+    for page in _pages():
+        name = page.relative_to(ROOT).as_posix()
+        for command in parse_commands(page.read_text(encoding="utf-8"), name):
+            seen.setdefault(command.line, command)
+    return list(seen.values())
+
+
+COMMANDS = _distinct()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A working folder with the examples, as a reader of the docs has it."""
+    path = tmp_path_factory.mktemp("docs")
+    shutil.copytree(ROOT / "examples", path / "examples")
+    return path
+
+
+def test_parse_commands() -> None:
+    text = (
+        "```console\n$ skywright list robots\nothex\n$ skywright run x   # exits 2\n"
+        "$ skywright run y --view  # not run\n$ skywright plan z \\\n  --seed 3\n```\n"
+        "```sh\n$ skywright ignored\n```\n"
+    )
+    assert parse_commands(text, "p") == [
+        Command("skywright list robots", 0, "p"),
+        Command("skywright run x", 2, "p"),
+        Command("skywright plan z    --seed 3", 0, "p"),
+    ]
+
+
+def test_the_readme_has_commands() -> None:
+    assert any(command.page == "README.md" for command in COMMANDS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda c: c.line.removeprefix("skywright "))
+def test_command_of_the_docs(command: Command, folder: Path) -> None:
+    words = shlex.split(command.line)
+    # The interpreter of the tests, whatever is first on the path.
+    program = {
+        "skywright": [sys.executable, "-m", "skywright"],
+        "python": [sys.executable],
+    }.get(words[0])
+    assert program is not None, f"{command.page}: only skywright and python are run: {command.line}"
+    out = subprocess.run(
+        [*program, *words[1:]],
+        cwd=folder, capture_output=True, text=True, timeout=120, check=False,
+        env={**os.environ, "COLUMNS": "100"},
+    )  # fmt: skip
+    assert out.returncode == command.exit_code, (
+        f"{command.page}: `{command.line}` exits {out.returncode}, expected {command.exit_code}\n"
+        f"{out.stdout[-2000:]}\n{out.stderr[-2000:]}"
+    )
+    assert "Traceback" not in out.stderr
