@@ -1,1 +1,119 @@
-"""Skywright."""
+"""Skywright: simulate, plan, control and fly multirotors with arms that touch things.
+
+The public Python API is four verbs, as short as the command line:
+
+    import skywright
+
+    description = skywright.load("pipe-weld-scan", sets={"world.pipe.diameter_m": 0.3})
+    plan = skywright.plan(description)
+    result = skywright.run(description)
+    print(result.outcome, result.metrics["weld.angle_error_deg"])
+    again = skywright.evaluate(result.directory)
+
+Units are SI and radians; any other unit is in the name. Importing the package is cheap: what a
+verb needs is imported when it is called.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
+
+from skywright.errors import InfeasibleError, InputError, SimulationError, SkywrightError
+
+if TYPE_CHECKING:
+    import os
+
+    from skywright.evaluation.run import RunResult
+    from skywright.missions.loader import Description, Sets
+    from skywright.missions.planning import MissionPlan
+
+try:
+    __version__ = version("skywright")
+except PackageNotFoundError:  # run from a source tree that was never installed
+    __version__ = "0+unknown"
+
+__all__ = [
+    "InfeasibleError",
+    "InputError",
+    "SimulationError",
+    "SkywrightError",
+    "evaluate",
+    "load",
+    "plan",
+    "run",
+]
+
+
+def load(
+    mission: str | os.PathLike[str],
+    *,
+    robot: str | os.PathLike[str] | None = None,
+    world: str | os.PathLike[str] | None = None,
+    seed: int | None = None,
+    sets: Sets = (),
+) -> Description:
+    """Load a mission with its robot and world.
+
+    `mission` is a built-in name, a file, or a finished run's directory. `sets` maps dotted keys to
+    values (`{"world.pipe.diameter_m": 0.3}`) or lists `KEY=VALUE` texts as on the command line.
+    Raises InputError naming file and key on anything that is wrong.
+    """
+    from skywright.missions.loader import load_description
+
+    return load_description(mission, robot, world, sets, seed)
+
+
+def plan(description: Description | str | os.PathLike[str]) -> MissionPlan:
+    """Plan a mission without flying it; see `MissionPlan` for what comes back.
+
+    A plan that does not exist has `feasible` False and the reason in `blocked_by`.
+    Raises InputError when the robot cannot lift itself.
+    """
+    from skywright.missions.planning import plan_mission
+    from skywright.models.capability import check_can_fly
+
+    description = _as_description(description)
+    check_can_fly(description.robot, description.world.gravity_mps2)
+    return plan_mission(description)
+
+
+def run(
+    description: Description | str | os.PathLike[str],
+    *,
+    out: str | os.PathLike[str] | None = None,
+    view: bool = False,
+    progress: bool = False,
+) -> RunResult:
+    """Plan, fly and evaluate a mission; writes the run's directory (`result.directory`).
+
+    Raises InputError when the input is wrong (nothing was started), InfeasibleError when no plan
+    exists, SimulationError when the simulation diverged.
+    """
+    from pathlib import Path
+
+    from skywright.evaluation.run import run_mission
+    from skywright.models.capability import check_can_fly
+
+    description = _as_description(description)
+    check_can_fly(description.robot, description.world.gravity_mps2)
+    where = None if out is None else Path(out)
+    return run_mission(description, out=where, view=view, progress=progress)
+
+
+def evaluate(directory: str | os.PathLike[str]) -> RunResult:
+    """Evaluate a run's directory again from its recording.
+
+    Raises InputError when the directory holds no run.
+    """
+    from pathlib import Path
+
+    from skywright.evaluation.run import evaluate_directory
+
+    return evaluate_directory(Path(directory))
+
+
+def _as_description(description: Description | str | os.PathLike[str]) -> Description:
+    from skywright.missions.loader import Description
+
+    return description if isinstance(description, Description) else load(description)

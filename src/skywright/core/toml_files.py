@@ -35,8 +35,10 @@ class Layer(NamedTuple):
     """Dotted key -> where its number comes from."""
 
 
-def load_layer(path: Path, label: str | None = None) -> Layer:
+def load_layer(path: Path, label: str | None = None, problems: list[str] | None = None) -> Layer:
     """Read one description file.
+
+    With `problems`, what is wrong with keys and sources is appended there, not raised.
 
     Raises InputError when the file cannot be read, is no TOML, is empty, has a table outside the
     four roots, or holds a number that is not finite or has a malformed source.
@@ -48,10 +50,10 @@ def load_layer(path: Path, label: str | None = None) -> Layer:
         raise InputError(f"{label}: not a text file in UTF-8 (byte {error.start})") from None
     except OSError as error:
         raise InputError(f"{label}: cannot be read: {error.strerror or error}") from None
-    return build_layer(text, label)
+    return build_layer(text, label, problems)
 
 
-def build_layer(text: str, label: str) -> Layer:
+def build_layer(text: str, label: str, problems: list[str] | None = None) -> Layer:
     """Parse the text of a description file; see `load_layer`."""
     try:
         raw = tomllib.loads(text)
@@ -63,36 +65,48 @@ def build_layer(text: str, label: str) -> Layer:
         raise InputError(f"{label}: malformed TOML: {error}") from None
     if not raw:
         raise InputError(f"{label}: the file is empty; valid tables: {', '.join(ROOTS)}")
-    for key, value in raw.items():
+    for key, value in list(raw.items()):
         if key not in ROOTS:
-            raise InputError(
+            message = (
                 f"{label}: unknown table [{key}]; every key belongs to one of: {', '.join(ROOTS)}"
             )
-        if not isinstance(value, dict):
-            raise InputError(
-                f"{label}: {key} must be a table ([{key}]), found {describe_value(value)}"
-            )
-    tree, sources = strip_sources(raw, label)
+        elif not isinstance(value, dict):
+            message = f"{label}: {key} must be a table ([{key}]), found {describe_value(value)}"
+        else:
+            continue
+        if problems is None:
+            raise InputError(message)
+        problems.append(message)
+        del raw[key]
+    tree, sources = strip_sources(raw, label, problems)
     return Layer(label, tree, sources)
 
 
-def strip_sources(raw: Mapping[str, Any], label: str) -> tuple[Tree, dict[str, Source]]:
+def strip_sources(
+    raw: Mapping[str, Any], label: str, problems: list[str] | None = None
+) -> tuple[Tree, dict[str, Source]]:
     """Take the `{ value, source, note, range }` wrappers off a tree.
 
     Returns the plain tree and the sources by dotted key. Raises InputError on a malformed wrapper
-    and on NaN or infinity anywhere.
+    and on NaN or infinity anywhere; with `problems`, appends there instead.
     """
     sources: dict[str, Source] = {}
 
     def plain(value: Any, key: str) -> Any:
         if isinstance(value, dict):
             if "value" in value:
-                sources[key] = _read_source(value, key, label)
+                try:
+                    sources[key] = _read_source(value, key, label)
+                except InputError as error:
+                    if problems is None:
+                        raise
+                    problems.append(str(error))
                 return plain(value["value"], key)
             return {name: plain(child, f"{key}.{name}") for name, child in value.items()}
         if isinstance(value, list):
             return [plain(child, f"{key}.{i}") for i, child in enumerate(value)]
-        if isinstance(value, float) and not math.isfinite(value):
+        # with `problems`, the validation of the spec reports it
+        if problems is None and isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"{label}: {key} is {value}; a finite number is needed")
         return value
 

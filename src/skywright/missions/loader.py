@@ -87,15 +87,15 @@ def load_description(
     return Description(**parts, sources=sources, origin=origin)
 
 
-def list_description_problems(mission: str | os.PathLike[str]) -> list[str]:
-    """List everything that is wrong with a mission (and its robot and world), one line each."""
+def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
+    """List everything that is wrong with a mission, its robot and its world, one line each."""
     found = find_mission(mission)
+    problems: list[str] = []
     try:
-        layers = load_layers(found, None, None, [], None)
+        layers = load_layers(found, None, None, [], None, problems)
         tree, _, origin = merge_layers(layers)
     except InputError as error:
-        return [str(error)]
-    problems: list[str] = []
+        return [*problems, str(error)]
     for root, spec in SPECS.items():
         problems += list_problems(spec, tree.get(root, {}), root, origin, found.label)[1]
     return problems
@@ -116,9 +116,10 @@ def load_layers(
     world: str | os.PathLike[str] | None,
     assignments: list[tuple[str, object]],
     seed: int | None,
+    problems: list[str] | None = None,
 ) -> list[Layer]:
     """Load the layers of a mission in order: robot, world, mission, assignments."""
-    mission = load_layer(found.path, found.label)
+    mission = load_layer(found.path, found.label, problems)
     table = mission.tree.get("mission")
     if table is None:
         raise InputError(
@@ -153,7 +154,7 @@ def load_layers(
                     f"{found.label}: {key} is {describe_value(name)}; a name or path is needed"
                 )
         base_file = find(name, folders)
-        base = load_layer(base_file.path, base_file.label)
+        base = load_layer(base_file.path, base_file.label, problems)
         if root not in base.tree:
             raise InputError(
                 f"{base_file.label}: no [{root}] table; a {root} file is needed, this one holds: "

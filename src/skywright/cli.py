@@ -1,0 +1,382 @@
+"""The command line: the only place that wires everything together.
+
+Heavy modules are imported inside the commands, so that `skywright --help` answers at once.
+Exit codes: 0 all requirements met, 1 a requirement failed, no plan exists or the run was
+interrupted, 2 the input is wrong and nothing was started, 3 the simulation failed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+
+import click
+
+from skywright.errors import InfeasibleError, InputError, SkywrightError, neighbours
+
+if TYPE_CHECKING:
+    from skywright.missions.loader import Description
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class _Group(click.Group):
+    """Commands in the order of the contract; every error is one line and an exit code."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] not in self.commands and not args[0].startswith("-"):
+            valid = neighbours(args[0], self.commands, count=len(self.commands))
+            raise click.UsageError(f"unknown command {args[0]!r}; valid: {valid}")
+        return super().resolve_command(ctx, args)
+
+    def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> NoReturn:
+        args = list(sys.argv[1:] if args is None else args)
+        extra["standalone_mode"] = False
+        try:
+            code = super().main(args, *more, **extra)
+        except BaseException as error:
+            code = _report(error, as_json="--json" in args)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def _report(error: BaseException, as_json: bool) -> int:
+    """Print an error as one line on stderr (and as an object where `--json` asks): exit code."""
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else 0 if error.code is None else 2
+    if os.environ.get("SKYWRIGHT_DEBUG") and isinstance(error, Exception):
+        import traceback
+
+        traceback.print_exc()
+    facts: dict[str, Any] = {}
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):
+        click.echo(error.format_message())
+        return 0
+    if isinstance(error, click.Abort | KeyboardInterrupt):
+        code, message = 1, "interrupted"
+    elif isinstance(error, click.ClickException):
+        code, message = 2, error.format_message()
+        command = getattr(getattr(error, "ctx", None), "command_path", "skywright")
+        message = f"{message.rstrip('.')} (see {command} --help)"
+    elif isinstance(error, SkywrightError):
+        code, message = error.exit_code, str(error)
+        if isinstance(error, InfeasibleError):
+            facts["blocked_by"] = error.blocked_by
+    elif isinstance(error, BrokenPipeError):  # the reader of our output went away
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    else:
+        code = 3
+        message = (
+            f"internal error, please report: {type(error).__name__}: {error} "
+            "(SKYWRIGHT_DEBUG=1 shows where)"
+        )
+    message = " ".join(message.split())
+    click.echo(f"skywright: {message}", err=True)
+    if as_json:
+        _print_json({"error": message, "exit_code": code, **facts})
+    return code
+
+
+def _print_json(value: Any) -> None:
+    click.echo(json.dumps(value, indent=2, allow_nan=False))
+
+
+def _layers(command: F) -> F:
+    """Options that choose and change the layers of a description."""
+    for option in (
+        click.option("--seed", type=click.IntRange(min=0), help="Seed of every random draw."),
+        click.option(
+            "--set", "sets", multiple=True, metavar="KEY=VALUE",
+            help="Change any value, e.g. world.pipe.diameter_m=0.3. May be repeated.",
+        ),
+        click.option("--world", metavar="W", help="World instead of the mission's: name or file."),
+        click.option("--robot", metavar="R", help="Robot instead of the mission's: name or file."),
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, nothing else.")
+
+
+@click.group(
+    cls=_Group,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    no_args_is_help=True,
+)
+@click.version_option(package_name="skywright", message="skywright %(version)s")
+def main() -> None:
+    """Simulate, plan, control and fly multirotors with arms that touch things.
+
+    \b
+    skywright run pipe-weld-scan         fly the main job and map a weld
+    skywright list robots                what is there
+    skywright new robot my-robot         start your own
+    """
+
+
+@main.command()
+@click.argument("mission")
+@_layers
+@click.option("--out", type=click.Path(path_type=Path), help="Directory of the run.")
+@_json
+@click.option("--view", is_flag=True, help="Watch the run live in the browser.")
+def run(
+    mission: str, robot: str | None, world: str | None, sets: tuple[str, ...], seed: int | None,
+    out: Path | None, as_json: bool, view: bool,
+) -> int:  # fmt: skip
+    """Plan, fly and evaluate a mission.
+
+    MISSION is a built-in name, a file, or a finished run's directory (which repeats it).
+    """
+    description = _load(mission, robot, world, sets, seed)
+    from skywright.evaluation.run import run_mission
+
+    result = run_mission(description, out=out, view=view, progress=not as_json)
+    if as_json:
+        _print_json(result.to_json())
+    else:
+        from skywright.reports.terminal import print_result
+
+        print_result(result)
+    return int(result.exit_code)
+
+
+@main.command()
+@click.argument("mission")
+@_layers
+@_json
+def plan(
+    mission: str, robot: str | None, world: str | None, sets: tuple[str, ...], seed: int | None,
+    as_json: bool,
+) -> int:  # fmt: skip
+    """Plan MISSION without flying it."""
+    description = _load(mission, robot, world, sets, seed)
+    from skywright.missions.planning import plan_mission
+
+    found = plan_mission(description)
+    if as_json:
+        _print_json(found.to_json())
+    else:
+        from skywright.reports.terminal import print_plan
+
+        print_plan(found)
+    return 0 if found.feasible else 1
+
+
+@main.command()
+@click.argument("robot")
+@click.option("--set", "sets", multiple=True, metavar="KEY=VALUE", help="Change a robot's value.")
+@click.option(
+    "--posture", type=click.Choice(["extended", "folded", "worst"]), default="extended",
+    show_default=True, help="Posture of the arm.",
+)  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path), help="Picture (.png or .svg).")
+@_json
+def capability(
+    robot: str, sets: tuple[str, ...], posture: str, out: Path | None, as_json: bool
+) -> None:
+    """Compute what ROBOT can do: force, tilt, wind, payload, power."""
+    from skywright.core.keys import parse_assignment
+    from skywright.models.capability import check_can_fly, compute_capability
+    from skywright.robots.loader import load_robot
+
+    spec, _ = load_robot(robot, [parse_assignment(text) for text in sets])
+    check_can_fly(spec)
+    result = compute_capability(spec, posture=posture)
+    if out is not None or not as_json:
+        from skywright.reports.capability import write_capability_figure
+
+        picture = _writable(out or Path(f"capability-{spec.name}.png"))
+        write_capability_figure(result, picture)
+    if as_json:
+        _print_json(result.to_json())
+    else:
+        from skywright.reports.terminal import print_capability
+
+        print_capability(result, picture)
+
+
+@main.command(name="list")
+@click.argument("kind", type=click.Choice(["robots", "worlds", "missions"]), required=False)
+@_json
+def list_(kind: str | None, as_json: bool) -> None:
+    """List the built-in robots, worlds or missions."""
+    from skywright.missions.loader import list_missions
+    from skywright.robots.loader import list_robots
+    from skywright.worlds.loader import list_worlds
+
+    listings = {"robots": list_robots, "worlds": list_worlds, "missions": list_missions}
+    found = {name: call() for name, call in listings.items() if kind in (None, name)}
+    if as_json:
+        _print_json({name: [e._asdict() for e in entries] for name, entries in found.items()})
+        return
+    for name, entries in found.items():
+        if kind is None:
+            click.echo(f"{name}:")
+        width = max(len(e.name) for e in entries)
+        for entry in entries:
+            click.echo(f"{'  ' if kind is None else ''}{entry.name:{width}}  {entry.description}")
+
+
+@main.command()
+@click.argument("name", metavar="ROBOT|WORLD|MISSION")
+@click.option("--out", type=click.Path(path_type=Path), help="Picture (.png or .svg).")
+@_json
+def show(name: str, out: Path | None, as_json: bool) -> None:
+    """Summary and picture of a robot, world or mission."""
+    from skywright.missions.lookup import find_any
+    from skywright.reports.summary import build_summary
+
+    subject = find_any(name)
+    summary = build_summary(subject)
+    if out is not None or not as_json:
+        from skywright.reports.show import write_show_figure
+
+        picture = _writable(out or Path(f"show-{summary.name}.png"))
+        write_show_figure(subject, picture)
+        summary = summary._replace(picture=str(picture))
+    if as_json:
+        _print_json(summary.to_json())
+    else:
+        from skywright.reports.terminal import print_summary
+
+        print_summary(summary)
+
+
+@main.command()
+@click.argument("data", metavar="DATA.csv", type=click.Path(path_type=Path))
+@click.option("--calibrate", metavar="T0:T1", help="Approach from air to contact, seconds.")
+@click.option(
+    "--calibration", type=click.Path(path_type=Path), help="Calibration file of an earlier scan."
+)
+@click.option("--surface", type=click.Path(path_type=Path), help="Cylinder, else it is fitted.")
+@click.option("--lift-off", type=float, help="Contact threshold in the instrument's units.")
+@click.option("--weld", "weld_threshold", type=float, help="Weld threshold, instrument's units.")
+@click.option("--out", type=click.Path(path_type=Path), help="Map (.png or .svg).")
+@_json
+def weld(
+    data: Path, calibrate: str | None, calibration: Path | None, surface: Path | None,
+    lift_off: float | None, weld_threshold: float | None, out: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Find a weld in an instrument's data.
+
+    DATA.csv has the columns t_s, re, im, x_m, y_m, z_m in any order.
+    """
+    from skywright.inspection.weld_data import process_file
+
+    report = process_file(
+        data,
+        calibrate=calibrate,
+        calibration_file=calibration,
+        lift_off_threshold=lift_off,
+        weld_threshold=weld_threshold,
+        surface_file=surface,
+    )
+    if out is not None or not as_json:
+        from skywright.reports.weld_map import write_weld_map
+
+        picture = _writable(out or Path(f"{data.stem}-weld.png"))
+        write_weld_map(report, picture)
+    if as_json:
+        _print_json(report.to_json())
+    else:
+        from skywright.reports.terminal import print_weld
+
+        print_weld(report, picture)
+
+
+@main.command()
+@click.argument("directory", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--no-open", is_flag=True, help="Only print the path.")
+def replay(directory: Path, no_open: bool) -> None:
+    """Open a run's 3-D replay in the browser."""
+    page = directory if directory.suffix == ".html" else directory / "replay.html"
+    if not directory.exists():
+        raise InputError(f"{directory}: no such run; give the directory that a run wrote")
+    if not page.is_file():
+        raise InputError(f"{directory}: holds no replay.html; give the directory of a finished run")
+    click.echo(str(page))
+    if not no_open:
+        import webbrowser
+
+        webbrowser.open(page.resolve().as_uri())
+
+
+@main.group(no_args_is_help=True)
+def new() -> None:
+    """Start your own from a commented template."""
+
+
+@new.command(name="robot")
+@click.argument("name")
+def new_robot(name: str) -> None:
+    """Write NAME/robot.toml and NAME/mission.toml: a quadrotor that flies, ready to change."""
+    from skywright.missions.template import write_robot_template
+
+    folder = write_robot_template(Path(name))
+    click.echo(f"{folder / 'robot.toml'}    every key with a comment")
+    click.echo(f"{folder / 'mission.toml'}  four way-points")
+    click.echo(f"next: skywright check {folder}, skywright show {folder}, skywright run {folder}")
+
+
+@main.command()
+@click.argument("file", metavar="FILE")
+@_json
+def check(file: str, as_json: bool) -> int:
+    """List every problem and guess of a description FILE."""
+    from skywright.missions.check import check_file
+
+    report = check_file(file)
+    if as_json:
+        _print_json(report._asdict())
+        return 0 if report.valid else 2
+    for line in report.problems:
+        click.echo(line, err=True)
+    for line in report.notes:
+        click.echo(line)
+    if report.valid:
+        click.echo(f"{report.label}: a valid {report.kind}")
+        return 0
+    count = len(report.problems)
+    click.echo(f"{report.label}: {count} problem{'s' if count != 1 else ''}", err=True)
+    return 2
+
+
+def _load(
+    mission: str, robot: str | None, world: str | None, sets: tuple[str, ...], seed: int | None
+) -> Description:
+    """Load a description and refuse a robot that cannot lift itself."""
+    from skywright.missions.loader import load_description
+
+    description = load_description(mission, robot, world, sets, seed)
+    from skywright.models.capability import check_can_fly
+
+    check_can_fly(description.robot, description.world.gravity_mps2)
+    return description
+
+
+def _writable(path: Path) -> Path:
+    """Refuse a picture that cannot be written before the work begins."""
+    if path.suffix.lower() not in (".png", ".svg"):
+        raise InputError(f"{path}: unknown picture format; valid: .png, .svg")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("ab"):
+            pass
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+if __name__ == "__main__":
+    main()

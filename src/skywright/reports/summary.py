@@ -1,0 +1,239 @@
+"""What `skywright show` says about a robot, world or mission, as plain rows."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skywright.core.keys import iterate_leaves
+from skywright.core.spec import Source, Spec
+from skywright.errors import InputError
+from skywright.missions.check import list_guesses
+from skywright.missions.loader import Description
+from skywright.missions.lookup import Subject
+from skywright.models.capability import check_can_fly, compute_capability
+from skywright.robots.spec import Robot
+from skywright.worlds.spec import World
+
+
+class Section(NamedTuple):
+    """A titled list of (what, value)."""
+
+    title: str
+    rows: list[tuple[str, str]]
+
+
+class Summary(NamedTuple):
+    """A readable account of one subject."""
+
+    kind: str
+    name: str
+    description: str
+    sections: list[Section]
+    guesses: list[str]
+    picture: str | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the `--json` object."""
+        return {
+            "kind": self.kind,
+            "name": self.name,
+            "description": self.description,
+            "sections": {s.title: dict(s.rows) for s in self.sections},
+            "guesses": self.guesses,
+            "picture": self.picture,
+        }
+
+
+def build_summary(subject: Subject) -> Summary:
+    """Summarise a robot, a world, or a mission with its robot and world."""
+    if subject.robot is not None:
+        robot = subject.robot
+        sections = [*describe_robot(robot), describe_sources(robot, "robot", subject.sources)]
+        guesses = list_guesses(robot, "robot", subject.sources)
+        text = robot.description + (f" ({robot.paper})" if robot.paper else "")
+        return Summary("robot", robot.name, text, sections, guesses)
+    if subject.world is not None:
+        world = subject.world
+        guesses = list_guesses(world, "world", subject.sources)
+        return Summary("world", world.name, world.description, describe_world(world), guesses)
+    assert subject.description is not None
+    return _summarise_mission(subject.description)
+
+
+def _summarise_mission(description: Description) -> Summary:
+    mission = description.mission
+    sections = [
+        *describe_mission(description),
+        *describe_world(description.world),
+        *describe_robot(description.robot),
+    ]
+    guesses = list_guesses(description.robot, "robot", description.sources)
+    guesses += list_guesses(description.world, "world", description.sources)
+    return Summary("mission", mission.name, mission.description, sections, guesses)
+
+
+def describe_mission(description: Description) -> list[Section]:
+    """What a mission does and must reach."""
+    m = description.mission
+    rows = [("robot", m.robot), ("world", m.world), ("seed", str(m.seed))]
+    rows += [("control law", m.law or description.robot.control.law or "default")]
+    rows += [("estimator", m.estimator), ("hover height", f"{m.hover_height_m:g} m")]
+    if m.scan is not None:
+        s = m.scan
+        where = f"{s.centre_angle_deg:g} deg" if s.side == "angle" else s.side
+        rows.append(("scan", f"{s.pattern} of {s.passes} passes x {s.pass_length_m:g} m"))
+        rows.append(("sector", f"{where}, {s.arc_deg:g} deg of the circumference"))
+        rows.append(("speed", f"{s.speed_mps * 1000:g} mm/s"))
+    for i, w in enumerate(m.waypoints):
+        place = f"({w.x_m:g}, {w.y_m:g}, {w.z_m:g}) m"
+        rows.append((f"way-point {i}", f"{place}, heading {w.yaw_deg:g} deg, {w.hold_s:g} s"))
+    limits = [
+        (name, f"{r.sense} {r.limit:g}{' ' + r.unit if r.unit else ''}")
+        for name, r in m.requirements.items()
+    ]
+    plant = [
+        (key.removeprefix("plant."), f"{value:g}")
+        for key, value in iterate_leaves(description.plant, "plant")
+    ]
+    return [
+        Section("Mission", rows),
+        Section("Requirements", limits),
+        Section("Plant (how the truth deviates)", plant),
+    ]
+
+
+def describe_world(world: World) -> list[Section]:
+    """Structure, wind and external localisation."""
+    rows = [("gravity", f"{world.gravity_mps2:g} m/s^2")]
+    rows.append(("air density", f"{world.air_density_kg_m3:g} kg/m^3"))
+    if world.pipe is not None:
+        p = world.pipe
+        rows.append(("pipe", f"diameter {p.diameter_m:g} m, length {p.length_m:g} m"))
+        rows.append(("pipe centre", f"({p.x_m:g}, {p.y_m:g}, {p.z_m:g}) m"))
+        rows.append(("pipe axis", f"yaw {p.yaw_deg:g} deg, inclination {p.inclination_deg:g} deg"))
+        rows.append(("friction", f"{p.friction:g}"))
+        rows.append(("supports", "two posts" if p.supports else "none"))
+    if world.weld is not None and world.weld.present:
+        w = world.weld
+        angle = f"{w.angle_deg:g} deg from the circumference"
+        rows.append(("weld", f"{angle}, offset {w.offset_m:g} m"))
+    for name, box in world.obstacles.items():
+        size = f"{box.size_x_m:g} x {box.size_y_m:g} x {box.size_z_m:g} m"
+        rows.append((f"obstacle {name}", f"{size} at ({box.x_m:g}, {box.y_m:g}, {box.z_m:g}) m"))
+    wind = world.wind
+    calm = wind.kind == "none"
+    blow = "none" if calm else f"{wind.kind}, {wind.mean_mps:g} m/s toward {wind.toward_deg:g} deg"
+    rows.append(("wind", blow))
+    c = world.mocap
+    noise = f"noise {c.position_noise_m * 1000:g} mm, {math.degrees(c.attitude_noise_rad):.2g} deg"
+    rows.append(("motion capture", f"{c.rate_hz:g} Hz, delay {c.latency_s * 1000:g} ms, {noise}"))
+    return [Section("World", rows)]
+
+
+def describe_robot(robot: Robot) -> list[Section]:
+    """Masses, rotors, joints, sensors, limits; hover power and endurance."""
+    p, r, c = robot.platform, robot.rotors, robot.control
+    masses = [("platform", f"{p.mass_kg:g} kg")]
+    total = p.mass_kg
+    if robot.arm is not None:
+        arm = sum(link.mass_kg for link in robot.arm.links.values())
+        masses.append(("arm", f"{arm:g} kg in {len(robot.arm.links)} links"))
+        total += arm
+    if robot.probe is not None:
+        masses.append(("probe", f"{robot.probe.mass_kg:g} kg"))
+        total += robot.probe.mass_kg
+    masses.append(("total", f"{total:.3g} kg, {total * 9.81:.1f} N"))
+    masses.append(("size", f"diameter {p.diameter_m:g} m, landing gear {p.gear_height_m:g} m"))
+    rotors = [
+        ("number", f"{len(r.azimuth_deg)} at {r.radius_m:g} m from the centre"),
+        ("azimuth", _degrees(r.azimuth_deg)),
+        ("tilt alpha / beta", f"{_degrees(r.alpha_deg)} / {_degrees(r.beta_deg)}"),
+        ("propeller", f"radius {r.propeller_radius_m:g} m, time constant {r.time_constant_s:g} s"),
+        ("thrust of each", f"{r.thrust_min_n:g} to {r.thrust_max_n:g} N"),
+    ]
+    sections = [Section("Masses", masses), Section("Rotors", rotors)]
+    if robot.arm is not None:
+        joints = []
+        for name, link in robot.arm.links.items():
+            size = f"{link.length_m:g} m, {link.mass_kg:g} kg"
+            if link.joint == "fixed":
+                joints.append((name, f"fixed, {size}"))
+                continue
+            span = f"{link.joint_min_deg:g} to {link.joint_max_deg:g} deg"
+            rest = f"folded {link.folded_deg:g}, working {link.working_deg:g}"
+            joints.append((name, f"{link.joint} about {link.axis}, {size}, {span} ({rest})"))
+        for name, servo in robot.arm.servos.items():
+            speed = f"{servo.no_load_speed_rad_s:g} rad/s"
+            joints.append((name, f"stall torque {servo.stall_torque_nm:g} N m, {speed} at no load"))
+        sections.append(Section("Arm", joints))
+    if robot.probe is not None:
+        b = robot.probe
+        spring = f"{b.spring_n_per_m:g} N/m over {b.spring_travel_m * 1000:g} mm"
+        probe = [("kind", b.kind.replace("_", " ")), ("length", f"{b.length_m:g} m")]
+        probe += [("spring", spring), ("nominal push", f"{b.force_n:g} N")]
+        sections.append(Section("Probe", probe))
+    s = robot.sensors
+    gyro = f"{s.gyro_rate_hz:g} Hz, noise {s.gyro_noise_rad_s_sqrthz:g} rad/s/sqrt(Hz)"
+    sensors = [("gyroscope", gyro)]
+    if robot.arm is not None:
+        sensors.append(("joint encoders", f"{s.encoder_rate_hz:g} Hz"))
+    sections.append(Section("Sensors", sensors))
+    control = [
+        ("position", f"{c.position_bandwidth_rad_s:g} rad/s, damping {c.position_damping:g}"),
+        ("attitude", f"{c.attitude_bandwidth_rad_s:g} rad/s, damping {c.attitude_damping:g}"),
+        ("rate", f"{c.rate_hz:g} Hz"),
+        ("largest speed", f"{c.speed_max_mps:g} m/s, {c.acceleration_max_mps2:g} m/s^2"),
+        ("largest tilt", f"{c.tilt_max_deg:g} deg"),
+    ]
+    return [*sections, Section("Control", control), _describe_limits(robot)]
+
+
+def _describe_limits(robot: Robot) -> Section:
+    """What the capability analysis says, or why the robot cannot fly."""
+    try:
+        check_can_fly(robot)
+    except InputError as error:
+        return Section("Limits", [("cannot fly", str(error))])
+    k = compute_capability(robot)
+    b = robot.battery
+    hover = "/".join(f"{t:.1f}" for t in k.hover_thrust)
+    rows = [
+        ("arm posture", k.posture),
+        ("hover thrusts", f"{hover} N"),
+        ("hover power", f"{k.hover_power:.0f} W"),
+        ("endurance", f"{k.endurance / 60:.1f} min ({b.energy_wh:g} W h)"),
+        ("payload", f"{k.payload:.2f} kg at {k.thrust_fraction:.0%} of the thrust"),
+    ]
+    force = float(np.nanmin(k.lateral_force))
+    if force > 1e-6:
+        rows.append(("sideways, level", f"at least {force:.1f} N in every direction"))
+        roll, pitch = (math.degrees(t) for t in k.hover_tilt)
+        rows.append(("hover tilt limit", f"roll {roll:.1f} deg, pitch {pitch:.1f} deg"))
+    else:
+        rows.append(("sideways, level", "none: moves by tilting"))
+    rows.append(("wind held", f"at least {float(np.nanmin(k.wind_limit)):.1f} m/s from anywhere"))
+    return Section("Limits (computed)", rows)
+
+
+def describe_sources(spec: Spec, root: str, sources: dict[str, Source]) -> Section:
+    """How many numbers come from where."""
+    counts = Counter(source.kind for source in sources.values())
+    rows = [(kind, str(count)) for kind, count in counts.most_common()]
+    bare = sum(
+        1
+        for key, value in iterate_leaves(spec, root)
+        if key not in sources and isinstance(value, int | float) and not isinstance(value, bool)
+    )
+    if bare:
+        rows.append(("no source", str(bare)))
+    return Section("Where the numbers come from", rows)
+
+
+def _degrees(values: list[float]) -> str:
+    if len({abs(v) for v in values}) == 1 and len(set(values)) == 1:
+        return f"{values[0]:g} deg"
+    return ", ".join(f"{v:g}" for v in values) + " deg"

@@ -1,0 +1,146 @@
+"""What the command line prints for people: tables on standard output."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from skywright.missions.planning import MissionPlan
+    from skywright.models.capability import Capability
+    from skywright.reports.summary import Summary
+
+
+def _console() -> Console:
+    console = Console(highlight=False, soft_wrap=True)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=110, soft_wrap=True)
+    return console
+
+
+def _table(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", header_style="bold")
+    for name in columns:
+        table.add_column(name, justify="right" if name in right else "left", overflow="fold")
+    return table
+
+
+def format_number(value: float | None, unit: str = "") -> str:
+    """Write a number with three significant digits and its unit; a missing one as a dash."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return f"{text} {unit}".rstrip()
+
+
+def print_result(result: Any) -> None:
+    """Print the verdict table of a run and the paths of what it wrote."""
+    console = _console()
+    table = _table("Requirements", "requirement", "value", "limit", "", right=("value",))
+    for r in result.requirements:
+        mark = Text("met", "green") if r.passed else Text("FAILED", "bold red")
+        limit = f"{r.sense} {format_number(r.limit, r.unit)}"
+        table.add_row(r.name, format_number(r.value, r.unit), limit, mark)
+    console.print(table)
+    failed = sum(not r.passed for r in result.requirements)
+    verdict = "all requirements met" if not failed else f"{failed} not met"
+    console.print(f"outcome: {result.outcome}; {verdict}")
+    directory = Path(result.directory)
+    for name in ("report.html", "replay.html"):
+        if (directory / name).is_file():
+            console.print(str(directory / name))
+        else:
+            console.print(f"{directory} holds no {name}")
+
+
+def print_plan(plan: MissionPlan) -> None:
+    """Print whether a plan exists, how good it is, or what blocks it."""
+    console = _console()
+    if not plan.feasible:
+        console.print(f"no plan: {plan.blocked_by}", style="bold red")
+        return
+    table = _table("Plan", "quantity", "value", right=("value",))
+    table.add_row("duration", format_number(plan.duration_s, "s"))
+    table.add_row("smallest clearance", format_number(plan.min_clearance_m, "m"))
+    table.add_row("smallest rotor margin", format_number(plan.min_rotor_margin))
+    table.add_row("planning time", format_number(plan.plan_s, "s"))
+    console.print(table)
+
+
+def print_capability(capability: Capability, picture: Path) -> None:
+    """Print the limits of a robot."""
+    console = _console()
+    k = capability
+    table = _table(f"Capability of {k.robot}", "quantity", "value")
+    table.add_row("mass", f"{k.body.mass:.3g} kg")
+    table.add_row("arm posture", k.posture)
+    table.add_row("thrust that may be used", f"{k.thrust_fraction:.0%} of the largest")
+    force = np.asarray(k.lateral_force)
+    level = bool(np.nanmax(force) > 1e-6)
+    if level:
+        worst, best = int(np.nanargmin(force)), int(np.nanargmax(force))
+        deg = np.degrees(k.directions)
+        table.add_row("sideways force, level", f"{force[worst]:.2f} N toward {deg[worst]:.0f} deg")
+        table.add_row("", f"to {force[best]:.2f} N toward {deg[best]:.0f} deg")
+        roll, pitch = (math.degrees(t) for t in k.hover_tilt)
+        table.add_row("hover tilt limit", f"roll {roll:.1f} deg, pitch {pitch:.1f} deg")
+    else:
+        table.add_row("sideways force, level", "none: moves by tilting")
+    wind = np.asarray(k.wind_limit)
+    table.add_row("wind held", f"{np.nanmin(wind):.1f} to {np.nanmax(wind):.1f} m/s")
+    table.add_row("hover power", f"{k.hover_power:.0f} W")
+    table.add_row("endurance", f"{k.endurance / 60:.1f} min")
+    table.add_row("payload", f"{k.payload:.2f} kg")
+    console.print(table)
+    console.print("hover thrusts: " + ", ".join(f"{t:.2f}" for t in k.hover_thrust) + " N")
+    console.print(f"picture: {picture}")
+
+
+def print_summary(summary: Summary) -> None:
+    """Print what `skywright show` found."""
+    console = _console()
+    console.print(f"{summary.kind} {summary.name}", style="bold")
+    console.print(summary.description)
+    for section in summary.sections:
+        if not section.rows:
+            continue
+        console.print(f"\n{section.title}", style="bold")
+        width = max(len(name) for name, _ in section.rows)
+        for name, value in section.rows:
+            console.print(f"  {name:{width}}  {value}", markup=False)
+    if summary.guesses:
+        console.print(f"\nGuesses ({len(summary.guesses)})", style="bold")
+        for line in summary.guesses:
+            console.print(f"  {line}", markup=False)
+    if summary.picture:
+        console.print(f"\npicture: {summary.picture}", markup=False)
+
+
+def print_weld(report: Any, picture: Path) -> None:
+    """Print what was found in an instrument's file."""
+    console = _console()
+    found = report.to_json()
+    table = _table("Weld scan", "quantity", "value")
+    table.add_row("time in contact", f"{found['contact_fraction']:.0%}")
+    table.add_row("crossings", str(len(found["crossings"])))
+    line = found["line"]
+    if line is None:
+        table.add_row("weld line", "none found")
+    else:
+        point = ", ".join(f"{x:.4f}" for x in line["point_m"])
+        table.add_row("line through", f"({point}) m, +- {line['std_offset_m'] * 1000:.1f} mm")
+        angle = f"{line['angle_deg']:.2f} deg +- {line['std_angle_deg']:.2f} deg"
+        table.add_row("angle from the circumference", angle)
+    table.add_row("radius of the surface", f"{found['surface']['radius_m']:.4f} m")
+    for name, value in found["thresholds"].items():
+        table.add_row(f"threshold {name}", format_number(value))
+    console.print(table)
+    for note in found.get("notes", []):
+        console.print(f"note: {note}", markup=False)
+    console.print(f"map: {picture}", markup=False)
