@@ -84,6 +84,83 @@ COMMAND = np.dtype(
 )
 """What a law commands (wrench and joint velocities) and what the allocation made of it."""
 
+PARAMETERS = np.dtype(
+    [
+        ("dt", f8),  # s, control period
+        ("wn_p", f8),  # rad/s, position bandwidth
+        ("zeta_p", f8),
+        ("wi_p", f8),  # rad/s, integral
+        ("wn_R", f8),  # rad/s, attitude bandwidth
+        ("zeta_R", f8),
+        ("wi_R", f8),
+        ("k_arm", f8),  # 1/s, joint position loop around the velocity servos
+        ("tilt_max", f8),  # rad, of laws that tilt to move
+        ("thrust_max", f8),  # N, all rotors together along z_B
+        ("f_integral_max", f8),  # N, limit of the position integral
+        ("t_integral_max", f8),  # N m, limit of the attitude integral
+        ("belt", f8, (MAX_JOINTS, MAX_JOINTS)),  # J_AM
+        ("belt_inv", f8, (MAX_JOINTS, MAX_JOINTS)),
+        ("motor_speed_max", f8, MAX_JOINTS),
+        ("user", f8, 32),  # for laws named by file
+    ]
+)
+"""Parameters of a control law; they follow from the bandwidths in the robot file."""
+
+MEMORY = np.dtype([("sigma", f8, 3), ("theta", f8, 3), ("user", f8, 64)])
+"""Memory of a control law: position integral (N) in W, attitude integral (N m) in B, scratch."""
+
+HISTORY = 64
+"""Control ticks of estimate history kept for delayed measurements."""
+
+MEASUREMENT = np.dtype(
+    [
+        ("gyro", f8, 3),  # rad/s, in B
+        ("q", f8, MAX_JOINTS),  # rad, encoders
+        ("qd", f8, MAX_JOINTS),
+        ("mocap_fresh", f8),  # 1 when the fields below are new this tick
+        ("mocap_age", f8),  # s, since the exposure
+        ("mocap_period", f8),  # s, since the previous delivered sample
+        ("p_WB", f8, 3),
+        ("R_WB", f8, (3, 3)),
+        ("p_WT", f8, 3),
+        ("axis_W", f8, 3),  # probe axis
+    ]
+)
+"""What the sensors say this tick."""
+
+OBSERVER = np.dtype(
+    [
+        ("bandwidth", f8),  # rad/s
+        ("rotor_tau", f8),  # s, believed rotor lag
+        ("f_B", f8, 3),  # N, rotor force believed to act now
+        ("bias", f8, 3),  # rad/s, gyroscope
+        ("c_B", f8, 3),  # m, tip correction (kinematic error, flexibility, spring)
+        ("ready", f8),
+        ("head", i8),
+        ("p", f8, (HISTORY, 3)),
+        ("R", f8, (HISTORY, 3, 3)),
+        ("p_BT", f8, (HISTORY, 3)),
+    ]
+)
+"""Parameters and memory of the plain observer."""
+
+BELIEF = np.dtype(
+    [
+        ("t", f8),  # s, mission time of this tick
+        ("table_t0", f8),  # s, mission time at which the tracked reference table starts
+        ("cursor", i8),  # row of the table in use
+        ("par", PARAMETERS),
+        ("mem", MEMORY),
+        ("ref", REFERENCE),
+        ("meas", MEASUREMENT),
+        ("obs", OBSERVER),
+        ("est", ESTIMATE),
+        ("body", BODY),
+        ("cmd", COMMAND),
+    ]
+)
+"""Everything that the controller side holds: the one argument of a law and of an estimator."""
+
 SAMPLE = np.dtype(
     [
         ("t", f8),

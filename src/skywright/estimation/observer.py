@@ -1,0 +1,181 @@
+"""The plain estimator: motion capture and gyroscope, delay compensated.
+
+Translation: a third-order observer (position, velocity, external force) per axis that predicts
+with the believed rotor force and corrects with each motion-capture sample at the time of its
+exposure. The gains are those of a critically damped g-h-k filter: all three poles at
+theta = exp(-w T) for a sample that comes T after the one before (Brookner, Tracking and Kalman
+Filtering Made Easy, 1998, eq. 1.3-10), so they follow from one bandwidth at any rate and through
+drop-outs. Attitude: the gyroscope is integrated, motion capture corrects angle and bias
+(complementary filter on SO(3), Mahony et al. 2008). Tip: forward kinematics plus a slow
+correction in B that absorbs calibration error, flexibility and spring.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from skywright.core.rotations import (
+    exp_so3,
+    log_so3,
+    mat_mat,
+    mat_t_mat,
+    mat_t_vec,
+    mat_vec,
+    orthonormalise,
+)
+from skywright.core.types import HISTORY, MAX_JOINTS
+
+Record = Any
+
+
+@njit(cache=True)
+def predict(b: Record) -> None:
+    """Propagate the estimate over one control period with gyroscope and believed force."""
+    obs, est, dt = b.obs, b.est, b.par.dt
+    decay = math.exp(-dt / obs.rotor_tau)
+    acc = np.empty(3)
+    for i in range(3):
+        obs.f_B[i] = b.cmd.f_B_alloc[i] + (obs.f_B[i] - b.cmd.f_B_alloc[i]) * decay
+    mat_vec(est.R_WB, obs.f_B, acc)
+    mass = b.body.mass
+    for i in range(3):
+        acc[i] = (acc[i] + est.f_ext_W[i]) / mass
+    acc[2] -= b.body.gravity
+    turn, step, rot = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    for i in range(3):
+        est.p_WB[i] += dt * (est.v_WB[i] + 0.5 * dt * acc[i])
+        est.v_WB[i] += dt * acc[i]
+        est.w_WB_B[i] = b.meas.gyro[i] - obs.bias[i]
+        turn[i] = dt * est.w_WB_B[i]
+    exp_so3(turn, step)
+    mat_mat(est.R_WB, step, rot)
+    for i in range(3):
+        for j in range(3):
+            est.R_WB[i, j] = rot[i, j]
+
+
+@njit(cache=True)
+def correct(b: Record) -> None:
+    """Use a fresh motion-capture sample, compared with the estimate at its exposure."""
+    obs, est, meas, dt = b.obs, b.est, b.meas, b.par.dt
+    back = int(meas.mocap_age / dt + 0.5)
+    back = min(max(back, 0), HISTORY - 1)
+    h = (obs.head - 1 - back) % HISTORY
+    period = min(max(meas.mocap_period, dt), 0.2)
+    theta = math.exp(-obs.bandwidth * period)
+    g = 1.0 - theta**3
+    hv = 1.5 * (1.0 - theta) ** 2 * (1.0 + theta) / period
+    k = (1.0 - theta) ** 3 / (period * period) * b.body.mass
+    shift = np.empty(3)
+    for i in range(3):
+        e = meas.p_WB[i] - obs.p[h, i]
+        shift[i] = g * e
+        est.p_WB[i] += shift[i]
+        est.v_WB[i] += hv * e
+        est.f_ext_W[i] += k * e
+    # attitude: error in B at the exposure; a second-order filter with both poles at theta
+    rot, turn, step = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    mat_t_mat(obs.R[h], meas.R_WB, rot)
+    log_so3(rot, turn)
+    ga = 1.0 - theta * theta
+    gb = (1.0 - theta) ** 2 / period
+    for i in range(3):
+        obs.bias[i] -= gb * turn[i] * 0.1  # the bias is slow: a tenth of the filter's speed
+        turn[i] *= ga
+    exp_so3(turn, step)
+    mat_mat(est.R_WB, step, rot)
+    for i in range(3):
+        for j in range(3):
+            est.R_WB[i, j] = rot[i, j]
+    orthonormalise(est.R_WB)
+    # tip correction, in B
+    pred, err = np.empty(3), np.empty(3)
+    for i in range(3):
+        err[i] = obs.p_BT[h, i] + obs.c_B[i]
+    mat_vec(obs.R[h], err, pred)
+    for i in range(3):
+        pred[i] = meas.p_WT[i] - obs.p[h, i] - pred[i]
+    mat_t_vec(obs.R[h], pred, err)
+    gc = 1.0 - theta
+    for i in range(3):
+        obs.c_B[i] += gc * err[i]
+    # the corrections also hold for the past that later samples will be compared with
+    for n in range(back + 1):
+        j = (obs.head - 1 - n) % HISTORY
+        mat_mat(obs.R[j], step, rot)
+        for a in range(3):
+            obs.p[j, a] += shift[a]
+            for c in range(3):
+                obs.R[j, a, c] = rot[a, c]
+
+
+@njit(cache=True)
+def estimate_state(b: Record, p_BT: Any, R_BT: Any) -> None:
+    """One tick of the observer; `p_BT`, `R_BT` are the nominal kinematics at the encoders."""
+    obs, est, meas = b.obs, b.est, b.meas
+    est.t = b.t
+    for j in range(MAX_JOINTS):
+        est.q[j] = meas.q[j]
+        est.qd[j] = meas.qd[j]
+    if obs.ready == 0.0:
+        if meas.mocap_fresh == 0.0:
+            return
+        _start(b, p_BT)
+    predict(b)
+    i = obs.head
+    for a in range(3):
+        obs.p[i, a] = est.p_WB[a]
+        obs.p_BT[i, a] = p_BT[a]
+        for c in range(3):
+            obs.R[i, a, c] = est.R_WB[a, c]
+    obs.head = (obs.head + 1) % HISTORY
+    if meas.mocap_fresh > 0.0:
+        correct(b)
+    fill_tip(b, p_BT, R_BT)
+
+
+@njit(cache=True)
+def fill_tip(b: Record, p_BT: Any, R_BT: Any) -> None:
+    """Tip pose and velocity from platform estimate, kinematics and tip correction."""
+    est, obs = b.est, b.obs
+    tip, w = np.empty(3), np.empty(3)
+    for i in range(3):
+        tip[i] = p_BT[i] + obs.c_B[i]
+    mat_vec(est.R_WB, tip, est.p_WT)
+    # velocity in B: w x tip + J qd
+    w[0] = est.w_WB_B[1] * tip[2] - est.w_WB_B[2] * tip[1]
+    w[1] = est.w_WB_B[2] * tip[0] - est.w_WB_B[0] * tip[2]
+    w[2] = est.w_WB_B[0] * tip[1] - est.w_WB_B[1] * tip[0]
+    for i in range(3):
+        est.p_WT[i] += est.p_WB[i]
+        for j in range(b.body.n_joints):
+            w[i] += b.body.J_BT[i, j] * est.qd[j]
+    mat_vec(est.R_WB, w, est.v_WT)
+    for i in range(3):
+        est.v_WT[i] += est.v_WB[i]
+    mat_mat(est.R_WB, R_BT, est.R_WT)
+
+
+@njit(cache=True)
+def _start(b: Record, p_BT: Any) -> None:
+    """Begin at the first motion-capture sample, at rest."""
+    obs, est, meas = b.obs, b.est, b.meas
+    for a in range(3):
+        est.p_WB[a] = meas.p_WB[a]
+        est.v_WB[a] = 0.0
+        est.f_ext_W[a] = 0.0
+        obs.c_B[a] = 0.0
+        for c in range(3):
+            est.R_WB[a, c] = meas.R_WB[a, c]
+    for n in range(HISTORY):
+        for a in range(3):
+            obs.p[n, a] = est.p_WB[a]
+            obs.p_BT[n, a] = p_BT[a]
+            for c in range(3):
+                obs.R[n, a, c] = est.R_WB[a, c]
+    obs.head = 0
+    obs.ready = 1.0

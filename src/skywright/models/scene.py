@@ -1,0 +1,426 @@
+"""The scene: one MjSpec from robot and world, compiled as belief or as truth.
+
+`build_scene(robot, world)` is the nominal model: rigid arm, released probe spring, no contacts;
+planners take its geometry and distances. `build_scene(robot, world, deviation)` is the plant:
+structural flexibility, sprung probe, servos, contacts, and every error of the root `plant`.
+Both come from the same code, so geometry has one source.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import quat_from_rot, rot_y
+from skywright.models.rigid_body import (
+    build_probe_parts,
+    joint_names,
+    link_com,
+    link_offset,
+    posture,
+    rod_inertia,
+)
+from skywright.models.rotors import build_rotors
+from skywright.robots.spec import Link, Robot
+from skywright.worlds.spec import World
+from skywright.worlds.surface import build_cylinder
+
+Array = NDArray[np.float64]
+
+# contype/conaffinity: robot parts collide with the world, not with each other
+ROBOT, WORLD, FEET = 1, 2, 4
+TIMESTEP = 0.001
+SUPPORT_RADIUS = 0.03
+SUPPORT_INSET = 0.05  # m, from the pipe's end to the support's axis
+
+
+class Deviation(NamedTuple):
+    """How the plant differs from the nominal model (drawn from the root `plant`)."""
+
+    mass_factor: float = 1.0
+    inertia_factor: float = 1.0
+    com_error: Array = np.zeros(3)
+    rotor_gain: Array = np.ones(0)  # (n,) factor on each rotor's thrust
+    link_length_error: float = 0.0
+    joint_offset: Array = np.zeros(0)  # (n_joints,) rad, encoder zero error
+    drag_factor: float = 1.0
+
+
+class SceneIndex(NamedTuple):
+    """Where things sit in the compiled model's arrays."""
+
+    joint_qpos: NDArray[np.int64]  # (n_joints,)
+    joint_dof: NDArray[np.int64]
+    flex_qpos: NDArray[np.int64]  # -1 where a joint has no flexibility
+    slider_qpos: int  # -1 without a probe
+    platform_body: int
+    tip_site: int  # -1 without an arm
+    robot_geoms: NDArray[np.int64]
+    world_geoms: NDArray[np.int64]
+    probe_geoms: NDArray[np.int64]  # those that may be near the pipe while scanning
+    feet_geoms: NDArray[np.int64]
+    sensor_tip_force: int  # address of the tip's net contact force, -1 without
+    sensor_collision: NDArray[np.int64]  # addresses of net contact forces that must be zero
+
+
+class Scene(NamedTuple):
+    """A compiled model with its index."""
+
+    model: mujoco.MjModel
+    index: SceneIndex
+    n_joints: int
+
+
+def build_scene(robot: Robot, world: World, deviation: Deviation | None = None) -> Scene:
+    """Compile the nominal model, or with `deviation` the plant."""
+    spec = mujoco.MjSpec()
+    spec.modelname = robot.name
+    spec.option.timestep = TIMESTEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0's sparse factorisation is faulty
+    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.gravity = [0.0, 0.0, -world.gravity_mps2]
+    spec.compiler.degree = False
+    spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
+    _add_world(spec, world)
+    plant = deviation is not None
+    _add_robot(spec, robot, deviation or Deviation(), plant)
+    if plant:
+        _add_contacts(spec, robot, world)
+    model = spec.compile()
+    return Scene(model, _build_index(model, robot, plant), len(joint_names(robot)))
+
+
+def _add_world(spec: mujoco.MjSpec, world: World) -> None:
+    body = spec.worldbody
+    kwargs: dict[str, Any] = {"contype": WORLD, "conaffinity": ROBOT | FEET}
+    body.add_geom(
+        name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[10, 10, 0.1],
+        rgba=[0.75, 0.77, 0.8, 1], friction=[0.8, 0.005, 0.0001], **kwargs,
+    )  # fmt: skip
+    if world.pipe is not None:
+        cyl = build_cylinder(world.pipe)
+        y, x, z = cyl.R_WP[:, 1], cyl.R_WP[:, 0], cyl.R_WP[:, 2]
+        quat = quat_from_rot(np.column_stack([z, x, y]))  # MuJoCo cylinders run along z
+        body.add_geom(
+            name="pipe", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[cyl.radius, cyl.half_length, 0], pos=cyl.p_WP, quat=quat,
+            rgba=[0.55, 0.57, 0.6, 1], **kwargs,
+        )  # fmt: skip
+        if world.pipe.supports:
+            for i, p in enumerate(support_posts(world)):
+                half = 0.5 * p[2]
+                body.add_geom(
+                    name=f"support{i}", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+                    size=[SUPPORT_RADIUS, half, 0], pos=[p[0], p[1], half],
+                    rgba=[0.35, 0.37, 0.4, 1], **kwargs,
+                )  # fmt: skip
+    for name, box in world.obstacles.items():
+        half_yaw = math.radians(box.yaw_deg) / 2
+        body.add_geom(
+            name=f"obstacle {name}", type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[box.size_x_m / 2, box.size_y_m / 2, box.size_z_m / 2],
+            pos=[box.x_m, box.y_m, box.z_m], quat=[math.cos(half_yaw), 0, 0, math.sin(half_yaw)],
+            rgba=[0.6, 0.5, 0.4, 1], **kwargs,
+        )  # fmt: skip
+
+
+def support_posts(world: World) -> list[Array]:
+    """Top ends (3,) of the posts that carry the pipe: near its ends, up to its axis."""
+    assert world.pipe is not None
+    cyl = build_cylinder(world.pipe)
+    reach = max(cyl.half_length - SUPPORT_INSET, 0.0)
+    if abs(world.pipe.inclination_deg) > 75.0:  # an upright pipe stands on one post below it
+        lower = cyl.p_WP - math.copysign(cyl.half_length, cyl.R_WP[2, 1]) * cyl.R_WP[:, 1]
+        return [lower] if lower[2] > 0.02 else []
+    posts = [cyl.p_WP + sign * reach * cyl.R_WP[:, 1] for sign in (-1.0, 1.0)]
+    return [p for p in posts if p[2] > 0.02]
+
+
+def _add_robot(spec: mujoco.MjSpec, robot: Robot, dev: Deviation, plant: bool) -> None:
+    p = robot.platform
+    height = p.gear_height_m
+    base = spec.worldbody.add_body(name="platform", pos=[0, 0, height])
+    base.add_freejoint(name="free")
+    base.mass = p.mass_kg * dev.mass_factor
+    base.ipos = np.array([p.com_x_m, p.com_y_m, p.com_z_m]) + dev.com_error
+    base.inertia = dev.inertia_factor * np.array(
+        [p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2]
+    )
+    base.explicitinertial = True
+    kwargs: dict[str, Any] = {"contype": ROBOT, "conaffinity": WORLD, "mass": 0.0}
+    base.add_geom(
+        name="hub", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[p.body_radius_m, p.height_m / 2, 0], rgba=[0.15, 0.2, 0.3, 1], **kwargs,
+    )  # fmt: skip
+    rotors = build_rotors(robot.rotors)
+    gains = dev.rotor_gain if len(dev.rotor_gain) else np.ones(len(rotors.position))
+    for i, (pos, axis) in enumerate(zip(rotors.position, rotors.axis, strict=True)):
+        x = np.cross([0.0, 1.0, 0.0], axis)
+        x /= np.linalg.norm(x)
+        quat = quat_from_rot(np.column_stack([x, np.cross(axis, x), axis]))
+        base.add_geom(
+            name=f"propeller{i}", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[robot.rotors.propeller_radius_m, 0.01, 0], pos=pos, quat=quat,
+            rgba=[0.2, 0.5, 0.9, 0.35], **kwargs,
+        )  # fmt: skip
+        base.add_geom(
+            name=f"boom{i}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.01, 0, 0],
+            fromto=[0, 0, 0, *pos], rgba=[0.15, 0.2, 0.3, 1], **kwargs,
+        )  # fmt: skip
+        if plant:
+            base.add_site(name=f"rotor{i}", pos=pos)
+            torque = -rotors.spin[i] * robot.rotors.torque_per_thrust_m * axis
+            gear = gains[i] * np.concatenate([axis, torque])
+            act = spec.add_actuator(
+                name=f"thrust{i}", target=f"rotor{i}", trntype=mujoco.mjtTrn.mjTRN_SITE, gear=gear
+            )
+            act.set_to_motor()
+    for i in range(4):
+        angle = math.pi / 4 + i * math.pi / 2
+        foot = [p.gear_radius_m * math.cos(angle), p.gear_radius_m * math.sin(angle)]
+        base.add_geom(
+            name=f"leg{i}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.008, 0, 0],
+            fromto=[0.5 * foot[0], 0.5 * foot[1], 0, *foot, -height + 0.012],
+            rgba=[0.3, 0.3, 0.3, 1], **kwargs,
+        )  # fmt: skip
+    gear_body = base.add_body(name="gear")
+    for i in range(4):
+        angle = math.pi / 4 + i * math.pi / 2
+        gear_body.add_geom(
+            name=f"foot{i}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.012, 0, 0],
+            pos=[p.gear_radius_m * math.cos(angle), p.gear_radius_m * math.sin(angle), -height + 0.012],
+            rgba=[0.1, 0.1, 0.1, 1], contype=FEET, conaffinity=WORLD, mass=0.0,
+            friction=[0.8, 0.005, 0.0001],
+        )  # fmt: skip
+    if robot.arm is not None:
+        _add_arm(spec, base, robot, dev, plant)
+
+
+def _add_arm(
+    spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, dev: Deviation, plant: bool
+) -> None:
+    assert robot.arm is not None
+    names = list(robot.arm.links)
+    bodies: list[mujoco.MjsBody] = []
+    for i, (name, link) in enumerate(robot.arm.links.items()):
+        parent, offset = link_offset(robot, name)
+        last_parent = parent == len(names) - 2 and i == len(names) - 1
+        if last_parent:  # calibration error: the second-last link is longer than believed
+            offset = offset + np.array([dev.link_length_error, 0.0, 0.0])
+        body = (base if parent < 0 else bodies[parent]).add_body(name=name, pos=offset)
+        _add_link_joints(body, name, link, plant, robot)
+        body.mass = link.mass_kg * dev.mass_factor
+        body.ipos = [link_com(link), 0.0, 0.0]
+        body.inertia = np.diag(rod_inertia(body.mass, link.length_m, link.radius_m))
+        body.explicitinertial = True
+        body.add_geom(
+            name=f"{name} shell", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[link.radius_m, 0, 0],
+            fromto=[0, 0, 0, link.length_m, 0, 0], rgba=[0.9, 0.55, 0.1, 1],
+            contype=ROBOT, conaffinity=WORLD, mass=0.0,
+        )  # fmt: skip
+        bodies.append(body)
+    tip = bodies[-1]
+    if robot.probe is not None:
+        _add_probe(spec, bodies, robot, dev, plant)
+    else:
+        tip.add_site(name="tip", pos=[robot.arm.links[names[-1]].length_m, 0, 0])
+    if plant:
+        _add_servos(spec, robot)
+
+
+def _add_link_joints(
+    body: mujoco.MjsBody, name: str, link: Link, plant: bool, robot: Robot
+) -> None:
+    if link.joint == "fixed":
+        return
+    axis = [float(link.axis == a) for a in "xyz"]
+    slide = link.joint == "slide"
+    joint = body.add_joint(
+        name=name, axis=axis,
+        type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE,
+    )  # fmt: skip
+    if not plant:
+        return
+    assert robot.arm is not None
+    index = joint_names(robot).index(name)
+    joint.armature = list(robot.arm.servos.values())[index].armature_kgm2
+    if link.flex_stiffness_nm_per_rad is not None:
+        inertia = _inertia_beyond(robot, name)
+        k = link.flex_stiffness_nm_per_rad
+        flex = body.add_joint(name=f"{name} flex", axis=axis, type=mujoco.mjtJoint.mjJNT_HINGE)
+        flex.stiffness = np.array([k, 0.0, 0.0]) if np.ndim(flex.stiffness) else k
+        damping = 2.0 * link.flex_damping_ratio * math.sqrt(k * inertia)
+        flex.damping = np.array([damping, 0.0, 0.0]) if np.ndim(flex.damping) else damping
+
+
+def _inertia_beyond(robot: Robot, name: str) -> float:
+    """Inertia (kg m^2) about joint `name` of everything beyond it, arm stretched."""
+    assert robot.arm is not None
+    names = list(robot.arm.links)
+    total, reach = 0.0, 0.0
+    for other in names[names.index(name) :]:
+        link = robot.arm.links[other]
+        total += link.mass_kg * (link.length_m**2 / 12 + (reach + link_com(link)) ** 2)
+        reach += link.length_m
+    if robot.probe is not None:
+        total += robot.probe.mass_kg * (reach + 0.5 * robot.probe.length_m) ** 2
+    return total
+
+
+def _add_probe(
+    spec: mujoco.MjSpec, bodies: list[mujoco.MjsBody], robot: Robot, dev: Deviation, plant: bool
+) -> None:
+    assert robot.arm is not None and robot.probe is not None
+    probe, parts = robot.probe, build_probe_parts(robot.probe)
+    names = list(robot.arm.links)
+    on = names.index(probe.on) if probe.on else len(names) - 1
+    length = robot.arm.links[names[on]].length_m
+    # holder frame: x along the probe's axis
+    quat = quat_from_rot(rot_y(math.radians(probe.pitch_deg)))
+    holder = bodies[on].add_body(name="holder", pos=[length, 0, 0], quat=quat)
+    holder.mass = parts.holder_mass * dev.mass_factor
+    holder.ipos = [parts.holder_length / 2, 0, 0]
+    holder.inertia = np.diag(rod_inertia(holder.mass, parts.holder_length, probe.radius_m))
+    holder.explicitinertial = True
+    holder.add_geom(
+        name="holder shell", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[probe.radius_m, 0, 0],
+        fromto=[0, 0, 0, parts.holder_length, 0, 0], rgba=[0.9, 0.9, 0.9, 1],
+        contype=ROBOT, conaffinity=WORLD, mass=0.0,
+    )  # fmt: skip
+    slider = holder.add_body(name="slider")
+    slider.mass = parts.slider_mass * dev.mass_factor
+    slider.ipos = [parts.slider_com, 0, 0]
+    slider.inertia = [1e-6, 1e-6, 1e-6]
+    slider.explicitinertial = True
+    slider.add_geom(
+        name="tip", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[probe.tip_radius_m, 0, 0],
+        pos=[probe.length_m - probe.tip_radius_m, 0, 0], rgba=[0.9, 0.1, 0.1, 1],
+        contype=0, conaffinity=0, mass=0.0,
+    )  # fmt: skip
+    slider.add_geom(
+        name="pen", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.6 * probe.radius_m, 0, 0],
+        fromto=[parts.holder_length, 0, 0, probe.length_m - 2.0 * probe.tip_radius_m, 0, 0],
+        rgba=[0.2, 0.2, 0.2, 1], contype=0, conaffinity=0, mass=0.0,
+    )  # fmt: skip
+    # site frame T: z along the probe, y along the link's y
+    to_tip = quat_from_rot(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]))
+    slider.add_site(name="tip", pos=[probe.length_m, 0, 0], quat=to_tip)
+    if plant:
+        k = probe.spring_n_per_m
+        joint = slider.add_joint(
+            name="spring", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0],
+            limited=mujoco.mjtLimited.mjLIMITED_TRUE, range=[-probe.spring_travel_m, 0.0],
+        )  # fmt: skip
+        joint.stiffness = np.array([k, 0.0, 0.0]) if np.ndim(joint.stiffness) else k
+        damping = 2.0 * probe.spring_damping_ratio * math.sqrt(k * parts.slider_mass)
+        joint.damping = np.array([damping, 0.0, 0.0]) if np.ndim(joint.damping) else damping
+        joint.springref = probe.spring_preload_n / k
+        joint.solref_limit = [0.004, 1.0]
+
+
+def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Velocity servos: integrated command tracked by a PD with torque and speed limits.
+
+    Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A.
+    """
+    assert robot.arm is not None
+    joints = joint_names(robot)
+    n = len(joints)
+    belt = np.array(robot.arm.belt) if robot.arm.belt is not None else np.eye(n)
+    motor_from_joint = np.linalg.inv(belt)
+    for i, (name, servo) in enumerate(robot.arm.servos.items()):
+        tendon = spec.add_tendon(name=name)
+        for j, joint in enumerate(joints):
+            if abs(motor_from_joint[i, j]) > 1e-12:
+                tendon.wrap_joint(joint, motor_from_joint[i, j])
+        # PD on the integrated command: bandwidth 1/T of the servo, critically damped, for the
+        # inertia that the motor turns
+        inertia = servo.armature_kgm2 + _inertia_beyond(robot, joints[i])
+        w = 1.0 / servo.velocity_time_constant_s
+        kp, kv = inertia * w * w, 2.0 * inertia * w
+        act = spec.add_actuator(
+            name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_TENDON,
+            dyntype=mujoco.mjtDyn.mjDYN_INTEGRATOR, dynprm=[1.0] + [0.0] * 9,
+            gaintype=mujoco.mjtGain.mjGAIN_FIXED, gainprm=[kp] + [0.0] * 9,
+            biastype=mujoco.mjtBias.mjBIAS_AFFINE, biasprm=[0.0, -kp, -kv] + [0.0] * 7,
+        )  # fmt: skip
+        act.ctrllimited = act.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        act.ctrlrange = [-servo.no_load_speed_rad_s, servo.no_load_speed_rad_s]
+        act.forcerange = [-servo.stall_torque_nm, servo.stall_torque_nm]
+
+
+def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
+    """The one intended contact (tip on pipe) as an explicit pair, and force sensors."""
+    if world.pipe is not None and robot.probe is not None:
+        mu = max(world.pipe.friction, 1e-4)
+        pair = spec.add_pair(name="touch", geomname1="tip", geomname2="pipe", condim=3)
+        pair.friction = [mu, mu, 0.005, 0.0001, 0.0001]
+        # soft enough that sliding does not chatter (about 70 Hz with the stiff default)
+        pair.solref = [0.008, 0.5]
+        pair.solimp = [0.9, 0.9, 0.001, 0.5, 2.0]
+        _add_contact_sensor(spec, "touch force", "tip", mujoco.mjtObj.mjOBJ_GEOM)
+    # contact sensors of whole bodies; the gear has its own body, so landing is no collision
+    for body in ["platform", *(robot.arm.links if robot.arm else []), *(["holder"] if robot.probe else [])]:
+        _add_contact_sensor(spec, f"collision {body}", body, mujoco.mjtObj.mjOBJ_BODY)
+
+
+def _add_contact_sensor(spec: mujoco.MjSpec, name: str, obj: str, kind: mujoco.mjtObj) -> None:
+    force_only = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
+    net_force = 3  # reduce: sum of all matching contacts, in W
+    spec.add_sensor(
+        name=name, type=mujoco.mjtSensor.mjSENS_CONTACT, objtype=kind, objname=obj,
+        intprm=[force_only, net_force, 1],
+    )  # fmt: skip
+
+
+def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex:
+    names = joint_names(robot)
+
+    def qpos(name: str) -> int:
+        i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        return int(model.jnt_qposadr[i]) if i >= 0 else -1
+
+    def dof(name: str) -> int:
+        i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        return int(model.jnt_dofadr[i])
+
+    geom_names = [model.geom(i).name for i in range(model.ngeom)]
+    fixed = [i for i in range(model.ngeom) if model.geom_bodyid[i] == 0]
+    probe = [i for i, n in enumerate(geom_names) if n in ("tip", "pen", "holder shell")]
+    feet = [i for i, n in enumerate(geom_names) if n.startswith(("foot", "leg"))]
+    sensors = {model.sensor(i).name: int(model.sensor_adr[i]) for i in range(model.nsensor)}
+    return SceneIndex(
+        joint_qpos=np.array([qpos(n) for n in names], dtype=np.int64),
+        joint_dof=np.array([dof(n) for n in names], dtype=np.int64),
+        flex_qpos=np.array([qpos(f"{n} flex") for n in names], dtype=np.int64),
+        slider_qpos=qpos("spring"),
+        platform_body=model.body("platform").id,
+        tip_site=mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, "tip"),
+        robot_geoms=np.array([i for i in range(model.ngeom) if i not in fixed], dtype=np.int64),
+        world_geoms=np.array(fixed, dtype=np.int64),
+        probe_geoms=np.array(probe, dtype=np.int64),
+        feet_geoms=np.array(feet, dtype=np.int64),
+        sensor_tip_force=sensors.get("touch force", -1),
+        sensor_collision=np.array(
+            [a for n, a in sensors.items() if n.startswith("collision")], dtype=np.int64
+        ),
+    )
+
+
+def set_pose(scene: Scene, data: mujoco.MjData, p_WB: Array, q_WB: Array, q: Array) -> None:
+    """Write platform pose (wxyz) and joint angles into `data.qpos`."""
+    data.qpos[:3], data.qpos[3:7] = p_WB, q_WB
+    data.qpos[scene.index.joint_qpos] = q
+
+
+def home_pose(robot: Robot, x: float, y: float, yaw: float) -> tuple[Array, Array, Array]:
+    """Return (p_WB, q_WB, q): standing on the feet with the arm folded."""
+    p = np.array([x, y, robot.platform.gear_height_m])
+    quat = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
+    return p, quat, posture(robot, "folded")

@@ -1,0 +1,275 @@
+"""The plant's side of a control tick: sensors, rotors, wind, and the truth that is recorded.
+
+`PLANT` holds what the controller side must never see. The functions run once a control tick, in
+compiled code; random draws come from blocks that the back end fills from one stream a sensor.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.core.rotations import cross, exp_so3, mat_mat, mat_t_vec, mat_vec, quat_to_rot
+from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+
+Array = NDArray[np.float64]
+Record = Any
+
+BLOCK = 64  # control ticks of noise drawn at a time, at least one mission tick
+QUEUE = 64  # motion-capture samples under way
+MAX_CONTACTS = 16
+
+f8, i8 = np.float64, np.int64
+
+PLANT = np.dtype(
+    [
+        ("tick", i8),  # control ticks since the start
+        ("block", i8),  # index into the noise block
+        # rotors
+        ("n_rotors", i8),
+        ("rotor_p", f8, (MAX_ROTORS, 3)),
+        ("rotor_axis", f8, (MAX_ROTORS, 3)),
+        ("k_f", f8),
+        ("rotor_tau", f8),
+        ("rotor_drag", f8),
+        ("watt_per_n15", f8),
+        ("avionics", f8),
+        ("rotor_speed", f8, MAX_ROTORS),
+        # aerodynamics
+        ("half_rho_area", f8, 3),  # kg/m, rho/2 C_D A along the body axes
+        ("wind_W", f8, 3),  # m/s
+        ("f_wind_W", f8, 3),  # N, drag now
+        # addresses in MuJoCo's arrays
+        ("n_joints", i8),
+        ("joint_qpos", i8, MAX_JOINTS),
+        ("joint_dof", i8, MAX_JOINTS),
+        ("slider_qpos", i8),
+        ("platform", i8),
+        ("tip_site", i8),
+        ("tip_force", i8),
+        ("n_collision", i8),
+        ("collision", i8, MAX_CONTACTS),
+        ("com_B", f8, 3),  # true centre of mass of the platform body, where drag is applied
+        # sensors
+        ("gyro_bias", f8, 3),
+        ("gyro_sigma", f8),
+        ("enc_offset", f8, MAX_JOINTS),
+        ("enc_lsb", f8, MAX_JOINTS),
+        ("mocap_period", f8),
+        ("mocap_latency", f8),
+        ("mocap_sigma_p", f8),
+        ("mocap_sigma_R", f8),
+        ("mocap_dropout", f8),
+        ("mocap_next", f8),  # s, next exposure
+        ("mocap_last", f8),  # s, exposure of the last delivered sample
+        ("queue_head", i8),
+        ("queue_tail", i8),
+        ("queue_t", f8, QUEUE),
+        ("queue_p", f8, (QUEUE, 3)),
+        ("queue_R", f8, (QUEUE, 3, 3)),
+        ("queue_tip", f8, (QUEUE, 3)),
+        ("queue_axis", f8, (QUEUE, 3)),
+        ("noise_gyro", f8, (BLOCK, 3)),
+        ("noise_mocap", f8, (BLOCK, 12)),
+        ("noise_drop", f8, BLOCK),  # uniform
+        ("noise_ec", f8, (BLOCK, 2)),
+        # surface and tip
+        ("has_pipe", i8),
+        ("p_WP", f8, 3),
+        ("R_WP", f8, (3, 3)),
+        ("radius", f8),
+        ("half_length", f8),
+        ("tip_radius", f8),
+        # truth of this tick
+        ("p_WB", f8, 3),
+        ("R_WB", f8, (3, 3)),
+        ("v_WB", f8, 3),
+        ("w_WB_B", f8, 3),
+        ("p_WT", f8, 3),
+        ("R_WT", f8, (3, 3)),
+        ("gap", f8),
+        ("gap_max", f8),  # since the last sample
+        ("tilt", f8),
+        ("normal", f8, 3),
+        ("s", f8),
+        ("phi", f8),
+        ("f_contact", f8, 3),
+        ("f_collision", f8),  # since the last sample
+    ]
+)
+
+
+@njit(cache=True)
+def observe(
+    pl: Record, qpos: Array, qvel: Array, sensordata: Array, site_xpos: Array, site_xmat: Array
+) -> None:
+    """Read the truth of this tick from MuJoCo's arrays (tip and forces are one step old)."""
+    for i in range(3):
+        pl.p_WB[i] = qpos[i]
+        pl.v_WB[i] = qvel[i]
+        pl.w_WB_B[i] = qvel[3 + i]
+    quat_to_rot(qpos[3:7], pl.R_WB)
+    if pl.tip_site < 0:
+        for i in range(3):
+            pl.p_WT[i] = pl.p_WB[i]
+            for j in range(3):
+                pl.R_WT[i, j] = pl.R_WB[i, j]
+    else:
+        for i in range(3):
+            pl.p_WT[i] = site_xpos[pl.tip_site, i]
+            for j in range(3):
+                pl.R_WT[i, j] = site_xmat[pl.tip_site, 3 * i + j]
+    pl.gap = 1e3
+    if pl.has_pipe and pl.tip_site >= 0:
+        _observe_surface(pl)
+    pl.gap_max = max(pl.gap_max, pl.gap)
+    if pl.tip_force >= 0:
+        for i in range(3):
+            pl.f_contact[i] = sensordata[pl.tip_force + i]
+    for k in range(pl.n_collision):
+        a = pl.collision[k]
+        f = math.sqrt(sensordata[a] ** 2 + sensordata[a + 1] ** 2 + sensordata[a + 2] ** 2)
+        pl.f_collision = max(pl.f_collision, f)
+
+
+@njit(cache=True)
+def _observe_surface(pl: Record) -> None:
+    """Gap of the tip's sphere to the cylinder, tilt of the probe, unrolled coordinates."""
+    x = y = z = 0.0
+    for i in range(3):
+        d = pl.p_WT[i] - pl.tip_radius * pl.R_WT[i, 2] - pl.p_WP[i]  # centre of the tip's sphere
+        x += pl.R_WP[i, 0] * d
+        y += pl.R_WP[i, 1] * d
+        z += pl.R_WP[i, 2] * d
+    rho = math.sqrt(x * x + z * z)
+    pl.s, pl.phi = y, math.atan2(z, -x)
+    pl.gap = rho - pl.radius - pl.tip_radius
+    c = 0.0
+    for i in range(3):
+        pl.normal[i] = (pl.R_WP[i, 0] * x + pl.R_WP[i, 2] * z) / max(rho, 1e-9)
+        c -= pl.normal[i] * pl.R_WT[i, 2]
+    pl.tilt = math.acos(min(max(c, -1.0), 1.0))
+
+
+@njit(cache=True)
+def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
+    """Gyroscope, joint encoders, and motion capture with rate, latency, noise and drop-outs."""
+    k = pl.block
+    for i in range(3):
+        meas.gyro[i] = pl.w_WB_B[i] + pl.gyro_bias[i] + pl.gyro_sigma * pl.noise_gyro[k, i]
+    for j in range(pl.n_joints):
+        lsb = pl.enc_lsb[j]
+        raw = qpos[pl.joint_qpos[j]] + pl.enc_offset[j]
+        meas.q[j] = lsb * math.floor(raw / lsb + 0.5)
+        meas.qd[j] = qvel[pl.joint_dof[j]]
+    if t >= pl.mocap_next - 1e-9:
+        pl.mocap_next += pl.mocap_period
+        if pl.noise_drop[k] >= pl.mocap_dropout:
+            _expose(pl, t, k)
+    meas.mocap_fresh = 0.0
+    while (
+        pl.queue_tail != pl.queue_head
+        and t - pl.queue_t[pl.queue_tail] >= pl.mocap_latency - 1e-9
+    ):
+        i = pl.queue_tail
+        meas.mocap_fresh = 1.0
+        meas.mocap_age = t - pl.queue_t[i]
+        meas.mocap_period = pl.queue_t[i] - pl.mocap_last
+        pl.mocap_last = pl.queue_t[i]
+        for a in range(3):
+            meas.p_WB[a] = pl.queue_p[i, a]
+            meas.p_WT[a] = pl.queue_tip[i, a]
+            meas.axis_W[a] = pl.queue_axis[i, a]
+            for b in range(3):
+                meas.R_WB[a, b] = pl.queue_R[i, a, b]
+        pl.queue_tail = (pl.queue_tail + 1) % QUEUE
+
+
+@njit(cache=True)
+def _expose(pl: Record, t: float, k: int) -> None:
+    """Take one motion-capture sample into the queue."""
+    i = pl.queue_head
+    nxt = (i + 1) % QUEUE
+    if nxt == pl.queue_tail:  # full: the oldest is lost, as in a real link
+        pl.queue_tail = (pl.queue_tail + 1) % QUEUE
+    turn, rot = np.empty(3), np.empty((3, 3))
+    for a in range(3):
+        pl.queue_p[i, a] = pl.p_WB[a] + pl.mocap_sigma_p * pl.noise_mocap[k, a]
+        pl.queue_tip[i, a] = pl.p_WT[a] + pl.mocap_sigma_p * pl.noise_mocap[k, 3 + a]
+        turn[a] = pl.mocap_sigma_R * pl.noise_mocap[k, 6 + a]
+    exp_so3(turn, rot)
+    mat_mat(pl.R_WB, rot, pl.queue_R[i])
+    for a in range(3):
+        turn[a] = pl.mocap_sigma_R * pl.noise_mocap[k, 9 + a]
+    exp_so3(turn, rot)
+    axis = np.empty(3)
+    for a in range(3):
+        axis[a] = pl.R_WT[a, 2]
+    mat_vec(rot, axis, turn)
+    for a in range(3):
+        pl.queue_axis[i, a] = turn[a]
+    pl.queue_t[i] = t
+    pl.queue_head = nxt
+
+
+@njit(cache=True)
+def actuate(pl: Record, cmd: Record, motor_speed: Array, dt: float, ctrl: Array) -> None:
+    """Advance the rotor speeds by one control tick and write MuJoCo's controls.
+
+    Thrust is k_f w^2 with the mean of w^2 taken at the end of the exact first-order lag; errors of
+    the rotor gains sit in the plant's actuator gears.
+    """
+    decay = math.exp(-dt / pl.rotor_tau)
+    for i in range(pl.n_rotors):
+        target = cmd.rotor_speed[i]
+        pl.rotor_speed[i] = target + (pl.rotor_speed[i] - target) * decay
+        ctrl[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
+    for j in range(pl.n_joints):
+        ctrl[pl.n_rotors + j] = motor_speed[j]
+
+
+@njit(cache=True)
+def blow(pl: Record, xfrc: Array) -> None:
+    """Drag of body and rotors in the wind, applied to the platform at its centre of mass.
+
+    Body: rho/2 C_D A |v| v along the body axes. Rotors: -c w v in the disc plane, at the hub.
+    """
+    va, fb, tb = np.empty(3), np.zeros(3), np.zeros(3)
+    rel = np.empty(3)
+    for i in range(3):
+        rel[i] = pl.v_WB[i] - pl.wind_W[i]
+    mat_t_vec(pl.R_WB, rel, va)
+    speed = math.sqrt(va[0] * va[0] + va[1] * va[1] + va[2] * va[2])
+    for i in range(3):
+        fb[i] = -pl.half_rho_area[i] * speed * va[i]
+    arm, force, turn = np.empty(3), np.empty(3), np.empty(3)
+    for n in range(pl.n_rotors):
+        for i in range(3):
+            arm[i] = pl.rotor_p[n, i]
+        cross(pl.w_WB_B, arm, turn)
+        along = 0.0
+        for i in range(3):
+            turn[i] += va[i]
+            along += turn[i] * pl.rotor_axis[n, i]
+        for i in range(3):
+            force[i] = -pl.rotor_drag * pl.rotor_speed[n] * (turn[i] - along * pl.rotor_axis[n, i])
+            fb[i] += force[i]
+            arm[i] -= pl.com_B[i]
+        cross(arm, force, turn)
+        for i in range(3):
+            tb[i] += turn[i]
+    for i in range(3):  # body drag acts at the origin of B
+        arm[i] = -pl.com_B[i]
+        force[i] = -pl.half_rho_area[i] * speed * va[i]
+    cross(arm, force, turn)
+    for i in range(3):
+        tb[i] += turn[i]
+    mat_vec(pl.R_WB, fb, pl.f_wind_W)
+    mat_vec(pl.R_WB, tb, turn)
+    for i in range(3):
+        xfrc[pl.platform, i] = pl.f_wind_W[i]
+        xfrc[pl.platform, 3 + i] = turn[i]

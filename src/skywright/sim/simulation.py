@@ -1,0 +1,39 @@
+"""The plant's MuJoCo model and data, with the arrays that compiled code reads and writes."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.models.scene import Scene, set_pose
+
+Array = NDArray[np.float64]
+
+
+class Simulation:
+    """Owns the plant's MjData; the arrays are views, valid as long as this object lives."""
+
+    def __init__(self, scene: Scene, home: tuple[Array, Array, Array]) -> None:
+        """`home` is (p_WB, q_WB, q): where the robot starts, at rest."""
+        self.scene = scene
+        # a diverged state must be seen, not reset behind our back
+        scene.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self.data = mujoco.MjData(scene.model)
+        set_pose(scene, self.data, *home)
+        self.data.act[:] = 0.0
+        mujoco.mj_forward(scene.model, self.data)
+        # servos start where they are: their integrated command equals the motor's angle
+        n = scene.n_joints
+        if n:
+            first = scene.model.nu - n
+            self.data.act[:] = self.data.actuator_length[first:]
+        d = self.data
+        self.qpos, self.qvel, self.ctrl = d.qpos, d.qvel, d.ctrl
+        self.sensordata, self.xfrc = d.sensordata, d.xfrc_applied
+        self.site_xpos, self.site_xmat = d.site_xpos, d.site_xmat
+        self.model_address, self.data_address = scene.model._address, d._address
+
+    def step(self, n: int) -> None:
+        """Advance by `n` time steps."""
+        mujoco.mj_step(self.scene.model, self.data, n)

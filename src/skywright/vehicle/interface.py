@@ -1,0 +1,227 @@
+"""What a mission may command: Uav, Arms, WholeBody and Probe over any back end.
+
+A back end (physics simulation here; kinematic animation and autopilots later) tracks tables of
+REFERENCE rows and says which of the four it offers. The four classes turn commands into tables.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.types import REFERENCE
+from skywright.errors import InputError
+
+Array = NDArray[np.float64]
+Table = NDArray[Any]
+
+ROW_PERIOD = 0.02  # s, between rows of a generated table
+
+
+class Limits(NamedTuple):
+    """What the commands may ask for."""
+
+    speed: float  # m/s
+    acceleration: float  # m/s^2
+    joint_speed: float  # rad/s
+
+
+class Ticked(NamedTuple):
+    """What one mission tick reported."""
+
+    t: float
+    fired: int  # bits of vehicle.tick
+    arrived: bool  # the tracked table has ended
+
+
+class Backend(Protocol):
+    """What the mission needs of a vehicle."""
+
+    offers: frozenset[str]
+    limits: Limits
+    n_joints: int
+
+    @property
+    def t(self) -> float:
+        """Mission time (s)."""
+
+    @property
+    def reference(self) -> Any:
+        """The REFERENCE row that is tracked now."""
+
+    @property
+    def estimate(self) -> Any:
+        """The ESTIMATE now."""
+
+    def track(self, table: Table) -> None:
+        """Follow `table` from now on; its last row holds."""
+
+    def tick(self, guards: int = 0) -> Ticked:
+        """Run one mission tick (20 ms) or less when a guard in `guards` fires."""
+
+    def in_contact(self) -> bool:
+        """Whether the probe's instrument says contact."""
+
+    def tip_of(self, row: Any) -> tuple[Array, Array]:
+        """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
+
+
+def require(backend: Backend, needs: frozenset[str], mission: str) -> None:
+    """Raise InputError when a back end does not offer what a mission needs."""
+    missing = sorted(needs - backend.offers)
+    if missing:
+        raise InputError(
+            f"mission {mission!r} needs {', '.join(missing)}; "
+            f"the vehicle offers {', '.join(sorted(backend.offers)) or 'nothing'}"
+        )
+
+
+def quintic(u: Array) -> tuple[Array, Array, Array]:
+    """Return s, ds/du, d2s/du2 of the rest-to-rest quintic on u in 0..1."""
+    s = u**3 * (10 - 15 * u + 6 * u**2)
+    return s, 30 * u**2 * (1 - u) ** 2, 60 * u * (1 - u) * (1 - 2 * u)
+
+
+def duration(distance: float, speed: float, acceleration: float) -> float:
+    """Shortest rest-to-rest quintic time (s) within a speed and an acceleration."""
+    return max(1.875 * distance / speed, math.sqrt(5.7735 * distance / acceleration), ROW_PERIOD)
+
+
+class Uav:
+    """The platform: take off, go to, hold, land."""
+
+    def __init__(self, backend: Backend) -> None:
+        self.backend = backend
+
+    def _move(self, p: Array, yaw_change: float, least: float = 0.0) -> None:
+        b, limits = self.backend, self.backend.limits
+        start = np.array(b.reference)
+        delta = np.asarray(p, dtype=float) - start["p_WB"]
+        total = max(
+            duration(float(np.linalg.norm(delta)), limits.speed, limits.acceleration),
+            duration(abs(yaw_change), 0.8, 1.0),
+            least,
+        )
+        n = max(int(math.ceil(total / ROW_PERIOD)), 1)
+        total = n * ROW_PERIOD
+        u = np.linspace(0.0, 1.0, n + 1)
+        s, ds, dds = quintic(u)
+        table = np.repeat(start[None], n + 1)
+        table["t"] = u * total
+        table["p_WB"] = start["p_WB"] + s[:, None] * delta
+        table["v_WB"] = ds[:, None] * delta / total
+        table["a_WB"] = dds[:, None] * delta / total**2
+        yaw = s * yaw_change
+        c, sn, z, o = np.cos(yaw), np.sin(yaw), np.zeros(n + 1), np.ones(n + 1)
+        turn = np.stack([c, -sn, z, sn, c, z, z, z, o], axis=1).reshape(-1, 3, 3)
+        table["R_WB"] = turn @ start["R_WB"]
+        table["w_WB_B"] = 0.0
+        table["wd_WB_B"] = 0.0
+        table["w_WB_B"][:, 2] = ds * yaw_change / total
+        table["wd_WB_B"][:, 2] = dds * yaw_change / total**2
+        table["qd"] = 0.0
+        table["track_tip"] = 0.0
+        table["dead_zone"] = 0.0
+        table["R_WS"] = np.eye(3)
+        table["active"] = 1.0
+        _fill_tips(b, table)
+        b.track(table)
+
+    def take_off(self, height: float) -> None:
+        """Rise to `height` (m) above the ground, straight up."""
+        p = self.backend.reference["p_WB"].copy()
+        p[2] = height
+        self._move(p, 0.0, least=2.0)
+
+    def go_to(self, p: Array, yaw: float) -> None:
+        """Fly straight to p (3,) in W with heading `yaw` (rad), the short way round."""
+        R = self.backend.reference["R_WB"]
+        now = math.atan2(R[1, 0], R[0, 0])
+        self._move(p, (yaw - now + math.pi) % (2 * math.pi) - math.pi)
+
+    def hold(self) -> None:
+        """Stay at the reference."""
+        self._move(self.backend.reference["p_WB"].copy(), 0.0)
+
+    def land(self, ground_height: float) -> None:
+        """Sink to the height of the platform's origin on the ground, a little into it."""
+        p = self.backend.reference["p_WB"].copy()
+        p[2] = ground_height - 0.05
+        distance = self.backend.reference["p_WB"][2] - p[2]
+        self._move(p, 0.0, least=distance / 0.15)
+
+    def motors(self, on: bool) -> None:
+        """Switch the rotors on at the present reference, or off."""
+        row = np.array(self.backend.reference)
+        row["t"], row["active"] = 0.0, float(on)
+        row["v_WB"] = row["a_WB"] = row["w_WB_B"] = row["wd_WB_B"] = row["qd"] = 0.0
+        self.backend.track(row[None])
+
+
+class Arms:
+    """The arm's joints."""
+
+    def __init__(self, backend: Backend) -> None:
+        self.backend = backend
+
+    def move_to(self, q: Array) -> None:
+        """Move all joints to q (n_joints,) rad, platform held."""
+        b = self.backend
+        start = np.array(b.reference)
+        delta = np.asarray(q, dtype=float) - start["q"][: b.n_joints]
+        total = duration(float(np.max(np.abs(delta), initial=0.0)), b.limits.joint_speed, 2.0)
+        n = max(int(math.ceil(total / ROW_PERIOD)), 1)
+        u = np.linspace(0.0, 1.0, n + 1)
+        s, ds, _ = quintic(u)
+        table = np.repeat(start[None], n + 1)
+        table["t"] = u * n * ROW_PERIOD
+        table["q"][:, : b.n_joints] += s[:, None] * delta
+        table["qd"][:, : b.n_joints] = ds[:, None] * delta / (n * ROW_PERIOD)
+        for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B"):
+            table[field] = 0.0
+        _fill_tips(b, table)
+        b.track(table)
+
+
+class WholeBody:
+    """Platform and arm together: track a tip and posture reference."""
+
+    def __init__(self, backend: Backend) -> None:
+        self.backend = backend
+
+    def track(self, table: Table) -> None:
+        """Follow a plan segment (rows of REFERENCE, own time from 0)."""
+        if table.dtype != REFERENCE or table.ndim != 1 or len(table) == 0:
+            raise InputError(f"a plan segment is a 1-D array of REFERENCE rows, got {table.dtype}")
+        self.backend.track(table)
+
+    def hold(self) -> None:
+        """Stay at the reference, tip loop and dead zone unchanged."""
+        row = np.array(self.backend.reference)
+        row["t"] = 0.0
+        for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT"):
+            row[field] = 0.0
+        self.backend.track(row[None])
+
+
+class Probe:
+    """The probe's state as its instrument reports it."""
+
+    def __init__(self, backend: Backend) -> None:
+        self.backend = backend
+
+    def in_contact(self) -> bool:
+        """Whether the lift-off signal is under its threshold."""
+        return self.backend.in_contact()
+
+
+def _fill_tips(backend: Backend, table: Table) -> None:
+    """Nominal tip poses of a generated table, differentiated for the velocity."""
+    for row in table:
+        row["p_WT"], row["R_WT"] = backend.tip_of(row)
+    table["v_WT"] = 0.0
+    if len(table) > 1:
+        table["v_WT"] = np.gradient(table["p_WT"], ROW_PERIOD, axis=0)

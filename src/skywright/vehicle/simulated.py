@@ -1,0 +1,323 @@
+"""The physics back end: the perturbed plant, its sensors, and the controllers' belief.
+
+Fast mode runs each mission tick in one compiled call; interactive mode runs each control tick from
+Python (real exceptions, a debugger works, plain-Python laws are allowed). Both are bit-identical.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.control.registry import Law
+from skywright.core.streams import build_stream
+from skywright.core.types import BELIEF, SAMPLE
+from skywright.errors import InputError, SimulationError
+from skywright.inspection.eddy_current import Instrument, build_probe_signal
+from skywright.models.allocation import build_allocator
+from skywright.models.rigid_body import (
+    KINEMATICS,
+    build_body_model,
+    compute_body,
+    compute_tip,
+    posture,
+)
+from skywright.models.rotors import build_rotors
+from skywright.models.scene import TIMESTEP, Deviation, Scene, build_scene, home_pose
+from skywright.robots.spec import Robot
+from skywright.sim.plant import BLOCK, PLANT
+from skywright.sim.simulation import Simulation
+from skywright.vehicle.interface import Limits, Table, Ticked
+from skywright.vehicle.tick import (
+    GUARD,
+    NOT_FINITE,
+    mission_tick,
+    tick_after_law,
+    tick_before_law,
+    tick_sample,
+)
+from skywright.worlds.spec import Pipe, World
+from skywright.worlds.surface import build_cylinder
+
+Array = NDArray[np.float64]
+
+MISSION_TICK = 0.02  # s
+SAMPLE_RATE = 100.0  # Hz
+LIFT_OFF_THRESHOLD = 15.0  # instrument units (Tognon 2018, section VII)
+
+
+class SimulatedVehicle:
+    """A back end (vehicle.interface.Backend) that flies the plant."""
+
+    offers: frozenset[str]
+
+    def __init__(
+        self,
+        robot: Robot,
+        world: World,
+        law: Law,
+        *,
+        seed: int,
+        deviation: Deviation,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        interactive: bool = False,
+        truth: bool = False,
+        on_samples: Callable[[NDArray[Any]], None] | None = None,
+    ) -> None:
+        """`start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant."""
+        self.robot, self.world, self.law = robot, world, law
+        self.interactive = interactive or law.compiled is None
+        rate = robot.control.rate_hz
+        self.n_steps = round(1.0 / (rate * TIMESTEP))
+        if abs(self.n_steps * TIMESTEP * rate - 1.0) > 1e-9 or self.n_steps < 1:
+            raise InputError(
+                f"robot.control.rate_hz = {rate:g} does not divide the physics rate "
+                f"{1 / TIMESTEP:g} Hz; valid: 1000, 500, 250, 200, 125, 100"
+            )
+        self.dt = self.n_steps * TIMESTEP
+        self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
+        self.scene: Scene = build_scene(robot, world, deviation)
+        self.n_joints = self.scene.n_joints
+        self.offers = frozenset(
+            ["uav"]
+            + (["arms", "whole_body"] if robot.arm else [])
+            + (["probe"] if robot.probe else [])
+        )
+        c = robot.control
+        self.limits = Limits(c.speed_max_mps, c.acceleration_max_mps2, 0.8)
+        self.rotors = build_rotors(robot.rotors)
+        self.allocator = build_allocator(self.rotors)
+        self.model = build_body_model(robot, world.gravity_mps2)
+        self.kin = np.zeros(1, KINEMATICS)
+        self.thrust = np.zeros(len(self.rotors.thrust_min))
+        self.sim = Simulation(self.scene, home_pose(robot, *start))
+        self.belief = self._build_belief()
+        self.plant = _build_plant(robot, world, self.scene, deviation, seed)
+        self.guard = self._build_guard(truth)
+        pipe = world.pipe or Pipe()  # without a pipe the signal is never asked for
+        weld = world.weld if world.pipe is not None else None
+        self.probe_signal = build_probe_signal(pipe, weld, build_stream(seed, "texture"))
+        self._streams = {n: build_stream(seed, n) for n in ("gyro", "mocap", "dropout", "probe")}
+        self.samples = np.zeros(2 * BLOCK, SAMPLE)
+        self.on_samples = on_samples
+        p, quat, q = home_pose(robot, *start)
+        self._table = np.zeros(1, self.belief["ref"].dtype)
+        self._set_home_reference(p, start[2], q)
+        self.track(self._table)
+
+    # --- Backend -----------------------------------------------------------------------------
+
+    @property
+    def t(self) -> float:
+        """Mission time (s)."""
+        return float(self.belief[0]["t"])
+
+    @property
+    def reference(self) -> Any:
+        """The REFERENCE row at the last control tick."""
+        return self.belief[0]["ref"]
+
+    @property
+    def estimate(self) -> Any:
+        """The ESTIMATE at the last control tick."""
+        return self.belief[0]["est"]
+
+    def track(self, table: Table) -> None:
+        """Follow `table` from now on; its last row holds."""
+        self._table = np.ascontiguousarray(table)
+        self.belief[0]["table_t0"] = self.belief[0]["t"]
+        self.belief[0]["cursor"] = 0
+        # commands given before the next tick build on the table's first row
+        self.belief[0]["ref"] = self._table[0]
+
+    def tick(self, guards: int = 0) -> Ticked:
+        """Run one mission tick; raises SimulationError when it diverges."""
+        g = self.guard[0]
+        g["mask"], g["fired"] = guards, 0
+        self._draw_noise()
+        advance = self._tick_interactive if self.interactive else self._tick_fast
+        written = advance()
+        if written and self.on_samples is not None:
+            self.on_samples(self.samples[:written].copy())
+        fired = int(g["fired"])
+        if fired & NOT_FINITE:
+            raise SimulationError(self._explain_not_finite())
+        b = self.belief[0]
+        arrived = float(b["t"] - b["table_t0"]) >= float(self._table[-1]["t"]) - 1e-9
+        return Ticked(self.t, fired, arrived)
+
+    def in_contact(self) -> bool:
+        """Whether the instrument's lift-off signal says contact."""
+        return bool(self.guard[0]["in_contact"])
+
+    def tip_of(self, row: Any) -> tuple[Array, Array]:
+        """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
+        p_BT, R_BT = compute_tip(self.model, row["q"])
+        return row["p_WB"] + row["R_WB"] @ p_BT, row["R_WB"] @ R_BT
+
+    def set_phase(self, index: int) -> None:
+        """Phase index that samples carry from now on."""
+        self.guard[0]["phase"] = index
+
+    # --- the two ways of running ---------------------------------------------------------------
+
+    def _tick_fast(self) -> int:
+        s, a = self.sim, self.allocator
+        _, written = mission_tick(
+            self.n_ticks, self.n_steps, self.law.compiled, self.belief, self.plant, self.guard,
+            self.model, self.kin, self._table, self.probe_signal, self.samples, 0,
+            a.B, a.P, a.t_min, a.t_max, a.full, self.thrust, s.model_address, s.data_address,
+            s.qpos, s.qvel, s.sensordata, s.site_xpos, s.site_xmat, s.ctrl, s.xfrc,
+        )  # fmt: skip
+        return int(written)
+
+    def _tick_interactive(self) -> int:
+        s, a, law = self.sim, self.allocator, self.law.step
+        b, pl, g = self.belief, self.plant, self.guard
+        written = 0
+        for _ in range(self.n_ticks):
+            tick_before_law(
+                b, pl, g, self.model, self.kin, self._table,
+                s.qpos, s.qvel, s.sensordata, s.site_xpos, s.site_xmat,
+            )  # fmt: skip
+            try:
+                law(b)
+            except Exception as error:
+                raise SimulationError(
+                    f"control law {self.law.name!r} raised at t = {self.t:.3f} s: {error!r}"
+                ) from error
+            if pl[0]["tick"] % g[0]["sample_every"] == 0 and written < len(self.samples):
+                tick_sample(b, pl, g, self.probe_signal, s.qpos, s.qvel, self.samples, written)
+                written += 1
+            fired = tick_after_law(
+                b, pl, g, a.B, a.P, a.t_min, a.t_max, a.full, self.thrust, s.ctrl, s.xfrc
+            )
+            if fired & NOT_FINITE:
+                return written
+            s.step(self.n_steps)
+            if fired:
+                break
+        return written
+
+    # --- set-up ------------------------------------------------------------------------------
+
+    def _draw_noise(self) -> None:
+        pl, n = self.plant[0], self.n_ticks
+        pl["block"] = 0
+        pl["noise_gyro"][:n] = self._streams["gyro"].standard_normal((n, 3))
+        pl["noise_mocap"][:n] = self._streams["mocap"].standard_normal((n, 12))
+        pl["noise_drop"][:n] = self._streams["dropout"].random(n)
+        pl["noise_ec"][:n] = self._streams["probe"].standard_normal((n, 2))
+
+    def _build_belief(self) -> NDArray[Any]:
+        out = np.zeros(1, BELIEF)
+        b, c = out[0], self.robot.control
+        par, obs = b["par"], b["obs"]
+        mass, _, _ = compute_body(self.model, posture(self.robot, "working"))
+        par["dt"] = self.dt
+        par["wn_p"], par["zeta_p"] = c.position_bandwidth_rad_s, c.position_damping
+        par["wi_p"] = c.position_integral_rad_s
+        par["wn_R"], par["zeta_R"] = c.attitude_bandwidth_rad_s, c.attitude_damping
+        par["wi_R"] = c.attitude_integral_rad_s
+        par["k_arm"], par["tilt_max"] = c.arm_bandwidth_rad_s, math.radians(c.tilt_max_deg)
+        par["thrust_max"] = float(np.sum(self.rotors.thrust_max * self.rotors.axis[:, 2]))
+        par["f_integral_max"] = 0.4 * mass * self.world.gravity_mps2
+        par["t_integral_max"] = 0.1 * mass * self.world.gravity_mps2
+        par["belt"], par["belt_inv"] = self.model[0]["belt"], self.model[0]["belt_inv"]
+        par["motor_speed_max"] = self.model[0]["motor_speed_max"]
+        obs["bandwidth"] = c.observer_bandwidth_rad_s
+        obs["rotor_tau"] = self.rotors.time_constant
+        b["body"]["mass"], b["body"]["gravity"] = mass, self.world.gravity_mps2
+        for field in ("ref", "est"):
+            for name in ("R_WB", "R_WT"):
+                b[field][name] = np.eye(3)
+        b["ref"]["R_WS"] = np.eye(3)
+        return out
+
+    def _build_guard(self, truth: bool) -> NDArray[Any]:
+        out = np.zeros(1, GUARD)
+        g, instrument = out[0], Instrument()
+        g["sample_every"] = max(round(1.0 / (SAMPLE_RATE * self.dt)), 1)
+        g["truth_estimator"] = int(truth)
+        g["lift_axis"] = [math.cos(instrument.phase), math.sin(instrument.phase)]
+        g["lift_threshold"] = LIFT_OFF_THRESHOLD
+        g["collision_limit"] = 0.5
+        return out
+
+    def _set_home_reference(self, p: Array, yaw: float, q: Array) -> None:
+        row = self._table[0]
+        c, s = math.cos(yaw), math.sin(yaw)
+        row["p_WB"] = p
+        row["R_WB"] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+        row["R_WS"] = np.eye(3)
+        row["q"][: self.n_joints] = q
+        row["p_WT"], row["R_WT"] = self.tip_of(row)
+
+    def _explain_not_finite(self) -> str:
+        cmd = self.belief[0]["cmd"]
+        values = np.concatenate([cmd["f_B"], cmd["t_B"], cmd["qd"][: self.n_joints]])
+        if not np.all(np.isfinite(values)):
+            return (
+                f"control law {self.law.name!r} returned NaN or infinity at t = {self.t:.3f} s "
+                "(force, torque or joint velocity); the command was not applied"
+            )
+        return f"the simulation diverged at t = {self.t:.3f} s: the state is not finite"
+
+
+def _build_plant(
+    robot: Robot, world: World, scene: Scene, dev: Deviation, seed: int
+) -> NDArray[Any]:
+    """Fill the PLANT record from robot, world and deviation."""
+    out = np.zeros(1, PLANT)
+    pl, rotors, index = out[0], build_rotors(robot.rotors), scene.index
+    n = len(rotors.thrust_min)
+    pl["n_rotors"], pl["n_joints"] = n, scene.n_joints
+    pl["rotor_p"][:n], pl["rotor_axis"][:n] = rotors.position, rotors.axis
+    pl["k_f"], pl["rotor_tau"] = rotors.k_f, rotors.time_constant
+    pl["rotor_drag"] = rotors.drag_coefficient * dev.drag_factor
+    area = math.pi * rotors.propeller_radius**2
+    ideal = math.sqrt(2.0 * world.air_density_kg_m3 * area)
+    pl["watt_per_n15"] = 1.0 / (ideal * rotors.figure_of_merit * rotors.motor_efficiency)
+    pl["avionics"] = robot.battery.avionics_power_w
+    p = robot.platform
+    areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
+    pl["half_rho_area"] = 0.5 * world.air_density_kg_m3 * areas * dev.drag_factor
+    if world.wind.kind == "steady":
+        toward = math.radians(world.wind.toward_deg)
+        mean = world.wind.mean_mps
+        pl["wind_W"] = [
+            mean * math.cos(toward), mean * math.sin(toward), world.wind.vertical_mps,
+        ]  # fmt: skip
+    pl["joint_qpos"][: scene.n_joints] = index.joint_qpos
+    pl["joint_dof"][: scene.n_joints] = index.joint_dof
+    pl["slider_qpos"], pl["platform"] = index.slider_qpos, index.platform_body
+    pl["tip_site"], pl["tip_force"] = index.tip_site, index.sensor_tip_force
+    pl["n_collision"] = len(index.sensor_collision)
+    pl["collision"][: len(index.sensor_collision)] = index.sensor_collision
+    pl["com_B"] = scene.model.body_ipos[index.platform_body]
+    # sensors
+    rng = build_stream(seed, "gyro")
+    rate = robot.control.rate_hz
+    pl["gyro_bias"] = robot.sensors.gyro_bias_rad_s * rng.standard_normal(3)
+    pl["gyro_sigma"] = robot.sensors.gyro_noise_rad_s_sqrthz * math.sqrt(rate / 2.0)
+    pl["enc_lsb"] = 2.0 * math.pi / 4096
+    pl["enc_offset"][: len(dev.joint_offset)] = dev.joint_offset
+    if robot.arm is not None:
+        for j, servo in enumerate(robot.arm.servos.values()):
+            pl["enc_lsb"][j] = 2.0 * math.pi / servo.encoder_counts
+    m = world.mocap
+    pl["mocap_period"], pl["mocap_latency"] = 1.0 / m.rate_hz, m.latency_s
+    pl["mocap_sigma_p"], pl["mocap_sigma_R"] = m.position_noise_m, m.attitude_noise_rad
+    pl["mocap_dropout"], pl["mocap_last"] = m.dropout_fraction, -1.0 / m.rate_hz
+    if world.pipe is not None:
+        cyl = build_cylinder(world.pipe)
+        pl["has_pipe"] = int(robot.probe is not None)
+        pl["p_WP"], pl["R_WP"], pl["radius"] = cyl.p_WP, cyl.R_WP, cyl.radius
+        pl["half_length"] = cyl.half_length
+    if robot.probe is not None:
+        pl["tip_radius"] = robot.probe.tip_radius_m
+    return out

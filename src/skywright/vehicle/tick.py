@@ -1,0 +1,343 @@
+"""The mission tick: sense, estimate, control, allocate, actuate, step, in compiled code.
+
+Both ways of running call the same functions. Fast: `mission_tick` runs all control ticks of one
+mission tick in one call. Interactive: the back end calls `before_law`, the law, `after_law`, then
+MuJoCo's step, from Python. Everything a control tick needs sits in two records (`BELIEF` for the
+controller side, `PLANT` for the truth) and in MuJoCo's own arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from skywright.core.rotations import orthonormalise, rot_to_quat
+from skywright.core.types import MAX_JOINTS
+from skywright.estimation.observer import estimate_state
+from skywright.inspection.eddy_current import ec_signal
+from skywright.models.allocation import allocate, thrust_to_speed
+from skywright.models.rigid_body import fill_body, fill_kinematics
+from skywright.models.rotors import compute_power
+from skywright.sim.physics import step_physics
+from skywright.sim.plant import actuate, blow, observe, sense
+
+Record = Any
+Array = Any
+
+# why a mission tick ended before its time
+RUNNING, NOT_FINITE, CONTACT_MADE, CONTACT_LOST, COLLISION, ARRIVED = 0, 1, 2, 4, 8, 16
+
+GUARD = np.dtype(
+    [
+        ("mask", np.int64),  # which of the above end a mission tick
+        ("fired", np.int64),
+        ("phase", np.int64),  # written into samples
+        ("sample_every", np.int64),  # control ticks
+        ("truth_estimator", np.int64),
+        # lift-off channel of the eddy-current instrument: w_l = axis . (w - contact point)
+        ("lift_axis", np.float64, 2),
+        ("lift_threshold", np.float64),
+        ("in_contact", np.int64),  # by the instrument
+        ("collision_limit", np.float64),  # N
+    ]
+)
+"""What ends a mission tick early, and how samples are taken."""
+
+
+@njit(cache=True)
+def interpolate_reference(b: Record, table: Array) -> None:
+    """Write the row of `table` at the tick's time into `b.ref`, linear between rows."""
+    t = b.t - b.table_t0
+    n = table.shape[0]
+    i = b.cursor
+    while i < n - 2 and table[i + 1].t <= t:
+        i += 1
+    b.cursor = i
+    lo = table[i]
+    hi = table[min(i + 1, n - 1)]
+    span = hi.t - lo.t
+    u = 0.0 if span <= 0.0 else min(max((t - lo.t) / span, 0.0), 1.0)
+    w = 1.0 - u
+    ref = b.ref
+    ref.t = b.t
+    ref.track_tip, ref.active = lo.track_tip, lo.active
+    ref.dead_zone = hi.dead_zone if u >= 1.0 else lo.dead_zone
+    for a in range(3):
+        ref.p_WB[a] = w * lo.p_WB[a] + u * hi.p_WB[a]
+        ref.v_WB[a] = w * lo.v_WB[a] + u * hi.v_WB[a]
+        ref.a_WB[a] = w * lo.a_WB[a] + u * hi.a_WB[a]
+        ref.w_WB_B[a] = w * lo.w_WB_B[a] + u * hi.w_WB_B[a]
+        ref.wd_WB_B[a] = w * lo.wd_WB_B[a] + u * hi.wd_WB_B[a]
+        ref.p_WT[a] = w * lo.p_WT[a] + u * hi.p_WT[a]
+        ref.v_WT[a] = w * lo.v_WT[a] + u * hi.v_WT[a]
+        for c in range(3):
+            ref.R_WB[a, c] = w * lo.R_WB[a, c] + u * hi.R_WB[a, c]
+            ref.R_WT[a, c] = w * lo.R_WT[a, c] + u * hi.R_WT[a, c]
+            ref.R_WS[a, c] = w * lo.R_WS[a, c] + u * hi.R_WS[a, c]
+    for j in range(MAX_JOINTS):
+        ref.q[j] = w * lo.q[j] + u * hi.q[j]
+        ref.qd[j] = w * lo.qd[j] + u * hi.qd[j]
+    orthonormalise(ref.R_WB)
+    orthonormalise(ref.R_WT)
+    orthonormalise(ref.R_WS)
+
+
+@njit(cache=True)
+def before_law(
+    b: Record,
+    pl: Record,
+    g: Record,
+    model: Record,
+    kin: Record,
+    table: Array,
+    qpos: Array,
+    qvel: Array,
+    sensordata: Array,
+    site_xpos: Array,
+    site_xmat: Array,
+) -> None:
+    """Observe the plant, sense, estimate, update the nominal body, and look up the reference."""
+    observe(pl, qpos, qvel, sensordata, site_xpos, site_xmat)
+    sense(pl, b.t, b.meas, qpos, qvel)
+    fill_kinematics(model, b.meas.q, kin)
+    fill_body(model, kin, b.body)
+    estimate_state(b, kin.p_BT, kin.R_BT)
+    if g.truth_estimator:
+        _take_truth(b, pl)
+    interpolate_reference(b, table)
+
+
+@njit(cache=True)
+def _take_truth(b: Record, pl: Record) -> None:
+    """estimator = "truth": an explicit choice, said so in the report."""
+    est = b.est
+    for a in range(3):
+        est.p_WB[a] = pl.p_WB[a]
+        est.v_WB[a] = pl.v_WB[a]
+        est.w_WB_B[a] = pl.w_WB_B[a]
+        est.p_WT[a] = pl.p_WT[a]
+        for c in range(3):
+            est.R_WB[a, c] = pl.R_WB[a, c]
+            est.R_WT[a, c] = pl.R_WT[a, c]
+
+
+@njit(cache=True)
+def after_law(
+    b: Record,
+    pl: Record,
+    g: Record,
+    B: Array,
+    P: Array,
+    t_min: Array,
+    t_max: Array,
+    full: int,
+    thrust: Array,
+    ctrl: Array,
+    xfrc: Array,
+) -> None:
+    """Check and allocate the command, drive rotors and servos, apply the wind."""
+    cmd, par = b.cmd, b.par
+    n_joints = b.body.n_joints
+    total = 0.0
+    for i in range(3):
+        total += cmd.f_B[i] + cmd.t_B[i]
+    for j in range(n_joints):
+        total += cmd.qd[j]
+    for i in range(7):
+        total += pl.p_WB[i % 3] + pl.v_WB[i % 3] + pl.w_WB_B[i % 3]
+    if not math.isfinite(total):  # NaN never reaches a command
+        g.fired |= NOT_FINITE
+        return
+    if b.ref.active < 0.5:
+        for i in range(thrust.shape[0]):
+            thrust[i] = 0.0
+        cmd.saturated = 0.0
+    else:
+        flag = allocate(
+            B, P, t_min, t_max, full, cmd.f_B, cmd.t_B, b.est.R_WB[2], b.body.p_BC, thrust
+        )
+        cmd.saturated = float(flag)
+    for r in range(3):
+        f = 0.0
+        t = 0.0
+        for i in range(thrust.shape[0]):
+            f += B[r, i] * thrust[i]
+            t += B[r + 3, i] * thrust[i]
+        cmd.f_B_alloc[r] = f
+        cmd.t_B_alloc[r] = t
+    thrust_to_speed(thrust, thrust.shape[0], pl.k_f, cmd.rotor_speed)
+    motor = np.empty(MAX_JOINTS)
+    for j in range(n_joints):
+        v = 0.0
+        for i in range(n_joints):
+            v += par.belt_inv[j, i] * cmd.qd[i]
+        motor[j] = v
+    actuate(pl, cmd, motor, par.dt, ctrl)
+    blow(pl, xfrc)
+    pl.tick += 1
+    pl.block += 1
+    b.t = pl.tick * par.dt
+
+
+@njit(cache=True)
+def take_sample(
+    b: Record, pl: Record, g: Record, ps: Any, qpos: Array, qvel: Array, row: Record
+) -> None:
+    """Write one sample and let the contact guards look at the instrument."""
+    est, ref, cmd = b.est, b.ref, b.cmd
+    row.t, row.phase = b.t, g.phase
+    quat = np.empty(4)
+    rot_to_quat(pl.R_WB, quat)
+    row.q_WB[:] = quat
+    rot_to_quat(pl.R_WT, quat)
+    row.q_WT[:] = quat
+    rot_to_quat(est.R_WB, quat)
+    row.est_q_WB[:] = quat
+    rot_to_quat(ref.R_WB, quat)
+    row.ref_q_WB[:] = quat
+    rot_to_quat(ref.R_WT, quat)
+    row.ref_q_WT[:] = quat
+    pushing = 1.0 if ref.dead_zone > 0.0 else 0.0
+    for a in range(3):
+        row.p_WB[a], row.v_WB[a], row.w_WB_B[a] = pl.p_WB[a], pl.v_WB[a], pl.w_WB_B[a]
+        row.p_WT[a] = pl.p_WT[a]
+        row.f_contact[a] = pl.f_contact[a]
+        row.f_wind_W[a] = pl.f_wind_W[a]
+        row.est_p_WB[a], row.est_v_WB[a] = est.p_WB[a], est.v_WB[a]
+        row.est_w_WB_B[a], row.est_p_WT[a] = est.w_WB_B[a], est.p_WT[a]
+        row.est_f_ext_W[a] = est.f_ext_W[a]
+        row.ref_p_WB[a], row.ref_p_WT[a] = ref.p_WB[a], ref.p_WT[a]
+        row.ref_normal_W[a] = pushing * ref.R_WS[a, 2]
+        row.cmd_f_B[a], row.cmd_t_B[a] = cmd.f_B[a], cmd.t_B[a]
+        row.meas_p_WT[a], row.meas_axis_W[a] = b.meas.p_WT[a], b.meas.axis_W[a]
+    for j in range(MAX_JOINTS):
+        row.ref_q[j], row.cmd_qd[j] = ref.q[j], cmd.qd[j]
+        row.q[j], row.qd[j] = 0.0, 0.0
+    for j in range(pl.n_joints):
+        row.q[j], row.qd[j] = qpos[pl.joint_qpos[j]], qvel[pl.joint_dof[j]]
+    thrust = np.zeros(pl.n_rotors)
+    for i in range(pl.n_rotors):
+        thrust[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
+        row.rotor_thrust[i], row.rotor_speed[i] = thrust[i], pl.rotor_speed[i]
+    row.power = compute_power(thrust, pl.n_rotors, pl.watt_per_n15) + pl.avionics
+    row.spring = -qpos[pl.slider_qpos] if pl.slider_qpos >= 0 else 0.0
+    row.gap, row.gap_max, row.tilt = pl.gap, pl.gap_max, pl.tilt
+    normal = 0.0
+    for a in range(3):
+        normal += pl.normal[a] * pl.f_contact[a]
+    row.f_normal = abs(normal)
+    row.f_collision = pl.f_collision
+    row.saturated = cmd.saturated
+    if pl.has_pipe:
+        k = pl.block
+        re, im = ec_signal(
+            ps, pl.s, pl.radius * pl.phi, pl.gap, pl.tilt, pl.noise_ec[k, 0], pl.noise_ec[k, 1]
+        )
+        row.ec[0], row.ec[1] = re, im
+        lift = g.lift_axis[0] * re + g.lift_axis[1] * im
+        touching = 1 if lift < g.lift_threshold else 0
+        if touching and not g.in_contact:
+            g.fired |= g.mask & CONTACT_MADE
+        if g.in_contact and not touching:
+            g.fired |= g.mask & CONTACT_LOST
+        g.in_contact = touching
+    if pl.f_collision > g.collision_limit:
+        g.fired |= g.mask & COLLISION
+    pl.gap_max = pl.gap
+    pl.f_collision = 0.0
+
+
+
+
+
+
+
+
+# The same three pieces for the interactive way: whole arrays as arguments, because handing a
+# record of an array from Python to compiled code costs ten times as much as the array.
+
+
+@njit(cache=True)
+def tick_before_law(
+    b: Array, pl: Array, g: Array, model: Array, kin: Array, table: Array,
+    qpos: Array, qvel: Array, sensordata: Array, site_xpos: Array, site_xmat: Array,
+) -> None:  # fmt: skip
+    """`before_law` called from Python."""
+    before_law(
+        b[0], pl[0], g[0], model[0], kin[0], table, qpos, qvel, sensordata, site_xpos, site_xmat
+    )
+
+
+@njit(cache=True)
+def tick_sample(
+    b: Array, pl: Array, g: Array, ps: Any, qpos: Array, qvel: Array, samples: Array, i: int
+) -> None:
+    """`take_sample` called from Python."""
+    take_sample(b[0], pl[0], g[0], ps, qpos, qvel, samples[i])
+
+
+@njit(cache=True)
+def tick_after_law(
+    b: Array, pl: Array, g: Array, B: Array, P: Array, t_min: Array, t_max: Array, full: int,
+    thrust: Array, ctrl: Array, xfrc: Array,
+) -> int:  # fmt: skip
+    """`after_law` called from Python; returns the guards that fired."""
+    after_law(b[0], pl[0], g[0], B, P, t_min, t_max, full, thrust, ctrl, xfrc)
+    return int(g[0].fired)
+
+
+@njit(cache=True)
+def mission_tick(
+    n: int,
+    n_steps: int,
+    law: Any,
+    b: Array,
+    pl: Array,
+    g: Array,
+    model: Array,
+    kin: Array,
+    table: Array,
+    ps: Any,
+    samples: Array,
+    n_samples: int,
+    B: Array,
+    P: Array,
+    t_min: Array,
+    t_max: Array,
+    full: int,
+    thrust: Array,
+    m_address: int,
+    d_address: int,
+    qpos: Array,
+    qvel: Array,
+    sensordata: Array,
+    site_xpos: Array,
+    site_xmat: Array,
+    ctrl: Array,
+    xfrc: Array,
+) -> tuple[int, int]:
+    """Run up to `n` control ticks of `n_steps` physics steps each; stop when a guard fires.
+
+    Returns (control ticks done, samples written).
+    """
+    done = 0
+    while done < n:
+        before_law(
+            b[0], pl[0], g[0], model[0], kin[0], table,
+            qpos, qvel, sensordata, site_xpos, site_xmat,
+        )  # fmt: skip
+        law(b.ctypes)
+        if pl[0].tick % g[0].sample_every == 0 and n_samples < samples.shape[0]:
+            take_sample(b[0], pl[0], g[0], ps, qpos, qvel, samples[n_samples])
+            n_samples += 1
+        after_law(b[0], pl[0], g[0], B, P, t_min, t_max, full, thrust, ctrl, xfrc)
+        if g[0].fired & NOT_FINITE:
+            return done, n_samples
+        step_physics(m_address, d_address, n_steps)
+        done += 1
+        if g[0].fired:
+            break
+    return done, n_samples
