@@ -97,7 +97,9 @@ class Capability(NamedTuple):
                     "axis": r.axis[i].tolist(),
                     "thrust_min_n": float(r.thrust_min[i]),
                     "thrust_max_n": float(r.thrust_max[i]),
-                    "torque_per_thrust_m": float(r.spin[i] * r.torque_per_thrust),
+                    # signed: torque on the body about `axis` per thrust (ccw propellers: negative)
+                    "torque_per_thrust_m": float(-r.spin[i] * r.torque_per_thrust),
+                    "spin": "ccw" if r.spin[i] > 0 else "cw",
                 }
                 for i in range(len(r.axis))
             ],
