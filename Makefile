@@ -32,7 +32,7 @@ bench: $(STAMP)  ## time the loops, the planner and the command line
 
 docs: $(STAMP)  ## build the documentation into site/ (opens from disk: site/index.html)
 	$(BIN)/python docs/generate_reference.py
-	$(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "Open site/index.html"
 
 pictures: $(STAMP)  ## remake the pictures of README and docs
