@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,9 +77,16 @@ def detect_contact(
     return lift_off, weld, np.abs(lift_off) < calibration.lift_off_threshold
 
 
-def _runs(flag: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _runs(flag: NDArray[np.bool_], t: Array, s: Array, c: Array) -> list[tuple[int, int]]:
+    """Stretches [start, stop) of set flags; a gap in the recording ends one."""
+    jump = np.zeros(flag.size + 1, bool)
+    jump[1:-1] = (np.diff(t) > MERGE_TIME) | (np.hypot(np.diff(s), np.diff(c)) > 0.01)
+    runs = []
     edge = np.flatnonzero(np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8)))
-    return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
+    for start, stop in zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True):
+        cuts = [start, *(start + 1 + np.flatnonzero(jump[start + 1 : stop])).tolist(), stop]
+        runs += list(pairwise(cuts))
+    return runs
 
 
 def _merge_runs(runs: list[tuple[int, int]], t: Array, s: Array, c: Array) -> list[tuple[int, int]]:
@@ -141,13 +149,13 @@ def _locate(
     c_c = middle_c + centre * direction[1] + offset * direction[0]
     # a slope of the noise over the stretch moves the centroid; so does the positions' own noise
     position_noise = robust_std(x - float(direction @ v) * tau)
-    slope = 0.35 * length * noise / max(peak, 1e-12)
+    slope = 0.25 * length * noise / max(peak, 1e-12)
     std = math.sqrt(slope**2 + min(position_noise, 0.01) ** 2 / count + (5e-5) ** 2)
     p = roll_point(surface, s_c, c_c)
     return Crossing(
         t=float(np.mean(t[near])),
-        s=s_c,
-        c=c_c,
+        s=float(s_c),
+        c=float(c_c),
         p_W=(float(p[0]), float(p[1]), float(p[2])),
         peak=peak,
         v_s=float(v[0]),
@@ -178,7 +186,7 @@ def find_crossings(
     """
     crossings: list[Crossing] = []
     points: list[Crossing] = []
-    for start, stop in _merge_runs(_runs(on_weld), t, s, c):
+    for start, stop in _merge_runs(_runs(on_weld, t, s, c), t, s, c):
         span = slice(start, stop)
         found = _locate(t[span], s[span], c[span], weld[span], noise, surface, normal)
         if found is None:

@@ -1,0 +1,231 @@
+"""Reads an instrument's scan file: delimited text with a header, whatever the logger made of it.
+
+Columns t_s, re, im, x_m, y_m, z_m in any order; the unit is the suffix and others are converted
+(t_ms, x_mm ...). Optional orientation of the probe: qw, qx, qy, qz (of the tip frame, z along the
+probe) or ax, ay, az (the probe's axis). What had to be dropped or repaired is noted in words.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.errors import InputError, neighbours
+
+Array = NDArray[np.float64]
+
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254}
+SIGNAL = ("re", "im")
+QUATERNION = ("qw", "qx", "qy", "qz")
+AXIS = ("ax", "ay", "az")
+REQUIRED = ("t_s", "re", "im", "x_m", "y_m", "z_m")
+MAX_BYTES = 500_000_000
+MIN_ROWS = 30
+MAX_DROPPED = 0.5
+GAP_TIME = 0.5
+"""s; a longer pause in the recording is noted."""
+_LIMITS = {"t": 1e11, "re": 1e12, "im": 1e12, "x": 1e5, "y": 1e5, "z": 1e5}
+
+
+class Scan(NamedTuple):
+    """A cleaned scan, in time order, no NaN (the axis may be NaN in rows)."""
+
+    t: Array  # (n,) s, strictly increasing
+    ec: Array  # (n, 2) instrument units
+    p_WT: Array  # (n, 3) m
+    axis_W: Array | None  # (n, 3) unit, the probe's axis out of the robot
+    notes: tuple[str, ...]
+
+
+def _decode(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: larger than {MAX_BYTES // 1_000_000} MB; split the file")
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    try:
+        if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+            return raw.decode("utf-16")
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    if "\0" in text:
+        raise InputError(f"{path}: is not a text file; valid: delimited text with a header")
+    return text
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return line.split()
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+    except (csv.Error, StopIteration):
+        return [line]
+
+
+def _quantity(name: str) -> tuple[str, float] | None:
+    """(quantity, factor to SI) of a column name, or None where it is not ours."""
+    stem, _, unit = name.partition("_")
+    if name in SIGNAL or name in QUATERNION or name in AXIS:
+        return name, 1.0
+    if stem == "t" and unit in TIME_UNITS:
+        return "t", TIME_UNITS[unit]
+    if stem in ("x", "y", "z") and unit in LENGTH_UNITS:
+        return stem, LENGTH_UNITS[unit]
+    return None
+
+
+def _read_header(path: Path, line: str) -> tuple[str, dict[str, tuple[int, float]], int, list[str]]:
+    """(delimiter, {quantity: (column, factor)}, columns, notes)."""
+    best: tuple[int, str] = (-1, ",")
+    for delimiter in (",", ";", "\t", " "):
+        names = [cell.lower() for cell in _split(line, delimiter)]
+        best = max(best, (sum(_quantity(n) is not None for n in names), delimiter))
+    names = [cell.lower() for cell in _split(line, best[1])]
+    columns: dict[str, tuple[int, float]] = {}
+    ignored = []
+    for index, name in enumerate(names):
+        found = _quantity(name)
+        if found is None:
+            ignored.append(name)
+        elif found[0] in columns:
+            raise InputError(
+                f"{path}: two columns give {found[0]}; found: {', '.join(names)[:200]}"
+            )
+        else:
+            columns[found[0]] = (index, found[1])
+    for wanted in REQUIRED:
+        if wanted.partition("_")[0] in columns:
+            continue
+        shown = ", ".join(name[:20] or "(empty)" for name in names[:12])
+        near = neighbours(wanted, [n for n in ignored if n], count=3) if any(ignored) else ""
+        raise InputError(
+            f"{path}: column {wanted} is missing; found: {shown}"
+            + (f" (not understood: {near[:100]})" if near else "")
+            + f"; valid: {', '.join(REQUIRED)} (other units by suffix: t_ms, x_mm ...)"
+        )
+    notes = []
+    if ignored:
+        shown = ", ".join(n[:20] or "(empty)" for n in ignored[:8])
+        notes.append(f"columns ignored: {shown}" + (" ..." if len(ignored) > 8 else ""))
+    return best[1], columns, len(names), notes
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return np.nan
+
+
+def _read_rows(
+    path: Path, lines: list[str], delimiter: str, width: int, notes: list[str]
+) -> tuple[Array, int]:
+    """(rows, columns) of numbers, NaN where a cell is none, and how many rows were dropped."""
+    rows, ragged = [], 0
+    for line in lines:
+        cells = _split(line, delimiter)
+        while len(cells) > width and not cells[-1]:
+            cells.pop()  # a trailing delimiter
+        if len(cells) != width:
+            ragged += 1
+        else:
+            rows.append(cells)
+    if ragged > MAX_DROPPED * len(lines):
+        hint = " (decimal commas need another delimiter)" if delimiter == "," else ""
+        raise InputError(
+            f"{path}: {ragged} of {len(lines)} rows do not have the header's {width} cells{hint}"
+        )
+    if ragged:
+        notes.append(f"{ragged} rows with a wrong number of cells dropped")
+    cells_with_comma = sum("," in cell for row in rows[:200] for cell in row)
+    if delimiter != "," and cells_with_comma:
+        if any("." in cell and "," in cell for row in rows for cell in row):
+            raise InputError(f"{path}: numbers hold both , and . ; write a decimal point only")
+        rows = [[cell.replace(",", ".") for cell in row] for row in rows]
+        notes.append("decimal commas read as decimal points")
+    if not rows:
+        return np.empty((0, width)), ragged
+    return np.array([[_number(cell) for cell in row] for row in rows]), ragged
+
+
+def _build_axis(table: Array, columns: dict[str, tuple[int, float]]) -> Array | None:
+    if all(name in columns for name in AXIS):
+        axis = table[:, [columns[name][0] for name in AXIS]]
+    elif all(name in columns for name in QUATERNION):
+        w, x, y, z = (table[:, columns[name][0]] for name in QUATERNION)
+        with np.errstate(all="ignore"):
+            axis = np.stack(
+                [2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=1
+            )
+    else:
+        return None
+    with np.errstate(all="ignore"):
+        norm = np.linalg.norm(axis, axis=1, keepdims=True)
+        unit = axis / np.where((norm > 1e-6) & (norm < 1e6), norm, np.nan)
+    return np.asarray(unit)
+
+
+def load_scan(path: Path) -> Scan:
+    """Read and clean a scan file.
+
+    Dropped with a note: rows with NaN or text, ragged rows, duplicate times (the first stays);
+    sorted with a note: unordered times. Raises InputError, in one line, for a file that has no
+    header, lacks a column, or loses more than half of its rows.
+    """
+    path = Path(path)
+    every = _decode(path).splitlines()
+    lines = [x for x in every if x.strip() and not x.lstrip().startswith(("#", "%", "//"))]
+    if not lines:
+        raise InputError(f"{path}: the file is empty; valid: a header and rows of numbers")
+    delimiter, columns, width, notes = _read_header(path, lines[0])
+    total = len(lines) - 1
+    table, _ = _read_rows(path, lines[1:], delimiter, width, notes)
+
+    data = {name: table[:, columns[name][0]] * columns[name][1] for name in _LIMITS}
+    with np.errstate(invalid="ignore"):
+        valid = np.all([np.abs(data[name]) < limit for name, limit in _LIMITS.items()], axis=0)
+    bad = int(np.count_nonzero(~valid))
+    if bad:
+        notes.append(f"{bad} rows without a usable number in every column dropped")
+    kept = int(np.count_nonzero(valid))
+    if kept < MIN_ROWS or kept < (1 - MAX_DROPPED) * total:
+        raise InputError(
+            f"{path}: {kept} of {total} rows are usable; valid: at least {MIN_ROWS} and half of "
+            "them with a number in every column"
+        )
+    order = np.flatnonzero(valid)
+    t = data["t"][order]
+    if np.any(np.diff(t) < 0):
+        notes.append("times were not in order: rows sorted by time")
+        order = order[np.argsort(t, kind="stable")]
+        t = data["t"][order]
+    first = np.concatenate([[True], np.diff(t) > 0])
+    if not first.all():
+        notes.append(f"{np.count_nonzero(~first)} rows with a duplicate time dropped")
+        order, t = order[first], t[first]
+    if len(order) < MIN_ROWS:
+        raise InputError(f"{path}: {len(order)} different times; valid: at least {MIN_ROWS}")
+    step = np.diff(t)
+    gaps = step[step > max(GAP_TIME, 10 * float(np.median(step)))]
+    if gaps.size:
+        notes.append(f"{gaps.size} gaps in time, the longest {gaps.max():.3g} s")
+    axis = _build_axis(table, columns)
+    if axis is not None and not np.any(np.isfinite(axis[order])):
+        axis = None
+        notes.append("orientation columns hold no direction: ignored")
+    elif axis is None and any(name in columns for name in (*QUATERNION, *AXIS)):
+        notes.append("orientation incomplete (needs qw, qx, qy, qz or ax, ay, az): ignored")
+    return Scan(
+        t=t,
+        ec=np.stack([data["re"][order], data["im"][order]], axis=1),
+        p_WT=np.stack([data[name][order] for name in "xyz"], axis=1),
+        axis_W=None if axis is None else axis[order],
+        notes=tuple(notes),
+    )

@@ -1,0 +1,234 @@
+"""The weld map of a scan file: what `skywright weld DATA.csv` does, without the picture."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.errors import InputError
+from skywright.inspection.calibration import (
+    Calibration,
+    build_calibration,
+    check_calibration,
+    load_calibration,
+    to_complex,
+)
+from skywright.inspection.scan_file import Scan, load_scan
+from skywright.inspection.surface_fit import (
+    SurfaceFit,
+    fit_cylinder,
+    load_surface,
+    roll_point,
+    unroll_points,
+)
+from skywright.inspection.weld import WeldResult, detect_contact, process_scan
+
+Array = NDArray[np.float64]
+
+
+class WeldReport(NamedTuple):
+    """A processed file."""
+
+    name: str
+    scan: Scan
+    result: WeldResult
+    fit: SurfaceFit
+    calibration_span: tuple[float, float] | None  # s
+    tilt: Array | None  # (n,) rad, probe to the inward normal
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that `skywright weld --json` prints (plain numbers, no NaN).
+
+        `angle_deg` is measured from the circumferential direction; positive: along the printed
+        axis while turning right-handed about it.
+        """
+        line = None
+        found, surface = self.result.line, self.result.surface
+        if found is not None:
+            line = {
+                "point_m": _round(roll_point(surface, found.s, found.c), 6),
+                "angle_deg": round(math.degrees(found.angle), 4),
+                "std_offset_m": round(found.std_offset, 7),
+                "std_angle_deg": round(math.degrees(found.std_angle), 5),
+            }
+        fit = self.fit
+        return {
+            "contact_fraction": round(self.result.contact_fraction, 6),
+            "crossings": [
+                {"t_s": round(x.t, 4), "p_m": _round(np.array(x.p_W), 6)}
+                for x in self.result.crossings
+            ],
+            "line": line,
+            "surface": {
+                "axis_point_m": _round(surface.p_WP, 6),
+                "axis": _round(surface.R_WP[:, 1], 8),
+                "radius_m": round(surface.radius, 6),
+                "std": {
+                    "radius_m": round(fit.std_radius, 7),
+                    "axis_point_m": round(fit.std_axis_point, 7),
+                    "axis_deg": round(math.degrees(fit.std_axis), 5),
+                },
+            },
+            "thresholds": {
+                "lift_off": self.result.calibration.lift_off_threshold,
+                "weld": self.result.calibration.weld_threshold,
+            },
+            "notes": list(self.notes),
+        }
+
+
+def _round(x: Array, digits: int) -> list[float]:
+    return [round(float(v), digits) for v in x]
+
+
+def parse_span(text: str) -> tuple[float, float]:
+    """'T0:T1' (s) to numbers; raises InputError."""
+    try:
+        start, stop = (float(part) for part in text.split(":"))
+    except ValueError:
+        start, stop = math.nan, math.nan
+    if not (math.isfinite(start) and math.isfinite(stop) and start < stop):
+        raise InputError(
+            f"--calibrate: {text[:60]!r} is not a time span; valid: T0:T1 in seconds of the file, "
+            "T0 below T1, such as 0:6.5"
+        )
+    return start, stop
+
+
+def find_approach(scan: Scan) -> tuple[float, float]:
+    """Time span (s) of the first approach, air to contact, by the signal alone.
+
+    Raises InputError where the file does not start in air.
+    """
+    w = to_complex(scan.ec)
+    scale = float(np.max(np.abs(w)))
+    far = np.abs(w - np.median(w[: max(5, w.size // 200)])) / (scale or 1.0)
+    reach = float(np.quantile(far, 0.9))
+    touched = np.flatnonzero(far > 0.85 * reach)
+    # contact is the signal that lasts, not a passing spike
+    for index in touched:
+        if np.mean(far[index : index + 20] > 0.8 * reach) > 0.9:
+            touch = float(scan.t[index])
+            if index >= 10 and reach > 0:
+                return max(float(scan.t[0]), touch - 10.0), touch + 1.0
+            break
+    raise InputError(
+        "no approach from air to contact found at the start of the file; give --calibrate T0:T1 or "
+        "a calibration file"
+    )
+
+
+def _calibrate(
+    scan: Scan,
+    span: tuple[float, float],
+    gap: Array | None,
+    lift_off_threshold: float | None,
+    weld_threshold: float | None,
+) -> Calibration:
+    inside = (scan.t >= span[0]) & (scan.t <= span[1])
+    if not inside.any():
+        raise InputError(
+            f"calibration: no samples in {span[0]:g}:{span[1]:g} s; the file spans "
+            f"{scan.t[0]:g}:{scan.t[-1]:g} s"
+        )
+    cal = build_calibration(
+        scan.ec[inside],
+        gap=None if gap is None else gap[inside],
+        lift_off_threshold=lift_off_threshold,
+        weld_threshold=weld_threshold,
+    )
+    w = to_complex(scan.ec)
+    whole = float(np.quantile(np.abs(w - cal.contact), 0.99))
+    if whole > 3 * cal.excursion:
+        raise InputError(
+            f"calibration: the signal moves by {cal.excursion:.3g} units in {span[0]:g}:{span[1]:g}"
+            f" s but by {whole:.3g} in the file: the span holds no full approach from air"
+        )
+    return cal
+
+
+def process_file(
+    path: Path,
+    calibrate: str | None = None,
+    calibration_file: Path | None = None,
+    lift_off_threshold: float | None = None,
+    weld_threshold: float | None = None,
+    surface_file: Path | None = None,
+) -> WeldReport:
+    """Process a scan file: calibrate, find the surface, contact, crossings and the weld line.
+
+    Without `calibrate` and `calibration_file` the first approach in the file is used, and noted.
+    Raises InputError, in one line, for whatever is wrong with the input.
+    """
+    path = Path(path)
+    for name, value in (("lift-off", lift_off_threshold), ("weld", weld_threshold)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise InputError(f"{name} threshold {value}; valid: a number above 0")
+    if calibrate is not None and calibration_file is not None:
+        raise InputError("give either --calibrate T0:T1 or a calibration file, not both")
+    span = parse_span(calibrate) if calibrate is not None else None
+    scan = load_scan(path)
+    notes = list(scan.notes)
+    if calibration_file is not None:
+        cal = load_calibration(Path(calibration_file))
+        cal = cal._replace(
+            lift_off_threshold=lift_off_threshold or cal.lift_off_threshold,
+            weld_threshold=weld_threshold or cal.weld_threshold,
+        )
+        cal = check_calibration(cal, str(calibration_file))
+    else:
+        if span is None:
+            span = find_approach(scan)
+            notes.append(f"calibrated on the approach found at {span[0]:.2f}:{span[1]:.2f} s")
+        cal = _calibrate(scan, span, None, lift_off_threshold, weld_threshold)
+
+    contact = detect_contact(scan.ec, cal)[2]
+    if surface_file is not None:
+        fit = load_surface(Path(surface_file), scan.p_WT[contact])
+        if span is not None:
+            gap = unroll_points(fit.cylinder, scan.p_WT)[2]
+            cal = _calibrate(scan, span, gap, lift_off_threshold, weld_threshold)
+            contact = detect_contact(scan.ec, cal)[2]
+    elif not contact.any():
+        raise InputError(
+            f"{path}: no sample is in contact (lift-off below {cal.lift_off_threshold:.3g} units), "
+            "so there is no surface to fit; check the calibration or give --surface FILE"
+        )
+    else:
+        fit = fit_cylinder(scan.p_WT[contact])
+        if fit.std_radius > 0.1 * fit.cylinder.radius:
+            notes.append(
+                f"the fitted radius is uncertain: {fit.cylinder.radius:.3f} m +- "
+                f"{fit.std_radius:.3f} m; give --surface FILE if the pipe is known"
+            )
+    if contact.any():
+        off = float(np.median(np.abs(unroll_points(fit.cylinder, scan.p_WT[contact])[2])))
+        if off > max(0.02, 0.1 * fit.cylinder.radius):
+            raise InputError(
+                f"{surface_file or path}: the contact points lie {off * 1e3:.3g} mm from the "
+                "surface; check its unit and frame against the positions"
+            )
+        if off > 0.003:
+            notes.append(f"the contact points lie {off * 1e3:.2g} mm from the surface")
+    else:
+        notes.append("no sample is in contact")
+
+    result = process_scan(scan.t, scan.ec, scan.p_WT, fit.cylinder, cal, exclude=span)
+    notes += result.notes
+    tilt = None
+    if scan.axis_W is not None:
+        local = (scan.p_WT - fit.cylinder.p_WP) @ fit.cylinder.R_WP
+        local[:, 1] = 0.0
+        with np.errstate(invalid="ignore", divide="ignore"):
+            normal = local / np.linalg.norm(local, axis=1, keepdims=True) @ fit.cylinder.R_WP.T
+            tilt = np.arccos(np.clip(-np.einsum("ij,ij->i", normal, scan.axis_W), -1.0, 1.0))
+        seen = tilt[result.contact & np.isfinite(tilt)]
+        if seen.size:
+            median, worst = np.degrees([np.median(seen), np.max(seen)])
+            notes.append(f"tilt in contact: median {median:.1f} deg, worst {worst:.1f} deg")
+    return WeldReport(path.name, scan, result, fit, span, tilt, tuple(notes))
