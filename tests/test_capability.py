@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from skywright.models.statics import (
     wrench_at,
 )
 from skywright.models.wind import compute_body_drag, compute_drag, compute_hold
+from skywright.reports.capability import write_capability_figure
 from skywright.robots.loader import load_robot
 from skywright.robots.spec import Robot
 
@@ -345,6 +347,15 @@ def test_json_rotors_rebuild_the_wrench_map(othex_capability: Capability) -> Non
         torque = np.cross(position, axis) + rotor["torque_per_thrust_m"] * axis
         columns.append(np.concatenate([axis, torque]))
     assert np.allclose(np.array(columns).T, othex_capability.layout.B)
+
+
+def test_figure_is_written_as_png_and_svg(
+    tmp_path: Path, othex_capability: Capability, hexarotor: Robot
+) -> None:
+    png = write_capability_figure(othex_capability, tmp_path / "othex.png")
+    svg = write_capability_figure(compute_capability(hexarotor), tmp_path / "hexarotor.svg")
+    assert png.read_bytes().startswith(b"\x89PNG") and png.stat().st_size > 20_000
+    assert "<svg" in svg.read_text()
 
 
 def test_too_heavy_robot_is_refused_with_numbers(othex: Robot) -> None:
