@@ -16,6 +16,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import click
 import pytest
 import yaml
 
@@ -97,6 +98,24 @@ def test_parse_commands() -> None:
 
 def test_the_readme_has_commands() -> None:
     assert any(command.page == "README.md" for command in COMMANDS)
+
+
+def test_reference_names_every_command_and_option() -> None:
+    from skywright.cli import main
+
+    page = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
+    missing = []
+    for name, command in main.commands.items():
+        if not re.search(rf"`skywright {name}\b", page):
+            missing.append(name)
+        for option in command.params:
+            if isinstance(option, click.Option):
+                missing += [
+                    f"{name} {flag}"
+                    for flag in option.opts
+                    if flag.startswith("--") and not re.search(rf"`{flag}\b", page)
+                ]
+    assert not missing, f"not in docs/reference/command-line.md: {missing}"
 
 
 @pytest.mark.slow
