@@ -117,7 +117,7 @@ def print_summary(summary: Summary) -> None:
     if summary.guesses:
         console.print(f"\nGuesses ({len(summary.guesses)})", style="bold")
         for line in summary.guesses:
-            console.print(f"  {line}", markup=False)
+            console.print(f"  {line.removeprefix('assumed ')}", markup=False)
     if summary.picture:
         console.print(f"\npicture: {summary.picture}", markup=False)
 

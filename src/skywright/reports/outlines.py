@@ -1,0 +1,108 @@
+"""Outlines of robots and worlds as 3-D curves, for flat drawings seen from above or the side."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics, joint_names
+from skywright.models.rotors import build_rotors
+from skywright.robots.spec import Robot
+from skywright.worlds.spec import Box, Pipe
+from skywright.worlds.surface import build_cylinder
+
+Array = NDArray[np.float64]
+
+
+class Outline(NamedTuple):
+    """One drawn part: a closed or open polyline (n, 3) in m, and its style."""
+
+    points: Array
+    part: str
+    """disc, spoke, hub, arm, probe, gear, pipe, post, box, weld, sector, path."""
+    filled: bool = False
+
+
+def outline_robot(robot: Robot, q: Array) -> list[Outline]:
+    """Outlines of a robot in B with its joints at `q` (n_joints,)."""
+    parts: list[Outline] = []
+    rotors = build_rotors(robot.rotors)
+    p = robot.platform
+    turn = np.linspace(0.0, 2 * math.pi, 49)
+    circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
+    foot = -p.gear_height_m
+    for angle in (45, 135, 225, 315):
+        way = np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0])
+        leg = [0.6 * p.body_radius_m * way, p.gear_radius_m * way + [0, 0, foot]]
+        parts.append(Outline(np.array(leg), "gear"))
+    parts.append(Outline(circle * p.gear_radius_m + [0, 0, foot], "gear"))
+    for hub in rotors.position:
+        parts.append(Outline(np.array([[0.0, 0.0, 0.0], hub]), "spoke"))
+    low = p.body_radius_m * circle - [0, 0, 0.03]
+    parts += [Outline(low, "hub", True), Outline(p.body_radius_m * circle, "hub", True)]
+    for hub, axis in zip(rotors.position, rotors.axis, strict=True):
+        u = np.cross(axis, [0.0, 1.0, 0.0])
+        u /= np.linalg.norm(u)
+        v = np.cross(axis, u)
+        ring = np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v
+        parts.append(Outline(hub + rotors.propeller_radius * ring, "disc", True))
+    return parts + outline_arm(robot, q)
+
+
+def outline_arm(robot: Robot, q: Array) -> list[Outline]:
+    """Centre lines of the links and the probe in B."""
+    if robot.arm is None:
+        return []
+    model = build_body_model(robot)
+    angles = np.zeros(len(model[0]["q_min"]))
+    angles[: len(joint_names(robot))] = q
+    k = np.zeros(1, KINEMATICS)
+    fill_kinematics(model[0], angles, k[0])
+    parts = []
+    for i, link in enumerate(robot.arm.links.values()):
+        start = k[0]["p"][i]
+        parts.append(Outline(np.array([start, start + k[0]["R"][i][:, 0] * link.length_m]), "arm"))
+    if robot.probe is not None:
+        tip, axis = k[0]["p_BT"], k[0]["R_BT"][:, 2]
+        parts.append(Outline(np.array([tip - axis * robot.probe.length_m, tip]), "probe"))
+    return parts
+
+
+def move(parts: list[Outline], p: Array, yaw: float) -> list[Outline]:
+    """Place outlines given in B at position `p` (3,) and heading `yaw` (rad) in W."""
+    R = rot_z(yaw)
+    return [part._replace(points=part.points @ R.T + p) for part in parts]
+
+
+def outline_pipe(pipe: Pipe) -> list[Outline]:
+    """Both ends of the pipe and a few lines along it, in W."""
+    cyl = build_cylinder(pipe)
+    phi = np.linspace(-math.pi, math.pi, 73)
+    parts = [Outline(surface_curve(pipe, s * cyl.half_length, phi), "pipe") for s in (-1.0, 1.0)]
+    for angle in np.radians(np.arange(0, 360, 10)):
+        s = np.array([-cyl.half_length, cyl.half_length])
+        parts.append(Outline(surface_curve(pipe, s, angle), "pipe"))
+    return parts
+
+
+def surface_curve(pipe: Pipe, s: Array | float, phi: Array | float) -> Array:
+    """Points (n, 3) in W of the surface at axial positions `s` (m) and angles `phi` (rad)."""
+    cyl = build_cylinder(pipe)
+    s, phi = np.broadcast_arrays(np.asarray(s, float), np.asarray(phi, float))
+    local = np.column_stack([-cyl.radius * np.cos(phi), s, cyl.radius * np.sin(phi)])
+    return np.asarray(local @ cyl.R_WP.T + cyl.p_WP)
+
+
+def outline_box(box: Box) -> list[Outline]:
+    """Bottom, top and edges of a box in W."""
+    x, y, z = box.size_x_m / 2, box.size_y_m / 2, box.size_z_m / 2
+    base = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0], [-x, -y, 0]])
+    centre = np.array([box.x_m, box.y_m, box.z_m])
+    turned = base @ rot_z(math.radians(box.yaw_deg)).T + centre
+    low, high = turned - [0, 0, z], turned + [0, 0, z]
+    edges = [Outline(np.array([a, b]), "box") for a, b in zip(low[:4], high[:4], strict=True)]
+    return [Outline(low, "box", True), Outline(high, "box", True), *edges]
