@@ -88,6 +88,8 @@ def _closed(values: F8) -> F8:
 
 def _mark_least(axes: PolarAxes, angles: F8, values: F8, unit: str) -> None:
     """Write the smallest value under the circle."""
+    if np.all(np.isnan(values)):
+        return
     i = int(np.nanargmin(values))
     axes.plot([angles[i]], [values[i]], "o", color=RED, markersize=5, zorder=5)
     direction = math.degrees(angles[i])
@@ -117,6 +119,10 @@ def _draw_force(plain: Axes, c: Capability) -> None:
 def _draw_wind(plain: Axes, c: Capability) -> None:
     axes = _polar(plain, "Steady wind held (m/s), blowing toward")
     degrees = math.degrees(c.tilt_max)
+    if not np.any(c.wind_limit_tilted > 0.0):
+        axes.set_yticks([])
+        axes.text(0.5, 0.45, "none: no reserve in hover", transform=axes.transAxes, ha="center")
+        return
     if c.layout.full:
         axes.plot(
             _closed(c.directions),
