@@ -1,0 +1,319 @@
+"""One execution of a mission and its directory.
+
+`run_mission` reads as a table of contents: plan, open the directory, fly, evaluate, write, rename.
+The directory is written as NAME.partial and renamed when it is complete; an interrupted, killed or
+diverged run stays NAME.partial with a recording that is readable up to the last second.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.control.registry import FULLY_ACTUATED, load_law
+from skywright.core.recording import RecordingWriter, read_recording
+from skywright.core.types import SAMPLE
+from skywright.errors import InfeasibleError, InputError, SimulationError
+from skywright.evaluation.metrics import (
+    compute_common_metrics,
+    compute_scan_metrics,
+    compute_waypoint_metrics,
+)
+from skywright.evaluation.requirements import Verdict, judge
+from skywright.inspection.weld import WeldResult
+from skywright.missions.deviation import build_deviation
+from skywright.missions.dump import dump_description
+from skywright.missions.loader import Description, load_description
+from skywright.missions.planning import MissionPlan, plan_mission
+from skywright.missions.supervisor import Flight, PhaseRecord, Supervisor
+from skywright.models.allocation import build_allocator
+from skywright.models.capability import check_can_fly
+from skywright.models.rigid_body import joint_names
+from skywright.models.rotors import build_rotors
+from skywright.vehicle.simulated import SimulatedVehicle
+
+FLUSH_S = 1.0  # simulated seconds between writes of the recording
+
+
+class Observer(Protocol):
+    """Something that watches a run: a progress bar, the live view."""
+
+    def on_plan(self, plan: MissionPlan, description: Description) -> None:
+        """The mission is planned and about to fly."""
+
+    def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
+        """A mission tick was flown."""
+
+    def close(self) -> None:
+        """The flight is over."""
+
+
+class RunResult(NamedTuple):
+    """A finished run; `samples` is an array of SAMPLE (100 Hz, SI, frames in core/types.py)."""
+
+    description: Description
+    plan: MissionPlan
+    samples: NDArray[Any]
+    phases: list[PhaseRecord]
+    outcome: str  # succeeded, failed, aborted, interrupted, diverged
+    reason: str
+    metrics: dict[str, float]
+    requirements: list[Verdict]
+    timing: dict[str, float]
+    weld: WeldResult | None
+    directory: Path
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command-line contract."""
+        return {"succeeded": 0, "diverged": 3}.get(self.outcome, 1)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of metrics.json."""
+        d = self.description
+        return {
+            "mission": d.mission.name,
+            "robot": d.robot.name,
+            "world": d.world.name,
+            "seed": d.mission.seed,
+            "outcome": self.outcome,
+            "reason": self.reason,
+            "requirements": [r._asdict() for r in self.requirements],
+            "metrics": {k: v if np.isfinite(v) else None for k, v in self.metrics.items()},
+            "phases": [p._asdict() for p in self.phases],
+            "timing": self.timing,
+            "versions": collect_versions(),
+        }
+
+
+def run_mission(
+    description: Description,
+    *,
+    out: Path | None = None,
+    observers: Sequence[Observer] = (),
+    write_report: Callable[[RunResult], None] | None = None,
+) -> RunResult:
+    """Plan, fly and evaluate a mission, and write its run directory.
+
+    `write_report` is called with the result while the directory is still NAME.partial.
+    Raises InputError (nothing was started), InfeasibleError (no plan exists). A diverged or
+    interrupted run is returned with that outcome; its directory stays NAME.partial.
+    """
+    check_can_fly(description.robot, description.world.gravity_mps2)
+    start = time.perf_counter()
+    plan = plan_mission(description)
+    if not plan.feasible:
+        raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
+    final, partial = _open_directory(out, description.mission.name)
+    (partial / "mission.toml").write_text(dump_description(description), encoding="utf-8")
+    for observer in observers:
+        observer.on_plan(plan, description)
+    samples, phases, flight, outcome = _fly(description, plan, partial, observers)
+    result = _evaluate(description, plan, samples, phases, flight, outcome, partial)
+    wall = time.perf_counter() - start
+    simulated = float(samples["t"][-1]) if len(samples) else 0.0
+    result.timing.update(
+        simulated_s=simulated, wall_s=wall, real_time_factor=simulated / wall, plan_s=plan.plan_s
+    )
+    _write_json(partial / "metrics.json", result.to_json())
+    if outcome in ("interrupted", "diverged"):
+        return result
+    if write_report is not None:
+        write_report(result)
+    partial.rename(final)
+    return result._replace(directory=final)
+
+
+def evaluate_directory(directory: Path) -> RunResult:
+    """Evaluate a run's directory (or NAME.partial) again from its recording.
+
+    Raises InputError when files are missing or damaged.
+    """
+    metrics_file = directory / "metrics.json"
+    for name in ("mission.toml", "recording.mcap", "metrics.json"):
+        if not (directory / name).is_file():
+            raise InputError(f"{directory}: is no run directory, {name} is missing")
+    try:
+        old = json.loads(metrics_file.read_text(encoding="utf-8"))
+        phases = [PhaseRecord(**p) for p in old["phases"]]
+        flight = Flight(old["outcome"] in ("succeeded", "failed"), str(old["reason"]))
+        timing = dict(old["timing"])
+        known = str(old["outcome"])
+    except (ValueError, TypeError, KeyError) as error:
+        raise InputError(f"{metrics_file}: is damaged: {error}") from error
+    description = load_description(directory)
+    samples = read_recording(directory / "recording.mcap").samples
+    plan = plan_mission(description)
+    outcome = known if known in ("interrupted", "diverged") else ""
+    result = _evaluate(description, plan, samples, phases, flight, outcome, directory)
+    return result._replace(timing=timing)
+
+
+def build_vehicle(
+    description: Description, on_samples: Callable[[NDArray[Any]], None] | None = None
+) -> SimulatedVehicle:
+    """Build the physics back end of a description: plant, sensors, law and estimator."""
+    d, mission = description, description.mission
+    name = mission.law or d.robot.control.law or _default_law(d)
+    law = load_law(name)
+    full = bool(build_allocator(build_rotors(d.robot.rotors)).full)
+    if name in FULLY_ACTUATED and not full:
+        raise InputError(
+            f"control law {name!r} needs a fully actuated platform; the rotors of "
+            f"{d.robot.name!r} make no lateral force: use 'thrust_vectoring'"
+        )
+    return SimulatedVehicle(
+        d.robot,
+        d.world,
+        law,
+        seed=mission.seed,
+        deviation=build_deviation(d.plant, d.robot, mission.seed),
+        start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
+        interactive=mission.mode == "interactive",
+        truth=mission.estimator == "truth",
+        on_samples=on_samples,
+    )
+
+
+def _default_law(description: Description) -> str:
+    full = build_allocator(build_rotors(description.robot.rotors)).full
+    return "push_and_slide" if full else "thrust_vectoring"
+
+
+def _fly(
+    description: Description, plan: MissionPlan, partial: Path, observers: Sequence[Observer]
+) -> tuple[NDArray[Any], list[PhaseRecord], Flight, str]:
+    """Fly the mission, recording as it goes; returns samples, phases, flight and outcome."""
+    robot = description.robot
+    blocks: list[NDArray[Any]] = []
+    written = 0
+    writer = RecordingWriter(
+        partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg)
+    )
+    writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
+    vehicle = build_vehicle(description, blocks.append)
+
+    def flush() -> None:
+        nonlocal written
+        if written < len(blocks):
+            writer.append(np.concatenate(blocks[written:]))
+            written = len(blocks)
+
+    next_flush = FLUSH_S
+
+    def on_tick(t: float, phase: str) -> None:
+        nonlocal next_flush
+        if t >= next_flush:
+            next_flush = t + FLUSH_S
+            flush()
+        for observer in observers:
+            observer.on_tick(t, phase, vehicle)
+
+    def on_phase(index: int, name: str) -> None:
+        vehicle.set_phase(index)
+        writer.event(vehicle.t, f"phase {name}")
+
+    supervisor = Supervisor(
+        vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick
+    )
+    outcome, flight = "", Flight(False, "")
+    try:
+        flight = supervisor.fly()
+    except KeyboardInterrupt:
+        outcome, flight = "interrupted", Flight(False, "interrupted by the user")
+    except SimulationError as error:
+        outcome, flight = "diverged", Flight(False, str(error))
+    finally:
+        supervisor.close(outcome or "done")
+        flush()
+        if outcome:
+            writer.event(vehicle.t, f"{outcome}: {flight.reason}")
+        writer.close()
+        for observer in observers:
+            observer.close()
+    samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
+    return samples, supervisor.phases, flight, outcome
+
+
+def _evaluate(
+    description: Description,
+    plan: MissionPlan,
+    samples: NDArray[Any],
+    phases: list[PhaseRecord],
+    flight: Flight,
+    outcome: str,
+    directory: Path,
+) -> RunResult:
+    metrics: dict[str, float] = {}
+    weld: WeldResult | None = None
+    reason = flight.reason
+    if len(samples):
+        metrics = compute_common_metrics(samples, phases)
+        try:
+            if description.mission.kind == "scan":
+                more, weld = compute_scan_metrics(samples, phases, plan, description)
+            else:
+                more = compute_waypoint_metrics(samples, phases, plan)
+            metrics.update(more)
+        except InputError as error:  # e.g. no approach to calibrate on after an abort
+            reason = reason or f"evaluation: {error}"
+    metrics["plan.wall_s"] = plan.plan_s
+    metrics["plan.min_clearance_m"] = plan.min_clearance_m
+    metrics["plan.min_rotor_margin"] = plan.min_rotor_margin
+    verdicts = judge(description.mission, metrics)
+    if not outcome:
+        met = all(v.passed for v in verdicts)
+        outcome = "aborted" if not flight.completed else "succeeded" if met else "failed"
+    return RunResult(
+        description, plan, samples, phases, outcome, reason, metrics, verdicts, {}, weld, directory
+    )
+
+
+def _open_directory(out: Path | None, name: str) -> tuple[Path, Path]:
+    """Choose and create NAME.partial; returns (NAME, NAME.partial)."""
+    if out is None:
+        base = Path("runs") / name
+        out, i = base, 1
+        while out.exists() or out.with_name(out.name + ".partial").exists():
+            i += 1
+            out = base.with_name(f"{base.name}-{i}")
+    if out.exists():
+        raise InputError(f"{out} exists already; give another --out or remove it")
+    partial = out.with_name(out.name + ".partial")
+    try:
+        partial.mkdir(parents=True)
+    except FileExistsError as error:
+        raise InputError(
+            f"{partial} exists already (an interrupted run, or one that still runs); "
+            "remove it or give another --out"
+        ) from error
+    except OSError as error:
+        raise InputError(f"cannot create {partial}: {error.strerror or error}") from error
+    if not os.access(partial, os.W_OK):
+        raise InputError(f"cannot write into {partial}")
+    return out, partial
+
+
+def _write_json(path: Path, value: dict[str, Any]) -> None:
+    text = json.dumps(value, indent=2, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def collect_versions() -> dict[str, str]:
+    """Versions of what computed a run."""
+    out = {"python": platform.python_version()}
+    for name in ("skywright", "mujoco", "numba", "numpy"):
+        try:
+            out[name] = version(name)
+        except PackageNotFoundError:
+            out[name] = "unknown"
+    return out

@@ -1,0 +1,31 @@
+"""From the root `plant` to the perturbed plant of one run."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skywright.core.streams import build_stream
+from skywright.missions.spec import Plant
+from skywright.models.rigid_body import joint_names
+from skywright.models.scene import Deviation
+from skywright.robots.spec import Robot
+
+
+def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
+    """Draw the plant of a run: the stated errors, and the rotors' spread from the seed."""
+    rng = build_stream(seed, "plant")
+    n = len(robot.rotors.azimuth_deg)
+    gain = (1.0 + plant.rotor_gain_error) * (
+        1.0 + plant.rotor_gain_spread * np.clip(rng.standard_normal(n), -3.0, 3.0)
+    )
+    return Deviation(
+        mass_factor=1.0 + plant.mass_error,
+        inertia_factor=1.0 + plant.inertia_error,
+        com_error=np.array([plant.com_x_error_m, plant.com_y_error_m, plant.com_z_error_m]),
+        rotor_gain=gain,
+        link_length_error=plant.link_length_error_m,
+        joint_offset=np.full(len(joint_names(robot)), math.radians(plant.joint_offset_error_deg)),
+        drag_factor=1.0 + plant.drag_error,
+    )

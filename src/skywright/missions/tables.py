@@ -1,0 +1,70 @@
+"""Small operations on reference tables that the supervisor needs when things go wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.vehicle.interface import quintic
+
+Table = NDArray[Any]
+
+ROW_PERIOD = 0.02  # s
+
+
+def build_retreat(row: Any, distance: float, total: float, *, back: bool = False) -> Table:
+    """Move from `row` along the surface normal by `distance` (m) in `total` s, at rest at both ends.
+
+    The dead zone (so: "in contact") holds only where `row`'s own place is left by less than half
+    of its dead zone. `back` reverses the motion: from the distance to `row`.
+    """
+    n = max(int(round(total / ROW_PERIOD)), 2)
+    u = np.linspace(0.0, 1.0, n + 1)
+    s, ds, dds = quintic(u)
+    if back:
+        s, ds, dds = 1.0 - s, -ds, -dds
+    total = n * ROW_PERIOD
+    table = np.repeat(np.array(row)[None], n + 1)
+    normal = np.array(row["R_WS"])[:, 2]
+    shift = (s * distance)[:, None] * normal
+    table["t"] = u * total
+    table["p_WB"] = row["p_WB"] + shift
+    table["p_WT"] = row["p_WT"] + shift
+    table["v_WB"] = table["v_WT"] = (ds * distance / total)[:, None] * normal
+    table["a_WB"] = (dds * distance / total**2)[:, None] * normal
+    for field in ("w_WB_B", "wd_WB_B", "qd"):
+        table[field] = 0.0
+    table["dead_zone"] = np.where(s * distance < 0.5 * row["dead_zone"], row["dead_zone"], 0.0)
+    return table
+
+
+def cut_table(table: Table, t: float) -> Table:
+    """Return the rest of a table from time `t` (s) on, with its own time from 0."""
+    rest = table[table["t"] >= t].copy()
+    if len(rest) == 0:
+        rest = table[-1:].copy()
+    rest["t"] -= rest["t"][0]
+    return rest
+
+
+def reverse_table(table: Table, speed_up: float = 1.0) -> Table:
+    """Return the table flown backwards, `speed_up` times as fast."""
+    out = table[::-1].copy()
+    out["t"] = (table["t"][-1] - out["t"]) / speed_up
+    for field in ("v_WB", "w_WB_B", "qd", "v_WT"):
+        out[field] *= -speed_up
+    for field in ("a_WB", "wd_WB_B"):
+        out[field] *= speed_up**2
+    return out
+
+
+def lift_table(table: Table, distance: float) -> Table:
+    """Shift a table along its surface normals by `distance` (m), out of contact."""
+    out = table.copy()
+    shift = distance * table["R_WS"][:, :, 2]
+    out["p_WB"] += shift
+    out["p_WT"] += shift
+    out["dead_zone"] = 0.0
+    return out
