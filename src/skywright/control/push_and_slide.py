@@ -19,9 +19,7 @@ Record = Any
 
 
 @njit(cache=True)
-def step(
-    par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: Record
-) -> None:
+def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: Record) -> None:
     """Laws (2), (3), (4): fill `cmd.f_B`, `cmd.t_B`, `cmd.qd`."""
     arm_velocity(par, ref, est, body, cmd.qd)
     if ref.active < 0.5:

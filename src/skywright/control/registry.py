@@ -71,7 +71,6 @@ def _load_user_law(name: str, folder: Path | None) -> Law:
             f"{path}: {function} takes {count} arguments; a law takes 6: par, mem, ref, est, body, cmd"
         )
 
-
     def step_belief(belief: Any) -> None:
         b = belief[0]
         step(b["par"], b["mem"], b["ref"], b["est"], b["body"], b["cmd"])

@@ -21,9 +21,7 @@ Record = Any
 
 
 @njit(cache=True)
-def step(
-    par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: Record
-) -> None:
+def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: Record) -> None:
     """Fill `cmd.f_B` = (0, 0, T), `cmd.t_B` and `cmd.qd`."""
     arm_velocity(par, ref, est, body, cmd.qd)
     if ref.active < 0.5:
@@ -59,9 +57,7 @@ def step(
     cmd.f_B[0] = 0.0
     cmd.f_B[1] = 0.0
     cmd.f_B[2] = min(max(thrust, 0.0), par.thrust_max)
-    attitude_torque(
-        par, mem, R_des, w_des, wd_des, est, body, cmd.f_B, cmd.saturated, cmd.t_B
-    )
+    attitude_torque(par, mem, R_des, w_des, wd_des, est, body, cmd.f_B, cmd.saturated, cmd.t_B)
 
 
 @njit(cache=True)

@@ -113,7 +113,9 @@ def link_offset(robot: Robot, name: str) -> tuple[int, Array]:
         default = [robot.arm.links[parent].length_m, 0.0, 0.0]
         parent_index = names.index(parent)
     given = (link.x_m, link.y_m, link.z_m)
-    return parent_index, np.array([d if g is None else g for d, g in zip(default, given, strict=True)])
+    return parent_index, np.array(
+        [d if g is None else g for d, g in zip(default, given, strict=True)]
+    )
 
 
 def link_com(link: Link) -> float:

@@ -366,7 +366,11 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
         pair.solimp = [0.9, 0.9, 0.001, 0.5, 2.0]
         _add_contact_sensor(spec, "touch force", "tip", mujoco.mjtObj.mjOBJ_GEOM)
     # contact sensors of whole bodies; the gear has its own body, so landing is no collision
-    for body in ["platform", *(robot.arm.links if robot.arm else []), *(["holder"] if robot.probe else [])]:
+    for body in [
+        "platform",
+        *(robot.arm.links if robot.arm else []),
+        *(["holder"] if robot.probe else []),
+    ]:
         _add_contact_sensor(spec, f"collision {body}", body, mujoco.mjtObj.mjOBJ_BODY)
 
 

@@ -172,8 +172,7 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
             _expose(pl, t, k)
     meas.mocap_fresh = 0.0
     while (
-        pl.queue_tail != pl.queue_head
-        and t - pl.queue_t[pl.queue_tail] >= pl.mocap_latency - 1e-9
+        pl.queue_tail != pl.queue_head and t - pl.queue_t[pl.queue_tail] >= pl.mocap_latency - 1e-9
     ):
         i = pl.queue_tail
         meas.mocap_fresh = 1.0

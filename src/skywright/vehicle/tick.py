@@ -250,12 +250,6 @@ def take_sample(
     pl.f_collision = 0.0
 
 
-
-
-
-
-
-
 # The same three pieces for the interactive way: whole arrays as arguments, because handing a
 # record of an array from Python to compiled code costs ten times as much as the array.
 
