@@ -133,6 +133,23 @@ def test_links_and_pictures_exist(page: Path) -> None:
     assert not missing, f"{page.relative_to(ROOT)} refers to {missing}"
 
 
+@pytest.mark.parametrize(
+    "page", sorted((ROOT / "docs" / "papers").glob("*.md")), ids=lambda p: p.stem
+)
+def test_functions_named_in_paper_pages_exist(page: Path) -> None:
+    """The tables from equation to function stay true."""
+    named = re.findall(r"`([a-z_]+/[a-z_]+\.py)`(?:: `(\w+)`)?", page.read_text(encoding="utf-8"))
+    assert named
+    missing = []
+    for file, function in named:
+        path = ROOT / "src" / "skywright" / file
+        if not path.exists():
+            missing.append(file)
+        elif function and not re.search(rf"^(def|class) {function}\b", path.read_text(), re.M):
+            missing.append(f"{file}: {function}")
+    assert not missing, f"{page.name} names {missing}"
+
+
 def test_first_screen_of_the_readme() -> None:
     """One sentence, one picture, two commands, before the first section."""
     first, _ = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## ", 1)
