@@ -1,0 +1,225 @@
+"""Clearance between robot and world, asked of the same MuJoCo model that is simulated.
+
+`mj_kinematics` and `mj_geomDistance` are called from compiled code; bounding volumes cull the
+pairs, so that one query of the whole robot costs a few microseconds. Distances are exact to the
+tolerance of MuJoCo's convex solver (below a micrometre between the primitives used here; a test
+compares with closed forms).
+
+The shared library is loaded in this module, because cached machine code that runs before the
+library is loaded would end the process.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import llvmlite.binding
+import mujoco
+import numpy as np
+from numba import njit, types
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_to_quat
+from skywright.models.scene import Scene
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
+SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
+
+FAR = 2.0
+"""m; beyond this a distance is reported as this value."""
+
+_SELF_PARTS = ("propeller", "leg", "foot")
+
+
+def _library_path() -> Path:
+    """Path of the MuJoCo library that the Python package has loaded."""
+    folder = Path(mujoco.__file__).parent
+    found = [
+        p for p in sorted(folder.iterdir())
+        if "mujoco" in p.name and (".so" in p.suffixes or p.suffix in (".dylib", ".dll"))
+        and not p.name.startswith("_")
+    ]  # fmt: skip
+    if not found:
+        raise ImportError(f"no MuJoCo library beside {mujoco.__file__}")
+    return found[0]
+
+
+llvmlite.binding.load_library_permanently(str(_library_path()))
+
+_kinematics = types.ExternalFunction("mj_kinematics", types.void(types.intp, types.intp))
+_geom_distance = types.ExternalFunction(
+    "mj_geomDistance",
+    types.float64(types.intp, types.intp, types.int32, types.int32, types.float64, types.intp),
+)
+
+
+class ClearanceCore(NamedTuple):
+    """What the compiled query reads. The arrays are views into an MjData that it owns alone."""
+
+    model_address: int
+    data_address: int
+    qpos: Array  # view
+    geom_xpos: Array  # (ngeom, 3) view
+    geom_xmat: Array  # (ngeom, 9) view
+    joint_qpos: Ints  # (n_joints,)
+    geom_type: Ints  # (ngeom,)
+    geom_size: Array  # (ngeom, 3)
+    rbound: Array  # (ngeom,)
+    pairs: Ints  # (n, 2) robot geom, other geom
+    touching: Ints  # (n,) 1 where the pair is left out while the probe touches
+    self_slack: Array  # (n,) m added to the distances within the robot
+
+
+class ClearanceQuery(NamedTuple):
+    """Distances of a robot to a world; `core` goes into compiled code."""
+
+    core: ClearanceCore
+    names: tuple[str, ...]  # of all geoms, by id
+    model: mujoco.MjModel  # kept alive here
+    data: mujoco.MjData
+
+
+class Clearance(NamedTuple):
+    """The smallest distance and the two geoms between which it lies."""
+
+    distance: float  # m, at most FAR; negative when they overlap
+    robot_geom: int
+    other_geom: int
+
+
+def build_clearance(scene: Scene, self_slack: float = 0.02) -> ClearanceQuery:
+    """Build the query on a nominal scene (no flexibility: joints are where the planner says).
+
+    Pairs are every robot geom with every world geom, except landing gear with ground (it stands
+    on it), and the arm's moving links with propellers and gear. Robot parts may be closer to each
+    other than to the world: their distances count with `self_slack` (m) added.
+    """
+    model, index = scene.model, scene.index
+    data = mujoco.MjData(model)
+    names = tuple(model.geom(i).name for i in range(model.ngeom))
+    feet, probe = set(index.feet_geoms.tolist()), set(index.probe_geoms.tolist())
+    rows: list[tuple[int, int, int, float]] = []
+    for r in index.robot_geoms.tolist():
+        for w in index.world_geoms.tolist():
+            if r in feet and names[w] == "ground":
+                continue
+            rows.append((r, w, int(r in probe and names[w] == "pipe"), 0.0))
+    platform = index.platform_body
+    moving = [r for r in index.robot_geoms.tolist() if _joints_between(model, r, platform) > 0]
+    for r in moving:
+        for other in index.robot_geoms.tolist():
+            if names[other].startswith(_SELF_PARTS):
+                rows.append((r, other, 0, self_slack))
+    core = ClearanceCore(
+        model_address=int(model._address),
+        data_address=int(data._address),
+        qpos=data.qpos,
+        geom_xpos=data.geom_xpos,
+        geom_xmat=data.geom_xmat,
+        joint_qpos=np.ascontiguousarray(index.joint_qpos),
+        geom_type=model.geom_type.astype(np.int64),
+        geom_size=np.ascontiguousarray(model.geom_size),
+        rbound=np.ascontiguousarray(model.geom_rbound),
+        pairs=np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2),
+        touching=np.array([row[2] for row in rows], dtype=np.int64),
+        self_slack=np.array([row[3] for row in rows], dtype=np.float64),
+    )
+    return ClearanceQuery(core, names, model, data)
+
+
+def _joints_between(model: mujoco.MjModel, geom: int, platform: int) -> int:
+    """Number of joints from the platform to the body of `geom`."""
+    body, count = int(model.geom_bodyid[geom]), 0
+    while body not in (0, platform):
+        count += int(model.body_jntnum[body])
+        body = int(model.body_parentid[body])
+    return count
+
+
+@njit(cache=True)
+def _lower_bound(c: ClearanceCore, a: int, b: int) -> float:
+    """Lower bound of the distance: the robot geom's bounding sphere to a volume around `b`."""
+    kind = c.geom_type[b]
+    dx = c.geom_xpos[a, 0] - c.geom_xpos[b, 0]
+    dy = c.geom_xpos[a, 1] - c.geom_xpos[b, 1]
+    dz = c.geom_xpos[a, 2] - c.geom_xpos[b, 2]
+    m = c.geom_xmat[b]
+    z = m[2] * dx + m[5] * dy + m[8] * dz  # along the z axis of `b`
+    if kind == PLANE:
+        return z - c.rbound[a]
+    if kind == SPHERE:
+        return math.sqrt(dx * dx + dy * dy + dz * dz) - c.rbound[a] - c.rbound[b]
+    x = m[0] * dx + m[3] * dy + m[6] * dz
+    y = m[1] * dx + m[4] * dy + m[7] * dz
+    if kind == BOX:
+        ex = max(abs(x) - c.geom_size[b, 0], 0.0)
+        ey = max(abs(y) - c.geom_size[b, 1], 0.0)
+        ez = max(abs(z) - c.geom_size[b, 2], 0.0)
+        return math.sqrt(ex * ex + ey * ey + ez * ez) - c.rbound[a]
+    # cylinder or capsule: inside the capsule of its radius and half length
+    ez = max(abs(z) - c.geom_size[b, 1], 0.0)
+    return math.sqrt(x * x + y * y + ez * ez) - c.geom_size[b, 0] - c.rbound[a]
+
+
+@njit(cache=True)
+def query_clearance(
+    c: ClearanceCore, p_WB: Array, R_WB: Array, q: Array, exclude_probe: bool
+) -> tuple[float, int]:
+    """Return (distance m, pair index) at a pose; the compiled form of `compute_clearance`."""
+    for i in range(3):
+        c.qpos[i] = p_WB[i]
+    rot_to_quat(R_WB, c.qpos[3:7])
+    for j in range(c.joint_qpos.shape[0]):
+        c.qpos[c.joint_qpos[j]] = q[j]
+    _kinematics(c.model_address, c.data_address)
+    n = c.pairs.shape[0]
+    bound = np.empty(n)
+    for k in range(n):
+        if exclude_probe and c.touching[k] == 1:
+            bound[k] = FAR
+        else:
+            bound[k] = _lower_bound(c, c.pairs[k, 0], c.pairs[k, 1]) + c.self_slack[k]
+    best, which = FAR, -1
+    while True:
+        k = int(np.argmin(bound))
+        if bound[k] >= best:
+            break
+        d = c.self_slack[k] + _geom_distance(
+            c.model_address, c.data_address,
+            np.int32(c.pairs[k, 0]), np.int32(c.pairs[k, 1]), best - c.self_slack[k] + 1e-3, 0,
+        )  # fmt: skip
+        bound[k] = FAR
+        if d < best:
+            best, which = d, k
+    return best, which
+
+
+def compute_clearance(
+    query: ClearanceQuery, p_WB: Array, R_WB: Array, q: Array, exclude_probe: bool = False
+) -> Clearance:
+    """Return the smallest distance between robot and world (and arm and propellers).
+
+    p_WB (3,) m, R_WB (3, 3), q (n_joints,) rad. `exclude_probe` leaves out probe against pipe, as
+    needed while it touches.
+    """
+    distance, pair = query_clearance(
+        query.core, np.asarray(p_WB, dtype=float), np.ascontiguousarray(R_WB, dtype=float),
+        np.asarray(q, dtype=float), exclude_probe,
+    )  # fmt: skip
+    if pair < 0:
+        return Clearance(FAR, -1, -1)
+    return Clearance(distance, *(int(g) for g in query.core.pairs[pair]))
+
+
+def describe_pair(query: ClearanceQuery, pair: int) -> str:
+    """Return "propeller1 and pipe" of a pair index."""
+    if pair < 0:
+        return "nothing"
+    a, b = query.core.pairs[pair]
+    return f"{query.names[a]} and {query.names[b]}"

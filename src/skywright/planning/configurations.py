@@ -1,0 +1,233 @@
+"""Configurations that hold the tip at a point of the surface: the redundancy, sampled.
+
+Candidates come from headings and arm postures, are projected onto the task (probe along the inward
+normal, platform level) and scored by rotor margin, clearance, manipulability, power and distance
+to the preferred posture.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.core.rotations import mat_vec
+from skywright.core.types import MAX_JOINTS
+from skywright.models.rigid_body import fill_kinematics
+from skywright.models.rotors import compute_power
+from skywright.planning.inverse_kinematics import (
+    State,
+    build_state,
+    settle_posture,
+    wrap,
+)
+from skywright.planning.local_planner import TRACE, check_clearance, check_dynamics
+from skywright.planning.problem import CLEARANCE, OK, TASK, Failure, Problem
+
+Array = NDArray[np.float64]
+Record = Any
+
+
+class Candidates(NamedTuple):
+    """Feasible configurations at a surface point, best first."""
+
+    p: Array  # (n, 3) m
+    R: Array  # (n, 3, 3)
+    q: Array  # (n, MAX_JOINTS)
+    score: Array  # (n,)
+    failure: Failure | None  # of the nearest miss, when there are none
+
+
+@njit(cache=True)
+def _manipulability(k: Record, nj: int) -> float:
+    """Square root of det(J^T J) (up to 3 joints) or det(J J^T) of the tip's Jacobian in B."""
+    if nj == 0:
+        return 0.0
+    small = nj <= 3
+    n = nj if small else 3
+    g = np.zeros((n, n))
+    for a in range(n):
+        for b in range(n):
+            for i in range(3 if small else nj):
+                if small:
+                    g[a, b] += k.J_BT[i, a] * k.J_BT[i, b]
+                else:
+                    g[a, b] += k.J_BT[a, i] * k.J_BT[b, i]
+    return math.sqrt(max(np.linalg.det(g), 0.0))
+
+
+@njit(cache=True)
+def rate_configurations(
+    prob: Problem,
+    tip: Array,
+    n_W: Array,
+    back: float,
+    yaws: Array,
+    postures: Array,
+    q_want: Array,
+    yaw_want: float,
+    pull: float,
+    p_out: Array,
+    R_out: Array,
+    q_out: Array,
+    score: Array,
+    miss: Array,
+    trace: NDArray[Any],
+) -> None:
+    """Project, check and score every (yaw, posture) pair at one surface point.
+
+    tip, n_W (3,): desired tip and outward normal; `back` m: depth of the tip inside the surface.
+    q_want, yaw_want, pull: preferred configuration and how strongly it is preferred (1/rad^2).
+    score is -inf where a limit is broken; `miss` (n, 6) then holds (code, value, limit, which,
+    violation, 0).
+    """
+    m, k, lim = prob.model[0], prob.kinematics[0], prob.limits
+    nj = m.n_joints
+    z = -n_W
+    u = np.zeros(6 + MAX_JOINTS)
+    f_tip = prob.push_force * n_W
+    found = np.zeros(5)
+    r = np.empty(3)
+    zero3 = np.zeros(3)
+    zero8 = np.zeros(MAX_JOINTS)
+    c = 0
+    for iy in range(yaws.shape[0]):
+        for ip in range(postures.shape[0]):
+            R, q = R_out[c], q_out[c]
+            cy, sy = math.cos(yaws[iy]), math.sin(yaws[iy])
+            R[:] = 0.0
+            R[0, 0], R[0, 1], R[1, 0], R[1, 1], R[2, 2] = cy, -sy, sy, cy, 1.0
+            q[:] = 0.0
+            for j in range(nj):
+                q[j] = postures[ip, j]
+            err = settle_posture(m, k, R, q, z, 12)
+            for j in range(nj):  # turns of 360 deg are the same posture
+                while q[j] > m.q_max[j] and q[j] - 2.0 * math.pi >= m.q_min[j]:
+                    q[j] -= 2.0 * math.pi
+                while q[j] < m.q_min[j] and q[j] + 2.0 * math.pi <= m.q_max[j]:
+                    q[j] += 2.0 * math.pi
+            fill_kinematics(m, q, k)
+            mat_vec(R, k.p_BT, r)
+            p = p_out[c]
+            for i in range(3):
+                p[i] = tip[i] - r[i]
+            score[c] = -math.inf
+            miss[c, 0] = TASK
+            miss[c, 1], miss[c, 2], miss[c, 3], miss[c, 4] = err, lim.axis_error, -1.0, 10.0 + err
+            c += 1
+            i = c - 1
+            if err > 1e-4:
+                continue
+            state = State(p, zero3, R, zero3, q, zero8)
+            code = check_dynamics(prob, state, u, f_tip, trace[0], found)
+            if code != OK:
+                miss[i, 0], miss[i, 1], miss[i, 2], miss[i, 3] = code, found[0], found[1], found[2]
+                miss[i, 4] = 2.0 + abs(found[0] - found[1])
+                continue
+            margin = trace[0].rotor_margin
+            gap = check_clearance(prob, p, R, q, back, n_W, True, found)
+            if gap < lim.margin:
+                miss[i, 0], miss[i, 1], miss[i, 2], miss[i, 3] = CLEARANCE, gap, lim.margin, found[2]
+                miss[i, 4] = (lim.margin - gap) / 0.1
+                continue
+            n = prob.loads.P.shape[0]
+            power = compute_power(trace[0].thrust, n, 1.0)
+            yaw = math.atan2(R[1, 0], R[0, 0])
+            away = wrap(yaw - yaw_want) ** 2
+            for j in range(nj):
+                away += (q[j] - q_want[j]) ** 2
+            score[i] = (
+                4.0 * min(margin, 0.25)
+                + 1.5 * min((gap - lim.margin) / 0.06, 1.0)
+                + 2.0 * min(_manipulability(k, nj), 0.1)
+                - 0.01 * power
+                - pull * away
+            )
+
+
+def halton(count: int, dimensions: int) -> Array:
+    """Return (count, dimensions) points of the Halton sequence in [0, 1)."""
+    primes = [2, 3, 5, 7, 11, 13, 17, 19]
+    out = np.zeros((count, dimensions))
+    for d in range(dimensions):
+        base = primes[d]
+        for i in range(count):
+            f, n = 1.0, i + 1
+            while n > 0:
+                f /= base
+                out[i, d] += f * (n % base)
+                n //= base
+    return out
+
+
+def sample_postures(prob: Problem, unit: Array) -> Array:
+    """Map (n, n_joints) points of the unit cube to joint angles within the limits."""
+    m = prob.model[0]
+    nj = int(m["n_joints"])
+    return m["q_min"][:nj] + unit * (m["q_max"][:nj] - m["q_min"][:nj])
+
+
+def compute_headings(n_W: Array, R_WP: Array) -> Array:
+    """Return the headings (rad) worth trying: into the surface, and in the pipe's planes.
+
+    With a near-vertical normal any heading may do; the four of the pipe (across and along) are
+    those at which a sector needs no turning.
+    """
+    found: list[float] = []
+
+    def add(x: float, y: float) -> None:
+        yaw = math.atan2(y, x)
+        if all(abs(wrap(yaw - other)) > 0.02 for other in found):
+            found.append(yaw)
+
+    if math.hypot(n_W[0], n_W[1]) > 0.02:
+        add(-n_W[0], -n_W[1])
+        add(n_W[0], n_W[1])
+    if abs(n_W[2]) > 0.5:
+        for column in (0, 1):
+            x, y = R_WP[0, column], R_WP[1, column]
+            if math.hypot(x, y) > 0.1:
+                add(x, y)
+                add(-x, -y)
+    return np.array(found)
+
+
+def find_configurations(
+    prob: Problem,
+    tip: Array,
+    n_W: Array,
+    depth: float,
+    yaws: Array,
+    postures: Array,
+    q_want: Array,
+    yaw_want: float,
+    pull: float,
+    where: tuple[float, float],
+) -> Candidates:
+    """Return the feasible configurations at a surface point `where` (s, phi), best first."""
+    count = len(yaws) * len(postures)
+    p, R = np.zeros((count, 3)), np.zeros((count, 3, 3))
+    q, score = np.zeros((count, MAX_JOINTS)), np.full(count, -np.inf)
+    miss = np.zeros((count, 6))
+    want = np.zeros(MAX_JOINTS)
+    want[: len(q_want)] = q_want
+    rate_configurations(
+        prob, tip, n_W, depth, yaws, np.ascontiguousarray(postures), want, yaw_want, pull,
+        p, R, q, score, miss, np.zeros(1, TRACE),
+    )  # fmt: skip
+    order = np.argsort(-score, kind="stable")
+    order = order[np.isfinite(score[order])]
+    failure = None
+    if len(order) == 0:
+        near = int(np.argmin(miss[:, 4]))
+        code, value, limit, which = miss[near, :4]
+        failure = Failure(int(code), value, limit, int(which), where[0], where[1], p[near])
+    return Candidates(p[order], R[order], q[order], score[order], failure)
+
+
+def resting(c: Candidates, i: int) -> State:
+    """Return candidate `i` as a resting state."""
+    return build_state(c.p[i], c.R[i], c.q[i])

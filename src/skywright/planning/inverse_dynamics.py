@@ -1,0 +1,258 @@
+"""The wrench and the rotor thrusts that a motion needs: recursive Newton-Euler on the link tree.
+
+Everything is expressed in the axes of B; accelerations are inertial. (Featherstone, Rigid Body
+Dynamics Algorithms, 2008, section 5.3, in its classical form.) A test compares with MuJoCo's
+inverse dynamics.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.core.rotations import cross, mat_t_vec, mat_vec
+from skywright.models.allocation import Allocator
+from skywright.models.rigid_body import MAX_LINKS
+from skywright.models.rotors import compute_rotor_drag
+from skywright.models.wind import compute_body_drag
+
+Array = NDArray[np.float64]
+Record = Any
+
+
+class Loads(NamedTuple):
+    """Rotors with the range that a plan may use, and the loads from outside."""
+
+    B: Array  # (6, n) wrench per thrust
+    P: Array  # (n, 6) thrust per wrench
+    t_min: Array  # (n,) N
+    t_max: Array  # (n,) N, thrust fraction applied
+    full: int  # 1 when force and torque are independent
+    position: Array  # (n, 3) m, hubs
+    axis: Array  # (n, 3)
+    k_f: float
+    drag_coefficient: float
+    drag_area: Array  # (3,) m^2
+    air_density: float
+    wind_W: Array  # (3,) m/s, steady wind that the plan allows for
+
+
+class Motion(NamedTuple):
+    """Inertial motion of the link frames' origins, in the axes of B (scratch)."""
+
+    w: Array  # (MAX_LINKS, 3)
+    wd: Array
+    a: Array
+
+
+def build_loads(
+    allocator: Allocator,
+    position: Array,
+    axis: Array,
+    drag_coefficient: float,
+    thrust_fraction: float = 1.0,
+    drag_area: Array | None = None,
+    air_density: float = 1.2,
+    wind_W: Array | None = None,
+) -> Loads:
+    """Collect what `compute_thrusts` needs; without `wind_W` the air is still."""
+    return Loads(
+        B=allocator.B,
+        P=allocator.P,
+        t_min=allocator.t_min,
+        t_max=allocator.t_max * thrust_fraction,
+        full=allocator.full,
+        position=position,
+        axis=axis,
+        k_f=allocator.k_f,
+        drag_coefficient=drag_coefficient,
+        drag_area=np.zeros(3) if drag_area is None else np.asarray(drag_area, dtype=float),
+        air_density=air_density,
+        wind_W=np.zeros(3) if wind_W is None else np.asarray(wind_W, dtype=float),
+    )
+
+
+def build_motion() -> Motion:
+    """Return scratch space."""
+    return Motion(np.zeros((MAX_LINKS, 3)), np.zeros((MAX_LINKS, 3)), np.zeros((MAX_LINKS, 3)))
+
+
+@njit(cache=True)
+def fill_motion(
+    m: Record, k: Record, w_B: Array, wd_B: Array, a_B: Array, qd: Array, qdd: Array, out: Motion
+) -> None:
+    """Fill angular velocity, angular and linear acceleration of every link frame.
+
+    w_B, wd_B (3,) rad/s, rad/s^2 and a_B (3,) m/s^2 of the platform, all in the axes of B;
+    `k` holds the kinematics at the same joints.
+    """
+    r = np.empty(3)
+    c1 = np.empty(3)
+    c2 = np.empty(3)
+    axis = np.empty(3)
+    for i in range(m.n_links):
+        parent = m.parent[i]
+        if parent < 0:
+            wp, wdp, ap = w_B, wd_B, a_B
+            for j in range(3):
+                r[j] = k.p[i, j]
+        else:
+            wp, wdp, ap = out.w[parent], out.wd[parent], out.a[parent]
+            for j in range(3):
+                r[j] = k.p[i, j] - k.p[parent, j]
+        cross(wp, r, c1)
+        cross(wp, c1, c2)
+        cross(wdp, r, c1)
+        for j in range(3):
+            out.a[i, j] = ap[j] + c1[j] + c2[j]
+            out.w[i, j] = wp[j]
+            out.wd[i, j] = wdp[j]
+        joint = m.joint[i]
+        if joint >= 0:
+            for j in range(3):
+                axis[j] = k.R[i, j, m.axis[i]]
+            cross(wp, axis, c1)
+            if m.slide[i]:
+                for j in range(3):
+                    out.a[i, j] += 2.0 * qd[joint] * c1[j] + qdd[joint] * axis[j]
+            else:
+                for j in range(3):
+                    out.w[i, j] += qd[joint] * axis[j]
+                    out.wd[i, j] += qdd[joint] * axis[j] + qd[joint] * c1[j]
+
+
+@njit(cache=True)
+def _add_body(
+    mass: float, c: Array, frame: Array, inertia: Array, w: Array, wd: Array, a: Array,
+    g_B: Array, f: Array, t: Array,
+) -> None:  # fmt: skip
+    """Add a body's wrench about B's origin. c (3,): com in B; frame: R_B(inertia's axes);
+    w, wd, a: motion of the com."""
+    force = np.empty(3)
+    local = np.empty(3)
+    h = np.empty(3)
+    hd = np.empty(3)
+    tmp = np.empty(3)
+    for j in range(3):
+        force[j] = mass * (a[j] - g_B[j])
+        f[j] += force[j]
+    cross(c, force, tmp)
+    for j in range(3):
+        t[j] += tmp[j]
+    mat_t_vec(frame, w, local)
+    mat_vec(inertia, local, tmp)
+    mat_vec(frame, tmp, h)
+    mat_t_vec(frame, wd, local)
+    mat_vec(inertia, local, tmp)
+    mat_vec(frame, tmp, hd)
+    cross(w, h, tmp)
+    for j in range(3):
+        t[j] += hd[j] + tmp[j]
+
+
+@njit(cache=True)
+def compute_wrench(
+    m: Record, k: Record, R_WB: Array, w_B: Array, wd_B: Array, a_W: Array, qd: Array, qdd: Array,
+    f_tip_W: Array, motion: Motion, f: Array, t: Array,
+) -> None:  # fmt: skip
+    """Fill force f (3,) N and torque t (3,) N m about B's origin, in B, that the rotors must make.
+
+    f_tip_W (3,) N is the force that acts on the robot at the tip (of a surface: outward).
+    """
+    g_W = np.zeros(3)
+    g_W[2] = -m.gravity
+    g_B = np.empty(3)
+    a_B = np.empty(3)
+    c = np.empty(3)
+    a_c = np.empty(3)
+    c1 = np.empty(3)
+    c2 = np.empty(3)
+    mat_t_vec(R_WB, g_W, g_B)
+    mat_t_vec(R_WB, a_W, a_B)
+    fill_motion(m, k, w_B, wd_B, a_B, qd, qdd, motion)
+    # platform, inertia about the origin: m (a_O + wd x c + w x (w x c)) and c x m (a_O - g)
+    cross(w_B, m.com0, c1)
+    cross(w_B, c1, c2)
+    cross(wd_B, m.com0, c1)
+    for j in range(3):
+        f[j] = m.mass0 * (a_B[j] - g_B[j] + c1[j] + c2[j])
+        c[j] = m.mass0 * (a_B[j] - g_B[j])
+    cross(m.com0, c, t)
+    mat_vec(m.inertia0, w_B, c)
+    cross(w_B, c, c1)
+    mat_vec(m.inertia0, wd_B, c)
+    for j in range(3):
+        t[j] += c[j] + c1[j]
+    for i in range(m.n_links):
+        w, wd = motion.w[i], motion.wd[i]
+        mat_vec(k.R[i], m.com[i], c)
+        cross(w, c, c1)
+        cross(w, c1, c2)
+        cross(wd, c, c1)
+        for j in range(3):
+            a_c[j] = motion.a[i, j] + c1[j] + c2[j]
+            c[j] += k.p[i, j]
+        _add_body(m.mass[i], c, k.R[i], m.inertia[i], w, wd, a_c, g_B, f, t)
+    mat_t_vec(R_WB, f_tip_W, c)
+    cross(k.p_BT, c, c1)
+    for j in range(3):
+        f[j] -= c[j]
+        t[j] -= c1[j]
+
+
+@njit(cache=True)
+def _add_wind(loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Array) -> None:
+    """Subtract the drag of the wind allowance at hover rotor speeds from the needed wrench."""
+    v_air = np.empty(3)
+    rel = np.empty(3)
+    d = np.empty(3)
+    dt = np.empty(3)
+    for j in range(3):
+        rel[j] = v_W[j] - loads.wind_W[j]
+    mat_t_vec(R_WB, rel, v_air)
+    compute_body_drag(loads.drag_area, loads.air_density, v_air, d)
+    for j in range(3):
+        f[j] -= d[j]
+    n = loads.P.shape[0]
+    lift = max(f[2], 0.0)
+    speed = np.empty(n)
+    total = 0.0
+    for i in range(n):
+        total += loads.axis[i, 2]
+    for i in range(n):
+        speed[i] = np.sqrt(lift / max(total, 1e-6) / loads.k_f)
+    compute_rotor_drag(loads.position, loads.axis, speed, loads.drag_coefficient, v_air, w_B, d, dt)
+    for j in range(3):
+        f[j] -= d[j]
+        t[j] -= dt[j]
+
+
+@njit(cache=True)
+def compute_thrusts(
+    loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Array, thrust: Array
+) -> tuple[float, int]:
+    """Fill the thrusts (n,) N of the needed wrench plus wind drag; return (margin, rotor).
+
+    margin is the distance of the worst rotor to its nearer limit as a fraction of the usable
+    range, negative outside. Robots without independent lateral force tilt to make it: their
+    thrust along z_B counts with the size of the whole force.
+    """
+    _add_wind(loads, R_WB, v_W, w_B, f, t)
+    n = thrust.shape[0]
+    fx, fy, fz = f[0], f[1], f[2]
+    if loads.full == 0:
+        fz = np.sqrt(fx * fx + fy * fy + fz * fz)
+        fx = 0.0
+        fy = 0.0
+    margin, worst = 1e9, 0
+    for i in range(n):
+        p = loads.P[i]
+        x = p[0] * fx + p[1] * fy + p[2] * fz + p[3] * t[0] + p[4] * t[1] + p[5] * t[2]
+        thrust[i] = x
+        room = min(x - loads.t_min[i], loads.t_max[i] - x) / (loads.t_max[i] - loads.t_min[i])
+        if room < margin:
+            margin, worst = room, i
+    return margin, worst

@@ -1,0 +1,114 @@
+"""What every part of the planner knows: robot, surface, limits, and how a failure is told."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.types import BODY
+from skywright.models.geometry import ClearanceCore, ClearanceQuery, describe_pair
+from skywright.models.rigid_body import KINEMATICS
+from skywright.planning.inverse_dynamics import Loads, Motion, build_motion
+from skywright.worlds.surface import Cylinder
+
+Array = NDArray[np.float64]
+
+OK, CLEARANCE, ROTOR, JOINT, MOTOR, SPEED, ACCELERATION, TASK, TILT, SINGULAR = range(10)
+"""Outcome of a check along a motion."""
+
+
+class Limits(NamedTuple):
+    """What a plan may use."""
+
+    margin: float = 0.03  # m, clearance near the surface
+    margin_transit: float = 0.05  # m, clearance in free flight
+    speed: float = 0.5  # m/s, platform
+    acceleration: float = 0.5  # m/s^2
+    yaw_rate: float = 0.6  # rad/s
+    yaw_acceleration: float = 0.6  # rad/s^2
+    joint_rate: float = 0.8  # rad/s, while folding
+    joint_acceleration: float = 1.5  # rad/s^2
+    tilt: float = math.radians(10.0)
+    task_error: float = 0.5e-3  # m, of the nominal tip
+    axis_error: float = math.radians(0.5)
+    resolution: float = 0.004  # m, motion of the fastest point between two clearance checks
+    rotor_margin: float = 0.0  # fraction of the usable thrust range that must stay free
+    ground: float = 0.25  # m, lowest height of the origin of B in transit
+
+
+class Problem(NamedTuple):
+    """Robot, loads, surface and scratch space; readable from compiled code."""
+
+    model: NDArray[Any]  # (1,) BODY_MODEL
+    loads: Loads
+    clearance: ClearanceCore
+    cylinder: Cylinder
+    limits: Limits
+    push_force: float  # N along the normal while the tip is inside
+    reach: float  # m, from B's origin to the robot's farthest point
+    kinematics: NDArray[Any]  # (1,) KINEMATICS, scratch
+    body: NDArray[Any]  # (1,) BODY, scratch
+    motion: Motion  # scratch
+
+
+class Failure(NamedTuple):
+    """Where and why a motion is not allowed."""
+
+    code: int
+    value: float
+    limit: float
+    which: int  # rotor, joint or pair
+    s: float  # where on the surface (NaN in free flight)
+    phi: float
+    p_WB: Array
+
+
+def build_problem(
+    model: NDArray[Any],
+    loads: Loads,
+    query: ClearanceQuery,
+    cylinder: Cylinder,
+    limits: Limits,
+    push_force: float,
+) -> Problem:
+    """Collect the parts."""
+    m = model[0]
+    rotors = float(np.max(np.linalg.norm(loads.position, axis=1), initial=0.0))
+    arm = float(sum(np.linalg.norm(m["offset"][i]) for i in range(m["n_links"])))
+    arm += float(np.linalg.norm(m["tip_offset"]))
+    return Problem(
+        model, loads, query.core, cylinder, limits, push_force, max(rotors + 0.2, arm),
+        np.zeros(1, KINEMATICS), np.zeros(1, BODY), build_motion(),
+    )  # fmt: skip
+
+
+def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...]) -> str:
+    """Return one sentence that names the constraint with its numbers."""
+    if math.isfinite(f.s):
+        where = f" at s = {f.s:.3f} m, phi = {math.degrees(f.phi):.0f} deg"
+    else:
+        where = f" with the platform at ({f.p_WB[0]:.2f}, {f.p_WB[1]:.2f}, {f.p_WB[2]:.2f}) m"
+    name = joints[f.which] if 0 <= f.which < len(joints) else str(f.which)
+    if f.code == CLEARANCE:
+        return (
+            f"clearance of {describe_pair(query, f.which)} {f.value:.3f} m < {f.limit:.3f} m{where}"
+        )
+    if f.code == ROTOR:
+        sign = ">" if f.value > f.limit else "<"
+        return f"rotor {f.which} needs {f.value:.2f} N {sign} {f.limit:.2f} N{where}"
+    if f.code == JOINT:
+        return f"joint {name} at {math.degrees(f.value):.0f} deg passes its limit of {math.degrees(f.limit):.0f} deg{where}"
+    if f.code == MOTOR:
+        return f"motor of {name} needs {abs(f.value):.2f} rad/s > {f.limit:.2f} rad/s{where}"
+    if f.code == SPEED:
+        return f"platform speed {f.value:.2f} m/s > {f.limit:.2f} m/s{where}"
+    if f.code == ACCELERATION:
+        return f"platform acceleration {f.value:.2f} m/s^2 > {f.limit:.2f} m/s^2{where}"
+    if f.code == TILT:
+        return f"platform tilt {math.degrees(f.value):.1f} deg > {math.degrees(f.limit):.1f} deg{where}"
+    if f.code == TASK:
+        return f"reach: the tip misses its path by {1e3 * f.value:.1f} mm{where}"
+    return f"reach: the arm is singular{where}"

@@ -1,0 +1,80 @@
+"""Way-point flights: straight lines from rest to rest, checked like every other motion."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.models.geometry import ClearanceQuery
+from skywright.planning.inverse_dynamics import Loads
+from skywright.planning.inverse_kinematics import build_state
+from skywright.planning.local_planner import Edge, join_edges, plan_free_edge
+from skywright.planning.problem import Limits, build_problem, describe_failure
+from skywright.planning.scan import build_rest, build_transit_law
+from skywright.worlds.surface import Cylinder
+
+Array = NDArray[np.float64]
+
+
+class WaypointPlan(NamedTuple):
+    """Segments "waypoint 1", "waypoint 2", ... (each ends with its hold), or why there are none."""
+
+    feasible: bool
+    blocked_by: str | None
+    segments: dict[str, NDArray[Any]]  # REFERENCE rows, each segment's time from 0
+    plan_s: float
+    duration_s: float
+    min_clearance_m: float
+    min_rotor_margin: float
+
+
+def plan_waypoints(
+    model: NDArray[Any],
+    loads: Loads,
+    query: ClearanceQuery,
+    cylinder: Cylinder,
+    limits: Limits,
+    start: Array,
+    poses: Array,
+    holds: Array,
+    q_folded: Array,
+    joints: tuple[str, ...] = (),
+) -> WaypointPlan:
+    """Plan straight flights from `start` (4,) through `poses` (n, 4), holding `holds` (n,) s.
+
+    Poses are (x, y, z, yaw). The arm stays at `q_folded`. The margin in transit applies.
+    """
+    began = time.perf_counter()
+    prob = build_problem(model, loads, query, cylinder, limits, 0.0)
+    state = build_state(start[:3], rot_z(start[3]), q_folded)
+    segments: dict[str, NDArray[Any]] = {}
+    clearance, margin, duration = math.inf, math.inf, 0.0
+    blocked: str | None = None
+    for i, (pose, hold) in enumerate(zip(poses, holds, strict=True)):
+        law = build_transit_law(state, pose, limits)
+        edge = plan_free_edge(
+            prob, state, pose[:3], rot_z(pose[3]), state.q, law, limits.margin_transit
+        )
+        if edge.failure is not None:
+            blocked = f"way-point {i + 1}: {describe_failure(edge.failure, query, joints)}"
+            break
+        edges: list[Edge] = [edge]
+        if hold > 0.0:
+            edges.append(build_rest(edge, -1, hold))
+        rows, trace = join_edges(edges)
+        segments[f"waypoint {i + 1}"] = rows
+        clearance = min(clearance, float(trace["clearance"].min()))
+        margin = min(margin, float(trace["rotor_margin"].min()))
+        duration += float(rows["t"][-1])
+        state = build_state(pose[:3], rot_z(pose[3]), q_folded)
+    return WaypointPlan(
+        blocked is None, blocked, segments if blocked is None else {}, time.perf_counter() - began,
+        duration if blocked is None else math.nan,
+        clearance if math.isfinite(clearance) else math.nan,
+        margin if math.isfinite(margin) else math.nan,
+    )  # fmt: skip
