@@ -25,6 +25,7 @@ Surface coordinates: s along the pipe's axis, c = R phi around it (worlds/spec.p
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +42,7 @@ _GAP_SCALE = 0.002  # m; gaps are tabulated uniformly in gap / (gap + scale), ai
 _N_GAP = 161
 _N_BLEND = 9
 _TILT_MAX = math.radians(25.0)
-_N_TILT = 6
+_N_TILT = 10
 
 
 class Coil(NamedTuple):
@@ -99,6 +100,7 @@ class ProbeSignal(NamedTuple):
     noise: float  # units rms
 
 
+@lru_cache(maxsize=64)
 def compute_coil_spectrum(coil: Coil, tilt: float) -> tuple[np.ndarray, np.ndarray]:
     """Spatial frequencies of the coil and the weight W(a) da of each at a tilt.
 
@@ -129,7 +131,10 @@ def compute_coil_spectrum(coil: Coil, tilt: float) -> tuple[np.ndarray, np.ndarr
     axial = np.expm1(k * coil.length) / k
     density = coil.turns / (coil.length * (coil.outer_radius - coil.inner_radius))
     spectrum = 2 * math.pi * density * radial * axial
-    return alpha, (np.abs(spectrum) ** 2).mean(axis=1) * alpha_weight
+    weight = (np.abs(spectrum) ** 2).mean(axis=1) * alpha_weight
+    alpha.setflags(write=False)  # cached: shared by every caller
+    weight.setflags(write=False)
+    return alpha, weight
 
 
 def compute_reflection(

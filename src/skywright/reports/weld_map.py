@@ -159,6 +159,7 @@ def draw_weld_map(
                 ms=7,
                 mew=1.6,
                 ls="none",
+                zorder=6,
             )[0]
             handles.append(mark)
             labels.append(f"{label} ({len(some)})")
@@ -212,10 +213,10 @@ def draw_impedance_plane(ax: Axes, ec: np.ndarray, result: WeldResult, zoom: boo
         ax.text(tip.real, tip.imag, "weld", color=_ESTIMATE, fontsize=8, ha="center", va="center")
     if zoom:
         # the strip of lift-off within its threshold is contact
+        side = cal.weld_axis or 1j * cal.lift_off_axis
         for sign in (-1, 1):
-            edge = cal.contact + cal.lift_off_axis * cal.lift_off_threshold * np.array(
-                [sign + 3j, sign - 3j]
-            )
+            edge = cal.lift_off_threshold * (sign * cal.lift_off_axis + side * np.array([-3, 3]))
+            edge = edge + cal.contact
             ax.plot(edge.real, edge.imag, color=_ESTIMATE, lw=1, ls="--")
         reach_shown = 1.6 * cal.lift_off_threshold
         ax.set_xlim(cal.contact.real - reach_shown, cal.contact.real + reach_shown)
