@@ -50,7 +50,7 @@ def find_kind(name: str) -> tuple[str, str]:
                 f"{name}: the folder holds none of robot.toml, world.toml, mission.toml"
             )
         if path.is_file():
-            tree = load_layer(path, name).tree
+            tree = load_layer(path, name, []).tree  # what is wrong inside is told later
             for kind in ("mission", "robot", "world"):
                 if kind in tree:
                     return kind, str(path)

@@ -1,0 +1,263 @@
+"""The command line's contract: names, exit codes, `--json`, one line for every error."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from skywright import cli
+
+
+def call(*args: str) -> Result:
+    return CliRunner().invoke(cli.main, list(args))
+
+
+def assert_refused(result: Result, *words: str, code: int = 2) -> None:
+    """The exit code, nothing on stdout, one clear line on stderr."""
+    assert result.exit_code == code, result.output
+    assert result.stdout == ""
+    assert result.stderr.startswith("skywright: ")
+    assert result.stderr.count("\n") == 1
+    assert "Traceback" not in result.stderr
+    for word in words:
+        assert word in result.stderr
+
+
+@pytest.fixture(autouse=True)
+def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_importing_the_command_line_is_cheap() -> None:
+    heavy = ["numpy", "numba", "mujoco", "scipy", "pydantic", "matplotlib", "rich", "viser"]
+    code = f"import sys, skywright, skywright.cli; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_module_and_script_are_the_same() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "skywright", "--help"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[1:] == call("--help").stdout.splitlines()[1:]
+
+
+def test_help_names_the_contract() -> None:
+    text = call("--help").stdout
+    for name in ("run", "plan", "capability", "list", "show", "weld", "replay", "new", "check"):
+        assert f"\n  {name} " in text
+    for flag in ("--robot", "--world", "--set", "--seed", "--out", "--json", "--view"):
+        assert flag in call("run", "--help").stdout
+    assert call().exit_code == 0
+    assert call("--version").stdout.startswith("skywright ")
+
+
+def test_public_names_exist() -> None:
+    import skywright
+
+    for name in skywright.__all__:
+        assert getattr(skywright, name)
+    assert skywright.load("waypoints", sets={"mission.seed": 4}).mission.seed == 4
+
+
+# Wrong input: exit code 2, one line
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["fly"], ["unknown command 'fly'", "run", "show"]),
+        (["reproduce"], ["unknown command"]),  # not there yet
+        (["run"], ["MISSION"]),
+        (["run", "waypoints", "--frobnicate"], ["--frobnicate"]),
+        (["run", "waypoints", "--seed", "x"], ["--seed"]),
+        (["run", "waypoints", "--seed", "-1"], ["--seed"]),
+        (["run", "no-such"], ["unknown mission 'no-such'", "pipe-weld-scan"]),
+        (["run", "waypoints", "--robot", "othx"], ["unknown robot 'othx'", "othex"]),
+        (["run", "waypoints", "--world", "mars"], ["unknown world 'mars'", "open"]),
+        (["run", "waypoints", "--set", "x"], ["KEY=VALUE"]),
+        (["run", "waypoints", "--set", "world.wind.speed_mps=3"], ["speed_mps", "mean_mps"]),
+        (["plan", "waypoints", "--set", "world.mocap.rate_hz=0"], ["world.mocap.rate_hz"]),
+        (["plan", "waypoints", "--set", "robot.platform.mass_kg=50"], ["50"]),
+        (["run", "waypoints", "--set", "robot.rotors.thrust_max_n=2"], ["N"]),
+        (["capability", "othx"], ["othx", "othex"]),
+        (["capability", "othex", "--set", "robot.platform.mass_kg=9"], ["9"]),
+        (["capability", "othex", "--out", "x.docx"], ["x.docx", ".png"]),
+        (["capability", "othex", "--out", "/proc/nope/x.png"], ["/proc/nope/x.png"]),
+        (["list", "planets"], ["planets", "robots"]),
+        (["show", "othx"], ["othx", "othex"]),
+        (["weld", "no-such.csv"], ["no-such.csv"]),
+        (["replay", "no-such-run"], ["no-such-run"]),
+        (["replay", "."], ["replay.html"]),
+        (["new", "robot", "a b"], ["'a b'"]),
+        (["check", "no-such.toml"], ["no-such.toml"]),
+    ],
+)  # fmt: skip
+def test_wrong_input(args: list[str], words: list[str]) -> None:
+    assert_refused(call(*args), *words)
+
+
+def test_wrong_input_as_json() -> None:
+    result = call("plan", "no-such", "--json")
+    assert result.exit_code == 2
+    found = json.loads(result.stdout)
+    assert found["exit_code"] == 2
+    assert "no-such" in found["error"]
+
+
+def test_internal_error_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    import skywright.robots.loader as loader
+
+    def explode() -> None:
+        raise ZeroDivisionError("two\nlines")
+
+    monkeypatch.setattr(loader, "list_robots", explode)
+    monkeypatch.delenv("SKYWRIGHT_DEBUG", raising=False)
+    assert_refused(call("list", "robots"), "internal error", "ZeroDivisionError", code=3)
+    monkeypatch.setenv("SKYWRIGHT_DEBUG", "1")
+    assert "Traceback" in call("list", "robots").stderr
+
+
+def test_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    import skywright.robots.loader as loader
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(loader, "list_robots", interrupt)
+    result = call("list", "robots")
+    assert result.exit_code == 1
+    assert result.stderr.strip() == "skywright: interrupted"
+
+
+def test_closed_pipe_is_silent() -> None:
+    command = f"{sys.executable} -m skywright show othex --json | head -1"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True)
+    assert done.stderr == ""
+
+
+# Commands
+
+
+def test_list() -> None:
+    found = json.loads(call("list", "--json").stdout)
+    assert {"othex", "f550-bridge", "hexarotor"} <= {e["name"] for e in found["robots"]}
+    assert {"pipe", "open"} <= {e["name"] for e in found["worlds"]}
+    assert {"pipe-weld-scan", "waypoints"} <= {e["name"] for e in found["missions"]}
+    assert "othex" in call("list", "robots").stdout
+
+
+def test_capability_json_has_the_keys_of_the_contract(tmp_path: Path) -> None:
+    result = call("capability", "othex", "--json")
+    assert result.exit_code == 0
+    found = json.loads(result.stdout)
+    keys = "robot mass_kg thrust_fraction directions_deg lateral_force_n wind_limit_mps"
+    for key in [*keys.split(), "hover_tilt_deg", "hover_power_w", "endurance_s", "rotors"]:
+        assert key in found
+    assert len(found["directions_deg"]) == len(found["lateral_force_n"])
+    assert {
+        "position_m", "axis", "thrust_min_n", "thrust_max_n", "torque_per_thrust_m"
+    } <= set(found["rotors"][0])  # fmt: skip
+    assert list(tmp_path.iterdir()) == []  # no picture unless asked
+    heavy = json.loads(
+        call("capability", "othex", "--json", "--set", "robot.platform.mass_kg=1.8").stdout
+    )
+    assert heavy["mass_kg"] == pytest.approx(found["mass_kg"] + 0.2)
+
+
+def test_capability_writes_a_picture(tmp_path: Path) -> None:
+    result = call("capability", "hexarotor", "--out", "sub/k.png")
+    assert result.exit_code == 0
+    assert (tmp_path / "sub/k.png").read_bytes().startswith(b"\x89PNG")
+    assert "hover power" in result.stdout and "sub/k.png" in result.stdout
+
+
+@pytest.mark.parametrize("name", ["othex", "pipe", "pipe-weld-scan", "waypoints"])
+def test_show(name: str, tmp_path: Path) -> None:
+    result = call("show", name)
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / f"show-{name}.png").stat().st_size > 10_000
+    assert f"show-{name}.png" in result.stdout
+    if name == "othex":
+        for word in (
+            "2.25 kg",
+            "hinge about y",
+            "hover power",
+            "endurance",
+            "gyroscope",
+            "Guesses",
+        ):
+            assert word in result.stdout
+
+
+def test_show_json_and_svg(tmp_path: Path) -> None:
+    found = json.loads(call("show", "waypoints", "--json", "--out", "w.svg").stdout)
+    assert (found["kind"], found["name"], found["picture"]) == ("mission", "waypoints", "w.svg")
+    assert "<svg" in (tmp_path / "w.svg").read_text()
+
+
+def test_new_robot_is_valid_and_not_overwritten(tmp_path: Path) -> None:
+    assert call("new", "robot", "mine").exit_code == 0
+    for target in ("mine", "mine/robot.toml", "mine/mission.toml"):
+        result = call("check", target)
+        assert result.exit_code == 0, result.output
+    assert call("show", "mine").exit_code == 0
+    (tmp_path / "mine/robot.toml").write_text("changed")
+    assert_refused(call("new", "robot", "mine"), "mine/robot.toml", "not overwritten")
+    assert (tmp_path / "mine/robot.toml").read_text() == "changed"
+
+
+def test_template_comments_the_arm_that_works(tmp_path: Path) -> None:
+    """Taking the # away from the arm in the template gives a valid robot."""
+    call("new", "robot", "mine")
+    path = tmp_path / "mine/robot.toml"
+    head, mark, arm = path.read_text().partition("# [robot.arm]")
+    path.write_text(head + "\n".join(line[2:] for line in (mark + arm).splitlines()))
+    result = call("check", "mine")
+    assert result.exit_code == 0, result.output
+    assert "link1" in call("show", "mine").stdout
+
+
+def test_check_lists_every_problem_at_once(tmp_path: Path) -> None:
+    call("new", "robot", "mine")
+    path = tmp_path / "mine/robot.toml"
+    text = path.read_text().replace("mass_kg = 1.5 ", "mass_g = 1500 ")
+    text = text.replace("energy_wh = 55.0", "energy_wh = nan").replace('"ccw"]', '"left"]')
+    path.write_text(text + "\n[engine]\npower = 3\n")
+    result = call("check", str(path))
+    assert result.exit_code == 2
+    for word in ("mass_kg (in kilograms)", "energy_wh is nan", "'left'", "[engine]"):
+        assert word in result.stderr
+    assert "Traceback" not in result.output
+    found = json.loads(call("check", str(path), "--json").stdout)
+    assert found["valid"] is False and len(found["problems"]) >= 4
+
+
+def test_check_refuses_a_robot_that_cannot_lift_itself(tmp_path: Path) -> None:
+    call("new", "robot", "mine")
+    path = tmp_path / "mine/robot.toml"
+    path.write_text(path.read_text().replace("mass_kg = 1.5 ", "mass_kg = 15.0 "))
+    result = call("check", "mine")
+    assert result.exit_code == 2
+    assert "N" in result.stderr  # with the numbers
+    assert call("run", "mine/mission.toml").exit_code == 2
+
+
+def test_check_tells_the_guesses() -> None:
+    result = call("check", "othex")
+    assert result.exit_code == 0
+    assert "assumed robot.probe.spring_n_per_m = 200 (range 100 to 500)" in result.stdout
+
+
+def test_user_files_work_where_names_do(tmp_path: Path) -> None:
+    (tmp_path / "yard.toml").write_text('[world]\nname = "yard"\n')
+    call("new", "robot", "mine")
+    assert call("show", "yard.toml").exit_code == 0
+    found = json.loads(call("capability", "mine", "--json").stdout)
+    assert found["robot"] == "mine"
+    assert call("capability", "mine/robot.toml", "--json").exit_code == 0
