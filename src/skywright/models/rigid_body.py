@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 Record = Any  # one element of a structured array; numba sees a typed record
 
 MAX_LINKS = 12
+SLIDER_INERTIA = 1e-6
+"""kg m^2 of the probe's sprung part about its own centre: small, but MuJoCo wants it above zero."""
 
 BODY_MODEL = np.dtype(
     [
@@ -199,7 +201,7 @@ def _add_probe(m: Record, i: int, link: Link, probe: Probe) -> None:
     bodies = [
         (m["mass"][i], m["com"][i].copy(), m["inertia"][i].copy()),
         (parts.holder_mass, end + 0.5 * parts.holder_length * axis, rod),
-        (parts.slider_mass, end + parts.slider_com * axis, np.zeros((3, 3))),
+        (parts.slider_mass, end + parts.slider_com * axis, SLIDER_INERTIA * np.eye(3)),
     ]
     mass = sum(b[0] for b in bodies)
     com = sum(b[0] * b[1] for b in bodies) / mass

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_from_rot, rot_y
 from skywright.models.rigid_body import (
+    SLIDER_INERTIA,
     build_probe_parts,
     joint_names,
     link_com,
@@ -296,7 +297,7 @@ def _add_probe(
     slider = holder.add_body(name="slider")
     slider.mass = parts.slider_mass * dev.mass_factor
     slider.ipos = [parts.slider_com, 0, 0]
-    slider.inertia = [1e-6, 1e-6, 1e-6]
+    slider.inertia = [SLIDER_INERTIA] * 3
     slider.explicitinertial = True
     slider.add_geom(
         name="tip", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[probe.tip_radius_m, 0, 0],

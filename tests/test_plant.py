@@ -1,0 +1,144 @@
+"""The plant's physics: conservation, spring, contact force, rotors, wind."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from skywright.missions.loader import load_description
+from skywright.models.scene import Deviation, build_scene, set_pose
+from skywright.sim.physics import step_physics
+from skywright.sim.plant import PLANT, actuate, blow
+from skywright.vehicle.simulated import _build_plant
+from skywright.core.types import COMMAND
+
+
+@pytest.fixture(scope="module")
+def description():
+    return load_description("pipe-weld-scan")
+
+
+def test_energy_and_momentum_are_conserved_in_free_fall(description):
+    scene = build_scene(description.robot, description.world, Deviation())
+    m = scene.model
+    m.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    m.opt.timestep = 2e-4
+    m.dof_damping[:] = 0.0
+    m.jnt_limited[:] = 0
+    m.actuator_gainprm[:] = 0.0
+    m.actuator_biasprm[:] = 0.0
+    d = mujoco.MjData(m)
+    set_pose(scene, d, np.array([-3.0, 0, 5.0]), np.array([1.0, 0, 0, 0]), np.array([0.3, 0.4]))
+    d.qvel[:6] = [0.2, -0.1, 0.3, 0.5, -0.4, 0.6]
+    mujoco.mj_forward(m, d)
+    mujoco.mj_subtreeVel(m, d)
+    e0, l0 = d.energy.sum(), d.subtree_angmom[1].copy()
+    kinetic0 = d.energy[1]
+    for _ in range(1500):
+        mujoco.mj_step(m, d)
+    mujoco.mj_forward(m, d)
+    mujoco.mj_subtreeVel(m, d)
+    assert abs(d.energy.sum() - e0) < 1e-5 * abs(d.energy[1] - kinetic0)
+    np.testing.assert_allclose(d.subtree_angmom[1], l0, atol=1e-6)
+
+
+def test_nominal_model_and_plant_agree_without_deviation(description):
+    nominal = build_scene(description.robot, description.world)
+    plant = build_scene(description.robot, description.world, Deviation())
+    assert plant.model.body_mass.sum() == pytest.approx(nominal.model.body_mass.sum(), abs=1e-12)
+    dn, dp = mujoco.MjData(nominal.model), mujoco.MjData(plant.model)
+    q = np.array([-0.6, 0.9])
+    for scene, d in ((nominal, dn), (plant, dp)):
+        set_pose(scene, d, np.array([0.1, 0.2, 1.0]), np.array([0.8, 0, 0, 0.6]), q)
+        mujoco.mj_forward(scene.model, d)
+    np.testing.assert_allclose(dn.site("tip").xpos, dp.site("tip").xpos, atol=1e-12)
+
+
+def test_deviation_changes_what_it_names(description):
+    nominal = build_scene(description.robot, description.world, Deviation())
+    off = build_scene(
+        description.robot, description.world, Deviation(mass_factor=1.05, link_length_error=0.01)
+    )
+    assert off.model.body_mass.sum() == pytest.approx(1.05 * nominal.model.body_mass.sum())
+    d = mujoco.MjData(off.model)
+    d0 = mujoco.MjData(nominal.model)
+    for m, x in ((off.model, d), (nominal.model, d0)):
+        mujoco.mj_forward(m, x)
+    reach = np.linalg.norm(d.site("tip").xpos - d0.site("tip").xpos)
+    assert reach == pytest.approx(0.01, abs=1e-9)
+
+
+def test_contact_sensor_reads_the_force_on_the_tip_in_W(description):
+    """Pressed on the pipe with a known force, the plant's sensor shows it, away from the pipe."""
+    scene = build_scene(description.robot, description.world, Deviation())
+    m = scene.model
+    m.opt.gravity[:] = 0.0
+    d = mujoco.MjData(m)
+    pipe = description.world.pipe
+    q = np.array([-math.radians(40), math.radians(40)])
+    set_pose(scene, d, np.zeros(3), np.array([1.0, 0, 0, 0]), q)
+    mujoco.mj_forward(m, d)
+    tip = d.site("tip").xpos.copy()
+    p = np.array([pipe.x_m - pipe.diameter_m / 2 - 0.001, pipe.y_m, pipe.z_m]) - tip
+    set_pose(scene, d, p, np.array([1.0, 0, 0, 0]), q)
+    d.act[:] = [q[0], q[0] + q[1]]
+    n_rotors = m.nu - 2
+    d.ctrl[:] = 0.0
+    force = 1.5
+    for _ in range(6000):  # push, with strong damping on the free joint only
+        d.qfrc_applied[:6] = -8.0 * d.qvel[:6]
+        d.qfrc_applied[3:6] = -2.0 * d.qvel[3:6] - 30.0 * d.qpos[4:7]
+        d.qfrc_applied[0] += force
+        mujoco.mj_step(m, d)
+    f = d.sensordata[scene.index.sensor_tip_force :][:3]
+    assert n_rotors == 6
+    assert abs(abs(f[0]) - force) < 0.05
+    spring = -d.qpos[scene.index.slider_qpos]
+    probe = description.robot.probe
+    assert spring == pytest.approx((force - probe.spring_preload_n) / probe.spring_n_per_m, abs=5e-4)
+
+
+def test_rotor_lag_is_exact_and_thrust_goes_with_speed_squared(description):
+    scene = build_scene(description.robot, description.world, Deviation())
+    pl = _build_plant(description.robot, description.world, scene, Deviation(), 1)
+    cmd = np.zeros(1, COMMAND)
+    ctrl, motor = np.zeros(8), np.zeros(8)
+    cmd[0]["rotor_speed"][:6] = 400.0
+    dt, tau = 0.002, pl[0]["rotor_tau"]
+    for _ in range(25):
+        actuate(pl[0], cmd[0], motor, dt, ctrl)
+    w = 400.0 * (1.0 - math.exp(-25 * dt / tau))
+    np.testing.assert_allclose(pl[0]["rotor_speed"][:6], w, rtol=1e-12)
+    np.testing.assert_allclose(ctrl[:6], pl[0]["k_f"] * w**2, rtol=1e-12)
+
+
+def test_wind_drag_matches_hand_calculation():
+    d = load_description(
+        "pipe-weld-scan",
+        sets=["world.wind.kind=steady", "world.wind.mean_mps=5", "world.wind.toward_deg=90"],
+    )
+    scene = build_scene(d.robot, d.world, Deviation())
+    pl = _build_plant(d.robot, d.world, scene, Deviation(), 1)
+    pl[0]["R_WB"] = np.eye(3)
+    xfrc = np.zeros((scene.model.nbody, 6))
+    blow(pl[0], xfrc)  # rotors at rest: body drag only
+    expected = 0.5 * 1.2 * d.robot.platform.drag_area_y_m2 * 25.0
+    np.testing.assert_allclose(xfrc[1, :3], [0.0, expected, 0.0], atol=1e-12)
+    pl[0]["rotor_speed"][:6] = 500.0
+    blow(pl[0], xfrc)
+    assert xfrc[1, 1] > expected  # rotor drag adds downwind
+
+
+def test_stepping_from_compiled_code_is_mujoco_s_own_step(description):
+    scene = build_scene(description.robot, description.world, Deviation())
+    a, b = mujoco.MjData(scene.model), mujoco.MjData(scene.model)
+    for d in (a, b):
+        d.ctrl[:6] = [5.0, 4.5, 3.0, 3.1, 4.6, 5.2]
+    step_physics(scene.model._address, a._address, 200)
+    mujoco.mj_step(scene.model, b, 200)
+    assert a.qpos.tobytes() == b.qpos.tobytes()
+    assert PLANT.itemsize > 0
