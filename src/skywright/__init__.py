@@ -84,21 +84,51 @@ def run(
     out: str | os.PathLike[str] | None = None,
     view: bool = False,
     progress: bool = False,
+    report: bool = True,
 ) -> RunResult:
     """Plan, fly and evaluate a mission; writes the run's directory (`result.directory`).
 
-    Raises InputError when the input is wrong (nothing was started), InfeasibleError when no plan
-    exists, SimulationError when the simulation diverged.
+    `out` is the directory (default: the next free `runs/<mission>-N`). `view` shows the run live in
+    the browser, `progress` a bar on stderr, `report` writes `report.html` and `replay.html`.
+    Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
+    plan exists. An interrupted or diverged run is returned with that `outcome`.
     """
+    from contextlib import suppress
     from pathlib import Path
 
-    from skywright.evaluation.run import run_mission
-    from skywright.models.capability import check_can_fly
+    from skywright.evaluation.run import Observer, run_mission
 
     description = _as_description(description)
-    check_can_fly(description.robot, description.world.gravity_mps2)
-    where = None if out is None else Path(out)
-    return run_mission(description, out=where, view=view, progress=progress)
+    observers: list[Observer] = []
+    if progress:
+        with suppress(ModuleNotFoundError):
+            from skywright.reports.progress import Progress
+
+            observers.append(Progress())
+    if view:
+        from skywright.ground.live import LiveView
+
+        observers.append(LiveView())
+    return run_mission(
+        description,
+        out=None if out is None else Path(out),
+        observers=observers,
+        write_report=_write_pages if report else None,
+    )
+
+
+def _write_pages(result: RunResult) -> None:
+    """Write the pages of a run into its directory."""
+    from contextlib import suppress
+
+    with suppress(ModuleNotFoundError):
+        from skywright.reports.report import write_report
+
+        write_report(result)
+    with suppress(ModuleNotFoundError):
+        from skywright.reports.replay import write_replay
+
+        write_replay(result)
 
 
 def evaluate(directory: str | os.PathLike[str]) -> RunResult:

@@ -139,11 +139,11 @@ def run(
     MISSION is a built-in name, a file, or a finished run's directory (which repeats it).
     """
     description = _load(mission, robot, world, sets, seed)
-    from skywright.evaluation.run import run_mission
+    import skywright
 
-    result = run_mission(description, out=out, view=view, progress=not as_json)
+    result = skywright.run(description, out=out, view=view, progress=not as_json)
     if as_json:
-        _print_json(result.to_json())
+        _print_json({**result.to_json(), "directory": str(result.directory)})
     else:
         from skywright.reports.terminal import print_result
 

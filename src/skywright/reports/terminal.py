@@ -50,13 +50,14 @@ def print_result(result: Any) -> None:
     console.print(table)
     failed = sum(not r.passed for r in result.requirements)
     verdict = "all requirements met" if not failed else f"{failed} not met"
-    console.print(f"outcome: {result.outcome}; {verdict}")
+    reason = f" ({result.reason})" if result.reason else ""
+    console.print(f"{result.outcome}{reason}: {verdict}", markup=False)
     directory = Path(result.directory)
     for name in ("report.html", "replay.html"):
         if (directory / name).is_file():
-            console.print(str(directory / name))
-        else:
-            console.print(f"{directory} holds no {name}")
+            console.print(str(directory / name), markup=False)
+    if result.outcome in ("interrupted", "diverged"):
+        console.print(f"{directory} holds the recording up to the end", markup=False)
 
 
 def print_plan(plan: MissionPlan) -> None:
