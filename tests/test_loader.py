@@ -16,6 +16,7 @@ from skywright.core.toml_files import build_layer, merge_layers, parse_value, st
 from skywright.errors import InputError
 from skywright.missions.dump import dump_description
 from skywright.missions.loader import Description, list_layer_problems, load_description
+from skywright.robots.loader import find_robot
 
 SCAN, WAYPOINTS = "pipe-weld-scan", "waypoints"
 
@@ -322,6 +323,23 @@ def test_user_law_file_is_found_beside_the_mission(tmp_path: Path) -> None:
     assert load_description(path).mission.law == f"{tmp_path / 'my_law.py'}:step"
 
 
+def test_user_law_of_a_robot_is_found_beside_the_robot(tmp_path: Path) -> None:
+    (tmp_path / "r").mkdir()
+    source = Path(find_robot("hexarotor").path).read_text(encoding="utf-8")
+    text = source.replace("[robot.control]\n", '[robot.control]\nlaw = "my_law.py:step"\n')
+    robot = write(tmp_path / "r", "robot.toml", text)
+    assert "robot.control.law" in refusal(WAYPOINTS, robot=robot)
+    law = write(tmp_path / "r", "my_law.py", "")
+    assert load_description(WAYPOINTS, robot=robot).robot.control.law == f"{law}:step"
+
+
+@pytest.mark.parametrize("other", ["mission", "world"])
+def test_robot_file_holds_a_robot_only(tmp_path: Path, other: str) -> None:
+    source = Path(find_robot("hexarotor").path).read_text(encoding="utf-8")
+    path = write(tmp_path, "robot.toml", source + f'\n[{other}]\nname = "x"\n')
+    assert f"cannot hold the table [{other}]" in refusal(WAYPOINTS, robot=path)
+
+
 # Properties
 
 names = st.text("abcdefghijklmnop_", min_size=1, max_size=8).filter(lambda n: n != "value")
@@ -422,3 +440,34 @@ def test_merging_is_key_by_key(layers: list[dict]) -> None:
     for key, label in origin.items():
         path = key.split(".")
         assert leaf(merged, path) == leaf(layers[int(label)], path)
+
+
+NASTY: list[object] = [
+    math.nan, -math.inf, 0, -1, 1e308, 10**400, True, "", "x", [], [1], {}, {"a": 1}, [[]],
+    [math.nan],
+]  # fmt: skip
+
+
+@given(st.data())
+def test_no_value_of_any_key_breaks_the_loader(data: st.DataObject) -> None:
+    """Whatever stands at a key, the description is valid or one line names the key's table."""
+    d = load_description(SCAN)
+    key = data.draw(st.sampled_from(sorted(k for k, _ in all_keys(d))))
+    value = data.draw(st.sampled_from(NASTY) | st.text(max_size=5) | st.floats())
+    try:
+        load_description(SCAN, sets={key: value})
+    except InputError as error:
+        assert "\n" not in str(error)
+        assert key.split(".")[0] in str(error)
+
+
+@given(st.data())
+def test_no_misspelt_key_breaks_the_loader(data: st.DataObject) -> None:
+    d = load_description(WAYPOINTS)
+    key = data.draw(st.sampled_from(sorted(k for k, _ in all_keys(d))))
+    at = data.draw(st.integers(0, len(key) - 1))
+    junk = data.draw(st.text(max_size=3))
+    try:
+        load_description(WAYPOINTS, sets={key[:at] + junk + key[at + 1 :]: 1.0})
+    except InputError as error:
+        assert "\n" not in str(error).replace(junk, "")

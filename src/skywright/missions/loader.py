@@ -76,12 +76,13 @@ def load_description(
     for root, spec in SPECS.items():
         parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
     folder = found.path.parent
-    law = _locate_law(parts["mission"].law, "mission.law", folder)
+    law = _locate_law(parts["mission"].law, "mission.law", [folder])
     # `resolved` says how a file is to be read; a loaded mission is always complete
     parts["mission"] = parts["mission"].model_copy(update={"resolved": False, "law": law})
     control = parts["robot"].control
     if control.law is not None:
-        law = _locate_law(control.law, "robot.control.law", folder)
+        beside = Path(origin.get("robot.control.law", "")).parent  # the file that names it
+        law = _locate_law(control.law, "robot.control.law", [beside, folder])
         control = control.model_copy(update={"law": law})
         parts["robot"] = parts["robot"].model_copy(update={"control": control})
     return Description(**parts, sources=sources, origin=origin)
@@ -160,10 +161,12 @@ def load_layers(
                 f"{base_file.label}: no [{root}] table; a {root} file is needed, this one holds: "
                 f"{', '.join(base.tree)}"
             )
-        if "mission" in base.tree:
-            raise InputError(
-                f"{base_file.label}: a {root} file has no [mission] table; put it in a mission file"
-            )
+        for other in base.tree:
+            if other not in (root, "plant"):
+                raise InputError(
+                    f"{base_file.label}: a {root} file cannot hold the table [{other}]; "
+                    "a mission file can"
+                )
         layers.append(base)
     layers.append(mission)
     others = [(k, v) for k, v in assignments if k not in ("mission.robot", "mission.world")]
@@ -182,16 +185,16 @@ def _drop(sources: dict[str, Source], root: str) -> dict[str, Source]:
     return {key: source for key, source in sources.items() if not key.startswith(root + ".")}
 
 
-def _locate_law(law: str | None, key: str, folder: Path) -> str | None:
-    """Make the file of a user's law absolute: it is looked up beside the mission, then here."""
+def _locate_law(law: str | None, key: str, folders: list[Path]) -> str | None:
+    """Make the file of a user's law absolute: it is looked up in `folders`, then here."""
     if law is None or ".py:" not in law:
         return law
     file, _, function = law.rpartition(":")
-    for base in (folder, Path()):
+    for base in [*folders, Path()]:
         path = base / Path(file).expanduser()
         if path.is_file():
             return f"{path.resolve()}:{function}"
     raise InputError(
-        f"{key}: no file {file!r} beside the mission or in the current folder; "
+        f"{key}: no file {file!r} beside the file that names it or in the current folder; "
         "a user's law is written file.py:function"
     )
