@@ -1,0 +1,140 @@
+"""What a scene looks like: plain lists of parts and shapes, for pictures, replay and live view.
+
+The shapes are read from the compiled nominal scene, so that what is drawn is what planners and
+physics use. No MuJoCo object leaves this module.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.models.rigid_body import joint_names
+from skywright.models.scene import Scene, build_scene
+from skywright.robots.spec import Robot
+from skywright.worlds.spec import World
+
+Array = NDArray[np.float64]
+
+_KINDS = {
+    mujoco.mjtGeom.mjGEOM_PLANE: "plane",
+    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+}
+
+
+class Shape(NamedTuple):
+    """One solid, in the frame of its part."""
+
+    name: str  # as in the scene: hub, propeller0, pipe, ...
+    kind: str  # plane, sphere, capsule, cylinder (both along z), box
+    size: Array  # (3,) m: radius, half length (capsule without caps); box: half edges
+    position: Array  # (3,) m
+    quaternion: Array  # (4,) wxyz
+    rgba: Array  # (4,) in 0..1
+
+
+class Part(NamedTuple):
+    """A rigid part with its frame. A parent comes before its children."""
+
+    name: str  # platform, a link's name, holder, slider, gear
+    parent: int  # index of the part that carries it; -1: the world
+    position: Array  # (3,) m, in the parent's frame with the joint at zero
+    quaternion: Array  # (4,) wxyz, likewise
+    motion: str  # free (the platform), hinge, slide, spring (the probe's tip) or fixed
+    joint: int  # index into the joint angles; -1 without
+    axis: Array  # (3,) of the motion, in the part's frame
+    shapes: tuple[Shape, ...]
+
+
+class Drawing(NamedTuple):
+    """A robot in its world, ready to be drawn."""
+
+    world: tuple[Shape, ...]  # fixed, in W
+    parts: tuple[Part, ...]  # of the robot
+
+
+def build_drawing(robot: Robot, world: World) -> Drawing:
+    """Return the shapes of a robot and a world, from their nominal scene."""
+    scene = build_scene(robot, world)
+    model = scene.model
+    parts = tuple(_build_part(scene, robot, body) for body in range(1, model.nbody))
+    return Drawing(_collect_shapes(model, 0), parts)
+
+
+def _collect_shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
+    out = []
+    for i in range(model.ngeom):
+        kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[i]))
+        if model.geom_bodyid[i] == body and kind is not None:
+            arrays = (model.geom_size, model.geom_pos, model.geom_quat, model.geom_rgba)
+            values = [np.array(a[i], dtype=float) for a in arrays]
+            out.append(Shape(model.geom(i).name, kind, *values))
+    return tuple(out)
+
+
+def _build_part(scene: Scene, robot: Robot, body: int) -> Part:
+    model = scene.model
+    name = str(model.body(body).name)
+    parent = int(model.body_parentid[body]) - 1
+    position, quaternion = np.array(model.body_pos[body]), np.array(model.body_quat[body])
+    motion, joint, axis = "fixed", -1, np.array([1.0, 0.0, 0.0])
+    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    if body == scene.index.platform_body:
+        motion = "free"
+    elif name == "slider":  # rigid in the nominal scene; a recording tells its compression
+        motion, axis = "spring", np.array([-1.0, 0.0, 0.0])
+    elif count:
+        kind = mujoco.mjtJoint(model.jnt_type[first])
+        motion = "slide" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "hinge"
+        joint = joint_names(robot).index(model.joint(first).name)
+        axis = np.array(model.jnt_axis[first])
+    return Part(
+        name, parent, position, quaternion, motion, joint, axis, _collect_shapes(model, body)
+    )
+
+
+def compute_part_poses(
+    drawing: Drawing, p_WB: Array, q_WB: Array, q: Array, spring: Array
+) -> list[tuple[Array, Array]]:
+    """Poses of the robot's parts in their parents' frames over `n` instants.
+
+    p_WB (n, 3) m, q_WB (n, 4) wxyz, q (n, n_joints) rad (or m), spring (n,) m of compression.
+    Returns one (positions (n, 3), quaternions (n, 4)) a part.
+    """
+    n = len(p_WB)
+    out = []
+    for part in drawing.parts:
+        position = np.broadcast_to(part.position, (n, 3))
+        quaternion = np.broadcast_to(part.quaternion, (n, 4))
+        if part.motion == "free":
+            position, quaternion = p_WB, q_WB
+        elif part.motion == "hinge":
+            half = 0.5 * q[:, part.joint]
+            turn = np.column_stack([np.cos(half), np.sin(half)[:, None] * part.axis])
+            quaternion = multiply_quaternions(quaternion, turn)
+        elif part.motion in ("slide", "spring"):
+            way = spring if part.motion == "spring" else q[:, part.joint]
+            position = position + rotate_vectors(quaternion, way[:, None] * part.axis)
+        out.append((np.asarray(position, float), np.asarray(quaternion, float)))
+    return out
+
+
+def multiply_quaternions(a: Array, b: Array) -> Array:
+    """Return the products (n, 4) of two arrays of wxyz quaternions (n, 4)."""
+    w, v = a[:, :1], a[:, 1:]
+    s, u = b[:, :1], b[:, 1:]
+    real = w * s - np.sum(v * u, axis=1, keepdims=True)
+    return np.concatenate([real, w * u + s * v + np.cross(v, u)], axis=1)
+
+
+def rotate_vectors(quaternion: Array, v: Array) -> Array:
+    """Rotate vectors (n, 3) by wxyz quaternions (n, 4)."""
+    w, u = quaternion[:, :1], quaternion[:, 1:]
+    t = 2.0 * np.cross(u, v)
+    return np.asarray(v + w * t + np.cross(u, t))

@@ -1,0 +1,296 @@
+"""replay.html: a finished run in 3-D, in one file that needs no network.
+
+viser records the scene and bundles its own viewer with time slider and speed; an overlay of ours
+(replay_overlay.html) adds phases, key numbers and a legend. `replay.html#t=42` opens at 42 s.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
+from skywright.reports.scene3d import (
+    CCW,
+    CW,
+    ESTIMATE,
+    FREE,
+    GOOD,
+    LIFTED,
+    PLAN,
+    TILTED,
+    WELD,
+    Scene3d,
+    set_camera,
+    start_server,
+    stop_server,
+)
+
+if TYPE_CHECKING:
+    from skywright.evaluation.run import RunResult
+
+Array = NDArray[np.float64]
+
+FRAME_RATE = 15.0  # Hz
+MAX_FRAMES = 4500
+MAX_CHUNKS = 200
+NUMBER_RATE = 5.0  # Hz, of the numbers in the overlay
+NEAR = 0.02  # m; further away than this, gap and tilt mean nothing
+JUDGED = ("settle", "scan")  # phases in which contact quality counts
+
+
+def write_replay(result: RunResult) -> Path:
+    """Write replay.html into the run's directory and return its path."""
+    path = result.directory / "replay.html"
+    path.write_text(build_replay(result), encoding="utf-8")
+    return path
+
+
+def build_replay(result: RunResult) -> str:
+    """Return the replay of a run as one HTML document."""
+    samples = result.samples
+    finite = np.isfinite(samples["p_WB"]).all(axis=1) & np.isfinite(samples["q_WB"]).all(axis=1)
+    samples = samples[finite]  # a diverged run ends with numbers that are none
+    rows = _choose_frames(samples)
+    server = start_server()
+    try:
+        html = _record(result, samples, rows, server)
+    finally:
+        stop_server(server)
+    return _add_overlay(html, result, samples)
+
+
+def _choose_frames(samples: NDArray[Any]) -> NDArray[np.int64]:
+    """Indices of the samples that are shown."""
+    if len(samples) == 0:
+        return np.zeros(0, np.int64)
+    t = samples["t"]
+    span = float(t[-1] - t[0])
+    count = int(min(max(span * FRAME_RATE, 1.0), MAX_FRAMES)) + 1
+    return np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], count)).clip(0, len(t) - 1))
+
+
+def _record(result: RunResult, samples: NDArray[Any], rows: NDArray[np.int64], server: Any) -> str:
+    d = result.description
+    scene = Scene3d(server, d.robot, d.world)
+    _draw_plan_and_result(scene, result)
+    look_at, points, side = frame_view(result, samples)
+    scene.draw_wind(look_at + [0.0, 0.0, 0.75])
+    set_camera(server, points, look_at, side)
+    shown = samples[rows]
+    poses = scene.compute_poses(shown)
+    if len(shown):
+        scene.show(poses, 0)
+    serializer = server.get_scene_serializer()
+    if len(shown) < 2:
+        return str(serializer.as_html())
+    moved = {name: _moves(*pose) for name, pose in poses.nodes.items()}
+    trace, colours = _build_trace(result, shown)
+    every = max(1, math.ceil(len(shown) / MAX_CHUNKS), round(FRAME_RATE))
+    start = 0
+    for i in range(1, len(shown)):
+        serializer.insert_sleep(float(shown["t"][i] - shown["t"][i - 1]))
+        scene.show(poses, i, moved)
+        if i - start >= every or i == len(shown) - 1:
+            _draw_trace(server, start, trace[start : i + 1], colours[start : i + 1])
+            start = i
+    return str(serializer.as_html())
+
+
+def _moves(positions: Array, quaternions: Array) -> NDArray[np.bool_]:
+    """Frames (n,) at which a pose differs visibly (0.05 mm, 0.03 deg) from the last one sent."""
+    out = np.zeros(len(positions), bool)
+    last = 0
+    for i in range(1, len(positions)):
+        far = np.abs(positions[i] - positions[last]).max() > 5e-5
+        if far or np.abs(quaternions[i] - quaternions[last]).max() > 2.5e-4:
+            out[i], last = True, i
+    return out
+
+
+def frame_view(result: RunResult, samples: NDArray[Any]) -> tuple[Array, Array, Array]:
+    """Where to look (3,), what must be seen (n, 3) and from which direction (3,) to look."""
+    flown = samples["p_WB"][::50] if len(samples) else np.zeros((1, 3))
+    reach = 0.5 * result.description.robot.platform.diameter_m
+    points = [flown, flown + [0, 0, reach]]
+    pipe = result.description.world.pipe
+    if pipe is None:
+        look_at = 0.5 * (flown.min(axis=0) + flown.max(axis=0))
+        return look_at, np.concatenate(points), np.array([-0.7, -1.0, 0.55])
+    centre = np.array([pipe.x_m, pipe.y_m, pipe.z_m])
+    points.append(centre[None])
+    near = flown[np.argsort(np.linalg.norm(flown - centre, axis=1))[: max(1, len(flown) // 3)]]
+    way = near.mean(axis=0) - centre  # from the pipe to where the robot works
+    look_at = centre + 0.3 * way
+    way[2] = 0.0
+    size = float(np.linalg.norm(way))
+    way = way / size if size > 1e-6 else np.array([-1.0, 0.0, 0.0])
+    side = 0.55 * way + np.cross(way, [0.0, 0.0, 1.0]) * -1.0 + [0.0, 0.0, 0.45]
+    return look_at, np.concatenate(points), side
+
+
+def _draw_plan_and_result(scene: Scene3d, result: RunResult) -> None:
+    """Draw the planned path on the surface, the estimated weld and its crossings."""
+    pipe, scan, weld = result.description.world.pipe, result.plan.scan, result.weld
+    if pipe is None:
+        return
+    radius = 0.5 * pipe.diameter_m
+    if scan is not None and len(scan.path_sphi) > 1:
+        s, c = _thin_path(scan.path_sphi[:, 0], radius * scan.path_sphi[:, 1])
+        scene.draw_surface_line("/plan", s, c, 0.004, PLAN, lift=0.0003)
+    if weld is None:
+        return
+    for i, crossing in enumerate(weld.crossings):
+        scene.server.scene.add_icosphere(
+            f"/crossings/{i}", radius=0.008, position=crossing.p_W, color=ESTIMATE, subdivisions=2
+        )
+    if weld.line is not None and weld.crossings:
+        line = weld.line
+        reach = [c.c for c in weld.crossings] + [line.c]
+        span = [c.s for c in weld.crossings] + [line.s]
+        half = 0.5 * math.hypot(max(reach) - min(reach), max(span) - min(span)) + 0.03
+        u = np.linspace(-half, half, 60)
+        s, c = line.s + u * math.sin(line.angle), line.c + u * math.cos(line.angle)
+        inside = np.abs(s) <= 0.5 * pipe.length_m
+        if np.count_nonzero(inside) > 1:
+            scene.draw_surface_line("/estimate", s[inside], c[inside], 0.004, ESTIMATE, 0.0016)
+
+
+def _thin_path(s: Array, c: Array, step: float = 0.002) -> tuple[Array, Array]:
+    """Keep points that are at least `step` (m) apart."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(s), np.diff(c)))])
+    _, keep = np.unique(np.floor(way / step), return_index=True)
+    return s[keep], c[keep]
+
+
+def _build_trace(result: RunResult, shown: NDArray[Any]) -> tuple[Array, NDArray[np.uint8]]:
+    """Points (n, 3) of the tip's trace and their colours (n, 3)."""
+    names = [p.name for p in result.phases]
+    judged = np.isin(shown["phase"], [i for i, name in enumerate(names) if name in JUDGED])
+    colours = np.tile(np.array(FREE, np.uint8), (len(shown), 1))
+    if result.description.robot.arm is None:
+        return np.array(shown["p_WB"]), colours
+    gap = np.maximum(shown["gap"], shown["gap_max"])
+    colours[judged] = GOOD
+    colours[judged & (shown["tilt"] >= TILT_LIMIT)] = TILTED
+    colours[judged & (gap >= GAP_LIMIT)] = LIFTED
+    # in contact the trace is lifted off the surface by the tip's own size, or it would hide in it
+    lift = np.where(judged, 0.002, 0.0)[:, None] * shown["ref_normal_W"]
+    return shown["p_WT"] + lift, colours
+
+
+def _draw_trace(server: Any, start: int, points: Array, colours: NDArray[np.uint8]) -> None:
+    segments = np.stack([points[:-1], points[1:]], axis=1)
+    contact = bool(np.any(colours != np.array(FREE, np.uint8)))
+    server.scene.add_line_segments(
+        f"/trace/{start}", segments, np.stack([colours[:-1], colours[1:]], axis=1),
+        thickness=4.0 if contact else 1.5, thickness_units="screen",
+    )  # fmt: skip
+
+
+# --- the overlay -----------------------------------------------------------------------------
+
+
+def _add_overlay(html: str, result: RunResult, samples: NDArray[Any]) -> str:
+    """Put phases, key numbers and legend into viser's page."""
+    data = json.dumps(build_overlay_data(result, samples), allow_nan=False)
+    data = data.replace("</", "<\\/")  # a name may not end the script
+    overlay = (files("skywright.reports") / "replay_overlay.html").read_text(encoding="utf-8")
+    overlay = overlay.replace("__DATA__", data)
+    title = f"<title>{_escape(result.description.mission.name)}: replay</title>"
+    html = html.replace("<title>Viser</title>", title, 1)
+    end = html.rindex("</body>")
+    return html[:end] + overlay + html[end:]
+
+
+def build_overlay_data(result: RunResult, samples: NDArray[Any]) -> dict[str, Any]:
+    """What the overlay shows: names, phases, numbers over time and legend."""
+    d = result.description
+    start = float(samples["t"][0]) if len(samples) else 0.0
+    end = float(samples["t"][-1]) if len(samples) else 0.0
+    phases = [
+        {"name": p.name.replace("_", " "), "start": p.start_s - start, "end": p.end_s - start,
+         "outcome": p.outcome}
+        for p in result.phases
+    ]  # fmt: skip
+    step = max(1, round(100.0 / NUMBER_RATE))
+    rows = samples[::step]
+    return {
+        "mission": d.mission.name,
+        "robot": d.robot.name,
+        "world": d.world.name,
+        "seed": d.mission.seed,
+        "outcome": result.outcome,
+        "reason": result.reason,
+        "duration": end - start,
+        "phases": phases,
+        "period": step / 100.0,
+        "numbers": _build_numbers(result, rows),
+        "legend": _build_legend(result),
+    }
+
+
+def _build_numbers(result: RunResult, rows: NDArray[Any]) -> list[dict[str, Any]]:
+    """Rows of the table: name, unit, limit (or None) and values (None where meaningless)."""
+    out: list[dict[str, Any]] = []
+
+    def add(
+        name: str, unit: str, values: Array, limit: float | None = None, digits: int = 1
+    ) -> None:
+        shown = [round(float(v), digits) if math.isfinite(v) else None for v in values]
+        out.append({"name": name, "unit": unit, "limit": limit, "digits": digits, "values": shown})
+
+    error = np.linalg.norm(rows["p_WB"] - rows["ref_p_WB"], axis=1)
+    probe = result.description.robot.probe is not None and result.description.world.pipe is not None
+    if probe:
+        near = rows["gap"] < NEAR
+        add("push on the pipe", "N", np.where(near, rows["f_normal"], np.nan), digits=2)
+        gap = np.maximum(1e3 * rows["gap"], 0.0)
+        add("air gap", "mm", np.where(near, gap, np.nan), 1e3 * GAP_LIMIT, digits=2)
+        tilt = np.degrees(rows["tilt"])
+        add("probe tilt", "°", np.where(near, tilt, np.nan), math.degrees(TILT_LIMIT))
+        pushing = np.linalg.norm(rows["ref_normal_W"], axis=1) > 0.5
+        wrong = rows["p_WT"] - rows["ref_p_WT"]
+        along = np.sum(wrong * rows["ref_normal_W"], axis=1)[:, None] * rows["ref_normal_W"]
+        side = 1e3 * np.linalg.norm(wrong - along, axis=1)
+        add("tip off its path", "mm", np.where(pushing, side, np.nan))
+    else:
+        add("off the path", "m", error, digits=2)
+        lean = 2.0 * np.arccos(np.clip(np.hypot(rows["q_WB"][:, 0], rows["q_WB"][:, 3]), 0.0, 1.0))
+        add("platform tilt", "°", np.degrees(lean))
+        add("speed", "m/s", np.linalg.norm(rows["v_WB"], axis=1), digits=2)
+    load = rows["rotor_thrust"].max(axis=1) / result.description.robot.rotors.thrust_max_n
+    add("busiest rotor", "%", 100.0 * load, 100.0, digits=0)
+    add("height", "m", rows["p_WB"][:, 2], digits=2)
+    return out
+
+
+def _build_legend(result: RunResult) -> list[list[str]]:
+    """Pairs of colour and meaning."""
+    d = result.description
+    tip = "tip" if d.robot.arm is not None else "platform"
+    entries = [(FREE, f"path of the {tip}, in the air")]
+    if d.world.pipe is not None and d.robot.probe is not None:
+        limits = f"{1e3 * GAP_LIMIT:g} mm, {math.degrees(TILT_LIMIT):g}°"
+        entries += [
+            (GOOD, f"contact within limits ({limits})"),
+            (TILTED, f"probe tilted beyond {math.degrees(TILT_LIMIT):g}°"),
+            (LIFTED, f"air gap beyond {1e3 * GAP_LIMIT:g} mm"),
+            (PLAN, "planned path"),
+        ]
+    if d.world.weld is not None and d.world.weld.present:
+        entries.append((WELD, "weld, as it is"))
+        if result.weld is not None and result.weld.line is not None:
+            entries.append((ESTIMATE, "weld, as found by the probe"))
+    entries += [(CCW, "propeller turning counter-clockwise"), (CW, "propeller turning clockwise")]
+    return [["#{:02x}{:02x}{:02x}".format(*colour), text] for colour, text in entries]
+
+
+def _escape(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

@@ -1,0 +1,240 @@
+"""The 3-D scene of a robot in its world, shared by the replay and the live view."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from skywright.models.drawing import (
+    Drawing,
+    Shape,
+    build_drawing,
+    compute_part_poses,
+    multiply_quaternions,
+    rotate_vectors,
+)
+from skywright.reports.meshes import Mesh, build_mesh, build_ribbon, merge_meshes
+from skywright.robots.spec import Robot
+from skywright.worlds.spec import Pipe, Weld, World
+from skywright.worlds.surface import build_cylinder
+
+Array = NDArray[np.float64]
+Colour = tuple[int, int, int]
+
+CCW: Colour = (51, 117, 214)
+"""Propellers that turn counter-clockwise seen from above."""
+CW: Colour = (120, 190, 255)
+WELD: Colour = (20, 20, 24)
+ESTIMATE: Colour = (214, 40, 170)
+PLAN: Colour = (255, 255, 255)
+FREE: Colour = (120, 130, 145)
+"""Trace of the tip away from the surface."""
+GOOD: Colour = (34, 160, 80)
+TILTED: Colour = (255, 165, 0)
+LIFTED: Colour = (220, 40, 40)
+WIND: Colour = (0, 150, 200)
+
+# MuJoCo's holder frame has x along the probe; the tip's frame has z there: R_TH as a quaternion
+_Q_TH = np.array([math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0])
+
+
+class Poses(NamedTuple):
+    """Poses of all moving nodes over n instants: (positions (n, 3), quaternions (n, 4))."""
+
+    nodes: dict[str, tuple[Array, Array]]
+
+
+class Scene3d:
+    """A robot in its world on a viser server; `show` moves the robot."""
+
+    def __init__(self, server: viser.ViserServer, robot: Robot, world: World) -> None:
+        """Draw the world and the robot, which waits at the origin."""
+        self.server, self.robot, self.world = server, robot, world
+        self.drawing: Drawing = build_drawing(robot, world)
+        self._handles: dict[str, Any] = {}
+        self._names = self._name_nodes()
+        self._draw_world()
+        self._draw_robot()
+
+    # --- moving --------------------------------------------------------------------------------
+
+    def compute_poses(self, samples: NDArray[Any]) -> Poses:
+        """Return the poses of all moving nodes for recorded samples (SAMPLE)."""
+        n_joints = max((p.joint for p in self.drawing.parts), default=-1) + 1
+        q = np.asarray(samples["q"], float)[:, :n_joints]
+        found = compute_part_poses(
+            self.drawing, samples["p_WB"], samples["q_WB"], q, samples["spring"]
+        )
+        nodes = {}
+        for part, name, pose in zip(self.drawing.parts, self._names, found, strict=True):
+            if part.name == "holder":
+                pose = self._place_holder(samples)
+            if part.motion != "fixed" or part.name == "holder":
+                nodes[name] = pose
+        return Poses(nodes)
+
+    def show(self, poses: Poses, i: int, moved: dict[str, NDArray[np.bool_]] | None = None) -> None:
+        """Move the robot to instant `i` of `poses`; only what `moved` says, where it is given."""
+        for name, (positions, quaternions) in poses.nodes.items():
+            if moved is None or moved[name][i]:
+                handle = self._handles[name]
+                handle.position, handle.wxyz = positions[i], quaternions[i]
+
+    def _place_holder(self, samples: NDArray[Any]) -> tuple[Array, Array]:
+        """The probe's holder from the true tip: a flexible arm bends between the last link and it."""
+        assert self.robot.probe is not None
+        q_WH = multiply_quaternions(samples["q_WT"], np.broadcast_to(_Q_TH, (len(samples), 4)))
+        back = np.zeros((len(samples), 3))
+        back[:, 0] = samples["spring"] - self.robot.probe.length_m
+        return samples["p_WT"] + rotate_vectors(q_WH, back), q_WH
+
+    # --- drawing -------------------------------------------------------------------------------
+
+    def _name_nodes(self) -> list[str]:
+        """Scene tree names; the probe hangs on the world, because its tip is known directly."""
+        names: list[str] = []
+        for part in self.drawing.parts:
+            above = names[part.parent] if part.parent >= 0 and part.name != "holder" else ""
+            names.append(f"{above}/{part.name.replace('/', '_')}")
+        return names
+
+    def _draw_robot(self) -> None:
+        spin = self.robot.rotors.spin
+        for part, name in zip(self.drawing.parts, self._names, strict=True):
+            self._handles[name] = self.server.scene.add_frame(
+                name, show_axes=False, position=part.position, wxyz=part.quaternion
+            )
+            colours: dict[tuple[Colour, float], list[Shape]] = {}
+            for shape in part.shapes:
+                colour, opacity = _colour(shape)
+                if shape.name.startswith("propeller"):
+                    colour = CCW if spin[int(shape.name[9:])] == "ccw" else CW
+                    opacity = 0.45
+                colours.setdefault((colour, opacity), []).append(shape)
+            for i, ((colour, opacity), shapes) in enumerate(colours.items()):
+                self._mesh(f"{name}/look{i}", merge_meshes(_meshes(shapes)), colour, opacity)
+
+    def _draw_world(self) -> None:
+        scene = self.server.scene
+        scene.set_up_direction("+z")
+        scene.configure_default_lights(cast_shadow=True)
+        for shape in self.drawing.world:
+            if shape.kind == "plane":
+                scene.add_grid(
+                    "/ground", 20.0, 20.0, cell_size=0.25, section_size=1.0,
+                    cell_color=(222, 226, 230), section_color=(190, 197, 205),
+                    plane_color=(244, 245, 247), plane_opacity=1.0, shadow_opacity=0.25,
+                    position=(0.0, 0.0, -0.001),
+                )  # fmt: skip
+            else:
+                colour, opacity = _colour(shape)
+                self._mesh(f"/world/{shape.name}", build_mesh(shape, 64), colour, opacity)
+        pipe, weld = self.world.pipe, self.world.weld
+        if pipe is not None and weld is not None and weld.present:
+            points, normals = weld_curve(pipe, weld)
+            for i, (p, n) in enumerate(zip(points, normals, strict=True)):
+                ribbon = build_ribbon(p + 0.0006 * n, n, 2.0 * weld.half_width_m)
+                self._mesh(f"/world/weld{i}", ribbon, WELD, 1.0, double=True)
+
+    def draw_wind(self, at: Array) -> None:
+        """Draw the steady wind as an arrow that ends at `at` (3,), 0.12 m for each m/s."""
+        wind = self.world.wind
+        toward = math.radians(wind.toward_deg)
+        v = np.array([math.cos(toward) * wind.mean_mps, math.sin(toward) * wind.mean_mps, 0.0])
+        v[2] = wind.vertical_mps
+        speed = float(np.linalg.norm(v))
+        if wind.kind == "none" or speed < 1e-6:
+            return
+        tail = at - 0.12 * v
+        self.server.scene.add_arrows(
+            "/wind", np.array([[tail, at]]), WIND, shaft_radius=0.012, head_radius=0.035,
+            head_length=0.09,
+        )  # fmt: skip
+        self.server.scene.add_label("/wind/text", f"wind {speed:.1f} m/s", position=tail)
+
+    def draw_surface_line(
+        self, name: str, s: Array, c: Array, width: float, colour: Colour, lift: float = 0.001
+    ) -> None:
+        """Draw a band along (s, c) (n,), m on the unrolled pipe, `lift` (m) above the surface."""
+        assert self.world.pipe is not None
+        points, normals = roll(self.world.pipe, s, c)
+        mesh = build_ribbon(points + lift * normals, normals, width)
+        self._mesh(name, mesh, colour, 1.0, double=True)
+
+    def _mesh(
+        self, name: str, mesh: Mesh, colour: Colour, opacity: float, double: bool = False
+    ) -> Any:
+        solid = opacity >= 1.0
+        return self.server.scene.add_mesh_simple(
+            name, mesh.vertices, mesh.faces, color=colour, opacity=None if solid else opacity,
+            side="double" if double or not solid else "front", cast_shadow=solid and not double,
+            receive_shadow=solid,
+        )  # fmt: skip
+
+
+def start_server(host: str = "127.0.0.1", port: int = 0) -> viser.ViserServer:
+    """Start a viser server without its greeting; port 0 takes a free one."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        return viser.ViserServer(host=host, port=port, verbose=False)
+
+
+def stop_server(server: viser.ViserServer) -> None:
+    """Stop a viser server without its farewell."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
+
+
+def set_camera(server: viser.ViserServer, points: Array, look_at: Array, side: Array) -> None:
+    """Start the camera so that `points` (n, 3) are seen from the direction `side` (3,)."""
+    fov = math.radians(45.0)
+    radius = float(np.max(np.linalg.norm(points - look_at, axis=1)))
+    distance = max(1.0, 0.95 * radius / math.tan(fov / 2))
+    position = look_at + distance * side / np.linalg.norm(side)
+    position[2] = max(position[2], 0.3)
+    camera = server.initial_camera
+    camera.fov = fov
+    camera.position, camera.look_at = position, look_at
+
+
+def roll(pipe: Pipe, s: Array, c: Array) -> tuple[Array, Array]:
+    """Return points and outward normals (n, 3) in W of unrolled coordinates (s, c), m."""
+    cyl = build_cylinder(pipe)
+    phi = np.asarray(c, float) / cyl.radius
+    local = np.column_stack([-np.cos(phi), np.zeros_like(phi), np.sin(phi)])
+    normals = local @ cyl.R_WP.T
+    return cyl.p_WP + np.asarray(s, float)[:, None] * cyl.R_WP[:, 1] + cyl.radius * normals, normals
+
+
+def weld_curve(pipe: Pipe, weld: Weld) -> tuple[list[Array], list[Array]]:
+    """Return the pieces of the true weld on the pipe: points and normals (n, 3) in W."""
+    radius, half = 0.5 * pipe.diameter_m, 0.5 * pipe.length_m
+    slope = math.radians(weld.angle_deg)
+    u = np.linspace(-1.0, 1.0, 4001) * (math.pi * radius + 2.0 * half + abs(weld.offset_m))
+    if weld.angle_deg == 90.0:
+        s, c = u, np.full_like(u, weld.offset_m)
+    else:
+        s, c = weld.offset_m + u * math.sin(slope), u * math.cos(slope)
+    inside = (np.abs(s) <= half) & (np.abs(c) <= math.pi * radius)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(int), [0]])))
+    points, normals = [], []
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        if stop - start > 1:
+            p, n = roll(pipe, s[start:stop:10], c[start:stop:10])
+            points.append(p)
+            normals.append(n)
+    return points, normals
+
+
+def _colour(shape: Shape) -> tuple[Colour, float]:
+    r, g, b, a = (float(x) for x in shape.rgba)
+    return (round(255 * r), round(255 * g), round(255 * b)), a
+
+
+def _meshes(shapes: list[Shape]) -> list[Mesh]:
+    return [build_mesh(shape) for shape in shapes]
