@@ -151,9 +151,12 @@ def build_calibration(
     if lift_off_threshold is None:
         lift_off_threshold = LIFT_OFF_FRACTION * excursion
         if gap is not None:
-            near = np.abs(gap - GAP_LIMIT) < 0.3e-3
-            if near.sum() >= 3:
-                lift_off_threshold = min(lift_off_threshold, float(np.median(local.real[near])))
+            near = (gap > 0) & (gap < 3 * GAP_LIMIT)
+            if gap[near].size >= 3 and gap[near].max() > GAP_LIMIT:
+                order = np.argsort(gap[near])
+                limit = float(np.interp(GAP_LIMIT, gap[near][order], local.real[near][order]))
+                if limit > 0:
+                    lift_off_threshold = min(lift_off_threshold, limit)
         lift_off_threshold = max(lift_off_threshold, 5 * robust_std(local.real[in_contact]))
     if weld_threshold is None:
         weld_threshold = max(WELD_SIGMAS * noise, WELD_FRACTION * excursion)

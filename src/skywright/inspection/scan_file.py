@@ -125,9 +125,9 @@ def _number(cell: str) -> float:
 
 
 def _read_rows(
-    path: Path, lines: list[str], delimiter: str, width: int, notes: list[str]
-) -> tuple[Array, int]:
-    """(rows, columns) of numbers, NaN where a cell is none, and how many rows were dropped."""
+    path: Path, lines: list[str], delimiter: str, width: int, used: list[int], notes: list[str]
+) -> Array:
+    """(rows, columns) of numbers, NaN where a cell is none."""
     rows, ragged = [], 0
     for line in lines:
         cells = _split(line, delimiter)
@@ -144,15 +144,16 @@ def _read_rows(
         )
     if ragged:
         notes.append(f"{ragged} rows with a wrong number of cells dropped")
-    cells_with_comma = sum("," in cell for row in rows[:200] for cell in row)
-    if delimiter != "," and cells_with_comma:
-        if any("." in cell and "," in cell for row in rows for cell in row):
-            raise InputError(f"{path}: numbers hold both , and . ; write a decimal point only")
-        rows = [[cell.replace(",", ".") for cell in row] for row in rows]
-        notes.append("decimal commas read as decimal points")
+    if delimiter != ",":
+        cells_used = [row[index] for row in rows for index in used]
+        if any("," in cell for cell in cells_used):
+            if any("." in cell for cell in cells_used):
+                raise InputError(f"{path}: numbers hold both , and . ; write a decimal point only")
+            rows = [[cell.replace(",", ".") for cell in row] for row in rows]
+            notes.append("decimal commas read as decimal points")
     if not rows:
-        return np.empty((0, width)), ragged
-    return np.array([[_number(cell) for cell in row] for row in rows]), ragged
+        return np.empty((0, width))
+    return np.array([[_number(cell) for cell in row] for row in rows])
 
 
 def _build_axis(table: Array, columns: dict[str, tuple[int, float]]) -> Array | None:
@@ -186,7 +187,8 @@ def load_scan(path: Path) -> Scan:
         raise InputError(f"{path}: the file is empty; valid: a header and rows of numbers")
     delimiter, columns, width, notes = _read_header(path, lines[0])
     total = len(lines) - 1
-    table, _ = _read_rows(path, lines[1:], delimiter, width, notes)
+    used = [index for index, _ in columns.values()]
+    table = _read_rows(path, lines[1:], delimiter, width, used, notes)
 
     data = {name: table[:, columns[name][0]] * columns[name][1] for name in _LIMITS}
     with np.errstate(invalid="ignore"):

@@ -185,7 +185,7 @@ def fit_cylinder(p: Array) -> SurfaceFit:
     with np.errstate(invalid="ignore"):
         std = np.sqrt(np.abs(np.diag(cov)))
     radius = abs(float(fit.x[4]))
-    if not np.all(np.isfinite(std)) or std[4] > 0.5 * radius or radius * size > 50.0:
+    if not np.all(np.isfinite(std)) or std[4] > 0.25 * radius or radius * size > 10.0:
         raise InputError(
             f"cylinder fit: the contact points do not determine a cylinder (radius "
             f"{radius * size:.3g} m, standard deviation {std[4] * size:.3g} m); give the surface "

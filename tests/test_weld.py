@@ -1,0 +1,429 @@
+"""Calibration, crossings and the weld line on simulated scans, and contact quality."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+from scipy.signal import lfilter
+
+from skywright.errors import InputError
+from skywright.inspection.calibration import (
+    Calibration,
+    build_calibration,
+    compute_components,
+    load_calibration,
+    save_calibration,
+)
+from skywright.inspection.contact_quality import compute_contact_map, compute_coverage
+from skywright.inspection.eddy_current import build_probe_signal, ec_signal
+from skywright.inspection.surface_fit import (
+    build_surface,
+    fit_cylinder,
+    roll_point,
+    unroll_points,
+)
+from skywright.inspection.weld import WeldResult, process_scan
+from skywright.inspection.weld_line import compute_line_error, estimate_weld_line, line_distance
+from skywright.reports.weld_map import write_weld_map
+from skywright.worlds.spec import Pipe, Weld
+from skywright.worlds.surface import Cylinder, build_cylinder
+
+APPROACH = 6.0  # s
+RATE = 50.0  # Hz
+
+
+class Fake(NamedTuple):
+    """A raster scan flown without a robot: tip wander, tilt, chatter and noisy motion capture."""
+
+    t: np.ndarray
+    ec: np.ndarray
+    p: np.ndarray
+    cylinder: Cylinder
+    s: np.ndarray  # true
+    c: np.ndarray
+    gap: np.ndarray
+    tilt: np.ndarray
+
+
+@njit
+def readings(ps, s, c, gap, tilt, noise):
+    out = np.empty((s.size, 2))
+    for i in range(s.size):
+        out[i, 0], out[i, 1] = ec_signal(ps, s[i], c[i], gap[i], tilt[i], noise[i, 0], noise[i, 1])
+    return out
+
+
+def fly_scan(
+    seed: int,
+    weld: Weld | None = None,
+    *,
+    passes: int = 4,
+    speed: float = 0.008,
+    lag: float = 0.008,
+    around: bool = False,
+    noise: float = 3e-4,
+) -> Fake:
+    rng = np.random.default_rng(seed)
+    pipe = Pipe(yaw_deg=30.0, inclination_deg=12.0)
+    ps, cylinder = build_probe_signal(pipe, weld, rng), build_cylinder(pipe)
+    ends = [
+        (-0.1, x) if i % 2 == 0 else (0.1, x)
+        for i, x in enumerate(np.linspace(-0.07, 0.07, passes))
+    ]
+    path = np.array([q for s, c in ends for q in ((s, c), (-s, c))])
+    path = path[:, ::-1] if around else path
+    length = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    t = np.arange(0, APPROACH + length[-1] / speed, 1 / RATE)
+    u = np.clip(t - APPROACH, 0, None) * speed
+
+    def wander(std: float, time: float) -> np.ndarray:
+        a = math.exp(-1 / (time * RATE))
+        return std * lfilter([math.sqrt(1 - a * a)], [1, -a], rng.standard_normal(t.size))
+
+    s = np.interp(u, length, path[:, 0]) + wander(0.002, 2.0)
+    c = np.interp(u, length, path[:, 1]) + wander(0.002, 2.0)
+    gap = np.clip(0.04 - 0.01 * t, 0, None) + np.abs(wander(2e-5, 0.05))
+    tilt = np.abs(math.radians(2) + wander(math.radians(1.2), 1.0))
+    ec = readings(ps, s, c, gap, tilt, rng.standard_normal((t.size, 2)))
+    phi, r = c / cylinder.radius, cylinder.radius + gap
+    local = np.stack([-r * np.cos(phi), s, r * np.sin(phi)], axis=1)
+    p = cylinder.p_WP + local @ cylinder.R_WP.T
+    p = np.stack([np.interp(t - lag, t, x) for x in p.T], axis=1)
+    p += noise * rng.standard_normal(p.shape)
+    return Fake(t, ec, p, cylinder, s, c, gap, tilt)
+
+
+def process(fake: Fake, **kw) -> WeldResult:
+    kw = {"lift_off_threshold": 15.0, "weld_threshold": 1.4, **kw}
+    cal = build_calibration(fake.ec[fake.t < APPROACH], **kw)
+    return process_scan(fake.t, fake.ec, fake.p, fake.cylinder, cal, exclude=(0, APPROACH))
+
+
+def test_calibration_finds_axis_curve_and_noise() -> None:
+    fake = fly_scan(1, Weld())
+    cal = build_calibration(fake.ec[fake.t < APPROACH])
+    assert math.degrees(np.angle(cal.lift_off_axis)) == pytest.approx(160.0, abs=2.0)
+    assert cal.excursion == pytest.approx(60.0, abs=3.0)
+    assert 0.02 < cal.noise < 0.5
+    assert cal.lift_off_threshold == pytest.approx(0.25 * cal.excursion)
+    assert 1.0 < cal.weld_threshold < 3.0
+    # the bend of the lift-off curve (4 units) is taken out near contact, where welds are sought
+    lift_off, weld = compute_components(fake.ec[fake.t < APPROACH], cal)
+    near = np.abs(lift_off) < 25.0
+    assert np.max(weld[near]) < 0.9
+
+
+def test_threshold_is_capped_by_the_curve_at_one_millimetre() -> None:
+    fake = fly_scan(1)
+    early = fake.t < APPROACH
+    loose = build_calibration(fake.ec[early], gap=fake.gap[early])
+    # a wide coil: half the sensitivity, so that 1 mm comes before 25 %
+    tight = build_calibration(fake.ec[early], gap=6.0 * fake.gap[early])
+    assert loose.lift_off_threshold == pytest.approx(0.25 * loose.excursion)
+    assert tight.lift_off_threshold < loose.lift_off_threshold
+
+
+@pytest.mark.parametrize("angle", [-30.0, 0.0, 10.0, 30.0])
+def test_default_scan_meets_the_requirements(angle: float) -> None:
+    weld = Weld(angle_deg=angle, offset_m=0.01)
+    for seed in range(3):
+        result = process(fly_scan(seed, weld))
+        assert len(result.crossings) == 4 and all(x.on_line for x in result.crossings)
+        assert result.line is not None
+        offset, error = compute_line_error(result.line, weld)
+        assert abs(offset) < 1e-3 and abs(math.degrees(error)) < 0.6
+        assert result.contact_fraction > 0.95
+        # PCA and change of basis: the weld's own direction, tens of degrees off the lift-off
+        axis = result.calibration.weld_axis
+        assert axis is not None
+        turn = axis * result.calibration.lift_off_axis.conjugate()
+        assert 30 < abs(math.degrees(np.angle(turn))) < 80
+
+
+@pytest.mark.parametrize("angle", [60.0, 88.0, 90.0, -89.0])
+def test_steep_welds_and_seams_along_the_axis(angle: float) -> None:
+    weld = Weld(angle_deg=angle, offset_m=0.0)
+    result = process(fly_scan(2, weld, around=True))
+    assert result.line is not None and len(result.crossings) >= 4
+    offset, error = compute_line_error(result.line, weld)
+    assert abs(offset) < 1e-3 and abs(math.degrees(error)) < 0.6
+    assert -math.pi / 2 < result.line.angle <= math.pi / 2
+
+
+def test_uncertainty_is_honest_over_seeds() -> None:
+    weld = Weld(angle_deg=-20.0)
+    z = []
+    for seed in range(24):
+        line = process(fly_scan(100 + seed, weld, speed=0.015)).line
+        assert line is not None
+        offset, error = compute_line_error(line, weld)
+        z.append((offset / line.std_offset, error / line.std_angle))
+        assert line.std_offset < 1e-3 and line.std_angle < math.radians(0.6)
+    scale = np.sqrt(np.mean(np.square(z), axis=0))
+    assert np.all(scale < 1.4) and np.all(scale > 0.15)  # neither boastful nor useless
+    assert np.mean(np.abs(z) < 2) > 0.9
+
+
+def test_line_estimator_covers_its_errors_on_drawn_crossings() -> None:
+    rng = np.random.default_rng(0)
+    z, std = [], 5e-4
+    for _ in range(300):
+        angle = rng.uniform(-math.pi / 2, math.pi / 2)
+        u = np.linspace(-0.07, 0.07, 5)
+        n = np.array([math.cos(angle), -math.sin(angle)])  # (s, c)
+        s, c = u * math.sin(angle) + 0.02, u * math.cos(angle) - 0.01
+        e = std * rng.standard_normal(5)
+        sign = np.array([1, -1, 1, -1, 1.0]) * 0.01
+        line = estimate_weld_line(
+            s + e * n[0], c + e * n[1], sign * n[0], sign * n[1], np.full(5, std)
+        )
+        assert line is not None
+        truth = math.cos(angle) * (line.s - 0.02) - math.sin(angle) * (line.c + 0.01)
+        z.append(
+            (truth / line.std_offset, math.remainder(line.angle - angle, math.pi) / line.std_angle)
+        )
+    assert np.allclose(np.std(z, axis=0), 1.0, atol=0.2)
+
+
+def test_a_lag_cancels_between_opposite_passes_and_is_estimated() -> None:
+    weld = Weld(angle_deg=0.0)
+    result = process(fly_scan(3, weld, lag=0.12, speed=0.03, passes=8))
+    line = result.line
+    assert line is not None
+    # the measured position is late, so the signal leads it
+    assert line.lag == pytest.approx(-0.12, abs=4 * line.std_lag) and line.std_lag < 0.02
+    assert abs(compute_line_error(line, weld)[0]) < 3 * line.std_offset
+
+
+def test_one_way_passes_admit_the_lag_they_cannot_see() -> None:
+    u = np.linspace(-0.06, 0.06, 4)
+    std, zero = np.full(4, 2e-4), np.zeros(4)
+    one = estimate_weld_line(zero, u, np.full(4, 0.05), zero, std)
+    both = estimate_weld_line(zero, u, np.array([1, -1, 1, -1]) * 0.05, zero, std)
+    assert one is not None and both is not None
+    assert one.std_offset > 1e-3 > 5e-4 > both.std_offset
+
+
+@settings(max_examples=60)
+@given(
+    st.floats(-1.5, 1.5),
+    st.floats(-0.1, 0.1),
+    st.floats(-0.1, 0.1),
+    st.integers(0, 5),
+    st.floats(0.02, 0.08),
+)
+def test_a_false_crossing_is_left_out(
+    angle: float, s0: float, c0: float, where: int, off: float
+) -> None:
+    u = np.array([-0.07, -0.04, -0.01, 0.03, 0.05, 0.075])
+    s, c = s0 + u * math.sin(angle), c0 + u * math.cos(angle)
+    s[where] += off * math.cos(angle)
+    c[where] -= off * math.sin(angle)
+    line = estimate_weld_line(s, c, np.zeros(6), np.zeros(6), np.full(6, 3e-4))
+    assert line is not None and where not in line.inliers
+    good = [i for i in range(6) if i != where]
+    assert np.all(np.abs(line_distance(line, s[good], c[good])) < 1e-6)
+    assert abs(math.remainder(line.angle - angle, math.pi)) < 1e-6
+
+
+def test_no_weld_no_line() -> None:
+    for seed in range(6):
+        result = process(fly_scan(seed, None))
+        assert result.line is None and len(result.crossings) == 0
+
+
+def test_one_crossing_gives_no_angle() -> None:
+    result = process(fly_scan(0, Weld(angle_deg=0.0), passes=1))
+    assert len(result.crossings) == 1 and result.line is None
+    assert any("one crossing" in note for note in result.notes)
+
+
+def test_following_the_weld_is_one_crossing_with_a_wide_line() -> None:
+    weld = Weld(angle_deg=90.0, offset_m=0.07)
+    fake = fly_scan(5, weld, passes=2)  # the second pass runs on the seam
+    result = process(fake)
+    assert result.line is not None
+    offset, error = compute_line_error(result.line, weld)
+    assert result.line.std_offset > 1e-3  # half the weld's width, not the count of samples
+    assert abs(offset) < 3 * result.line.std_offset and abs(error) < 3 * result.line.std_angle
+
+
+def test_nan_samples_are_left_out() -> None:
+    fake = fly_scan(0, Weld())
+    ec, p = fake.ec.copy(), fake.p.copy()
+    ec[1000:1010], p[2000:2020] = np.nan, np.nan
+    a, b = process(fake), process(fake._replace(ec=ec, p=p))
+    assert b.line is not None and a.line is not None
+    assert b.line.angle == pytest.approx(a.line.angle, abs=2e-3)
+    assert not b.contact[1005] and not b.contact[2005]
+
+
+def test_scan_arrays_that_do_not_fit_are_refused() -> None:
+    fake = fly_scan(0, passes=1)
+    cal = build_calibration(fake.ec[fake.t < APPROACH])
+    with pytest.raises(InputError, match="shape"):
+        process_scan(fake.t[:-1], fake.ec, fake.p, fake.cylinder, cal)
+    with pytest.raises(InputError, match="backwards"):
+        process_scan(fake.t[::-1], fake.ec, fake.p, fake.cylinder, cal)
+
+
+@pytest.mark.parametrize("case", ["few", "constant", "contact only", "noise", "nan"])
+def test_calibration_refuses_what_is_no_approach(case: str) -> None:
+    rng = np.random.default_rng(0)
+    fake = fly_scan(0, passes=1)
+    ec = {
+        "few": fake.ec[:10],
+        "constant": np.ones((100, 2)),
+        "contact only": np.full((200, 2), 3.0) + 0.05 * rng.standard_normal((200, 2)),
+        "noise": rng.standard_normal((200, 2)),
+        "nan": np.full((100, 2), np.nan),
+    }[case]
+    with pytest.raises(InputError, match="calibration"):
+        build_calibration(ec)
+
+
+UNIT = st.floats(0, 2 * math.pi).map(lambda a: complex(math.cos(a), math.sin(a)))
+SIZE = st.floats(1e-3, 1e6)
+
+
+@settings(max_examples=50)
+@given(
+    st.complex_numbers(max_magnitude=1e6, allow_nan=False),
+    UNIT,
+    SIZE,
+    SIZE,
+    st.booleans(),
+    st.sampled_from(["toml", "json"]),
+)
+def test_calibration_survives_its_file(
+    tmp_path_factory: pytest.TempPathFactory,
+    contact: complex,
+    axis: complex,
+    excursion: float,
+    threshold: float,
+    has_weld: bool,
+    kind: str,
+) -> None:
+    weld_axis = axis * 1j if has_weld else None
+    cal = Calibration(contact, axis, excursion, (0.1, 0.0, -1e-5), 0.2, threshold, 1.4, weld_axis)
+    path = tmp_path_factory.mktemp("cal") / f"c.{kind}"
+    save_calibration(cal, path)
+    assert load_calibration(path) == cal
+
+
+@settings(max_examples=60)
+@given(
+    st.floats(-50, 50),
+    st.floats(-20, 20),
+    UNIT,
+    st.floats(0.2, math.pi - 0.2),
+    st.sampled_from([-1, 1]),
+)
+def test_components_invert_the_oblique_basis(
+    lift_off: float, weld: float, axis: complex, turn: float, side: int
+) -> None:
+    e_w = axis * complex(math.cos(turn), side * math.sin(turn))
+    cal = Calibration(3 + 4j, axis, 60.0, (0.0, 0.0, 0.0), 0.1, 15.0, 1.4, e_w)
+    found = compute_components(np.array([3 + 4j + lift_off * axis + weld * e_w]), cal)
+    assert found[0][0] == pytest.approx(lift_off, abs=1e-9)
+    assert found[1][0] == pytest.approx(weld, abs=1e-9)
+
+
+@settings(max_examples=40)
+@given(
+    st.floats(0.05, 2.0),
+    st.floats(-math.pi, math.pi),
+    st.floats(-1.5, 1.5),
+    st.floats(-1, 1),
+    st.floats(-1, 1),
+)
+def test_unroll_and_roll_are_inverse(
+    radius: float, yaw: float, inclination: float, s: float, c_share: float
+) -> None:
+    axis = np.array(
+        [
+            math.cos(inclination) * math.cos(yaw),
+            math.cos(inclination) * math.sin(yaw),
+            math.sin(inclination),
+        ]
+    )
+    origin = np.array([1.0, -2.0, 3.0])
+    p0 = origin + radius * np.cross(axis, [0.3, 0.5, -0.8])
+    cylinder = build_surface(origin, axis, radius, p0[None])
+    assert np.linalg.det(cylinder.R_WP) == pytest.approx(1.0)
+    c = 0.99 * math.pi * radius * c_share
+    found = unroll_points(cylinder, roll_point(cylinder, s, c)[None])
+    assert [x[0] for x in found] == pytest.approx([s, c, 0.0], abs=1e-9)
+    assert unroll_points(cylinder, p0[None])[1][0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_cylinder_fit_is_right_and_says_how_well_it_knows() -> None:
+    errors = []
+    for seed in range(12):
+        fake = fly_scan(seed, passes=4, speed=0.02)
+        touch = fake.gap < 2e-4
+        fit = fit_cylinder(fake.p[touch])
+        errors.append((fit.cylinder.radius - 0.2) / fit.std_radius)
+        assert abs(fit.cylinder.radius - 0.2) < 0.004
+        assert abs(fit.cylinder.R_WP[:, 1] @ fake.cylinder.R_WP[:, 1]) > math.cos(0.02)
+        assert fit.rms == pytest.approx(3e-4, rel=0.3)
+    assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 2.0
+
+
+def test_a_narrow_sector_is_known_less_well_or_refused() -> None:
+    rng = np.random.default_rng(1)
+    std = []
+    for half in (40, 20, 10):
+        phi = np.radians(rng.uniform(-half, half, 400))
+        p = np.stack([0.2 * np.cos(phi), rng.uniform(-0.1, 0.1, 400), 0.2 * np.sin(phi)], axis=1)
+        std.append(fit_cylinder(p + 3e-4 * rng.standard_normal(p.shape)).std_radius)
+    assert std[0] * 2 < std[1] and std[1] * 2 < std[2]
+    flat = np.concatenate([rng.uniform(-0.1, 0.1, (400, 2)), np.zeros((400, 1))], axis=1)
+    with pytest.raises(InputError, match="--surface"):
+        fit_cylinder(flat + 3e-4 * rng.standard_normal(flat.shape))
+    with pytest.raises(InputError, match="--surface"):
+        fit_cylinder(np.zeros((100, 3)))
+
+
+def test_coverage_counts_the_length_that_was_inspected() -> None:
+    s_plan, c_plan = np.array([0, 0.1, np.nan, 0, 0.1]), np.array([0, 0, np.nan, 0.05, 0.05])
+    s = np.concatenate([np.linspace(0, 0.1, 500)] * 2)
+    c = np.repeat([0.001, 0.049], 500)
+    gap, tilt = np.zeros(1000), np.zeros(1000)
+    assert compute_coverage(s_plan, c_plan, s, c, gap, tilt) == 1.0
+    gap[500:750] = 2e-3
+    assert compute_coverage(s_plan, c_plan, s, c, gap, tilt) == pytest.approx(0.78, abs=0.01)
+    tilt[750:] = math.radians(11)
+    assert compute_coverage(s_plan, c_plan, s, c, gap, tilt) == pytest.approx(0.5, abs=0.01)
+    assert compute_coverage(s_plan, c_plan, s, c, gap + 1, tilt) == 0.0
+    with pytest.raises(InputError, match="no length"):
+        compute_coverage(s_plan[:1], c_plan[:1], s, c, gap, tilt)
+
+
+def test_contact_map_keeps_the_worst_of_each_cell() -> None:
+    s, c = np.array([0.001, 0.002, 0.011, np.nan]), np.array([0.001, 0.001, 0.001, 0.0])
+    x = np.array([1e-4, 3e-4, 2e-4, 9.0])
+    found = compute_contact_map(s, c, x, 2 * x, 3 * x, cell=0.01)
+    assert found.gap.shape == (2, 1) and found.samples.ravel().tolist() == [2, 1]
+    assert found.gap.ravel() == pytest.approx([3e-4, 2e-4])
+    assert found.tilt.ravel() == pytest.approx([6e-4, 4e-4])
+    with pytest.raises(InputError):
+        compute_contact_map(s * np.nan, c, x, x, x)
+
+
+def test_picture_is_written_with_and_without_a_line(tmp_path: Path) -> None:
+    for weld in (Weld(), None):
+        fake = fly_scan(0, weld, passes=2, speed=0.03)
+        write_weld_map(process(fake), tmp_path / "map.png", ec=fake.ec, truth=weld)
+        assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_weld_map(process(fake), tmp_path / "none" / "map.png", ec=fake.ec)
+    with pytest.raises(InputError, match="format"):
+        write_weld_map(process(fake), tmp_path / "map.xyz", ec=fake.ec)
