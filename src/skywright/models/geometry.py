@@ -71,9 +71,9 @@ class ClearanceCore(NamedTuple):
     geom_type: Ints  # (ngeom,)
     geom_size: Array  # (ngeom, 3)
     rbound: Array  # (ngeom,)
-    pairs: Ints  # (n, 2) robot geom, other geom
-    touching: Ints  # (n,) 1 where the pair is left out while the probe touches
-    self_slack: Array  # (n,) m added to the distances within the robot
+    pairs: Ints  # (n, 2) robot geom, world geom; then arm geom, platform geom
+    n_world: int  # pairs with the world
+    probe: Array  # (n,) 1 where the pair is probe and pipe
 
 
 class ClearanceQuery(NamedTuple):
@@ -93,29 +93,26 @@ class Clearance(NamedTuple):
     other_geom: int
 
 
-def build_clearance(scene: Scene, self_slack: float = 0.02) -> ClearanceQuery:
+def build_clearance(scene: Scene) -> ClearanceQuery:
     """Build the query on a nominal scene (no flexibility: joints are where the planner says).
 
     Pairs are every robot geom with every world geom, except landing gear with ground (it stands
-    on it), and the arm's moving links with propellers and gear. Robot parts may be closer to each
-    other than to the world: their distances count with `self_slack` (m) added.
+    on it); and, asked for separately, the arm's moving links with propellers and gear.
     """
     model, index = scene.model, scene.index
     data = mujoco.MjData(model)
     names = tuple(model.geom(i).name for i in range(model.ngeom))
     feet, probe = set(index.feet_geoms.tolist()), set(index.probe_geoms.tolist())
-    rows: list[tuple[int, int, int, float]] = []
+    world: list[tuple[int, int]] = []
     for r in index.robot_geoms.tolist():
         for w in index.world_geoms.tolist():
             if r in feet and names[w] == "ground":
                 continue
-            rows.append((r, w, int(r in probe and names[w] == "pipe"), 0.0))
-    platform = index.platform_body
-    moving = [r for r in index.robot_geoms.tolist() if _joints_between(model, r, platform) > 0]
-    for r in moving:
-        for other in index.robot_geoms.tolist():
-            if names[other].startswith(_SELF_PARTS):
-                rows.append((r, other, 0, self_slack))
+            world.append((r, w))
+    robot = index.robot_geoms.tolist()
+    moving = [r for r in robot if _joints_between(model, r, index.platform_body) > 0]
+    parts = [r for r in robot if names[r].startswith(_SELF_PARTS)]
+    pairs = world + [(r, other) for r in moving for other in parts]
     core = ClearanceCore(
         model_address=int(model._address),
         data_address=int(data._address),
@@ -126,9 +123,9 @@ def build_clearance(scene: Scene, self_slack: float = 0.02) -> ClearanceQuery:
         geom_type=model.geom_type.astype(np.int64),
         geom_size=np.ascontiguousarray(model.geom_size),
         rbound=np.ascontiguousarray(model.geom_rbound),
-        pairs=np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2),
-        touching=np.array([row[2] for row in rows], dtype=np.int64),
-        self_slack=np.array([row[3] for row in rows], dtype=np.float64),
+        pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
+        n_world=len(world),
+        probe=np.array([float(r in probe and names[w] == "pipe") for r, w in pairs]),
     )
     return ClearanceQuery(core, names, model, data)
 
@@ -168,50 +165,78 @@ def _lower_bound(c: ClearanceCore, a: int, b: int) -> float:
 
 
 @njit(cache=True)
+def _closest(c: ClearanceCore, first: int, last: int, probe_slack: float, far: float) -> tuple[float, int]:
+    """Return (distance m, pair) over pairs first..last-1 at the present kinematics."""
+    n = last - first
+    bound = np.empty(n)
+    for i in range(n):
+        k = first + i
+        bound[i] = _lower_bound(c, c.pairs[k, 0], c.pairs[k, 1]) + probe_slack * c.probe[k]
+    best, which = far, -1
+    while n > 0:
+        i = 0
+        for j in range(1, n):
+            if bound[j] < bound[i]:
+                i = j
+        if bound[i] >= best:
+            break
+        k = first + i
+        slack = probe_slack * c.probe[k]
+        d = slack + _geom_distance(
+            c.model_address, c.data_address,
+            np.int32(c.pairs[k, 0]), np.int32(c.pairs[k, 1]), best - slack + 1e-3, 0,
+        )  # fmt: skip
+        bound[i] = 1e18
+        if d < best:
+            best, which = d, k
+    return best, which
+
+
+@njit(cache=True)
 def query_clearance(
-    c: ClearanceCore, p_WB: Array, R_WB: Array, q: Array, exclude_probe: bool
+    c: ClearanceCore, p_WB: Array, R_WB: Array, q: Array, probe_slack: float, far: float
 ) -> tuple[float, int]:
-    """Return (distance m, pair index) at a pose; the compiled form of `compute_clearance`."""
+    """Return (distance to the world m, pair) at a pose; distances from `far` on are not resolved.
+
+    Distances between probe and pipe count `probe_slack` (m) more: 0 in free flight, FAR while the
+    probe touches.
+    """
     for i in range(3):
         c.qpos[i] = p_WB[i]
     rot_to_quat(R_WB, c.qpos[3:7])
     for j in range(c.joint_qpos.shape[0]):
         c.qpos[c.joint_qpos[j]] = q[j]
     _kinematics(c.model_address, c.data_address)
-    n = c.pairs.shape[0]
-    bound = np.empty(n)
-    for k in range(n):
-        if exclude_probe and c.touching[k] == 1:
-            bound[k] = FAR
-        else:
-            bound[k] = _lower_bound(c, c.pairs[k, 0], c.pairs[k, 1]) + c.self_slack[k]
-    best, which = FAR, -1
-    while True:
-        k = int(np.argmin(bound))
-        if bound[k] >= best:
-            break
-        d = c.self_slack[k] + _geom_distance(
-            c.model_address, c.data_address,
-            np.int32(c.pairs[k, 0]), np.int32(c.pairs[k, 1]), best - c.self_slack[k] + 1e-3, 0,
-        )  # fmt: skip
-        bound[k] = FAR
-        if d < best:
-            best, which = d, k
-    return best, which
+    return _closest(c, 0, c.n_world, probe_slack, far)
+
+
+@njit(cache=True)
+def query_self(c: ClearanceCore, far: float) -> tuple[float, int]:
+    """Return (distance m, pair) between the arm and propellers or gear, at the last query's pose."""
+    return _closest(c, c.n_world, c.pairs.shape[0], 0.0, far)
 
 
 def compute_clearance(
     query: ClearanceQuery, p_WB: Array, R_WB: Array, q: Array, exclude_probe: bool = False
 ) -> Clearance:
-    """Return the smallest distance between robot and world (and arm and propellers).
+    """Return the smallest distance between robot and world.
 
     p_WB (3,) m, R_WB (3, 3), q (n_joints,) rad. `exclude_probe` leaves out probe against pipe, as
     needed while it touches.
     """
     distance, pair = query_clearance(
         query.core, np.asarray(p_WB, dtype=float), np.ascontiguousarray(R_WB, dtype=float),
-        np.asarray(q, dtype=float), exclude_probe,
+        np.asarray(q, dtype=float), FAR if exclude_probe else 0.0, FAR,
     )  # fmt: skip
+    if pair < 0:
+        return Clearance(FAR, -1, -1)
+    return Clearance(distance, *(int(g) for g in query.core.pairs[pair]))
+
+
+def compute_self_clearance(query: ClearanceQuery, q: Array) -> Clearance:
+    """Return the smallest distance between the arm's moving links and propellers or gear."""
+    query_clearance(query.core, np.zeros(3), np.eye(3), np.asarray(q, dtype=float), 0.0, 0.0)
+    distance, pair = query_self(query.core, FAR)
     if pair < 0:
         return Clearance(FAR, -1, -1)
     return Clearance(distance, *(int(g) for g in query.core.pairs[pair]))

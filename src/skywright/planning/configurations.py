@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import mat_vec
 from skywright.core.types import MAX_JOINTS
+from skywright.models.geometry import FAR
 from skywright.models.rigid_body import fill_kinematics
 from skywright.models.rotors import compute_power
 from skywright.planning.inverse_kinematics import (
@@ -31,6 +32,10 @@ Array = NDArray[np.float64]
 Record = Any
 
 
+HOME_PULL = 0.4
+"""1/rad^2, how strongly the working posture is preferred (scores are of the order of 1)."""
+
+
 class Candidates(NamedTuple):
     """Feasible configurations at a surface point, best first."""
 
@@ -42,21 +47,28 @@ class Candidates(NamedTuple):
 
 
 @njit(cache=True)
-def _manipulability(k: Record, nj: int) -> float:
-    """Square root of det(J^T J) (up to 3 joints) or det(J J^T) of the tip's Jacobian in B."""
-    if nj == 0:
-        return 0.0
-    small = nj <= 3
-    n = nj if small else 3
-    g = np.zeros((n, n))
-    for a in range(n):
-        for b in range(n):
-            for i in range(3 if small else nj):
-                if small:
-                    g[a, b] += k.J_BT[i, a] * k.J_BT[i, b]
-                else:
-                    g[a, b] += k.J_BT[a, i] * k.J_BT[b, i]
-    return math.sqrt(max(np.linalg.det(g), 0.0))
+def compute_manipulability(k: Record, nj: int) -> float:
+    """Return the volume that the tip's Jacobian spans (Yoshikawa): the product of its singular
+    values, by Gram-Schmidt over the joints that still add a direction."""
+    basis = np.zeros((3, 3))
+    count, volume = 0, 1.0
+    v = np.empty(3)
+    for j in range(nj):
+        for i in range(3):
+            v[i] = k.J_BT[i, j]
+        for c in range(count):
+            d = v[0] * basis[c, 0] + v[1] * basis[c, 1] + v[2] * basis[c, 2]
+            for i in range(3):
+                v[i] -= d * basis[c, i]
+        size = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        if count < 3 and size > 1e-9:
+            for i in range(3):
+                basis[count, i] = v[i] / size
+            count += 1
+            volume *= size
+        elif count < min(nj, 2):
+            return 0.0
+    return volume if count > 0 else 0.0
 
 
 @njit(cache=True)
@@ -67,9 +79,11 @@ def rate_configurations(
     back: float,
     yaws: Array,
     postures: Array,
-    q_want: Array,
-    yaw_want: float,
-    pull: float,
+    q_home: Array,
+    home_pull: float,
+    q_last: Array,
+    yaw_last: float,
+    last_pull: float,
     p_out: Array,
     R_out: Array,
     q_out: Array,
@@ -80,7 +94,8 @@ def rate_configurations(
     """Project, check and score every (yaw, posture) pair at one surface point.
 
     tip, n_W (3,): desired tip and outward normal; `back` m: depth of the tip inside the surface.
-    q_want, yaw_want, pull: preferred configuration and how strongly it is preferred (1/rad^2).
+    q_home: preferred posture, q_last and yaw_last: configuration to stay near; each with how
+    strongly (1/rad^2).
     score is -inf where a limit is broken; `miss` (n, 6) then holds (code, value, limit, which,
     violation, 0).
     """
@@ -128,23 +143,24 @@ def rate_configurations(
                 miss[i, 4] = 2.0 + abs(found[0] - found[1])
                 continue
             margin = trace[0].rotor_margin
-            gap = check_clearance(prob, p, R, q, back, n_W, True, found)
-            if gap < lim.margin:
-                miss[i, 0], miss[i, 1], miss[i, 2], miss[i, 3] = CLEARANCE, gap, lim.margin, found[2]
-                miss[i, 4] = (lim.margin - gap) / 0.1
+            gap, allowed = check_clearance(prob, p, R, q, back, n_W, FAR, lim.margin, found)
+            if not allowed:
+                miss[i, 0] = CLEARANCE
+                miss[i, 1], miss[i, 2], miss[i, 3] = found[0], found[1], found[2]
+                miss[i, 4] = (found[1] - found[0]) / 0.1
                 continue
             n = prob.loads.P.shape[0]
             power = compute_power(trace[0].thrust, n, 1.0)
             yaw = math.atan2(R[1, 0], R[0, 0])
-            away = wrap(yaw - yaw_want) ** 2
+            away = last_pull * wrap(yaw - yaw_last) ** 2
             for j in range(nj):
-                away += (q[j] - q_want[j]) ** 2
+                away += last_pull * (q[j] - q_last[j]) ** 2 + home_pull * (q[j] - q_home[j]) ** 2
             score[i] = (
                 4.0 * min(margin, 0.25)
                 + 1.5 * min((gap - lim.margin) / 0.06, 1.0)
-                + 2.0 * min(_manipulability(k, nj), 0.1)
+                + 2.0 * min(compute_manipulability(k, nj), 0.1)
                 - 0.01 * power
-                - pull * away
+                - away
             )
 
 
@@ -202,9 +218,10 @@ def find_configurations(
     depth: float,
     yaws: Array,
     postures: Array,
-    q_want: Array,
-    yaw_want: float,
-    pull: float,
+    q_home: Array,
+    q_last: Array,
+    yaw_last: float,
+    last_pull: float,
     where: tuple[float, float],
 ) -> Candidates:
     """Return the feasible configurations at a surface point `where` (s, phi), best first."""
@@ -212,11 +229,11 @@ def find_configurations(
     p, R = np.zeros((count, 3)), np.zeros((count, 3, 3))
     q, score = np.zeros((count, MAX_JOINTS)), np.full(count, -np.inf)
     miss = np.zeros((count, 6))
-    want = np.zeros(MAX_JOINTS)
-    want[: len(q_want)] = q_want
+    home, last = np.zeros(MAX_JOINTS), np.zeros(MAX_JOINTS)
+    home[: len(q_home)], last[: len(q_last)] = q_home, q_last
     rate_configurations(
-        prob, tip, n_W, depth, yaws, np.ascontiguousarray(postures), want, yaw_want, pull,
-        p, R, q, score, miss, np.zeros(1, TRACE),
+        prob, tip, n_W, depth, yaws, np.ascontiguousarray(postures), home, HOME_PULL, last,
+        yaw_last, last_pull, p, R, q, score, miss, np.zeros(1, TRACE),
     )  # fmt: skip
     order = np.argsort(-score, kind="stable")
     order = order[np.isfinite(score[order])]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import exp_so3, log_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec, norm
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS, REFERENCE
-from skywright.models.geometry import query_clearance
+from skywright.models.geometry import FAR, query_clearance, query_self
 from skywright.models.rigid_body import fill_kinematics
 from skywright.planning.inverse_dynamics import compute_thrusts, compute_wrench
 from skywright.planning.inverse_kinematics import (
@@ -201,20 +201,29 @@ def check_dynamics(
 
 @njit(cache=True)
 def check_clearance(
-    prob: Problem, p: Array, R: Array, q: Array, back: float, n_W: Array,
-    exclude_probe: bool, found: Array,
-) -> float:  # fmt: skip
-    """Return the clearance (m) at a pose and, `back` m further along n_W, of the real robot."""
-    d, pair = query_clearance(prob.clearance, p, R, q, exclude_probe)
+    prob: Problem, p: Array, R: Array, q: Array, back: float, n_W: Array, probe_slack: float,
+    margin: float, found: Array,
+) -> tuple[float, bool]:  # fmt: skip
+    """Return (clearance m, allowed) at a pose and, `back` m further along n_W, of the real robot.
+
+    On failure `found` holds (value, limit, pair).
+    """
+    d, pair = query_clearance(prob.clearance, p, R, q, probe_slack, FAR)
     if back > 0.0:
         real = np.empty(3)
         for i in range(3):
             real[i] = p[i] + back * n_W[i]
-        d2, pair2 = query_clearance(prob.clearance, real, R, q, exclude_probe)
+        d2, pair2 = query_clearance(prob.clearance, real, R, q, probe_slack, d)
         if d2 < d:
             d, pair = d2, pair2
-    found[0], found[2] = d, pair
-    return d
+    found[0], found[1], found[2] = d, margin, pair
+    if d < margin:
+        return d, False
+    own, pair = query_self(prob.clearance, prob.limits.margin_self)
+    if pair >= 0:
+        found[0], found[1], found[2] = own, prob.limits.margin_self, pair
+        return d, False
+    return d, True
 
 
 @njit(cache=True)
@@ -236,8 +245,8 @@ def simulate_surface(
     """Simulate the tip's motion from `start` to `end` (s, phi, gap); return (code, rows filled).
 
     `law` is over a length of 1. Heading and posture move along with it to `yaw_end` and `q_end`.
-    `touching`: the probe may be near the pipe, the surface frame is given to the controller, and
-    inside the surface the dead zone and the push force hold.
+    The probe may be near the pipe throughout. `touching`: the surface frame is given to the
+    controller, and inside the surface the dead zone and the push force hold.
     """
     m, k, lim = prob.model[0], prob.kinematics[0], prob.limits
     nj = m.n_joints
@@ -253,7 +262,6 @@ def simulate_surface(
     gap = np.empty(3)
     n_W = np.empty(3)
     f_tip = np.zeros(3)
-    R_WS = np.empty((3, 3))
     moved = 1e9  # check at once
     steps = (rows.shape[0] - 1) * SUBSTEPS
     dt = ROW / SUBSTEPS
@@ -275,10 +283,12 @@ def simulate_surface(
         if not solve_accelerations(m, k, state, target, prob.motion, u):
             return SINGULAR, step // SUBSTEPS
         if step == steps:  # rest: what is left is the loop's residue
-            state.v[:] = 0.0
-            state.w[:] = 0.0
-            state.qd[:] = 0.0
-            u[:] = 0.0
+            for i in range(3):
+                state.v[i] = state.w[i] = 0.0
+            for j in range(nj):
+                state.qd[j] = 0.0
+            for j in range(6 + nj):
+                u[j] = 0.0
         if step % SUBSTEPS == 0:
             i_row = step // SUBSTEPS
             row, tr = rows[i_row], trace[i_row]
@@ -289,8 +299,7 @@ def simulate_surface(
                 n_W[i] = -target.z[i]
                 f_tip[i] = prob.push_force * n_W[i] if inside else 0.0
             if touching:
-                surface_frame(prob.cylinder, phi[0], R_WS)
-                row.R_WS[:] = R_WS
+                surface_frame(prob.cylinder, phi[0], row.R_WS)
                 row.dead_zone = dead_zone if inside else 0.0
             err = 0.0
             along = 0.0
@@ -307,11 +316,10 @@ def simulate_surface(
             if moved > lim.resolution or step == steps:
                 moved = 0.0
                 back = -gap[0] if inside else 0.0
-                last = check_clearance(
-                    prob, state.p, state.R, state.q, back, n_W, touching, found
-                )
-                if last < lim.margin:
-                    found[1] = lim.margin
+                last, allowed = check_clearance(
+                    prob, state.p, state.R, state.q, back, n_W, FAR, lim.margin, found
+                )  # fmt: skip
+                if not allowed:
                     return CLEARANCE, i_row + 1
             tr.clearance = last
         if step < steps:
@@ -378,9 +386,10 @@ def simulate_free(
         # far away coarse steps do: between two checks no point moves further than the reserve
         if moved > max(lim.resolution, 0.5 * (last - margin)) or i_row == rows.shape[0] - 1:
             moved = 0.0
-            last = check_clearance(prob, state.p, state.R, state.q, 0.0, zero, False, found)
-            if last < margin:
-                found[1] = margin
+            last, allowed = check_clearance(
+                prob, state.p, state.R, state.q, 0.0, zero, 0.0, margin, found
+            )
+            if not allowed:
                 return CLEARANCE, i_row + 1
         tr.clearance = last
     return OK, rows.shape[0]

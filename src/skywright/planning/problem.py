@@ -25,6 +25,7 @@ class Limits(NamedTuple):
 
     margin: float = 0.03  # m, clearance near the surface
     margin_transit: float = 0.05  # m, clearance in free flight
+    margin_self: float = 0.01  # m, arm to propellers and gear
     speed: float = 0.5  # m/s, platform
     acceleration: float = 0.5  # m/s^2
     yaw_rate: float = 0.6  # rad/s
@@ -100,7 +101,8 @@ def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...])
         sign = ">" if f.value > f.limit else "<"
         return f"rotor {f.which} needs {f.value:.2f} N {sign} {f.limit:.2f} N{where}"
     if f.code == JOINT:
-        return f"joint {name} at {math.degrees(f.value):.0f} deg passes its limit of {math.degrees(f.limit):.0f} deg{where}"
+        at, limit = math.degrees(f.value), math.degrees(f.limit)
+        return f"joint {name} at {at:.0f} deg passes its limit of {limit:.0f} deg{where}"
     if f.code == MOTOR:
         return f"motor of {name} needs {abs(f.value):.2f} rad/s > {f.limit:.2f} rad/s{where}"
     if f.code == SPEED:
@@ -108,7 +110,8 @@ def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...])
     if f.code == ACCELERATION:
         return f"platform acceleration {f.value:.2f} m/s^2 > {f.limit:.2f} m/s^2{where}"
     if f.code == TILT:
-        return f"platform tilt {math.degrees(f.value):.1f} deg > {math.degrees(f.limit):.1f} deg{where}"
+        at, limit = math.degrees(f.value), math.degrees(f.limit)
+        return f"platform tilt {at:.1f} deg > {limit:.1f} deg{where}"
     if f.code == TASK:
         return f"reach: the tip misses its path by {1e3 * f.value:.1f} mm{where}"
     return f"reach: the arm is singular{where}"

@@ -9,6 +9,7 @@ detours over the surface are sampled from the seeded generator.
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from typing import Any, NamedTuple
@@ -123,7 +124,8 @@ class _Search:
         yaws = compute_headings(n, self.prob.cylinder.R_WP)
         self.configurations += len(yaws) * len(self.postures)
         return find_configurations(
-            self.prob, tip, n, self.task.depth, yaws, self.postures, self.q_working, 0.0, 0.0,
+            self.prob, tip, n, self.task.depth, yaws, self.postures, self.q_working,
+            self.q_working, 0.0, 0.0,
             (corner[0], corner[1]),
         )  # fmt: skip
 
@@ -142,7 +144,8 @@ class _Search:
         yaws = np.array([yaw, *self._turned(yaw, n)])
         self.configurations += len(yaws) * len(near)
         return find_configurations(
-            self.prob, tip, n, self.task.depth, yaws, np.array(near), q, yaw, 1.0,
+            self.prob, tip, n, self.task.depth, yaws, np.array(near), self.q_working, q,
+            yaw, 1.0,
             (corner[0], corner[1]),
         )  # fmt: skip
 
@@ -177,7 +180,7 @@ class _Search:
         corners = self.task.pattern.corners
         done: list[tuple[Edge, Array, Array]] = []
         state = start
-        for a, b in zip(corners[:-1], corners[1:], strict=True):
+        for a, b in itertools.pairwise(corners):
             step, failure = self.reach(state, a, b)
             if failure is not None:
                 return done, failure

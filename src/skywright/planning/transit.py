@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_about
-from skywright.models.geometry import query_clearance
+from skywright.models.geometry import FAR, query_clearance
 from skywright.planning.inverse_kinematics import wrap
 from skywright.planning.problem import CLEARANCE, Failure, Problem
 
@@ -35,7 +35,7 @@ class Transit(NamedTuple):
 @njit(cache=True)
 def _pose_clearance(prob: Problem, x: Array, q: Array, R: Array) -> tuple[float, int]:
     rot_about(2, x[3], R)
-    return query_clearance(prob.clearance, x[:3], R, q, False)
+    return query_clearance(prob.clearance, x[:3], R, q, 0.0, FAR)
 
 
 @njit(cache=True)
