@@ -1,0 +1,212 @@
+"""The words of a report: what each number means, how the run went, what it rests on."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from skywright.core.keys import iterate_leaves
+from skywright.missions.deviation import build_deviation
+
+if TYPE_CHECKING:
+    from skywright.evaluation.run import RunResult
+
+MEANINGS: dict[str, tuple[str, str]] = {
+    "flight.duration_s": ("s", "from the start to the motors' stop"),
+    "flight.energy_wh": ("Wh", "electrical energy used"),
+    "flight.saturated_s": ("s", "time in which the allocation had to cut the command"),
+    "estimate.position_rms_mm": ("mm", "rms distance of the estimated from the true position"),
+    "contact.gap_max_mm": ("mm", "worst air gap between probe and surface while scanning"),
+    "contact.lost_s": ("s", "time without contact while scanning, as the instrument says"),
+    "contact.no_force_s": ("s", "time without contact force while scanning (truth)"),
+    "contact.tilt_max_deg": ("deg", "worst angle between probe and surface normal while scanning"),
+    "contact.duration_s": ("s", "time of the scan"),
+    "contact.collisions": ("", "contacts of anything but the probe's tip"),
+    "contact.retries": ("", "touches or scans that had to be repeated"),
+    "force.mean_n": ("N", "mean force of the probe on the surface while scanning"),
+    "force.min_n": ("N", "smallest force while scanning"),
+    "force.max_n": ("N", "largest force while scanning"),
+    "tip.tangential_rms_mm": ("mm", "rms distance of the tip from its path, along the surface"),
+    "tip.tangential_max_mm": ("mm", "largest such distance"),
+    "platform.attitude_error_max_deg": ("deg", "largest attitude error while scanning"),
+    "platform.offset_rms_mm": ("mm", "rms distance of the platform from its nominal pose, scanning"),
+    "platform.tilt_max_deg": ("deg", "largest tilt from level"),
+    "touch.attitude_error_max_deg": ("deg", "largest attitude error while touching"),
+    "rotors.thrust_max_fraction": ("", "largest rotor thrust over the rotor's limit, scanning"),
+    "weld.contact_fraction": ("", "share of the scan in contact, as the instrument says"),
+    "weld.crossings": ("", "crossings of the path with the weld at which it was found"),
+    "weld.offset_error_mm": ("mm", "estimated from true weld line: distance along the axis"),
+    "weld.angle_error_deg": ("deg", "estimated from true weld line: angle"),
+    "weld.offset_std_mm": ("mm", "uncertainty of the weld line's offset that the fit states"),
+    "weld.angle_std_deg": ("deg", "uncertainty of the weld line's angle that the fit states"),
+    "coverage.fraction": ("", "share of the planned path inspected within 1 mm and 10 deg"),
+    "plan.wall_s": ("s", "time that planning took, collision checks included"),
+    "plan.min_clearance_m": ("m", "smallest planned distance to anything but the tip's contact"),
+    "plan.min_rotor_margin": ("", "smallest share of the thrust range that the plan leaves free"),
+    "position.rms_m": ("m", "rms distance of the platform from its planned path"),
+    "position.max_m": ("m", "largest such distance"),
+    "position.final_error_m": ("m", "mean distance while holding the last way-point"),
+}
+"""Metric -> unit and meaning."""
+
+
+class Row(NamedTuple):
+    """A line of a table: name, value, remark."""
+
+    name: str
+    value: str
+    note: str = ""
+
+
+def format_value(value: Any) -> str:
+    """Write a number with three significant digits; a missing one as a dash."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    if not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    if abs(value) >= 1000 or float(value).is_integer():
+        return f"{value:.0f}"
+    return f"{value:.3g}"
+
+
+def describe_outcome(result: RunResult) -> str:
+    """One sentence: what was flown, and how it ended."""
+    d, m = result.description, result.metrics
+    failed = [r for r in result.requirements if not r.passed]
+    total = len(result.requirements)
+    if result.outcome == "aborted":
+        return f"The mission was given up: {result.reason or 'no reason was recorded'}."
+    if result.outcome == "interrupted":
+        return "The run was interrupted by the user."
+    if result.outcome == "diverged":
+        return f"The simulation failed: {result.reason}."
+    where = f"{d.robot.name} in world {d.world.name}"
+    if d.mission.kind == "scan":
+        contact = m.get("contact.duration_s", 0.0)
+        did = f"{where} scanned for {contact:.0f} s"
+        line = result.weld.line if result.weld is not None else None
+        if line is not None:
+            did += (
+                f" and found the weld on {len(line.inliers)} crossings, at "
+                f"{math.degrees(line.angle):.1f} deg ± {math.degrees(line.std_angle):.1f} deg "
+                "from the circumference"
+            )
+        else:
+            did += " and found no weld"
+    else:
+        did = f"{where} flew {len(d.mission.waypoints)} way-points in {format_value(m.get('flight.duration_s'))} s"  # noqa: E501
+    if not total:
+        return f"{did}. The mission sets no requirement."
+    if failed:
+        names = ", ".join(r.name for r in failed)
+        return f"{did}. {len(failed)} of {total} requirements failed: {names}."
+    return f"{did}. All {total} requirements were met."
+
+
+def list_metrics(result: RunResult) -> list[Row]:
+    """All metrics with unit and meaning, the judged ones included."""
+    rows = []
+    for name, value in sorted(result.metrics.items()):
+        unit, meaning = MEANINGS.get(name, ("", ""))
+        rows.append(Row(name, f"{format_value(value)} {unit}".strip(), meaning))
+    return rows
+
+
+def list_assumptions(result: RunResult) -> list[Row]:
+    """Every assumed number of this run with its plausible range and why."""
+    d = result.description
+    rows = []
+    for root, spec in (
+        ("robot", d.robot), ("world", d.world), ("plant", d.plant), ("mission", d.mission),
+    ):  # fmt: skip
+        for key, value in iterate_leaves(spec, root):
+            source = d.sources.get(key)
+            if source is None or source.kind != "assumed":
+                continue
+            note = source.note
+            if source.range is not None:
+                low, high = source.range
+                note = f"plausible {low:g} to {high:g}" + (f"; {note}" if note else "")
+            rows.append(Row(key, _text(value), note))
+    return rows
+
+
+def list_changes(result: RunResult) -> list[Row]:
+    """Values set on the command line."""
+    d = result.description
+    rows = []
+    for root, spec in (
+        ("robot", d.robot), ("world", d.world), ("plant", d.plant), ("mission", d.mission),
+    ):  # fmt: skip
+        for key, value in iterate_leaves(spec, root):
+            source = d.sources.get(key)
+            if source is not None and source.kind == "set":
+                rows.append(Row(key, _text(value), source.note))
+    return rows
+
+
+def list_plant(result: RunResult) -> list[Row]:
+    """How the simulated truth deviated from what the controller believed."""
+    d = result.description
+    rows = [Row(key, _text(value)) for key, value in iterate_leaves(d.plant, "plant")]
+    gains = build_deviation(d.plant, d.robot, d.mission.seed).rotor_gain
+    rows.append(Row("rotor gains drawn", ", ".join(f"{g:.3f}" for g in gains), "of this seed"))
+    return rows
+
+
+def list_conditions(result: RunResult) -> list[Row]:
+    """Law, estimator, bandwidths, wind, sensors, seed: what the run flew with."""
+    d = result.description
+    c, m, w = d.robot.control, d.mission, d.world
+    wind = "none"
+    if w.wind.kind != "none":
+        wind = f"{w.wind.kind}, {w.wind.mean_mps:g} m/s toward {w.wind.toward_deg:g} deg"
+    return [
+        Row("control law", m.law or c.law or "push_and_slide or thrust_vectoring, by the rotors"),
+        Row("estimator", "the simulator's truth" if m.estimator == "truth" else m.estimator),
+        Row("position bandwidth", f"{c.position_bandwidth_rad_s:g} rad/s",
+            f"damping {c.position_damping:g}, integral {c.position_integral_rad_s:g} rad/s"),
+        Row("attitude bandwidth", f"{c.attitude_bandwidth_rad_s:g} rad/s",
+            f"damping {c.attitude_damping:g}, integral {c.attitude_integral_rad_s:g} rad/s"),
+        Row("arm bandwidth", f"{c.arm_bandwidth_rad_s:g} rad/s"),
+        Row("observer bandwidth", f"{c.observer_bandwidth_rad_s:g} rad/s"),
+        Row("control rate", f"{c.rate_hz:g} Hz"),
+        Row("motion capture", f"{w.mocap.rate_hz:g} Hz",
+            f"latency {1e3 * w.mocap.latency_s:g} ms, noise {1e3 * w.mocap.position_noise_m:g} mm"),
+        Row("wind", wind),
+        Row("way of running", m.mode),
+        Row("seed", str(m.seed)),
+    ]  # fmt: skip
+
+
+def list_timing(result: RunResult) -> list[Row]:
+    """Plan and timing in numbers; what is not known yet is left out."""
+    t, plan = result.timing, result.plan
+    rows = [
+        Row("planning time", f"{plan.plan_s:.2f} s"),
+        Row("planned duration", f"{plan.duration_s:.1f} s", "without take-off, waits and landing"),
+        Row("smallest planned clearance", f"{format_value(plan.min_clearance_m)} m"),
+        Row("smallest planned rotor margin", f"{100 * plan.min_rotor_margin:.0f} %",
+            "of the usable thrust range"),
+    ]  # fmt: skip
+    if result.plan.scan is not None:
+        rows.append(Row("planned push", f"{format_value(plan.push_force_n)} N",
+                        f"desired tip {1e3 * plan.depth_m:.0f} mm inside the surface"))  # fmt: skip
+    for key, name, unit in (
+        ("simulated_s", "simulated time", "s"),
+        ("wall_s", "computing time before this report", "s"),
+        ("real_time_factor", "real-time factor", "x"),
+    ):
+        if key in t:
+            rows.append(Row(name, f"{format_value(t[key])} {unit}"))
+    return rows
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(_text(v) for v in value)
+    return format_value(value)

@@ -1,0 +1,1 @@
+"""Figures of a run's report: one style, limits drawn, phases named."""

@@ -1,0 +1,88 @@
+"""The plan: how close it comes to things, what it asks of the rotors, and how long it takes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from skywright.reports.figures.style import (
+    BLUE,
+    LIMIT,
+    WIDTH,
+    Span,
+    draw_line,
+    fit_y,
+    new_figure,
+    shade_phases,
+    stack_panels,
+)
+
+if TYPE_CHECKING:
+    from skywright.evaluation.run import RunResult
+
+Array = NDArray[np.float64]
+
+
+def draw_plan(result: RunResult) -> Figure | None:
+    """Planned clearance and rotor margin along the plan's segments, end to end."""
+    traces = getattr(result.plan.scan, "traces", None)
+    if not traces:
+        return None
+    t, clearance, margin, spans = _join(result.plan.segments, traces)
+    if len(t) < 2:
+        return None
+    figure = new_figure(WIDTH, 3.9)
+    axes = stack_panels(figure, 2, top=0.95)
+    shade_phases(axes, spans, axes[0])
+    draw_line(axes[0], t, clearance, color=BLUE)
+    axes[0].set_title("Planned clearance between the robot and everything else (tip excluded)",
+                      pad=46)  # fmt: skip
+    axes[0].set_ylabel("clearance (m)")
+    draw_line(axes[1], t, 100.0 * margin, color=BLUE)
+    axes[1].set_title("Planned rotor margin: thrust range that the most loaded rotor leaves free",
+                      pad=4)  # fmt: skip
+    axes[1].set_ylabel("margin (%)")
+    axes[1].set_xlabel("time along the plan (s)")
+    for ax, y, unit in ((axes[0], clearance, "{:.3f} m"), (axes[1], 100.0 * margin, "{:.0f} %")):
+        ax.axhline(0.0, color=LIMIT, lw=1.1, ls=(0, (5, 3)))
+        known = np.where(np.isfinite(y), y, np.inf)
+        i = int(np.argmin(known))
+        fit_y(ax, float(np.nanmax(y)), 0.0, low=min(0.0, float(known[i])))
+        ax.plot(t[i], y[i], "v", color=LIMIT, ms=6, zorder=6)
+        right = i < 0.8 * len(t)
+        ax.annotate(
+            "least " + unit.format(y[i]), (t[i], y[i]), (8 if right else -8, 6),
+            textcoords="offset points", fontsize=7.5, color=LIMIT, ha="left" if right else "right",
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.6}, zorder=6,
+        )  # fmt: skip
+    return figure
+
+
+def _join(
+    segments: dict[str, NDArray[Any]], traces: dict[str, NDArray[Any]]
+) -> tuple[Array, Array, Array, list[Span]]:
+    """Put the segments one after the other; times from the start of the first."""
+    times, clearances, margins, spans = [], [], [], []
+    start = 0.0
+    for name, trace in traces.items():
+        if name not in segments or len(trace) == 0 or len(trace) != len(segments[name]):
+            continue
+        t = start + segments[name]["t"]
+        spans.append(Span(name.replace("_", " "), start, float(t[-1])))
+        times.append(t)
+        clearances.append(trace["clearance"])
+        margins.append(trace["rotor_margin"])
+        start = float(t[-1])
+    if not times:
+        empty = np.zeros(0)
+        return empty, empty, empty, []
+    clearance = np.concatenate(clearances)
+    return (
+        np.concatenate(times),
+        np.where(np.isfinite(clearance) & (clearance < 1e3), clearance, np.nan),
+        np.concatenate(margins),
+        spans,
+    )

@@ -1,0 +1,273 @@
+"""Time series of a run: what the probe did in contact, and how the whole flight went."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from skywright.evaluation.metrics import quat_angle
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    LIMIT,
+    ORANGE,
+    PURPLE,
+    SERIES,
+    WIDTH,
+    clip_phases,
+    draw_limit,
+    draw_line,
+    fit_y,
+    new_figure,
+    shade_phases,
+    stack_panels,
+)
+
+if TYPE_CHECKING:
+    from skywright.evaluation.run import RunResult
+
+Array = NDArray[np.float64]
+Samples = NDArray[Any]
+
+TOUCHING = ("touch", "settle", "scan", "back_off", "leave")
+"""Phases near the surface."""
+
+GAP_SHOWN = 3.0  # mm; beyond it the probe is simply in the air
+
+
+def find_contact_window(result: RunResult) -> tuple[float, float] | None:
+    """Return the times (s) between which the probe was near the surface; None if it never was."""
+    near = [p for p in result.phases if p.name in TOUCHING]
+    if not near or len(result.samples) == 0:
+        return None
+    end = float(result.samples["t"][-1])
+    return max(near[0].start_s - 2.0, 0.0), min(near[-1].end_s + 1.0, end)
+
+
+def compute_tip_errors(s: Samples) -> tuple[Array, Array]:
+    """Distances (n,) m of the tip from its desired point: along the surface, and into the air.
+
+    NaN in free flight, where there is no surface to speak of.
+    """
+    normal = s["ref_normal_W"]
+    error = s["p_WT"] - s["ref_p_WT"]
+    out = np.sum(error * normal, axis=1)
+    along = np.linalg.norm(error - out[:, None] * normal, axis=1)
+    free = np.linalg.norm(normal, axis=1) < 0.5
+    return np.where(free, np.nan, along), np.where(free, np.nan, out)
+
+
+def compute_tilt(q_WB: Array) -> Array:
+    """Angle (n,) rad between z_B and the vertical."""
+    return np.asarray(np.arccos(np.clip(1.0 - 2.0 * (q_WB[:, 1] ** 2 + q_WB[:, 2] ** 2), -1, 1)))
+
+
+def find_limit(result: RunResult, name: str) -> float | None:
+    """Return the limit that the mission sets on a metric."""
+    return next((r.limit for r in result.requirements if r.name == name), None)
+
+
+def draw_contact_series(result: RunResult) -> Figure | None:
+    """Tip error, gap, tilt, force, attitude and rotor loads while the probe is at the surface."""
+    window = find_contact_window(result)
+    if window is None:
+        return None
+    samples = result.samples
+    s = samples[(samples["t"] >= window[0]) & (samples["t"] <= window[1])]
+    if len(s) < 2:
+        return None
+    t = s["t"]
+    figure = new_figure(WIDTH, 11.4)
+    axes = stack_panels(figure, 7, top=0.95)
+    spans = clip_phases(result.phases, float(t[0]), float(t[-1]))
+    shade_phases(axes, spans, axes[0])
+    along, out = compute_tip_errors(s)
+    _draw_tangential(axes[0], t, along, result)
+    _draw_normal(axes[1], t, out, result)
+    _draw_gap(axes[2], t, s, result)
+    limit = find_limit(result, "contact.tilt_max_deg")
+    touching = s["gap"] < 5e-3
+    tilt = np.where(touching, np.degrees(s["tilt"]), np.nan)
+    _draw_single(axes[3], t, tilt, "Probe tilt from the surface's normal", "tilt (deg)", BLUE)
+    _limit_above(axes[3], tilt, limit, "limit {:g} deg")
+    _draw_single(axes[4], t, s["f_normal"], "Force of the probe on the surface", "force (N)", BLUE)
+    push = result.plan.push_force_n
+    axes[4].axhline(push, color=GREEN, lw=1.1, ls=":", label=f"planned push {push:.2g} N")
+    axes[4].legend(loc="upper right")
+    fit_y(axes[4], float(np.max(s["f_normal"])), push, low=0.0)
+    _draw_attitude(axes[5], t, s)
+    _draw_rotors(axes[6], t, s, result)
+    _place_titles(axes)
+    return figure
+
+
+def draw_flight_series(result: RunResult) -> Figure | None:
+    """Position, attitude, estimate, rotor loads and power over the whole run."""
+    s = result.samples
+    if len(s) < 2:
+        return None
+    t = s["t"]
+    figure = new_figure(WIDTH, 9.4)
+    axes = stack_panels(figure, 6, top=1.05)
+    shade_phases(axes, clip_phases(result.phases, float(t[0]), float(t[-1])), axes[0])
+    distance = np.linalg.norm(s["p_WB"] - s["ref_p_WB"], axis=1)
+    flying = s["rotor_thrust"].sum(axis=1) > 0.5
+    distance[~flying] = np.nan
+    _draw_single(
+        axes[0], t, distance, "Platform: distance from its reference", "distance (m)", BLUE
+    )
+    limit = find_limit(result, "position.rms_m")
+    if limit is not None:
+        rms = float(np.sqrt(np.nanmean(distance**2))) if flying.any() else math.nan
+        _limit_above(axes[0], distance, limit, "limit {:g} m on the rms of the way-point legs")
+        if not math.isfinite(rms):
+            axes[0].set_ylim(0, 1.2 * limit)
+    elif flying.any():
+        fit_y(axes[0], float(np.nanmax(distance)), low=0.0)
+    _draw_attitude(axes[1], t, s, flying)
+    tilt = np.where(flying, np.degrees(compute_tilt(s["q_WB"])), np.nan)
+    _draw_single(axes[2], t, tilt, "Platform tilt from level", "tilt (deg)", BLUE)
+    tilt_max = result.description.robot.control.tilt_max_deg
+    _limit_above(axes[2], tilt, tilt_max, "largest tilt of the controller {:g} deg")
+    error = 1e3 * np.linalg.norm(s["est_p_WB"] - s["p_WB"], axis=1)
+    error[~flying] = np.nan
+    _draw_single(
+        axes[3], t, error, "Estimator: distance of the estimated from the true position",
+        "distance (mm)", PURPLE,
+    )  # fmt: skip
+    if flying.any():
+        fit_y(axes[3], float(np.nanmax(error)), low=0.0)
+    _draw_rotors(axes[4], t, s, result)
+    _draw_single(axes[5], t, s["power"], "Electrical power", "power (W)", BLACK)
+    fit_y(axes[5], float(np.max(s["power"])), low=0.0)
+    _place_titles(axes)
+    return figure
+
+
+def _place_titles(axes: list[Axes]) -> None:
+    for i, ax in enumerate(axes):
+        ax.set_title(ax.get_title(loc="left"), pad=46 if i == 0 else 4)
+
+
+def _draw_single(ax: Axes, t: Array, y: Array, title: str, label: str, color: str) -> None:
+    draw_line(ax, t, y, color=color)
+    ax.set_title(title)
+    ax.set_ylabel(label)
+
+
+def _limit_above(ax: Axes, y: Array, limit: float | None, label: str) -> None:
+    """Show a limit that lies far above the values without squashing them."""
+    known = y[np.isfinite(y)]
+    top = float(known.max()) if known.size else 0.0
+    if limit is None:
+        fit_y(ax, top, low=0.0)
+        return
+    draw_limit(ax, limit, label.format(limit))
+    fit_y(ax, top, limit, low=0.0)
+
+
+def _draw_tangential(ax: Axes, t: Array, along: Array, result: RunResult) -> None:
+    _draw_single(
+        ax, t, 1e3 * along, "Tip error along the surface (to the desired tip)", "error (mm)", BLUE
+    )
+    rms = result.metrics.get("tip.tangential_rms_mm", math.nan)
+    limit = find_limit(result, "tip.tangential_rms_mm")
+    if math.isfinite(rms):
+        ax.axhline(rms, color=GREEN, lw=1.1, ls=":", label=f"rms while scanning {rms:.2f} mm")
+        ax.legend(loc="upper left")
+    top = 1e3 * float(np.nanmax(along)) if np.isfinite(along).any() else 0.0
+    if limit is not None:
+        draw_limit(ax, limit, f"limit on the rms {limit:g} mm")
+    fit_y(ax, top, limit or 0.0, low=0.0)
+
+
+def _draw_normal(ax: Axes, t: Array, out: Array, result: RunResult) -> None:
+    depth = 1e3 * result.plan.depth_m
+    _draw_single(
+        ax, t, 1e3 * out,
+        "Tip error along the normal: the desired tip lies inside the surface, "
+        "this offset makes the push",
+        "error (mm)", BLUE,
+    )  # fmt: skip
+    ax.axhline(depth, color=GREEN, lw=1.1, ls=":", label=f"planned depth {depth:.0f} mm")
+    ax.legend(loc="lower right")
+    known = out[np.isfinite(out)]
+    fit_y(ax, depth, *([1e3 * float(known.max()), 1e3 * float(known.min())] if known.size else []))
+
+
+def _draw_gap(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
+    gap = 1e3 * s["gap_max"]
+    ax.axhspan(-10.0, 0.0, color="#e8f3ee", lw=0, zorder=0.5)
+    limit = find_limit(result, "contact.gap_max_mm")
+    _draw_single(
+        ax, t, np.clip(gap, -2.0, 2 * GAP_SHOWN), "Air gap under the probe (green: touching)",
+        "gap (mm)", BLUE,
+    )  # fmt: skip
+    if limit is not None:
+        draw_limit(ax, limit, f"limit {limit:g} mm")
+    ax.set_ylim(-0.5, GAP_SHOWN)
+    lost = s["f_normal"] <= 0.0
+    scanning = np.isin(s["phase"], [i for i, p in enumerate(result.phases) if p.name == "scan"])
+    if np.any(lost & scanning):
+        at = t[lost & scanning]
+        ax.plot(at, np.full(len(at), -0.3), "|", color=LIMIT, ms=5, label="no force")
+        ax.legend(loc="upper right")
+
+
+def _draw_attitude(ax: Axes, t: Array, s: Samples, flying: NDArray[np.bool_] | None = None) -> None:
+    error = np.degrees(quat_angle(s["q_WB"], s["ref_q_WB"]))
+    if flying is not None:
+        error[~flying] = np.nan
+    _draw_single(
+        ax, t, error, "Platform: attitude error (angle to its reference)", "error (deg)", BLUE
+    )
+    if np.isfinite(error).any():
+        fit_y(ax, float(np.nanmax(error)), low=0.0)
+
+
+def _draw_rotors(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
+    rotors = result.description.robot.rotors
+    n = len(rotors.azimuth_deg)
+    for i in range(n):
+        draw_line(ax, t, s["rotor_thrust"][:, i], color=SERIES[i], lw=0.9, label=f"{i + 1}")
+    ax.set_title("Rotor thrusts")
+    ax.set_ylabel("thrust (N)")
+    full, usable = rotors.thrust_max_n, rotors.thrust_max_n * rotors.thrust_fraction
+    draw_limit(ax, full, f"rotor's limit {full:.2g} N")
+    if usable < 0.995 * full:
+        ax.axhline(usable, color=ORANGE, lw=1.0, ls=(0, (2, 2)))
+        ax.annotate(
+            f"planned up to {usable:.2g} N", (0.0, usable), (3, -2),
+            xycoords=ax.get_yaxis_transform(), textcoords="offset points", va="top", fontsize=7.5,
+            color="#8a5a00",
+        )  # fmt: skip
+    if rotors.thrust_min_n > 0:
+        draw_limit(ax, rotors.thrust_min_n, f"least {rotors.thrust_min_n:.2g} N")
+    ax.set_ylim(0.0, 1.22 * full)
+    saturated = s["saturated"] > 0.0
+    if saturated.any():
+        at = t[saturated]
+        ax.plot(
+            at[:: max(1, len(at) // 400)], np.full(len(at[:: max(1, len(at) // 400)]), 0.3), "|",
+            color=BLACK, ms=5, label="cut by the allocation",
+        )  # fmt: skip
+    ax.legend(
+        loc="upper left", ncols=n + 1, fontsize=7, title_fontsize=7, handlelength=1.2,
+        columnspacing=0.9, borderaxespad=0.1, alignment="left",
+    )  # fmt: skip
+
+
+__all__ = [
+    "compute_tilt",
+    "compute_tip_errors",
+    "draw_contact_series",
+    "draw_flight_series",
+    "find_contact_window",
+    "find_limit",
+]

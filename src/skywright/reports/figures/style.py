@@ -1,0 +1,199 @@
+"""The one style of all report figures, and what they share: phases, limits, thinning, SVG.
+
+Colours are those of Okabe and Ito (2008), which colour-blind readers can tell apart.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from skywright.missions.supervisor import PhaseRecord
+
+Array = NDArray[np.float64]
+
+BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#222222", "#8a8f98"
+LIMIT = "#b3261e"
+SERIES = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, "#7f6000", "#3d5a80", "#6a994e", "#9d4edd",
+          "#555555", "#c9ada7")  # fmt: skip
+
+WIDTH = 9.6
+"""Inches; the page shows figures at this width."""
+
+MAX_COLUMNS = 500
+"""Time bins a line is thinned to; each keeps its smallest and largest value."""
+
+_STYLE = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib
+    "font.size": 8.5,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#666666",
+    "axes.labelcolor": "#333333",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.1,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "xtick.color": "#444444",
+    "ytick.color": "#444444",
+    "text.parse_math": False,  # a name with $ in it is a name
+    "svg.fonttype": "none",
+    "svg.hashsalt": "skywright",  # the same run gives the same file
+    "path.simplify": True,
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Everything drawn inside has the report's style."""
+    with matplotlib.rc_context(_STYLE):
+        yield
+
+
+def new_figure(width: float = WIDTH, height: float = 4.0) -> Figure:
+    """Return an empty figure of a size in inches, without pyplot's global state."""
+    figure = Figure(figsize=(width, height))
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def render_svg(figure: Figure) -> bytes:
+    """Return the figure as SVG with real text; point clouds become pictures inside it."""
+    for ax in figure.axes:
+        for dots in ax.collections:
+            if len(dots.get_offsets()) > 300:
+                dots.set_rasterized(True)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="svg", dpi=150, metadata={"Date": None, "Creator": None})
+    # Verdana has the metrics of DejaVu Sans: text fits where the reader has only one of the two
+    return buffer.getvalue().replace(b"'DejaVu Sans'", b"'DejaVu Sans', Verdana, sans-serif")
+
+
+def thin(t: Array, y: Array, columns: int = MAX_COLUMNS) -> tuple[Array, Array]:
+    """Reduce a line (n,), (n,) to the extremes of `columns` bins, so that no peak is lost.
+
+    NaN interrupts the line, as before.
+    """
+    n = len(t)
+    if n <= 4 * columns:
+        return t, y
+    size = -(-n // columns)
+    full = size * (n // size)
+    blocks = y[:full].reshape(-1, size)
+    bad = np.isnan(blocks)
+    low = np.argmin(np.where(bad, np.inf, blocks), axis=1)
+    high = np.argmax(np.where(bad, -np.inf, blocks), axis=1)
+    rows = np.arange(len(blocks)) * size
+    gaps = rows[bad.any(axis=1)] + np.argmax(bad[bad.any(axis=1)], axis=1)
+    tail = np.arange(full, n)
+    keep = np.unique(np.concatenate([rows + low, rows + high, gaps, tail]))
+    return t[keep], y[keep]
+
+
+class Span(NamedTuple):
+    """A stretch of time that a phase fills."""
+
+    name: str
+    start: float
+    end: float
+
+
+def clip_phases(phases: Sequence[PhaseRecord], start: float, end: float) -> list[Span]:
+    """Phases inside a time window, with readable names."""
+    spans = []
+    for p in phases:
+        a, b = max(p.start_s, start), min(p.end_s, end)
+        if b > a:
+            spans.append(Span(p.name.replace("_", " "), a, b))
+    return spans
+
+
+def shade_phases(axes: Sequence[Axes], spans: Sequence[Span], names_on: Axes | None) -> None:
+    """Shade every other phase on all axes and write the names above `names_on`."""
+    if not spans:
+        return
+    start, end = spans[0].start, spans[-1].end
+    for ax in axes:
+        ax.set_xlim(start, end)
+        for i, span in enumerate(spans):
+            if i % 2 == 0:
+                ax.axvspan(span.start, span.end, color="#eef1f5", lw=0, zorder=0)
+    if names_on is None:
+        return
+    least = 0.026 * (end - start)  # so that slanted names do not touch
+    at = [0.5 * (s.start + s.end) for s in spans]
+    for i in range(1, len(at)):
+        at[i] = max(at[i], at[i - 1] + least)
+    limit = end - 0.01 * (end - start)
+    for i in range(len(at) - 1, -1, -1):
+        at[i] = min(at[i], limit)
+        limit = at[i] - least
+    for span, x in zip(spans, at, strict=True):
+        middle = 0.5 * (span.start + span.end)
+        wide = (span.end - span.start) > 0.014 * (end - start) * len(span.name)
+        names_on.annotate(
+            span.name, (middle, 1.0), (x, 1.03), xycoords=names_on.get_xaxis_transform(),
+            textcoords=names_on.get_xaxis_transform(), fontsize=7.5, color="#444444",
+            rotation=0 if wide else 40, ha="center" if wide else "left", va="bottom",
+            rotation_mode="anchor", annotation_clip=False,
+        )  # fmt: skip
+
+
+def draw_line(ax: Axes, t: Array, y: Array, **style: Any) -> None:
+    """Draw a thinned time series."""
+    ax.plot(*thin(t, y), **style)
+
+
+def draw_limit(ax: Axes, value: float, label: str, *, below: bool = False) -> None:
+    """Draw a limit with its name at the right end of the line."""
+    ax.axhline(value, color=LIMIT, lw=1.1, ls=(0, (5, 3)), zorder=4)
+    ax.annotate(
+        label, (1.0, value), (-3, -2 if below else 2), xycoords=ax.get_yaxis_transform(),
+        textcoords="offset points", ha="right", va="top" if below else "bottom", fontsize=7.5,
+        color=LIMIT, zorder=6,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.6},
+    )  # fmt: skip
+
+
+def fit_y(ax: Axes, *values: float, low: float | None = None) -> None:
+    """Show all finite `values` with some room; `low` fixes the lower end."""
+    known = np.array([v for v in values if np.isfinite(v)])
+    if known.size == 0:
+        return
+    bottom = float(known.min()) if low is None else low
+    top = float(known.max())
+    room = 0.18 * max(top - bottom, 1e-9)
+    ax.set_ylim(bottom if low is not None else bottom - 0.5 * room, top + room)
+
+
+def stack_panels(figure: Figure, count: int, *, top: float, bottom: float = 0.5) -> list[Axes]:
+    """Axes of equal height, one above the other, sharing the time; margins in inches."""
+    width, height = figure.get_size_inches()
+    left, right, gap = 0.72, 0.15, 0.34
+    each = (height - top - bottom - gap * (count - 1)) / count
+    axes: list[Axes] = []
+    for i in range(count):
+        y = height - top - each * (i + 1) - gap * i
+        share = {"sharex": axes[0]} if axes else {}
+        box = (left / width, y / height, (width - left - right) / width, each / height)
+        axes.append(figure.add_axes(box, **share))
+        if i < count - 1:
+            axes[-1].tick_params(labelbottom=False)
+    axes[-1].set_xlabel("time since the start of the run (s)")
+    return axes
