@@ -201,6 +201,45 @@ def test_show_json_and_svg(tmp_path: Path) -> None:
     assert "<svg" in (tmp_path / "w.svg").read_text()
 
 
+def test_plan_json_has_the_keys_of_the_contract() -> None:
+    result = call("plan", "waypoints", "--robot", "f550-bridge", "--json")
+    assert result.exit_code == 0
+    found = json.loads(result.stdout)
+    keys = "feasible blocked_by plan_s duration_s min_clearance_m min_rotor_margin"
+    assert set(keys.split()) <= set(found)
+    assert (found["feasible"], found["blocked_by"]) == (True, None)
+    assert "duration" in call("plan", "waypoints").stdout
+
+
+def test_plan_that_does_not_exist_is_exit_code_1() -> None:
+    """A pipe too thin for the raster: the reason is told."""
+    thin = ("plan", "pipe-weld-scan", "--set", "world.pipe.diameter_m=0.01")
+    result = call(*thin, "--json")
+    assert result.exit_code == 1
+    found = json.loads(result.stdout)
+    assert found["feasible"] is False and "apart" in found["blocked_by"]
+    result = call(*thin)
+    assert result.exit_code == 1 and "apart" in result.stdout
+
+
+def test_scan_needs_probe_and_pipe() -> None:
+    assert_refused(call("plan", "pipe-weld-scan", "--robot", "hexarotor"), "hexarotor", "probe")
+    assert_refused(call("plan", "pipe-weld-scan", "--world", "open"), "open", "pipe")
+
+
+def test_weld(tmp_path: Path) -> None:
+    data = str(Path(__file__).parents[1] / "examples/weld_data/pipe_scan.csv")
+    result = call("weld", data)
+    assert result.exit_code == 0, result.output
+    assert "angle from the circumference" in result.stdout
+    assert (tmp_path / "pipe_scan-weld.png").stat().st_size > 10_000
+    found = json.loads(call("weld", data, "--json").stdout)
+    assert set(["contact_fraction", "crossings", "line", "surface", "thresholds"]) <= set(found)
+    assert_refused(call("weld", data, "--calibrate", "5:x"), "5:x", "T0:T1")
+    assert_refused(call("weld", data, "--lift-off", "nan"), "nan")
+    assert_refused(call("weld", data, "--surface", "nope.toml"), "nope.toml")
+
+
 def test_new_robot_is_valid_and_not_overwritten(tmp_path: Path) -> None:
     assert call("new", "robot", "mine").exit_code == 0
     for target in ("mine", "mine/robot.toml", "mine/mission.toml"):

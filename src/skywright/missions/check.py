@@ -11,7 +11,6 @@ from skywright.core.validation import list_problems
 from skywright.errors import InputError
 from skywright.missions.loader import SPECS, list_layer_problems, load_description
 from skywright.missions.lookup import find_kind
-from skywright.models.capability import check_can_fly
 from skywright.robots.loader import find_robot
 from skywright.robots.spec import Robot
 from skywright.worlds.loader import find_world
@@ -64,6 +63,8 @@ def _check_root(layer: Layer, root: str, problems: list[str]) -> Any:
 
 
 def _check_lift(robot: Robot, gravity: float, label: str) -> list[str]:
+    from skywright.models.capability import check_can_fly  # heavy: only robots need it
+
     try:
         check_can_fly(robot, gravity)
     except InputError as error:
