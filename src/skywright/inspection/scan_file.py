@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.errors import InputError, neighbours
+from skywright.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -104,10 +104,8 @@ def _read_header(path: Path, line: str) -> tuple[str, dict[str, tuple[int, float
         if wanted.partition("_")[0] in columns:
             continue
         shown = ", ".join(name[:20] or "(empty)" for name in names[:12])
-        near = neighbours(wanted, [n for n in ignored if n], count=3) if any(ignored) else ""
         raise InputError(
             f"{path}: column {wanted} is missing; found: {shown}"
-            + (f" (not understood: {near[:100]})" if near else "")
             + f"; valid: {', '.join(REQUIRED)} (other units by suffix: t_ms, x_mm ...)"
         )
     notes = []

@@ -93,9 +93,14 @@ def _merge_runs(runs: list[tuple[int, int]], t: Array, s: Array, c: Array) -> li
     merged: list[tuple[int, int]] = []
     for start, stop in runs:
         if merged:
-            last = merged[-1][1] - 1
-            apart = math.hypot(s[start] - s[last], c[start] - c[last])
-            if apart < MERGE_DISTANCE and t[start] - t[last] < MERGE_TIME:
+            first, last = merged[-1][0], merged[-1][1]
+            # means of a few samples: one measured position is too noisy to compare
+            a, b = slice(max(first, last - 5), last), slice(start, min(stop, start + 5))
+            apart = math.hypot(
+                float(np.mean(s[a])) - float(np.mean(s[b])),
+                float(np.mean(c[a])) - float(np.mean(c[b])),
+            )
+            if apart < MERGE_DISTANCE and t[start] - t[last - 1] < MERGE_TIME:
                 merged[-1] = (merged[-1][0], stop)
                 continue
         merged.append((start, stop))
@@ -150,7 +155,7 @@ def _locate(
     # a slope of the noise over the stretch moves the centroid; so does the positions' own noise
     position_noise = robust_std(x - float(direction @ v) * tau)
     slope = 0.25 * length * noise / max(peak, 1e-12)
-    std = math.sqrt(slope**2 + min(position_noise, 0.01) ** 2 / count + (5e-5) ** 2)
+    std = math.sqrt(slope**2 + min(2 * position_noise, 0.02) ** 2 / count + (5e-5) ** 2)
     p = roll_point(surface, s_c, c_c)
     return Crossing(
         t=float(np.mean(t[near])),

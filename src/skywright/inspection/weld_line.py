@@ -141,10 +141,17 @@ def estimate_weld_line(s: Array, c: Array, v_s: Array, v_c: Array, std: Array) -
     )
 
 
+def line_offset(line: WeldLine) -> float:
+    """s (m) where the line meets c = 0 (NaN for a line along the axis)."""
+    cosine = math.cos(line.angle)
+    return line.s - line.c * math.sin(line.angle) / cosine if cosine > 1e-9 else math.nan
+
+
 def compute_line_error(line: WeldLine, weld: Weld) -> tuple[float, float]:
     """(offset, angle) errors (m, rad) of an estimated line against the true weld.
 
-    The offset is the distance of the line's reference point from the true line.
+    The offset is the distance of the line's reference point, the middle of its crossings, from
+    the true line: s at c = 0 would mix in the angle's error where the scan is far from c = 0.
     """
     angle = math.radians(weld.angle_deg)
     s0, c0 = (0.0, weld.offset_m) if weld.angle_deg == 90.0 else (weld.offset_m, 0.0)

@@ -201,17 +201,19 @@ def draw_impedance_plane(ax: Axes, ec: np.ndarray, result: WeldResult, zoom: boo
     bend = reach * (cal.curve[0] + reach * (cal.curve[1] + reach * cal.curve[2]))
     curve = cal.contact + cal.lift_off_axis * (reach + 1j * bend)
     ax.plot(curve.real, curve.imag, color="#444444", lw=1, label="lift-off curve (calibration)")
-    if cal.weld_axis is not None:
-        tip = cal.contact + cal.weld_axis * (1.2 * cal.lift_off_threshold)
-        ax.annotate(
-            "",
-            xy=(tip.real, tip.imag),
-            xytext=(cal.contact.real, cal.contact.imag),
-            arrowprops={"arrowstyle": "->", "color": _ESTIMATE, "lw": 1.4},
-        )
-        tip = cal.contact + cal.weld_axis * (1.35 * cal.lift_off_threshold)
-        ax.text(tip.real, tip.imag, "weld", color=_ESTIMATE, fontsize=8, ha="center", va="center")
     if zoom:
+        if cal.weld_axis is not None:
+            tip = cal.contact + cal.weld_axis * (1.2 * cal.lift_off_threshold)
+            ax.annotate(
+                "",
+                xy=(tip.real, tip.imag),
+                xytext=(cal.contact.real, cal.contact.imag),
+                arrowprops={"arrowstyle": "->", "color": _ESTIMATE, "lw": 1.4},
+            )
+            tip = cal.contact + cal.weld_axis * (1.35 * cal.lift_off_threshold)
+            ax.text(
+                tip.real, tip.imag, "weld", color=_ESTIMATE, fontsize=8, ha="center", va="center"
+            )
         # the strip of lift-off within its threshold is contact
         side = cal.weld_axis or 1j * cal.lift_off_axis
         for sign in (-1, 1):
