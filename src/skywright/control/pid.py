@@ -16,6 +16,9 @@ from skywright.core.rotations import cross, mat_t_mat, mat_t_vec, mat_vec
 
 Record = Any
 
+SLOW = 1e-3
+"""m/s, desired sliding speed below which the friction feed-forward fades."""
+
 
 @njit(cache=True)
 def position_force(
@@ -28,6 +31,10 @@ def position_force(
     surface normal only while |e_n| exceeds `ref.dead_zone` (a dead zone of 0 integrates always),
     so in contact the intended penetration does not wind up. The integral rests while the rotors
     are saturated.
+
+    Beyond the paper: in contact the believed Coulomb friction of the desired sliding, mu K^P |e_n|
+    along v_T^d, is fed forward (`par.friction`, 0 gives the paper's law). Without it each reversal
+    of the friction leaves the tip 2 mu F / K^P behind until the integral has caught up.
     """
     kp = body.mass * par.wn_p * par.wn_p
     kd = 2.0 * par.zeta_p * body.mass * par.wn_p
@@ -41,11 +48,15 @@ def position_force(
             body.mass * ref.a_WB[i] + kd * (ref.v_WB[i] - est.v_WB[i]) + kp * e[i] + mem.sigma[i]
         )
     f_W[2] += body.mass * body.gravity
-    if saturated > 0.0:
-        return
     normal = 0.0
     for i in range(3):
         normal += ref.R_WS[i, 2] * e[i]
+    if ref.dead_zone > 0.0 and normal < 0.0:
+        speed = math.sqrt(ref.v_WT[0] ** 2 + ref.v_WT[1] ** 2 + ref.v_WT[2] ** 2 + SLOW**2)
+        for i in range(3):
+            f_W[i] -= par.friction * kp * normal * ref.v_WT[i] / speed
+    if saturated > 0.0:
+        return
     keep = 1.0 if ref.dead_zone > 0.0 and abs(normal) < ref.dead_zone else 0.0
     total = 0.0
     for i in range(3):

@@ -94,6 +94,7 @@ PARAMETERS = np.dtype(
         ("zeta_R", f8),
         ("wi_R", f8),
         ("k_arm", f8),  # 1/s, joint position loop around the velocity servos
+        ("friction", f8),  # believed coefficient of the surface, fed forward while sliding
         ("tilt_max", f8),  # rad, of laws that tilt to move
         ("thrust_max", f8),  # N, all rotors together along z_B
         ("f_integral_max", f8),  # N, limit of the position integral

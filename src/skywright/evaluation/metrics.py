@@ -177,7 +177,7 @@ def _add_coverage(
     if pipe is None or plan.scan is None:
         return
     cyl = build_cylinder(pipe)
-    path = np.asarray(plan.scan.path)
+    path = np.asarray(plan.scan.path_sphi)
     d = (s["p_WT"] - cyl.p_WP) @ cyl.R_WP
     along, around = d[:, 1], cyl.radius * np.arctan2(d[:, 2], -d[:, 0])
     out["coverage.fraction"] = compute_coverage(

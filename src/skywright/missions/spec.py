@@ -92,3 +92,4 @@ class Plant(Spec):
     link_length_error_m: float = 0.004  # of the last link: a kinematic calibration error
     joint_offset_error_deg: float = 0.4  # encoder zero of every joint
     drag_error: float = Field(default=0.2, gt=-1, lt=10)
+    marker_error_m: NonNegative = 0.001  # 1 sigma a axis: motion-capture markers of the probe

@@ -49,6 +49,7 @@ class Deviation(NamedTuple):
     link_length_error: float = 0.0
     joint_offset: Array = np.zeros(0)  # (n_joints,) rad, encoder zero error
     drag_factor: float = 1.0
+    marker_error: Array = np.zeros(3)  # m, in T: where motion capture believes the tip to be
 
 
 class SceneIndex(NamedTuple):

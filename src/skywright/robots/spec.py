@@ -219,6 +219,7 @@ class Control(Spec):
     attitude_damping: Positive = 1.0
     attitude_integral_rad_s: NonNegative = 0.5
     arm_bandwidth_rad_s: NonNegative = 3.0
+    friction_feed_forward: NonNegative = 0.0  # believed friction of the surface; 0: none
     tilt_max_deg: Positive = 25.0
     rate_hz: Positive = 500.0
     observer_bandwidth_rad_s: Positive = 12.0

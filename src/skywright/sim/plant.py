@@ -73,6 +73,7 @@ PLANT = np.dtype(
         ("queue_R", f8, (QUEUE, 3, 3)),
         ("queue_tip", f8, (QUEUE, 3)),
         ("queue_axis", f8, (QUEUE, 3)),
+        ("marker_T", f8, 3),  # m, calibration error of the probe's markers, in T
         ("noise_gyro", f8, (BLOCK, 3)),
         ("noise_mocap", f8, (BLOCK, 12)),
         ("noise_drop", f8, BLOCK),  # uniform
@@ -199,6 +200,8 @@ def _expose(pl: Record, t: float, k: int) -> None:
     for a in range(3):
         pl.queue_p[i, a] = pl.p_WB[a] + pl.mocap_sigma_p * pl.noise_mocap[k, a]
         pl.queue_tip[i, a] = pl.p_WT[a] + pl.mocap_sigma_p * pl.noise_mocap[k, 3 + a]
+        for c in range(3):
+            pl.queue_tip[i, a] += pl.R_WT[a, c] * pl.marker_T[c]
         turn[a] = pl.mocap_sigma_R * pl.noise_mocap[k, 6 + a]
     exp_so3(turn, rot)
     mat_mat(pl.R_WB, rot, pl.queue_R[i])

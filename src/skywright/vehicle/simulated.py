@@ -223,6 +223,7 @@ class SimulatedVehicle:
         par["wi_p"] = c.position_integral_rad_s
         par["wn_R"], par["zeta_R"] = c.attitude_bandwidth_rad_s, c.attitude_damping
         par["wi_R"] = c.attitude_integral_rad_s
+        par["friction"] = c.friction_feed_forward
         par["k_arm"], par["tilt_max"] = c.arm_bandwidth_rad_s, math.radians(c.tilt_max_deg)
         par["thrust_max"] = float(np.sum(self.rotors.thrust_max * self.rotors.axis[:, 2]))
         par["f_integral_max"] = 0.4 * mass * self.world.gravity_mps2
@@ -298,6 +299,7 @@ def _build_plant(
     pl["tip_site"], pl["tip_force"] = index.tip_site, index.sensor_tip_force
     pl["n_collision"] = len(index.sensor_collision)
     pl["collision"][: len(index.sensor_collision)] = index.sensor_collision
+    pl["marker_T"] = dev.marker_error
     pl["com_B"] = scene.model.body_ipos[index.platform_body]
     # sensors
     rng = build_stream(seed, "gyro")
