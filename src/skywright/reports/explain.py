@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from skywright.core.keys import iterate_leaves
 from skywright.missions.deviation import build_deviation
+from skywright.models.allocation import build_allocator
+from skywright.models.rotors import build_rotors
+from skywright.robots.spec import Robot
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -29,14 +32,17 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "tip.tangential_rms_mm": ("mm", "rms distance of the tip from its path, along the surface"),
     "tip.tangential_max_mm": ("mm", "largest such distance"),
     "platform.attitude_error_max_deg": ("deg", "largest attitude error while scanning"),
-    "platform.offset_rms_mm": ("mm", "rms distance of the platform from its nominal pose, scanning"),
+    "platform.offset_rms_mm": (
+        "mm",
+        "rms distance of the platform from its nominal pose",
+    ),
     "platform.tilt_max_deg": ("deg", "largest tilt from level"),
     "touch.attitude_error_max_deg": ("deg", "largest attitude error while touching"),
     "rotors.thrust_max_fraction": ("", "largest rotor thrust over the rotor's limit, scanning"),
     "weld.contact_fraction": ("", "share of the scan in contact, as the instrument says"),
     "weld.crossings": ("", "crossings of the path with the weld at which it was found"),
-    "weld.offset_error_mm": ("mm", "estimated from true weld line: distance along the axis"),
-    "weld.angle_error_deg": ("deg", "estimated from true weld line: angle"),
+    "weld.offset_error_mm": ("mm", "distance along the axis between estimated and true weld line"),
+    "weld.angle_error_deg": ("deg", "angle between estimated and true weld line"),
     "weld.offset_std_mm": ("mm", "uncertainty of the weld line's offset that the fit states"),
     "weld.angle_std_deg": ("deg", "uncertainty of the weld line's angle that the fit states"),
     "coverage.fraction": ("", "share of the planned path inspected within 1 mm and 10 deg"),
@@ -166,7 +172,7 @@ def list_conditions(result: RunResult) -> list[Row]:
     if w.wind.kind != "none":
         wind = f"{w.wind.kind}, {w.wind.mean_mps:g} m/s toward {w.wind.toward_deg:g} deg"
     return [
-        Row("control law", m.law or c.law or "push_and_slide or thrust_vectoring, by the rotors"),
+        Row("control law", m.law or c.law or choose_law(d.robot)),
         Row("estimator", "the simulator's truth" if m.estimator == "truth" else m.estimator),
         Row("position bandwidth", f"{c.position_bandwidth_rad_s:g} rad/s",
             f"damping {c.position_damping:g}, integral {c.position_integral_rad_s:g} rad/s"),
@@ -181,6 +187,12 @@ def list_conditions(result: RunResult) -> list[Row]:
         Row("way of running", m.mode),
         Row("seed", str(m.seed)),
     ]  # fmt: skip
+
+
+def choose_law(robot: Robot) -> str:
+    """Name the law that a run takes when neither mission nor robot names one."""
+    full = build_allocator(build_rotors(robot.rotors)).full
+    return "push_and_slide" if full else "thrust_vectoring"
 
 
 def list_timing(result: RunResult) -> list[Row]:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from skywright.errors import InputError
 from skywright.reports import explain
 from skywright.reports.figures import inspection, paths, plan, series
-from skywright.reports.figures.style import house_style, render_svg
+from skywright.reports.figures.style import WIDTH, house_style, render_svg
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -23,8 +23,8 @@ class Picture(NamedTuple):
 
     title: str
     data: str  # data: URI
-    alt: str
     caption: str
+    width: float  # share of the page
 
 
 def write_report(result: RunResult) -> None:
@@ -41,6 +41,14 @@ def render_report(result: RunResult) -> str:
     from skywright.evaluation.run import collect_versions
 
     kind = result.description.mission.kind
+    with house_style():
+        inspection_pictures = _draw_inspection(result) if kind == "scan" else []
+        motion = _draw_motion(result)
+        planning = _picture(
+            "Clearance and rotor margin of the plan", plan.draw_plan(result),
+            "Both must stay above zero. The planner refuses a path that comes closer than its "
+            "margins.",
+        )  # fmt: skip
     return _template().render(
         result=result,
         d=result.description,
@@ -49,14 +57,11 @@ def render_report(result: RunResult) -> str:
         completed=result.outcome in ("succeeded", "failed"),
         outcome=explain.describe_outcome(result),
         meanings=explain.MEANINGS,
+        signs={"<=": "≤", ">=": "≥", "==": "="},
         number=explain.format_value,
-        inspection=[p for p in _draw_inspection(result) if p] if kind == "scan" else [],
-        motion=[p for p in _draw_motion(result) if p],
-        planning=_picture(
-            "Clearance and rotor margin of the plan", plan.draw_plan(result),
-            "Both must stay above zero (red). The planner refuses a path that comes closer than "
-            "its margins.",
-        ),
+        inspection=[p for p in inspection_pictures if p],
+        motion=[p for p in motion if p],
+        planning=planning,
         timing=explain.list_timing(result),
         conditions=explain.list_conditions(result),
         plant=explain.list_plant(result),
@@ -64,66 +69,65 @@ def render_report(result: RunResult) -> str:
         assumptions=explain.list_assumptions(result),
         metrics=explain.list_metrics(result),
         versions=collect_versions(),
-    )  # fmt: skip
+    )
 
 
 def _draw_inspection(result: RunResult) -> list[Picture | None]:
-    with house_style():
-        return [
-            _picture(
-                "Weld map", inspection.draw_map(result),
-                "The scanned part of the pipe, unrolled flat. Each dot is a reading of the probe, "
-                "brighter where it sees more weld. The red line is where the processing says that "
-                "the weld runs, the dashed black one where it is in truth.",
-            ),
-            _picture(
-                "Contact quality", inspection.draw_contact_quality(result),
-                "The worst value in each cell of 5 mm that the probe passed. Dark is good, red is "
-                "beyond the limit; cells without colour were not visited. The lift-off signal is "
-                "what the instrument itself knows of the gap.",
-            ),
-            _picture(
-                "What the instrument showed", inspection.draw_instrument(result),
-                "An eddy-current instrument shows a point in a plane. Lifting the probe moves it "
-                "along the lift-off curve, a weld moves it across. Right: the part near contact. "
-                "Below: both movements over the scan; a weld is seen where the ochre line passes "
-                "the threshold.",
-            ),
-        ]  # fmt: skip
+    return [
+        _picture(
+            "Weld map", inspection.draw_map(result),
+            "The scanned part of the pipe, unrolled flat. Each dot is a reading of the probe, "
+            "brighter where it sees more weld. The red line is where the processing says that "
+            "the weld runs, the dashed black one where it is in truth.",
+        ),
+        _picture(
+            "Contact quality", inspection.draw_contact_quality(result),
+            "The worst value in each cell of 8 mm that the probe passed. Dark is good, red is "
+            "beyond the limit; cells without colour were not visited. The lift-off signal is "
+            "what the instrument itself knows of the gap.",
+        ),
+        _picture(
+            "What the instrument showed", inspection.draw_instrument(result),
+            "An eddy-current instrument shows a point in a plane. Lifting the probe moves it "
+            "along the lift-off curve, a weld moves it across. Right: the part near contact. "
+            "Below: both movements over the scan; a weld is seen where the ochre line passes "
+            "the threshold.",
+        ),
+    ]  # fmt: skip
 
 
 def _draw_motion(result: RunResult) -> list[Picture | None]:
-    with house_style():
-        return [
-            _picture(
-                "Tip path", paths.draw_tip_path(result),
-                "The probe should follow the wide green line; the thin blue line is where it "
-                "really went.",
-            ),
-            _picture(
-                "Flight path", paths.draw_flight_path(result),
-                "Robot and world drawn to scale, the robot at its start (pale) and at work.",
-            ),
-            _picture(
-                "While the probe is at the surface", series.draw_contact_series(result),
-                "Grey and white bands are phases, named on top. Dashed red lines are limits, "
-                "dotted green ones what is expected.",
-            ),
-            _picture(
-                "The whole flight", series.draw_flight_series(result),
-                "Bands are phases. While pushing, the platform stands off its reference on "
-                "purpose: the reference lies inside the surface."
-                if result.description.mission.kind == "scan"
-                else "Bands are phases. Dashed red lines are limits.",
-            ),
-        ]  # fmt: skip
+    return [
+        _picture(
+            "Tip path", paths.draw_tip_path(result),
+            "The probe should follow the wide green line; the thin blue line is where it "
+            "really went.",
+        ),
+        _picture(
+            "Flight path", paths.draw_flight_path(result),
+            "Robot and world drawn to scale, the robot at its start (pale) and at work.",
+        ),
+        _picture(
+            "While the probe is at the surface", series.draw_contact_series(result),
+            "Grey and white bands are phases, named on top. Dashed red lines are limits, "
+            "dotted green ones what is expected.",
+        ),
+        _picture(
+            "The whole flight", series.draw_flight_series(result),
+            "Bands are phases. While pushing, the platform stands off its reference on "
+            "purpose: the reference lies inside the surface."
+            if result.description.mission.kind == "scan"
+            else "Bands are phases. Dashed red lines are limits.",
+        ),
+    ]  # fmt: skip
 
 
 def _picture(title: str, figure: Figure | None, caption: str) -> Picture | None:
     if figure is None:
         return None
     data = base64.b64encode(render_svg(figure)).decode("ascii")
-    return Picture(title, f"data:image/svg+xml;base64,{data}", title, caption)
+    width = float(figure.get_size_inches()[0]) / WIDTH
+    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width)
 
 
 @lru_cache(maxsize=1)

@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from skywright.evaluation.metrics import LIFT_OFF_THRESHOLD
+from skywright.evaluation.metrics import LIFT_OFF_THRESHOLD, in_phases
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT, compute_contact_map
 from skywright.inspection.eddy_current import Instrument
+from skywright.inspection.weld import detect_contact
 from skywright.reports.figures.paths import select_scan, unroll_points
 from skywright.reports.figures.style import LIMIT, WIDTH, new_figure
 from skywright.reports.weld_map import draw_impedance_plane, draw_weld_map, draw_weld_signal
@@ -20,44 +21,75 @@ if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
 
 
+CELL = 0.008  # m, of the contact map
+
+MAP_WIDTH = 7.4
+"""Inches; maps are nearly square and need less than the page's width."""
+
+
 def draw_map(result: RunResult) -> Figure | None:
     """Weld signal on the unrolled pipe with the true and the estimated line."""
     if result.weld is None:
         return None
-    figure = new_figure(WIDTH, 5.0)
-    ax = figure.add_axes((0.08, 0.22, 0.88, 0.72))
+    figure = new_figure(MAP_WIDTH, 5.7)
+    ax = figure.add_axes((0.1, 0.16, 0.86, 0.82), anchor="NW")
     draw_weld_map(ax, result.weld, result.description.world.weld)
+    ax.grid(False)
     return figure
 
 
 def draw_instrument(result: RunResult) -> Figure | None:
     """Impedance plane, its part near contact, and both components over time."""
-    if result.weld is None:
+    weld = result.weld
+    if weld is None:
         return None
-    s = select_scan(result)
-    ec = s["ec"]
-    if len(ec) != len(result.weld.t):
+    ec = select_scan(result)["ec"]
+    if len(ec) != len(weld.t):
         return None
-    figure = new_figure(WIDTH, 6.6)
-    draw_impedance_plane(figure.add_axes((0.075, 0.46, 0.43, 0.49)), ec, result.weld)
-    draw_impedance_plane(figure.add_axes((0.58, 0.46, 0.40, 0.49)), ec, result.weld, zoom=True)
-    draw_weld_signal(figure.add_axes((0.075, 0.075, 0.905, 0.25)), result.weld)
+    touch = result.samples[in_phases(result.samples, result.phases, "touch")]["ec"]
+    touching = detect_contact(touch, weld.calibration)[2]
+    shown = weld._replace(
+        contact=np.concatenate([touching, weld.contact]),
+        on_weld=np.concatenate([np.zeros(len(touch), bool), weld.on_weld]),
+    )
+    ec = np.concatenate([touch, ec])
+    figure = new_figure(WIDTH, 6.8)
+    left = figure.add_axes((0.075, 0.46, 0.43, 0.49))
+    draw_impedance_plane(left, ec, shown)
+    left.set_title("Instrument display (impedance plane)")
+    left.set_xlabel("real part (instrument units)")
+    left.set_ylabel("imaginary part (instrument units)")
+    right = figure.add_axes((0.58, 0.46, 0.40, 0.49))
+    draw_impedance_plane(right, ec, shown, zoom=True)
+    right.set_title("The same near contact; dashed: lift-off threshold")
+    below = figure.add_axes((0.075, 0.075, 0.905, 0.25))
+    draw_weld_signal(below, weld)
+    below.set_title(
+        "Lift-off (blue) and weld signal (ochre) while scanning, each over its threshold; "
+        "red: crossings",
+        fontsize=9,
+    )
     return figure
 
 
 def draw_contact_quality(result: RunResult) -> Figure | None:
-    """Worst gap, tilt and lift-off of each 5 mm cell of the unrolled pipe."""
+    """Worst gap, tilt and lift-off of each 8 mm cell of the unrolled pipe."""
     s = select_scan(result)
     if len(s) < 2 or result.description.world.pipe is None:
         return None
     along, around = unroll_points(result, s["p_WT"])
     phase = Instrument().phase
     lift = s["ec"] @ np.array([math.cos(phase), math.sin(phase)])
-    grid = compute_contact_map(along, around, 1e3 * s["gap_max"], s["tilt"], lift)
+    grid = compute_contact_map(along, around, 1e3 * s["gap_max"], s["tilt"], lift, CELL)
     figure = new_figure(WIDTH, 3.5)
     panels = (
         (grid.gap, "Worst air gap (mm)", 1e3 * GAP_LIMIT, "limit {:g} mm"),
-        (np.degrees(grid.tilt), "Worst probe tilt (deg)", math.degrees(TILT_LIMIT), "limit {:g}"),
+        (
+            np.degrees(grid.tilt),
+            "Worst probe tilt (deg)",
+            math.degrees(TILT_LIMIT),
+            "limit {:g} deg",
+        ),
         (grid.lift_off, "Worst lift-off signal (units)", LIFT_OFF_THRESHOLD, "limit {:g}"),
     )
     s_plan, c_plan = unroll_points(result, s["ref_p_WT"])

@@ -58,8 +58,8 @@ def draw_tip_path(result: RunResult) -> Figure | None:
     s = select_scan(result)
     if len(s) < 2 or result.description.world.pipe is None:
         return None
-    figure = new_figure(WIDTH, 4.6)
-    ax = figure.add_axes((0.075, 0.13, 0.905, 0.74))
+    figure = new_figure(7.4, 5.2)
+    ax = figure.add_axes((0.1, 0.11, 0.88, 0.76), anchor="NW")
     s_des, c_des = unroll_points(result, s["ref_p_WT"])
     s_true, c_true = unroll_points(result, s["p_WT"])
     ax.plot(1e3 * s_des, 1e3 * c_des, color=GREEN, lw=4, alpha=0.45, label="desired tip")
@@ -71,7 +71,7 @@ def draw_tip_path(result: RunResult) -> Figure | None:
         ax.plot(
             1e3 * s_true[lost], 1e3 * c_true[lost], ".", color=LIMIT, ms=5, label="no contact force"
         )
-    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_aspect("equal")
     ax.set_xlabel("s, along the pipe's axis (mm)")
     ax.set_ylabel("c, around the pipe (mm)")
     ax.set_title("Path of the probe's tip on the unrolled pipe", pad=22)

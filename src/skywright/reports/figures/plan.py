@@ -35,15 +35,13 @@ def draw_plan(result: RunResult) -> Figure | None:
     if len(t) < 2:
         return None
     figure = new_figure(WIDTH, 3.9)
-    axes = stack_panels(figure, 2, top=0.95)
-    shade_phases(axes, spans, axes[0])
+    strip, axes = stack_panels(figure, 2)
+    shade_phases(strip, axes, spans)
     draw_line(axes[0], t, clearance, color=BLUE)
-    axes[0].set_title("Planned clearance between the robot and everything else (tip excluded)",
-                      pad=46)  # fmt: skip
+    axes[0].set_title("Planned clearance between the robot and everything else (tip excluded)")
     axes[0].set_ylabel("clearance (m)")
     draw_line(axes[1], t, 100.0 * margin, color=BLUE)
-    axes[1].set_title("Planned rotor margin: thrust range that the most loaded rotor leaves free",
-                      pad=4)  # fmt: skip
+    axes[1].set_title("Planned rotor margin: thrust range that the most loaded rotor leaves free")
     axes[1].set_ylabel("margin (%)")
     axes[1].set_xlabel("time along the plan (s)")
     for ax, y, unit in ((axes[0], clearance, "{:.3f} m"), (axes[1], 100.0 * margin, "{:.0f} %")):

@@ -83,10 +83,9 @@ def draw_contact_series(result: RunResult) -> Figure | None:
     if len(s) < 2:
         return None
     t = s["t"]
-    figure = new_figure(WIDTH, 11.4)
-    axes = stack_panels(figure, 7, top=0.95)
-    spans = clip_phases(result.phases, float(t[0]), float(t[-1]))
-    shade_phases(axes, spans, axes[0])
+    figure = new_figure(WIDTH, 11.6)
+    strip, axes = stack_panels(figure, 7)
+    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
     along, out = compute_tip_errors(s)
     _draw_tangential(axes[0], t, along, result)
     _draw_normal(axes[1], t, out, result)
@@ -99,11 +98,10 @@ def draw_contact_series(result: RunResult) -> Figure | None:
     _draw_single(axes[4], t, s["f_normal"], "Force of the probe on the surface", "force (N)", BLUE)
     push = result.plan.push_force_n
     axes[4].axhline(push, color=GREEN, lw=1.1, ls=":", label=f"planned push {push:.2g} N")
-    axes[4].legend(loc="upper right")
+    axes[4].legend(loc="lower right")
     fit_y(axes[4], float(np.max(s["f_normal"])), push, low=0.0)
     _draw_attitude(axes[5], t, s)
     _draw_rotors(axes[6], t, s, result)
-    _place_titles(axes)
     return figure
 
 
@@ -114,8 +112,8 @@ def draw_flight_series(result: RunResult) -> Figure | None:
         return None
     t = s["t"]
     figure = new_figure(WIDTH, 9.4)
-    axes = stack_panels(figure, 6, top=1.05)
-    shade_phases(axes, clip_phases(result.phases, float(t[0]), float(t[-1])), axes[0])
+    strip, axes = stack_panels(figure, 6)
+    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
     distance = np.linalg.norm(s["p_WB"] - s["ref_p_WB"], axis=1)
     flying = s["rotor_thrust"].sum(axis=1) > 0.5
     distance[~flying] = np.nan
@@ -146,13 +144,7 @@ def draw_flight_series(result: RunResult) -> Figure | None:
     _draw_rotors(axes[4], t, s, result)
     _draw_single(axes[5], t, s["power"], "Electrical power", "power (W)", BLACK)
     fit_y(axes[5], float(np.max(s["power"])), low=0.0)
-    _place_titles(axes)
     return figure
-
-
-def _place_titles(axes: list[Axes]) -> None:
-    for i, ax in enumerate(axes):
-        ax.set_title(ax.get_title(loc="left"), pad=46 if i == 0 else 4)
 
 
 def _draw_single(ax: Axes, t: Array, y: Array, title: str, label: str, color: str) -> None:
@@ -239,11 +231,11 @@ def _draw_rotors(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
     ax.set_title("Rotor thrusts")
     ax.set_ylabel("thrust (N)")
     full, usable = rotors.thrust_max_n, rotors.thrust_max_n * rotors.thrust_fraction
-    draw_limit(ax, full, f"rotor's limit {full:.2g} N")
+    draw_limit(ax, full, f"rotor's limit {full:.3g} N")
     if usable < 0.995 * full:
         ax.axhline(usable, color=ORANGE, lw=1.0, ls=(0, (2, 2)))
         ax.annotate(
-            f"planned up to {usable:.2g} N", (0.0, usable), (3, -2),
+            f"planned up to {usable:.3g} N", (0.0, usable), (3, -2),
             xycoords=ax.get_yaxis_transform(), textcoords="offset points", va="top", fontsize=7.5,
             color="#8a5a00",
         )  # fmt: skip

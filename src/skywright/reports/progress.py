@@ -1,0 +1,110 @@
+"""Progress of a run on standard error: a bar with phase and real-time factor."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, TaskID, TextColumn
+from rich.progress import Progress as Bar
+
+if TYPE_CHECKING:
+    from skywright.missions.loader import Description
+    from skywright.missions.planning import MissionPlan
+    from skywright.vehicle.simulated import SimulatedVehicle
+
+OVERHEAD_S = 30.0
+"""Take-off, settling and landing, which the plan's duration leaves out; a first guess only."""
+
+REDRAW_S = 0.1
+"""Wall time between two updates of the bar."""
+
+
+class Progress:
+    """An observer (evaluation.run.Observer) that tells how far a run is.
+
+    On a terminal it draws one bar; elsewhere it writes one line a phase. `quiet` writes nothing.
+    """
+
+    def __init__(self, *, quiet: bool = False, console: Console | None = None) -> None:
+        self._console = console or Console(stderr=True, highlight=False)
+        self._quiet = quiet
+        self._bar: Bar | None = None
+        self._task: TaskID | None = None
+        self._phase = ""
+        self._total = 0.0
+        self._began = self._drawn = 0.0
+
+    def on_plan(self, plan: MissionPlan, description: Description) -> None:
+        """Show the plan's duration and start the bar."""
+        self._total = plan.duration_s + OVERHEAD_S
+        self._began = time.perf_counter()
+        if self._quiet:
+            return
+        self._console.print(f"planned in {plan.plan_s:.2f} s: {plan.duration_s:.0f} s of flight")
+        if not self._console.is_terminal:
+            return
+        self._bar = Bar(
+            TextColumn("{task.description:<12}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.completed:.0f} of {task.total:.0f} s  {task.fields[factor]}"),
+            console=self._console,
+            transient=True,
+            auto_refresh=False,  # no thread beside the simulation
+        )
+        self._task = self._bar.add_task("start", total=self._total, factor="")
+        self._bar.start()
+
+    def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
+        """Move the bar, at most ten times a second of wall time."""
+        if self._quiet:
+            return
+        if phase != self._phase:
+            self._phase = phase
+            if self._bar is None:
+                self._console.print(f"{t:7.1f} s  {phase.replace('_', ' ')}", markup=False)
+        if self._bar is None or self._task is None:
+            return
+        now = time.perf_counter()
+        if now - self._drawn < REDRAW_S:
+            return
+        self._drawn = now
+        factor = t / max(now - self._began, 1e-6)
+        self._bar.update(
+            self._task,
+            description=phase.replace("_", " "),
+            completed=t,
+            total=max(self._total, t),
+            factor=f"{factor:.0f} x real time",
+        )
+        self._bar.refresh()
+
+    def close(self) -> None:
+        """Remove the bar."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+
+
+def is_compiled() -> bool:
+    """Whether the compiled mission tick of this source lies in numba's cache."""
+    from skywright.vehicle.tick import mission_tick
+
+    if mission_tick.signatures:
+        return True
+    try:  # numba's own test: its version, and the stamp of the source
+        return bool(mission_tick._cache._cache_file._load_index())
+    except AttributeError:  # another version of numba: is there any file at all
+        folder = Path(mission_tick.stats.cache_path or ".")
+        return any(folder.glob("tick.mission_tick-*.nbi"))
+
+
+def announce_compilation(console: Console | None = None) -> bool:
+    """Say once that the first run compiles; call it before planning. Returns whether it said so."""
+    if is_compiled():
+        return False
+    console = console or Console(stderr=True, highlight=False)
+    console.print("compiling (first run on this machine, about 40 s) ...", markup=False)
+    return True
