@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import viser
 from numpy.typing import NDArray
 
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
+from skywright.inspection.weld import Crossing, WeldResult
 from skywright.reports.scene3d import (
     CCW,
     CW,
@@ -27,6 +29,8 @@ from skywright.reports.scene3d import (
     TILTED,
     WELD,
     Scene3d,
+    View,
+    build_views,
     set_camera,
     start_server,
     stop_server,
@@ -41,6 +45,8 @@ FRAME_RATE = 15.0  # Hz
 MAX_FRAMES = 4500
 MAX_CHUNKS = 200
 NUMBER_RATE = 5.0  # Hz, of the numbers in the overlay
+MOVE, TURN = 2e-4, 5e-4
+"""m, quaternion units (0.06 deg): smaller motions are not sent."""
 NEAR = 0.02  # m; further away than this, gap and tilt mean nothing
 JUDGED = ("settle", "scan")  # phases in which contact quality counts
 
@@ -58,12 +64,15 @@ def build_replay(result: RunResult) -> str:
     finite = np.isfinite(samples["p_WB"]).all(axis=1) & np.isfinite(samples["q_WB"]).all(axis=1)
     samples = samples[finite]  # a diverged run ends with numbers that are none
     rows = _choose_frames(samples)
+    d = result.description
+    flown = samples["p_WB"][::50] if len(samples) else np.zeros((1, 3))
+    views = build_views(d.robot, d.world, flown)
     server = start_server()
     try:
-        html = _record(result, samples, rows, server)
+        html = _record(result, samples[rows], views, server)
     finally:
         stop_server(server)
-    return _add_overlay(html, result, samples)
+    return _add_overlay(html, result, samples, views)
 
 
 def _choose_frames(samples: NDArray[Any]) -> NDArray[np.int64]:
@@ -76,90 +85,81 @@ def _choose_frames(samples: NDArray[Any]) -> NDArray[np.int64]:
     return np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], count)).clip(0, len(t) - 1))
 
 
-def _record(result: RunResult, samples: NDArray[Any], rows: NDArray[np.int64], server: Any) -> str:
+def _record(
+    result: RunResult, shown: NDArray[Any], views: list[View], server: viser.ViserServer
+) -> str:
+    """Draw the scene, play the samples that are `shown` into viser's recorder."""
     d = result.description
     scene = Scene3d(server, d.robot, d.world)
-    _draw_plan_and_result(scene, result)
-    look_at, points, side = frame_view(result, samples)
-    scene.draw_wind(look_at + [0.0, 0.0, 0.75])
-    set_camera(server, points, look_at, side)
-    shown = samples[rows]
+    _draw_plan(scene, result)
+    set_camera(server, views[0])
+    scene.draw_wind(views[0].look_at + [0.0, 0.0, 0.75])
     poses = scene.compute_poses(shown)
     if len(shown):
         scene.show(poses, 0)
     serializer = server.get_scene_serializer()
     if len(shown) < 2:
         return str(serializer.as_html())
-    moved = {name: _moves(*pose) for name, pose in poses.nodes.items()}
-    trace, colours = _build_trace(result, shown)
+    moved = {
+        name: (_find_moves(positions, MOVE), _find_moves(quaternions, TURN))
+        for name, (positions, quaternions) in poses.nodes.items()
+    }
+    judged = np.isin(shown["phase"], [i for i, p in enumerate(result.phases) if p.name in JUDGED])
+    trace, colours = build_trace(shown, judged, d.robot.arm is not None)
     every = max(1, math.ceil(len(shown) / MAX_CHUNKS), round(FRAME_RATE))
+    crossings = list(enumerate(result.weld.crossings)) if result.weld is not None else []
     start = 0
     for i in range(1, len(shown)):
         serializer.insert_sleep(float(shown["t"][i] - shown["t"][i - 1]))
         scene.show(poses, i, moved)
         if i - start >= every or i == len(shown) - 1:
-            _draw_trace(server, start, trace[start : i + 1], colours[start : i + 1])
+            draw_trace(server, f"/trace/{start}", trace[start : i + 1], colours[start : i + 1])
             start = i
+        while crossings and (shown["t"][i] >= crossings[0][1].t or i == len(shown) - 1):
+            _draw_crossing(scene, *crossings.pop(0))
+            if not crossings and result.weld is not None:  # the last one completes the line
+                _draw_estimate(scene, result.weld)
     return str(serializer.as_html())
 
 
-def _moves(positions: Array, quaternions: Array) -> NDArray[np.bool_]:
-    """Frames (n,) at which a pose differs visibly (0.05 mm, 0.03 deg) from the last one sent."""
-    out = np.zeros(len(positions), bool)
+def _find_moves(values: Array, step: float) -> NDArray[np.bool_]:
+    """Mask (n,) of the frames at which a row differs by more than `step` from the last one kept."""
+    out = np.zeros(len(values), bool)
     last = 0
-    for i in range(1, len(positions)):
-        far = np.abs(positions[i] - positions[last]).max() > 5e-5
-        if far or np.abs(quaternions[i] - quaternions[last]).max() > 2.5e-4:
+    for i in range(1, len(values)):
+        if np.abs(values[i] - values[last]).max() > step:
             out[i], last = True, i
     return out
 
 
-def frame_view(result: RunResult, samples: NDArray[Any]) -> tuple[Array, Array, Array]:
-    """Where to look (3,), what must be seen (n, 3) and from which direction (3,) to look."""
-    flown = samples["p_WB"][::50] if len(samples) else np.zeros((1, 3))
-    reach = 0.5 * result.description.robot.platform.diameter_m
-    points = [flown, flown + [0, 0, reach]]
-    pipe = result.description.world.pipe
-    if pipe is None:
-        look_at = 0.5 * (flown.min(axis=0) + flown.max(axis=0))
-        return look_at, np.concatenate(points), np.array([-0.7, -1.0, 0.55])
-    centre = np.array([pipe.x_m, pipe.y_m, pipe.z_m])
-    points.append(centre[None])
-    near = flown[np.argsort(np.linalg.norm(flown - centre, axis=1))[: max(1, len(flown) // 3)]]
-    way = near.mean(axis=0) - centre  # from the pipe to where the robot works
-    look_at = centre + 0.3 * way
-    way[2] = 0.0
-    size = float(np.linalg.norm(way))
-    way = way / size if size > 1e-6 else np.array([-1.0, 0.0, 0.0])
-    side = 0.55 * way + np.cross(way, [0.0, 0.0, 1.0]) * -1.0 + [0.0, 0.0, 0.45]
-    return look_at, np.concatenate(points), side
-
-
-def _draw_plan_and_result(scene: Scene3d, result: RunResult) -> None:
-    """Draw the planned path on the surface, the estimated weld and its crossings."""
-    pipe, scan, weld = result.description.world.pipe, result.plan.scan, result.weld
-    if pipe is None:
-        return
-    radius = 0.5 * pipe.diameter_m
-    if scan is not None and len(scan.path_sphi) > 1:
+def _draw_plan(scene: Scene3d, result: RunResult) -> None:
+    """Draw the planned path on the surface."""
+    pipe, scan = result.description.world.pipe, result.plan.scan
+    if pipe is not None and scan is not None and len(scan.path_sphi) > 1:
+        radius = 0.5 * pipe.diameter_m
         s, c = _thin_path(scan.path_sphi[:, 0], radius * scan.path_sphi[:, 1])
         scene.draw_surface_line("/plan", s, c, 0.004, PLAN, lift=0.0003)
-    if weld is None:
+
+
+def _draw_crossing(scene: Scene3d, i: int, crossing: Crossing) -> None:
+    scene.server.scene.add_icosphere(
+        f"/crossings/{i}", radius=0.008, position=crossing.p_W, color=ESTIMATE, subdivisions=2
+    )
+
+
+def _draw_estimate(scene: Scene3d, weld: WeldResult) -> None:
+    """Draw the estimated line along its crossings."""
+    line, pipe = weld.line, scene.world.pipe
+    if line is None or pipe is None:
         return
-    for i, crossing in enumerate(weld.crossings):
-        scene.server.scene.add_icosphere(
-            f"/crossings/{i}", radius=0.008, position=crossing.p_W, color=ESTIMATE, subdivisions=2
-        )
-    if weld.line is not None and weld.crossings:
-        line = weld.line
-        reach = [c.c for c in weld.crossings] + [line.c]
-        span = [c.s for c in weld.crossings] + [line.s]
-        half = 0.5 * math.hypot(max(reach) - min(reach), max(span) - min(span)) + 0.03
-        u = np.linspace(-half, half, 60)
-        s, c = line.s + u * math.sin(line.angle), line.c + u * math.cos(line.angle)
-        inside = np.abs(s) <= 0.5 * pipe.length_m
-        if np.count_nonzero(inside) > 1:
-            scene.draw_surface_line("/estimate", s[inside], c[inside], 0.004, ESTIMATE, 0.0016)
+    s = np.array([c.s for c in weld.crossings] + [line.s])
+    c = np.array([c.c for c in weld.crossings] + [line.c])
+    half = 0.5 * math.hypot(np.ptp(s), np.ptp(c)) + 0.03
+    u = np.linspace(-half, half, 60)
+    s, c = line.s + u * math.sin(line.angle), line.c + u * math.cos(line.angle)
+    inside = np.abs(s) <= 0.5 * pipe.length_m
+    if np.count_nonzero(inside) > 1:
+        scene.draw_surface_line("/estimate", s[inside], c[inside], 0.004, ESTIMATE, 0.0016)
 
 
 def _thin_path(s: Array, c: Array, step: float = 0.002) -> tuple[Array, Array]:
@@ -169,12 +169,15 @@ def _thin_path(s: Array, c: Array, step: float = 0.002) -> tuple[Array, Array]:
     return s[keep], c[keep]
 
 
-def _build_trace(result: RunResult, shown: NDArray[Any]) -> tuple[Array, NDArray[np.uint8]]:
-    """Points (n, 3) of the tip's trace and their colours (n, 3)."""
-    names = [p.name for p in result.phases]
-    judged = np.isin(shown["phase"], [i for i, name in enumerate(names) if name in JUDGED])
+def build_trace(
+    shown: NDArray[Any], judged: NDArray[np.bool_], arm: bool
+) -> tuple[Array, NDArray[np.uint8]]:
+    """Points (n, 3) of the tip's trace (the platform's without an `arm`) and colours (n, 3).
+
+    `judged` (n,): where contact quality counts.
+    """
     colours = np.tile(np.array(FREE, np.uint8), (len(shown), 1))
-    if result.description.robot.arm is None:
+    if not arm:
         return np.array(shown["p_WB"]), colours
     gap = np.maximum(shown["gap"], shown["gap_max"])
     colours[judged] = GOOD
@@ -185,21 +188,30 @@ def _build_trace(result: RunResult, shown: NDArray[Any]) -> tuple[Array, NDArray
     return shown["p_WT"] + lift, colours
 
 
-def _draw_trace(server: Any, start: int, points: Array, colours: NDArray[np.uint8]) -> None:
+def draw_trace(
+    server: viser.ViserServer, name: str, points: Array, colours: NDArray[np.uint8]
+) -> None:
+    """Draw a piece of the tip's path: points (n, 3) in W with colours (n, 3)."""
     segments = np.stack([points[:-1], points[1:]], axis=1)
+    # viser takes line colours as linear light
+    linear = np.round(255.0 * (colours / 255.0) ** 2.2).astype(np.uint8)
     contact = bool(np.any(colours != np.array(FREE, np.uint8)))
     server.scene.add_line_segments(
-        f"/trace/{start}", segments, np.stack([colours[:-1], colours[1:]], axis=1),
-        thickness=4.0 if contact else 1.5, thickness_units="screen",
+        name, segments, np.stack([linear[:-1], linear[1:]], axis=1),
+        thickness=5.0 if contact else 1.5, thickness_units="screen",
     )  # fmt: skip
 
 
 # --- the overlay -----------------------------------------------------------------------------
 
 
-def _add_overlay(html: str, result: RunResult, samples: NDArray[Any]) -> str:
+def _add_overlay(html: str, result: RunResult, samples: NDArray[Any], views: list[View]) -> str:
     """Put phases, key numbers and legend into viser's page."""
-    data = json.dumps(build_overlay_data(result, samples), allow_nan=False)
+    content = build_overlay_data(result, samples)
+    content["views"] = [
+        [v.name, *(",".join(f"{x:.3f}" for x in p) for p in (v.position, v.look_at))] for v in views
+    ]
+    data = json.dumps(content, allow_nan=False)
     data = data.replace("</", "<\\/")  # a name may not end the script
     overlay = (files("skywright.reports") / "replay_overlay.html").read_text(encoding="utf-8")
     overlay = overlay.replace("__DATA__", data)
@@ -288,7 +300,7 @@ def _build_legend(result: RunResult) -> list[list[str]]:
         entries.append((WELD, "weld, as it is"))
         if result.weld is not None and result.weld.line is not None:
             entries.append((ESTIMATE, "weld, as found by the probe"))
-    entries += [(CCW, "propeller turning counter-clockwise"), (CW, "propeller turning clockwise")]
+    entries += [(CCW, "propeller, counter-clockwise"), (CW, "propeller, clockwise")]
     return [["#{:02x}{:02x}{:02x}".format(*colour), text] for colour, text in entries]
 
 

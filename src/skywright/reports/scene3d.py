@@ -25,6 +25,7 @@ from skywright.worlds.spec import Pipe, Weld, World
 from skywright.worlds.surface import build_cylinder
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Colour = tuple[int, int, int]
 
 CCW: Colour = (51, 117, 214)
@@ -87,7 +88,7 @@ class Scene3d:
                 handle.position, handle.wxyz = positions[i], quaternions[i]
 
     def _place_holder(self, samples: NDArray[Any]) -> tuple[Array, Array]:
-        """The probe's holder from the true tip: a flexible arm bends between the last link and it."""
+        """The probe's holder from the true tip: a flexible arm bends before the probe."""
         assert self.robot.probe is not None
         q_WH = multiply_quaternions(samples["q_WT"], np.broadcast_to(_Q_TH, (len(samples), 4)))
         back = np.zeros((len(samples), 3))
@@ -190,16 +191,76 @@ def stop_server(server: viser.ViserServer) -> None:
         server.stop()
 
 
-def set_camera(server: viser.ViserServer, points: Array, look_at: Array, side: Array) -> None:
-    """Start the camera so that `points` (n, 3) are seen from the direction `side` (3,)."""
-    fov = math.radians(45.0)
-    radius = float(np.max(np.linalg.norm(points - look_at, axis=1)))
-    distance = max(1.0, 0.95 * radius / math.tan(fov / 2))
-    position = look_at + distance * side / np.linalg.norm(side)
-    position[2] = max(position[2], 0.3)
+class View(NamedTuple):
+    """A place of the camera."""
+
+    name: str
+    position: Array  # (3,) m
+    look_at: Array  # (3,) m
+
+
+FOV = math.radians(45.0)
+ASPECT = 1.3  # narrower than most windows, so that what must be seen fits
+
+
+def build_view(name: str, points: Array, look_at: Array, side: Array, margin: float = 1.15) -> View:
+    """Return the nearest camera in direction `side` (3,) from `look_at` that sees all points.
+
+    `points` (n, 3) and `look_at` (3,) in W; the camera stays above the ground.
+    """
+    back = side / np.linalg.norm(side)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    up = np.cross(back, right)
+    d = points - look_at
+    half = math.tan(FOV / 2)
+    across, above = np.abs(d @ right) / (half * ASPECT), np.abs(d @ up) / half
+    distance = float(np.max(d @ back + margin * np.maximum(across, above)))
+    position = look_at + max(distance, 0.4) * back
+    position[2] = max(position[2], 0.2)
+    return View(name, position, look_at)
+
+
+def set_camera(server: viser.ViserServer, view: View) -> None:
+    """Start the camera at a view."""
     camera = server.initial_camera
-    camera.fov = fov
-    camera.position, camera.look_at = position, look_at
+    camera.fov = FOV
+    camera.position, camera.look_at = view.position, view.look_at
+
+
+def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
+    """Return places to look from; the first is the start. `flown` (n, 3): platform positions."""
+    reach = 0.5 * robot.platform.diameter_m
+    around = reach * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-0.4, 0.6)])
+    points = (flown[:, None] + around).reshape(-1, 3)
+    if world.pipe is None or robot.arm is None:
+        look_at = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        return [
+            build_view("overview", points, look_at, np.array([-0.5, -1.0, 0.5])),
+            build_view("from above", points, look_at, np.array([-1e-3, -1e-2, 1.0])),
+        ]
+    cyl = build_cylinder(world.pipe)
+    ends = cyl.p_WP + np.outer([-cyl.half_length, cyl.half_length], cyl.R_WP[:, 1])
+    distance = np.linalg.norm(flown - cyl.p_WP, axis=1)
+    near = flown[distance <= distance.min() + 0.3].mean(axis=0)
+    way = near - cyl.p_WP  # from the pipe to where the robot works
+    flat = way * [1, 1, 0]
+    size = float(np.linalg.norm(flat))
+    flat = flat / size if size > 0.05 else np.array([-1.0, 0.0, 0.0])
+    left = np.cross([0.0, 0.0, 1.0], flat)
+    touch = cyl.p_WP + cyl.radius * way / max(float(np.linalg.norm(way)), 1e-6)
+    close = touch + 0.35 * way
+    seen = np.concatenate([points, ends, ends * [1, 1, 0]])
+    middle = 0.5 * (0.5 * (seen.min(axis=0) + seen.max(axis=0)) + close)
+    spot = touch + 0.16 * np.array([flat, left, -left, [0, 0, 1.0], [0, 0, -1.0]])
+    up = np.array([0.0, 0.0, 1.0])
+    return [
+        build_view(
+            "overview", np.concatenate([points, posts]), close, 0.7 * flat + left + 0.4 * up
+        ),
+        build_view("robot", near + 1.1 * around, close, 0.5 * flat + left + 0.35 * up),
+        build_view("probe", spot, touch, 0.7 * flat + 0.9 * left + 0.7 * up),
+    ]
 
 
 def roll(pipe: Pipe, s: Array, c: Array) -> tuple[Array, Array]:
