@@ -26,7 +26,7 @@ from skywright.planning.inverse_kinematics import (
     wrap,
 )
 from skywright.planning.local_planner import TRACE, check_clearance, check_dynamics
-from skywright.planning.problem import CLEARANCE, OK, TASK, Failure, Problem
+from skywright.planning.problem import CLEARANCE, OK, ROTOR, TASK, Failure, Problem
 
 Array = NDArray[np.float64]
 Record = Any
@@ -138,16 +138,22 @@ def rate_configurations(
                 continue
             state = State(p, zero3, R, zero3, q, zero8)
             code = check_dynamics(prob, state, u, f_tip, trace[0], found)
+            margin = trace[0].rotor_margin
+            miss[i, 4] = 0.0
             if code != OK:
                 miss[i, 0], miss[i, 1], miss[i, 2], miss[i, 3] = code, found[0], found[1], found[2]
-                miss[i, 4] = 2.0 + abs(found[0] - found[1])
-                continue
-            margin = trace[0].rotor_margin
+                # the rotors have not been asked yet where a joint or the tilt fails before them
+                miss[i, 4] = 0.5 * abs(found[0] - found[1])
+                if code != ROTOR:
+                    miss[i, 4] += 2.0
             gap, allowed = check_clearance(prob, p, R, q, back, n_W, FAR, lim.margin, found)
             if not allowed:
-                miss[i, 0] = CLEARANCE
-                miss[i, 1], miss[i, 2], miss[i, 3] = found[0], found[1], found[2]
-                miss[i, 4] = (found[1] - found[0]) / 0.1
+                deficit = (found[1] - found[0]) / 0.1
+                if deficit > miss[i, 4]:  # tell the larger of two violations
+                    miss[i, 0] = CLEARANCE
+                    miss[i, 1], miss[i, 2], miss[i, 3] = found[0], found[1], found[2]
+                miss[i, 4] += deficit
+            if code != OK or not allowed:
                 continue
             n = prob.loads.P.shape[0]
             power = compute_power(trace[0].thrust, n, 1.0)

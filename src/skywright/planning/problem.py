@@ -24,7 +24,8 @@ class Limits(NamedTuple):
     """What a plan may use."""
 
     margin: float = 0.03  # m, clearance near the surface
-    margin_transit: float = 0.05  # m, clearance in free flight
+    margin_transit: float = 0.05  # m, clearance in free flight, at least
+    margin_wanted: float = 0.3  # m, clearance in free flight where there is room
     margin_self: float = 0.01  # m, arm to propellers and gear
     speed: float = 0.5  # m/s, platform
     acceleration: float = 0.5  # m/s^2
@@ -94,9 +95,8 @@ def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...])
         where = f" with the platform at ({f.p_WB[0]:.2f}, {f.p_WB[1]:.2f}, {f.p_WB[2]:.2f}) m"
     name = joints[f.which] if 0 <= f.which < len(joints) else str(f.which)
     if f.code == CLEARANCE:
-        return (
-            f"clearance of {describe_pair(query, f.which)} {f.value:.3f} m < {f.limit:.3f} m{where}"
-        )
+        pair = describe_pair(query, f.which)
+        return f"clearance of {pair} {f.value:.4f} m < {f.limit:.3f} m{where}"
     if f.code == ROTOR:
         sign = ">" if f.value > f.limit else "<"
         return f"rotor {f.which} needs {f.value:.2f} N {sign} {f.limit:.2f} N{where}"

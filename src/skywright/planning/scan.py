@@ -478,8 +478,12 @@ def _depart(
 def _fly(search: _Search, a: Array, b: Array, q: Array) -> tuple[list[Edge], str]:
     """Free flight with the arm at `q`, resting at each way-point."""
     prob, lim = search.prob, search.prob.limits
-    transit = plan_transit(prob, a, b, q, lim.margin_transit, search.rng)
-    search.nodes += transit.nodes
+    # as much room as there is: the robot drifts while it flies
+    for margin in (lim.margin_wanted, 0.5 * lim.margin_wanted, lim.margin_transit):
+        transit = plan_transit(prob, a, b, q, max(margin, lim.margin_transit), search.rng)
+        search.nodes += transit.nodes
+        if transit.failure is None or search.late():
+            break
     if transit.failure is not None:
         return [], search_message(search, transit.failure)
     edges: list[Edge] = []

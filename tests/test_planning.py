@@ -1,0 +1,336 @@
+"""The planner: its dynamics against MuJoCo, its rows against themselves, its refusals."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skywright.core.rotations import exp_so3, quat_from_rot
+from skywright.core.types import MAX_JOINTS, REFERENCE
+from skywright.missions.loader import load_description
+from skywright.missions.planning import MissionPlan, build_mission_loads, plan_mission
+from skywright.models.geometry import build_clearance, compute_clearance
+from skywright.models.rigid_body import KINEMATICS, build_body_model, compute_tip, fill_kinematics
+from skywright.models.scene import build_scene, set_pose
+from skywright.planning.inverse_dynamics import build_motion, compute_wrench
+from skywright.planning.patterns import build_pattern, build_time_law, eval_time_law
+from skywright.worlds.surface import build_cylinder, unroll
+
+SCAN_SEGMENTS = ["approach", "unfold", "close_in", "touch", "scan", "leave", "fold", "return"]
+
+
+def plan(*sets: str, seed: int | None = None, mission: str = "pipe-weld-scan") -> MissionPlan:
+    return plan_mission(load_description(mission, sets=sets, seed=seed))
+
+
+@pytest.fixture(scope="module")
+def default() -> MissionPlan:
+    return plan()
+
+
+# patterns and time law ---------------------------------------------------------------------------
+
+
+def test_raster_has_two_corners_a_pass() -> None:
+    corners = build_pattern("raster", 0.2, 0.25).corners
+    assert corners.shape == (8, 2)
+    assert np.ptp(corners[:, 0]) == pytest.approx(0.2)
+    assert np.degrees(np.ptp(corners[:, 1])) == pytest.approx(40.0)
+    moves = np.diff(corners, axis=0)
+    assert np.all((moves == 0).sum(axis=1) == 1)  # along the axis or along the arc, never both
+
+
+@pytest.mark.parametrize(("kind", "count"), [("line", 2), ("spiral", 5)])
+def test_other_patterns(kind: str, count: int) -> None:
+    found = build_pattern(kind, 0.2, 0.25, centre_phi=1.0)
+    assert found.blocked_by is None and len(found.corners) == count
+    assert found.corners[:, 1].mean() == pytest.approx(1.0, abs=0.2)
+
+
+def test_impossible_patterns_are_refused_with_numbers() -> None:
+    thin = build_pattern("raster", 0.025, 0.25)
+    assert thin.blocked_by is not None and "5.8 mm apart" in thin.blocked_by
+    long = build_pattern("raster", 0.2, 0.25, pass_length=0.6)
+    assert long.blocked_by is not None and "reach" in long.blocked_by
+
+
+@given(
+    st.floats(1e-4, 5.0), st.floats(0.005, 1.0), st.floats(0.05, 2.0), st.sampled_from([0.0, 1.0])
+)
+@settings(max_examples=80)
+def test_time_law_rests_at_both_ends_within_limits(length, speed, acceleration, ramp) -> None:
+    law = build_time_law(length, speed, acceleration, ramp)
+    assert law.duration / 0.02 == pytest.approx(round(law.duration / 0.02), abs=1e-6)
+    t = np.linspace(0.0, law.duration, 400)
+    x, v, a = (np.array(c) for c in zip(*(eval_time_law(law, ti) for ti in t), strict=True))
+    assert x[0] == v[0] == a[0] == 0.0
+    assert x[-1] == pytest.approx(length) and v[-1] == a[-1] == 0.0
+    assert v.max() <= speed * (1 + 1e-9) and np.abs(a).max() <= acceleration * (1 + 1e-6)
+    step = t[1] - t[0]
+    curvature = 30.0 * law.speed / law.ramp**2  # bound of the third derivative
+    assert np.abs(np.gradient(x, step) - v)[1:-1].max() < curvature * step**2
+    assert np.all(np.diff(x) >= -1e-12)
+
+
+# dynamics ----------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=40)
+def test_wrench_is_mujoco_inverse_dynamics(nominal, seed: int) -> None:
+    """Force and torque about B of a random motion with a force at the tip."""
+    scene, model = nominal
+    rng = np.random.default_rng(seed)
+    data = mujoco.MjData(scene.model)
+    R = np.empty((3, 3))
+    exp_so3(rng.normal(size=3), R)
+    q, qd, qdd = rng.normal(size=(3, 2))
+    w, wd, a, f_tip = rng.normal(size=(4, 3))
+    set_pose(scene, data, rng.normal(size=3), quat_from_rot(R), q)
+    data.qvel[:3], data.qvel[3:6] = rng.normal(size=3), w  # free joint: angular velocity in B
+    data.qvel[scene.index.joint_dof] = qd
+    data.qacc[:3], data.qacc[3:6] = a, wd
+    data.qacc[scene.index.joint_dof] = qdd
+    mujoco.mj_inverse(scene.model, data)
+    J = np.zeros((3, scene.model.nv))
+    mujoco.mj_jacSite(scene.model, data, J, None, scene.index.tip_site)
+    needed = data.qfrc_inverse - J.T @ f_tip
+    k, f, t = np.zeros(1, KINEMATICS), np.zeros(3), np.zeros(3)
+    full = np.zeros((3, MAX_JOINTS))
+    full[:, :2] = q, qd, qdd
+    fill_kinematics(model[0], full[0], k[0])
+    compute_wrench(model[0], k[0], R, w, wd, a, full[1], full[2], f_tip, build_motion(), f, t)
+    np.testing.assert_allclose(R @ f, needed[:3], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(t, needed[3:6], rtol=1e-6, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    d = load_description("pipe-weld-scan")
+    scene = build_scene(d.robot, d.world)
+    scene.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT  # random poses
+    gear = scene.model.body("gear").id  # its feet weigh a few grams in the scene only
+    scene.model.body_mass[gear] = 0.0
+    scene.model.body_inertia[gear] = 0.0
+    mujoco.mj_setConst(scene.model, mujoco.MjData(scene.model))
+    return scene, build_body_model(d.robot)
+
+
+# the plan ----------------------------------------------------------------------------------------
+
+
+def test_default_plan_has_all_segments_and_about_110_s_of_contact(default: MissionPlan) -> None:
+    assert default.feasible and default.blocked_by is None
+    assert list(default.segments) == SCAN_SEGMENTS
+    contact = default.segments["scan"]["t"][-1] + default.segments["touch"]["t"][-1]
+    assert 100.0 < contact < 120.0
+    assert default.duration_s == pytest.approx(
+        sum(rows["t"][-1] for rows in default.segments.values())
+    )
+    assert set(default.to_json()) == {
+        "feasible", "blocked_by", "plan_s", "duration_s", "min_clearance_m", "min_rotor_margin"
+    }  # fmt: skip
+
+
+def test_segments_rest_at_their_ends_and_join(default: MissionPlan) -> None:
+    last = None
+    for name, rows in default.segments.items():
+        assert rows.dtype == REFERENCE
+        np.testing.assert_allclose(np.diff(rows["t"]), 0.02, atol=1e-9, err_msg=name)
+        assert rows["t"][0] == 0.0
+        for end in (rows[0], rows[-1]):
+            for field in ("v_WB", "w_WB_B", "qd", "v_WT"):
+                np.testing.assert_allclose(end[field], 0.0, atol=1e-4, err_msg=name)
+        if last is not None:
+            for field in ("p_WB", "R_WB", "q", "p_WT", "R_WT"):
+                np.testing.assert_allclose(rows[0][field], last[field], atol=2e-5, err_msg=name)
+        last = rows[-1]
+        assert all(np.isfinite(rows[f]).all() for f in REFERENCE.names)
+        assert np.all(rows["active"] == 1.0)
+
+
+def test_rates_are_the_derivatives_of_positions(default: MissionPlan) -> None:
+    for name, rows in default.segments.items():
+        for x, v in (("p_WB", "v_WB"), ("q", "qd"), ("p_WT", "v_WT"), ("v_WB", "a_WB")):
+            slope = (rows[x][2:] - rows[x][:-2]) / 0.04
+            away = np.abs(slope - rows[v][1:-1]).max()
+            assert away < 0.01 + 0.02 * np.abs(rows[v]).max(), (name, x)
+        # dR/dt = R [w]
+        dR = (rows["R_WB"][2:] - rows["R_WB"][:-2]) / 0.04
+        W = np.einsum("nji,njk->nik", rows["R_WB"][1:-1], dR)
+        w = np.stack([W[:, 2, 1], W[:, 0, 2], W[:, 1, 0]], axis=1)
+        np.testing.assert_allclose(w, rows["w_WB_B"][1:-1], atol=2e-3, err_msg=name)
+
+
+def test_tip_is_that_of_the_nominal_kinematics(default: MissionPlan) -> None:
+    model = build_body_model(load_description("pipe-weld-scan").robot)
+    for rows in default.segments.values():
+        for row in rows[::97]:
+            p_BT, R_BT = compute_tip(model, row["q"][:2])
+            np.testing.assert_allclose(row["R_WT"], row["R_WB"] @ R_BT, atol=1e-9)
+            np.testing.assert_allclose(row["p_WT"], row["p_WB"] + row["R_WB"] @ p_BT, atol=1e-9)
+
+
+@pytest.mark.parametrize("sets", [(), ("world.pipe.inclination_deg=-30", "world.pipe.yaw_deg=200")])
+def test_tip_stays_on_its_surface_while_scanning(sets: tuple[str, ...]) -> None:
+    found = plan(*sets)
+    assert found.scan is not None and found.feasible
+    cyl = build_cylinder(load_description("pipe-weld-scan", sets=sets).world.pipe)
+    rows = found.segments["scan"]
+    for row, (s, phi) in zip(rows[::53], found.scan.path_sphi[::53], strict=True):
+        got = unroll(cyl, row["p_WT"])
+        assert got[2] == pytest.approx(-found.depth_m, abs=2e-4)
+        assert (got[0], got[1]) == pytest.approx((s, phi), abs=1e-9)
+        assert row["R_WT"][:, 2] @ row["R_WS"][:, 2] == pytest.approx(-1.0, abs=1e-5)
+        assert row["dead_zone"] > found.depth_m and row["track_tip"] == 1.0
+    # every via-point is visited
+    for s, phi in found.scan.corners_sphi:
+        away = np.hypot(found.scan.path_sphi[:, 0] - s, 0.2 * (found.scan.path_sphi[:, 1] - phi))
+        assert away.min() < 2e-4
+    touch = found.segments["touch"]
+    outside = np.array([unroll(cyl, p)[2] > 1e-4 for p in touch["p_WT"]])
+    assert np.all(touch["dead_zone"][outside] == 0.0) and touch["dead_zone"][-1] > 0.0
+    assert np.linalg.norm(touch["v_WT"], axis=1).max() <= 0.02
+    for name in ("approach", "unfold", "fold", "return"):
+        assert np.all(found.segments[name]["track_tip"] == 0.0)
+        assert np.all(found.segments[name]["R_WS"] == np.eye(3))
+
+
+@pytest.mark.parametrize("sets", [(), ("world.pipe.yaw_deg=180", "world.pipe.inclination_deg=30")])
+def test_limits_hold_along_the_whole_plan(sets: tuple[str, ...]) -> None:
+    """Clearance, joints, speed and rotors, checked again row by row with other code."""
+    d = load_description("pipe-weld-scan", sets=sets)
+    found = plan_mission(d)
+    assert found.feasible and found.scan is not None
+    scene = build_scene(d.robot, d.world)
+    query, loads = build_clearance(scene), build_mission_loads(d.robot, d.world)
+    data = mujoco.MjData(scene.model)
+    joints = [d.robot.arm.links[n] for n in ("link1", "link2")]
+    for name, rows in found.segments.items():
+        assert np.linalg.norm(rows["v_WB"], axis=1).max() <= d.robot.control.speed_max_mps * 1.01
+        for j, link in enumerate(joints):
+            angle = np.degrees(rows["q"][:, j])
+            assert link.joint_min_deg - 0.01 <= angle.min()
+            assert angle.max() <= link.joint_max_deg + 0.01
+        near = name in ("close_in", "touch", "scan", "leave")
+        for row in rows[::11]:
+            gap = compute_clearance(query, row["p_WB"], row["R_WB"], row["q"][:2], near).distance
+            assert gap > (0.028 if near else 0.048), name
+            set_pose(scene, data, row["p_WB"], quat_from_rot(row["R_WB"]), row["q"][:2])
+            data.qvel[:3], data.qvel[3:6] = row["v_WB"], row["w_WB_B"]
+            data.qvel[scene.index.joint_dof] = row["qd"][:2]
+            data.qacc[:] = 0.0
+            data.qacc[:3], data.qacc[3:6] = row["a_WB"], row["wd_WB_B"]
+            mujoco.mj_inverse(scene.model, data)
+            J = np.zeros((3, scene.model.nv))
+            mujoco.mj_jacSite(scene.model, data, J, None, scene.index.tip_site)
+            push = found.push_force_n * row["R_WS"][:, 2] * (row["dead_zone"] > 0)
+            need = data.qfrc_inverse - J.T @ push
+            thrust = loads.P @ np.concatenate([row["R_WB"].T @ need[:3], need[3:6]])
+            # the joints' accelerations are left out here: a little room
+            assert np.all(thrust > loads.t_min - 0.3) and np.all(thrust < loads.t_max + 0.3), name
+
+
+def test_twenty_seeds_and_the_time_budget(default: MissionPlan) -> None:
+    """Behind the pipe, where free flight needs the random tree; the first plan has compiled."""
+    d = [load_description("pipe-weld-scan", sets=("world.pipe.yaw_deg=180",), seed=s) for s in range(20)]
+    found = [plan_mission(x) for x in d]
+    assert all(p.feasible for p in found), [p.blocked_by for p in found]
+    assert float(np.median([p.plan_s for p in found])) < 1.0
+    again = plan_mission(d[3])
+    for name, rows in again.segments.items():
+        assert rows.tobytes() == found[3].segments[name].tobytes()  # same seed, same plan
+
+
+@pytest.mark.parametrize(
+    "sets",
+    [
+        ("world.pipe.diameter_m=0.3", "world.pipe.yaw_deg=90"),
+        ("world.pipe.diameter_m=0.6", "world.pipe.yaw_deg=-120", "world.pipe.inclination_deg=30"),
+        ("world.pipe.inclination_deg=90",),
+        ('mission.scan.side="top"',),
+        ('mission.scan.side="top"', "world.pipe.inclination_deg=30"),
+        ('mission.scan.side="underside"', "world.pipe.supports=false"),
+        ('mission.scan.pattern="line"',),
+        ('mission.scan.pattern="spiral"',),
+        ('world.wind.kind="steady"', "world.wind.mean_mps=4", "world.wind.toward_deg=90"),
+    ],
+)
+def test_plans_over_the_promised_range(sets: tuple[str, ...]) -> None:
+    found = plan(*sets)
+    assert found.feasible, found.blocked_by
+    assert found.min_clearance_m >= 0.03 and found.min_rotor_margin > 0.0
+
+
+@pytest.mark.parametrize(
+    ("sets", "reason"),
+    [
+        (("world.pipe.diameter_m=0.05",), "mm apart"),
+        (("mission.scan.pass_length_m=0.6",), "reach"),
+        (("mission.scan.depth_m=0.2",), "pipe too thin"),
+        (('mission.scan.side="underside"',), "support"),  # propellers between the posts
+        (("world.pipe.z_m=0.5",), "ground"),
+        (
+            ('world.wind.kind="steady"', "world.wind.mean_mps=9", "world.wind.toward_deg=90"),
+            "rotor",
+        ),
+    ],
+)
+def test_impossible_requests_name_the_constraint(sets: tuple[str, ...], reason: str) -> None:
+    found = plan(*sets)
+    assert not found.feasible and found.segments == {}
+    assert found.blocked_by is not None and reason in found.blocked_by
+    assert found.to_json()["duration_s"] is None
+
+
+def test_obstacle_forces_another_posture_or_path() -> None:
+    """A plate where the elbow wants to be: the plan changes and keeps clear of it."""
+    box = {"x_m": 1.42, "y_m": 0.0, "z_m": 1.8, "size_x_m": 0.1, "size_y_m": 0.8, "size_z_m": 0.04}
+    d = load_description("pipe-weld-scan")
+    from skywright.worlds.spec import Box
+
+    blocked = d._replace(world=d.world.model_copy(update={"obstacles": {"plate": Box(**box)}}))
+    free, found = plan_mission(d), plan_mission(blocked)
+    assert free.feasible and found.feasible, found.blocked_by
+    query = build_clearance(build_scene(d.robot, blocked.world))
+
+    def closest(p: MissionPlan) -> float:
+        return min(
+            compute_clearance(query, r["p_WB"], r["R_WB"], r["q"][:2], True).distance
+            for r in p.segments["scan"][::20]
+        )
+
+    assert closest(free) < 0.03 < closest(found) + 1e-3
+
+
+# way-points --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("robot", ["hexarotor", "f550-bridge", "othex"])
+def test_waypoints_for_every_robot(robot: str) -> None:
+    d = load_description("waypoints", robot=robot)
+    found = plan_mission(d)
+    assert found.feasible, found.blocked_by
+    assert list(found.segments) == [f"waypoint {i}" for i in range(1, 5)]
+    for rows, w in zip(found.segments.values(), d.mission.waypoints, strict=True):
+        np.testing.assert_allclose(rows[-1]["p_WB"], [w.x_m, w.y_m, w.z_m], atol=1e-9)
+        yaw = math.degrees(math.atan2(rows[-1]["R_WB"][1, 0], rows[-1]["R_WB"][0, 0]))
+        assert (yaw - w.yaw_deg + 180) % 360 - 180 == pytest.approx(0.0, abs=1e-6)
+
+
+def test_waypoint_inside_an_obstacle_is_refused() -> None:
+    from skywright.worlds.spec import Box
+
+    d = load_description("waypoints")
+    crate = Box(x_m=1.5, y_m=1.5, z_m=1.0, size_x_m=0.5, size_y_m=0.5, size_z_m=2.0)
+    world = d.world.model_copy(update={"obstacles": {"crate": crate}})
+    found = plan_mission(d._replace(world=world))
+    assert not found.feasible and found.blocked_by is not None
+    assert found.blocked_by.startswith("way-point 2: clearance of") and "crate" in found.blocked_by
+
+
