@@ -80,12 +80,17 @@ class Scene3d:
                 nodes[name] = pose
         return Poses(nodes)
 
-    def show(self, poses: Poses, i: int, moved: dict[str, NDArray[np.bool_]] | None = None) -> None:
-        """Move the robot to instant `i` of `poses`; only what `moved` says, where it is given."""
+    def show(self, poses: Poses, i: int, moved: dict[str, tuple[Mask, Mask]] | None = None) -> None:
+        """Move the robot to instant `i` of `poses`.
+
+        `moved` restricts it to the nodes whose position, quaternion (masks (n,)) differ visibly.
+        """
         for name, (positions, quaternions) in poses.nodes.items():
-            if moved is None or moved[name][i]:
-                handle = self._handles[name]
-                handle.position, handle.wxyz = positions[i], quaternions[i]
+            handle = self._handles[name]
+            if moved is None or moved[name][0][i]:
+                handle.position = positions[i]
+            if moved is None or moved[name][1][i]:
+                handle.wxyz = quaternions[i]
 
     def _place_holder(self, samples: NDArray[Any]) -> tuple[Array, Array]:
         """The probe's holder from the true tip: a flexible arm bends before the probe."""
@@ -255,9 +260,7 @@ def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
     spot = touch + 0.16 * np.array([flat, left, -left, [0, 0, 1.0], [0, 0, -1.0]])
     up = np.array([0.0, 0.0, 1.0])
     return [
-        build_view(
-            "overview", np.concatenate([points, posts]), close, 0.7 * flat + left + 0.4 * up
-        ),
+        build_view("overview", seen, middle, 0.6 * flat + left + 0.4 * up, margin=1.05),
         build_view("robot", near + 1.1 * around, close, 0.5 * flat + left + 0.35 * up),
         build_view("probe", spot, touch, 0.7 * flat + 0.9 * left + 0.7 * up),
     ]
