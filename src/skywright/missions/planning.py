@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.errors import InputError
+from skywright.missions.limits import find_exceeded_wind
 from skywright.missions.loader import Description
 from skywright.models.allocation import build_allocator
 from skywright.models.geometry import build_clearance
@@ -65,8 +66,13 @@ def plan_mission(description: Description) -> MissionPlan:
     Raises InputError when robot or world lack what the mission is about.
     """
     if description.mission.kind == "scan":
-        return _plan_scan_mission(description)
-    return _plan_waypoint_mission(description)
+        plan = _plan_scan_mission(description)
+    else:
+        plan = _plan_waypoint_mission(description)
+    too_windy = find_exceeded_wind(description, plan.segments)
+    if too_windy is not None:
+        return plan._replace(feasible=False, blocked_by=too_windy)
+    return plan
 
 
 def build_mission_loads(robot: Robot, world: World) -> Loads:
