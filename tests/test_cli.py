@@ -251,6 +251,23 @@ def test_new_robot_is_valid_and_not_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "mine/robot.toml").read_text() == "changed"
 
 
+def test_new_robot_flies_and_its_run_can_be_repeated(tmp_path: Path) -> None:
+    """The template meets its mission's requirements; the run's directory repeats the run."""
+    call("new", "robot", "mine")
+    result = call("run", "mine", "--out", "first", "--json")
+    assert result.exit_code == 0, result.output
+    first = json.loads(result.stdout)  # one object, nothing else
+    assert (first["robot"], first["outcome"], first["directory"]) == ("mine", "succeeded", "first")
+    assert all(r["passed"] for r in first["requirements"])
+    for name in ("mission.toml", "metrics.json", "recording.mcap", "report.html", "replay.html"):
+        assert (tmp_path / "first" / name).is_file()
+    again = json.loads(call("run", "first", "--out", "second", "--json").stdout)
+    same = {k: v for k, v in first["metrics"].items() if not k.startswith("plan.")}
+    assert {k: v for k, v in again["metrics"].items() if not k.startswith("plan.")} == same
+    assert call("replay", "first", "--no-open").stdout.strip() == "first/replay.html"
+    assert_refused(call("run", "mine", "--out", "first"), "first exists already")
+
+
 def test_template_comments_the_arm_that_works(tmp_path: Path) -> None:
     """Taking the # away from the arm in the template gives a valid robot."""
     call("new", "robot", "mine")

@@ -93,7 +93,6 @@ def run(
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
     """
-    from contextlib import suppress
     from pathlib import Path
 
     from skywright.evaluation.run import Observer, run_mission
@@ -101,10 +100,10 @@ def run(
     description = _as_description(description)
     observers: list[Observer] = []
     if progress:
-        with suppress(ModuleNotFoundError):
-            from skywright.reports.progress import Progress
+        from skywright.reports.progress import Progress, announce_compilation
 
-            observers.append(Progress())
+        announce_compilation()
+        observers.append(Progress())
     if view:
         from skywright.ground.live import LiveView
 
@@ -119,16 +118,11 @@ def run(
 
 def _write_pages(result: RunResult) -> None:
     """Write the pages of a run into its directory."""
-    from contextlib import suppress
+    from skywright.reports.replay import write_replay
+    from skywright.reports.report import write_report
 
-    with suppress(ModuleNotFoundError):
-        from skywright.reports.report import write_report
-
-        write_report(result)
-    with suppress(ModuleNotFoundError):
-        from skywright.reports.replay import write_replay
-
-        write_replay(result)
+    write_report(result)
+    write_replay(result)
 
 
 def evaluate(directory: str | os.PathLike[str]) -> RunResult:

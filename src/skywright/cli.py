@@ -12,14 +12,11 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import click
 
 from skywright.errors import InfeasibleError, InputError, SkywrightError, neighbours
-
-if TYPE_CHECKING:
-    from skywright.missions.loader import Description
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -138,9 +135,9 @@ def run(
 
     MISSION is a built-in name, a file, or a finished run's directory (which repeats it).
     """
-    description = _load(mission, robot, world, sets, seed)
     import skywright
 
+    description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
     result = skywright.run(description, out=out, view=view, progress=not as_json)
     if as_json:
         _print_json({**result.to_json(), "directory": str(result.directory)})
@@ -160,10 +157,10 @@ def plan(
     as_json: bool,
 ) -> int:  # fmt: skip
     """Plan MISSION without flying it."""
-    description = _load(mission, robot, world, sets, seed)
-    from skywright.missions.planning import plan_mission
+    import skywright
 
-    found = plan_mission(description)
+    description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
+    found = skywright.plan(description)
     if as_json:
         _print_json(found.to_json())
     else:
@@ -350,19 +347,6 @@ def check(file: str, as_json: bool) -> int:
     count = len(report.problems)
     click.echo(f"{report.label}: {count} problem{'s' if count != 1 else ''}", err=True)
     return 2
-
-
-def _load(
-    mission: str, robot: str | None, world: str | None, sets: tuple[str, ...], seed: int | None
-) -> Description:
-    """Load a description and refuse a robot that cannot lift itself."""
-    from skywright.missions.loader import load_description
-
-    description = load_description(mission, robot, world, sets, seed)
-    from skywright.models.capability import check_can_fly
-
-    check_can_fly(description.robot, description.world.gravity_mps2)
-    return description
 
 
 def _writable(path: Path) -> Path:
