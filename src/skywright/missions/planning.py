@@ -21,7 +21,8 @@ from skywright.models.scene import build_scene
 from skywright.planning.inverse_dynamics import Loads, build_loads
 from skywright.planning.patterns import SIDES, build_pattern
 from skywright.planning.problem import Limits
-from skywright.planning.scan import ScanPlan, ScanTask, compute_depth, plan_scan
+from skywright.planning.scan import ScanPlan, compute_depth, plan_scan
+from skywright.planning.via_points import ScanTask
 from skywright.planning.waypoints import plan_waypoints
 from skywright.robots.spec import Robot
 from skywright.worlds.spec import World
@@ -106,9 +107,7 @@ def build_limits(robot: Robot) -> Limits:
 
 def _hover(description: Description) -> Array:
     m = description.mission
-    return np.array(
-        [m.start_x_m, m.start_y_m, m.hover_height_m, math.radians(m.start_yaw_deg)]
-    )
+    return np.array([m.start_x_m, m.start_y_m, m.hover_height_m, math.radians(m.start_yaw_deg)])
 
 
 def _plan_scan_mission(d: Description) -> MissionPlan:
@@ -117,7 +116,9 @@ def _plan_scan_mission(d: Description) -> MissionPlan:
     if world.pipe is None:
         raise InputError(f"world {world.name!r} has no pipe to scan: give it a [world.pipe] table")
     if robot.arm is None or robot.probe is None:
-        raise InputError(f"robot {robot.name!r} has no probe: a scan needs [robot.arm] and [robot.probe]")
+        raise InputError(
+            f"robot {robot.name!r} has no probe: a scan needs [robot.arm] and [robot.probe]"
+        )
     model = build_body_model(robot, world.gravity_mps2)
     cylinder = build_cylinder(world.pipe)
     mass, _, _ = compute_body(model, posture(robot, "working"))
@@ -145,9 +146,12 @@ def _plan_scan_mission(d: Description) -> MissionPlan:
     began = time.perf_counter()
     if not loads.full:
         blocked = (
-            f"robot {robot.name!r} cannot push sideways: its rotors make no independent lateral force"
+            f"robot {robot.name!r} cannot push sideways: "
+            "its rotors make no independent lateral force"
         )
-        return MissionPlan(False, blocked, 0.0, math.nan, math.nan, math.nan, {}, None, depth, force)
+        return MissionPlan(
+            False, blocked, 0.0, math.nan, math.nan, math.nan, {}, None, depth, force
+        )
     plan = plan_scan(
         model, loads, query, cylinder, task, build_limits(robot), force, hover, hover,
         posture(robot, "folded"), posture(robot, "working"),
@@ -168,9 +172,7 @@ def _plan_waypoint_mission(d: Description) -> MissionPlan:
         if world.pipe is not None
         else Cylinder(np.array([0.0, 0.0, 1.0]), rot_z(0.0), 1.0, 1.0)
     )
-    poses = np.array(
-        [[w.x_m, w.y_m, w.z_m, math.radians(w.yaw_deg)] for w in d.mission.waypoints]
-    )
+    poses = np.array([[w.x_m, w.y_m, w.z_m, math.radians(w.yaw_deg)] for w in d.mission.waypoints])
     holds = np.array([w.hold_s for w in d.mission.waypoints])
     plan = plan_waypoints(
         model, build_mission_loads(robot, world), build_clearance(build_scene(robot, world)),

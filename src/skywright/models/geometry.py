@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import llvmlite.binding
 import mujoco
@@ -52,8 +52,8 @@ def _library_path() -> Path:
 
 llvmlite.binding.load_library_permanently(str(_library_path()))
 
-_kinematics = types.ExternalFunction("mj_kinematics", types.void(types.intp, types.intp))
-_geom_distance = types.ExternalFunction(
+_kinematics: Any = types.ExternalFunction("mj_kinematics", types.void(types.intp, types.intp))
+_geom_distance: Any = types.ExternalFunction(
     "mj_geomDistance",
     types.float64(types.intp, types.intp, types.int32, types.int32, types.float64, types.intp),
 )
@@ -165,7 +165,9 @@ def _lower_bound(c: ClearanceCore, a: int, b: int) -> float:
 
 
 @njit(cache=True)
-def _closest(c: ClearanceCore, first: int, last: int, probe_slack: float, far: float) -> tuple[float, int]:
+def _closest(
+    c: ClearanceCore, first: int, last: int, probe_slack: float, far: float
+) -> tuple[float, int]:
     """Return (distance m, pair) over pairs first..last-1 at the present kinematics."""
     n = last - first
     bound = np.empty(n)
@@ -212,7 +214,7 @@ def query_clearance(
 
 @njit(cache=True)
 def query_self(c: ClearanceCore, far: float) -> tuple[float, int]:
-    """Return (distance m, pair) between the arm and propellers or gear, at the last query's pose."""
+    """Return (distance m, pair) from the arm to propellers or gear, at the last query's pose."""
     return _closest(c, c.n_world, c.pairs.shape[0], 0.0, far)
 
 

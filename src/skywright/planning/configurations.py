@@ -19,13 +19,13 @@ from skywright.core.types import MAX_JOINTS
 from skywright.models.geometry import FAR
 from skywright.models.rigid_body import fill_kinematics
 from skywright.models.rotors import compute_power
+from skywright.planning.checks import TRACE, check_clearance, check_dynamics
 from skywright.planning.inverse_kinematics import (
     State,
     build_state,
     settle_posture,
     wrap,
 )
-from skywright.planning.local_planner import TRACE, check_clearance, check_dynamics
 from skywright.planning.problem import CLEARANCE, OK, ROTOR, TASK, Failure, Problem
 
 Array = NDArray[np.float64]

@@ -70,12 +70,13 @@ def build_state(p: Array, R: Array, q: Array) -> State:
 
 def build_target() -> Target:
     """Return scratch space for a target."""
-    return Target(*(np.zeros(3) for _ in range(7)), np.zeros((3, MAX_JOINTS)))
+    p, v, a, z, zd, zdd, yaw = (np.zeros(3) for _ in range(7))
+    return Target(p, v, a, z, zd, zdd, yaw, np.zeros((3, MAX_JOINTS)))
 
 
 @njit(cache=True)
 def solve_spd(h: Array, g: Array, n: int) -> bool:
-    """Solve h x = g in place (x in g) by Cholesky for the leading n x n block; False if singular."""
+    """Solve h x = g in place (x in g) by Cholesky, leading n x n block; False if singular."""
     for j in range(n):
         s = h[j, j]
         for k in range(j):

@@ -15,10 +15,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import exp_so3, log_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec, norm
-from skywright.core.types import MAX_JOINTS, MAX_ROTORS, REFERENCE
-from skywright.models.geometry import FAR, query_clearance, query_self
+from skywright.core.types import MAX_JOINTS, REFERENCE
+from skywright.models.geometry import FAR
 from skywright.models.rigid_body import fill_kinematics
-from skywright.planning.inverse_dynamics import compute_thrusts, compute_wrench
+from skywright.planning.checks import TRACE, check_clearance, check_dynamics
 from skywright.planning.inverse_kinematics import (
     State,
     Target,
@@ -28,20 +28,7 @@ from skywright.planning.inverse_kinematics import (
     wrap,
 )
 from skywright.planning.patterns import TimeLaw, eval_time_law
-from skywright.planning.problem import (
-    ACCELERATION,
-    CLEARANCE,
-    JOINT,
-    MOTOR,
-    OK,
-    ROTOR,
-    SINGULAR,
-    SPEED,
-    TASK,
-    TILT,
-    Failure,
-    Problem,
-)
+from skywright.planning.problem import CLEARANCE, OK, SINGULAR, TASK, Failure, Problem
 from skywright.worlds.surface import surface_frame
 
 Array = NDArray[np.float64]
@@ -51,16 +38,6 @@ ROW = 0.02
 """s between rows of a plan."""
 SUBSTEPS = 2
 """Steps of the inverse kinematics between rows."""
-
-TRACE = np.dtype(
-    [
-        ("clearance", np.float64),  # m, at the last check
-        ("rotor_margin", np.float64),  # fraction of the usable range
-        ("thrust", np.float64, MAX_ROTORS),  # N
-        ("task_error", np.float64),  # m
-    ]
-)
-"""What was checked at each row, for plots."""
 
 
 class Edge(NamedTuple):
@@ -133,97 +110,6 @@ def fill_row(prob: Problem, state: State, u: Array, t: float, row: Record) -> No
     row.dead_zone = 0.0
     row.track_tip = 0.0
     row.active = 1.0
-
-
-@njit(cache=True)
-def check_dynamics(
-    prob: Problem, state: State, u: Array, f_tip_W: Array, trace: Record, found: Array
-) -> int:
-    """Check joints, motors, speed, acceleration, tilt and rotors; fill `trace`.
-
-    On failure `found` holds (value, limit, which). Kinematics must be up to date.
-    """
-    m, k, lim = prob.model[0], prob.kinematics[0], prob.limits
-    nj = m.n_joints
-    qdd = np.zeros(MAX_JOINTS)
-    for j in range(nj):
-        qdd[j] = u[6 + j]
-    for j in range(nj):
-        low = state.q[j] < m.q_min[j] - 1e-6
-        if low or state.q[j] > m.q_max[j] + 1e-6:
-            found[0], found[1], found[2] = state.q[j], m.q_min[j] if low else m.q_max[j], j
-            return JOINT
-        speed = 0.0
-        for i in range(nj):
-            speed += m.belt_inv[j, i] * state.qd[i]
-        if abs(speed) > m.motor_speed_max[j] > 0.0:
-            found[0], found[1], found[2] = speed, m.motor_speed_max[j], j
-            return MOTOR
-    speed = norm(state.v)
-    if speed > 1.01 * lim.speed:
-        found[0], found[1], found[2] = speed, lim.speed, -1
-        return SPEED
-    acc = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    if acc > 1.01 * lim.acceleration:
-        found[0], found[1], found[2] = acc, lim.acceleration, -1
-        return ACCELERATION
-    tilt = math.acos(max(-1.0, min(1.0, state.R[2, 2])))
-    if tilt > lim.tilt + 1e-6:
-        found[0], found[1], found[2] = tilt, lim.tilt, -1
-        return TILT
-    w_B = np.empty(3)
-    wd_B = np.empty(3)
-    tmp = np.empty(3)
-    f = np.empty(3)
-    t = np.empty(3)
-    for i in range(3):
-        tmp[i] = u[3 + i]
-    mat_t_vec(state.R, state.w, w_B)
-    mat_t_vec(state.R, tmp, wd_B)
-    for i in range(3):
-        tmp[i] = u[i]
-    compute_wrench(
-        m, k, state.R, w_B, wd_B, tmp, state.qd, qdd, f_tip_W, prob.motion, f, t
-    )  # fmt: skip
-    n = prob.loads.P.shape[0]
-    thrust = trace.thrust[:n]
-    margin, worst = compute_thrusts(prob.loads, state.R, state.v, w_B, f, t, thrust)
-    trace.rotor_margin = margin
-    if margin < lim.rotor_margin:
-        span = prob.loads.t_max[worst] - prob.loads.t_min[worst]
-        lo = prob.loads.t_min[worst] + lim.rotor_margin * span
-        hi = prob.loads.t_max[worst] - lim.rotor_margin * span
-        found[0], found[2] = thrust[worst], worst
-        found[1] = lo if thrust[worst] < lo else hi
-        return ROTOR
-    return OK
-
-
-@njit(cache=True)
-def check_clearance(
-    prob: Problem, p: Array, R: Array, q: Array, back: float, n_W: Array, probe_slack: float,
-    margin: float, found: Array,
-) -> tuple[float, bool]:  # fmt: skip
-    """Return (clearance m, allowed) at a pose and, `back` m further along n_W, of the real robot.
-
-    On failure `found` holds (value, limit, pair).
-    """
-    d, pair = query_clearance(prob.clearance, p, R, q, probe_slack, FAR)
-    if back > 0.0:
-        real = np.empty(3)
-        for i in range(3):
-            real[i] = p[i] + back * n_W[i]
-        d2, pair2 = query_clearance(prob.clearance, real, R, q, probe_slack, d)
-        if d2 < d:
-            d, pair = d2, pair2
-    found[0], found[1], found[2] = d, margin, pair
-    if d < margin:
-        return d, False
-    own, pair = query_self(prob.clearance, prob.limits.margin_self)
-    if pair >= 0:
-        found[0], found[1], found[2] = own, prob.limits.margin_self, pair
-        return d, False
-    return d, True
 
 
 @njit(cache=True)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.models.geometry import ClearanceQuery
+from skywright.planning.flight import build_rest, build_transit_law
 from skywright.planning.inverse_dynamics import Loads
 from skywright.planning.inverse_kinematics import build_state
 from skywright.planning.local_planner import Edge, join_edges, plan_free_edge
 from skywright.planning.problem import Limits, build_problem, describe_failure
-from skywright.planning.scan import build_rest, build_transit_law
 from skywright.worlds.surface import Cylinder
 
 Array = NDArray[np.float64]

@@ -1,0 +1,66 @@
+"""Pieces that every flight is made of: time laws between poses, rests, straight free flights."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.planning.inverse_kinematics import State, build_state, wrap
+from skywright.planning.local_planner import ROW, Edge, plan_free_edge
+from skywright.planning.patterns import TimeLaw, build_time_law
+from skywright.planning.problem import Failure, Limits, Problem
+from skywright.planning.transit import plan_transit
+
+Array = NDArray[np.float64]
+
+
+def build_transit_law(state: State, pose: Array, lim: Limits) -> TimeLaw:
+    """Return the law of the slower of translation and turning, as a law over its own length."""
+    length = float(np.linalg.norm(pose[:3] - state.p))
+    turn = abs(wrap(pose[3] - math.atan2(state.R[1, 0], state.R[0, 0])))
+    move = build_time_law(length, lim.speed, lim.acceleration)
+    spin = build_time_law(turn, lim.yaw_rate, lim.yaw_acceleration)
+    return move if move.duration >= spin.duration else spin
+
+
+def build_rest(edge: Edge, at: int, duration: float) -> Edge:
+    """Stay at the first (0) or last (-1) row of an edge; rows start one step after it."""
+    count = round(duration / ROW) + 1
+    rows, trace = np.repeat(edge.rows[at], count), np.repeat(edge.trace[at], count)
+    rows["t"] = ROW * np.arange(count)
+    for name in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT"):
+        rows[name] = 0.0
+    return Edge(rows, trace, None, edge.state)
+
+
+def plan_flight(
+    prob: Problem, a: Array, b: Array, q: Array, rng: np.random.Generator
+) -> tuple[list[Edge], Failure | None, int]:
+    """Fly from pose a to pose b (4,), arm held at `q`, resting at each way-point.
+
+    Keeps as much room as there is, since a robot drifts while it flies. Returns the edges, what
+    blocks them, and the number of nodes of the search trees.
+    """
+    lim, nodes = prob.limits, 0
+    for margin in (lim.margin_wanted, 0.5 * lim.margin_wanted, lim.margin_transit):
+        transit = plan_transit(prob, a, b, q, max(margin, lim.margin_transit), rng)
+        nodes += transit.nodes
+        if transit.failure is None:
+            break
+    if transit.failure is not None:
+        return [], transit.failure, nodes
+    edges: list[Edge] = []
+    state = build_state(transit.poses[0, :3], rot_z(transit.poses[0, 3]), q)
+    for pose in transit.poses[1:]:
+        law = build_transit_law(state, pose, lim)
+        edge = plan_free_edge(
+            prob, state, pose[:3], rot_z(pose[3]), state.q, law, 0.98 * lim.margin_transit
+        )
+        if edge.failure is not None:
+            return [], edge.failure, nodes
+        edges.append(edge)
+        state = build_state(pose[:3], rot_z(pose[3]), q)
+    return edges, None, nodes
