@@ -19,15 +19,7 @@ from numpy.typing import NDArray
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.inspection.weld import Crossing, WeldResult
 from skywright.reports.scene3d import (
-    CCW,
-    CW,
     ESTIMATE,
-    FREE,
-    GOOD,
-    LIFTED,
-    PLAN,
-    TILTED,
-    WELD,
     Scene3d,
     View,
     build_views,
@@ -35,6 +27,7 @@ from skywright.reports.scene3d import (
     start_server,
     stop_server,
 )
+from skywright.reports.trace3d import JUDGED, build_legend, build_trace, draw_trace
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -48,7 +41,6 @@ NUMBER_RATE = 5.0  # Hz, of the numbers in the overlay
 MOVE, TURN = 2e-4, 5e-4
 """m, quaternion units (0.06 deg): smaller motions are not sent."""
 NEAR = 0.02  # m; further away than this, gap and tilt mean nothing
-JUDGED = ("settle", "scan")  # phases in which contact quality counts
 
 
 def write_replay(result: RunResult) -> Path:
@@ -91,7 +83,8 @@ def _record(
     """Draw the scene, play the samples that are `shown` into viser's recorder."""
     d = result.description
     scene = Scene3d(server, d.robot, d.world)
-    _draw_plan(scene, result)
+    if result.plan.scan is not None:
+        scene.draw_path(result.plan.scan.path_sphi)
     set_camera(server, views[0])
     scene.draw_wind(views[0].look_at + [0.0, 0.0, 0.75])
     poses = scene.compute_poses(shown)
@@ -132,15 +125,6 @@ def _find_moves(values: Array, step: float) -> NDArray[np.bool_]:
     return out
 
 
-def _draw_plan(scene: Scene3d, result: RunResult) -> None:
-    """Draw the planned path on the surface."""
-    pipe, scan = result.description.world.pipe, result.plan.scan
-    if pipe is not None and scan is not None and len(scan.path_sphi) > 1:
-        radius = 0.5 * pipe.diameter_m
-        s, c = _thin_path(scan.path_sphi[:, 0], radius * scan.path_sphi[:, 1])
-        scene.draw_surface_line("/plan", s, c, 0.004, PLAN, lift=0.0003)
-
-
 def _draw_crossing(scene: Scene3d, i: int, crossing: Crossing) -> None:
     scene.server.scene.add_icosphere(
         f"/crossings/{i}", radius=0.008, position=crossing.p_W, color=ESTIMATE, subdivisions=2
@@ -160,46 +144,6 @@ def _draw_estimate(scene: Scene3d, weld: WeldResult) -> None:
     inside = np.abs(s) <= 0.5 * pipe.length_m
     if np.count_nonzero(inside) > 1:
         scene.draw_surface_line("/estimate", s[inside], c[inside], 0.004, ESTIMATE, 0.0016)
-
-
-def _thin_path(s: Array, c: Array, step: float = 0.002) -> tuple[Array, Array]:
-    """Keep points that are at least `step` (m) apart."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(s), np.diff(c)))])
-    _, keep = np.unique(np.floor(way / step), return_index=True)
-    return s[keep], c[keep]
-
-
-def build_trace(
-    shown: NDArray[Any], judged: NDArray[np.bool_], arm: bool
-) -> tuple[Array, NDArray[np.uint8]]:
-    """Points (n, 3) of the tip's trace (the platform's without an `arm`) and colours (n, 3).
-
-    `judged` (n,): where contact quality counts.
-    """
-    colours = np.tile(np.array(FREE, np.uint8), (len(shown), 1))
-    if not arm:
-        return np.array(shown["p_WB"]), colours
-    gap = np.maximum(shown["gap"], shown["gap_max"])
-    colours[judged] = GOOD
-    colours[judged & (shown["tilt"] >= TILT_LIMIT)] = TILTED
-    colours[judged & (gap >= GAP_LIMIT)] = LIFTED
-    # in contact the trace is lifted off the surface by the tip's own size, or it would hide in it
-    lift = np.where(judged, 0.002, 0.0)[:, None] * shown["ref_normal_W"]
-    return shown["p_WT"] + lift, colours
-
-
-def draw_trace(
-    server: viser.ViserServer, name: str, points: Array, colours: NDArray[np.uint8]
-) -> None:
-    """Draw a piece of the tip's path: points (n, 3) in W with colours (n, 3)."""
-    segments = np.stack([points[:-1], points[1:]], axis=1)
-    # viser takes line colours as linear light
-    linear = np.round(255.0 * (colours / 255.0) ** 2.2).astype(np.uint8)
-    contact = bool(np.any(colours != np.array(FREE, np.uint8)))
-    server.scene.add_line_segments(
-        name, segments, np.stack([linear[:-1], linear[1:]], axis=1),
-        thickness=5.0 if contact else 1.5, thickness_units="screen",
-    )  # fmt: skip
 
 
 # --- the overlay -----------------------------------------------------------------------------
@@ -231,6 +175,7 @@ def build_overlay_data(result: RunResult, samples: NDArray[Any]) -> dict[str, An
          "outcome": p.outcome}
         for p in result.phases
     ]  # fmt: skip
+    found = result.weld is not None and result.weld.line is not None
     step = max(1, round(100.0 / NUMBER_RATE))
     rows = samples[::step]
     return {
@@ -244,7 +189,7 @@ def build_overlay_data(result: RunResult, samples: NDArray[Any]) -> dict[str, An
         "phases": phases,
         "period": step / 100.0,
         "numbers": _build_numbers(result, rows),
-        "legend": _build_legend(result),
+        "legend": build_legend(d.robot, d.world, found),
     }
 
 
@@ -281,27 +226,6 @@ def _build_numbers(result: RunResult, rows: NDArray[Any]) -> list[dict[str, Any]
     add("busiest rotor", "%", 100.0 * load, 100.0, digits=0)
     add("height", "m", rows["p_WB"][:, 2], digits=2)
     return out
-
-
-def _build_legend(result: RunResult) -> list[list[str]]:
-    """Pairs of colour and meaning."""
-    d = result.description
-    tip = "tip" if d.robot.arm is not None else "platform"
-    entries = [(FREE, f"path of the {tip}, in the air")]
-    if d.world.pipe is not None and d.robot.probe is not None:
-        limits = f"{1e3 * GAP_LIMIT:g} mm, {math.degrees(TILT_LIMIT):g}°"
-        entries += [
-            (GOOD, f"contact within limits ({limits})"),
-            (TILTED, f"probe tilted beyond {math.degrees(TILT_LIMIT):g}°"),
-            (LIFTED, f"air gap beyond {1e3 * GAP_LIMIT:g} mm"),
-            (PLAN, "planned path"),
-        ]
-    if d.world.weld is not None and d.world.weld.present:
-        entries.append((WELD, "weld, as it is"))
-        if result.weld is not None and result.weld.line is not None:
-            entries.append((ESTIMATE, "weld, as found by the probe"))
-    entries += [(CCW, "propeller, counter-clockwise"), (CW, "propeller, clockwise")]
-    return [["#{:02x}{:02x}{:02x}".format(*colour), text] for colour, text in entries]
 
 
 def _escape(text: str) -> str:

@@ -34,11 +34,6 @@ CW: Colour = (120, 190, 255)
 WELD: Colour = (20, 20, 24)
 ESTIMATE: Colour = (214, 40, 170)
 PLAN: Colour = (255, 255, 255)
-FREE: Colour = (120, 130, 145)
-"""Trace of the tip away from the surface."""
-GOOD: Colour = (34, 160, 80)
-TILTED: Colour = (255, 165, 0)
-LIFTED: Colour = (220, 40, 40)
 WIND: Colour = (0, 150, 200)
 
 # MuJoCo's holder frame has x along the probe; the tip's frame has z there: R_TH as a quaternion
@@ -173,6 +168,16 @@ class Scene3d:
         mesh = build_ribbon(points + lift * normals, normals, width)
         self._mesh(name, mesh, colour, 1.0, double=True)
 
+    def draw_path(self, path_sphi: Array) -> None:
+        """Draw the planned path on the pipe: (n, 2) s (m) and phi (rad)."""
+        if self.world.pipe is None or len(path_sphi) < 2:
+            return
+        s, c = path_sphi[:, 0], 0.5 * self.world.pipe.diameter_m * path_sphi[:, 1]
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(s), np.diff(c)))])
+        _, keep = np.unique(np.floor(way / 0.002), return_index=True)  # points 2 mm apart
+        if len(keep) > 1:
+            self.draw_surface_line("/plan", s[keep], c[keep], 0.004, PLAN, lift=0.0003)
+
     def _mesh(
         self, name: str, mesh: Mesh, colour: Colour, opacity: float, double: bool = False
     ) -> Any:
@@ -187,7 +192,10 @@ class Scene3d:
 def start_server(host: str = "127.0.0.1", port: int = 0) -> viser.ViserServer:
     """Start a viser server without its greeting; port 0 takes a free one."""
     with contextlib.redirect_stdout(io.StringIO()):
-        return viser.ViserServer(host=host, port=port, verbose=False)
+        server = viser.ViserServer(host=host, port=port, verbose=False)
+    # a page may ask viser for a public address through a tunnel: never here
+    server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]
+    return server
 
 
 def stop_server(server: viser.ViserServer) -> None:
