@@ -337,3 +337,37 @@ def test_waypoint_inside_an_obstacle_is_refused() -> None:
     found = plan_mission(d._replace(world=world))
     assert not found.feasible and found.blocked_by is not None
     assert found.blocked_by.startswith("way-point 2: clearance of") and "crate" in found.blocked_by
+
+
+# other robots ------------------------------------------------------------------------------------
+
+
+def test_arms_of_zero_one_and_three_joints() -> None:
+    """The planner knows no robot: a fixed probe, one joint, and three in the plane."""
+    d = load_description("pipe-weld-scan")
+    arm = d.robot.arm
+    assert arm is not None
+    links, motor = arm.links, arm.servos["motor1"]
+    stiff = {n: links[n].model_copy(update={"joint": "fixed"}) for n in ("link1", "link2")}
+    wrist = links["link2"].model_copy(
+        update={"length_m": 0.12, "mass_kg": 0.04, "folded_deg": 0.0, "working_deg": 0.0}
+    )
+
+    def fly(moved: dict, joints: int, **scan: object) -> MissionPlan:
+        changed = arm.model_copy(
+            update={
+                "links": {**links, **moved},
+                "servos": {f"motor{i}": motor for i in range(joints)},
+                "belt": None,
+            }
+        )
+        robot = d.robot.model_copy(update={"arm": changed})
+        task = d.mission.scan.model_copy(update=scan)
+        mission = d.mission.model_copy(update={"scan": task})
+        return plan_mission(d._replace(robot=robot, mission=mission))
+
+    assert fly(stiff, 0, pattern="line").feasible
+    refused = fly(stiff, 0)  # a fixed probe must tilt by the sector's 20 deg
+    assert not refused.feasible and "tilt 20.0 deg > 10.0 deg" in str(refused.blocked_by)
+    assert fly({"link1": stiff["link1"]}, 1).feasible
+    assert fly({"wrist": wrist}, 3).feasible
