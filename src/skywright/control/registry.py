@@ -13,6 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from skywright.errors import InputError
 
 LAWS = {
@@ -72,8 +74,8 @@ def _load_user_law(name: str, folder: Path | None) -> Law:
         )
 
     def step_belief(belief: Any) -> None:
-        b = belief[0]
-        step(b["par"], b["mem"], b["ref"], b["est"], b["body"], b["cmd"])
+        b = belief.view(np.recarray)[0]  # named fields, as in compiled code
+        step(b.par, b.mem, b.ref, b.est, b.body, b.cmd)
 
     return Law(name, step_belief, _compile(step) if hasattr(step, "py_func") else None)
 

@@ -12,7 +12,7 @@ from skywright.missions.planning import MissionPlan
 from skywright.missions.spec import Mission
 from skywright.missions.tables import build_retreat, cut_table, lift_table, reverse_table
 from skywright.vehicle.interface import Backend, Probe, Uav, WholeBody, require
-from skywright.vehicle.tick import CONTACT_LOST
+from skywright.vehicle.guard import CONTACT_LOST
 
 Table = NDArray[Any]
 

@@ -19,7 +19,7 @@ from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 Array = NDArray[np.float64]
 Record = Any
 
-BLOCK = 64  # control ticks of noise drawn at a time, at least one mission tick
+BLOCK = 1000  # control ticks of noise drawn at a time, at least one mission tick
 QUEUE = 64  # motion-capture samples under way
 MAX_CONTACTS = 16
 

@@ -37,3 +37,18 @@ class Simulation:
     def step(self, n: int) -> None:
         """Advance by `n` time steps."""
         mujoco.mj_step(self.scene.model, self.data, n)
+
+
+class Snapshot:
+    """The full physics state of a simulation, to come back to."""
+
+    def __init__(self, sim: Simulation) -> None:
+        model, data = sim.scene.model, sim.data
+        self._spec = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+        self._state = np.empty(mujoco.mj_stateSize(model, self._spec))
+        mujoco.mj_getState(model, data, self._state, self._spec)
+
+    def restore(self, sim: Simulation) -> None:
+        """Put the state back and recompute what derives from it."""
+        mujoco.mj_setState(sim.scene.model, sim.data, self._state, self._spec)
+        mujoco.mj_forward(sim.scene.model, sim.data)

@@ -32,14 +32,9 @@ from skywright.robots.spec import Robot
 from skywright.sim.plant import BLOCK, PLANT
 from skywright.sim.simulation import Simulation
 from skywright.vehicle.interface import Limits, Table, Ticked
-from skywright.vehicle.tick import (
-    GUARD,
-    NOT_FINITE,
-    mission_tick,
-    tick_after_law,
-    tick_before_law,
-    tick_sample,
-)
+from skywright.vehicle.frame import Frame
+from skywright.vehicle.guard import GUARD, NOT_FINITE
+from skywright.vehicle.tick import mission_tick, tick_after_law, tick_before_law, tick_law
 from skywright.worlds.spec import Pipe, World
 from skywright.worlds.surface import build_cylinder
 
@@ -47,6 +42,7 @@ Array = NDArray[np.float64]
 
 MISSION_TICK = 0.02  # s
 SAMPLE_RATE = 100.0  # Hz
+SAMPLES = 16  # room for one mission tick
 LIFT_OFF_THRESHOLD = 15.0  # instrument units (Tognon 2018, section VII)
 
 
@@ -102,8 +98,18 @@ class SimulatedVehicle:
         weld = world.weld if world.pipe is not None else None
         self.probe_signal = build_probe_signal(pipe, weld, build_stream(seed, "texture"))
         self._streams = {n: build_stream(seed, n) for n in ("gyro", "mocap", "dropout", "probe")}
-        self.samples = np.zeros(2 * BLOCK, SAMPLE)
+        self.samples = np.zeros(SAMPLES, SAMPLE)
+        self.frame = Frame(
+            self.belief, self.plant, self.guard, self.model, self.kin, self.samples, self.sim,
+            self.allocator, self.thrust, self.probe_signal,
+            0 if law.compiled is None else law.compiled.address,
+        )  # fmt: skip
         self.on_samples = on_samples
+        # fields that every mission tick reads, as plain arrays
+        self._time, self._table_t0 = self.belief["t"], self.belief["table_t0"]
+        self._mask, self._fired = self.guard["mask"], self.guard["fired"]
+        self._block = self.plant["block"]
+        self._block[0] = BLOCK
         p, quat, q = home_pose(robot, *start)
         self._table = np.zeros(1, self.belief["ref"].dtype)
         self._set_home_reference(p, start[2], q)
@@ -114,21 +120,23 @@ class SimulatedVehicle:
     @property
     def t(self) -> float:
         """Mission time (s)."""
-        return float(self.belief[0]["t"])
+        return float(self._time[0])
 
     @property
     def reference(self) -> Any:
-        """The REFERENCE row at the last control tick."""
-        return self.belief[0]["ref"]
+        """A copy of the REFERENCE row at the last control tick."""
+        return self.belief[0]["ref"].copy()
 
     @property
     def estimate(self) -> Any:
-        """The ESTIMATE at the last control tick."""
-        return self.belief[0]["est"]
+        """A copy of the ESTIMATE at the last control tick."""
+        return self.belief[0]["est"].copy()
 
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""
         self._table = np.ascontiguousarray(table)
+        self._table_end = float(self._table[-1]["t"])
+        self.frame.set_table(self._table)
         self.belief[0]["table_t0"] = self.belief[0]["t"]
         self.belief[0]["cursor"] = 0
         # commands given before the next tick build on the table's first row
@@ -136,19 +144,17 @@ class SimulatedVehicle:
 
     def tick(self, guards: int = 0) -> Ticked:
         """Run one mission tick; raises SimulationError when it diverges."""
-        g = self.guard[0]
-        g["mask"], g["fired"] = guards, 0
-        self._draw_noise()
-        advance = self._tick_interactive if self.interactive else self._tick_fast
-        written = advance()
+        self._mask[0], self._fired[0] = guards, 0
+        if self._block[0] + self.n_ticks > BLOCK:
+            self._draw_noise()
+        written = self._tick_interactive() if self.interactive else self._tick_fast()
         if written and self.on_samples is not None:
             self.on_samples(self.samples[:written].copy())
-        fired = int(g["fired"])
+        fired = int(self._fired[0])
         if fired & NOT_FINITE:
             raise SimulationError(self._explain_not_finite())
-        b = self.belief[0]
-        arrived = float(b["t"] - b["table_t0"]) >= float(self._table[-1]["t"]) - 1e-9
-        return Ticked(self.t, fired, arrived)
+        t = float(self._time[0])
+        return Ticked(t, fired, t - float(self._table_t0[0]) >= self._table_end - 1e-9)
 
     def in_contact(self) -> bool:
         """Whether the instrument's lift-off signal says contact."""
@@ -166,52 +172,42 @@ class SimulatedVehicle:
     # --- the two ways of running ---------------------------------------------------------------
 
     def _tick_fast(self) -> int:
-        s, a = self.sim, self.allocator
-        _, written = mission_tick(
-            self.n_ticks, self.n_steps, self.law.compiled, self.belief, self.plant, self.guard,
-            self.model, self.kin, self._table, self.probe_signal, self.samples, 0,
-            a.B, a.P, a.t_min, a.t_max, a.full, self.thrust, s.model_address, s.data_address,
-            s.qpos, s.qvel, s.sensordata, s.site_xpos, s.site_xmat, s.ctrl, s.xfrc,
-        )  # fmt: skip
-        return int(written)
+        return int(mission_tick(self.frame.array, self.n_ticks, self.n_steps))
 
     def _tick_interactive(self) -> int:
-        s, a, law = self.sim, self.allocator, self.law.step
-        b, pl, g = self.belief, self.plant, self.guard
-        written = 0
+        frame, compiled, written = self.frame.array, self.law.compiled is not None, 0
         for _ in range(self.n_ticks):
-            tick_before_law(
-                b, pl, g, self.model, self.kin, self._table,
-                s.qpos, s.qvel, s.sensordata, s.site_xpos, s.site_xmat,
-            )  # fmt: skip
-            try:
-                law(b)
-            except Exception as error:
-                raise SimulationError(
-                    f"control law {self.law.name!r} raised at t = {self.t:.3f} s: {error!r}"
-                ) from error
-            if pl[0]["tick"] % g[0]["sample_every"] == 0 and written < len(self.samples):
-                tick_sample(b, pl, g, self.probe_signal, s.qpos, s.qvel, self.samples, written)
-                written += 1
-            fired = tick_after_law(
-                b, pl, g, a.B, a.P, a.t_min, a.t_max, a.full, self.thrust, s.ctrl, s.xfrc
-            )
+            tick_before_law(frame)
+            if compiled:
+                tick_law(frame)
+            else:
+                self._call_python_law()
+            fired, written = tick_after_law(frame, written)
             if fired & NOT_FINITE:
-                return written
-            s.step(self.n_steps)
+                break
+            self.sim.step(self.n_steps)
             if fired:
                 break
-        return written
+        return int(written)
+
+    def _call_python_law(self) -> None:
+        try:
+            self.law.step(self.belief)
+        except Exception as error:
+            raise SimulationError(
+                f"control law {self.law.name!r} raised at t = {self.t:.3f} s: {error!r}"
+            ) from error
 
     # --- set-up ------------------------------------------------------------------------------
 
     def _draw_noise(self) -> None:
-        pl, n = self.plant[0], self.n_ticks
+        """Fill the noise block, one stream a sensor; lasts for BLOCK control ticks."""
+        pl = self.plant[0]
         pl["block"] = 0
-        pl["noise_gyro"][:n] = self._streams["gyro"].standard_normal((n, 3))
-        pl["noise_mocap"][:n] = self._streams["mocap"].standard_normal((n, 12))
-        pl["noise_drop"][:n] = self._streams["dropout"].random(n)
-        pl["noise_ec"][:n] = self._streams["probe"].standard_normal((n, 2))
+        pl["noise_gyro"] = self._streams["gyro"].standard_normal((BLOCK, 3))
+        pl["noise_mocap"] = self._streams["mocap"].standard_normal((BLOCK, 12))
+        pl["noise_drop"] = self._streams["dropout"].random(BLOCK)
+        pl["noise_ec"] = self._streams["probe"].standard_normal((BLOCK, 2))
 
     def _build_belief(self) -> NDArray[Any]:
         out = np.zeros(1, BELIEF)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from skywright.core.pointers import call_pointer
 from skywright.core.rotations import orthonormalise, rot_to_quat
 from skywright.core.types import MAX_JOINTS
 from skywright.estimation.observer import estimate_state
@@ -23,29 +24,11 @@ from skywright.models.rigid_body import fill_body, fill_kinematics
 from skywright.models.rotors import compute_power
 from skywright.sim.physics import step_physics
 from skywright.sim.plant import actuate, blow, observe, sense
+from skywright.vehicle.frame import open_frame
+from skywright.vehicle.guard import COLLISION, CONTACT_LOST, CONTACT_MADE, NOT_FINITE
 
 Record = Any
 Array = Any
-
-# why a mission tick ended before its time
-RUNNING, NOT_FINITE, CONTACT_MADE, CONTACT_LOST, COLLISION, ARRIVED = 0, 1, 2, 4, 8, 16
-
-GUARD = np.dtype(
-    [
-        ("mask", np.int64),  # which of the above end a mission tick
-        ("fired", np.int64),
-        ("phase", np.int64),  # written into samples
-        ("sample_every", np.int64),  # control ticks
-        ("truth_estimator", np.int64),
-        # lift-off channel of the eddy-current instrument: w_l = axis . (w - contact point)
-        ("lift_axis", np.float64, 2),
-        ("lift_threshold", np.float64),
-        ("in_contact", np.int64),  # by the instrument
-        ("collision_limit", np.float64),  # N
-    ]
-)
-"""What ends a mission tick early, and how samples are taken."""
-
 
 @njit(cache=True)
 def interpolate_reference(b: Record, table: Array) -> None:
@@ -250,88 +233,62 @@ def take_sample(
     pl.f_collision = 0.0
 
 
-# The same three pieces for the interactive way: whole arrays as arguments, because handing a
-# record of an array from Python to compiled code costs ten times as much as the array.
+# The entries from Python: one argument, the frame.
 
 
 @njit(cache=True)
-def tick_before_law(
-    b: Array, pl: Array, g: Array, model: Array, kin: Array, table: Array,
-    qpos: Array, qvel: Array, sensordata: Array, site_xpos: Array, site_xmat: Array,
-) -> None:  # fmt: skip
-    """`before_law` called from Python."""
+def tick_before_law(frame: Array) -> None:
+    """`before_law` called from Python (interactive way)."""
+    v = open_frame(frame)
     before_law(
-        b[0], pl[0], g[0], model[0], kin[0], table, qpos, qvel, sensordata, site_xpos, site_xmat
+        v.b[0], v.pl[0], v.g[0], v.model[0], v.kin[0], v.table,
+        v.qpos, v.qvel, v.sensordata, v.site_xpos, v.site_xmat,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def tick_law(frame: Array) -> None:
+    """Call the compiled law (interactive way)."""
+    v = open_frame(frame)
+    call_pointer(v.law_address, v.belief_address)
+
+
+@njit(cache=True)
+def tick_after_law(frame: Array, n_samples: int) -> tuple[int, int]:
+    """`take_sample` when one is due, then `after_law`; returns (guards fired, samples written)."""
+    v = open_frame(frame)
+    if v.pl[0].tick % v.g[0].sample_every == 0 and n_samples < v.samples.shape[0]:
+        take_sample(v.b[0], v.pl[0], v.g[0], v.probe, v.qpos, v.qvel, v.samples[n_samples])
+        n_samples += 1
+    after_law(
+        v.b[0], v.pl[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl, v.xfrc
     )
+    return v.g[0].fired, n_samples
 
 
-@njit(cache=True)
-def tick_sample(
-    b: Array, pl: Array, g: Array, ps: Any, qpos: Array, qvel: Array, samples: Array, i: int
-) -> None:
-    """`take_sample` called from Python."""
-    take_sample(b[0], pl[0], g[0], ps, qpos, qvel, samples[i])
-
-
-@njit(cache=True)
-def tick_after_law(
-    b: Array, pl: Array, g: Array, B: Array, P: Array, t_min: Array, t_max: Array, full: int,
-    thrust: Array, ctrl: Array, xfrc: Array,
-) -> int:  # fmt: skip
-    """`after_law` called from Python; returns the guards that fired."""
-    after_law(b[0], pl[0], g[0], B, P, t_min, t_max, full, thrust, ctrl, xfrc)
-    return int(g[0].fired)
-
-
-@njit(cache=True)
-def mission_tick(
-    n: int,
-    n_steps: int,
-    law: Any,
-    b: Array,
-    pl: Array,
-    g: Array,
-    model: Array,
-    kin: Array,
-    table: Array,
-    ps: Any,
-    samples: Array,
-    n_samples: int,
-    B: Array,
-    P: Array,
-    t_min: Array,
-    t_max: Array,
-    full: int,
-    thrust: Array,
-    m_address: int,
-    d_address: int,
-    qpos: Array,
-    qvel: Array,
-    sensordata: Array,
-    site_xpos: Array,
-    site_xmat: Array,
-    ctrl: Array,
-    xfrc: Array,
-) -> tuple[int, int]:
+@njit(cache=True, nogil=True)
+def mission_tick(frame: Array, n: int, n_steps: int) -> int:
     """Run up to `n` control ticks of `n_steps` physics steps each; stop when a guard fires.
 
-    Returns (control ticks done, samples written).
+    Returns the number of samples written.
     """
-    done = 0
-    while done < n:
+    v = open_frame(frame)
+    n_samples = 0
+    for _ in range(n):
         before_law(
-            b[0], pl[0], g[0], model[0], kin[0], table,
-            qpos, qvel, sensordata, site_xpos, site_xmat,
+            v.b[0], v.pl[0], v.g[0], v.model[0], v.kin[0], v.table,
+            v.qpos, v.qvel, v.sensordata, v.site_xpos, v.site_xmat,
         )  # fmt: skip
-        law(b.ctypes)
-        if pl[0].tick % g[0].sample_every == 0 and n_samples < samples.shape[0]:
-            take_sample(b[0], pl[0], g[0], ps, qpos, qvel, samples[n_samples])
+        call_pointer(v.law_address, v.belief_address)
+        if v.pl[0].tick % v.g[0].sample_every == 0 and n_samples < v.samples.shape[0]:
+            take_sample(v.b[0], v.pl[0], v.g[0], v.probe, v.qpos, v.qvel, v.samples[n_samples])
             n_samples += 1
-        after_law(b[0], pl[0], g[0], B, P, t_min, t_max, full, thrust, ctrl, xfrc)
-        if g[0].fired & NOT_FINITE:
-            return done, n_samples
-        step_physics(m_address, d_address, n_steps)
-        done += 1
-        if g[0].fired:
+        after_law(
+            v.b[0], v.pl[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl, v.xfrc
+        )
+        if v.g[0].fired & NOT_FINITE:
             break
-    return done, n_samples
+        step_physics(v.mj_model, v.mj_data, n_steps)
+        if v.g[0].fired:
+            break
+    return n_samples

@@ -1,0 +1,23 @@
+"""Guards: what ends a mission tick early."""
+
+from __future__ import annotations
+
+import numpy as np
+
+NOT_FINITE, CONTACT_MADE, CONTACT_LOST, COLLISION = 1, 2, 4, 8
+
+GUARD = np.dtype(
+    [
+        ("mask", np.int64),  # which of the above end a mission tick
+        ("fired", np.int64),
+        ("phase", np.int64),  # written into samples
+        ("sample_every", np.int64),  # control ticks
+        ("truth_estimator", np.int64),
+        # lift-off channel of the eddy-current instrument: w_l = axis . (w - contact point)
+        ("lift_axis", np.float64, 2),
+        ("lift_threshold", np.float64),
+        ("in_contact", np.int64),  # by the instrument
+        ("collision_limit", np.float64),  # N
+    ]
+)
+"""Which guards are armed and which fired, and how samples are taken."""

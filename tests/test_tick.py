@@ -1,0 +1,155 @@
+"""The two ways of running, determinism, user laws, and what stops a flight."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skywright.control.registry import load_law
+from skywright.errors import InputError, SimulationError
+from skywright.evaluation.run import build_vehicle
+from skywright.missions.loader import load_description
+from skywright.missions.planning import plan_mission
+from skywright.missions.supervisor import Supervisor
+
+SHORT = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
+
+
+def fly(sets, fault=None):
+    """Fly a short scan; `fault(vehicle, phase)` may disturb it. Returns (samples, supervisor)."""
+    d = load_description("pipe-weld-scan", sets=[*SHORT, *sets])
+    plan = plan_mission(d)
+    assert plan.feasible, plan.blocked_by
+    blocks = []
+    vehicle = build_vehicle(d, blocks.append)
+    supervisor = Supervisor(
+        vehicle, d.mission, plan, d.robot.platform.gear_height_m,
+        on_phase=lambda i, name: vehicle.set_phase(i),
+        on_tick=None if fault is None else lambda t, phase: fault(vehicle, phase),
+    )
+    flight = supervisor.fly()
+    return np.concatenate(blocks), supervisor.phases, flight
+
+
+class LoseContact:
+    """Pulls the robot off the pipe once, so that the mission has to retry."""
+
+    def __init__(self):
+        self.left = 35
+
+    def __call__(self, vehicle, phase):
+        vehicle.sim.data.qfrc_applied[:3] = 0.0
+        if phase == "scan" and self.left > 0:
+            self.left -= 1
+            vehicle.sim.data.qfrc_applied[0] = -8.0
+
+
+def test_fast_and_interactive_are_bit_identical_through_a_retry():
+    fast, phases, flight = fly(["mission.mode=fast"], LoseContact())
+    slow, phases_slow, _ = fly(["mission.mode=interactive"], LoseContact())
+    assert flight.completed
+    assert "retry" in [p.outcome for p in phases]
+    assert phases == phases_slow
+    assert fast.tobytes() == slow.tobytes()
+
+
+def test_same_seed_same_recording_other_seed_another():
+    a, _, _ = fly(["mission.seed=5"])
+    b, _, _ = fly(["mission.seed=5"])
+    c, _, _ = fly(["mission.seed=6"])
+    assert a.tobytes() == b.tobytes()
+    assert a.tobytes() != c.tobytes()
+
+
+LAW = """
+from skywright.control.push_and_slide import step as paper
+
+count = 0
+
+def step(par, mem, ref, est, body, cmd):
+    {body}
+"""
+
+
+def user_law(tmp_path, body):
+    path = tmp_path / "my_law.py"
+    path.write_text(LAW.format(body=body))
+    return [f"mission.law={path}:step"]
+
+
+def test_a_plain_python_law_flies(tmp_path):
+    body = """
+    cmd.qd[:] = 0.0
+    if ref.active < 0.5:
+        cmd.f_B[:] = 0.0
+        cmd.t_B[:] = 0.0
+        return
+    R = est.R_WB
+    f = body.mass * (25.0 * (ref.p_WB - est.p_WB) + 12.0 * (ref.v_WB - est.v_WB))
+    f[2] += body.mass * body.gravity
+    e = R.T @ ref.R_WB
+    e = 0.5 * np.array([e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]])
+    cmd.f_B[:] = R.T @ f
+    cmd.t_B[:] = body.I_B @ (81.0 * e - 18.0 * est.w_WB_B) + np.cross(body.p_BC, cmd.f_B)
+"""
+    path = tmp_path / "my_law.py"
+    path.write_text("import numpy as np\n\ndef step(par, mem, ref, est, body, cmd):" + body)
+    d = load_description("waypoints", "othex", sets=[f"mission.law={path}:step"])
+    blocks = []
+    vehicle = build_vehicle(d, blocks.append)
+    assert vehicle.interactive
+    Supervisor(vehicle, d.mission, plan_mission(d), d.robot.platform.gear_height_m).fly()
+    s = np.concatenate(blocks)
+    flying = s[(s["t"] > 6) & (s["t"] < s["t"][-1] - 12)]
+    error = np.linalg.norm(flying["p_WB"] - flying["ref_p_WB"], axis=1)
+    assert error.max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("raise ValueError('no idea')", "raised at t = .*no idea"),
+        ("paper(par, mem, ref, est, body, cmd); cmd.f_B[0] = float('nan')", "returned NaN"),
+        ("cmd.t_B[1] = float('inf')", "returned NaN or infinity"),
+    ],
+)
+def test_a_law_that_raises_or_returns_nan_is_told(tmp_path, body, message):
+    with pytest.raises(SimulationError, match=message):
+        fly(user_law(tmp_path, body))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nosuch", "unknown; valid: push_and_slide, thrust_vectoring"),
+        ("nosuch.py:step", "was not found"),
+        ("bad.py:step", "importing the control law failed"),
+        ("two.py:nostep", "no function 'nostep'"),
+        ("two.py:step", "takes 2 arguments; a law takes 6"),
+    ],
+)
+def test_wrong_law_names_are_told(tmp_path, name, message):
+    (tmp_path / "bad.py").write_text("import nonsense_that_is_not_there\n")
+    (tmp_path / "two.py").write_text("def step(a, b):\n    pass\n")
+    with pytest.raises(InputError, match=message):
+        load_law(name, tmp_path)
+
+
+def test_a_compiled_user_law_flies_in_fast_mode(tmp_path):
+    path = tmp_path / "my_law.py"
+    path.write_text(
+        "from numba import njit\n"
+        "from skywright.control.push_and_slide import step as paper\n"
+        "@njit\n"
+        "def step(par, mem, ref, est, body, cmd):\n"
+        "    paper(par, mem, ref, est, body, cmd)\n"
+    )
+    own, _, _ = fly([f"mission.law={path}:step"])
+    built_in, _, _ = fly(["mission.law=push_and_slide"])
+    assert own.tobytes() == built_in.tobytes()
+
+
+def test_a_coplanar_robot_cannot_fly_a_law_for_full_actuation():
+    d = load_description("waypoints", sets=["mission.law=push_and_slide"])
+    with pytest.raises(InputError, match="fully actuated"):
+        build_vehicle(d)
