@@ -12,7 +12,9 @@ from skywright.models.rotors import build_rotors
 from skywright.robots.spec import Robot
 
 if TYPE_CHECKING:
+    from skywright.core.spec import Spec
     from skywright.evaluation.run import RunResult
+    from skywright.missions.loader import Description
 
 MEANINGS: dict[str, tuple[str, str]] = {
     "flight.duration_s": ("s", "from the start to the motors' stop"),
@@ -126,9 +128,7 @@ def list_assumptions(result: RunResult) -> list[Row]:
     """Every assumed number of this run with its plausible range and why."""
     d = result.description
     rows = []
-    for root, spec in (
-        ("robot", d.robot), ("world", d.world), ("plant", d.plant), ("mission", d.mission),
-    ):  # fmt: skip
+    for root, spec in _roots(d):
         for key, value in iterate_leaves(spec, root):
             source = d.sources.get(key)
             if source is None or source.kind != "assumed":
@@ -142,16 +142,17 @@ def list_assumptions(result: RunResult) -> list[Row]:
 
 
 def list_changes(result: RunResult) -> list[Row]:
-    """Values set on the command line."""
+    """Values that the command line set, or the mission against its robot's or world's file."""
     d = result.description
+    home = d.origin.get("mission.name", "")
     rows = []
-    for root, spec in (
-        ("robot", d.robot), ("world", d.world), ("plant", d.plant), ("mission", d.mission),
-    ):  # fmt: skip
+    for root, spec in _roots(d):
         for key, value in iterate_leaves(spec, root):
-            source = d.sources.get(key)
-            if source is not None and source.kind == "set":
-                rows.append(Row(key, _text(value), source.note))
+            origin = d.origin.get(key)
+            if origin == "--set":
+                rows.append(Row(key, _text(value), "set on the command line"))
+            elif origin == home and root != "mission" and not d.mission.resolved:
+                rows.append(Row(key, _text(value), "set by the mission"))
     return rows
 
 
@@ -216,6 +217,10 @@ def list_timing(result: RunResult) -> list[Row]:
         if key in t:
             rows.append(Row(name, f"{format_value(t[key])} {unit}"))
     return rows
+
+
+def _roots(d: Description) -> list[tuple[str, Spec]]:
+    return [("robot", d.robot), ("world", d.world), ("plant", d.plant), ("mission", d.mission)]
 
 
 def _text(value: Any) -> str:

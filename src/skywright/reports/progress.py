@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn
@@ -90,15 +90,20 @@ class Progress:
 
 def is_compiled() -> bool:
     """Whether the compiled mission tick of this source lies in numba's cache."""
-    from skywright.vehicle.tick import mission_tick
+    from skywright.vehicle import tick
 
-    if mission_tick.signatures:
+    return is_cached(tick.mission_tick)
+
+
+def is_cached(function: Any) -> bool:
+    """Whether a function of numba is compiled, in memory or on disk."""
+    if function.signatures:
         return True
     try:  # numba's own test: its version, and the stamp of the source
-        return bool(mission_tick._cache._cache_file._load_index())
+        return bool(function._cache._cache_file._load_index())
     except AttributeError:  # another version of numba: is there any file at all
-        folder = Path(mission_tick.stats.cache_path or ".")
-        return any(folder.glob("tick.mission_tick-*.nbi"))
+        folder = Path(function.stats.cache_path or ".")
+        return any(folder.glob(f"*.{function.__name__}-*.nbi"))
 
 
 def announce_compilation(console: Console | None = None) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Callable
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,6 +17,26 @@ from skywright.reports.figures.style import WIDTH, house_style, render_svg
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
+
+
+def _draw_hero(result: RunResult) -> Figure | None:
+    from skywright.reports.figures.hero import draw_hero  # slow: only for README and docs
+
+    return draw_hero(result)
+
+
+FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
+    "hero": _draw_hero,
+    "weld_map": inspection.draw_map,
+    "contact_quality": inspection.draw_contact_quality,
+    "instrument": inspection.draw_instrument,
+    "tip_path": paths.draw_tip_path,
+    "flight_path": paths.draw_flight_path,
+    "contact_series": series.draw_contact_series,
+    "flight_series": series.draw_flight_series,
+    "plan": plan.draw_plan,
+}
+"""Every figure by name; each is None where a run has nothing to show."""
 
 
 class Picture(NamedTuple):

@@ -228,7 +228,7 @@ def _draw_rotors(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
     n = len(rotors.azimuth_deg)
     for i in range(n):
         draw_line(ax, t, s["rotor_thrust"][:, i], color=SERIES[i], lw=0.9, label=f"{i + 1}")
-    ax.set_title("Rotor thrusts")
+    ax.set_title("Thrust of each rotor")
     ax.set_ylabel("thrust (N)")
     full, usable = rotors.thrust_max_n, rotors.thrust_max_n * rotors.thrust_fraction
     draw_limit(ax, full, f"rotor's limit {full:.3g} N")

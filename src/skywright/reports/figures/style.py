@@ -6,9 +6,10 @@ Colours are those of Okabe and Ito (2008), which colour-blind readers can tell a
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -18,7 +19,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from skywright.errors import InputError
 from skywright.missions.supervisor import PhaseRecord
+
+if TYPE_CHECKING:
+    from skywright.evaluation.run import RunResult
 
 Array = NDArray[np.float64]
 
@@ -37,7 +42,7 @@ MAX_COLUMNS = 500
 MANY = 300
 """Points from which a cloud is drawn as a picture."""
 
-_STYLE = {
+_STYLE: Any = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 8.5,
     "axes.titlesize": 9.5,
@@ -83,15 +88,25 @@ def render_svg(figure: Figure) -> bytes:
     """Return the figure as SVG with real text; point clouds become pictures inside it."""
     for ax in figure.axes:
         for dots in ax.collections:
-            if len(dots.get_offsets()) > MANY:
+            if np.size(dots.get_offsets()) // 2 > MANY:
                 dots.set_rasterized(True)
         for line in ax.lines:
-            if line.get_marker() not in ("None", "", None) and len(line.get_xdata()) > MANY:
+            if line.get_marker() not in ("None", "", None) and np.size(line.get_xdata()) > MANY:
                 line.set_rasterized(True)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="svg", dpi=150, metadata={"Date": None, "Creator": None})
     # Verdana has the metrics of DejaVu Sans: text fits where the reader has only one of the two
     return buffer.getvalue().replace(b"'DejaVu Sans'", b"'DejaVu Sans', Verdana, sans-serif")
+
+
+def write_png(draw: Callable[[RunResult], Figure | None], result: RunResult, path: Path) -> Path:
+    """Draw one figure of a run and write it as PNG. Raises InputError where there is none."""
+    with house_style():
+        figure = draw(result)
+        if figure is None:
+            raise InputError(f"{path.name}: the run ended {result.outcome}, nothing to draw")
+        figure.savefig(path, dpi=150, metadata={"Software": None})
+    return path
 
 
 def thin(t: Array, y: Array, columns: int = MAX_COLUMNS) -> tuple[Array, Array]:
@@ -204,8 +219,8 @@ def stack_panels(figure: Figure, count: int, *, bottom: float = 0.5) -> tuple[Ax
     axes: list[Axes] = []
     for i in range(count):
         y = height - top - each * (i + 1) - gap * i
-        share = {"sharex": axes[0]} if axes else {}
-        ax = figure.add_axes((across[0], y / height, across[1], each / height), **share)
+        box = (across[0], y / height, across[1], each / height)
+        ax = figure.add_axes(box, sharex=axes[0] if axes else None)
         ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
         if i < count - 1:
             ax.tick_params(labelbottom=False)

@@ -1,0 +1,70 @@
+"""Every picture of README and docs that shows a run: `python -m skywright.studies.pictures`.
+
+The missions are flown and the figures are those of their reports, so a picture never shows what
+the code no longer does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from skywright.errors import SkywrightError
+from skywright.evaluation.run import RunResult, run_mission
+from skywright.missions.loader import load_description
+from skywright.models.capability import compute_capability
+from skywright.reports.capability import write_capability_figure
+from skywright.reports.figures.style import write_png
+from skywright.reports.progress import Progress, announce_compilation
+from skywright.reports.report import FIGURES
+from skywright.robots.loader import load_robot
+
+PICTURES: dict[str, tuple[str, str]] = {
+    "weld-scan.png": ("pipe-weld-scan", "hero"),
+    "contact-series.png": ("pipe-weld-scan", "contact_series"),
+    "instrument.png": ("pipe-weld-scan", "instrument"),
+    "flight-path.png": ("pipe-weld-scan", "flight_path"),
+    "waypoints.png": ("waypoints", "flight_path"),
+}
+"""File -> mission and the figure of its report."""
+
+ROBOTS = {"capability-othex.png": "othex", "capability-f550-bridge.png": "f550-bridge"}
+"""File -> robot whose capability it shows."""
+
+
+def write_pictures(folder: Path, say: Callable[[str], None] = print) -> list[Path]:
+    """Fly the missions and write all pictures into `folder`; returns their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    announce_compilation()
+    with tempfile.TemporaryDirectory() as scratch:
+        runs: dict[str, RunResult] = {}
+        for name, (mission, figure) in PICTURES.items():
+            if mission not in runs:
+                description = load_description(mission)
+                out = Path(scratch) / mission
+                runs[mission] = run_mission(description, out=out, observers=[Progress()])
+            written.append(write_png(FIGURES[figure], runs[mission], folder / name))
+            say(str(written[-1]))
+    for name, robot in ROBOTS.items():
+        spec, _ = load_robot(robot)
+        written.append(write_capability_figure(compute_capability(spec), folder / name))
+        say(str(written[-1]))
+    return written
+
+
+def main() -> None:
+    """Entry point of the module."""
+    parser = argparse.ArgumentParser(description="Make the pictures of README and docs.")
+    parser.add_argument("--out", type=Path, default=Path("docs/images"), help="folder")
+    folder = parser.parse_args().out
+    try:
+        write_pictures(folder)
+    except (SkywrightError, OSError) as error:
+        raise SystemExit(f"pictures: {error}") from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,403 @@
+"""The report of a run: complete, honest, self-contained, safe against hostile text."""
+
+from __future__ import annotations
+
+import base64
+import importlib.util
+import io
+import math
+import re
+import sys
+import xml.etree.ElementTree as ElementTree
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from rich.console import Console
+
+from skywright.errors import InputError
+from skywright.evaluation.requirements import judge
+from skywright.evaluation.run import RunResult, run_mission
+from skywright.missions.loader import load_description
+from skywright.reports.explain import MEANINGS, format_value, list_assumptions
+from skywright.reports.figures import series
+from skywright.reports.figures.style import Span, clip_phases, thin, write_png
+from skywright.reports.progress import Progress, is_cached
+from skywright.reports.render import Camera, Item, render_scene
+from skywright.reports.report import FIGURES, render_report, write_report
+
+SHORT = (
+    "mission.scan.passes=2", "mission.scan.pass_length_m=0.04", "mission.scan.arc_deg=10",
+    "mission.scan.speed_mps=0.02", "mission.requirements.weld.crossings.limit=2",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    """A short scan that crosses the weld twice, with its report written."""
+    out = tmp_path_factory.mktemp("scan") / "run"
+    return run_mission(load_description("pipe-weld-scan", sets=SHORT), out=out,
+                       write_report=write_report)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    out = tmp_path_factory.mktemp("flight") / "run"
+    return run_mission(load_description("waypoints"), out=out, write_report=write_report)
+
+
+class _Page(HTMLParser):
+    """Collects what a page loads, its scripts and its text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.scripts = 0
+        self.words: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.scripts += tag in ("script", "iframe", "object", "embed")
+        self.loads += [v or "" for k, v in attrs if k in ("src", "href", "srcset", "action")]
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+def _figures(page: str) -> list[ElementTree.Element]:
+    found = re.findall(r'src="data:image/svg\+xml;base64,([A-Za-z0-9+/=]+)"', page)
+    return [ElementTree.fromstring(base64.b64decode(x)) for x in found]
+
+
+def _figure_text(page: str) -> str:
+    return " ".join(t for f in _figures(page) for e in f.iter() if (t := e.text) and t.strip())
+
+
+def _check_self_contained(page: str) -> None:
+    parsed = _Page(page)
+    assert parsed.scripts == 0
+    assert parsed.loads and all(x.startswith("data:") for x in parsed.loads)
+    assert "@import" not in page and not re.search(r"url\((?!#)", page)
+    for figure in _figures(page):
+        for element in figure.iter():
+            for key, value in element.attrib.items():
+                if key.endswith("href"):
+                    assert value.startswith(("#", "data:")), value
+
+
+def test_report_of_a_scan_is_complete(scan: RunResult) -> None:
+    page = (scan.directory / "report.html").read_text(encoding="utf-8")
+    assert len(page) < 3e6
+    _check_self_contained(page)
+    text = _Page(page).text
+    for r in scan.requirements:
+        assert r.name in text and r.source in text
+    assert text.count(" met ") >= sum(r.passed for r in scan.requirements)
+    for heading in ("Verdict", "Weld map", "Contact quality", "What the instrument showed",
+                    "Tip path", "Flight path", "While the probe is at the surface",
+                    "The whole flight", "Plan and timing", "Phases as flown",
+                    "Assumed numbers"):  # fmt: skip
+        assert heading in text
+    assert "Clearance and rotor margin of the plan" in text
+    for name in scan.metrics:
+        assert name in text
+    for phase in scan.phases:
+        assert phase.name.replace("_", " ") in text
+    drawn = _figure_text(page)
+    for word in ("true weld line", "estimated line", "limit 10 deg", "limit 1 mm", "limit on the",
+                 "rotor's limit", "touch", "settle", "planned push", "error (mm)", "force (N)",
+                 "time since the start of the run (s)"):  # fmt: skip
+        assert word in drawn, word
+
+
+def test_what_a_run_assumed_is_listed_with_its_range(scan: RunResult) -> None:
+    rows = {r.name: r for r in list_assumptions(scan)}
+    expected = {k for k, s in scan.description.sources.items() if s.kind == "assumed"}
+    assert expected and set(rows) == expected
+    friction = rows["world.pipe.friction"]
+    assert friction.value == "0.2" and "0.1 to 0.3" in friction.note
+    text = _Page(render_report(scan)).text
+    assert "plant.mass_error" in text and "world.pipe.friction" in text
+    assert "push_and_slide" in text
+    assert "Changed for this run" in text and "mission.scan.passes" in text
+
+
+def test_report_of_waypoints(flight: RunResult) -> None:
+    page = (flight.directory / "report.html").read_text(encoding="utf-8")
+    _check_self_contained(page)
+    text = _Page(page).text
+    assert "position.rms_m" in text and "4 way-points" in text
+    assert "Weld map" not in text and "Inspection" not in text
+    assert "limit 0.1 m" in _figure_text(page)
+
+
+def test_every_metric_has_a_meaning(scan: RunResult, flight: RunResult) -> None:
+    assert {*scan.metrics, *flight.metrics} <= set(MEANINGS)
+
+
+def test_the_same_run_gives_the_same_report(flight: RunResult) -> None:
+    assert render_report(flight) == render_report(flight)
+
+
+def test_failed_requirement_is_named_in_the_first_sentence(scan: RunResult) -> None:
+    worse = {**scan.metrics, "contact.tilt_max_deg": 12.0}
+    failed = scan._replace(
+        metrics=worse, requirements=judge(scan.description.mission, worse), outcome="failed"
+    )
+    text = _Page(render_report(failed)).text
+    assert "requirements failed: contact.tilt_max_deg" in text
+    assert "FAILED" in text and "12 deg" in text
+
+
+def test_hostile_names_are_text(scan: RunResult) -> None:
+    evil = "<script>alert(1)</script> $x_{y$ & \"'"
+    d = scan.description
+    hostile = scan._replace(
+        description=d._replace(
+            robot=d.robot.model_copy(update={"name": evil}),
+            world=d.world.model_copy(update={"name": evil}),
+            mission=d.mission.model_copy(update={"name": evil, "description": evil}),
+        ),
+        requirements=[r._replace(source=evil, name=evil) for r in scan.requirements],
+        phases=[p._replace(name=evil if p.name == "leave" else p.name) for p in scan.phases],
+        outcome="aborted",
+        reason=evil,
+    )
+    page = render_report(hostile)
+    _check_self_contained(page)
+    assert _Page(page).text.count("<script>alert(1)</script>") > 5
+    assert "<script>alert(1)</script>" in _figure_text(page)
+
+
+def _cut(result: RunResult, phase: str) -> RunResult:
+    """The run as if it had been given up in the middle of a phase."""
+    i = next(k for k, p in enumerate(result.phases) if p.name == phase)
+    p = result.phases[i]
+    end = 0.5 * (p.start_s + p.end_s)
+    phases = [*result.phases[:i], p._replace(end_s=end, outcome="retry")]
+    samples = result.samples[result.samples["t"] <= end]
+    return result._replace(
+        samples=samples, phases=phases, weld=None, metrics={}, outcome="aborted",
+        reason="no lasting contact at the first touch", timing={},
+        requirements=judge(result.description.mission, {}),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("phase", ["take_off", "approach", "touch", "scan"])
+def test_aborted_run_says_so_and_why(scan: RunResult, phase: str) -> None:
+    page = render_report(_cut(scan, phase))
+    _check_self_contained(page)
+    text = _Page(page).text
+    assert "This run was not completed" in text
+    assert "no lasting contact at the first touch" in text
+    assert "not measured" in text and " met " not in text
+    if phase != "scan":
+        assert "the run never came to scanning" in text
+
+
+def test_run_without_samples(scan: RunResult) -> None:
+    empty = _cut(scan, "take_off")._replace(samples=scan.samples[:0], outcome="interrupted")
+    text = _Page(render_report(empty)).text
+    assert "Nothing was recorded" in text and "interrupted by the user" in text
+
+
+def test_no_weld_found(scan: RunResult) -> None:
+    assert scan.weld is not None
+    weld = scan.weld._replace(line=None, crossings=())
+    text = _Page(render_report(scan._replace(weld=weld))).text
+    assert "No weld was found." in text and "The pipe has one" in text
+    d = scan.description
+    bare = d._replace(world=d.world.model_copy(update={"weld": None}))
+    text = _Page(render_report(scan._replace(weld=weld, description=bare))).text
+    assert "The pipe has none" in text
+
+
+def test_contact_lost_is_drawn(scan: RunResult) -> None:
+    samples = scan.samples.copy()
+    scanning = [i for i, p in enumerate(scan.phases) if p.name == "scan"]
+    lost = np.flatnonzero(np.isin(samples["phase"], scanning))[100:200]
+    samples["f_normal"][lost] = 0.0
+    samples["gap_max"][lost] = samples["gap"][lost] = 0.002
+    drawn = _figure_text(render_report(scan._replace(samples=samples)))
+    assert "no contact force" in drawn
+
+
+def test_truth_as_estimator_is_admitted(flight: RunResult) -> None:
+    assert "simulator's truth" not in _Page(render_report(flight)).text
+    d = flight.description
+    mission = d.mission.model_copy(update={"estimator": "truth"})
+    text = _Page(render_report(flight._replace(description=d._replace(mission=mission)))).text
+    assert "fed the simulator's truth" in text
+
+
+def test_unwritable_directory_is_one_line(flight: RunResult, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"cannot write .*report\.html"):
+        write_report(flight._replace(directory=tmp_path / "missing"))
+
+
+def test_figure_that_a_run_cannot_have(flight: RunResult, tmp_path: Path) -> None:
+    assert FIGURES["weld_map"](flight) is None
+    with pytest.raises(InputError, match="nothing to draw"):
+        write_png(FIGURES["weld_map"], flight, tmp_path / "map.png")
+    write_png(FIGURES["flight_path"], flight, tmp_path / "path.png")
+    assert (tmp_path / "path.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_tip_errors_split_along_and_across_the_surface(scan: RunResult) -> None:
+    along, out = series.compute_tip_errors(scan.samples)
+    known = np.isfinite(along)
+    error = scan.samples["p_WT"] - scan.samples["ref_p_WT"]
+    size = np.linalg.norm(error, axis=1)
+    assert np.allclose(np.hypot(along, out)[known], size[known])
+    scanning = [i for i, p in enumerate(scan.phases) if p.name == "scan"]
+    on = np.isin(scan.samples["phase"], scanning)
+    rms = 1e3 * math.sqrt(float(np.mean(along[on] ** 2)))
+    assert rms == pytest.approx(scan.metrics["tip.tangential_rms_mm"], rel=1e-9)
+    assert np.median(out[on]) == pytest.approx(scan.plan.depth_m, rel=0.1)
+
+
+@given(
+    hnp.arrays(
+        np.float64, st.integers(0, 3000), elements=st.floats(-1e6, 1e6) | st.just(float("nan"))
+    ),
+    st.integers(1, 50),
+)
+def test_thinned_line_keeps_every_extreme(y: np.ndarray, columns: int) -> None:
+    t = np.arange(len(y), dtype=float)
+    t_thin, y_thin = thin(t, y, columns)
+    assert np.all(np.diff(t_thin) > 0)
+    assert np.array_equal(y_thin, y[t_thin.astype(int)], equal_nan=True)
+    if np.isfinite(y).any():
+        assert np.nanmax(y_thin) == np.nanmax(y) and np.nanmin(y_thin) == np.nanmin(y)
+    assert np.isnan(y_thin).any() == np.isnan(y).any()
+    assert len(y_thin) <= max(4 * columns, 3 * columns + len(y) // columns + 1)
+
+
+def test_phases_are_clipped_to_the_window(scan: RunResult) -> None:
+    spans = clip_phases(scan.phases, 2.0, 4.0)
+    assert spans[0].start == 2.0 and spans[-1].end == 4.0
+    assert clip_phases(scan.phases, 1e4, 2e4) == []
+    assert isinstance(spans[0], Span)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (4.0, "4"), (0.06447, "0.0645"), (12345.6, "12346"), (None, "–"),
+     (math.nan, "–"), ("observer", "observer"), (True, "True")],
+)  # fmt: skip
+def test_numbers_are_short(value: object, text: str) -> None:
+    assert format_value(value) == text
+
+
+# --- progress ----------------------------------------------------------------------------------
+
+
+def _watch(progress: Progress, flight: RunResult) -> None:
+    progress.on_plan(flight.plan, flight.description)
+    for t in np.arange(0.0, 5.0, 0.02):
+        progress.on_tick(float(t), "start" if t < 1 else "take_off", None)  # type: ignore[arg-type]
+    progress.close()
+
+
+def test_progress_without_a_terminal_is_one_line_a_phase(flight: RunResult) -> None:
+    buffer = io.StringIO()
+    _watch(Progress(console=Console(file=buffer, width=80)), flight)
+    lines = buffer.getvalue().splitlines()
+    assert len(lines) == 3
+    assert lines[0].startswith("planned in") and lines[2].split() == ["1.0", "s", "take", "off"]
+
+
+def test_progress_on_a_terminal_tells_phase_and_factor(flight: RunResult) -> None:
+    buffer = io.StringIO()
+    _watch(Progress(console=Console(file=buffer, width=100, force_terminal=True)), flight)
+    assert "x real time" in buffer.getvalue() and "start" in buffer.getvalue()
+    buffer = io.StringIO()
+    _watch(Progress(quiet=True, console=Console(file=buffer, force_terminal=True)), flight)
+    assert buffer.getvalue() == ""
+
+
+def test_cache_of_compiled_code_is_recognised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = tmp_path / "cold_module.py"
+    source.write_text(
+        "from numba import njit\n@njit(cache=True)\ndef add(a, b):\n    return a + b\n"
+    )
+
+    def load() -> object:
+        spec = importlib.util.spec_from_file_location("cold_module", source)
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "cold_module", module)
+        spec.loader.exec_module(module)
+        return module.add
+
+    add = load()
+    assert not is_cached(add)
+    assert add(1, 2) == 3  # type: ignore[operator]
+    assert is_cached(add)
+    assert is_cached(load())  # from disk, as a second process finds it
+
+
+# --- still pictures ----------------------------------------------------------------------------
+
+
+def _ball(radius: float, centre: tuple[float, float, float], colour: tuple[float, ...]) -> Item:
+    u, v = np.meshgrid(np.linspace(0, math.pi, 25), np.linspace(0, 2 * math.pi, 49), indexing="ij")
+    p = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)], axis=-1)
+    n = 49
+    i, j = (x.ravel() for x in np.meshgrid(np.arange(24), np.arange(48), indexing="ij"))
+    a = i * n + j
+    faces = np.concatenate(
+        [np.column_stack([a, a + n, a + 1]), np.column_stack([a + 1, a + n, a + n + 1])]
+    )
+    vertices = radius * p.reshape(-1, 3) + np.array(centre)
+    return Item(vertices, faces, np.broadcast_to(np.array(colour), vertices.shape))
+
+
+EYE = Camera(np.array([-4.0, 0.0, 5.0]), np.array([0.0, 0.0, 5.0]), math.radians(30.0))
+
+
+def _red(image: np.ndarray) -> np.ndarray:
+    return (image[..., 0] > 1.5 * image[..., 1]) & (image[..., 0] > 30)
+
+
+def test_ball_is_drawn_where_perspective_puts_it() -> None:
+    image = render_scene([_ball(0.3, (0.0, 0.0, 5.0), (1.0, 0.05, 0.05))], EYE, 120, 90)
+    shape = _red(image)
+    # the silhouette of a ball: a circle of angular radius asin(r / d)
+    radius = math.tan(math.asin(0.3 / 4.0)) * 45 / math.tan(math.radians(15.0))
+    assert np.count_nonzero(shape) == pytest.approx(math.pi * radius**2, rel=0.06)
+    rows, columns = np.nonzero(shape)
+    assert rows.mean() == pytest.approx(44.5, abs=0.6)
+    assert columns.mean() == pytest.approx(59.5, abs=0.6)
+
+
+def test_what_is_nearer_hides_what_is_behind() -> None:
+    near, far = _ball(0.3, (0.0, 0.0, 5.0), (1.0, 0.05, 0.05)), _ball(0.2, (1, 0, 5), (0, 0, 1.0))
+    for items in ([near, far], [far, near]):
+        image = render_scene(items, EYE, 60, 45)
+        assert _red(image)[22, 30]
+    glass = near._replace(opacity=0.5)
+    pixel = render_scene([far, glass], EYE, 60, 45)[22, 30]
+    assert pixel[0] > 60 and pixel[2] > 60  # both show
+
+
+def test_shadow_falls_on_the_ground_away_from_the_sun() -> None:
+    eye = Camera(np.array([0.01, 0.0, 8.0]), np.array([0.0, 0.0, 0.0]), math.radians(40.0))
+    ball = _ball(0.3, (0.0, 0.0, 0.8), (1.0, 0.05, 0.05))
+    image = render_scene([ball], eye, 120, 120).astype(int)
+    free = ~_red(image)
+    dark = free & (image.sum(axis=2) < image[2, 2].sum() - 60)
+    assert dark.sum() > 50
+    # the sun stands at -x, -y: seen from above with x up (towards the far side), shadow at +x, +y
+    rows, columns = np.nonzero(dark)
+    assert abs(rows.mean() - 60) + abs(columns.mean() - 60) > 8
