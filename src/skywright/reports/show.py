@@ -4,50 +4,44 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from skywright.core.rotations import rot_z
 from skywright.missions.loader import Description
 from skywright.missions.lookup import Subject
 from skywright.missions.spec import Scan
-from skywright.models.rigid_body import build_body_model, compute_body, posture
+from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.models.scene import support_posts
+from skywright.planning.patterns import SIDES, build_pattern
 from skywright.reports.outlines import (
     Outline,
     move,
-    outline_arm,
     outline_box,
     outline_pipe,
     outline_robot,
     surface_curve,
 )
+from skywright.reports.show_robot import draw_robot, pad_joints
+from skywright.reports.show_style import (
+    SIDE,
+    STYLES,
+    TOP,
+    draw_dimension,
+    draw_parts,
+    label_axes,
+)
 from skywright.robots.spec import Robot
 from skywright.worlds.spec import Pipe, Weld, World
+from skywright.worlds.surface import build_cylinder
+from skywright.worlds.surface import surface_point as compute_surface_point
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-TOP, SIDE = (0, 1), (0, 2)
-"""Which coordinates a view shows: x and y seen from above, x and z seen from the side."""
-
-STYLES: dict[str, dict[str, Any]] = {
-    "disc": {"color": "#4477aa", "lw": 1.2, "alpha": 0.9},
-    "spoke": {"color": "#777777", "lw": 2.0},
-    "hub": {"color": "#555555", "lw": 1.0},
-    "gear": {"color": "#999999", "lw": 1.0},
-    "arm": {"color": "#cc3311", "lw": 4.0, "solid_capstyle": "round"},
-    "probe": {"color": "#ee7733", "lw": 3.0, "solid_capstyle": "round"},
-    "pipe": {"color": "#8a8a8a", "lw": 0.6},
-    "post": {"color": "#8a8a8a", "lw": 5.0, "alpha": 0.6},
-    "box": {"color": "#aa8866", "lw": 1.0},
-    "weld": {"color": "#222222", "lw": 2.0},
-    "sector": {"color": "#009988", "lw": 1.6},
-    "path": {"color": "#009988", "lw": 1.4, "ls": "--"},
-}
 
 
 def write_show_figure(subject: Subject, path: Path) -> None:
@@ -71,68 +65,6 @@ def _figure(columns: int, title: str, width: float) -> tuple[Figure, list[Axes]]
     FigureCanvasAgg(figure)
     figure.suptitle(title)
     return figure, list(np.atleast_1d(figure.subplots(1, columns)))
-
-
-def _draw(ax: Axes, parts: list[Outline], view: tuple[int, int], **override: Any) -> None:
-    for part in parts:
-        style = {**STYLES[part.part], **override}
-        x, y = part.points[:, view[0]], part.points[:, view[1]]
-        ax.plot(x, y, **style)
-        if part.filled:
-            ax.fill(x, y, color=style["color"], alpha=0.12, lw=0)
-
-
-def _label(ax: Axes, view: tuple[int, int], title: str, frame: str) -> None:
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.set_title(title, fontsize=10)
-    ax.set_xlabel(f"x in {frame} (m)")
-    ax.set_ylabel(f"{'xyz'[view[1]]} in {frame} (m)")
-    ax.grid(True, lw=0.3, alpha=0.6)
-
-
-def draw_robot(robot: Robot) -> Figure:
-    """Draw a robot from above and from the side, arm at work and folded."""
-    figure, axes = _figure(2, _title(robot.name, robot.description), 11.5)
-    working, folded = posture(robot, "working"), posture(robot, "folded")
-    model = build_body_model(robot)
-    for ax, view in zip(axes, (TOP, SIDE), strict=True):
-        _draw(ax, outline_arm(robot, folded), view, alpha=0.35)
-        _draw(ax, outline_robot(robot, working), view)
-        _, com, _ = compute_body(model, _pad(working))
-        ax.plot(com[view[0]], com[view[1]], "kP", ms=8, zorder=5)
-        ax.annotate(
-            "centre of mass", (com[view[0]], com[view[1]]), (6, 8), fontsize=8,
-            textcoords="offset points",
-        )  # fmt: skip
-        _label(ax, view, "", "B")
-    r = robot.rotors
-    top, side = axes
-    for i, azimuth in enumerate(np.radians(r.azimuth_deg)):
-        spot = r.radius_m * np.array([math.cos(azimuth), math.sin(azimuth)])
-        name = f"{i}\n{r.spin[i]}"
-        if r.alpha_deg[i] or r.beta_deg[i]:
-            name += f"\n{r.alpha_deg[i]:+g}/{r.beta_deg[i]:+g} deg"
-        box = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.7}
-        top.text(spot[0], spot[1], name, ha="center", va="center", fontsize=7, bbox=box)
-    top.set_title("from above (front to the right): rotor, spin, tilt alpha/beta", fontsize=10)
-    ground = -robot.platform.gear_height_m
-    side.axhline(ground, color="#bbaa88", lw=1.5, label="ground when landed")
-    side.set_title("from the right side (front to the right)", fontsize=10)
-    if robot.arm is not None:
-        side.plot([], [], **STYLES["arm"], label="arm at work")
-        side.plot([], [], **{**STYLES["arm"], "alpha": 0.35}, label="arm folded")
-    if robot.probe is not None:
-        side.plot([], [], **STYLES["probe"], label="probe")
-    side.legend(fontsize=8, loc="lower right")
-    return figure
-
-
-def _pad(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    from skywright.core.types import MAX_JOINTS
-
-    out = np.zeros(MAX_JOINTS)
-    out[: len(q)] = q
-    return out
 
 
 def _world_parts(world: World) -> list[Outline]:
@@ -183,10 +115,27 @@ def _draw_wind(ax: Axes, world: World) -> None:
 def _draw_scene(axes: list[Axes], world: World, extra: list[Outline]) -> None:
     parts = _world_parts(world)
     for ax, view, title in zip(axes, (TOP, SIDE), ("from above", "from the side"), strict=True):
-        _draw(ax, parts + extra, view)
-        _label(ax, view, title, "W")
+        draw_parts(ax, parts + extra, view)
+        label_axes(ax, view, title, "W")
     axes[1].axhline(0.0, color="#bbaa88", lw=1.5)
     _draw_wind(axes[0], world)
+    if world.pipe is not None:
+        _draw_pipe_size(axes[0], axes[1], world.pipe)
+
+
+def _draw_pipe_size(top: Axes, side: Axes, pipe: Pipe) -> None:
+    """Height, and where the view is square on: length and diameter."""
+    cyl = build_cylinder(pipe)
+    reach = max(cyl.radius, abs(cyl.half_length * cyl.R_WP[0, 1]))
+    x = pipe.x_m + reach + 0.08
+    side.plot([pipe.x_m, x], [pipe.z_m, pipe.z_m], color="#888888", lw=0.6, ls=":")
+    draw_dimension(side, (x, 0.0), (x, pipe.z_m), f"{pipe.z_m:g} m")
+    if math.isclose(abs(cyl.R_WP[1, 1]), 1.0, abs_tol=1e-6):  # along y
+        edge = pipe.y_m + cyl.half_length + 0.07
+        low, high = pipe.x_m - cyl.radius, pipe.x_m + cyl.radius
+        draw_dimension(top, (low, edge), (high, edge), f"{pipe.diameter_m:g} m")
+        ends = (pipe.y_m - cyl.half_length, pipe.y_m + cyl.half_length)
+        draw_dimension(top, (high + 0.07, ends[0]), (high + 0.07, ends[1]), f"{pipe.length_m:g} m")
 
 
 def draw_world(world: World) -> Figure:
@@ -204,21 +153,28 @@ def draw_world(world: World) -> Figure:
 
 
 def draw_mission(description: Description) -> Figure:
-    """Draw a mission: the robot at its start, the world, way-points or the sector to scan."""
+    """Draw a mission: world, robot at its start and at work, way-points or the scan's path."""
     mission, world, robot = description.mission, description.world, description.robot
     columns = 2 if world.pipe is None or mission.scan is None else 3
     figure, axes = _figure(columns, _title(mission.name, mission.description), 5.2 * columns)
+    yaw = math.radians(mission.start_yaw_deg)
     start = np.array([mission.start_x_m, mission.start_y_m, robot.platform.gear_height_m])
-    parts = outline_robot(robot, posture(robot, "folded"))
-    extra = move(parts, start, math.radians(mission.start_yaw_deg))
+    extra = move(outline_robot(robot, posture(robot, "folded")), start, yaw)
     hover = start * [1, 1, 0] + [0, 0, mission.hover_height_m]
-    points = [start, hover]
     if mission.kind == "waypoints":
-        points += [np.array([w.x_m, w.y_m, w.z_m]) for w in mission.waypoints]
+        points = [start, hover] + [np.array([w.x_m, w.y_m, w.z_m]) for w in mission.waypoints]
         extra.append(Outline(np.array(points), "path"))
     if mission.scan is not None and world.pipe is not None:
-        edge_s, edge_phi = sector_edge(mission.scan)
-        extra.append(Outline(surface_curve(world.pipe, edge_s, edge_phi), "sector"))
+        s, phi = scan_path(mission.scan, world.pipe)
+        if len(s) > 1:
+            extra.append(Outline(surface_curve(world.pipe, s, phi), "scan"))
+        ghost = _place_at_work(robot, world.pipe, mission.scan)
+        if ghost is not None:
+            place, heading = ghost
+            extra.append(Outline(np.array([start, hover, place]), "path"))
+            body = move(outline_robot(robot, posture(robot, "working")), place, heading)
+            for ax, view in zip(axes, (TOP, SIDE), strict=False):
+                draw_parts(ax, body, view, alpha=0.35)
         _draw_unrolled(axes[2], world.pipe, world.weld, mission.scan)
     _draw_scene(axes[:2], world, extra)
     for ax, view in zip(axes, (TOP, SIDE), strict=False):
@@ -228,19 +184,44 @@ def draw_mission(description: Description) -> Figure:
             ax.annotate(
                 f"{i}", (p[view[0]], p[view[1]]), (5, 5), fontsize=9, textcoords="offset points"
             )
-    what = "way-points (green)" if mission.waypoints else "sector to scan (green)"
-    axes[0].set_title(f"from above: robot at its start, {what}", fontsize=10)
+    what = "way-points" if mission.waypoints else "way and scan"
+    axes[0].set_title(f"from above: robot at its start, {what} (green)", fontsize=10)
     return figure
 
 
-def sector_edge(scan: Scan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Edge of the scanned sector as (s, phi), closed."""
-    centres = {"side": 0.0, "top": 90.0, "underside": -90.0, "angle": scan.centre_angle_deg}
-    middle, half = math.radians(centres[scan.side]), math.radians(scan.arc_deg) / 2
-    low, high = scan.centre_s_m - scan.pass_length_m / 2, scan.centre_s_m + scan.pass_length_m / 2
-    sweep = np.linspace(middle - half, middle + half, 31)
-    s = np.concatenate([np.full(31, low), np.full(31, high), [low]])
-    return s, np.concatenate([sweep, sweep[::-1], sweep[:1]])
+def _place_at_work(
+    robot: Robot, pipe: Pipe, scan: Scan
+) -> tuple[NDArray[np.float64], float] | None:
+    """Position and heading of the level platform with the probe square on the scan's middle.
+
+    None where a level platform in working posture cannot point the probe there (top, underside).
+    """
+    if robot.probe is None:
+        return None
+    middle = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
+    cyl = build_cylinder(pipe)
+    tip, normal = np.zeros(3), np.zeros(3)
+    compute_surface_point(cyl, scan.centre_s_m, middle, tip, normal)
+    p_BT, R_BT = compute_tip(build_body_model(robot), pad_joints(posture(robot, "working")))
+    heading = math.atan2(-normal[1], -normal[0]) - math.atan2(R_BT[1, 2], R_BT[0, 2])
+    R = rot_z(heading)
+    if float(R @ R_BT[:, 2] @ normal) > -0.95:
+        return None
+    return tip - R @ p_BT, heading
+
+
+def scan_path(scan: Scan, pipe: Pipe) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The scan's path as (s, phi), n points; empty where the pattern does not fit on the pipe."""
+    centre = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
+    corners = build_pattern(
+        scan.pattern, 0.5 * pipe.diameter_m, 0.5 * pipe.length_m, centre,
+        math.radians(scan.arc_deg), scan.passes, scan.pass_length_m, scan.centre_s_m,
+    ).corners  # fmt: skip
+    if len(corners) < 2:
+        return np.zeros(0), np.zeros(0)
+    u = np.linspace(0.0, len(corners) - 1.0, 40 * (len(corners) - 1) + 1)
+    index = np.arange(len(corners))
+    return np.interp(u, index, corners[:, 0]), np.interp(u, index, corners[:, 1])
 
 
 def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, scan: Scan | None) -> None:
@@ -260,8 +241,13 @@ def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, scan: Scan | None) -
         s, phi = _weld_curve(pipe, weld)
         ax.plot(s, phi * radius, **STYLES["weld"], label=f"weld, {weld.angle_deg:g} deg")
     if scan is not None:
-        s, phi = sector_edge(scan)
-        ax.plot(s, phi * radius, **STYLES["sector"], label="sector to scan")
+        s, phi = scan_path(scan, pipe)
+        label = f"{scan.pattern}, {scan.passes} passes" if scan.pattern != "line" else "line"
+        if len(s) > 1:
+            ax.plot(s, phi * radius, **STYLES["scan"], label=label)
+            ax.plot(s[0], phi[0] * radius, "o", color="#009988", ms=5, label="its start")
+        else:
+            ax.text(0.5, 0.5, "the pattern does not fit", transform=ax.transAxes, ha="center")
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_title("pipe's surface, unrolled (angle at yaw 0)", fontsize=10)
     ax.set_xlabel("s along the axis (m)")
