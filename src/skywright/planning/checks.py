@@ -121,7 +121,7 @@ def check_clearance(
         if d2 < d:
             d, pair = d2, pair2
     found[0], found[1], found[2] = d, margin, pair
-    if d < margin:
+    if not d >= margin:
         return d, False
     own, pair = query_self(prob.clearance, prob.limits.margin_self)
     if pair >= 0:

@@ -237,8 +237,9 @@ def compute_thrusts(
     """Fill the thrusts (n,) N of the needed wrench plus wind drag; return (margin, rotor).
 
     margin is the distance of the worst rotor to its nearer limit as a fraction of the usable
-    range, negative outside. Robots without independent lateral force tilt to make it: their
-    thrust along z_B counts with the size of the whole force.
+    range, negative outside (minus infinity where a thrust is not a number). Robots without
+    independent lateral force tilt to make it: their thrust along z_B counts with the size of the
+    whole force.
     """
     _add_wind(loads, R_WB, v_W, w_B, f, t)
     n = thrust.shape[0]
@@ -252,6 +253,8 @@ def compute_thrusts(
         p = loads.P[i]
         x = p[0] * fx + p[1] * fy + p[2] * fz + p[3] * t[0] + p[4] * t[1] + p[5] * t[2]
         thrust[i] = x
+        if not np.isfinite(x):
+            return -np.inf, i
         room = min(x - loads.t_min[i], loads.t_max[i] - x) / (loads.t_max[i] - loads.t_min[i])
         if room < margin:
             margin, worst = room, i

@@ -193,7 +193,7 @@ def simulate_surface(
                 err += (row.p_WT[i] - target.p[i]) ** 2
                 along += row.R_WT[i, 2] * target.z[i]
             tr.task_error = math.sqrt(err)
-            if tr.task_error > lim.task_error or along < math.cos(lim.axis_error):
+            if not (tr.task_error <= lim.task_error and along >= math.cos(lim.axis_error)):
                 found[0], found[1], found[2] = tr.task_error, lim.task_error, -1
                 return TASK, i_row + 1
             code = check_dynamics(prob, state, u, f_tip, tr, found)

@@ -106,9 +106,9 @@ def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...])
     if f.code == MOTOR:
         return f"motor of {name} needs {abs(f.value):.2f} rad/s > {f.limit:.2f} rad/s{where}"
     if f.code == SPEED:
-        return f"platform speed {f.value:.2f} m/s > {f.limit:.2f} m/s{where}"
+        return f"platform speed {f.value:.3f} m/s > {f.limit:.3f} m/s{where}"
     if f.code == ACCELERATION:
-        return f"platform acceleration {f.value:.2f} m/s^2 > {f.limit:.2f} m/s^2{where}"
+        return f"platform acceleration {f.value:.3f} m/s^2 > {f.limit:.3f} m/s^2{where}"
     if f.code == TILT:
         at, limit = math.degrees(f.value), math.degrees(f.limit)
         return f"platform tilt {at:.1f} deg > {limit:.1f} deg{where}"

@@ -39,6 +39,8 @@ SETTLE = 2.0
 """s of rest in contact before sliding: the attitude error of touch-down vanishes (section VII)."""
 PAUSE = 0.5
 """s of rest at each corner."""
+RETREATS = (0.2, 0.35, 0.55)
+"""m beyond the stand-off at which the arm is unfolded and folded: the first that fits."""
 
 
 class Statistics(NamedTuple):
@@ -206,15 +208,15 @@ def _connect(
     """Add the motions before and after the scan; return the segments or what blocks them."""
     last = scan[-1].edge.state
     a, b = scan[0].start, scan[-1].end
-    message = "approach"
-    for distance in (0.25, 0.4, 0.6):
-        edges, message = _arrive(search, first, a, distance, start, q_folded)
+    task, message = search.task, ""
+    for distance in RETREATS:
+        edges, message = _arrive(search, first, a, task.stand_off + distance, start, q_folded)
         if edges:
             break
     else:
         return {}, message
-    for distance in (0.25, 0.4, 0.6):
-        depart, message = _depart(search, last, b, distance, home, q_folded)
+    for distance in RETREATS:
+        depart, message = _depart(search, last, b, task.stand_off + distance, home, q_folded)
         if depart:
             break
     else:
@@ -246,7 +248,9 @@ def _arrive(
     )  # fmt: skip
     if unfold.failure is not None:
         return {}, search.explain(unfold.failure)
-    law = build_time_law(distance - task.stand_off, task.close_speed, lim.acceleration / 2, 0.5)
+    law = build_time_law(
+        distance - task.stand_off, min(task.close_speed, 0.8 * lim.speed), lim.acceleration / 2, 0.5
+    )
     at = [np.array([s, phi, g]) for g in (distance, task.stand_off, -task.depth)]
     close = plan_surface_edge(
         prob, unfold.state, at[0], at[1], law, yaw, front.q, False, 0.0
@@ -276,12 +280,17 @@ def _depart(
     yaw = math.atan2(last.R[1, 0], last.R[0, 0])
     at = [np.array([s, phi, g]) for g in (-task.depth, task.stand_off, distance)]
     law = build_time_law(
-        task.stand_off + task.depth, 2 * task.touch_speed, lim.acceleration / 4, 0.5
+        task.stand_off + task.depth,
+        min(2 * task.touch_speed, 0.8 * lim.speed),
+        lim.acceleration / 4,
+        0.5,
     )
     lift = plan_surface_edge(prob, last, at[0], at[1], law, yaw, last.q, True, task.dead_zone)
     if lift.failure is not None:
         return {}, search.explain(lift.failure)
-    law = build_time_law(distance - task.stand_off, task.close_speed, lim.acceleration / 2, 0.5)
+    law = build_time_law(
+        distance - task.stand_off, min(task.close_speed, 0.8 * lim.speed), lim.acceleration / 2, 0.5
+    )
     back = plan_surface_edge(prob, lift.state, at[1], at[2], law, yaw, last.q, True, 0.0)
     if back.failure is not None:
         return {}, search.explain(back.failure)

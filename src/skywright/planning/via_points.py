@@ -26,7 +26,14 @@ from skywright.planning.configurations import (
 from skywright.planning.inverse_kinematics import State, wrap
 from skywright.planning.local_planner import Edge, plan_surface_edge
 from skywright.planning.patterns import Pattern, build_time_law
-from skywright.planning.problem import Failure, Problem, describe_failure
+from skywright.planning.problem import (
+    ACCELERATION,
+    MOTOR,
+    SPEED,
+    Failure,
+    Problem,
+    describe_failure,
+)
 from skywright.worlds.surface import surface_point
 
 Array = NDArray[np.float64]
@@ -122,19 +129,25 @@ class Search:
         return [into] if abs(wrap(into - yaw)) > 1e-3 else []
 
     def slide(self, state: State, a: Array, b: Array, end: State) -> Edge:
-        """The tip slides from corner a to corner b, ending in configuration `end`."""
-        radius = self.prob.cylinder.radius
-        length = math.hypot(b[0] - a[0], radius * (b[1] - a[1]))
-        law = build_time_law(length, self.task.speed, self.prob.limits.acceleration / 4,
-                             self.task.ramp)  # fmt: skip
+        """The tip slides from corner a to corner b, ending in configuration `end`.
+
+        Slower where platform or motors would be too fast at the wanted speed of the tip.
+        """
+        lim, task = self.prob.limits, self.task
+        length = math.hypot(b[0] - a[0], self.prob.cylinder.radius * (b[1] - a[1]))
         yaw = math.atan2(end.R[1, 0], end.R[0, 0])
-        d = -self.task.depth
-        edge = plan_surface_edge(
-            self.prob, state, np.array([a[0], a[1], d]), np.array([b[0], b[1], d]), law, yaw,
-            end.q, True, self.task.dead_zone,
-        )  # fmt: skip
-        self.edges += 1
-        self.failed += edge.failure is not None
+        ends = [np.array([x[0], x[1], -task.depth]) for x in (a, b)]
+        for share in (1.0, 0.5, 0.2):
+            law = build_time_law(
+                length, share * task.speed, 0.25 * share * lim.acceleration, task.ramp
+            )
+            edge = plan_surface_edge(
+                self.prob, state, ends[0], ends[1], law, yaw, end.q, True, task.dead_zone
+            )
+            self.edges += 1
+            self.failed += edge.failure is not None
+            if edge.failure is None or edge.failure.code not in (SPEED, ACCELERATION, MOTOR):
+                break
         return edge
 
     def grow(self, start: State) -> tuple[list[Slide], Failure | None]:
