@@ -1,0 +1,280 @@
+"""The MCAP container (mcap.dev/spec): whole chunks out, and everything readable in.
+
+The `mcap` package serialises the records; its own writer takes one message at a time, which costs
+about ten times what our batches cost, so the chunks and their indexes are put together here.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+import zstandard
+from mcap import records
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.stream_reader import get_chunk_data_stream
+from numpy.typing import NDArray
+
+from skywright.errors import InputError
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of what follows
+MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # record header, channel, sequence, log and publish time
+_MESSAGE_START = MESSAGE_HEADER.size - RECORD_HEADER.size
+COMPRESSION_LEVEL = -3  # zstd's fast levels: half the time of level 1 for a tenth more bytes
+_MAX_CHUNK = 1 << 30  # bytes; a larger size in a chunk's header is damage
+
+
+class McapWriter:
+    """Writes an MCAP file with the profile `ros2`; every call reaches the operating system.
+
+    The file can be read up to the last call if the process dies before `finish`.
+    """
+
+    def __init__(self, stream: BinaryIO, library: str) -> None:
+        self._stream = stream
+        self._offset = 0
+        self._schemas: list[records.Schema] = []
+        self._channels: list[records.Channel] = []
+        self._chunks: list[records.ChunkIndex] = []
+        self._attachments: list[records.AttachmentIndex] = []
+        self._metadata: list[records.MetadataIndex] = []
+        self._counts: dict[int, int] = {}
+        self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
+        self._write(MAGIC + _serialise(records.Header("ros2", library)))
+
+    def add_channel(self, topic: str, schema_name: str, schema: str) -> int:
+        """Add a channel of CDR messages with a `ros2msg` schema; returns its id (1, 2, ...)."""
+        data = schema.encode()
+        known = next((s for s in self._schemas if s.name == schema_name), None)
+        if known is None:
+            known = records.Schema(len(self._schemas) + 1, data, "ros2msg", schema_name)
+            self._schemas.append(known)
+            self._write(_serialise(known))
+        assert known.data == data
+        channel = records.Channel(len(self._channels) + 1, topic, "cdr", {}, known.id)
+        self._channels.append(channel)
+        self._counts[channel.id] = 0
+        self._write(_serialise(channel))
+        return channel.id
+
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Add a named table of texts."""
+        data = _serialise(records.Metadata(name, values))
+        self._metadata.append(records.MetadataIndex(self._offset, len(data), name))
+        self._write(data)
+
+    def add_attachment(self, name: str, data: bytes, media_type: str) -> None:
+        """Add a file."""
+        record = _serialise(records.Attachment(0, 0, name, media_type, data))
+        self._attachments.append(
+            records.AttachmentIndex(self._offset, len(record), 0, 0, len(data), name, media_type)
+        )
+        self._write(record)
+
+    def add_chunk(self, data: Any, times: NDArray[Any], offsets: dict[int, NDArray[Any]]) -> None:
+        """Add a chunk of message records.
+
+        `data` holds the records (any bytes-like object), `times` (n,) the log times in ns, and
+        `offsets` for every channel the (n,) offsets of its records in `data`.
+        """
+        compressed = self._compressor.compress(data)
+        size = memoryview(data).nbytes
+        start, end = int(times.min()), int(times.max())
+        chunk = _serialise(records.Chunk("zstd", compressed, end, start, zlib.crc32(data), size))
+        index_start = self._offset + len(chunk)
+        index = bytearray()
+        index_offsets = {}
+        entries = np.empty((len(times), 2), "<u8")
+        entries[:, 0] = times
+        for channel, places in offsets.items():
+            entries[:, 1] = places
+            index_offsets[channel] = index_start + len(index)
+            body = struct.pack("<HI", channel, entries.nbytes) + entries.tobytes()
+            index += RECORD_HEADER.pack(Opcode.MESSAGE_INDEX, len(body)) + body
+            self._counts[channel] += len(times)
+        self._chunks.append(
+            records.ChunkIndex(
+                chunk_length=len(chunk),
+                chunk_start_offset=self._offset,
+                compression="zstd",
+                compressed_size=len(compressed),
+                message_end_time=end,
+                message_index_length=len(index),
+                message_index_offsets=index_offsets,
+                message_start_time=start,
+                uncompressed_size=size,
+            )
+        )
+        self._write(chunk + index)
+
+    def finish(self) -> None:
+        """Write the summary, which lets readers find chunks by topic and time, and the end."""
+        self._write(_serialise(records.DataEnd(0)))
+        start = self._offset
+        summary = bytearray()
+        groups: list[records.SummaryOffset] = []
+        statistics = records.Statistics(
+            attachment_count=len(self._attachments),
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunks),
+            message_count=sum(self._counts.values()),
+            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
+            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
+        parts: list[tuple[Opcode, list[Any]]] = [
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.ATTACHMENT_INDEX, self._attachments),
+            (Opcode.METADATA_INDEX, self._metadata),
+        ]
+        for opcode, group in parts:
+            if group:
+                data = b"".join(map(_serialise, group))
+                groups.append(records.SummaryOffset(opcode, start + len(summary), len(data)))
+                summary += data
+        offset_start = start + len(summary)
+        summary += b"".join(map(_serialise, groups))
+        # The checksum covers the summary and the footer up to the checksum itself.
+        footer = _serialise(records.Footer(start, offset_start, 0))[:-4]
+        crc = zlib.crc32(footer, zlib.crc32(summary))
+        self._write(bytes(summary) + footer + struct.pack("<I", crc) + MAGIC)
+
+    def _write(self, data: bytes | bytearray) -> None:
+        self._stream.write(data)
+        self._stream.flush()
+        self._offset += len(data)
+
+
+def _serialise(record: records.McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    return builder.end()
+
+
+class McapContents(NamedTuple):
+    """What an MCAP file holds: messages of each topic as raw bytes, in the order of the file."""
+
+    messages: dict[str, list[bytes]]
+    metadata: dict[str, dict[str, str]]
+    attachments: dict[str, bytes]
+    complete: bool  # False: cut short (a killed run); everything before the cut is here
+
+
+def read_mcap(path: Path) -> McapContents:
+    """Read a whole MCAP file, also one that was cut at any byte.
+
+    Raises InputError when it cannot be read, is empty or no MCAP file, or, in a file that was
+    finished, when its inside is damaged.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    if not data:
+        raise InputError(f"{path}: is empty; expected an MCAP recording")
+    if data[: len(MAGIC)] != MAGIC[: len(data)]:
+        raise InputError(f"{path}: is no MCAP file")
+    finished = len(data) > 2 * len(MAGIC) and data.endswith(MAGIC)
+    topics: dict[int, str] = {}
+    messages: dict[int, list[bytes]] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    attachments: dict[str, bytes] = {}
+    complete = False
+    position = len(MAGIC)
+    try:
+        for position, opcode, record in _iterate_records(data, len(MAGIC)):  # noqa: B007
+            if opcode == Opcode.CHUNK:
+                _split_messages(_decompress(record), topics, messages)
+            elif opcode == Opcode.CHANNEL:
+                _add_channel(record, topics, messages)
+            elif opcode == Opcode.MESSAGE:  # outside a chunk: not ours, but allowed
+                (channel,) = struct.unpack_from("<H", record)
+                messages[channel].append(bytes(record[_MESSAGE_START:]))
+            elif opcode == Opcode.METADATA:
+                table = records.Metadata.read(ReadDataStream(BytesIO(record)))
+                metadata[table.name] = table.metadata
+            elif opcode == Opcode.ATTACHMENT:
+                attachments.update([_read_attachment(record)])
+            elif opcode == Opcode.DATA_END:  # what follows repeats and indexes what was read
+                complete = finished
+                break
+    except (McapError, zstandard.ZstdError, RuntimeError, KeyError, ValueError, struct.error):
+        pass  # as if it were cut here
+    if finished and not complete:
+        raise InputError(f"{path}: is damaged at byte {position}")
+    by_topic: dict[str, list[bytes]] = {}
+    for channel, parts in messages.items():
+        by_topic.setdefault(topics[channel], []).extend(parts)
+    return McapContents(by_topic, metadata, attachments, complete)
+
+
+def _iterate_records(data: bytes, position: int) -> Iterator[tuple[int, int, memoryview]]:
+    """Yield offset, opcode and content of every whole record."""
+    view = memoryview(data)
+    while position + RECORD_HEADER.size <= len(data):
+        opcode, length = RECORD_HEADER.unpack_from(data, position)
+        end = position + RECORD_HEADER.size + length
+        if end > len(data):
+            return
+        yield position, opcode, view[position + RECORD_HEADER.size : end]
+        position = end
+
+
+def _add_channel(
+    record: memoryview | bytes, topics: dict[int, str], messages: dict[int, list[bytes]]
+) -> None:
+    channel = records.Channel.read(ReadDataStream(BytesIO(record)))
+    topics[channel.id] = channel.topic
+    messages.setdefault(channel.id, [])
+
+
+def _decompress(record: memoryview) -> bytes:
+    """Return the content of a chunk; raises ValueError and others where it is damaged."""
+    chunk = records.Chunk.read(ReadDataStream(BytesIO(record)))
+    if chunk.uncompressed_size > _MAX_CHUNK:
+        raise ValueError("size")
+    # A damaged size in the compressed data itself must not claim all memory.
+    if (
+        chunk.compression == "zstd"
+        and zstandard.frame_content_size(chunk.data) > chunk.uncompressed_size
+    ):
+        raise ValueError("size")
+    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+    if length != chunk.uncompressed_size:
+        raise ValueError("length")
+    return stream.read(length)
+
+
+def _split_messages(data: bytes, topics: dict[int, str], messages: dict[int, list[bytes]]) -> None:
+    """Append every message of a chunk to the list of its channel."""
+    position, end = 0, len(data)
+    unpack, size = struct.Struct("<BQH").unpack_from, RECORD_HEADER.size
+    while position + size < end:
+        opcode, length, channel = unpack(data, position)
+        start = position + size
+        position = start + length
+        if opcode == Opcode.MESSAGE:
+            messages[channel].append(data[start + _MESSAGE_START : position])
+        elif opcode == Opcode.CHANNEL:
+            _add_channel(data[start:position], topics, messages)
+
+
+def _read_attachment(record: memoryview) -> tuple[str, bytes]:
+    (crc,) = struct.unpack("<I", record[-4:])
+    if crc and crc != zlib.crc32(record[:-4]):
+        raise ValueError("attachment")
+    attachment = records.Attachment.read(ReadDataStream(BytesIO(record)))
+    return attachment.name, attachment.data
