@@ -28,6 +28,7 @@ def fly(sets, fault=None):
         on_tick=None if fault is None else lambda t, phase: fault(vehicle, phase),
     )
     flight = supervisor.fly()
+    vehicle.flush()
     return np.concatenate(blocks), supervisor.phases, flight
 
 
@@ -99,6 +100,7 @@ def test_a_plain_python_law_flies(tmp_path):
     vehicle = build_vehicle(d, blocks.append)
     assert vehicle.interactive
     Supervisor(vehicle, d.mission, plan_mission(d), d.robot.platform.gear_height_m).fly()
+    vehicle.flush()
     s = np.concatenate(blocks)
     flying = s[(s["t"] > 6) & (s["t"] < s["t"][-1] - 12)]
     error = np.linalg.norm(flying["p_WB"] - flying["ref_p_WB"], axis=1)

@@ -204,6 +204,7 @@ def _fly(
 
     def flush() -> None:
         nonlocal written
+        vehicle.flush()
         if written < len(blocks):
             writer.append(np.concatenate(blocks[written:]))
             written = len(blocks)

@@ -44,16 +44,9 @@ def measure_loop(folder: Path) -> dict[str, float]:
         joint_names(description.robot),
         len(description.robot.rotors.azimuth_deg),
     )
-    blocks: list[Any] = []
-
-    def record(samples: Any) -> None:
-        blocks.append(samples)
-        if len(blocks) >= 50:  # one second, as a run does
-            writer.append(np.concatenate(blocks))
-            blocks.clear()
-
     _fly_into_contact(vehicle, plan)
-    vehicle.on_samples = record
+    vehicle.flush()
+    vehicle.on_samples = writer.append
     sim = vehicle.sim
     ticks = round(SECONDS / 0.02)
     steps = ticks * vehicle.n_ticks * vehicle.n_steps
@@ -63,6 +56,7 @@ def measure_loop(folder: Path) -> dict[str, float]:
         start = time.perf_counter()
         for _ in range(ticks):
             vehicle.tick()
+        vehicle.flush()
         return time.perf_counter() - start
 
     times: dict[str, list[float]] = {"bare": [], "fast": [], "interactive": []}

@@ -42,7 +42,8 @@ Array = NDArray[np.float64]
 
 MISSION_TICK = 0.02  # s
 SAMPLE_RATE = 100.0  # Hz
-SAMPLES = 16  # room for one mission tick
+SAMPLES = 256  # rows between deliveries
+SAMPLES_A_TICK = 16  # more than one mission tick can write
 LIFT_OFF_THRESHOLD = 15.0  # instrument units (Tognon 2018, section VII)
 
 
@@ -104,6 +105,7 @@ class SimulatedVehicle:
             self.allocator, self.thrust, self.probe_signal,
             0 if law.compiled is None else law.compiled.address,
         )  # fmt: skip
+        self._raw, self._written = self.samples.view(np.uint8), 0
         self.on_samples = on_samples
         # fields that every mission tick reads, as plain arrays
         self._time, self._table_t0 = self.belief["t"], self.belief["table_t0"]
@@ -148,13 +150,21 @@ class SimulatedVehicle:
         if self._block[0] + self.n_ticks > BLOCK:
             self._draw_noise()
         written = self._tick_interactive() if self.interactive else self._tick_fast()
-        if written and self.on_samples is not None:
-            self.on_samples(self.samples[:written].copy())
+        self._written = written
+        if written > SAMPLES - SAMPLES_A_TICK:
+            self.flush()
         fired = int(self._fired[0])
         if fired & NOT_FINITE:
             raise SimulationError(self._explain_not_finite())
         t = float(self._time[0])
         return Ticked(t, fired, t - float(self._table_t0[0]) >= self._table_end - 1e-9)
+
+    def flush(self) -> None:
+        """Deliver the samples taken since the last delivery."""
+        n, self._written = self._written, 0
+        if n and self.on_samples is not None:
+            # as bytes: NumPy copies structured rows field by field
+            self.on_samples(self._raw[: n * SAMPLE.itemsize].copy().view(SAMPLE))
 
     def in_contact(self) -> bool:
         """Whether the instrument's lift-off signal says contact."""
@@ -172,10 +182,11 @@ class SimulatedVehicle:
     # --- the two ways of running ---------------------------------------------------------------
 
     def _tick_fast(self) -> int:
-        return int(mission_tick(self.frame.array, self.n_ticks, self.n_steps))
+        return int(mission_tick(self.frame.array, self.n_ticks, self.n_steps, self._written))
 
     def _tick_interactive(self) -> int:
-        frame, compiled, written = self.frame.array, self.law.compiled is not None, 0
+        frame, compiled = self.frame.array, self.law.compiled is not None
+        written = self._written
         for _ in range(self.n_ticks):
             tick_before_law(frame)
             if compiled:

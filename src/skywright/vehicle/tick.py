@@ -267,13 +267,12 @@ def tick_after_law(frame: Array, n_samples: int) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def mission_tick(frame: Array, n: int, n_steps: int) -> int:
+def mission_tick(frame: Array, n: int, n_steps: int, n_samples: int) -> int:
     """Run up to `n` control ticks of `n_steps` physics steps each; stop when a guard fires.
 
-    Returns the number of samples written.
+    Samples are written from row `n_samples` on; returns how many rows are filled then.
     """
     v = open_frame(frame)
-    n_samples = 0
     for _ in range(n):
         before_law(
             v.b[0], v.pl[0], v.g[0], v.model[0], v.kin[0], v.table,
