@@ -110,9 +110,11 @@ def describe_outcome(result: RunResult) -> str:
     if not total:
         return f"{did}. The mission sets no requirement."
     if failed:
+        verb = "requirement" if total == 1 else "requirements"
         names = ", ".join(r.name for r in failed)
-        return f"{did}. {len(failed)} of {total} requirements failed: {names}."
-    return f"{did}. All {total} requirements were met."
+        return f"{did}. {len(failed)} of {total} {verb} failed: {names}."
+    which = {1: "The requirement was", 2: "Both requirements were"}
+    return f"{did}. {which.get(total, f'All {total} requirements were')} met."
 
 
 def list_metrics(result: RunResult) -> list[Row]:
@@ -172,22 +174,32 @@ def list_conditions(result: RunResult) -> list[Row]:
     wind = "none"
     if w.wind.kind != "none":
         wind = f"{w.wind.kind}, {w.wind.mean_mps:g} m/s toward {w.wind.toward_deg:g} deg"
-    return [
+    rows = [
         Row("control law", m.law or c.law or choose_law(d.robot)),
         Row("estimator", "the simulator's truth" if m.estimator == "truth" else m.estimator),
-        Row("position bandwidth", f"{c.position_bandwidth_rad_s:g} rad/s",
-            f"damping {c.position_damping:g}, integral {c.position_integral_rad_s:g} rad/s"),
-        Row("attitude bandwidth", f"{c.attitude_bandwidth_rad_s:g} rad/s",
-            f"damping {c.attitude_damping:g}, integral {c.attitude_integral_rad_s:g} rad/s"),
+        Row(
+            "position bandwidth",
+            f"{c.position_bandwidth_rad_s:g} rad/s",
+            f"damping {c.position_damping:g}, integral {c.position_integral_rad_s:g} rad/s",
+        ),
+        Row(
+            "attitude bandwidth",
+            f"{c.attitude_bandwidth_rad_s:g} rad/s",
+            f"damping {c.attitude_damping:g}, integral {c.attitude_integral_rad_s:g} rad/s",
+        ),
         Row("arm bandwidth", f"{c.arm_bandwidth_rad_s:g} rad/s"),
         Row("observer bandwidth", f"{c.observer_bandwidth_rad_s:g} rad/s"),
         Row("control rate", f"{c.rate_hz:g} Hz"),
-        Row("motion capture", f"{w.mocap.rate_hz:g} Hz",
-            f"latency {1e3 * w.mocap.latency_s:g} ms, noise {1e3 * w.mocap.position_noise_m:g} mm"),
+        Row(
+            "motion capture",
+            f"{w.mocap.rate_hz:g} Hz",
+            f"latency {1e3 * w.mocap.latency_s:g} ms, noise {1e3 * w.mocap.position_noise_m:g} mm",
+        ),
         Row("wind", wind),
         Row("way of running", m.mode),
         Row("seed", str(m.seed)),
-    ]  # fmt: skip
+    ]
+    return [r for r in rows if d.robot.arm is not None or r.name != "arm bandwidth"]
 
 
 def choose_law(robot: Robot) -> str:

@@ -14,7 +14,7 @@ from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT, compute_
 from skywright.inspection.eddy_current import Instrument
 from skywright.inspection.weld import detect_contact
 from skywright.reports.figures.paths import select_scan, unroll_points
-from skywright.reports.figures.style import LIMIT, WIDTH, new_figure
+from skywright.reports.figures.style import LIMIT, WIDTH, new_figure, new_map
 from skywright.reports.weld_map import draw_impedance_plane, draw_weld_map, draw_weld_signal
 
 if TYPE_CHECKING:
@@ -23,16 +23,15 @@ if TYPE_CHECKING:
 
 CELL = 0.008  # m, of the contact map
 
-MAP_WIDTH = 7.4
-"""Inches; maps are nearly square and need less than the page's width."""
-
 
 def draw_map(result: RunResult) -> Figure | None:
     """Weld signal on the unrolled pipe with the true and the estimated line."""
     if result.weld is None:
         return None
-    figure = new_figure(MAP_WIDTH, 5.7)
-    ax = figure.add_axes((0.1, 0.16, 0.86, 0.82), anchor="NW")
+    seen = np.isfinite(result.weld.s + result.weld.c)
+    if not seen.any():
+        return None
+    figure, ax = new_map(result.weld.s[seen], result.weld.c[seen], 0.2, below=0.85, right=0.65)
     draw_weld_map(ax, result.weld, result.description.world.weld)
     ax.grid(False)
     return figure

@@ -21,6 +21,7 @@ from skywright.reports.figures.style import (
     RED,
     WIDTH,
     new_figure,
+    new_map,
 )
 from skywright.reports.outlines import Outline, move, outline_box, outline_pipe, outline_robot
 from skywright.worlds.surface import build_cylinder
@@ -58,10 +59,9 @@ def draw_tip_path(result: RunResult) -> Figure | None:
     s = select_scan(result)
     if len(s) < 2 or result.description.world.pipe is None:
         return None
-    figure = new_figure(7.4, 5.2)
-    ax = figure.add_axes((0.1, 0.11, 0.88, 0.76), anchor="NW")
     s_des, c_des = unroll_points(result, s["ref_p_WT"])
     s_true, c_true = unroll_points(result, s["p_WT"])
+    figure, ax = new_map(np.concatenate([s_des, s_true]), np.concatenate([c_des, c_true]), 0.75)
     ax.plot(1e3 * s_des, 1e3 * c_des, color=GREEN, lw=4, alpha=0.45, label="desired tip")
     ax.plot(1e3 * s_true, 1e3 * c_true, color=BLUE, lw=1.1, label="actual tip")
     ax.plot(1e3 * s_true[0], 1e3 * c_true[0], "o", color=BLACK, ms=6, label="start")

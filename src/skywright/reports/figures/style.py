@@ -84,6 +84,21 @@ def new_figure(width: float = WIDTH, height: float = 4.0) -> Figure:
     return figure
 
 
+def new_map(
+    s: Array, c: Array, above: float, below: float = 0.5, right: float = 0.15
+) -> tuple[Figure, Axes]:
+    """Return a figure as high as a map of (s, c) with equal scales needs; margins in inches."""
+    width, left = 7.4, 0.75
+    across, up = float(np.ptp(s)), float(np.ptp(c))
+    room = 0.12 * max(across, up, 1e-3)
+    inner = width - left - right
+    height = min(max(inner * (up + room) / (across + room), 1.2), 7.0)
+    total = height + above + below
+    figure = new_figure(width, total)
+    box = (left / width, below / total, inner / width, height / total)
+    return figure, figure.add_axes(box, anchor="NW")
+
+
 def render_svg(figure: Figure) -> bytes:
     """Return the figure as SVG with real text; point clouds become pictures inside it."""
     for ax in figure.axes:
