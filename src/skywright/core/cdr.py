@@ -39,10 +39,10 @@ class Field(NamedTuple):
 
 
 class Column(NamedTuple):
-    """Where a value stands in each message: NumPy format, number of elements, byte offset."""
+    """Where a value stands in each message: NumPy format, how many of it, byte offset."""
 
     format: str
-    count: int
+    length: int
     offset: int
 
 

@@ -245,11 +245,11 @@ def _decode_event(path: Path, raw: bytes) -> Event:
 
 
 class _Fill(NamedTuple):
-    """Which field of SAMPLE goes to which column of a row; `count` entries of it (0: a scalar)."""
+    """Which field of SAMPLE goes to which column of a row; `length` entries of it (0: a scalar)."""
 
     column: str
     field: str
-    count: int
+    length: int
 
 
 class _Rows(NamedTuple):
@@ -271,12 +271,12 @@ class _Rows(NamedTuple):
         stamp = _stamp(ns)
         for name in self.stamps:
             rows[name] = stamp
-        for name, field, count in self.fills:
+        for name, field, length in self.fills:
             column, values = rows[name], samples[field]
             if field in _QUATERNIONS:
                 column[:, :3], column[:, 3] = values[:, 1:], values[:, 0]
             else:
-                column[...] = values[:, :count] if count else values
+                column[...] = values[:, :length] if length else values
         return rows.view(np.uint8)
 
 
@@ -307,7 +307,7 @@ def _build_rows(joint_names: Sequence[str], n_rotors: int) -> _Rows:
                 rows.stamps.append(name)
         for path, (field, column) in _bound_columns(topic, layout).items():
             name = add(f"{topic.name} {path}", _format(field, column), body + column.offset)
-            rows.fills.append(_Fill(name, field, column.count if SAMPLE[field].shape else 0))
+            rows.fills.append(_Fill(name, field, column.length if SAMPLE[field].shape else 0))
     dtype = np.dtype(
         {"names": names, "formats": formats, "offsets": places, "itemsize": len(template)}
     )
@@ -334,7 +334,7 @@ def _bound_columns(topic: Topic, layout: Layout) -> dict[str, tuple[str, Column]
 
 
 def _format(field: str, column: Column) -> Any:
-    return (column.format, (column.count,)) if SAMPLE[field].shape else column.format
+    return (column.format, (column.length,)) if SAMPLE[field].shape else column.format
 
 
 def _topic_layout(topic: Topic, joint_names: Sequence[str], n_rotors: int) -> Layout:
