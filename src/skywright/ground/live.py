@@ -61,6 +61,7 @@ class LiveView:
         self._rows: list[NDArray[Any]] = []
         self._judged: list[bool] = []
         self._chunks = 0
+        self._pace_seen = (0.0, -1e9, "")  # mission time, wall time, what was said
         self._anchor: tuple[float, float, float] | None = None  # wall time, mission time, speed
 
     @property
@@ -87,9 +88,11 @@ class LiveView:
         planned = [table["p_WB"][::25] for table in plan.segments.values() if len(table)]
         views = build_views(d.robot, d.world, np.concatenate([start[None], *planned]))
         set_camera(self.server, views[0])
+        self._scene.draw_waypoints([np.array([w.x_m, w.y_m, w.z_m]) for w in d.mission.waypoints])
         self._scene.draw_wind(views[0].look_at + [0.0, 0.0, 0.75])
         self._build_panel(d)
-        print(f"live view: {self.url}", file=sys.stderr, flush=True)
+        wait = f" (waiting up to {self.wait_s:g} s for a browser)" if self.wait_s > 0 else ""
+        print(f"live view: {self.url}{wait}", file=sys.stderr, flush=True)
         if self._open_browser:
             webbrowser.open(self.url)
         self._wait_for_browser()
@@ -161,9 +164,19 @@ class LiveView:
                 self._draw_rows()
         if wall >= self._next_numbers:
             self._next_numbers = wall + NUMBER_PERIOD
-            self._status.content = f"### {phase.replace('_', ' ')}\n{t:.1f} s"
+            self._status.content = (
+                f"### {phase.replace('_', ' ')}\n{t:.1f} s, {self._describe_pace(t, wall)}"
+            )
             self._bar.value = float(np.clip(100.0 * t / max(self._duration, 1e-3), 0.0, 100.0))
             self._numbers.content = build_numbers(row[0], vehicle)
+
+    def _describe_pace(self, t: float, wall: float) -> str:
+        """The pace that is reached, from the last half second or more."""
+        t_before, wall_before, text = self._pace_seen
+        if wall - wall_before > 0.5:
+            text = f"{(t - t_before) / (wall - wall_before):.1f} x real time"
+            self._pace_seen = (t, wall, text)
+        return text
 
     def _draw_rows(self) -> None:
         """Draw the trace since the last piece; its end starts the next piece."""
@@ -205,14 +218,14 @@ def build_numbers(row: Any, vehicle: SimulatedVehicle) -> str:
         guard = vehicle.guard[0]
         lift_off = float(guard["lift_axis"] @ row["ec"])
         touching = "contact" if vehicle.in_contact() else "no contact"
-        limit = float(guard["lift_threshold"])
-        lines.append(("probe says", f"**{touching}** (lift-off {lift_off:.1f}, limit {limit:.0f})"))
-        if row["gap"] < 0.02:
-            lines += [
-                ("push", f"{row['f_normal']:.2f} N"),
-                ("air gap", f"{1e3 * max(float(row['gap']), 0.0):.2f} mm"),
-                ("probe tilt", f"{math.degrees(row['tilt']):.1f}°"),
-            ]
+        near = float(row["gap"]) < 0.02  # further away gap and tilt mean nothing
+        lines += [
+            ("probe says", f"**{touching}**"),
+            ("lift-off", f"{lift_off:.1f} (contact below {float(guard['lift_threshold']):g})"),
+            ("push", f"{row['f_normal']:.2f} N" if near else "–"),
+            ("air gap", f"{1e3 * max(float(row['gap']), 0.0):.2f} mm" if near else "–"),
+            ("probe tilt", f"{math.degrees(row['tilt']):.1f}°" if near else "–"),
+        ]
     busiest = float(row["rotor_thrust"].max()) / vehicle.robot.rotors.thrust_max_n
     lines.append(("busiest rotor", f"{100 * busiest:.0f} %"))
     return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in lines)

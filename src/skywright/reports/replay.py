@@ -86,6 +86,7 @@ def _record(
     if result.plan.scan is not None:
         scene.draw_path(result.plan.scan.path_sphi)
     set_camera(server, views[0])
+    scene.draw_waypoints([np.array([w.x_m, w.y_m, w.z_m]) for w in d.mission.waypoints])
     scene.draw_wind(views[0].look_at + [0.0, 0.0, 0.75])
     poses = scene.compute_poses(shown)
     if len(shown):

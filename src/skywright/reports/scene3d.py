@@ -34,6 +34,7 @@ CW: Colour = (120, 190, 255)
 WELD: Colour = (20, 20, 24)
 ESTIMATE: Colour = (214, 40, 170)
 PLAN: Colour = (255, 255, 255)
+WAYPOINT: Colour = (0, 153, 136)
 WIND: Colour = (0, 150, 200)
 
 # MuJoCo's holder frame has x along the probe; the tip's frame has z there: R_TH as a quaternion
@@ -167,6 +168,14 @@ class Scene3d:
         points, normals = roll(self.world.pipe, s, c)
         mesh = build_ribbon(points + lift * normals, normals, width)
         self._mesh(name, mesh, colour, 1.0, double=True)
+
+    def draw_waypoints(self, points: list[Array]) -> None:
+        """Draw numbered way-points (3,) in W."""
+        for i, p in enumerate(points):
+            self.server.scene.add_icosphere(
+                f"/waypoints/{i}", radius=0.025, color=WAYPOINT, subdivisions=2, position=p
+            )
+            self.server.scene.add_label(f"/waypoints/{i}/name", f"{i + 1}", position=(0, 0, 0.05))
 
     def draw_path(self, path_sphi: Array) -> None:
         """Draw the planned path on the pipe: (n, 2) s (m) and phi (rad)."""
