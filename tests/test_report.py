@@ -29,6 +29,7 @@ from skywright.reports.figures.style import Span, clip_phases, thin, write_png
 from skywright.reports.progress import Progress, is_cached
 from skywright.reports.render import Camera, Item, render_scene
 from skywright.reports.report import FIGURES, render_report, write_report
+from skywright.studies.pictures import PICTURES, ROBOTS
 
 SHORT = (
     "mission.scan.passes=2", "mission.scan.pass_length_m=0.04", "mission.scan.arc_deg=10",
@@ -191,7 +192,7 @@ def _cut(result: RunResult, phase: str) -> RunResult:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("phase", ["take_off", "approach", "touch", "scan"])
+@pytest.mark.parametrize("phase", ["take_off", "touch", "scan"])
 def test_aborted_run_says_so_and_why(scan: RunResult, phase: str) -> None:
     page = render_report(_cut(scan, phase))
     _check_self_contained(page)
@@ -295,6 +296,15 @@ def test_phases_are_clipped_to_the_window(scan: RunResult) -> None:
 )  # fmt: skip
 def test_numbers_are_short(value: object, text: str) -> None:
     assert format_value(value) == text
+
+
+def test_pictures_of_the_docs_are_made_by_the_command(repository: Path) -> None:
+    pages = [repository / "README.md", *(repository / "docs").rglob("*.md")]
+    text = "".join(p.read_text(encoding="utf-8") for p in pages)
+    for name in (*PICTURES, *ROBOTS):
+        assert f"images/{name}" in text, f"{name} is made but nowhere shown"
+        assert (repository / "docs/images" / name).is_file()
+    assert {figure for _, figure in PICTURES.values()} <= set(FIGURES)
 
 
 # --- progress ----------------------------------------------------------------------------------

@@ -24,13 +24,11 @@ from skywright.robots.loader import load_robot
 PICTURES: dict[str, tuple[str, str]] = {
     "weld-scan.png": ("pipe-weld-scan", "hero"),
     "contact-series.png": ("pipe-weld-scan", "contact_series"),
-    "instrument.png": ("pipe-weld-scan", "instrument"),
     "flight-path.png": ("pipe-weld-scan", "flight_path"),
-    "waypoints.png": ("waypoints", "flight_path"),
 }
 """File -> mission and the figure of its report."""
 
-ROBOTS = {"capability-othex.png": "othex", "capability-f550-bridge.png": "f550-bridge"}
+ROBOTS = {"capability-othex.png": "othex"}
 """File -> robot whose capability it shows."""
 
 

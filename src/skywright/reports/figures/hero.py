@@ -13,7 +13,7 @@ from skywright.reports.weld_map import draw_weld_map
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
 
-DPI = 150
+DPI = 125
 
 
 def draw_hero(result: RunResult) -> Figure | None:

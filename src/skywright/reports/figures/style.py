@@ -120,7 +120,7 @@ def write_png(draw: Callable[[RunResult], Figure | None], result: RunResult, pat
         figure = draw(result)
         if figure is None:
             raise InputError(f"{path.name}: the run ended {result.outcome}, nothing to draw")
-        figure.savefig(path, dpi=150, metadata={"Software": None})
+        figure.savefig(path, dpi=125, metadata={"Software": None})
     return path
 
 
