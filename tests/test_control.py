@@ -45,9 +45,7 @@ def test_at_rest_the_rotors_carry_the_weight_and_its_torque(belief):
     call(push_and_slide, b)
     weight_B = r.T @ [0, 0, 2.25 * 9.81]
     np.testing.assert_allclose(b["cmd"]["f_B"], weight_B, atol=1e-12)
-    np.testing.assert_allclose(
-        b["cmd"]["t_B"], np.cross(b["body"]["p_BC"], weight_B), atol=1e-12
-    )
+    np.testing.assert_allclose(b["cmd"]["t_B"], np.cross(b["body"]["p_BC"], weight_B), atol=1e-12)
 
 
 def test_attitude_law_is_the_paper_s_error_times_inertia(belief):
@@ -57,9 +55,7 @@ def test_attitude_law_is_the_paper_s_error_times_inertia(belief):
     b["est"]["w_WB_B"] = [0.1, -0.2, 0.3]
     w_n, wd_n = np.array([0.2, 0.1, -0.1]), np.array([0.5, 0.4, 0.3])
     f_B, t_B = np.array([1.0, -0.5, 20.0]), np.zeros(3)
-    attitude_torque(
-        b["par"], b["mem"], r_n, w_n, wd_n, b["est"], b["body"], f_B, 0.0, t_B
-    )
+    attitude_torque(b["par"], b["mem"], r_n, w_n, wd_n, b["est"], b["body"], f_B, 0.0, t_B)
     skew = 0.5 * (r.T @ r_n - r_n.T @ r)
     e_R = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
     e_w = r.T @ r_n @ w_n - b["est"]["w_WB_B"]

@@ -33,7 +33,9 @@ def test_position_error_stays_at_the_level_of_the_noise(rate, latency):
 
 def test_external_force_is_the_model_error_of_the_plant():
     """Hovering 5 % heavier and 5 % weaker than believed: the observer sees the missing lift."""
-    s, v = fly(["plant.mass_error=0.05", "plant.rotor_gain_error=-0.05", "plant.rotor_gain_spread=0"])
+    s, v = fly(
+        ["plant.mass_error=0.05", "plant.rotor_gain_error=-0.05", "plant.rotor_gain_spread=0"]
+    )
     held = s[s["t"] > s["t"][-1] - 2.0]
     mass = v.sim.scene.model.body_mass.sum()
     believed = mass / 1.05
@@ -43,7 +45,7 @@ def test_external_force_is_the_model_error_of_the_plant():
 
 
 def test_gyroscope_bias_is_found():
-    s, v = fly(["robot.sensors.gyro_bias_rad_s=0.02"])
+    _, v = fly(["robot.sensors.gyro_bias_rad_s=0.02"])
     true, found = v.plant[0]["gyro_bias"], v.belief[0]["obs"]["bias"]
     assert np.linalg.norm(true) > 0.005
     assert np.linalg.norm(found - true) < 0.3 * np.linalg.norm(true) + 0.002

@@ -94,12 +94,12 @@ def test_wrench_is_mujoco_inverse_dynamics(nominal, seed: int) -> None:
     w, wd, a, f_tip = rng.normal(size=(4, 3))
     set_pose(scene, data, rng.normal(size=3), quat_from_rot(R), q)
     data.qvel[:3], data.qvel[3:6] = rng.normal(size=3), w  # free joint: angular velocity in B
-    data.qvel[scene.index.joint_dof] = qd
+    data.qvel[scene.places.joint_dof] = qd
     data.qacc[:3], data.qacc[3:6] = a, wd
-    data.qacc[scene.index.joint_dof] = qdd
+    data.qacc[scene.places.joint_dof] = qdd
     mujoco.mj_inverse(scene.model, data)
     J = np.zeros((3, scene.model.nv))
-    mujoco.mj_jacSite(scene.model, data, J, None, scene.index.tip_site)
+    mujoco.mj_jacSite(scene.model, data, J, None, scene.places.tip_site)
     needed = data.qfrc_inverse - J.T @ f_tip
     k, f, t = np.zeros(1, KINEMATICS), np.zeros(3), np.zeros(3)
     full = np.zeros((3, MAX_JOINTS))
@@ -224,12 +224,12 @@ def test_limits_hold_along_the_whole_plan(sets: tuple[str, ...]) -> None:
             assert gap > (0.028 if near else 0.048), name
             set_pose(scene, data, row["p_WB"], quat_from_rot(row["R_WB"]), row["q"][:2])
             data.qvel[:3], data.qvel[3:6] = row["v_WB"], row["w_WB_B"]
-            data.qvel[scene.index.joint_dof] = row["qd"][:2]
+            data.qvel[scene.places.joint_dof] = row["qd"][:2]
             data.qacc[:] = 0.0
             data.qacc[:3], data.qacc[3:6] = row["a_WB"], row["wd_WB_B"]
             mujoco.mj_inverse(scene.model, data)
             J = np.zeros((3, scene.model.nv))
-            mujoco.mj_jacSite(scene.model, data, J, None, scene.index.tip_site)
+            mujoco.mj_jacSite(scene.model, data, J, None, scene.places.tip_site)
             push = found.push_force_n * row["R_WS"][:, 2] * (row["dead_zone"] > 0)
             need = data.qfrc_inverse - J.T @ push
             thrust = loads.P @ np.concatenate([row["R_WB"].T @ need[:3], need[3:6]])

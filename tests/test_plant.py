@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from skywright.core.types import COMMAND
 from skywright.missions.loader import load_description
 from skywright.models.scene import Deviation, build_scene, set_pose
 from skywright.sim.physics import step_physics
 from skywright.sim.plant import PLANT, actuate, blow
 from skywright.vehicle.simulated import _build_plant
-from skywright.core.types import COMMAND
 
 
 @pytest.fixture(scope="module")
@@ -94,12 +94,14 @@ def test_contact_sensor_reads_the_force_on_the_tip_in_W(description):
         d.qfrc_applied[3:6] = -2.0 * d.qvel[3:6] - 30.0 * d.qpos[4:7]
         d.qfrc_applied[0] += force
         mujoco.mj_step(m, d)
-    f = d.sensordata[scene.index.sensor_tip_force :][:3]
+    f = d.sensordata[scene.places.sensor_tip_force :][:3]
     assert n_rotors == 6
     assert abs(abs(f[0]) - force) < 0.05
-    spring = -d.qpos[scene.index.slider_qpos]
+    spring = -d.qpos[scene.places.slider_qpos]
     probe = description.robot.probe
-    assert spring == pytest.approx((force - probe.spring_preload_n) / probe.spring_n_per_m, abs=5e-4)
+    assert spring == pytest.approx(
+        (force - probe.spring_preload_n) / probe.spring_n_per_m, abs=5e-4
+    )
 
 
 def test_rotor_lag_is_exact_and_thrust_goes_with_speed_squared(description):

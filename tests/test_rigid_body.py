@@ -72,9 +72,7 @@ def test_tip_jacobians_match_finite_differences(setting):
             (p1, r1), (p0, r0) = compute_tip(model, q + step), compute_tip(model, q - step)
             np.testing.assert_allclose(jac[:, j], (p1 - p0) / 2e-6, atol=1e-8)
             skew = (r1 - r0) / 2e-6 @ r0.T
-            np.testing.assert_allclose(
-                jac_w[:, j], [skew[2, 1], skew[0, 2], skew[1, 0]], atol=1e-5
-            )
+            np.testing.assert_allclose(jac_w[:, j], [skew[2, 1], skew[0, 2], skew[1, 0]], atol=1e-5)
 
 
 def test_othex_weighs_what_table_1_says():

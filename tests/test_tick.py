@@ -23,7 +23,10 @@ def fly(sets, fault=None):
     blocks = []
     vehicle = build_vehicle(d, blocks.append)
     supervisor = Supervisor(
-        vehicle, d.mission, plan, d.robot.platform.gear_height_m,
+        vehicle,
+        d.mission,
+        plan,
+        d.robot.platform.gear_height_m,
         on_phase=lambda i, name: vehicle.set_phase(i),
         on_tick=None if fault is None else lambda t, phase: fault(vehicle, phase),
     )

@@ -1,8 +1,8 @@
 """Tognon et al. 2018, section V: the dislocated PID of a fully actuated platform with an arm.
 
-The vehicle's attitude and the arm follow their nominal trajectories, laws (3) and (2); the vehicle's
-force closes the position loop at the tip, law (4), with the vehicle's velocity as damping: position
-of the link's far end and velocity of the driven end, which is stable across the arm's elasticity.
+Attitude and arm follow their nominal trajectories, laws (3) and (2). The platform's force closes
+the position loop at the tip, law (4), with the platform's velocity as damping: position of the
+link's far end and velocity of its driven end, which is stable across the arm's elasticity.
 """
 
 from __future__ import annotations

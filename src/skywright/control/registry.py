@@ -70,7 +70,8 @@ def _load_user_law(name: str, folder: Path | None) -> Law:
     count = getattr(getattr(python, "__code__", None), "co_argcount", 6)
     if count != 6:
         raise InputError(
-            f"{path}: {function} takes {count} arguments; a law takes 6: par, mem, ref, est, body, cmd"
+            f"{path}: {function} takes {count} arguments; a law takes 6: "
+            "par, mem, ref, est, body, cmd"
         )
 
     def step_belief(belief: Any) -> None:

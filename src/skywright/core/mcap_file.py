@@ -28,7 +28,7 @@ MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of what follows
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # record header, channel, sequence, log and publish time
 _MESSAGE_START = MESSAGE_HEADER.size - RECORD_HEADER.size
-COMPRESSION_LEVEL = -3  # zstd's fast levels: half the time of level 1 for a tenth more bytes
+COMPRESSION_LEVEL = -7  # zstd's fast levels: half the time of level 1 for a sixth more bytes
 _MAX_CHUNK = 1 << 30  # bytes; a larger size in a chunk's header is damage
 
 
@@ -47,7 +47,8 @@ class McapWriter:
         self._attachments: list[records.AttachmentIndex] = []
         self._metadata: list[records.MetadataIndex] = []
         self._counts: dict[int, int] = {}
-        self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
+        # zstd's own checksum costs a tenth of the chunk's CRC, which is left out in its favour.
+        self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL, write_checksum=True)
         self._write(MAGIC + _serialise(records.Header("ros2", library)))
 
     def add_channel(self, topic: str, schema_name: str, schema: str) -> int:
@@ -88,8 +89,11 @@ class McapWriter:
         compressed = self._compressor.compress(data)
         size = memoryview(data).nbytes
         start, end = int(times.min()), int(times.max())
-        chunk = _serialise(records.Chunk("zstd", compressed, end, start, zlib.crc32(data), size))
-        index_start = self._offset + len(chunk)
+        # Written out by hand: the package's builder copies the data three times.
+        head = struct.pack("<QQQII4sQ", start, end, size, 0, 4, b"zstd", len(compressed))
+        head = RECORD_HEADER.pack(Opcode.CHUNK, len(head) + len(compressed)) + head
+        chunk_length = len(head) + len(compressed)
+        index_start = self._offset + chunk_length
         index = bytearray()
         index_offsets = {}
         entries = np.empty((len(times), 2), "<u8")
@@ -102,7 +106,7 @@ class McapWriter:
             self._counts[channel] += len(times)
         self._chunks.append(
             records.ChunkIndex(
-                chunk_length=len(chunk),
+                chunk_length=chunk_length,
                 chunk_start_offset=self._offset,
                 compression="zstd",
                 compressed_size=len(compressed),
@@ -113,7 +117,7 @@ class McapWriter:
                 uncompressed_size=size,
             )
         )
-        self._write(chunk + index)
+        self._write(head, compressed, index)
 
     def finish(self) -> None:
         """Write the summary, which lets readers find chunks by topic and time, and the end."""
@@ -152,10 +156,11 @@ class McapWriter:
         crc = zlib.crc32(footer, zlib.crc32(summary))
         self._write(bytes(summary) + footer + struct.pack("<I", crc) + MAGIC)
 
-    def _write(self, data: bytes | bytearray) -> None:
-        self._stream.write(data)
+    def _write(self, *parts: bytes | bytearray) -> None:
+        for part in parts:
+            self._stream.write(part)
+            self._offset += len(part)
         self._stream.flush()
-        self._offset += len(data)
 
 
 def _serialise(record: records.McapRecord) -> bytes:

@@ -14,7 +14,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def as_pointer(typingctx: Any, address: Any) -> Any:
     """Turn an integer address into a void pointer (for `numba.carray`)."""
 
@@ -24,7 +24,7 @@ def as_pointer(typingctx: Any, address: Any) -> Any:
     return types.voidptr(types.intp), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def call_pointer(typingctx: Any, function: Any, argument: Any) -> Any:
     """Call the C function `void f(void *)` at an address with an address."""
 

@@ -33,6 +33,7 @@ FORMAT = "1"
 """Version of topics, types and metadata; a change that old readers misread raises it."""
 
 _QUATERNIONS = frozenset(n for n in SAMPLE.names or () if "q_W" in n)
+_BATCH = 256  # samples; the most in one chunk
 _INFO = 20  # rcl_interfaces/Log.INFO
 _MAX_TIME = 2**31  # s; a ROS stamp holds int32 seconds
 
@@ -69,6 +70,8 @@ class RecordingWriter:
         assert len(joint_names) <= MAX_JOINTS and n_rotors <= MAX_ROTORS
         self._path = path
         self._rows = _build_rows(joint_names, n_rotors)
+        self._starts = np.arange(_BATCH, dtype=np.uint64) * np.uint64(self._rows.dtype.itemsize)
+        self._places = [(i, np.uint64(at)) for i, at in enumerate(self._rows.offsets, 1)]
         try:
             self._stream = path.open("wb", buffering=1 << 20)
             self._mcap = McapWriter(self._stream, f"skywright {_version()}")
@@ -90,16 +93,15 @@ class RecordingWriter:
         Raises InputError when a time is not finite or out of range, or the disk is full.
         """
         assert samples.dtype == SAMPLE and samples.ndim == 1
-        if len(samples) == 0:
-            return
-        ns = self._nanoseconds(samples["t"])
-        data = self._rows.encode(samples, ns)
-        starts = np.arange(len(samples), dtype=np.uint64) * np.uint64(self._rows.dtype.itemsize)
-        offsets = {i: starts + np.uint64(at) for i, at in enumerate(self._rows.offsets, 1)}
-        try:
-            self._mcap.add_chunk(data, ns, offsets)
-        except OSError as error:
-            raise self._cannot_write(error) from error
+        for start in range(0, len(samples), _BATCH):
+            batch = samples[start : start + _BATCH]
+            ns = self._nanoseconds(batch["t"])
+            data = self._rows.encode(batch, ns)
+            offsets = {i: self._starts[: len(batch)] + at for i, at in self._places}
+            try:
+                self._mcap.add_chunk(data, ns, offsets)
+            except OSError as error:
+                raise self._cannot_write(error) from error
 
     def event(self, t: float, text: str) -> None:
         """Note what happened at time `t` (s). Raises InputError like `append`."""
@@ -253,19 +255,21 @@ class _Fill(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """All messages of one sample, one after the other, as one row of bytes."""
+    """All messages of one sample, one after the other, as one row of bytes.
+
+    `buffer` holds rows of the template and is reused: only the numbers in it change.
+    """
 
     dtype: np.dtype[Any]
-    template: bytes
+    buffer: NDArray[Any]
     offsets: list[int]  # of each topic's message record
     headers: list[str]  # columns of log and publish time
     stamps: list[str]
     fills: list[_Fill]
 
     def encode(self, samples: NDArray[Any], ns: NDArray[Any]) -> NDArray[Any]:
-        """Return the message records of all samples as bytes (uint8)."""
-        n = len(samples)
-        rows = np.frombuffer(bytearray(self.template * n), self.dtype)
+        """Return the message records of at most len(buffer) samples: a view of the buffer."""
+        rows = self.buffer[: len(samples)]
         for name in self.headers:
             rows[name] = ns[:, None]
         stamp = _stamp(ns)
@@ -285,7 +289,10 @@ def _build_rows(joint_names: Sequence[str], n_rotors: int) -> _Rows:
     names: list[str] = []
     formats: list[Any] = []
     places: list[int] = []
-    rows = _Rows(np.dtype(np.uint8), b"", [], [], [], [])
+    offsets: list[int] = []
+    headers: list[str] = []
+    stamps: list[str] = []
+    fills: list[_Fill] = []
 
     def add(name: str, format: Any, place: int) -> str:
         names.append(name)
@@ -298,20 +305,21 @@ def _build_rows(joint_names: Sequence[str], n_rotors: int) -> _Rows:
         header = _message_header(channel, len(layout.template), 0)
         start = len(template)
         body = start + len(header)
-        rows.offsets.append(start)
-        rows.headers.append(add(f"{topic.name} log_time", ("<u8", (2,)), body - 16))
+        offsets.append(start)
+        headers.append(add(f"{topic.name} log_time", ("<u8", (2,)), body - 16))
         template += header + layout.template
         for path, column in layout.leaves.items():
             if path.endswith("stamp"):
                 name = add(f"{topic.name} {path}", column.format, body + column.offset)
-                rows.stamps.append(name)
+                stamps.append(name)
         for path, (field, column) in _bound_columns(topic, layout).items():
             name = add(f"{topic.name} {path}", _format(field, column), body + column.offset)
-            rows.fills.append(_Fill(name, field, column.length if SAMPLE[field].shape else 0))
+            fills.append(_Fill(name, field, column.length if SAMPLE[field].shape else 0))
     dtype = np.dtype(
         {"names": names, "formats": formats, "offsets": places, "itemsize": len(template)}
     )
-    return rows._replace(dtype=dtype, template=bytes(template))
+    buffer = np.frombuffer(bytearray(template * _BATCH), dtype)
+    return _Rows(dtype, buffer, offsets, headers, stamps, fills)
 
 
 def _build_dtype(topic: Topic, layout: Layout) -> np.dtype[Any]:

@@ -19,9 +19,7 @@ from skywright.worlds.surface import build_cylinder
 HEADING_STEP_DEG = 10.0  # headings of a plan are grouped to this
 
 
-def find_exceeded_wind(
-    description: Description, segments: dict[str, NDArray[Any]]
-) -> str | None:
+def find_exceeded_wind(description: Description, segments: dict[str, NDArray[Any]]) -> str | None:
     """Say by how much the wind exceeds what the robot may be asked to hold, or return None.
 
     Checked at every heading of `segments`; without a plan at the heading of the start and at the

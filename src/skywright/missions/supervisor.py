@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from skywright.missions.planning import MissionPlan
 from skywright.missions.spec import Mission
 from skywright.missions.tables import build_retreat, cut_table, lift_table, reverse_table
-from skywright.vehicle.interface import Backend, Probe, Uav, WholeBody, require
 from skywright.vehicle.guard import CONTACT_LOST
+from skywright.vehicle.interface import Backend, Probe, Uav, WholeBody, require
 
 Table = NDArray[Any]
 

@@ -15,12 +15,12 @@ ROW_PERIOD = 0.02  # s
 
 
 def build_retreat(row: Any, distance: float, total: float, *, back: bool = False) -> Table:
-    """Move from `row` along the surface normal by `distance` (m) in `total` s, at rest at both ends.
+    """Move from `row` along the surface normal by `distance` (m) in `total` s, rest to rest.
 
     The dead zone (so: "in contact") holds only where `row`'s own place is left by less than half
     of its dead zone. `back` reverses the motion: from the distance to `row`.
     """
-    n = max(int(round(total / ROW_PERIOD)), 2)
+    n = max(round(total / ROW_PERIOD), 2)
     u = np.linspace(0.0, 1.0, n + 1)
     s, ds, dds = quintic(u)
     if back:

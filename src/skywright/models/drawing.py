@@ -85,7 +85,7 @@ def _build_part(scene: Scene, robot: Robot, body: int) -> Part:
     position, quaternion = np.array(model.body_pos[body]), np.array(model.body_quat[body])
     motion, joint, axis = "fixed", -1, np.array([1.0, 0.0, 0.0])
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-    if body == scene.index.platform_body:
+    if body == scene.places.platform_body:
         motion = "free"
     elif name == "slider":  # rigid in the nominal scene; a recording tells its compression
         motion, axis = "spring", np.array([-1.0, 0.0, 0.0])

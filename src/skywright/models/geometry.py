@@ -99,7 +99,7 @@ def build_clearance(scene: Scene) -> ClearanceQuery:
     Pairs are every robot geom with every world geom, except landing gear with ground (it stands
     on it); and, asked for separately, the arm's moving links with propellers and gear.
     """
-    model, index = scene.model, scene.index
+    model, index = scene.model, scene.places
     data = mujoco.MjData(model)
     names = tuple(model.geom(i).name for i in range(model.ngeom))
     feet, probe = set(index.feet_geoms.tolist()), set(index.probe_geoms.tolist())

@@ -73,7 +73,7 @@ class Scene(NamedTuple):
     """A compiled model with its index."""
 
     model: mujoco.MjModel
-    index: SceneIndex
+    places: SceneIndex
     n_joints: int
 
 
@@ -196,7 +196,10 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, dev: Deviation, plant: bool) -
         angle = math.pi / 4 + i * math.pi / 2
         gear_body.add_geom(
             name=f"foot{i}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.012, 0, 0],
-            pos=[p.gear_radius_m * math.cos(angle), p.gear_radius_m * math.sin(angle), -height + 0.012],
+            pos=[
+                p.gear_radius_m * math.cos(angle), p.gear_radius_m * math.sin(angle),
+                0.012 - height,
+            ],
             rgba=[0.1, 0.1, 0.1, 1], contype=FEET, conaffinity=WORLD, mass=0.0,
             friction=[0.8, 0.005, 0.0001],
         )  # fmt: skip
@@ -422,7 +425,7 @@ def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex
 def set_pose(scene: Scene, data: mujoco.MjData, p_WB: Array, q_WB: Array, q: Array) -> None:
     """Write platform pose (wxyz) and joint angles into `data.qpos`."""
     data.qpos[:3], data.qpos[3:7] = p_WB, q_WB
-    data.qpos[scene.index.joint_qpos] = q
+    data.qpos[scene.places.joint_qpos] = q
 
 
 def home_pose(robot: Robot, x: float, y: float, yaw: float) -> tuple[Array, Array, Array]:

@@ -16,6 +16,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from skywright.errors import InputError
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.inspection.weld import Crossing, WeldResult
 from skywright.reports.scene3d import (
@@ -44,9 +45,16 @@ NEAR = 0.02  # m; further away than this, gap and tilt mean nothing
 
 
 def write_replay(result: RunResult) -> Path:
-    """Write replay.html into the run's directory and return its path."""
+    """Write replay.html into the run's directory and return its path.
+
+    Raises InputError when the directory cannot be written.
+    """
     path = result.directory / "replay.html"
-    path.write_text(build_replay(result), encoding="utf-8")
+    page = build_replay(result)
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
     return path
 
 

@@ -182,7 +182,7 @@ def draw_mission(description: Description) -> Figure:
             p = (w.x_m, w.y_m, w.z_m)
             ax.plot(p[view[0]], p[view[1]], "o", color="#009988", ms=5)
             ax.annotate(
-                f"{i}", (p[view[0]], p[view[1]]), (5, 5), fontsize=9, textcoords="offset points"
+                f"{i + 1}", (p[view[0]], p[view[1]]), (5, 5), fontsize=9, textcoords="offset points"
             )
     what = "way-points" if mission.waypoints else "way and scan"
     axes[0].set_title(f"from above: robot at its start, {what} (green)", fontsize=10)

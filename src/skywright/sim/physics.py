@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import glob
 import os
+from typing import Any
 
 import llvmlite.binding as llvm
 import mujoco
@@ -33,7 +34,7 @@ def load_library() -> str:
 
 LIBRARY = load_library()
 
-_mj_step = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
+_mj_step: Any = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
 
 
 @njit(cache=True)

@@ -105,7 +105,7 @@ class Uav:
             duration(abs(yaw_change), 0.8, 1.0),
             least,
         )
-        n = max(int(math.ceil(total / ROW_PERIOD)), 1)
+        n = max(math.ceil(total / ROW_PERIOD), 1)
         total = n * ROW_PERIOD
         u = np.linspace(0.0, 1.0, n + 1)
         s, ds, dds = quintic(u)
@@ -173,7 +173,7 @@ class Arms:
         start = np.array(b.reference)
         delta = np.asarray(q, dtype=float) - start["q"][: b.n_joints]
         total = duration(float(np.max(np.abs(delta), initial=0.0)), b.limits.joint_speed, 2.0)
-        n = max(int(math.ceil(total / ROW_PERIOD)), 1)
+        n = max(math.ceil(total / ROW_PERIOD), 1)
         u = np.linspace(0.0, 1.0, n + 1)
         s, ds, _ = quintic(u)
         table = np.repeat(start[None], n + 1)

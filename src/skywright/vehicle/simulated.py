@@ -31,9 +31,9 @@ from skywright.models.scene import TIMESTEP, Deviation, Scene, build_scene, home
 from skywright.robots.spec import Robot
 from skywright.sim.plant import BLOCK, PLANT
 from skywright.sim.simulation import Simulation
-from skywright.vehicle.interface import Limits, Table, Ticked
 from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
+from skywright.vehicle.interface import Limits, Table, Ticked
 from skywright.vehicle.tick import mission_tick, tick_after_law, tick_before_law, tick_law
 from skywright.worlds.spec import Pipe, World
 from skywright.worlds.surface import build_cylinder
@@ -112,7 +112,7 @@ class SimulatedVehicle:
         self._mask, self._fired = self.guard["mask"], self.guard["fired"]
         self._block = self.plant["block"]
         self._block[0] = BLOCK
-        p, quat, q = home_pose(robot, *start)
+        p, _, q = home_pose(robot, *start)
         self._table = np.zeros(1, self.belief["ref"].dtype)
         self._set_home_reference(p, start[2], q)
         self.track(self._table)
@@ -281,7 +281,7 @@ def _build_plant(
 ) -> NDArray[Any]:
     """Fill the PLANT record from robot, world and deviation."""
     out = np.zeros(1, PLANT)
-    pl, rotors, index = out[0], build_rotors(robot.rotors), scene.index
+    pl, rotors, index = out[0], build_rotors(robot.rotors), scene.places
     n = len(rotors.thrust_min)
     pl["n_rotors"], pl["n_joints"] = n, scene.n_joints
     pl["rotor_p"][:n], pl["rotor_axis"][:n] = rotors.position, rotors.axis

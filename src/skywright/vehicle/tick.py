@@ -30,6 +30,7 @@ from skywright.vehicle.guard import COLLISION, CONTACT_LOST, CONTACT_MADE, NOT_F
 Record = Any
 Array = Any
 
+
 @njit(cache=True)
 def interpolate_reference(b: Record, table: Array) -> None:
     """Write the row of `table` at the tick's time into `b.ref`, linear between rows."""
@@ -260,9 +261,7 @@ def tick_after_law(frame: Array, n_samples: int) -> tuple[int, int]:
     if v.pl[0].tick % v.g[0].sample_every == 0 and n_samples < v.samples.shape[0]:
         take_sample(v.b[0], v.pl[0], v.g[0], v.probe, v.qpos, v.qvel, v.samples[n_samples])
         n_samples += 1
-    after_law(
-        v.b[0], v.pl[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl, v.xfrc
-    )
+    after_law(v.b[0], v.pl[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl, v.xfrc)
     return v.g[0].fired, n_samples
 
 
