@@ -26,10 +26,27 @@ from skywright.errors import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of what follows
-MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # record header, channel, sequence, log and publish time
+MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # and channel, sequence, log and publish time (ns)
 _MESSAGE_START = MESSAGE_HEADER.size - RECORD_HEADER.size
 COMPRESSION_LEVEL = -7  # zstd's fast levels: half the time of level 1 for a sixth more bytes
 _MAX_CHUNK = 1 << 30  # bytes; a larger size in a chunk's header is damage
+
+# What reading damaged records can raise, in our code and in the packages'.
+_DAMAGE = (
+    McapError,
+    zstandard.ZstdError,
+    struct.error,
+    LookupError,
+    OverflowError,
+    RuntimeError,
+    ValueError,
+)
+
+
+def build_message_header(channel: int, length: int, ns: int) -> bytes:
+    """Return what stands before a message of `length` bytes, logged and published at `ns`."""
+    inside = _MESSAGE_START + length
+    return MESSAGE_HEADER.pack(Opcode.MESSAGE, inside, channel, 0, ns, ns)
 
 
 class McapWriter:
@@ -216,7 +233,15 @@ def read_mcap(path: Path) -> McapContents:
             elif opcode == Opcode.DATA_END:  # what follows repeats and indexes what was read
                 complete = finished
                 break
-    except (McapError, zstandard.ZstdError, RuntimeError, KeyError, ValueError, struct.error):
+    except (
+        McapError,
+        zstandard.ZstdError,
+        RuntimeError,
+        LookupError,
+        ValueError,
+        OverflowError,
+        struct.error,
+    ):
         pass  # as if it were cut here
     if finished and not complete:
         raise InputError(f"{path}: is damaged at byte {position}")
