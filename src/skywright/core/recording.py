@@ -15,20 +15,19 @@ from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core import messages
-from skywright.core.mcap_file import McapContents, McapWriter, read_mcap
+from skywright.core.mcap_file import McapContents, McapWriter, build_message_header, read_mcap
 from skywright.core.messages import TOPICS
 from skywright.core.sample_rows import (
     BATCH,
     QUATERNIONS,
     build_log_layout,
     build_message_dtype,
-    build_message_header,
     build_rows,
     build_topic_layout,
     compute_stamp,
@@ -73,6 +72,8 @@ class RecordingWriter:
     def __init__(self, path: Path, joint_names: Sequence[str], n_rotors: int) -> None:
         assert len(joint_names) <= MAX_JOINTS and n_rotors <= MAX_ROTORS
         self._path = Path(path)
+        self._error = ""
+        self._stream: BinaryIO | None = None
         self._rows = build_rows(joint_names, n_rotors)
         self._starts = np.arange(BATCH, dtype=np.uint64) * np.uint64(self._rows.dtype.itemsize)
         self._places = [(i, np.uint64(at)) for i, at in enumerate(self._rows.offsets, 1)]
@@ -123,7 +124,7 @@ class RecordingWriter:
 
     def close(self) -> None:
         """Finish the file; a second call does nothing."""
-        if self._stream.closed:
+        if self._stream is None or self._stream.closed:
             return
         with self._writing():
             self._mcap.finish()
@@ -142,15 +143,17 @@ class RecordingWriter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Turn an error of the operating system into one line; the file is closed then."""
+        """Turn an error of the operating system into one line; every later call repeats it."""
+        if self._error:
+            raise InputError(self._error)
         try:
             yield
         except OSError as error:
-            stream = getattr(self, "_stream", None)  # None: it could not be opened
-            if stream is not None:
+            self._error = f"cannot write {self._path}: {error.strerror or error}"
+            if self._stream is not None:
                 with suppress(OSError):
-                    stream.close()
-            raise InputError(f"cannot write {self._path}: {error.strerror or error}") from error
+                    self._stream.close()
+            raise InputError(self._error) from error
 
     def _nanoseconds(self, t: NDArray[Any]) -> NDArray[Any]:
         good = (t >= 0) & (t < _MAX_TIME)  # False for NaN
