@@ -23,8 +23,10 @@ from skywright.errors import InputError
 from skywright.evaluation.requirements import judge
 from skywright.evaluation.run import RunResult, run_mission
 from skywright.missions.loader import load_description
+from skywright.reports import report
 from skywright.reports.explain import MEANINGS, format_value, list_assumptions
 from skywright.reports.figures import series
+from skywright.reports.figures.paths import join_angles
 from skywright.reports.figures.style import Span, clip_phases, thin, write_png
 from skywright.reports.progress import Progress, is_cached
 from skywright.reports.render import Camera, Item, render_scene
@@ -49,6 +51,12 @@ def scan(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
 def flight(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
     out = tmp_path_factory.mktemp("flight") / "run"
     return run_mission(load_description("waypoints"), out=out, write_report=write_report)
+
+
+@pytest.fixture
+def text_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn but not written as SVG, which is most of a report's time."""
+    monkeypatch.setattr(report, "render_svg", lambda figure: b"<svg/>")
 
 
 class _Page(HTMLParser):
@@ -119,7 +127,7 @@ def test_report_of_a_scan_is_complete(scan: RunResult) -> None:
         assert word in drawn, word
 
 
-def test_what_a_run_assumed_is_listed_with_its_range(scan: RunResult) -> None:
+def test_what_a_run_assumed_is_listed_with_its_range(scan: RunResult, text_only: None) -> None:
     rows = {r.name: r for r in list_assumptions(scan)}
     expected = {k for k, s in scan.description.sources.items() if s.kind == "assumed"}
     assert expected and set(rows) == expected
@@ -148,7 +156,9 @@ def test_the_same_run_gives_the_same_report(flight: RunResult) -> None:
     assert render_report(flight) == render_report(flight)
 
 
-def test_failed_requirement_is_named_in_the_first_sentence(scan: RunResult) -> None:
+def test_failed_requirement_is_named_in_the_first_sentence(
+    scan: RunResult, text_only: None
+) -> None:
     worse = {**scan.metrics, "contact.tilt_max_deg": 12.0}
     failed = scan._replace(
         metrics=worse, requirements=judge(scan.description.mission, worse), outcome="failed"
@@ -193,7 +203,7 @@ def _cut(result: RunResult, phase: str) -> RunResult:
 
 
 @pytest.mark.parametrize("phase", ["take_off", "touch", "scan"])
-def test_aborted_run_says_so_and_why(scan: RunResult, phase: str) -> None:
+def test_aborted_run_says_so_and_why(scan: RunResult, phase: str, text_only: None) -> None:
     page = render_report(_cut(scan, phase))
     _check_self_contained(page)
     text = _Page(page).text
@@ -210,7 +220,7 @@ def test_run_without_samples(scan: RunResult) -> None:
     assert "Nothing was recorded" in text and "interrupted by the user" in text
 
 
-def test_no_weld_found(scan: RunResult) -> None:
+def test_no_weld_found(scan: RunResult, text_only: None) -> None:
     assert scan.weld is not None
     weld = scan.weld._replace(line=None, crossings=())
     text = _Page(render_report(scan._replace(weld=weld))).text
@@ -231,7 +241,7 @@ def test_contact_lost_is_drawn(scan: RunResult) -> None:
     assert "no contact force" in drawn
 
 
-def test_truth_as_estimator_is_admitted(flight: RunResult) -> None:
+def test_truth_as_estimator_is_admitted(flight: RunResult, text_only: None) -> None:
     assert "simulator's truth" not in _Page(render_report(flight)).text
     d = flight.description
     mission = d.mission.model_copy(update={"estimator": "truth"})
@@ -280,6 +290,14 @@ def test_thinned_line_keeps_every_extreme(y: np.ndarray, columns: int) -> None:
         assert np.nanmax(y_thin) == np.nanmax(y) and np.nanmin(y_thin) == np.nanmin(y)
     assert np.isnan(y_thin).any() == np.isnan(y).any()
     assert len(y_thin) <= max(4 * columns, 3 * columns + len(y) // columns + 1)
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(0.01, 1.5))
+def test_joined_angles_have_no_jump_and_mean_the_same(middle: float, half: float) -> None:
+    phi = np.linspace(middle - half, middle + half, 101)
+    joined = join_angles(np.arctan2(np.sin(phi), np.cos(phi)))
+    assert np.allclose(np.diff(joined), np.diff(phi), atol=1e-9)
+    assert np.allclose(np.exp(1j * joined), np.exp(1j * phi), atol=1e-9)
 
 
 def test_phases_are_clipped_to_the_window(scan: RunResult) -> None:

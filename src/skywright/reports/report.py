@@ -98,8 +98,8 @@ def _draw_inspection(result: RunResult) -> list[Picture | None]:
         _picture(
             "Weld map", inspection.draw_map(result),
             "The scanned part of the pipe, unrolled flat. Each dot is a reading of the probe, "
-            "brighter where it sees more weld. The red line is where the processing says that "
-            "the weld runs, the dashed black one where it is in truth.",
+            "brighter where it sees more weld. A red line is where the processing says that the "
+            "weld runs, a dashed black one where it is in truth.",
         ),
         _picture(
             "Contact quality", inspection.draw_contact_quality(result),

@@ -45,7 +45,15 @@ def unroll_points(result: RunResult, p_W: Array) -> tuple[Array, Array]:
     assert pipe is not None
     cyl = build_cylinder(pipe)
     d = (p_W - cyl.p_WP) @ cyl.R_WP
-    return d[:, 1], cyl.radius * np.arctan2(d[:, 2], -d[:, 0])
+    return d[:, 1], cyl.radius * join_angles(np.arctan2(d[:, 2], -d[:, 0]))
+
+
+def join_angles(phi: Array) -> Array:
+    """Angles (n,) rad without the jump at ±pi where they lie on both sides of it."""
+    middle = math.atan2(float(np.mean(np.sin(phi))), float(np.mean(np.cos(phi))))
+    if abs(middle) > 0.75 * math.pi:
+        middle %= 2.0 * math.pi  # both sides agree on one turn
+    return np.asarray(middle + np.mod(phi - middle + math.pi, 2.0 * math.pi) - math.pi)
 
 
 def select_scan(result: RunResult) -> Samples:

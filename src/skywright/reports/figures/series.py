@@ -140,7 +140,7 @@ def draw_flight_series(result: RunResult) -> Figure | None:
         "distance (mm)", PURPLE,
     )  # fmt: skip
     if flying.any():
-        fit_y(axes[3], float(np.nanmax(error)), low=0.0)
+        fit_y(axes[3], float(np.nanmax(error)), 1.0, low=0.0)
     _draw_rotors(axes[4], t, s, result)
     _draw_single(axes[5], t, s["power"], "Electrical power", "power (W)", BLACK)
     fit_y(axes[5], float(np.max(s["power"])), low=0.0)
