@@ -165,7 +165,7 @@ def _add_overlay(html: str, result: RunResult, samples: NDArray[Any], views: lis
         [v.name, *(",".join(f"{x:.3f}" for x in p) for p in (v.position, v.look_at))] for v in views
     ]
     data = json.dumps(content, allow_nan=False)
-    data = data.replace("</", "<\\/")  # a name may not end the script
+    data = data.replace("<", "\\u003c")  # a name may not end the script
     overlay = (files("skywright.reports") / "replay_overlay.html").read_text(encoding="utf-8")
     overlay = overlay.replace("__DATA__", data)
     title = f"<title>{_escape(result.description.mission.name)}: replay</title>"

@@ -1,0 +1,204 @@
+"""The live view: watched, paused or left alone, a run comes out the same and ends properly."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import threading
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from websockets.sync.client import connect
+
+from skywright.evaluation.run import RunResult, run_mission
+from skywright.ground.live import LiveView, build_numbers
+from skywright.missions.loader import load_description
+
+QUICK = (
+    "mission.waypoints=[{ x_m = 0.3, y_m = 0.0, z_m = 1.0, hold_s = 0.2 }]",
+    "mission.hover_height_m=0.8",
+)
+
+
+def _fly(view: LiveView | None, out: Path, *sets: str) -> RunResult:
+    description = load_description("waypoints", sets=(*QUICK, *sets))
+    return run_mission(description, out=out, observers=() if view is None else (view,))
+
+
+@contextmanager
+def _browser(view: LiveView) -> Iterator[None]:
+    """Connect as a browser does: viser's web socket with its version, then where the camera is."""
+    import viser
+
+    port = view.server.get_port()
+    protocol = f"viser-v{viser.__version__}"
+    with connect(f"ws://127.0.0.1:{port}", subprotocols=[protocol], max_size=None) as ws:
+        zero = [0.0, 0.0, 0.0]
+        camera = {
+            "type": "ViewerCameraMessage", "wxyz": [1.0, *zero], "position": zero, "fov": 1.0,
+            "near": 0.1, "far": 100.0, "image_height": 600, "image_width": 900, "look_at": zero,
+            "up_direction": [0.0, 0.0, 1.0],
+        }  # fmt: skip
+        ws.send(msgspec.msgpack.encode(camera))
+        stop = threading.Event()
+
+        def read() -> None:
+            while not stop.is_set():
+                try:
+                    ws.recv(timeout=0.1)
+                except TimeoutError:
+                    continue
+                except Exception:
+                    return
+
+        thread = threading.Thread(target=read, daemon=True)
+        thread.start()
+        yield
+        stop.set()
+
+
+def _wait_for(what: object, seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not what():  # type: ignore[operator]
+        assert time.monotonic() < end, "waited too long"
+        time.sleep(0.02)
+
+
+def test_a_run_is_the_same_with_and_without_the_view(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    view = LiveView(open_browser=False, wait_s=0.0)
+    with_view = _fly(view, tmp_path / "a")
+    without = _fly(None, tmp_path / "b")
+    assert with_view.samples.tobytes() == without.samples.tobytes()
+    assert view.server is None  # stopped
+    captured = capsys.readouterr()
+    assert "live view: http://localhost:" in captured.err
+    assert captured.out == ""  # standard output belongs to --json
+
+
+def test_view_listens_on_this_computer_only(tmp_path: Path) -> None:
+    view = LiveView(open_browser=False, wait_s=0.0)
+    description = load_description("waypoints", sets=QUICK)
+    from skywright.missions.planning import plan_mission
+
+    view.on_plan(plan_mission(description), description)
+    try:
+        port = view.server.get_port()
+        page = urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=5).read()
+        assert b"<html" in page
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.connect(("192.0.2.1", 9))  # sends nothing: asks for our own address
+                own = probe.getsockname()[0]
+            except OSError:
+                own = "127.0.0.1"
+        if not own.startswith("127."):
+            with pytest.raises(OSError), socket.create_connection((own, port), timeout=1):
+                pass
+        assert view.server.request_share_url() is None  # no tunnel to the outside
+    finally:
+        view.close()
+    with pytest.raises(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
+        pass
+
+
+def test_watched_run_is_paced_paused_and_ends_when_the_browser_closes(tmp_path: Path) -> None:
+    view = LiveView(open_browser=False, wait_s=20.0, stay_s=0.0)
+    results: list[RunResult] = []
+    times: list[tuple[float, float]] = []
+    tick = view.on_tick
+
+    def on_tick(t: float, phase: str, vehicle: object) -> None:
+        times.append((time.monotonic(), t))
+        tick(t, phase, vehicle)  # type: ignore[arg-type]
+
+    view.on_tick = on_tick  # type: ignore[method-assign]
+    thread = threading.Thread(target=lambda: results.append(_fly(view, tmp_path / "a")))
+    thread.start()
+    _wait_for(lambda: view.server is not None)
+    time.sleep(0.2)
+    assert not times  # the run waits for the first browser
+    with _browser(view):
+        _wait_for(lambda: len(times) > 50)
+        wall, t = np.array(times[-1]) - np.array(times[10])
+        assert t == pytest.approx(wall, abs=0.25)  # real time
+        view.paused = True
+        time.sleep(0.3)
+        count = len(times)
+        time.sleep(0.3)
+        assert len(times) <= count + 1
+        view.paused = False
+        view.speed = 5.0
+        time.sleep(0.1)
+        start = len(times)
+        _wait_for(lambda: len(times) > start + 60)
+        wall, t = np.array(times[-1]) - np.array(times[start])
+        assert t > 2.0 * wall
+        view.paused = True
+        time.sleep(0.2)
+    thread.join(timeout=60)  # closed while paused: the run goes on at full speed
+    assert not thread.is_alive()
+    assert results[0].outcome in ("succeeded", "failed") and view.server is None
+
+
+def test_numbers_of_a_scan(tmp_path: Path) -> None:
+    from skywright.evaluation.run import build_vehicle
+
+    vehicle = build_vehicle(load_description("pipe-weld-scan"))
+    vehicle.tick()
+    row = vehicle.samples[0].copy()
+    row["gap"], row["f_normal"], row["tilt"] = 0.0004, 1.25, np.radians(4.0)
+    text = build_numbers(row, vehicle)
+    assert "| push | 1.25 N |" in text and "| air gap | 0.40 mm |" in text
+    assert "| probe tilt | 4.0° |" in text and "**no contact**" in text
+    row["gap"] = 0.5
+    assert "| air gap | – |" in build_numbers(row, vehicle)
+
+
+@pytest.mark.browser
+def test_browser_shows_the_run(chromium: str, tmp_path: Path) -> None:
+    """Chromium connects, draws the panel, and the run ends after it is closed."""
+    view = LiveView(open_browser=False, wait_s=40.0, stay_s=0.0)
+    results: list[RunResult] = []
+    thread = threading.Thread(target=lambda: results.append(_fly(view, tmp_path / "a")))
+    thread.start()
+    _wait_for(lambda: view.server is not None and hasattr(view, "_status"))
+    command = [
+        chromium, "--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-gl=angle",
+        "--use-angle=swiftshader", "--disable-background-networking", "--no-first-run",
+        f"--user-data-dir={tmp_path / 'profile'}", "--window-size=900,600",
+        "--remote-debugging-port=0", view.url,
+    ]  # fmt: skip
+    browser = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    try:
+        _wait_for(view.watched, 40.0)
+        port_file = tmp_path / "profile" / "DevToolsActivePort"
+        _wait_for(lambda: port_file.exists() and port_file.read_text())
+        port = int(port_file.read_text().split()[0])
+        listing = urllib.request.urlopen(f"http://127.0.0.1:{port}/json", timeout=5).read()
+        page = next(p for p in json.loads(listing) if p["type"] == "page")
+        with connect(page["webSocketDebuggerUrl"], max_size=None) as ws:
+
+            def text() -> str:
+                what = {"expression": "document.body.innerText"}
+                ws.send(json.dumps({"id": 1, "method": "Runtime.evaluate", "params": what}))
+                while True:
+                    answer = json.loads(ws.recv(timeout=20))
+                    if answer.get("id") == 1:
+                        return str(answer["result"]["result"]["value"])
+
+            _wait_for(lambda: "busiest rotor" in text() and "pause" in text(), 30.0)
+            assert "waypoints: hexarotor in open" in text()
+    finally:
+        browser.terminate()
+        browser.wait()
+    thread.join(timeout=60)
+    assert not thread.is_alive() and results[0].outcome in ("succeeded", "failed")
