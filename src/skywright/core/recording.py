@@ -222,9 +222,7 @@ def _decode_samples(
         parts = raw[topic.name][: len(samples)]
         data = b"".join(parts)
         if any(len(part) != size for part in parts):
-            raise InputError(
-                f"{path}: topic {topic.name} has messages that this version does not know"
-            )
+            raise InputError(f"{path}: topic {topic.name} has messages of another version")
         dtype = build_message_dtype(topic, layout)
         rows = np.frombuffer(data, dtype)
         for message_path in dtype.names or ():
