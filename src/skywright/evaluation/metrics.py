@@ -144,7 +144,12 @@ def _process_weld(
     calibration = calibrate_on_touch(samples, phases)
     scan = in_phases(samples, phases, "scan")
     s = samples[scan]
-    return process_scan(s["t"], s["ec"], s["meas_p_WT"], build_cylinder(pipe), calibration)
+    result = process_scan(s["t"], s["ec"], s["meas_p_WT"], build_cylinder(pipe), calibration)
+    if result.line is None:
+        return result
+    # all crossings share the calibration error of the probe's markers, so no fit can see it
+    shared = math.hypot(result.line.std_offset, description.world.mocap.calibration_m)
+    return result._replace(line=result.line._replace(std_offset=shared))
 
 
 def calibrate_on_touch(samples: Samples, phases: list[PhaseRecord]) -> Calibration:

@@ -29,6 +29,7 @@ from skywright.evaluation.metrics import (
     compute_waypoint_metrics,
 )
 from skywright.evaluation.requirements import Verdict, judge
+from skywright.evaluation.warm_up import is_compiled, start_warm_up
 from skywright.inspection.weld import WeldResult
 from skywright.missions.deviation import build_deviation
 from skywright.missions.dump import dump_description
@@ -39,6 +40,7 @@ from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
 from skywright.models.rigid_body import joint_names
 from skywright.models.rotors import build_rotors
+from skywright.robots.spec import Robot
 from skywright.vehicle.simulated import SimulatedVehicle
 
 FLUSH_S = 1.0  # simulated seconds between writes of the recording
@@ -110,9 +112,12 @@ def run_mission(
     """
     check_can_fly(description.robot, description.world.gravity_mps2)
     start = time.perf_counter()
+    warm_up = None if is_compiled() else start_warm_up()
     plan = plan_mission(description)
     if not plan.feasible:
         raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
+    if warm_up is not None:
+        warm_up.wait()
     final, partial = _open_directory(out, description.mission.name)
     (partial / "mission.toml").write_text(dump_description(description), encoding="utf-8")
     for observer in observers:
@@ -163,7 +168,7 @@ def build_vehicle(
 ) -> SimulatedVehicle:
     """Build the physics back end of a description: plant, sensors, law and estimator."""
     d, mission = description, description.mission
-    name = mission.law or d.robot.control.law or _default_law(d)
+    name = mission.law or d.robot.control.law or choose_law(d.robot)
     law = load_law(name)
     full = bool(build_allocator(build_rotors(d.robot.rotors)).full)
     if name in FULLY_ACTUATED and not full:
@@ -184,8 +189,9 @@ def build_vehicle(
     )
 
 
-def _default_law(description: Description) -> str:
-    full = build_allocator(build_rotors(description.robot.rotors)).full
+def choose_law(robot: Robot) -> str:
+    """Name the law that a run takes when neither mission nor robot names one."""
+    full = build_allocator(build_rotors(robot.rotors)).full
     return "push_and_slide" if full else "thrust_vectoring"
 
 

@@ -6,10 +6,8 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from skywright.core.keys import iterate_leaves
+from skywright.evaluation.run import choose_law
 from skywright.missions.deviation import build_deviation
-from skywright.models.allocation import build_allocator
-from skywright.models.rotors import build_rotors
-from skywright.robots.spec import Robot
 
 if TYPE_CHECKING:
     from skywright.core.spec import Spec
@@ -200,12 +198,6 @@ def list_conditions(result: RunResult) -> list[Row]:
         Row("seed", str(m.seed)),
     ]
     return [r for r in rows if d.robot.arm is not None or r.name != "arm bandwidth"]
-
-
-def choose_law(robot: Robot) -> str:
-    """Name the law that a run takes when neither mission nor robot names one."""
-    full = build_allocator(build_rotors(robot.rotors)).full
-    return "push_and_slide" if full else "thrust_vectoring"
 
 
 def list_timing(result: RunResult) -> list[Row]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn
 from rich.progress import Progress as Bar
+
+from skywright.evaluation.warm_up import is_compiled
 
 if TYPE_CHECKING:
     from skywright.missions.loader import Description
@@ -86,24 +87,6 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
-
-
-def is_compiled() -> bool:
-    """Whether the compiled mission tick of this source lies in numba's cache."""
-    from skywright.vehicle import tick
-
-    return is_cached(tick.mission_tick)
-
-
-def is_cached(function: Any) -> bool:
-    """Whether a function of numba is compiled, in memory or on disk."""
-    if function.signatures:
-        return True
-    try:  # numba's own test: its version, and the stamp of the source
-        return bool(function._cache._cache_file._load_index())
-    except AttributeError:  # another version of numba: is there any file at all
-        folder = Path(function.stats.cache_path or ".")
-        return any(folder.glob(f"*.{function.__name__}-*.nbi"))
 
 
 def announce_compilation(console: Console | None = None) -> bool:

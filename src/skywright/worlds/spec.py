@@ -74,6 +74,7 @@ class Mocap(Spec):
     position_noise_m: NonNegative = 0.0003
     attitude_noise_rad: NonNegative = 0.002
     dropout_fraction: Fraction = 0.01
+    calibration_m: NonNegative = 0.001  # stated accuracy (1 sigma) of the probe's markers
 
 
 class World(Spec):
