@@ -69,7 +69,8 @@ def build_replay(result: RunResult) -> str:
     views = build_views(d.robot, d.world, flown)
     server = start_server()
     try:
-        html = _record(result, samples[rows], views, server)
+        with server.atomic():  # nobody is connected: do not wake viser's thread at every message
+            html = _record(result, samples[rows], views, server)
     finally:
         stop_server(server)
     return _add_overlay(html, result, samples, views)
