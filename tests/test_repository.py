@@ -236,3 +236,14 @@ def test_a_skip_is_a_failure_where_ci_says_so(tmp_path: Path, no_skip: str, code
     assert (out.returncode == 0) == (code == 0), out.stdout
     if code:
         assert "may not be skipped here" in out.stdout
+
+
+def test_the_metrics_page_lists_what_the_report_knows():
+    import importlib.util
+
+    path = ROOT / "docs" / "generate_metrics.py"
+    spec = importlib.util.spec_from_file_location("generate_metrics", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    text = module.PAGE.read_text(encoding="utf-8")
+    assert text == module.build_page(text), "run: python docs/generate_metrics.py"
