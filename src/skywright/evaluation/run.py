@@ -118,11 +118,12 @@ def run_mission(
         raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
     if warm_up is not None:
         warm_up.wait()
+    vehicle = build_vehicle(description)  # a bad law is told before anything is written
     final, partial = _open_directory(out, description.mission.name)
     (partial / "mission.toml").write_text(dump_description(description), encoding="utf-8")
     for observer in observers:
         observer.on_plan(plan, description)
-    samples, phases, flight, outcome = _fly(description, plan, partial, observers)
+    samples, phases, flight, outcome = _fly(description, plan, vehicle, partial, observers)
     result = _evaluate(description, plan, samples, phases, flight, outcome, partial)
     wall = time.perf_counter() - start
     simulated = float(samples["t"][-1]) if len(samples) else 0.0
@@ -196,7 +197,11 @@ def choose_law(robot: Robot) -> str:
 
 
 def _fly(
-    description: Description, plan: MissionPlan, partial: Path, observers: Sequence[Observer]
+    description: Description,
+    plan: MissionPlan,
+    vehicle: SimulatedVehicle,
+    partial: Path,
+    observers: Sequence[Observer],
 ) -> tuple[NDArray[Any], list[PhaseRecord], Flight, str]:
     """Fly the mission, recording as it goes; returns samples, phases, flight and outcome."""
     robot = description.robot
@@ -206,7 +211,7 @@ def _fly(
         partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg)
     )
     writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
-    vehicle = build_vehicle(description, blocks.append)
+    vehicle.on_samples = blocks.append
 
     def flush() -> None:
         nonlocal written
