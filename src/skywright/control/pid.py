@@ -36,17 +36,28 @@ def position_force(
     along v_T^d, is fed forward (`par.friction`, 0 gives the paper's law). Without it each reversal
     of the friction leaves the tip 2 mu F / K^P behind until the integral has caught up.
     """
-    kp = body.mass * par.wn_p * par.wn_p
-    kd = 2.0 * par.zeta_p * body.mass * par.wn_p
-    e = np.empty(3)
+    e, v = np.empty(3), np.empty(3)
     for i in range(3):
         if ref.track_tip > 0.5:
             e[i] = ref.p_WT[i] - est.p_WT[i]
         else:
             e[i] = ref.p_WB[i] - est.p_WB[i]
-        f_W[i] = (
-            body.mass * ref.a_WB[i] + kd * (ref.v_WB[i] - est.v_WB[i]) + kp * e[i] + mem.sigma[i]
-        )
+        v[i] = ref.v_WB[i] - est.v_WB[i]
+    force_from_errors(par, mem, ref, body, e, v, saturated, f_W)
+
+
+@njit(cache=True)
+def force_from_errors(
+    par: Record, mem: Record, ref: Record, body: Record, e: Any, v: Any, saturated: float, f_W: Any
+) -> None:
+    """`position_force` of a position error e (3,) m and a velocity error v (3,) m/s, in W.
+
+    The laws differ in whose errors these are, the platform's or the tip's.
+    """
+    kp = body.mass * par.wn_p * par.wn_p
+    kd = 2.0 * par.zeta_p * body.mass * par.wn_p
+    for i in range(3):
+        f_W[i] = body.mass * ref.a_WB[i] + kd * v[i] + kp * e[i] + mem.sigma[i]
     f_W[2] += body.mass * body.gravity
     normal = 0.0
     for i in range(3):

@@ -20,8 +20,12 @@ from skywright.errors import InputError
 LAWS = {
     "push_and_slide": "skywright.control.push_and_slide",
     "thrust_vectoring": "skywright.control.thrust_vectoring",
+    # the alternatives that Tognon 2018 argues against
+    "joint_space": "skywright.control.joint_space",
+    "inverse_kinematics": "skywright.control.inverse_kinematics",
+    "tip_pd": "skywright.control.tip_pd",
 }
-FULLY_ACTUATED = {"push_and_slide"}
+FULLY_ACTUATED = {"push_and_slide", "joint_space", "inverse_kinematics", "tip_pd"}
 
 
 class Law(NamedTuple):
