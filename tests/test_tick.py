@@ -158,3 +158,16 @@ def test_a_coplanar_robot_cannot_fly_a_law_for_full_actuation():
     d = load_description("waypoints", sets=["mission.law=push_and_slide"])
     with pytest.raises(InputError, match="fully actuated"):
         build_vehicle(d)
+
+
+def test_a_robot_that_no_longer_follows_is_told_at_once():
+    """Thrown away from the pipe far beyond what its rotors can hold: no endless flight."""
+
+    def throw(vehicle, phase):
+        vehicle.sim.data.qfrc_applied[0] = -60.0 if phase == "scan" else 0.0
+
+    samples, phases, flight = fly([], throw)
+    assert not flight.completed
+    assert "control was lost in scan" in flight.reason
+    assert phases[-1].outcome == "failed"
+    assert samples["t"][-1] < phases[-1].start_s + 3.0

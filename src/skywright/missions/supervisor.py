@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from skywright.missions.planning import MissionPlan
 from skywright.missions.spec import Mission
 from skywright.missions.tables import build_retreat, cut_table, lift_table, reverse_table
-from skywright.vehicle.guard import CONTACT_LOST
+from skywright.vehicle.guard import CONTACT_LOST, LOST_CONTROL
 from skywright.vehicle.interface import Backend, Probe, Uav, WholeBody, require
 
 Table = NDArray[Any]
@@ -39,6 +40,10 @@ class Flight(NamedTuple):
     reason: str  # why it was cut short, or ""
 
 
+class LostControl(Exception):
+    """The robot no longer follows its reference; there is nothing left to command."""
+
+
 class Supervisor:
     """Flies a mission's phases; `phases` grows while it does."""
 
@@ -60,7 +65,14 @@ class Supervisor:
         self.uav, self.body, self.probe = Uav(vehicle), WholeBody(vehicle), Probe(vehicle)
 
     def fly(self) -> Flight:
-        """Run the whole mission; returns when it has landed."""
+        """Run the whole mission; returns when it has landed, or when control was lost."""
+        try:
+            return self._fly()
+        except LostControl as error:
+            self._end("failed")
+            return Flight(False, str(error))
+
+    def _fly(self) -> Flight:
         kind = self.mission.kind
         needs = {"scan": {"uav", "whole_body", "probe"}, "waypoints": {"uav"}}[kind]
         require(self.vehicle, frozenset(needs), self.mission.name)
@@ -193,9 +205,21 @@ class Supervisor:
 
     def _tick(self, guards: int = 0) -> Any:
         ticked = self.vehicle.tick(guards)
+        if ticked.fired & LOST_CONTROL:
+            raise LostControl(self._explain_lost_control())
         if self._on_tick is not None:
             self._on_tick(ticked.t, self._open[0] if self._open else "")
         return ticked
+
+    def _explain_lost_control(self) -> str:
+        est, ref = self.vehicle.estimate, self.vehicle.reference
+        error = float(np.linalg.norm(est["p_WB"] - ref["p_WB"]))
+        tilt = math.degrees(math.acos(min(max(float(est["R_WB"][2, 2]), -1.0), 1.0)))
+        phase = self._open[0] if self._open else "the flight"
+        return (
+            f"control was lost in {phase} at t = {self.vehicle.t:.1f} s: {error:.2f} m from the "
+            f"reference, tilted {tilt:.0f} deg"
+        )
 
     def _begin(self, name: str) -> None:
         self._end("done")

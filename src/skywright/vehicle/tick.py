@@ -25,7 +25,15 @@ from skywright.models.rotors import compute_power
 from skywright.sim.physics import step_physics
 from skywright.sim.plant import actuate, blow, observe, sense
 from skywright.vehicle.frame import open_frame
-from skywright.vehicle.guard import COLLISION, CONTACT_LOST, CONTACT_MADE, NOT_FINITE
+from skywright.vehicle.guard import (
+    COLLISION,
+    CONTACT_LOST,
+    CONTACT_MADE,
+    ERROR_MAX,
+    LOST_CONTROL,
+    NOT_FINITE,
+    UP_MIN,
+)
 
 Record = Any
 Array = Any
@@ -135,6 +143,12 @@ def after_law(
     if not math.isfinite(total):  # NaN never reaches a command
         g.fired |= NOT_FINITE
         return
+    if b.ref.active > 0.5:
+        error = 0.0
+        for i in range(3):
+            error += (b.ref.p_WB[i] - b.est.p_WB[i]) ** 2
+        if error > ERROR_MAX * ERROR_MAX or b.est.R_WB[2, 2] < UP_MIN:
+            g.fired |= LOST_CONTROL
     if b.ref.active < 0.5:
         for i in range(thrust.shape[0]):
             thrust[i] = 0.0
