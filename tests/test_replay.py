@@ -272,7 +272,7 @@ def test_browser_plays_the_page_without_network(
         chromium, "--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-gl=angle",
         "--use-angle=swiftshader", "--disable-background-networking", "--no-first-run",
         "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={tmp_path}",
-        "--window-size=900,600", "--virtual-time-budget=6000", "--dump-dom",
+        "--window-size=500,350", "--virtual-time-budget=3000", "--dump-dom",
         f"{path.resolve().as_uri()}#t={t:.1f}",
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)

@@ -3,7 +3,8 @@
 The standard control of a redundant manipulator (Siciliano, Robotics, 2009, section 3.7.1): joint
 velocities qd = qd^n + J^+ K e_E with the tip's error e_E. Tognon et al. 2018, section V, tried it
 and dropped it because the arm's flexibility puts the feedback across an elastic mode: the tip
-vibrates. The platform tracks its own nominal pose.
+vibrates. The platform tracks its own nominal pose. In contact only the error along the surface is
+fed back: joint velocity integrates, and the intended penetration would push without end.
 """
 
 from __future__ import annotations
@@ -28,13 +29,18 @@ DAMPING = 0.05
 def tip_feedback(par: Record, ref: Record, est: Record, body: Record, qd: Any) -> None:
     """qd += J^T (J J^T + d^2 1)^-1 K e_E, all in B, solved through the small joint-side matrix.
 
-    J^T (J J^T + d^2)^-1 = (J^T J + d^2)^-1 J^T; Gauss elimination without pivoting is safe because
+    e_E loses its part along z_S while the reference is in contact (`ref.dead_zone` > 0). J^T (J J^T + d^2)^-1 = (J^T J + d^2)^-1 J^T; Gauss elimination without pivoting is safe because
     the matrix is positive definite.
     """
     n = body.n_joints
     e_W, e_B = np.empty(3), np.empty(3)
+    normal = 0.0
     for i in range(3):
         e_W[i] = par.k_arm * (ref.p_WT[i] - est.p_WT[i])
+        normal += ref.R_WS[i, 2] * e_W[i]
+    if ref.dead_zone > 0.0:
+        for i in range(3):
+            e_W[i] -= normal * ref.R_WS[i, 2]
     mat_t_vec(est.R_WB, e_W, e_B)
     a, x = np.zeros((MAX_JOINTS, MAX_JOINTS)), np.zeros(MAX_JOINTS)
     for r in range(n):

@@ -61,6 +61,7 @@ class LiveView:
         self._rows: list[NDArray[Any]] = []
         self._judged: list[bool] = []
         self._chunks = 0
+        self._phase = ""
         self._pace_seen = (0.0, -1e9, "")  # mission time, wall time, what was said
         self._anchor: tuple[float, float, float] | None = None  # wall time, mission time, speed
 
@@ -101,6 +102,7 @@ class LiveView:
         """Show the state, and hold the run back to the chosen speed."""
         if self.server is None:
             return
+        self._phase = phase
         if t >= self._next_point:
             self._next_point = t + TRACE_PERIOD
             self._rows.append(_latest(vehicle))
@@ -112,12 +114,13 @@ class LiveView:
         self._pace(t, phase, vehicle)
 
     def close(self) -> None:
-        """Show the end for a few seconds, then stop the server."""
+        """Show the landed robot for a few seconds, then stop the server."""
         if self.server is None:
             return
         self._draw_rows()
         self._status.content = "### flight over\nThe report follows in the terminal."
-        end = time.perf_counter() + self.stay_s
+        landed = self._phase == "land"  # whoever interrupts a run does not want to wait
+        end = time.perf_counter() + (self.stay_s if landed else 0.0)
         while self.watched() and time.perf_counter() < end:
             time.sleep(0.05)
         stop_server(self.server)
