@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import socket
-import subprocess
 import threading
 import time
 import urllib.request
@@ -17,6 +15,7 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
+from chromium_page import open_page, wait_for
 from skywright.evaluation.run import RunResult, run_mission
 from skywright.ground.live import LiveView, build_numbers
 from skywright.missions.loader import load_description
@@ -62,13 +61,6 @@ def _browser(view: LiveView) -> Iterator[None]:
         thread.start()
         yield
         stop.set()
-
-
-def _wait_for(what: object, seconds: float = 10.0) -> None:
-    end = time.monotonic() + seconds
-    while not what():  # type: ignore[operator]
-        assert time.monotonic() < end, "waited too long"
-        time.sleep(0.02)
 
 
 def test_a_run_is_the_same_with_and_without_the_view(
@@ -123,11 +115,11 @@ def test_watched_run_is_paced_paused_and_ends_when_the_browser_closes(tmp_path: 
     view.on_tick = on_tick  # type: ignore[method-assign]
     thread = threading.Thread(target=lambda: results.append(_fly(view, tmp_path / "a")))
     thread.start()
-    _wait_for(lambda: view.server is not None)
+    wait_for(lambda: view.server is not None)
     time.sleep(0.2)
     assert not times  # the run waits for the first browser
     with _browser(view):
-        _wait_for(lambda: len(times) > 50)
+        wait_for(lambda: len(times) > 50)
         wall, t = np.array(times[-1]) - np.array(times[10])
         assert t == pytest.approx(wall, abs=0.25)  # real time
         view.paused = True
@@ -139,7 +131,7 @@ def test_watched_run_is_paced_paused_and_ends_when_the_browser_closes(tmp_path: 
         view.speed = 5.0
         time.sleep(0.1)
         start = len(times)
-        _wait_for(lambda: len(times) > start + 60)
+        wait_for(lambda: len(times) > start + 60)
         wall, t = np.array(times[-1]) - np.array(times[start])
         assert t > 2.0 * wall
         view.paused = True
@@ -170,35 +162,14 @@ def test_browser_shows_the_run(chromium: str, tmp_path: Path) -> None:
     results: list[RunResult] = []
     thread = threading.Thread(target=lambda: results.append(_fly(view, tmp_path / "a")))
     thread.start()
-    _wait_for(lambda: view.server is not None and hasattr(view, "_status"))
-    command = [
-        chromium, "--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-gl=angle",
-        "--use-angle=swiftshader", "--disable-background-networking", "--no-first-run",
-        f"--user-data-dir={tmp_path / 'profile'}", "--window-size=900,600",
-        "--remote-debugging-port=0", view.url,
-    ]  # fmt: skip
-    browser = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    try:
-        _wait_for(view.watched, 40.0)
-        port_file = tmp_path / "profile" / "DevToolsActivePort"
-        _wait_for(lambda: port_file.exists() and port_file.read_text())
-        port = int(port_file.read_text().split()[0])
-        listing = urllib.request.urlopen(f"http://127.0.0.1:{port}/json", timeout=5).read()
-        page = next(p for p in json.loads(listing) if p["type"] == "page")
-        with connect(page["webSocketDebuggerUrl"], max_size=None) as ws:
+    wait_for(lambda: view.server is not None and hasattr(view, "_status"))
+    with open_page(chromium, view.url, tmp_path / "profile") as evaluate:
+        wait_for(view.watched, 40.0)
 
-            def text() -> str:
-                what = {"expression": "document.body.innerText"}
-                ws.send(json.dumps({"id": 1, "method": "Runtime.evaluate", "params": what}))
-                while True:
-                    answer = json.loads(ws.recv(timeout=20))
-                    if answer.get("id") == 1:
-                        return str(answer["result"]["result"]["value"])
+        def text() -> str:
+            return str(evaluate("document.body.innerText"))
 
-            _wait_for(lambda: "busiest rotor" in text() and "pause" in text(), 30.0)
-            assert "waypoints: hexarotor in open" in text()
-    finally:
-        browser.terminate()
-        browser.wait()
+        wait_for(lambda: "busiest rotor" in text() and "pause" in text(), 30.0)
+        assert "waypoints: hexarotor in open" in text()
     thread.join(timeout=60)
     assert not thread.is_alive() and results[0].outcome in ("succeeded", "failed")

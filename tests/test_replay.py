@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import time
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from chromium_page import open_page, wait_for
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_z
 from skywright.core.types import MAX_JOINTS, SAMPLE
 from skywright.errors import InputError
@@ -268,18 +268,19 @@ def test_browser_plays_the_page_without_network(
     path = write_replay(scan)
     sliding = next(p for p in scan.phases if p.name == "scan")
     t = 0.5 * (sliding.start_s + sliding.end_s)
-    command = [
-        chromium, "--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-gl=angle",
-        "--use-angle=swiftshader", "--disable-background-networking", "--no-first-run",
-        "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={tmp_path}",
-        "--window-size=500,350", "--virtual-time-budget=3000", "--dump-dom",
-        f"{path.resolve().as_uri()}#t={t:.1f}",
-    ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    panel = re.search(r'<div id="sky-panel">(.*?)</table>', done.stdout, re.DOTALL)
-    assert panel is not None, done.stderr[-500:]
-    assert '<div class="now"><span>scan</span>' in panel.group(1)
-    assert f"{t:.1f} / " in panel.group(1)
-    assert re.search(r"push on the pipe</td><td class=\"v\">\d\.\d\d N", panel.group(1))
-    assert done.stdout.count('class="contact on"') == 1
-    assert "<canvas" in done.stdout
+    url = f"{path.resolve().as_uri()}#t={t:.1f}"
+    offline = "--host-resolver-rules=MAP * ~NOTFOUND"
+    with open_page(chromium, url, tmp_path / "profile", offline) as evaluate:
+
+        def read(selector: str) -> str:
+            return str(evaluate(f"(document.querySelector({selector!r}) || {{}}).innerText"))
+
+        wait_for(lambda: f"{t:.1f} / " in read("#sky-panel .now"), 40.0)
+        assert read("#sky-panel .now").startswith("scan")
+        assert re.search(r"push on the pipe\s+\d\.\d\d N", read("#sky-panel table"))
+        assert read("#sky-phases .on") == "scan"
+        assert evaluate("document.querySelectorAll('canvas').length")
+        evaluate("[...document.querySelectorAll('#sky-phases div')].at(-1).click()")  # back and on
+        wait_for(lambda: read("#sky-panel .now").startswith("land"))
+        loaded = evaluate("performance.getEntriesByType('resource').map((e) => e.name).join(' ')")
+        assert not re.search(r"https?:", str(loaded))
