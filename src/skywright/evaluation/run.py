@@ -110,26 +110,15 @@ def run_mission(
     Raises InputError (nothing was started), InfeasibleError (no plan exists). A diverged or
     interrupted run is returned with that outcome; its directory stays NAME.partial.
     """
-    check_can_fly(description.robot, description.world.gravity_mps2)
     start = time.perf_counter()
-    warm_up = None if is_compiled() else start_warm_up()
-    plan = plan_mission(description)
-    if not plan.feasible:
-        raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
-    if warm_up is not None:
-        warm_up.wait()
-    vehicle = build_vehicle(description)  # a bad law is told before anything is written
+    plan, vehicle = _prepare(description)  # a bad law is told before anything is written
     final, partial = _open_directory(out, description.mission.name)
     (partial / "mission.toml").write_text(dump_description(description), encoding="utf-8")
     for observer in observers:
         observer.on_plan(plan, description)
     samples, phases, flight, outcome = _fly(description, plan, vehicle, partial, observers)
     result = _evaluate(description, plan, samples, phases, flight, outcome, partial)
-    wall = time.perf_counter() - start
-    simulated = float(samples["t"][-1]) if len(samples) else 0.0
-    result.timing.update(
-        simulated_s=simulated, wall_s=wall, real_time_factor=simulated / wall, plan_s=plan.plan_s
-    )
+    _add_timing(result, start)
     _write_json(partial / "metrics.json", result.to_json())
     if outcome in ("interrupted", "diverged"):
         return result
@@ -137,6 +126,19 @@ def run_mission(
         write_report(result)
     partial.rename(final)
     return result._replace(directory=final)
+
+
+def fly_and_evaluate(description: Description) -> RunResult:
+    """Plan, fly and evaluate a mission without writing anything; `directory` is the current one.
+
+    The result equals that of `run_mission` bit for bit, timing excepted. Raises as it does.
+    """
+    start = time.perf_counter()
+    plan, vehicle = _prepare(description)
+    samples, phases, flight, outcome = _fly(description, plan, vehicle, None, ())
+    result = _evaluate(description, plan, samples, phases, flight, outcome, Path())
+    _add_timing(result, start)
+    return result
 
 
 def evaluate_directory(directory: Path) -> RunResult:
@@ -196,27 +198,54 @@ def choose_law(robot: Robot) -> str:
     return "push_and_slide" if full else "thrust_vectoring"
 
 
+def _prepare(description: Description) -> tuple[MissionPlan, SimulatedVehicle]:
+    """Plan the mission and build its vehicle; compiles both at once where that is needed."""
+    check_can_fly(description.robot, description.world.gravity_mps2)
+    warm_up = None if is_compiled() else start_warm_up()
+    plan = plan_mission(description)
+    if not plan.feasible:
+        raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
+    if warm_up is not None:
+        warm_up.wait()
+    return plan, build_vehicle(description)
+
+
+def _add_timing(result: RunResult, start: float) -> None:
+    """Fill in what a run took since `start` (of time.perf_counter)."""
+    wall = time.perf_counter() - start
+    simulated = float(result.samples["t"][-1]) if len(result.samples) else 0.0
+    result.timing.update(
+        simulated_s=simulated, wall_s=wall, real_time_factor=simulated / wall,
+        plan_s=result.plan.plan_s,
+    )  # fmt: skip
+
+
 def _fly(
     description: Description,
     plan: MissionPlan,
     vehicle: SimulatedVehicle,
-    partial: Path,
+    partial: Path | None,
     observers: Sequence[Observer],
 ) -> tuple[NDArray[Any], list[PhaseRecord], Flight, str]:
-    """Fly the mission, recording as it goes; returns samples, phases, flight and outcome."""
+    """Fly the mission, recording as it goes; returns samples, phases, flight and outcome.
+
+    Without a directory `partial` nothing is recorded.
+    """
     robot = description.robot
     blocks: list[NDArray[Any]] = []
     written = 0
-    writer = RecordingWriter(
-        partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg)
-    )
-    writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
+    writer: RecordingWriter | None = None
+    if partial is not None:
+        writer = RecordingWriter(
+            partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg)
+        )
+        writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
     vehicle.on_samples = blocks.append
 
     def flush() -> None:
         nonlocal written
         vehicle.flush()
-        if written < len(blocks):
+        if writer is not None and written < len(blocks):
             writer.append(np.concatenate(blocks[written:]))
             written = len(blocks)
 
@@ -232,7 +261,8 @@ def _fly(
 
     def on_phase(index: int, name: str) -> None:
         vehicle.set_phase(index)
-        writer.event(vehicle.t, f"phase {name}")
+        if writer is not None:
+            writer.event(vehicle.t, f"phase {name}")
 
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick
@@ -247,9 +277,10 @@ def _fly(
     finally:
         supervisor.close(outcome or "done")
         flush()
-        if outcome:
-            writer.event(vehicle.t, f"{outcome}: {flight.reason}")
-        writer.close()
+        if writer is not None:
+            if outcome:
+                writer.event(vehicle.t, f"{outcome}: {flight.reason}")
+            writer.close()
         for observer in observers:
             observer.close()
     samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
