@@ -114,16 +114,25 @@ def run_mission(
     plan, vehicle = _prepare(description)  # a bad law is told before anything is written
     final, partial = _open_directory(out, description.mission.name)
     (partial / "mission.toml").write_text(dump_description(description), encoding="utf-8")
-    for observer in observers:
-        observer.on_plan(plan, description)
-    samples, phases, flight, outcome = _fly(description, plan, vehicle, partial, observers)
+    try:
+        for observer in observers:
+            observer.on_plan(plan, description)
+        samples, phases, flight, outcome = _fly(description, plan, vehicle, partial, observers)
+    finally:
+        for observer in observers:
+            observer.close()
     result = _evaluate(description, plan, samples, phases, flight, outcome, partial)
     _add_timing(result, start)
     _write_json(partial / "metrics.json", result.to_json())
     if outcome in ("interrupted", "diverged"):
         return result
-    if write_report is not None:
-        write_report(result)
+    try:
+        if write_report is not None:
+            write_report(result)
+    except KeyboardInterrupt:
+        result = result._replace(outcome="interrupted", reason="interrupted in the report")
+        _write_json(partial / "metrics.json", result.to_json())
+        return result
     partial.rename(final)
     return result._replace(directory=final)
 
@@ -281,8 +290,6 @@ def _fly(
             if outcome:
                 writer.event(vehicle.t, f"{outcome}: {flight.reason}")
             writer.close()
-        for observer in observers:
-            observer.close()
     samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
     return samples, supervisor.phases, flight, outcome
 

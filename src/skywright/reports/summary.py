@@ -88,7 +88,7 @@ def describe_mission(description: Description) -> list[Section]:
         rows.append(("scan", f"{s.pattern} of {s.passes} passes x {s.pass_length_m:g} m"))
         rows.append(("sector", f"{where}, {s.arc_deg:g} deg of the circumference"))
         rows.append(("speed", f"{s.speed_mps * 1000:g} mm/s"))
-    for i, w in enumerate(m.waypoints):
+    for i, w in enumerate(m.waypoints, 1):
         place = f"({w.x_m:g}, {w.y_m:g}, {w.z_m:g}) m"
         rows.append((f"way-point {i}", f"{place}, heading {w.yaw_deg:g} deg, {w.hold_s:g} s"))
     limits = [
