@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-STREAMS = ("plant", "gyro", "mocap", "dropout", "probe", "texture", "planner")
+STREAMS = (
+    "plant", "gyro", "mocap", "dropout", "probe", "texture", "planner",
+    "wind", "wind_start", "friction",
+)  # fmt: skip
 """Append only: a stream's place in this list is part of what a seed means."""
 
 

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import cross, exp_so3, mat_mat, mat_t_vec, mat_vec, quat_to_rot
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.sim.friction import FRICTION
+from skywright.sim.wind import FAN, NOISE, WIND
 
 Array = NDArray[np.float64]
 Record = Any
@@ -41,7 +43,8 @@ PLANT = np.dtype(
         ("rotor_speed", f8, MAX_ROTORS),
         # aerodynamics
         ("half_rho_area", f8, 3),  # kg/m, rho/2 C_D A along the body axes
-        ("wind_W", f8, 3),  # m/s
+        ("wind", WIND),
+        ("noise_wind", f8, (BLOCK, NOISE)),
         ("f_wind_W", f8, 3),  # N, drag now
         # addresses in MuJoCo's arrays
         ("n_joints", i8),
@@ -85,6 +88,7 @@ PLANT = np.dtype(
         ("radius", f8),
         ("half_length", f8),
         ("tip_radius", f8),
+        ("friction", FRICTION),
         # truth of this tick
         ("p_WB", f8, 3),
         ("R_WB", f8, (3, 3)),
@@ -238,18 +242,26 @@ def actuate(pl: Record, cmd: Record, motor_speed: Array, dt: float, ctrl: Array)
 def blow(pl: Record, xfrc: Array) -> None:
     """Drag of body and rotors in the wind, applied to the platform at its centre of mass.
 
-    Body: rho/2 C_D A |v| v along the body axes. Rotors: -c w v in the disc plane, at the hub.
+    Body: rho/2 C_D A |v| v along the body axes. Rotors: -c w v in the disc plane, at the hub, in
+    the air at that hub where the wind differs over the robot.
     """
+    wind = pl.wind
     va, fb, tb = np.empty(3), np.zeros(3), np.zeros(3)
-    rel = np.empty(3)
+    rel, vb = np.empty(3), np.empty(3)
     for i in range(3):
-        rel[i] = pl.v_WB[i] - pl.wind_W[i]
+        rel[i] = pl.v_WB[i] - wind.body_W[i]
     mat_t_vec(pl.R_WB, rel, va)
     speed = math.sqrt(va[0] * va[0] + va[1] * va[1] + va[2] * va[2])
     for i in range(3):
         fb[i] = -pl.half_rho_area[i] * speed * va[i]
+    for i in range(3):
+        vb[i] = va[i]
     arm, force, turn = np.empty(3), np.empty(3), np.empty(3)
     for n in range(pl.n_rotors):
+        if wind.kind == FAN:
+            for i in range(3):
+                rel[i] = pl.v_WB[i] - wind.rotor_W[n, i]
+            mat_t_vec(pl.R_WB, rel, va)
         for i in range(3):
             arm[i] = pl.rotor_p[n, i]
         cross(pl.w_WB_B, arm, turn)
@@ -266,7 +278,7 @@ def blow(pl: Record, xfrc: Array) -> None:
             tb[i] += turn[i]
     for i in range(3):  # body drag acts at the origin of B
         arm[i] = -pl.com_B[i]
-        force[i] = -pl.half_rho_area[i] * speed * va[i]
+        force[i] = -pl.half_rho_area[i] * speed * vb[i]
     cross(arm, force, turn)
     for i in range(3):
         tb[i] += turn[i]

@@ -26,12 +26,12 @@ F8, C16 = np.float64, np.complex128
 (
     _BELIEF, _PLANT, _GUARD, _MODEL, _KIN, _TABLE, _SAMPLES, _QPOS, _QVEL, _SENSORS, _SITE_P,
     _SITE_R, _CTRL, _XFRC, _B, _P, _T_MIN, _T_MAX, _THRUST, _EC_TABLE, _EC_MU, _EC_KS, _EC_KC,
-    _EC_PHASE, _EC_NUMBERS, _MJ_MODEL, _MJ_DATA, _LAW, _ADDRESSES,
-) = range(29)  # fmt: skip
+    _EC_PHASE, _EC_NUMBERS, _MJ_MODEL, _MJ_DATA, _LAW, _PAIRS, _ADDRESSES,
+) = range(30)  # fmt: skip
 (
     _N_TABLE, _N_SAMPLES, _NQ, _NV, _NSENSOR, _NSITE, _NU, _NBODY, _N_ROTORS, _FULL, _N_TILT,
-    _N_GAP, _N_BLEND, _N_MODES, _END,
-) = range(_ADDRESSES, _ADDRESSES + 15)  # fmt: skip
+    _N_GAP, _N_BLEND, _N_MODES, _N_PAIRS, _END,
+) = range(_ADDRESSES, _ADDRESSES + 16)  # fmt: skip
 
 
 class Views(NamedTuple):
@@ -62,6 +62,7 @@ class Views(NamedTuple):
     law_address: int
     mj_model: int
     mj_data: int
+    pair_friction: Any
 
 
 @njit(cache=True)
@@ -106,6 +107,7 @@ def open_frame(f: Any) -> Views:
         f[_LAW],
         f[_MJ_MODEL],
         f[_MJ_DATA],
+        carray(as_pointer(f[_PAIRS]), (f[_N_PAIRS], 5), F8),
     )
 
 
@@ -131,7 +133,7 @@ class Frame:
             _EC_TABLE: np.ascontiguousarray(probe.table, C16),
             _EC_MU: np.ascontiguousarray(probe.d_log_mu, C16),
             _EC_KS: probe.texture_ks, _EC_KC: probe.texture_kc, _EC_PHASE: probe.texture_phase,
-            _EC_NUMBERS: numbers,
+            _EC_NUMBERS: numbers, _PAIRS: sim.pair_friction,
         }  # fmt: skip
         sizes = {
             _N_SAMPLES: len(samples), _NQ: len(sim.qpos), _NV: len(sim.qvel),
@@ -139,6 +141,7 @@ class Frame:
             _NBODY: len(sim.xfrc), _N_ROTORS: len(thrust), _FULL: int(a.full),
             _N_TILT: probe.table.shape[0], _N_GAP: probe.table.shape[1],
             _N_BLEND: probe.table.shape[2], _N_MODES: len(probe.texture_ks),
+            _N_PAIRS: len(sim.pair_friction),
         }  # fmt: skip
         self.array = np.zeros(_END, np.int64)
         for place, value in arrays.items():

@@ -29,8 +29,10 @@ from skywright.models.rigid_body import (
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, Deviation, Scene, build_scene, home_pose
 from skywright.robots.spec import Robot
+from skywright.sim.friction import fill_friction
 from skywright.sim.plant import BLOCK, PLANT
 from skywright.sim.simulation import Simulation
+from skywright.sim.wind import NOISE, fill_wind
 from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
 from skywright.vehicle.interface import Limits, Table, Ticked
@@ -98,7 +100,8 @@ class SimulatedVehicle:
         pipe = world.pipe or Pipe()  # without a pipe the signal is never asked for
         weld = world.weld if world.pipe is not None else None
         self.probe_signal = build_probe_signal(pipe, weld, build_stream(seed, "texture"))
-        self._streams = {n: build_stream(seed, n) for n in ("gyro", "mocap", "dropout", "probe")}
+        names = ("gyro", "mocap", "dropout", "probe", "wind")
+        self._streams = {n: build_stream(seed, n) for n in names}
         self.samples = np.zeros(SAMPLES, SAMPLE)
         self.frame = Frame(
             self.belief, self.plant, self.guard, self.model, self.kin, self.samples, self.sim,
@@ -219,6 +222,8 @@ class SimulatedVehicle:
         pl["noise_mocap"] = self._streams["mocap"].standard_normal((BLOCK, 12))
         pl["noise_drop"] = self._streams["dropout"].random(BLOCK)
         pl["noise_ec"] = self._streams["probe"].standard_normal((BLOCK, 2))
+        if self.world.wind.gusty:
+            pl["noise_wind"] = self._streams["wind"].standard_normal((BLOCK, NOISE))
 
     def _build_belief(self) -> NDArray[Any]:
         out = np.zeros(1, BELIEF)
@@ -294,12 +299,10 @@ def _build_plant(
     p = robot.platform
     areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
     pl["half_rho_area"] = 0.5 * world.air_density_kg_m3 * areas * dev.drag_factor
-    if world.wind.kind == "steady":
-        toward = math.radians(world.wind.toward_deg)
-        mean = world.wind.mean_mps
-        pl["wind_W"] = [
-            mean * math.cos(toward), mean * math.sin(toward), world.wind.vertical_mps,
-        ]  # fmt: skip
+    fill_wind(
+        pl["wind"], world.wind, rotors.position, 1.0 / robot.control.rate_hz,
+        build_stream(seed, "wind_start"),
+    )  # fmt: skip
     pl["joint_qpos"][: scene.n_joints] = index.joint_qpos
     pl["joint_dof"][: scene.n_joints] = index.joint_dof
     pl["slider_qpos"], pl["platform"] = index.slider_qpos, index.platform_body
@@ -327,6 +330,7 @@ def _build_plant(
         pl["has_pipe"] = int(robot.probe is not None)
         pl["p_WP"], pl["R_WP"], pl["radius"] = cyl.p_WP, cyl.R_WP, cyl.radius
         pl["half_length"] = cyl.half_length
+        fill_friction(pl["friction"], world.pipe, build_stream(seed, "friction"))
     if robot.probe is not None:
         pl["tip_radius"] = robot.probe.tip_radius_m
     return out

@@ -22,8 +22,10 @@ from skywright.inspection.eddy_current import ec_signal
 from skywright.models.allocation import allocate, thrust_to_speed
 from skywright.models.rigid_body import fill_body, fill_kinematics
 from skywright.models.rotors import compute_power
+from skywright.sim.friction import rub
 from skywright.sim.physics import step_physics
 from skywright.sim.plant import actuate, blow, observe, sense
+from skywright.sim.wind import step_wind
 from skywright.vehicle.frame import open_frame
 from skywright.vehicle.guard import (
     COLLISION,
@@ -129,8 +131,9 @@ def after_law(
     thrust: Array,
     ctrl: Array,
     xfrc: Array,
+    pair_friction: Array,
 ) -> None:
-    """Check and allocate the command, drive rotors and servos, apply the wind."""
+    """Check and allocate the command, drive rotors and servos, apply wind and friction."""
     cmd, par = b.cmd, b.par
     n_joints = b.body.n_joints
     total = 0.0
@@ -174,7 +177,11 @@ def after_law(
             v += par.belt_inv[j, i] * cmd.qd[i]
         motor[j] = v
     actuate(pl, cmd, motor, par.dt, ctrl)
+    step_wind(
+        pl.wind, pl.noise_wind[pl.block], b.t, par.dt, pl.p_WB, pl.R_WB, pl.rotor_p, pl.n_rotors
+    )
     blow(pl, xfrc)
+    rub(pl.friction, pl.s, pl.radius * pl.phi, pl.gap, pair_friction)
     pl.tick += 1
     pl.block += 1
     b.t = pl.tick * par.dt
@@ -275,7 +282,10 @@ def tick_after_law(frame: Array, n_samples: int) -> tuple[int, int]:
     if v.pl[0].tick % v.g[0].sample_every == 0 and n_samples < v.samples.shape[0]:
         take_sample(v.b[0], v.pl[0], v.g[0], v.probe, v.qpos, v.qvel, v.samples[n_samples])
         n_samples += 1
-    after_law(v.b[0], v.pl[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl, v.xfrc)
+    after_law(
+        v.b[0], v.pl[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl, v.xfrc,
+        v.pair_friction,
+    )  # fmt: skip
     return v.g[0].fired, n_samples
 
 
@@ -296,8 +306,9 @@ def mission_tick(frame: Array, n: int, n_steps: int, n_samples: int) -> int:
             take_sample(v.b[0], v.pl[0], v.g[0], v.probe, v.qpos, v.qvel, v.samples[n_samples])
             n_samples += 1
         after_law(
-            v.b[0], v.pl[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl, v.xfrc
-        )
+            v.b[0], v.pl[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl, v.xfrc,
+            v.pair_friction,
+        )  # fmt: skip
         if v.g[0].fired & NOT_FINITE:
             break
         step_physics(v.mj_model, v.mj_data, n_steps)

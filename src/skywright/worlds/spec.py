@@ -24,7 +24,9 @@ class Pipe(Spec):
     z_m: float = 1.5
     yaw_deg: float = 0.0
     inclination_deg: float = Field(default=0.0, ge=-90, le=90)
-    friction: NonNegative = 0.2
+    friction: NonNegative = 0.2  # mean coefficient between the probe's tip and the surface
+    friction_variation: float = Field(default=0.0, ge=0, le=1)  # standard deviation over the mean
+    friction_length_m: Positive = 0.03  # correlation length of the friction along the surface
     conductivity_s_per_m: Positive = 5.0e6
     relative_permeability: Positive = 100.0
     supports: bool = True  # two posts from the ground, near the ends
@@ -57,13 +59,57 @@ class Box(Spec):
     yaw_deg: float = 0.0
 
 
+class Fan(Spec):
+    """A fan whose free round jet blows on the robot; speed and heading are those of the wind.
+
+    `world.wind.mean_mps` is the air speed at the outlet, `toward_deg` and `vertical_mps` aim it.
+    """
+
+    x_m: float = -1.5  # centre of the outlet
+    y_m: float = 0.0
+    z_m: float = 1.5
+    diameter_m: Positive = 0.4
+    turbulence: float = Field(default=0.2, ge=0, le=0.5)  # rms of each component, over local speed
+    turbulence_length_m: Positive = 0.3  # size of the eddies
+    sweep_deg: float = Field(default=0.0, ge=0, le=90)  # to each side; 0 is a static fan
+    sweep_period_s: Positive = 12.0
+
+
+class Dryden(Spec):
+    """Turbulence of MIL-F-8785C at low altitude, on top of the wind's mean.
+
+    `severity` "mean" takes the wind at 20 ft (W20) that belongs to the mean wind; light, moderate
+    and severe are the standard's 15, 30 and 45 knots. `w20_mps` overrides it, `sigma_mps` both.
+    """
+
+    severity: Literal["mean", "light", "moderate", "severe"] = "mean"
+    w20_mps: NonNegative | None = None  # wind at 20 ft (6.1 m) that sets the turbulence
+    sigma_mps: NonNegative | None = None  # rms along and across the wind; vertical follows
+    height_m: float = Field(default=3.048, ge=3.048, le=304.8)  # the standard starts at 10 ft
+
+
 class Wind(Spec):
     """Air moving in W. `toward_deg` is where it blows to, from +x counter-clockwise."""
 
-    kind: Literal["none", "steady"] = "none"
+    kind: Literal["none", "steady", "fan", "dryden"] = "none"
     mean_mps: NonNegative = 0.0
     toward_deg: float = 0.0
     vertical_mps: float = 0.0
+    fan: Fan = Fan()
+    dryden: Dryden = Dryden()
+
+    @model_validator(mode="after")
+    def _turbulence_needs_wind(self) -> Wind:
+        if self.kind == "dryden" and self.mean_mps == 0.0:
+            raise ValueError(
+                "kind = 'dryden' needs mean_mps above 0: the mean wind carries the turbulence past"
+            )
+        return self
+
+    @property
+    def gusty(self) -> bool:
+        """Whether the wind is turbulent."""
+        return self.kind in ("fan", "dryden")
 
 
 class Mocap(Spec):
