@@ -137,14 +137,15 @@ def run_mission(
     return result._replace(directory=final)
 
 
-def fly_and_evaluate(description: Description) -> RunResult:
+def fly_and_evaluate(description: Description, observers: Sequence[Observer] = ()) -> RunResult:
     """Plan, fly and evaluate a mission without writing anything; `directory` is the current one.
 
-    The result equals that of `run_mission` bit for bit, timing excepted. Raises as it does.
+    The result equals that of `run_mission` bit for bit, timing excepted. Raises as it does. Of
+    the `observers` only `on_tick` is called.
     """
     start = time.perf_counter()
     plan, vehicle = _prepare(description)
-    samples, phases, flight, outcome = _fly(description, plan, vehicle, None, ())
+    samples, phases, flight, outcome = _fly(description, plan, vehicle, None, observers)
     result = _evaluate(description, plan, samples, phases, flight, outcome, Path())
     _add_timing(result, start)
     return result
