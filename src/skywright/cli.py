@@ -171,6 +171,67 @@ def plan(
 
 
 @main.command()
+@click.argument("mission")
+@click.option("--runs", type=int, required=True, help="Number of runs.")
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="KEY=DIST",
+    help="uniform(a,b), normal(m,s), loguniform(a,b), choice(a,b,...), csv(FILE); or a CSV FILE "
+    "whose columns are keys. May be repeated.",
+)
+@_layers
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; the same campaign continues.")
+@click.option("--workers", type=int, help="Processes on this machine.  [default: all cores]")
+@click.option("--ray", metavar="local|ADDRESS", help="Fly on a Ray cluster (extra 'cluster').")
+@click.option(
+    "--record",
+    type=click.Choice(["none", "failed", "all"]),
+    default="none",
+    show_default=True,
+    help="Run directories to keep, under FOLDER/runs.",
+)
+@click.option(
+    "--target",
+    type=float,
+    default=0.9,
+    show_default=True,
+    help="Success rate that must be shown for a GO.",
+)
+@_json
+def campaign(
+    mission: str, runs: int, vary: tuple[str, ...], robot: str | None, world: str | None,
+    sets: tuple[str, ...], seed: int | None, out: Path | None, workers: int | None,
+    ray: str | None, record: str, target: float, as_json: bool,
+) -> int:  # fmt: skip
+    """Fly MISSION many times under varied conditions: go or no-go.
+
+    An interrupted campaign is continued by the same command.
+    """
+    from skywright.studies.campaign.campaign import run_campaign
+    from skywright.studies.campaign.spec import build_campaign
+
+    if runs < 1:
+        raise InputError(f"--runs {runs}: at least 1 is needed")
+    plan = build_campaign(mission, vary, robot=robot, world=world, sets=sets, seed=seed)
+    result = run_campaign(
+        plan, runs, out=out, workers=workers, ray=ray, record=record, target=target,
+        progress=not as_json,
+    )  # fmt: skip
+    if as_json:
+        _print_json(result.to_json())
+    else:
+        from skywright.reports.terminal import print_campaign
+
+        print_campaign(result.verdict, result.folder)
+    if result.interrupted:
+        done = result.verdict.runs
+        message = f"interrupted after {done} of {runs} runs; the same command continues"
+        click.echo(f"skywright: {message}", err=True)
+    return int(result.exit_code)
+
+
+@main.command()
 @click.argument("robot")
 @click.option("--set", "sets", multiple=True, metavar="KEY=VALUE", help="Change a robot's value.")
 @click.option(

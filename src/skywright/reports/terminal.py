@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
+    from skywright.evaluation.verdict import Verdict
     from skywright.missions.planning import MissionPlan
     from skywright.models.capability import Capability
     from skywright.reports.summary import Summary
@@ -72,6 +73,28 @@ def print_plan(plan: MissionPlan) -> None:
     table.add_row("smallest rotor margin", format_number(plan.min_rotor_margin))
     table.add_row("planning time", format_number(plan.plan_s, "s"))
     console.print(table)
+
+
+def print_campaign(verdict: Verdict, folder: Path) -> None:
+    """Print the answer of a campaign, its requirements and where the results are."""
+    console = _console()
+    table = _table(
+        "Requirements", "requirement", "median", "worst", "limit", "failed",
+        right=("median", "worst", "failed"),
+    )  # fmt: skip
+    for h in verdict.headroom:
+        failed = Text(f"{h.failures} of {verdict.runs}", "bold red" if h.failures else "green")
+        limit = f"{h.sense} {format_number(h.limit, h.unit)}"
+        table.add_row(h.name, format_number(h.median), format_number(h.worst), limit, failed)
+    console.print(table)
+    others = {k: n for k, n in verdict.outcomes.items() if k not in ("succeeded", "failed")}
+    if others:
+        console.print("not completed: " + ", ".join(f"{n} {k}" for k, n in others.items()))
+    colour = {"GO": "bold green", "NO-GO": "bold red"}.get(verdict.answer, "bold yellow")
+    console.print(Text(f"{verdict.answer}: ", colour) + Text(verdict.headline))
+    console.print(verdict.limited_by, markup=False)
+    for name in ("campaign.html", "results.parquet"):
+        console.print(str(folder / name), markup=False)
 
 
 def print_capability(capability: Capability, picture: Path) -> None:

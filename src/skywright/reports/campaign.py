@@ -1,0 +1,132 @@
+"""The page of a campaign: one HTML file that opens offline, go or no-go in its first line."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jinja2
+from matplotlib.figure import Figure
+
+from skywright.evaluation.rows import CONFIDENCE, Row, Value
+from skywright.evaluation.verdict import LIMIT_USE, Verdict
+from skywright.reports.figures import campaign as figures
+from skywright.reports.figures.style import WIDTH, house_style, render_svg
+from skywright.reports.report import Picture
+
+MANY_FAILURES = 200
+"""Failed runs that the page lists; the others are in results.parquet."""
+
+
+class Facts(NamedTuple):
+    """What the page tells about how the campaign was made."""
+
+    mission: str
+    description: str
+    robot: str
+    world: str
+    seed: int
+    planned_runs: int
+    vary: dict[str, str]
+    fixed: tuple[str, ...]
+    wall_s: float
+    versions: Mapping[str, str]
+
+
+def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts: Facts) -> None:
+    """Write campaign.html; everything that it shows is inside it."""
+    keys = list(facts.vary)
+    with house_style():
+        pictures = [
+            _picture(
+                "Where it fails", figures.draw_conditions(rows, keys, verdict),
+                "Each dot is one run, placed by the value that it drew. Its height tells how near "
+                "it came to its tightest limit: from the median of all runs (bottom) to the limit "
+                "(dashed). Failures have a mark of their own; a run that was not completed has no "
+                "height and sits at the top.",
+            ),
+            _picture(
+                "The two conditions that matter most", figures.draw_map(rows, keys, verdict),
+                "Brighter dots came nearer to a limit. A region where failures gather is where "
+                "this site is at risk.",
+            ),
+            _picture(
+                "Room to each limit", figures.draw_headroom(rows, verdict),
+                "Every run on a line for each requirement, between the median of all runs and the "
+                "limit.",
+            ),
+            _picture(
+                "What drives each metric", figures.draw_sensitivities(keys, verdict),
+                "Per cent of a metric's rank variance that a condition alone explains; an arrow "
+                "up or down where the metric rises or falls with it, none where it acts in both "
+                f"directions. Empty cells are not told apart from chance ({1 - CONFIDENCE:.0%} "
+                f"false findings). “{LIMIT_USE}” is the height in the first picture.",
+            ),
+        ]  # fmt: skip
+    page = _template().render(
+        verdict=verdict,
+        facts=facts,
+        pictures=[p for p in pictures if p],
+        failures=[row for row in rows if not row.succeeded][:MANY_FAILURES],
+        more_failures=max(verdict.runs - verdict.succeeded - MANY_FAILURES, 0),
+        repeated=[row for row in rows if row.attempts > 1],
+        example=rows[0].command,
+        number=format_value,
+        confidence=f"{CONFIDENCE:.0%}",
+        ranges=_list_ranges(rows, facts.vary),
+        silent=_list_silent(verdict, keys),
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def format_value(value: Value | None) -> str:
+    """Write a number with four significant digits, anything else as it is."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value)
+
+
+def _list_ranges(rows: Sequence[Row], vary: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    """(key, distribution, what was drawn) of each varied key."""
+    out = []
+    for key, text in vary.items():
+        drawn = [row.varied[key] for row in rows if key in row.varied]
+        numbers = [float(v) for v in drawn if isinstance(v, int | float)]
+        if len(numbers) == len(drawn) and numbers:
+            seen = f"{min(numbers):.4g} to {max(numbers):.4g}"
+        else:
+            seen = ", ".join(sorted({str(v) for v in drawn}))
+        out.append((key, text, seen))
+    return out
+
+
+def _list_silent(verdict: Verdict, keys: Sequence[str]) -> list[str]:
+    """Varied keys without any effect beyond chance on any metric."""
+    if not verdict.sensitivities:
+        return []
+    acting = {s.key for s in verdict.sensitivities if s.significant}
+    return [key for key in keys if key not in acting]
+
+
+def _picture(title: str, figure: Figure | None, caption: str) -> Picture | None:
+    if figure is None:
+        return None
+    data = base64.b64encode(render_svg(figure)).decode("ascii")
+    width = float(figure.get_size_inches()[0]) / WIDTH
+    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width)
+
+
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("skywright.reports"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    return environment.get_template("campaign.html.j2")

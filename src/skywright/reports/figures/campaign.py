@@ -1,0 +1,214 @@
+"""Pictures of a campaign: where in the varied space it fails, how near, and what drives it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from skywright.evaluation.rows import Row
+from skywright.evaluation.verdict import LIMIT_USE, Verdict, add_limit_use
+from skywright.reports.figures.style import BLUE, LIMIT, SERIES, WIDTH, new_figure
+
+Array = NDArray[np.float64]
+
+TOP = 1.6
+"""Limit use at which the scale ends; what lies beyond, or was never measured, sits there."""
+
+MARKERS = "XPsD^v*"
+MAX_PANELS = 12
+
+
+def draw_conditions(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figure | None:
+    """One panel a varied key: how near every run came to its tightest limit; failures marked."""
+    if not keys:
+        return None
+    keys = keys[:MAX_PANELS]
+    columns = min(len(keys), 3)
+    lines = math.ceil(len(keys) / columns)
+    figure = new_figure(WIDTH, 0.75 + 2.1 * lines)
+    use = _compute_use(rows, verdict)
+    styles = _choose_styles(verdict)
+    height = figure.get_size_inches()[1]
+    grid = figure.add_gridspec(
+        lines, columns, left=0.07, right=0.99, bottom=0.52 / height, top=1 - 0.62 / height,
+        wspace=0.16, hspace=0.42,
+    )  # fmt: skip
+    for i, key in enumerate(keys):
+        ax = figure.add_subplot(grid[i // columns, i % columns])
+        x, names = _place(rows, key)
+        good = np.array([row.succeeded for row in rows])
+        ax.scatter(x[good], use[good], s=9, color=BLUE, alpha=0.45, lw=0)
+        for name, (colour, marker) in styles.items():
+            hit = np.array([not r.succeeded and r.requirement == name for r in rows])
+            ax.scatter(x[hit], use[hit], s=34, color=colour, marker=marker, lw=0, zorder=4)
+        ax.axhline(1.0, color=LIMIT, lw=1.1, ls=(0, (5, 3)), zorder=1)
+        ax.set_ylim(-0.4, TOP + 0.12)
+        ax.set_yticks([0.0, 0.5, 1.0], ["median", "half-way", "limit"])
+        if i % columns:
+            ax.tick_params(labelleft=False)
+        ax.set_xlabel(key)
+        if names:
+            ax.set_xticks(range(len(names)), names)
+    handles = [_dot(BLUE, "o", "met every requirement")]
+    handles += [_dot(c, m, f"failed: {name}") for name, (c, m) in styles.items()]
+    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.06, 1.0), ncols=4)
+    return figure
+
+
+def draw_map(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figure | None:
+    """Draw the two keys that matter most: every run, coloured by how near it came to a limit."""
+    chosen = _choose_pair(rows, keys, verdict)
+    if chosen is None:
+        return None
+    figure = new_figure(6.6, 4.6)
+    ax = figure.add_axes((0.12, 0.12, 0.7, 0.76))
+    use = _compute_use(rows, verdict)
+    (x, x_names), (y, y_names) = (_place(rows, key) for key in chosen)
+    good = np.array([row.succeeded for row in rows])
+    dots = ax.scatter(
+        x[good], y[good], c=np.clip(use[good], 0.0, 1.0), cmap="viridis", vmin=0.0, vmax=1.0,
+        s=26, lw=0,
+    )  # fmt: skip
+    styles = _choose_styles(verdict)
+    for name, (colour, marker) in styles.items():
+        hit = np.array([not r.succeeded and r.requirement == name for r in rows])
+        ax.scatter(
+            x[hit], y[hit], s=60, color=colour, marker=marker, edgecolor="white", lw=0.6, zorder=4
+        )
+        if len(verdict.failures) and np.count_nonzero(~good) <= 12:
+            for i in map(int, np.flatnonzero(hit)):
+                ax.annotate(
+                    f"run {rows[i].run}", (x[i], y[i]), (5, 4), textcoords="offset points",
+                    fontsize=7.5,
+                )  # fmt: skip
+    ax.set_xlabel(chosen[0])
+    ax.set_ylabel(chosen[1])
+    for names, axis in ((x_names, ax.xaxis), (y_names, ax.yaxis)):
+        if names:
+            axis.set_ticks(range(len(names)), names)
+    bar = figure.colorbar(dots, cax=figure.add_axes((0.85, 0.12, 0.025, 0.76)))
+    bar.set_ticks([0.0, 1.0], labels=["median", "limit"])
+    handles = [_dot(c, m, f"failed: {name}") for name, (c, m) in styles.items()]
+    if handles:
+        figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.1, 1.0), ncols=3)
+    return figure
+
+
+def draw_headroom(rows: Sequence[Row], verdict: Verdict) -> Figure | None:
+    """One line a requirement: every run between the median (0) and the limit (1)."""
+    shown = [
+        h for h in verdict.headroom
+        if h.measured and h.sense != "==" and math.isfinite(h.limit - h.median)
+        and h.limit != h.median
+    ]  # fmt: skip
+    if not shown:
+        return None
+    height = 0.9 + 0.42 * len(shown)
+    figure = new_figure(WIDTH, height)
+    ax = figure.add_axes((0.24, 0.5 / height, 0.5, (height - 0.75) / height))
+    rng = np.random.default_rng(0)  # only spreads the dots of a line
+    for line, h in enumerate(shown):
+        values = np.array([row.metrics.get(h.name, math.nan) for row in rows])
+        x = (values - h.median) / (h.limit - h.median)
+        x = np.clip(x[np.isfinite(x)], -1.0, TOP)
+        bad = x > 1.0
+        y = line + rng.uniform(-0.26, 0.26, len(x))
+        ax.scatter(x[~bad], y[~bad], s=8, color=BLUE, alpha=0.4, lw=0)
+        ax.scatter(x[bad], y[bad], s=18, color=LIMIT, marker="X", lw=0)
+        unit = f" {h.unit}" if h.unit else ""
+        ax.text(
+            TOP + 0.08, line, f"median {h.median:.3g}, worst {h.worst:.3g}, "
+            f"limit {h.limit:.3g}{unit}", va="center", fontsize=8,
+        )  # fmt: skip
+    ax.axvline(1.0, color=LIMIT, lw=1.1, ls=(0, (5, 3)))
+    ax.set_xlim(-1.05, TOP + 0.04)
+    ax.set_ylim(len(shown) - 0.5, -0.5)
+    ax.set_yticks(range(len(shown)), [h.name for h in shown])
+    ax.set_xticks([0.0, 0.5, 1.0], ["median", "half-way", "limit"])
+    ax.grid(axis="y", visible=False)
+    return figure
+
+
+def draw_sensitivities(keys: Sequence[str], verdict: Verdict, most: int = 14) -> Figure | None:
+    """Draw the share of each metric's rank variance that each key explains; requirements first."""
+    metrics = list(dict.fromkeys(s.metric for s in verdict.sensitivities))[:most]
+    keys = [k for k in keys if any(s.key == k for s in verdict.sensitivities)]
+    if not metrics or not keys:
+        return None
+    height = 1.9 + 0.3 * len(metrics)
+    width = min(2.9 + 0.62 * len(keys), WIDTH)
+    figure = new_figure(width, height)
+    ax = figure.add_axes(
+        (2.2 / width, 1.6 / height, (width - 2.3) / width, (height - 1.75) / height)
+    )
+    table = np.full((len(metrics), len(keys)), np.nan)
+    found = {(s.metric, s.key): s for s in verdict.sensitivities}
+    for i, metric in enumerate(metrics):
+        for j, key in enumerate(keys):
+            s = found.get((metric, key))
+            if s is None:
+                continue
+            strength = max(s.share, s.rho**2 if math.isfinite(s.rho) else 0.0)
+            table[i, j] = strength if s.significant else 0.0
+            if s.significant:
+                arrow = ""
+                if math.isfinite(s.rho) and s.rho**2 > 0.3 * strength:
+                    arrow = "↑" if s.rho > 0 else "↓"
+                ax.text(
+                    j, i, f"{100 * strength:.0f}{arrow}", ha="center", va="center", fontsize=8,
+                    color="white" if strength > 0.5 else "#222222",
+                )  # fmt: skip
+    ax.imshow(table, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    ax.set_xticks(range(len(keys)), keys, rotation=40, ha="right", rotation_mode="anchor")
+    ax.set_yticks(range(len(metrics)), metrics)
+    ax.grid(visible=False)
+    return figure
+
+
+def _compute_use(rows: Sequence[Row], verdict: Verdict) -> Array:
+    use = np.array([row.metrics[LIMIT_USE] for row in add_limit_use(rows, verdict.headroom)])
+    return np.where(np.isfinite(use), np.clip(use, -0.3, TOP), TOP)
+
+
+def _choose_styles(verdict: Verdict) -> dict[str, tuple[str, str]]:
+    """Colour and marker of each reason to fail."""
+    colours = [c for c in SERIES if c != BLUE]
+    return {
+        g.requirement: (colours[(i + 3) % len(colours)], MARKERS[i % len(MARKERS)])
+        for i, g in enumerate(verdict.failures)
+    }
+
+
+def _choose_pair(
+    rows: Sequence[Row], keys: Sequence[str], verdict: Verdict
+) -> tuple[str, str] | None:
+    """The two keys that act most on the limits, the one that separates the failures first."""
+    if len(keys) < 2:
+        return None
+    share = {k: 0.0 for k in keys}
+    for s in verdict.sensitivities:
+        if s.metric == LIMIT_USE and s.significant:
+            share[s.key] = max(s.share, s.rho**2 if math.isfinite(s.rho) else 0.0)
+    for group in reversed(verdict.failures):
+        if group.key:
+            share[group.key] += 1.0
+    ranked = sorted(keys, key=lambda k: -share[k])
+    return ranked[0], ranked[1]
+
+
+def _place(rows: Sequence[Row], key: str) -> tuple[Array, list[str]]:
+    """Values (n,) of a key; words become 0, 1, ... and are returned as names."""
+    values = [row.varied.get(key) for row in rows]
+    if all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
+        return np.array(values, float), []
+    names = sorted({str(v) for v in values})
+    return np.array([names.index(str(v)) for v in values], float), names
+
+
+def _dot(colour: str, marker: str, label: str) -> Line2D:
+    return Line2D([], [], ls="", marker=marker, color=colour, mec="none", ms=6, label=label)

@@ -1,0 +1,1 @@
+"""Campaigns: many runs of one mission with varied conditions (Monte Carlo)."""
