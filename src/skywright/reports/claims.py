@@ -1,0 +1,88 @@
+"""The page of a paper's claims: one HTML file that opens offline, with a figure a claim."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jinja2
+
+from skywright.errors import InputError
+from skywright.reports.figures.claims import ClaimFigure, draw_claim
+from skywright.reports.figures.style import house_style, render_svg
+
+
+class TestRow(NamedTuple):
+    """A test as it is written on the page."""
+
+    __test__ = False
+
+    name: str
+    value: str
+    limit: str
+    reading: str
+    state: str  # met, failed, or nothing
+
+
+class ClaimRow(NamedTuple):
+    """A claim as it is written on the page."""
+
+    name: str
+    where: str
+    statement: str
+    paper: str
+    value: str
+    verdict: str
+    explanation: str
+    tests: Sequence[TestRow]
+    figure: ClaimFigure | None
+
+
+class Heading(NamedTuple):
+    """What the page says about the paper and how it was made."""
+
+    short: str
+    title: str
+    reference: str
+    summary: str
+    command: str
+    flights: str
+    notes: Sequence[str]
+
+
+def write_claims_page(
+    path: Path, heading: Heading, rows: Sequence[ClaimRow], versions: Mapping[str, str]
+) -> None:
+    """Write claims.html. Raises InputError when it cannot be written."""
+    try:
+        path.write_text(render_claims_page(heading, rows, versions), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def render_claims_page(
+    heading: Heading, rows: Sequence[ClaimRow], versions: Mapping[str, str]
+) -> str:
+    """Return the page; everything that it shows is inside it."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("skywright.reports"), autoescape=True, trim_blocks=True,
+        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    with house_style():
+        claims = [
+            {
+                **row._asdict(),
+                "figure": "" if row.figure is None else _embed(row.figure),
+                "caption": "" if row.figure is None else row.figure.caption,
+            }
+            for row in rows
+        ]
+    template = environment.get_template("claims.html.j2")
+    return template.render(**heading._asdict(), claims=claims, versions=versions)
+
+
+def _embed(figure: ClaimFigure) -> str:
+    data = base64.b64encode(render_svg(draw_claim(figure))).decode("ascii")
+    return f"data:image/svg+xml;base64,{data}"

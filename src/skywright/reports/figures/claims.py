@@ -1,0 +1,178 @@
+"""Figures of claims: curves with limits, bars, and stability maps, from plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from skywright.reports.figures.style import (
+    BLACK,
+    LIMIT,
+    SERIES,
+    WIDTH,
+    draw_limit,
+    new_figure,
+    thin,
+)
+
+Array = NDArray[np.float64]
+
+
+class Curve(NamedTuple):
+    """A line or points of a panel."""
+
+    label: str
+    x: Array
+    y: Array
+    style: str = "line"  # line, dashed, points, line+points
+    color: str = ""  # default: the next of the series
+
+
+class Panel(NamedTuple):
+    """One set of axes with curves and limits."""
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: Sequence[Curve]
+    limits: Sequence[tuple[float, str]] = ()  # value on the y axis, name
+    equal: bool = False  # same scale on both axes
+    log_x: bool = False
+    log_y: bool = False
+    low: float | None = None  # lower end of the y axis
+
+
+class Bars(NamedTuple):
+    """Groups of bars: values (groups, series)."""
+
+    title: str
+    y_label: str
+    groups: Sequence[str]
+    series: Sequence[str]
+    values: Array
+    limits: Sequence[tuple[float, str]] = ()
+    log_y: bool = False
+
+
+class Map(NamedTuple):
+    """A value in the cells of a grid, (rows, columns); a sign change is what matters."""
+
+    title: str
+    x_label: str
+    y_label: str
+    columns: Sequence[str]
+    rows: Sequence[str]
+    values: Array
+    value_label: str
+    line_at: float | None = None  # column position of a vertical line, in cells
+    line_label: str = ""
+
+
+class ClaimFigure(NamedTuple):
+    """What shows a claim; panels side by side in rows of `across`."""
+
+    panels: Sequence[Panel | Bars | Map]
+    caption: str
+    across: int = 2
+
+
+def draw_claim(data: ClaimFigure) -> Figure:
+    """Draw the figure of a claim."""
+    across = min(data.across, len(data.panels))
+    down = -(-len(data.panels) // across)
+    figure = new_figure(WIDTH if across > 1 else 0.72 * WIDTH, 2.9 * down)
+    for i, panel in enumerate(data.panels):
+        ax = figure.add_subplot(down, across, i + 1)
+        if isinstance(panel, Panel):
+            _draw_panel(ax, panel)
+        elif isinstance(panel, Bars):
+            _draw_bars(ax, panel)
+        else:
+            _draw_map(ax, panel)
+    figure.tight_layout(pad=0.8, w_pad=1.6)
+    return figure
+
+
+def _draw_panel(ax: Axes, panel: Panel) -> None:
+    for i, curve in enumerate(panel.curves):
+        color = curve.color or SERIES[i % len(SERIES)]
+        if curve.style == "points":
+            ax.plot(curve.x, curve.y, ".", ms=3, color=color, label=curve.label)
+            continue
+        x, y = thin(np.asarray(curve.x, float), np.asarray(curve.y, float))
+        dash = "--" if curve.style == "dashed" else "-"
+        marker = "o" if curve.style == "line+points" else None
+        ax.plot(x, y, dash, marker=marker, ms=3.5, color=color, label=curve.label)
+    if panel.log_x:
+        ax.set_xscale("log")
+    if panel.log_y:
+        ax.set_yscale("log")
+    for value, name in panel.limits:
+        draw_limit(ax, value, name)
+    if panel.low is not None:
+        ax.set_ylim(bottom=panel.low)
+    if panel.equal:
+        ax.set_aspect("equal", adjustable="datalim")
+    low, high = ax.get_ylim()
+    if not panel.log_y:
+        ax.set_ylim(low, high + 0.22 * (high - low))  # room for the legend
+    if any(c.label for c in panel.curves):
+        ax.legend(loc="upper left", ncols=2 if len(panel.curves) > 3 else 1, fontsize=7.5)
+    _name(ax, panel.title, panel.x_label, panel.y_label)
+
+
+def _draw_bars(ax: Axes, bars: Bars) -> None:
+    n = len(bars.series)
+    width = 0.8 / n
+    x = np.arange(len(bars.groups))
+    for j, name in enumerate(bars.series):
+        at = x + (j - 0.5 * (n - 1)) * width
+        drawn = ax.bar(at, bars.values[:, j], 0.92 * width, color=SERIES[j], label=name)
+        ax.bar_label(drawn, fmt="%.3g", fontsize=7.5, padding=1)
+    ax.set_xticks(x, bars.groups)
+    ax.grid(False, axis="x")
+    if bars.log_y:
+        ax.set_yscale("log")
+    for value, name in bars.limits:
+        draw_limit(ax, value, name)
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high * 3 if bars.log_y else high + 0.25 * (high - low))
+    if n > 1:
+        ax.legend(loc="upper left", ncols=n, fontsize=7.5)
+    _name(ax, bars.title, "", bars.y_label)
+
+
+def _draw_map(ax: Axes, data: Map) -> None:
+    values = np.asarray(data.values, float)
+    known = np.clip(values, -6.0, 6.0)
+    ax.imshow(known, cmap="RdBu_r", vmin=-6, vmax=6, aspect="auto", origin="lower", alpha=0.75)
+    for r in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            v = values[r, c]
+            text = "left" if np.isinf(v) else f"{v:+.1f}"
+            ax.text(
+                c, r, text, ha="center", va="center", fontsize=7.5, color=BLACK,
+                fontweight="bold" if v > 0 else "normal",
+            )  # fmt: skip
+    ax.set_xticks(range(len(data.columns)), data.columns)
+    ax.set_yticks(range(len(data.rows)), data.rows)
+    ax.grid(False)
+    if data.line_at is not None:
+        ax.axvline(data.line_at, color=LIMIT, lw=1.2, ls=(0, (5, 3)))
+        ax.annotate(
+            data.line_label, (data.line_at, 1.0), (3, -3), xycoords=("data", "axes fraction"),
+            textcoords="offset points", va="top", fontsize=7, color=LIMIT,
+        )  # fmt: skip
+    _name(ax, data.title, data.x_label, data.y_label)
+    ax.set_title(f"{data.title}: {data.value_label}", fontsize=8.5)
+
+
+def _name(ax: Axes, title: str, x_label: str, y_label: str) -> None:
+    ax.set_title(title, fontsize=8.5)
+    ax.set_xlabel(x_label)
+    ax.set_ylabel(y_label)
