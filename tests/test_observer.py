@@ -12,7 +12,7 @@ from skywright.missions.supervisor import Supervisor
 
 
 def fly(sets):
-    d = load_description("waypoints", "othex", sets=sets)
+    d = load_description("waypoints", "othex", sets=["mission.estimator=observer", *sets])
     blocks = []
     v = build_vehicle(d, blocks.append)
     Supervisor(v, d.mission, plan_mission(d), d.robot.platform.gear_height_m).fly()
@@ -46,7 +46,7 @@ def test_external_force_is_the_model_error_of_the_plant():
 
 def test_gyroscope_bias_is_found():
     _, v = fly(["robot.sensors.gyro_bias_rad_s=0.02"])
-    true, found = v.plant[0]["gyro_bias"], v.belief[0]["obs"]["bias"]
+    true, found = v.inertial[0]["bias"][0, :3], v.belief[0]["obs"]["bias"]
     assert np.linalg.norm(true) > 0.005
     assert np.linalg.norm(found - true) < 0.3 * np.linalg.norm(true) + 0.002
 

@@ -112,7 +112,7 @@ def test_rotor_lag_is_exact_and_thrust_goes_with_speed_squared(description):
     cmd[0]["rotor_speed"][:6] = 400.0
     dt, tau = 0.002, pl[0]["rotor_tau"]
     for _ in range(25):
-        actuate(pl[0], cmd[0], motor, dt, ctrl)
+        actuate(pl[0], cmd[0]["rotor_speed"], motor, dt, ctrl)
     w = 400.0 * (1.0 - math.exp(-25 * dt / tau))
     np.testing.assert_allclose(pl[0]["rotor_speed"][:6], w, rtol=1e-12)
     np.testing.assert_allclose(ctrl[:6], pl[0]["k_f"] * w**2, rtol=1e-12)

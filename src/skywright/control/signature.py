@@ -1,14 +1,8 @@
-"""The one compiled signature of a control law: void(BELIEF*).
-
-Passing a jitted law as an argument would recompile the loop and never hit numba's disk cache in a
-second process; a `cfunc` of fixed signature does (ADR 0002).
-"""
+"""The one compiled signature of a control law: void(BELIEF*), as of all that works on a belief."""
 
 from __future__ import annotations
 
-from numba import from_dtype, types
+from skywright.core.signature import BELIEF_TYPE
+from skywright.core.signature import ON_BELIEF as LAW
 
-from skywright.core.types import BELIEF
-
-BELIEF_TYPE = from_dtype(BELIEF)
-LAW = types.void(types.CPointer(BELIEF_TYPE))
+__all__ = ["BELIEF_TYPE", "LAW"]

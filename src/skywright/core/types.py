@@ -65,6 +65,8 @@ BODY = np.dtype(
         ("gravity", f8),  # m/s^2, positive down
         ("p_BC", f8, 3),  # m, whole-robot centre of mass in B at the estimated joints
         ("I_B", f8, (3, 3)),  # kg m^2, composite inertia about the origin of B
+        ("p_BT", f8, 3),  # m, tip in B (without probe and arm: the origin)
+        ("R_BT", f8, (3, 3)),
         ("J_BT", f8, (3, MAX_JOINTS)),  # tip position Jacobian in B (m/rad)
         ("n_joints", i8),
     ]
@@ -113,12 +115,22 @@ MEMORY = np.dtype([("sigma", f8, 3), ("theta", f8, 3), ("user", f8, 64)])
 HISTORY = 64
 """Control ticks of estimate history kept for delayed measurements."""
 
+IMU_BATCH = 32
+"""Most inertial samples that reach the controller in one control tick."""
+IMU_HISTORY = 512
+"""Inertial samples kept for delayed measurements; a power of two."""
+
 MEASUREMENT = np.dtype(
     [
-        ("gyro", f8, 3),  # rad/s, in B
+        ("t", f8),  # s, when the newest of this was measured
+        ("imu_n", i8),  # inertial samples that came this tick, oldest first
+        ("imu_gyro", f8, (IMU_BATCH, 3)),  # rad/s, in B, mean over the sample's period
+        ("imu_accel", f8, (IMU_BATCH, 3)),  # m/s^2, specific force at the unit, in B
+        ("gyro", f8, 3),  # rad/s, in B, mean of this tick's samples
         ("q", f8, MAX_JOINTS),  # rad, encoders
         ("qd", f8, MAX_JOINTS),
         ("mocap_fresh", f8),  # 1 when the fields below are new this tick
+        ("mocap_t", f8),  # s, of the exposure
         ("mocap_age", f8),  # s, since the exposure
         ("mocap_period", f8),  # s, since the previous delivered sample
         ("p_WB", f8, 3),
@@ -145,6 +157,62 @@ OBSERVER = np.dtype(
 )
 """Parameters and memory of the plain observer."""
 
+FILTER = np.dtype(
+    [
+        # parameters
+        ("h", f8),  # s, period of the inertial unit
+        ("p_BI", f8, 3),  # m, its place in B
+        ("q_v", f8),  # (m/s^2)^2/Hz, noise density of the accelerometer, squared
+        ("q_R", f8),  # (rad/s)^2/Hz, of the gyroscope
+        ("q_ba", f8),  # of the biases' walks
+        ("q_bg", f8),
+        ("p_ba", f8),  # variance of the turn-on biases
+        ("p_bg", f8),
+        ("r_p", f8),  # m^2, motion capture
+        ("r_R", f8),  # rad^2
+        ("vibration_v", f8),  # (m/s)^2, shaking of the unit on its mount
+        ("vibration_R", f8),  # rad^2
+        ("q_c", f8),  # m^2/s, walk of the tip's correction
+        ("r_c", f8),  # m^2, of a tip sample
+        # the newest state, at the inertial unit
+        ("t", f8),  # s
+        ("p", f8, 3),
+        ("v", f8, 3),
+        ("R", f8, (3, 3)),
+        ("a_W", f8, 3),  # m/s^2
+        # the horizon: the last exposure
+        ("p_f", f8, 3),
+        ("v_f", f8, 3),
+        ("R_f", f8, (3, 3)),
+        ("bg", f8, 3),  # rad/s
+        ("ba", f8, 3),  # m/s^2
+        ("P", f8, (15, 15)),  # of (p, v, attitude in W, bg, ba)
+        ("ready", f8),  # 0: no sample yet, 1: one sample, 2: running
+        ("n", i8),  # inertial samples so far
+        ("n_f", i8),  # of them within the horizon
+        ("gyro", f8, (IMU_HISTORY, 3)),
+        ("accel", f8, (IMU_HISTORY, 3)),
+        ("p_BT", f8, (IMU_HISTORY, 3)),
+        # tip
+        ("c_B", f8, 3),  # m, correction
+        ("P_c", f8),  # m^2, its variance an axis
+        ("good_p_WT", f8, 3),  # last accepted tip sample
+        ("good_axis_W", f8, 3),
+        ("tip_last", f8, 3),
+        ("tip_row", i8),
+        # what the gate saw
+        ("nu", f8, 6),  # innovation over its standard deviation (whitened), last fused sample
+        ("nis", f8),  # its square, last sample
+        ("fused", i8),
+        ("rejected", i8),
+        ("tip_rejected", i8),
+        ("rejected_row", i8),
+        ("last_p", f8, 3),
+        ("last_R", f8, (3, 3)),
+    ]
+)
+"""Parameters and memory of the error-state Kalman filter."""
+
 BELIEF = np.dtype(
     [
         ("t", f8),  # s, mission time of this tick
@@ -155,6 +223,7 @@ BELIEF = np.dtype(
         ("ref", REFERENCE),
         ("meas", MEASUREMENT),
         ("obs", OBSERVER),
+        ("flt", FILTER),
         ("est", ESTIMATE),
         ("body", BODY),
         ("cmd", COMMAND),

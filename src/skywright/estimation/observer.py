@@ -16,7 +16,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import carray, cfunc, njit
 
 from skywright.core.rotations import (
     exp_so3,
@@ -27,7 +27,9 @@ from skywright.core.rotations import (
     mat_vec,
     orthonormalise,
 )
+from skywright.core.signature import ON_BELIEF
 from skywright.core.types import HISTORY, MAX_JOINTS
+from skywright.estimation.tip import fill_tip
 
 Record = Any
 
@@ -114,9 +116,9 @@ def correct(b: Record) -> None:
 
 
 @njit(cache=True)
-def estimate_state(b: Record, p_BT: Any, R_BT: Any) -> None:
-    """One tick of the observer; `p_BT`, `R_BT` are the nominal kinematics at the encoders."""
-    obs, est, meas = b.obs, b.est, b.meas
+def step(b: Record) -> None:
+    """One control tick of the observer."""
+    obs, est, meas, p_BT = b.obs, b.est, b.meas, b.body.p_BT
     est.t = b.t
     for j in range(MAX_JOINTS):
         est.q[j] = meas.q[j]
@@ -135,29 +137,7 @@ def estimate_state(b: Record, p_BT: Any, R_BT: Any) -> None:
     obs.head = (obs.head + 1) % HISTORY
     if meas.mocap_fresh > 0.0:
         correct(b)
-    fill_tip(b, p_BT, R_BT)
-
-
-@njit(cache=True)
-def fill_tip(b: Record, p_BT: Any, R_BT: Any) -> None:
-    """Tip pose and velocity from platform estimate, kinematics and tip correction."""
-    est, obs = b.est, b.obs
-    tip, w = np.empty(3), np.empty(3)
-    for i in range(3):
-        tip[i] = p_BT[i] + obs.c_B[i]
-    mat_vec(est.R_WB, tip, est.p_WT)
-    # velocity in B: w x tip + J qd
-    w[0] = est.w_WB_B[1] * tip[2] - est.w_WB_B[2] * tip[1]
-    w[1] = est.w_WB_B[2] * tip[0] - est.w_WB_B[0] * tip[2]
-    w[2] = est.w_WB_B[0] * tip[1] - est.w_WB_B[1] * tip[0]
-    for i in range(3):
-        est.p_WT[i] += est.p_WB[i]
-        for j in range(b.body.n_joints):
-            w[i] += b.body.J_BT[i, j] * est.qd[j]
-    mat_vec(est.R_WB, w, est.v_WT)
-    for i in range(3):
-        est.v_WT[i] += est.v_WB[i]
-    mat_mat(est.R_WB, R_BT, est.R_WT)
+    fill_tip(b, obs.c_B)
 
 
 @njit(cache=True)
@@ -179,3 +159,15 @@ def _start(b: Record, p_BT: Any) -> None:
                 obs.R[n, a, c] = est.R_WB[a, c]
     obs.head = 0
     obs.ready = 1.0
+
+
+@njit(cache=True)
+def step_belief(belief: Any) -> None:
+    """`step` on a (1,) array of BELIEF."""
+    step(belief[0])
+
+
+@cfunc(ON_BELIEF, cache=True)
+def step_c(belief: Any) -> None:
+    """`step` behind the one signature of all estimators."""
+    step(carray(belief, 1)[0])

@@ -197,7 +197,7 @@ def build_vehicle(
         deviation=build_deviation(d.plant, d.robot, mission.seed),
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
         interactive=mission.mode == "interactive",
-        truth=mission.estimator == "truth",
+        estimator=mission.estimator,
         on_samples=on_samples,
     )
 

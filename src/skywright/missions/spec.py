@@ -56,7 +56,7 @@ class Mission(Spec):
     resolved: bool = False  # written in a run's mission.toml: the file is complete in itself
     mode: Literal["fast", "interactive"] = "fast"
     law: str | None = None  # registry name or "file.py:function"
-    estimator: Literal["observer", "truth"] = "observer"
+    estimator: Literal["filter", "observer", "truth"] = "filter"
     hover_height_m: Positive = 1.2
     start_x_m: float = 0.0
     start_y_m: float = 0.0

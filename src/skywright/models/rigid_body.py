@@ -307,6 +307,9 @@ def fill_body(m: Record, k: Record, body: Record) -> None:
     body.p_BC[0], body.p_BC[1], body.p_BC[2] = cx / mass, cy / mass, cz / mass
     body.n_joints = m.n_joints
     for a in range(3):
+        body.p_BT[a] = k.p_BT[a]
+        for b in range(3):
+            body.R_BT[a, b] = k.R_BT[a, b]
         for j in range(MAX_JOINTS):
             body.J_BT[a, j] = k.J_BT[a, j]
 

@@ -205,6 +205,15 @@ class Sensors(Spec):
     gyro_rate_hz: Positive = 500.0
     gyro_noise_rad_s_sqrthz: NonNegative = 3.4e-4
     gyro_bias_rad_s: NonNegative = 0.005  # 1 sigma, drawn once a run
+    gyro_walk_rad_s2_sqrthz: NonNegative = 3.9e-5  # of the bias
+    accel_noise_mps2_sqrthz: NonNegative = 4e-3
+    accel_bias_mps2: NonNegative = 0.1  # 1 sigma, drawn once a run
+    accel_walk_mps3_sqrthz: NonNegative = 6e-3  # of the bias
+    vibration_mps2: NonNegative = 0.5  # at the inertial unit, of one rotor at thrust_max_n
+    vibration_rad_s: NonNegative = 0.02
+    imu_x_m: float = 0.0  # place of the inertial unit in B
+    imu_y_m: float = 0.0
+    imu_z_m: float = 0.0
     encoder_rate_hz: Positive = 500.0
 
 

@@ -58,8 +58,6 @@ PLANT = np.dtype(
         ("collision", i8, MAX_CONTACTS),
         ("com_B", f8, 3),  # true centre of mass of the platform body, where drag is applied
         # sensors
-        ("gyro_bias", f8, 3),
-        ("gyro_sigma", f8),
         ("enc_offset", f8, MAX_JOINTS),
         ("enc_lsb", f8, MAX_JOINTS),
         ("mocap_period", f8),
@@ -67,6 +65,8 @@ PLANT = np.dtype(
         ("mocap_sigma_p", f8),
         ("mocap_sigma_R", f8),
         ("mocap_dropout", f8),
+        ("mocap_outlier", f8),  # fraction
+        ("mocap_outlier_size", f8),  # m, largest
         ("mocap_next", f8),  # s, next exposure
         ("mocap_last", f8),  # s, exposure of the last delivered sample
         ("queue_head", i8),
@@ -77,8 +77,8 @@ PLANT = np.dtype(
         ("queue_tip", f8, (QUEUE, 3)),
         ("queue_axis", f8, (QUEUE, 3)),
         ("marker_T", f8, 3),  # m, calibration error of the probe's markers, in T
-        ("noise_gyro", f8, (BLOCK, 3)),
         ("noise_mocap", f8, (BLOCK, 12)),
+        ("noise_outlier", f8, (BLOCK, 9)),  # uniform
         ("noise_drop", f8, BLOCK),  # uniform
         ("noise_ec", f8, (BLOCK, 2)),
         # surface and tip
@@ -162,10 +162,9 @@ def _observe_surface(pl: Record) -> None:
 
 @njit(cache=True)
 def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
-    """Gyroscope, joint encoders, and motion capture with rate, latency, noise and drop-outs."""
+    """Joint encoders, and motion capture with rate, latency, noise, drop-outs and artefacts."""
     k = pl.block
-    for i in range(3):
-        meas.gyro[i] = pl.w_WB_B[i] + pl.gyro_bias[i] + pl.gyro_sigma * pl.noise_gyro[k, i]
+    meas.t = t
     for j in range(pl.n_joints):
         lsb = pl.enc_lsb[j]
         raw = qpos[pl.joint_qpos[j]] + pl.enc_offset[j]
@@ -181,6 +180,7 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
     ):
         i = pl.queue_tail
         meas.mocap_fresh = 1.0
+        meas.mocap_t = pl.queue_t[i]
         meas.mocap_age = t - pl.queue_t[i]
         meas.mocap_period = pl.queue_t[i] - pl.mocap_last
         pl.mocap_last = pl.queue_t[i]
@@ -218,12 +218,32 @@ def _expose(pl: Record, t: float, k: int) -> None:
     mat_vec(rot, axis, turn)
     for a in range(3):
         pl.queue_axis[i, a] = turn[a]
+    if pl.mocap_outlier > 0.0:
+        _spoil(pl, i, k)
     pl.queue_t[i] = t
     pl.queue_head = nxt
 
 
 @njit(cache=True)
-def actuate(pl: Record, cmd: Record, motor_speed: Array, dt: float, ctrl: Array) -> None:
+def _spoil(pl: Record, i: int, k: int) -> None:
+    """Turn a sample of the platform, of the probe, or of both into an artefact."""
+    u = pl.noise_outlier[k]
+    size = 0.01 * (pl.mocap_outlier_size / 0.01) ** u[2]
+    if u[0] < pl.mocap_outlier:
+        turn, rot = np.empty(3), np.empty((3, 3))
+        for a in range(3):
+            pl.queue_p[i, a] += size * (2.0 * u[3 + a] - 1.0)
+            turn[a] = math.pi * (2.0 * u[6 + a] - 1.0)
+        exp_so3(turn, rot)
+        mat_mat(pl.R_WB, rot, pl.queue_R[i])
+    if u[1] < pl.mocap_outlier:
+        for a in range(3):
+            pl.queue_tip[i, a] -= size * (2.0 * u[3 + a] - 1.0)
+            pl.queue_axis[i, a] = -pl.queue_axis[i, a]
+
+
+@njit(cache=True)
+def actuate(pl: Record, rotor_speed: Array, motor_speed: Array, dt: float, ctrl: Array) -> None:
     """Advance the rotor speeds by one control tick and write MuJoCo's controls.
 
     Thrust is k_f w^2 with the mean of w^2 taken at the end of the exact first-order lag; errors of
@@ -231,7 +251,7 @@ def actuate(pl: Record, cmd: Record, motor_speed: Array, dt: float, ctrl: Array)
     """
     decay = math.exp(-dt / pl.rotor_tau)
     for i in range(pl.n_rotors):
-        target = cmd.rotor_speed[i]
+        target = rotor_speed[i]
         pl.rotor_speed[i] = target + (pl.rotor_speed[i] - target) * decay
         ctrl[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
     for j in range(pl.n_joints):

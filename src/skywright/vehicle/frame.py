@@ -17,6 +17,8 @@ from skywright.core.types import BELIEF, REFERENCE, SAMPLE
 from skywright.inspection.eddy_current import ProbeSignal
 from skywright.models.allocation import Allocator
 from skywright.models.rigid_body import BODY_MODEL, KINEMATICS
+from skywright.sim.inertial import INERTIAL
+from skywright.sim.link import LINK
 from skywright.sim.plant import PLANT
 from skywright.vehicle.guard import GUARD
 
@@ -26,8 +28,9 @@ F8, C16 = np.float64, np.complex128
 (
     _BELIEF, _PLANT, _GUARD, _MODEL, _KIN, _TABLE, _SAMPLES, _QPOS, _QVEL, _SENSORS, _SITE_P,
     _SITE_R, _CTRL, _XFRC, _B, _P, _T_MIN, _T_MAX, _THRUST, _EC_TABLE, _EC_MU, _EC_KS, _EC_KC,
-    _EC_PHASE, _EC_NUMBERS, _MJ_MODEL, _MJ_DATA, _LAW, _PAIRS, _ADDRESSES,
-) = range(30)  # fmt: skip
+    _EC_PHASE, _EC_NUMBERS, _MJ_MODEL, _MJ_DATA, _LAW, _PAIRS, _INERTIAL,
+    _LINK, _ESTIMATOR, _ADDRESSES,
+) = range(33)  # fmt: skip
 (
     _N_TABLE, _N_SAMPLES, _NQ, _NV, _NSENSOR, _NSITE, _NU, _NBODY, _N_ROTORS, _FULL, _N_TILT,
     _N_GAP, _N_BLEND, _N_MODES, _N_PAIRS, _END,
@@ -35,10 +38,12 @@ F8, C16 = np.float64, np.complex128
 
 
 class Views(NamedTuple):
-    """What compiled code sees; b, pl, g, model and kin are (1,) arrays of records."""
+    """What compiled code sees; b, pl, im, lk, g, model and kin are (1,) arrays of records."""
 
     b: Any
     pl: Any
+    im: Any
+    lk: Any
     g: Any
     model: Any
     kin: Any
@@ -60,6 +65,7 @@ class Views(NamedTuple):
     probe: ProbeSignal
     belief_address: int
     law_address: int
+    estimator_address: int
     mj_model: int
     mj_data: int
     pair_friction: Any
@@ -84,6 +90,8 @@ def open_frame(f: Any) -> Views:
     return Views(
         carray(as_pointer(f[_BELIEF]), 1, BELIEF),
         carray(as_pointer(f[_PLANT]), 1, PLANT),
+        carray(as_pointer(f[_INERTIAL]), 1, INERTIAL),
+        carray(as_pointer(f[_LINK]), 1, LINK),
         carray(as_pointer(f[_GUARD]), 1, GUARD),
         carray(as_pointer(f[_MODEL]), 1, BODY_MODEL),
         carray(as_pointer(f[_KIN]), 1, KINEMATICS),
@@ -105,6 +113,7 @@ def open_frame(f: Any) -> Views:
         probe,
         f[_BELIEF],
         f[_LAW],
+        f[_ESTIMATOR],
         f[_MJ_MODEL],
         f[_MJ_DATA],
         carray(as_pointer(f[_PAIRS]), (f[_N_PAIRS], 5), F8),
@@ -115,9 +124,10 @@ class Frame:
     """Collects addresses and keeps the arrays behind them alive; `array` goes to compiled code."""
 
     def __init__(
-        self, belief: NDArray[Any], plant: NDArray[Any], guard: NDArray[Any], model: NDArray[Any],
-        kin: NDArray[Any], samples: NDArray[Any], sim: Any, allocator: Allocator,
-        thrust: NDArray[Any], probe: ProbeSignal, law_address: int,
+        self, belief: NDArray[Any], plant: NDArray[Any], inertial: NDArray[Any],
+        link: NDArray[Any], guard: NDArray[Any], model: NDArray[Any], kin: NDArray[Any],
+        samples: NDArray[Any], sim: Any, allocator: Allocator, thrust: NDArray[Any],
+        probe: ProbeSignal, law_address: int, estimator_address: int,
     ) -> None:  # fmt: skip
         """`sim` is a Simulation; `law_address` 0 where the law is plain Python."""
         numbers = np.array([
@@ -126,7 +136,8 @@ class Frame:
         ])  # fmt: skip
         a = allocator
         arrays: dict[int, Any] = {
-            _BELIEF: belief, _PLANT: plant, _GUARD: guard, _MODEL: model, _KIN: kin,
+            _BELIEF: belief, _PLANT: plant, _INERTIAL: inertial, _LINK: link, _GUARD: guard,
+            _MODEL: model, _KIN: kin,
             _SAMPLES: samples, _QPOS: sim.qpos, _QVEL: sim.qvel, _SENSORS: sim.sensordata,
             _SITE_P: sim.site_xpos, _SITE_R: sim.site_xmat, _CTRL: sim.ctrl, _XFRC: sim.xfrc,
             _B: a.B, _P: a.P, _T_MIN: a.t_min, _T_MAX: a.t_max, _THRUST: thrust,
@@ -150,7 +161,7 @@ class Frame:
         for place, size in sizes.items():
             self.array[place] = size
         self.array[_MJ_MODEL], self.array[_MJ_DATA] = sim.model_address, sim.data_address
-        self.array[_LAW] = law_address
+        self.array[_LAW], self.array[_ESTIMATOR] = law_address, estimator_address
         self._alive: list[Any] = [*arrays.values(), sim]
         self._table: Any = None
 

@@ -17,6 +17,7 @@ from skywright.control.registry import Law
 from skywright.core.streams import build_stream
 from skywright.core.types import BELIEF, SAMPLE
 from skywright.errors import InputError, SimulationError
+from skywright.estimation.registry import fill_parameters, load_estimator
 from skywright.inspection.eddy_current import Instrument, build_probe_signal
 from skywright.models.allocation import build_allocator
 from skywright.models.rigid_body import (
@@ -30,13 +31,21 @@ from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, Deviation, Scene, build_scene, home_pose
 from skywright.robots.spec import Robot
 from skywright.sim.friction import fill_friction
+from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
+from skywright.sim.link import LINK_BLOCK, build_link, draw_link
 from skywright.sim.plant import BLOCK, PLANT
 from skywright.sim.simulation import Simulation
 from skywright.sim.wind import NOISE, fill_wind
 from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
 from skywright.vehicle.interface import Limits, Table, Ticked
-from skywright.vehicle.tick import mission_tick, tick_after_law, tick_before_law, tick_law
+from skywright.vehicle.tick import (
+    mission_tick,
+    tick_after_law,
+    tick_before_law,
+    tick_inertial,
+    tick_law,
+)
 from skywright.worlds.spec import Pipe, World
 from skywright.worlds.surface import build_cylinder
 
@@ -64,7 +73,7 @@ class SimulatedVehicle:
         deviation: Deviation,
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         interactive: bool = False,
-        truth: bool = False,
+        estimator: str = "filter",
         on_samples: Callable[[NDArray[Any]], None] | None = None,
     ) -> None:
         """`start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant."""
@@ -96,17 +105,24 @@ class SimulatedVehicle:
         self.sim = Simulation(self.scene, home_pose(robot, *start))
         self.belief = self._build_belief()
         self.plant = _build_plant(robot, world, self.scene, deviation, seed)
-        self.guard = self._build_guard(truth)
+        names = (
+            "gyro", "accelerometer", "vibration", "mocap", "dropout", "outlier", "probe", "wind",
+            "link",
+        )  # fmt: skip
+        self._streams = {n: build_stream(seed, n) for n in names}
+        self.inertial = build_inertial(robot, world.gravity_mps2, TIMESTEP, self._streams)
+        self.link = build_link(world.link)
+        self.link_on = bool(self.link[0]["on"])
+        self.estimator = load_estimator(estimator)
+        self.guard = self._build_guard(estimator == "truth")
         pipe = world.pipe or Pipe()  # without a pipe the signal is never asked for
         weld = world.weld if world.pipe is not None else None
         self.probe_signal = build_probe_signal(pipe, weld, build_stream(seed, "texture"))
-        names = ("gyro", "mocap", "dropout", "probe", "wind")
-        self._streams = {n: build_stream(seed, n) for n in names}
         self.samples = np.zeros(SAMPLES, SAMPLE)
         self.frame = Frame(
-            self.belief, self.plant, self.guard, self.model, self.kin, self.samples, self.sim,
-            self.allocator, self.thrust, self.probe_signal,
-            0 if law.compiled is None else law.compiled.address,
+            self.belief, self.plant, self.inertial, self.link, self.guard, self.model, self.kin,
+            self.samples, self.sim, self.allocator, self.thrust, self.probe_signal,
+            0 if law.compiled is None else law.compiled.address, self.estimator.compiled.address,
         )  # fmt: skip
         self._raw, self._written = self.samples.view(np.uint8), 0
         self.on_samples = on_samples
@@ -115,6 +131,7 @@ class SimulatedVehicle:
         self._mask, self._fired = self.guard["mask"], self.guard["fired"]
         self._block = self.plant["block"]
         self._block[0] = BLOCK
+        self._inertial_index, self._link_index = self.inertial["index"], self.link["index"]
         p, _, q = home_pose(robot, *start)
         self._table = np.zeros(1, self.belief["ref"].dtype)
         self._set_home_reference(p, start[2], q)
@@ -152,6 +169,10 @@ class SimulatedVehicle:
         self._mask[0], self._fired[0] = guards, 0
         if self._block[0] + self.n_ticks > BLOCK:
             self._draw_noise()
+        if self._inertial_index[0] + self.n_ticks * self.n_steps > IMU_BLOCK:
+            draw_inertial(self.inertial[0], self.robot, self._streams)
+        if self.link_on and self._link_index[0] + self.n_ticks > LINK_BLOCK:
+            draw_link(self.link[0], self._streams["link"])
         written = self._tick_interactive() if self.interactive else self._tick_fast()
         self._written = written
         if written > SAMPLES - SAMPLES_A_TICK:
@@ -199,7 +220,9 @@ class SimulatedVehicle:
             fired, written = tick_after_law(frame, written)
             if fired & NOT_FINITE:
                 break
-            self.sim.step(self.n_steps)
+            for _ in range(self.n_steps):
+                self.sim.step(1)
+                tick_inertial(frame)
             if fired:
                 break
         return int(written)
@@ -218,9 +241,10 @@ class SimulatedVehicle:
         """Fill the noise block, one stream a sensor; lasts for BLOCK control ticks."""
         pl = self.plant[0]
         pl["block"] = 0
-        pl["noise_gyro"] = self._streams["gyro"].standard_normal((BLOCK, 3))
         pl["noise_mocap"] = self._streams["mocap"].standard_normal((BLOCK, 12))
         pl["noise_drop"] = self._streams["dropout"].random(BLOCK)
+        if self.world.mocap.outlier_fraction > 0.0:
+            pl["noise_outlier"] = self._streams["outlier"].random((BLOCK, 9))
         pl["noise_ec"] = self._streams["probe"].standard_normal((BLOCK, 2))
         if self.world.wind.gusty:
             pl["noise_wind"] = self._streams["wind"].standard_normal((BLOCK, NOISE))
@@ -228,7 +252,7 @@ class SimulatedVehicle:
     def _build_belief(self) -> NDArray[Any]:
         out = np.zeros(1, BELIEF)
         b, c = out[0], self.robot.control
-        par, obs = b["par"], b["obs"]
+        par = b["par"]
         mass, _, _ = compute_body(self.model, posture(self.robot, "working"))
         par["dt"] = self.dt
         par["wn_p"], par["zeta_p"] = c.position_bandwidth_rad_s, c.position_damping
@@ -242,9 +266,8 @@ class SimulatedVehicle:
         par["t_integral_max"] = 0.1 * mass * self.world.gravity_mps2
         par["belt"], par["belt_inv"] = self.model[0]["belt"], self.model[0]["belt_inv"]
         par["motor_speed_max"] = self.model[0]["motor_speed_max"]
-        obs["bandwidth"] = c.observer_bandwidth_rad_s
-        obs["rotor_tau"] = self.rotors.time_constant
         b["body"]["mass"], b["body"]["gravity"] = mass, self.world.gravity_mps2
+        fill_parameters(b, self.robot, self.world, TIMESTEP)
         for field in ("ref", "est"):
             for name in ("R_WB", "R_WT"):
                 b[field][name] = np.eye(3)
@@ -312,10 +335,6 @@ def _build_plant(
     pl["marker_T"] = dev.marker_error
     pl["com_B"] = scene.model.body_ipos[index.platform_body]
     # sensors
-    rng = build_stream(seed, "gyro")
-    rate = robot.control.rate_hz
-    pl["gyro_bias"] = robot.sensors.gyro_bias_rad_s * rng.standard_normal(3)
-    pl["gyro_sigma"] = robot.sensors.gyro_noise_rad_s_sqrthz * math.sqrt(rate / 2.0)
     pl["enc_lsb"] = 2.0 * math.pi / 4096
     pl["enc_offset"][: len(dev.joint_offset)] = dev.joint_offset
     if robot.arm is not None:
@@ -325,6 +344,7 @@ def _build_plant(
     pl["mocap_period"], pl["mocap_latency"] = 1.0 / m.rate_hz, m.latency_s
     pl["mocap_sigma_p"], pl["mocap_sigma_R"] = m.position_noise_m, m.attitude_noise_rad
     pl["mocap_dropout"], pl["mocap_last"] = m.dropout_fraction, -1.0 / m.rate_hz
+    pl["mocap_outlier"], pl["mocap_outlier_size"] = m.outlier_fraction, m.outlier_m
     if world.pipe is not None:
         cyl = build_cylinder(world.pipe)
         pl["has_pipe"] = int(robot.probe is not None)

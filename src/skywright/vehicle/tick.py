@@ -17,12 +17,13 @@ from numba import njit
 from skywright.core.pointers import call_pointer
 from skywright.core.rotations import orthonormalise, rot_to_quat
 from skywright.core.types import MAX_JOINTS
-from skywright.estimation.observer import estimate_state
 from skywright.inspection.eddy_current import ec_signal
 from skywright.models.allocation import allocate, thrust_to_speed
 from skywright.models.rigid_body import fill_body, fill_kinematics
 from skywright.models.rotors import compute_power
 from skywright.sim.friction import rub
+from skywright.sim.inertial import read_inertial, sense_inertial
+from skywright.sim.link import receive_measurement, send_command, send_measurement
 from skywright.sim.physics import step_physics
 from skywright.sim.plant import actuate, blow, observe, sense
 from skywright.sim.wind import step_wind
@@ -83,6 +84,8 @@ def interpolate_reference(b: Record, table: Array) -> None:
 def before_law(
     b: Record,
     pl: Record,
+    im: Record,
+    lk: Record,
     g: Record,
     model: Record,
     kin: Record,
@@ -92,13 +95,22 @@ def before_law(
     sensordata: Array,
     site_xpos: Array,
     site_xmat: Array,
+    estimator: int,
+    belief: int,
 ) -> None:
     """Observe the plant, sense, estimate, update the nominal body, and look up the reference."""
     observe(pl, qpos, qvel, sensordata, site_xpos, site_xmat)
-    sense(pl, b.t, b.meas, qpos, qvel)
+    if lk.on:
+        read_inertial(im, lk.sent)
+        sense(pl, b.t, lk.sent, qpos, qvel)
+        send_measurement(lk, b.t)
+        receive_measurement(lk, b.t, b.meas)
+    else:
+        read_inertial(im, b.meas)
+        sense(pl, b.t, b.meas, qpos, qvel)
     fill_kinematics(model, b.meas.q, kin)
     fill_body(model, kin, b.body)
-    estimate_state(b, kin.p_BT, kin.R_BT)
+    call_pointer(estimator, belief)
     if g.truth_estimator:
         _take_truth(b, pl)
     interpolate_reference(b, table)
@@ -122,6 +134,7 @@ def _take_truth(b: Record, pl: Record) -> None:
 def after_law(
     b: Record,
     pl: Record,
+    lk: Record,
     g: Record,
     B: Array,
     P: Array,
@@ -176,7 +189,11 @@ def after_law(
         for i in range(n_joints):
             v += par.belt_inv[j, i] * cmd.qd[i]
         motor[j] = v
-    actuate(pl, cmd, motor, par.dt, ctrl)
+    if lk.on:
+        send_command(lk, b.t, cmd.rotor_speed, motor)
+        actuate(pl, lk.speed, lk.motor, par.dt, ctrl)
+    else:
+        actuate(pl, cmd.rotor_speed, motor, par.dt, ctrl)
     step_wind(
         pl.wind, pl.noise_wind[pl.block], b.t, par.dt, pl.p_WB, pl.R_WB, pl.rotor_p, pl.n_rotors
     )
@@ -263,8 +280,9 @@ def tick_before_law(frame: Array) -> None:
     """`before_law` called from Python (interactive way)."""
     v = open_frame(frame)
     before_law(
-        v.b[0], v.pl[0], v.g[0], v.model[0], v.kin[0], v.table,
-        v.qpos, v.qvel, v.sensordata, v.site_xpos, v.site_xmat,
+        v.b[0], v.pl[0], v.im[0], v.lk[0], v.g[0], v.model[0], v.kin[0], v.table,
+        v.qpos, v.qvel, v.sensordata, v.site_xpos, v.site_xmat, v.estimator_address,
+        v.belief_address,
     )  # fmt: skip
 
 
@@ -283,10 +301,17 @@ def tick_after_law(frame: Array, n_samples: int) -> tuple[int, int]:
         take_sample(v.b[0], v.pl[0], v.g[0], v.probe, v.qpos, v.qvel, v.samples[n_samples])
         n_samples += 1
     after_law(
-        v.b[0], v.pl[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl, v.xfrc,
-        v.pair_friction,
+        v.b[0], v.pl[0], v.lk[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl,
+        v.xfrc, v.pair_friction,
     )  # fmt: skip
     return v.g[0].fired, n_samples
+
+
+@njit(cache=True)
+def tick_inertial(frame: Array) -> None:
+    """Take an inertial sample after a physics step (interactive way)."""
+    v = open_frame(frame)
+    sense_inertial(v.im[0], v.qpos, v.qvel, v.pl[0].rotor_speed)
 
 
 @njit(cache=True, nogil=True)
@@ -298,20 +323,23 @@ def mission_tick(frame: Array, n: int, n_steps: int, n_samples: int) -> int:
     v = open_frame(frame)
     for _ in range(n):
         before_law(
-            v.b[0], v.pl[0], v.g[0], v.model[0], v.kin[0], v.table,
-            v.qpos, v.qvel, v.sensordata, v.site_xpos, v.site_xmat,
+            v.b[0], v.pl[0], v.im[0], v.lk[0], v.g[0], v.model[0], v.kin[0], v.table,
+            v.qpos, v.qvel, v.sensordata, v.site_xpos, v.site_xmat, v.estimator_address,
+            v.belief_address,
         )  # fmt: skip
         call_pointer(v.law_address, v.belief_address)
         if v.pl[0].tick % v.g[0].sample_every == 0 and n_samples < v.samples.shape[0]:
             take_sample(v.b[0], v.pl[0], v.g[0], v.probe, v.qpos, v.qvel, v.samples[n_samples])
             n_samples += 1
         after_law(
-            v.b[0], v.pl[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl, v.xfrc,
-            v.pair_friction,
+            v.b[0], v.pl[0], v.lk[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl,
+            v.xfrc, v.pair_friction,
         )  # fmt: skip
         if v.g[0].fired & NOT_FINITE:
             break
-        step_physics(v.mj_model, v.mj_data, n_steps)
+        for _ in range(n_steps):
+            step_physics(v.mj_model, v.mj_data, 1)
+            sense_inertial(v.im[0], v.qpos, v.qvel, v.pl[0].rotor_speed)
         if v.g[0].fired:
             break
     return n_samples

@@ -121,6 +121,16 @@ class Mocap(Spec):
     attitude_noise_rad: NonNegative = 0.002
     dropout_fraction: Fraction = 0.01
     calibration_m: NonNegative = 0.001  # stated accuracy (1 sigma) of the probe's markers
+    outlier_fraction: Fraction = 0.0  # of samples, a body each: swapped or false markers
+    outlier_m: float = Field(default=2.0, ge=0.01)  # largest artefact; sizes are log-uniform
+
+
+class Link(Spec):
+    """The link between robot and controller, each way; all zero: they are one computer."""
+
+    delay_s: float = Field(default=0.0, ge=0, le=0.2)  # mean
+    jitter_s: float = Field(default=0.0, ge=0, le=0.05)  # standard deviation
+    loss_fraction: float = Field(default=0.0, ge=0, lt=1)  # of packets
 
 
 class World(Spec):
@@ -135,6 +145,7 @@ class World(Spec):
     obstacles: dict[str, Box] = {}
     wind: Wind = Wind()
     mocap: Mocap = Mocap()
+    link: Link = Link()
 
     @model_validator(mode="after")
     def _weld_needs_pipe(self) -> World:

@@ -1,0 +1,466 @@
+"""Error-state Kalman filter of inertial unit and motion capture on SO(3), at a delayed horizon.
+
+State: position p and velocity v of the inertial unit in W, attitude R_WB, gyroscope bias b_g and
+accelerometer bias b_a in B. The error is (dp, dv, dtheta, db_g, db_a), 15 numbers, with the
+attitude error in W: R_true = exp(dtheta) R (Sola, Quaternion kinematics for the error-state Kalman
+filter, 2017, arXiv 1711.02508, section 7, "global angular errors").
+
+Delay: a motion-capture sample is fused into the state of its exposure, then the inertial samples
+since are integrated again. The covariance lives at the horizon only, so each inertial sample
+enters it once and nothing is stored or rewound; for samples in order this equals the filter that
+would have had them without delay, followed by a prediction. The state is integrated at the rate
+of the inertial unit (1 kHz), the covariance in steps of at most COVARIANCE_STEP samples.
+
+F has five blocks off the diagonal, so F P F' is four shears of block rows (`_shear`) instead of
+two dense 15 x 15 products.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import carray, cfunc, njit
+
+from skywright.core.rotations import (
+    cross,
+    exp_so3,
+    log_so3,
+    mat_mat,
+    mat_t_mat,
+    mat_vec,
+    orthonormalise,
+)
+from skywright.core.signature import ON_BELIEF
+from skywright.core.types import IMU_HISTORY, MAX_JOINTS
+from skywright.estimation.tip import correct_tip, fill_tip
+
+Record = Any
+Array = Any
+
+P_, V_, R_, BG_, BA_ = 0, 3, 6, 9, 12  # where the error's parts start
+N_STATE = 15
+COVARIANCE_STEP = 10  # IMU samples: R turns by 0.01 rad in it at 1 rad/s
+GATE = 22.46  # chi-square of 6 at 99.9 %
+RESTART_AFTER = 10  # rejected samples in a row that agree with each other
+AGREE_P, AGREE_R = 0.1, 0.2  # m, rad: how far two good samples may be apart
+SPEED_START = 0.3  # m/s, 1 sigma when the filter starts
+HOLD_ACCEL, HOLD_RATE = 1.0, 0.2  # m/s^2, rad/s: 1 sigma of what a lost inertial sample hid
+_MASK = IMU_HISTORY - 1
+
+
+@njit(cache=True)
+def integrate(
+    flt: Record, first: int, last: int, gravity: float, p: Array, v: Array, R: Array,
+    dv: Array, turn: Array,
+) -> None:  # fmt: skip
+    """Strapdown integration of the samples first..last-1, in place.
+
+    `dv` (3,) returns the integral of R f (m/s), `turn` (3, 3) that of R (s). A sample holds the
+    mean over its period, so the force is rotated with the attitude in the middle of it.
+    """
+    h = flt.h
+    for i in range(3):
+        dv[i] = 0.0
+        for j in range(3):
+            turn[i, j] = 0.0
+    g0, g1, g2 = flt.bg[0], flt.bg[1], flt.bg[2]
+    a0, a1, a2 = flt.ba[0], flt.ba[1], flt.ba[2]
+    for n in range(first, last):
+        k = n & _MASK
+        x, y, z = h * (flt.gyro[k, 0] - g0), h * (flt.gyro[k, 1] - g1), h * (flt.gyro[k, 2] - g2)
+        fx, fy, fz = flt.accel[k, 0] - a0, flt.accel[k, 1] - a1, flt.accel[k, 2] - a2
+        mx = fx + 0.5 * (y * fz - z * fy)
+        my = fy + 0.5 * (z * fx - x * fz)
+        mz = fz + 0.5 * (x * fy - y * fx)
+        # exp of a turn of millirad: the series to fifth order is exact to rounding
+        s = x * x + y * y + z * z
+        a = 1.0 - s * (1.0 / 6.0) * (1.0 - s * 0.05)
+        b = 0.5 - s * (1.0 / 24.0)
+        for i in range(3):
+            r0, r1, r2 = R[i, 0], R[i, 1], R[i, 2]
+            f = h * (r0 * mx + r1 * my + r2 * mz)
+            dv[i] += f
+            old = v[i]
+            v[i] = old + f
+            turn[i, 0] += h * r0
+            turn[i, 1] += h * r1
+            turn[i, 2] += h * r2
+            if i == 2:
+                v[i] -= h * gravity
+            p[i] += 0.5 * h * (old + v[i])
+            # row of R (I + a [t] + b [t]^2) = r + a (r x t) + b ((r x t) x t)
+            c0, c1, c2 = r1 * z - r2 * y, r2 * x - r0 * z, r0 * y - r1 * x
+            R[i, 0] = r0 + a * c0 + b * (c1 * z - c2 * y)
+            R[i, 1] = r1 + a * c1 + b * (c2 * x - c0 * z)
+            R[i, 2] = r2 + a * c2 + b * (c0 * y - c1 * x)
+
+
+@njit(cache=True)
+def _shear(P: Array, i: int, j: int, M: Array) -> None:
+    """P <- S P S' with S = I + M in block (i, j): x_i += M x_j."""
+    for r in range(3):
+        m0, m1, m2 = M[r, 0], M[r, 1], M[r, 2]
+        for c in range(N_STATE):
+            P[i + r, c] += m0 * P[j, c] + m1 * P[j + 1, c] + m2 * P[j + 2, c]
+    for r in range(3):
+        x, y, z = P[i + r, j], P[i + r, j + 1], P[i + r, j + 2]
+        for c in range(3):
+            P[i + r, i + c] += x * M[c, 0] + y * M[c, 1] + z * M[c, 2]
+    _mirror(P, i)
+
+
+@njit(cache=True)
+def _drift(P: Array, dt: float) -> None:
+    """P <- S P S' with x_p += dt x_v."""
+    for r in range(3):
+        for c in range(N_STATE):
+            P[r, c] += dt * P[3 + r, c]
+    for r in range(3):
+        for c in range(3):
+            P[r, c] += dt * P[r, 3 + c]
+    _mirror(P, 0)
+
+
+@njit(cache=True)
+def _mirror(P: Array, i: int) -> None:
+    """Copy block row `i` to block column `i`."""
+    for c in range(N_STATE):
+        for r in range(3):
+            P[c, i + r] = P[i + r, c]
+
+
+@njit(cache=True)
+def propagate_covariance(flt: Record, P: Array, dv: Array, turn: Array, dt: float) -> None:
+    """Advance `P` by `dt`: dp' = dv, dv' = -[R f] dtheta - R db_a, dtheta' = -R db_g, plus noise.
+
+    Half of the drift before and half after makes the step exact to second order.
+    """
+    M = np.zeros((3, 3))
+    M[0, 1], M[0, 2], M[1, 2] = dv[2], -dv[1], dv[0]
+    M[1, 0], M[2, 0], M[2, 1] = -dv[2], dv[1], -dv[0]
+    _drift(P, 0.5 * dt)
+    _shear(P, V_, R_, M)
+    for i in range(3):
+        for j in range(3):
+            M[i, j] = -turn[i, j]
+    _shear(P, V_, BA_, M)
+    _shear(P, R_, BG_, M)
+    _drift(P, 0.5 * dt)
+    for i in range(3):
+        P[V_ + i, V_ + i] += dt * flt.q_v
+        P[R_ + i, R_ + i] += dt * flt.q_R
+        P[BG_ + i, BG_ + i] += dt * flt.q_bg
+        P[BA_ + i, BA_ + i] += dt * flt.q_ba
+
+
+@njit(cache=True)
+def advance(flt: Record, last: int, gravity: float) -> None:
+    """Move the horizon (state and covariance) up to inertial sample `last`."""
+    dv, turn = np.empty(3), np.empty((3, 3))
+    while flt.n_f < last:
+        first = flt.n_f
+        end = min(first + COVARIANCE_STEP, last)
+        integrate(flt, first, end, gravity, flt.p_f, flt.v_f, flt.R_f, dv, turn)
+        propagate_covariance(flt, flt.P, dv, turn, flt.h * (end - first))
+        flt.n_f = end
+    orthonormalise(flt.R_f)
+
+
+@njit(cache=True)
+def fuse(flt: Record, meas: Record) -> bool:
+    """Fuse a motion-capture sample taken at the horizon; False when the gate rejects it."""
+    P = flt.P
+    lever, rot, nu = np.empty(3), np.empty((3, 3)), np.empty(6)
+    mat_vec(flt.R_f, flt.p_BI, lever)
+    for i in range(3):
+        nu[i] = meas.p_WB[i] - (flt.p_f[i] - lever[i])
+        for j in range(3):  # R_meas R_f'
+            rot[i, j] = (
+                meas.R_WB[i, 0] * flt.R_f[j, 0]
+                + meas.R_WB[i, 1] * flt.R_f[j, 1]
+                + meas.R_WB[i, 2] * flt.R_f[j, 2]
+            )
+    turn = np.empty(3)
+    log_so3(rot, turn)
+    # W = H P (6, 15) with H = [I 0 [lever] 0 0; 0 0 I 0 0]
+    W = np.empty((6, N_STATE))
+    for c in range(N_STATE):
+        x, y, z = P[R_, c], P[R_ + 1, c], P[R_ + 2, c]
+        W[0, c] = P[0, c] + lever[1] * z - lever[2] * y
+        W[1, c] = P[1, c] + lever[2] * x - lever[0] * z
+        W[2, c] = P[2, c] + lever[0] * y - lever[1] * x
+        W[3, c], W[4, c], W[5, c] = x, y, z
+    # S = H P H' + noise, its Cholesky factor L in place; then nu <- L^-1 nu, W <- L^-1 W
+    S = np.empty((6, 6))
+    for r in range(6):
+        x, y, z = W[r, R_], W[r, R_ + 1], W[r, R_ + 2]
+        S[r, 0] = W[r, 0] + lever[1] * z - lever[2] * y
+        S[r, 1] = W[r, 1] + lever[2] * x - lever[0] * z
+        S[r, 2] = W[r, 2] + lever[0] * y - lever[1] * x
+        S[r, 3], S[r, 4], S[r, 5] = x, y, z
+    for r in range(3):
+        nu[3 + r] = turn[r]
+        S[r, r] += flt.r_p
+        S[3 + r, 3 + r] += flt.r_R
+    nis = 0.0
+    for r in range(6):
+        for c in range(r):
+            s = S[r, c]
+            for k in range(c):
+                s -= S[r, k] * S[c, k]
+            S[r, c] = s / S[c, c]
+        s = S[r, r]
+        for k in range(r):
+            s -= S[r, k] * S[r, k]
+        S[r, r] = math.sqrt(s)
+        for k in range(r):
+            nu[r] -= S[r, k] * nu[k]
+        nu[r] /= S[r, r]
+        nis += nu[r] * nu[r]
+    flt.nis = nis
+    if not nis < GATE:
+        return False
+    for r in range(6):
+        flt.nu[r] = nu[r]
+        for k in range(r):
+            for c in range(N_STATE):
+                W[r, c] -= S[r, k] * W[k, c]
+        w = 1.0 / S[r, r]
+        for c in range(N_STATE):
+            W[r, c] *= w
+    dx = np.zeros(N_STATE)
+    for r in range(6):
+        for c in range(N_STATE):
+            dx[c] += W[r, c] * nu[r]
+    for i in range(N_STATE):
+        for j in range(i + 1):
+            s = 0.0
+            for r in range(6):
+                s += W[r, i] * W[r, j]
+            P[i, j] -= s
+            P[j, i] = P[i, j]
+    for i in range(3):
+        flt.p_f[i] += dx[P_ + i]
+        flt.v_f[i] += dx[V_ + i]
+        flt.bg[i] += dx[BG_ + i]
+        flt.ba[i] += dx[BA_ + i]
+        turn[i] = dx[R_ + i]
+    old = flt.R_f.copy()
+    exp_so3(turn, rot)
+    mat_mat(rot, old, flt.R_f)
+    return True
+
+
+@njit(cache=True)
+def _receive(flt: Record, meas: Record) -> None:
+    """Append this tick's inertial samples; a gap (packets lost) is bridged by holding the first."""
+    missing = int((meas.t - flt.t) / flt.h + 0.5) - meas.imu_n
+    flt.t = meas.t
+    if missing > 0 and flt.ready == 2.0:
+        if missing > IMU_HISTORY // 2:
+            flt.ready = 0.0
+        else:
+            for i in range(3):
+                flt.P[V_ + i, V_ + i] += (HOLD_ACCEL * missing * flt.h) ** 2
+                flt.P[R_ + i, R_ + i] += (HOLD_RATE * missing * flt.h) ** 2
+    else:
+        missing = 0
+    for n in range(-missing, meas.imu_n):
+        k = flt.n & _MASK
+        m = max(n, 0)
+        for i in range(3):
+            flt.gyro[k, i] = meas.imu_gyro[m, i]
+            flt.accel[k, i] = meas.imu_accel[m, i]
+        flt.n += 1
+
+
+@njit(cache=True)
+def _agrees(flt: Record, meas: Record) -> bool:
+    """Whether a sample lies near the last unused one; keeps it as the last unused one."""
+    rot, turn = np.empty((3, 3)), np.empty(3)
+    mat_t_mat(flt.last_R, meas.R_WB, rot)
+    log_so3(rot, turn)
+    far = angle = 0.0
+    for i in range(3):
+        far += (meas.p_WB[i] - flt.last_p[i]) ** 2
+        angle += turn[i] ** 2
+        flt.last_p[i] = meas.p_WB[i]
+        for j in range(3):
+            flt.last_R[i, j] = meas.R_WB[i, j]
+    return far < AGREE_P**2 and angle < AGREE_R**2
+
+
+@njit(cache=True)
+def start(flt: Record, meas: Record, n: int) -> None:
+    """Begin at rest at a motion-capture sample taken at inertial sample `n`."""
+    lever = np.empty(3)
+    mat_vec(meas.R_WB, flt.p_BI, lever)
+    for i in range(N_STATE):
+        for j in range(N_STATE):
+            flt.P[i, j] = 0.0
+    for i in range(3):
+        flt.p_f[i] = meas.p_WB[i] + lever[i]
+        flt.v_f[i] = 0.0
+        flt.bg[i] = flt.ba[i] = 0.0
+        for j in range(3):
+            flt.R_f[i, j] = meas.R_WB[i, j]
+        flt.P[P_ + i, P_ + i] = flt.r_p
+        flt.P[V_ + i, V_ + i] = SPEED_START**2
+        flt.P[R_ + i, R_ + i] = flt.r_R
+        flt.P[BG_ + i, BG_ + i] = flt.p_bg
+        flt.P[BA_ + i, BA_ + i] = flt.p_ba
+    flt.n_f = n
+    flt.ready = 2.0
+    flt.rejected_row = 0
+
+
+@njit(cache=True)
+def _use_mocap(b: Record) -> bool:
+    """Bring the horizon to the exposure and fuse; False when nothing changed."""
+    flt, meas = b.flt, b.meas
+    n = flt.n - int((meas.t - meas.mocap_t) / flt.h + 0.5)
+    if n > flt.n or n < 0 or n <= flt.n - IMU_HISTORY:
+        return False  # not of this stretch of data
+    if flt.ready < 2.0:  # two samples that agree begin the filter: one may be an artefact
+        agrees = _agrees(flt, meas)
+        if flt.ready == 1.0 and agrees:
+            start(flt, meas, n)
+        flt.ready = max(flt.ready, 1.0)
+        return flt.ready == 2.0
+    if n < flt.n_f:
+        return False
+    advance(flt, n, b.body.gravity)
+    if fuse(flt, meas):
+        flt.fused += 1
+        flt.rejected_row = 0
+    else:
+        flt.rejected += 1
+        flt.rejected_row = flt.rejected_row + 1 if _agrees(flt, meas) else 1
+        if flt.rejected_row >= RESTART_AFTER:  # they agree with each other: the filter is wrong
+            start(flt, meas, n)
+    correct_tip(b, flt.c_B, flt.p_f, flt.R_f, flt.p_BI, flt.p_BT[(n - 1) & _MASK])
+    return True
+
+
+@njit(cache=True)
+def _fill_estimate(b: Record) -> None:
+    """Platform pose and velocity at B from the state at the inertial unit, brought to now."""
+    flt, est, meas = b.flt, b.est, b.meas
+    w, lever, turn = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(3):
+        if meas.imu_n > 0:
+            est.w_WB_B[i] = meas.gyro[i] - flt.bg[i]
+        w[i] = est.w_WB_B[i]
+    late = max(b.t - flt.t, 0.0)  # of the newest data; zero without a link
+    if late > 0.0:
+        rot = np.empty((3, 3))
+        for i in range(3):
+            turn[i] = late * w[i]
+        exp_so3(turn, rot)
+        mat_mat(flt.R, rot, est.R_WB)
+    else:
+        for i in range(3):
+            for j in range(3):
+                est.R_WB[i, j] = flt.R[i, j]
+    orthonormalise(est.R_WB)
+    cross(w, flt.p_BI, turn)
+    mat_vec(est.R_WB, turn, lever)
+    for i in range(3):
+        v = flt.v[i] + late * flt.a_W[i]
+        est.p_WB[i] = flt.p[i] + late * (flt.v[i] + 0.5 * late * flt.a_W[i])
+        est.v_WB[i] = v - lever[i]
+    mat_vec(est.R_WB, flt.p_BI, lever)
+    for i in range(3):
+        est.p_WB[i] -= lever[i]
+
+
+@njit(cache=True)
+def _estimate_force(b: Record, dv: Array, span: float) -> None:
+    """External force: measured specific force times mass, less what the rotors make; low-passed.
+
+    `dv` is the integral of the specific force in W over `span` seconds.
+    """
+    flt, est, obs, dt = b.flt, b.est, b.obs, b.par.dt
+    decay = math.exp(-dt / obs.rotor_tau)
+    f_W = np.empty(3)
+    for i in range(3):
+        obs.f_B[i] = b.cmd.f_B_alloc[i] + (obs.f_B[i] - b.cmd.f_B_alloc[i]) * decay
+    mat_vec(flt.R, obs.f_B, f_W)
+    k = 1.0 - math.exp(-obs.bandwidth * dt)
+    for i in range(3):
+        f = dv[i] / span
+        flt.a_W[i] = f
+        est.f_ext_W[i] += k * (b.body.mass * f - f_W[i] - est.f_ext_W[i])
+    flt.a_W[2] -= b.body.gravity
+
+
+@njit(cache=True)
+def step(b: Record) -> None:
+    """One control tick of the filter."""
+    flt, est, meas = b.flt, b.est, b.meas
+    gravity = b.body.gravity
+    est.t = b.t
+    for j in range(MAX_JOINTS):
+        est.q[j] = meas.q[j]
+        est.qd[j] = meas.qd[j]
+    before = flt.n
+    if meas.imu_n > 0:
+        _receive(flt, meas)
+        for n in range(before, flt.n):
+            for i in range(3):
+                flt.p_BT[n & _MASK, i] = b.body.p_BT[i]
+    changed = meas.mocap_fresh > 0.0 and _use_mocap(b)
+    if flt.ready < 2.0:
+        return
+    if flt.n - flt.n_f > IMU_HISTORY // 2:  # nothing to fuse for long: keep up with the ring
+        advance(flt, flt.n - IMU_HISTORY // 4, gravity)
+        changed = True
+    dv, turn = np.empty(3), np.empty((3, 3))
+    if changed:
+        for i in range(3):
+            flt.p[i], flt.v[i] = flt.p_f[i], flt.v_f[i]
+            for j in range(3):
+                flt.R[i, j] = flt.R_f[i, j]
+        if before > flt.n_f:
+            integrate(flt, flt.n_f, before, gravity, flt.p, flt.v, flt.R, dv, turn)
+        before = max(before, flt.n_f)
+    if before < flt.n:
+        integrate(flt, before, flt.n, gravity, flt.p, flt.v, flt.R, dv, turn)
+        _estimate_force(b, dv, flt.h * (flt.n - before))
+    _fill_estimate(b)
+    fill_tip(b, flt.c_B)
+
+
+@njit(cache=True)
+def head_covariance(flt: Record, gravity: float, P: Array) -> None:
+    """Write the covariance of the newest state into `P` (15, 15), for tests of consistency.
+
+    The inertial unit shakes with the rotors while the body does not: the share of that in
+    velocity and attitude is bounded, not a random walk, so it is added here and not integrated.
+    """
+    p, v, R = flt.p_f.copy(), flt.v_f.copy(), flt.R_f.copy()
+    dv, turn = np.empty(3), np.empty((3, 3))
+    P[:, :] = flt.P
+    n = flt.n_f
+    while n < flt.n:
+        end = min(n + COVARIANCE_STEP, flt.n)
+        integrate(flt, n, end, gravity, p, v, R, dv, turn)
+        propagate_covariance(flt, P, dv, turn, flt.h * (end - n))
+        n = end
+    for i in range(3):
+        P[V_ + i, V_ + i] += flt.vibration_v
+        P[R_ + i, R_ + i] += flt.vibration_R
+
+
+@njit(cache=True)
+def step_belief(belief: Any) -> None:
+    """`step` on a (1,) array of BELIEF."""
+    step(belief[0])
+
+
+@cfunc(ON_BELIEF, cache=True)
+def step_c(belief: Any) -> None:
+    """`step` behind the one signature of all estimators."""
+    step(carray(belief, 1)[0])
