@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.errors import InputError
-from skywright.missions.limits import find_exceeded_wind
+from skywright.missions.limits import compute_wind_allowance, find_exceeded_wind
 from skywright.missions.loader import Description
 from skywright.models.allocation import build_allocator
 from skywright.models.geometry import build_clearance
@@ -77,20 +77,14 @@ def plan_mission(description: Description) -> MissionPlan:
 
 
 def build_mission_loads(robot: Robot, world: World) -> Loads:
-    """Return rotors with the mission's thrust fraction, and the steady wind as an allowance."""
+    """Return rotors with the mission's thrust fraction, and the mean wind as an allowance."""
     rotors = build_rotors(robot.rotors)
-    p, wind = robot.platform, world.wind
-    toward = math.radians(wind.toward_deg)
-    v = np.zeros(3)
-    if wind.kind != "none":
-        v = np.array([
-            wind.mean_mps * math.cos(toward), wind.mean_mps * math.sin(toward), wind.vertical_mps
-        ])  # fmt: skip
+    p = robot.platform
     return build_loads(
         build_allocator(rotors), rotors.position, rotors.axis, rotors.drag_coefficient,
         robot.rotors.thrust_fraction,
         np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2]),
-        world.air_density_kg_m3, v,
+        world.air_density_kg_m3, compute_wind_allowance(robot, world),
     )  # fmt: skip
 
 
