@@ -232,6 +232,38 @@ def campaign(
 
 
 @main.command()
+@click.argument("paper", required=False)
+@click.option("--claim", "only", multiple=True, metavar="ID", help="Only this claim. Repeatable.")
+@click.option(
+    "--cache", type=click.Path(path_type=Path), help="Folder of flights.  [default: user's cache]"
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Page.  [default: claims.html]")
+@_json
+def reproduce(
+    paper: str | None, only: tuple[str, ...], cache: Path | None, out: Path | None, as_json: bool
+) -> int:
+    """Measure the claims of PAPER, or of all papers.
+
+    Flights are kept, so that a second time takes seconds. Contradictions are results: exit 1 means
+    that a claim could not be measured.
+    """
+    from skywright.studies.reproduce.cache import default_folder
+    from skywright.studies.reproduce.present import Bar, print_reports, write_page
+    from skywright.studies.reproduce.runner import reproduce_papers
+
+    page = _writable(out or Path("claims.html"), (".html",))
+    reports = reproduce_papers(
+        paper, cache=cache or default_folder(), only=only, steps=None if as_json else Bar()
+    )
+    write_page(reports, page)
+    if as_json:
+        _print_json({"claims": [c for r in reports for c in r.to_json()["claims"]]})
+    else:
+        print_reports(reports, page)
+    return max(r.exit_code for r in reports)
+
+
+@main.command()
 @click.argument("robot")
 @click.option("--set", "sets", multiple=True, metavar="KEY=VALUE", help="Change a robot's value.")
 @click.option(
@@ -265,16 +297,22 @@ def capability(
 
 
 @main.command(name="list")
-@click.argument("kind", type=click.Choice(["robots", "worlds", "missions"]), required=False)
+@click.argument(
+    "kind", type=click.Choice(["robots", "worlds", "missions", "claims"]), required=False
+)
 @_json
 def list_(kind: str | None, as_json: bool) -> None:
-    """List the built-in robots, worlds or missions."""
+    """List the built-in robots, worlds or missions, or the papers' claims."""
     from skywright.missions.loader import list_missions
     from skywright.robots.loader import list_robots
     from skywright.worlds.loader import list_worlds
 
     listings = {"robots": list_robots, "worlds": list_worlds, "missions": list_missions}
     found = {name: call() for name, call in listings.items() if kind in (None, name)}
+    if kind in (None, "claims"):  # their specs are heavy: imported only where asked for
+        from skywright.studies.reproduce.spec import list_claims
+
+        found["claims"] = list_claims()
     if as_json:
         _print_json({name: [e._asdict() for e in entries] for name, entries in found.items()})
         return
@@ -410,10 +448,10 @@ def check(file: str, as_json: bool) -> int:
     return 2
 
 
-def _writable(path: Path) -> Path:
-    """Refuse a picture that cannot be written before the work begins."""
-    if path.suffix.lower() not in (".png", ".svg"):
-        raise InputError(f"{path}: unknown picture format; valid: .png, .svg")
+def _writable(path: Path, formats: tuple[str, ...] = (".png", ".svg")) -> Path:
+    """Refuse a picture or page that cannot be written before the work begins."""
+    if path.suffix.lower() not in formats:
+        raise InputError(f"{path}: unknown format; valid: {', '.join(formats)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("ab"):

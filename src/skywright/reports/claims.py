@@ -14,10 +14,8 @@ from skywright.reports.figures.claims import ClaimFigure, draw_claim
 from skywright.reports.figures.style import house_style, render_svg
 
 
-class TestRow(NamedTuple):
+class CriterionRow(NamedTuple):
     """A test as it is written on the page."""
-
-    __test__ = False
 
     name: str
     value: str
@@ -36,7 +34,7 @@ class ClaimRow(NamedTuple):
     value: str
     verdict: str
     explanation: str
-    tests: Sequence[TestRow]
+    tests: Sequence[CriterionRow]
     figure: ClaimFigure | None
 
 
@@ -52,35 +50,32 @@ class Heading(NamedTuple):
     notes: Sequence[str]
 
 
-def write_claims_page(
-    path: Path, heading: Heading, rows: Sequence[ClaimRow], versions: Mapping[str, str]
-) -> None:
+Parts = Sequence[tuple[Heading, Sequence[ClaimRow]]]
+"""One heading with its claims a paper."""
+
+
+def write_claims_page(path: Path, parts: Parts, versions: Mapping[str, str]) -> None:
     """Write claims.html. Raises InputError when it cannot be written."""
     try:
-        path.write_text(render_claims_page(heading, rows, versions), encoding="utf-8")
+        path.write_text(render_claims_page(parts, versions), encoding="utf-8")
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from None
 
 
-def render_claims_page(
-    heading: Heading, rows: Sequence[ClaimRow], versions: Mapping[str, str]
-) -> str:
+def render_claims_page(parts: Parts, versions: Mapping[str, str]) -> str:
     """Return the page; everything that it shows is inside it."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("skywright.reports"), autoescape=True, trim_blocks=True,
         lstrip_blocks=True, undefined=jinja2.StrictUndefined,
     )  # fmt: skip
     with house_style():
-        claims = [
-            {
-                **row._asdict(),
-                "figure": "" if row.figure is None else _embed(row.figure),
-                "caption": "" if row.figure is None else row.figure.caption,
-            }
-            for row in rows
-        ]
-    template = environment.get_template("claims.html.j2")
-    return template.render(**heading._asdict(), claims=claims, versions=versions)
+        papers = [{**h._asdict(), "claims": [_fill(row) for row in rows]} for h, rows in parts]
+    return environment.get_template("claims.html.j2").render(papers=papers, versions=versions)
+
+
+def _fill(row: ClaimRow) -> dict[str, object]:
+    figure, caption = ("", "") if row.figure is None else (_embed(row.figure), row.figure.caption)
+    return {**row._asdict(), "figure": figure, "caption": caption}
 
 
 def _embed(figure: ClaimFigure) -> str:

@@ -73,10 +73,13 @@ class Map(NamedTuple):
     line_label: str = ""
 
 
+Part = Panel | Bars | Map
+
+
 class ClaimFigure(NamedTuple):
     """What shows a claim; panels side by side in rows of `across`."""
 
-    panels: Sequence[Panel | Bars | Map]
+    panels: Sequence[Part]
     caption: str
     across: int = 2
 

@@ -7,6 +7,7 @@ flown again; a full or read-only disk costs the cache, not the result.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -98,7 +99,8 @@ class Cache:
             scratch.replace(path)
         except OSError as error:
             self.trouble = f"{path.parent}: flights are not kept: {error.strerror or error}"
-            scratch.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                scratch.unlink()
 
     def prune(self) -> None:
         """Drop the flights of all but the newest versions of the source."""

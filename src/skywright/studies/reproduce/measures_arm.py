@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from skywright.missions.loader import load_description
 from skywright.models.rigid_body import build_body_model, compute_body, posture
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Map, Panel
+from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Map, Panel, Part
 from skywright.robots.spec import Robot
 from skywright.studies.reproduce import elastic
 from skywright.studies.reproduce.cache import Record
@@ -106,7 +106,7 @@ def measure_vibration(records: Records) -> Measured:
         values[f"{role}_unstable_from"] = float(unstable[0]) if len(unstable) else math.inf
         worse = gains[1:][growth[1:] > still + 0.2 * abs(still)]
         values[f"{role}_worse_from"] = float(worse[0]) if len(worse) else math.inf
-    panels = [
+    panels: list[Part] = [
         Panel(
             "Tip vibration while scanning, gain 3 1/s", "frequency (Hz)",
             "tip error (mm/√Hz)", curves, log_y=True,
@@ -213,9 +213,17 @@ def measure_stability_map(records: Records) -> Measured:
         "tip_ideal": "tip only, ideal actuators",
         "displaced_ideal": "displaced, ideal actuators",
     }
-    stiffness = build_elastic(load_description("pipe-weld-scan").robot).k
-    values: dict[str, float] = {"stiffness": stiffness}
-    panels = []
+    model = build_elastic(load_description("pipe-weld-scan").robot)
+    stiffness = model.k
+    ring = records["displaced_ideal_damping_00"][0].arrays["tip"][0]
+    f, power = spectrum(ring)
+    inside = (f > BAND[0]) & (f < BAND[1])
+    values: dict[str, float] = {
+        "stiffness": stiffness,
+        "reduced_hz": model.frequency / (2.0 * math.pi),
+        "mode_hz": float(f[inside][np.argmax(power[inside])]),
+    }
+    panels: list[Part] = []
     for group, title in groups.items():
         gains = np.array(records[f"{group}_{rows[0]}"][0].info["gains"])
         growth = np.array([
@@ -224,6 +232,8 @@ def measure_stability_map(records: Records) -> Measured:
         ])  # fmt: skip
         values[f"{group}_unstable"] = float(np.mean(growth > 0.0))
         values[f"{group}_worst"] = float(np.max(growth))
+        unstable = gains[np.any(growth > 0.0, axis=0)]
+        values[f"{group}_from"] = float(unstable[0]) if len(unstable) else math.inf
         below = growth[:, gains < stiffness]
         values[f"{group}_stable_below"] = float(np.mean(below < 0.0))
         at = float(np.interp(stiffness, gains, np.arange(len(gains))))
@@ -272,7 +282,7 @@ def measure_spared_arm(records: Records) -> Measured:
         "arm_share": float(share[1]),
         "spring_share": float(share[2]),
     }
-    panels = [
+    panels: list[Part] = [
         Panel(
             "Change of the arm's torque at touch-down", "mean speed of the touch (m/s)",
             "peak change (N m)",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from skywright.evaluation.metrics import LIFT_OFF_THRESHOLD
 from skywright.inspection.eddy_current import Instrument
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
+from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel, Part
 from skywright.studies.reproduce.cache import Record
 from skywright.studies.reproduce.measured import Measured, Records
 from skywright.studies.reproduce.series import (
@@ -53,7 +53,7 @@ def measure_contact(records: Records) -> Measured:
         "seeds": float(len(parts)),
     }
     s = cut(records["scan"][0], "trim", "touch", "settle", "scan", "leave")
-    panels = [
+    panels: list[Part] = [
         Panel(
             "Lift-off signal from stand-off to departure", TIME, "w_l (instrument units)",
             [Curve("", s["t"], lift_off(s["ec"]))], [(LIFT_OFF_THRESHOLD, "contact below 15")],
@@ -157,7 +157,7 @@ def measure_touch_down(records: Records) -> Measured:
         curves.append(Curve(label, s["t"][keep] - contact, change[keep]))
         tilt.append(Curve(label, s["t"][keep] - contact, np.degrees(s["tilt"][keep])))
     since = "time since the contact (s)"
-    panels = [
+    panels: list[Part] = [
         Panel("Platform attitude, change by the contact", since, "angle (deg)", curves, low=0.0),
         Panel("Probe to surface normal", since, "angle (deg)", tilt, low=0.0),
     ]
@@ -182,7 +182,7 @@ def measure_weld(records: Records) -> Measured:
     across = s["ec"] @ np.array([-math.sin(phase), math.cos(phase)])
     offsets = [_metric(r, "weld.offset_error_mm") for r in runs]
     angles = [_metric(r, "weld.angle_error_deg") for r in runs]
-    panels = [
+    panels: list[Part] = [
         Panel(
             "Signal across the lift-off direction", TIME, "instrument units",
             [Curve("", s["t"], across)],
@@ -206,6 +206,7 @@ def measure_degraded(records: Records) -> Measured:
         "good_mm": float(np.mean(rms[0])),
         "degraded_mm": float(np.mean(rms[1])),
         "spread_mm": float(np.ptp(rms[0])),
+        "weld_rise_mm": _mean(bad, names[2]) - _mean(good, names[2]),
         "lift_off_max": max(float(np.max(lift_off(cut(r, "scan")["ec"]))) for r in bad),
         "gap_max_mm": _worst(bad, "contact.gap_max_mm"),
         "tilt_max_deg": _worst(bad, "contact.tilt_max_deg"),
@@ -225,7 +226,7 @@ def measure_degraded(records: Records) -> Measured:
         curves.append(Curve(label, s["t"] - s["t"][0], size))
     groups = ["tip error rms\n(mm)", "probe tilt max\n(deg)", "weld offset error\n(mm)"]
     table = np.array([[_mean(good, n), _mean(bad, n)] for n in names])
-    panels = [
+    panels: list[Part] = [
         Panel(
             "Tip error along the surface, seed 1", "time since the scan's start (s)",
             "error (mm)", curves, low=0.0,
@@ -283,7 +284,7 @@ def measure_normal_error(records: Records) -> Measured:
             - np.mean(s["f_normal"][sliding & (s["t"] < start + 10.0)])
         ),
     }
-    panels = [
+    panels: list[Part] = [
         Panel(
             "Tip from its desired position, along the outward normal", TIME, "error (mm)",
             [Curve("", s["t"], error)], low=0.0,

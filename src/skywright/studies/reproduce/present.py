@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -11,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from skywright.evaluation.run import collect_versions
-from skywright.reports.claims import ClaimRow, Heading, TestRow, write_claims_page
-from skywright.studies.reproduce.runner import ClaimResult, Report, Steps, TestResult
+from skywright.reports.claims import ClaimRow, CriterionRow, Heading, write_claims_page
+from skywright.studies.reproduce.runner import ClaimResult, CriterionResult, Report, Steps
 
 STYLES = {"reproduced": "green", "contradicted": "red", "not_comparable": "yellow"}
 SIGNS = {"<=": "≤", ">=": "≥", "==": "="}
@@ -28,7 +29,7 @@ def write_number(value: float | None, unit: str = "") -> str:
     return f"{digits} {unit}".strip()
 
 
-def write_limit(result: TestResult) -> str:
+def write_limit(result: CriterionResult) -> str:
     """What a value is compared with."""
     test = result.test
     if test.limit is None:
@@ -37,7 +38,7 @@ def write_limit(result: TestResult) -> str:
     return f"{SIGNS.get(test.sense, test.sense)} {test.limit:g}{around} {test.unit}".strip()
 
 
-def write_paper_value(result: TestResult) -> str:
+def write_paper_value(result: CriterionResult) -> str:
     """What the paper prints."""
     test = result.test
     return "no figure" if test.paper_value is None else f"{test.paper_value:g} {test.unit}".strip()
@@ -55,7 +56,7 @@ def count_verdicts(report: Report) -> str:
 def build_row(result: ClaimResult) -> ClaimRow:
     """A claim as the page shows it."""
     tests = [
-        TestRow(
+        CriterionRow(
             t.test.quantity, write_number(t.value, t.test.unit), write_limit(t), t.test.reading,
             "" if t.passed is None else "met" if t.passed else "failed",
         )
@@ -69,24 +70,35 @@ def build_row(result: ClaimResult) -> ClaimRow:
     )  # fmt: skip
 
 
-def write_page(report: Report, path: Path) -> None:
+def write_page(reports: Sequence[Report], path: Path) -> None:
     """Write claims.html."""
-    paper = report.file.paper
-    heading = Heading(
-        paper.short, paper.title, paper.reference, count_verdicts(report),
-        f"skywright reproduce {paper.id}",
-        f"({report.flown} flights flown, {report.cached} from the cache)", report.notes,
-    )  # fmt: skip
-    write_claims_page(path, heading, [build_row(c) for c in report.claims], collect_versions())
+    parts = []
+    for report in reports:
+        paper = report.file.paper
+        heading = Heading(
+            paper.short, paper.title, paper.reference, count_verdicts(report),
+            f"skywright reproduce {paper.id}",
+            f"({report.flown} flights flown, {report.cached} from the cache)", report.notes,
+        )  # fmt: skip
+        parts.append((heading, [build_row(c) for c in report.claims]))
+    write_claims_page(path, parts, collect_versions())
 
 
-def print_report(report: Report, page: Path) -> None:
-    """Print the table on standard output, then what was contradicted and why."""
+def print_reports(reports: Sequence[Report], page: Path) -> None:
+    """Print a table a paper on standard output, then what was not reproduced and why."""
     console = Console(highlight=False, soft_wrap=True)
     if not console.is_terminal:
         console = Console(highlight=False, width=110, soft_wrap=True)
-    table = Table(title=f"Claims of {report.file.paper.short}", title_justify="left",
-                  title_style="bold", header_style="bold")  # fmt: skip
+    for report in reports:
+        _print_report(report, console)
+    console.print(f"{page}  a figure a claim", markup=False)
+
+
+def _print_report(report: Report, console: Console) -> None:
+    table = Table(
+        title=f"Claims of {report.file.paper.short}", title_justify="left", title_style="bold",
+        header_style="bold",
+    )  # fmt: skip
     for name in ("claim", "the paper", "here", "test", "verdict"):
         table.add_column(name, overflow="fold")
     for c in report.claims:
@@ -102,7 +114,6 @@ def print_report(report: Report, page: Path) -> None:
     console.print(count_verdicts(report))
     for note in report.notes:
         console.print(note, markup=False)
-    console.print(f"{page}  a figure a claim", markup=False)
 
 
 class Bar(Steps):

@@ -7,21 +7,27 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skywright.errors import InputError, SkywrightError
+from skywright.errors import InputError, SkywrightError, neighbours
 from skywright.reports.figures.claims import ClaimFigure
 from skywright.studies.reproduce.cache import Cache, Record
 from skywright.studies.reproduce.flights import build_description, describe_content, fly_case
 from skywright.studies.reproduce.measured import Measured, Records
 from skywright.studies.reproduce.measures import MEASURES
-from skywright.studies.reproduce.spec import Case, Claim, ClaimsFile, Test, judge, load_claims
+from skywright.studies.reproduce.spec import (
+    Case,
+    Claim,
+    ClaimsFile,
+    Criterion,
+    judge,
+    list_papers,
+    load_claims,
+)
 
 
-class TestResult(NamedTuple):
+class CriterionResult(NamedTuple):
     """One test of a claim with what was measured; `passed` None where nothing can be compared."""
 
-    __test__ = False
-
-    test: Test
+    test: Criterion
     value: float | None
     passed: bool | None
 
@@ -33,7 +39,7 @@ class ClaimResult(NamedTuple):
     claim: Claim
     verdict: str
     explanation: str
-    tests: list[TestResult]
+    tests: list[CriterionResult]
     values: dict[str, float]
     figure: ClaimFigure | None
     trouble: str  # why it could not be measured
@@ -110,6 +116,20 @@ class Steps:
         """All flights are done."""
 
 
+def reproduce_papers(
+    paper: str | None,
+    *,
+    cache: Path | None,
+    only: Sequence[str] = (),
+    steps: Steps | None = None,
+) -> list[Report]:
+    """`reproduce` for one paper, or for all of them; `only` may name claims as PAPER/CLAIM."""
+    names = [paper] if paper is not None else list_papers()
+    if paper is None and only:
+        names = sorted({name.split("/")[0] for name in only if "/" in name}) or names
+    return [reproduce(name, cache=cache, only=only, steps=steps) for name in names]
+
+
 def reproduce(
     paper: str,
     *,
@@ -153,10 +173,14 @@ def reproduce(
 
 
 def _choose(file: ClaimsFile, only: Sequence[str]) -> list[Claim]:
-    from skywright.errors import neighbours
-
     names = [c.id for c in file.claims]
-    wanted = [name.removeprefix(f"{file.paper.id}/") for name in only]
+    wanted = [
+        name.removeprefix(f"{file.paper.id}/")
+        for name in only
+        if "/" not in name
+        or name.startswith(f"{file.paper.id}/")
+        or name.split("/")[0] not in list_papers()
+    ]  # those of another paper are that paper's
     for name in wanted:
         if name not in names:
             raise InputError(
@@ -198,7 +222,7 @@ def _measure(
             trouble = f"could not be measured: {error}"
     verdict = judge(claim, measured.values)
     tests = [
-        TestResult(test, measured.values.get(test.quantity), passed)
+        CriterionResult(test, measured.values.get(test.quantity), passed)
         for test, passed in zip(claim.tests, verdict.passed, strict=True)
     ]
     why = trouble or _explain(claim, verdict.name, measured.values)

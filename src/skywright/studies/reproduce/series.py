@@ -64,7 +64,7 @@ def smooth(values: Array, seconds: float) -> Array:
 def spectrum(values: Array) -> tuple[Array, Array]:
     """Frequencies (Hz) and power density of (n, 3), its axes summed (Welch, windows of 2.56 s)."""
     f, power = welch(values - values.mean(axis=0), RATE, nperseg=min(256, len(values)), axis=0)
-    return f, np.asarray(power.sum(axis=1))
+    return np.asarray(f, dtype=np.float64), np.asarray(power.sum(axis=1), dtype=np.float64)
 
 
 def band_rms(values: Array, low: float, high: float) -> float:

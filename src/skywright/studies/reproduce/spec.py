@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from skywright.core.catalog import Entry
 from skywright.errors import InputError, neighbours
 
 DATA = Path(__file__).parent / "claims"
@@ -51,10 +52,8 @@ class Case(_Strict):
         return self
 
 
-class Test(_Strict):
+class Criterion(_Strict):
     """A measured quantity against a bound. `==` and printed values use the tolerance."""
-
-    __test__ = False  # no test case of pytest
 
     quantity: str
     unit: str = ""
@@ -86,7 +85,7 @@ class Claim(_Strict):
     statement: str
     measure: str  # name in `measures.MEASURES`
     cases: dict[str, str] = {}  # role that the measure asks for -> case
-    tests: list[Test] = Field(min_length=1)  # the first one's quantity is the claim's value
+    tests: list[Criterion] = Field(min_length=1)  # the first one's quantity is the claim's value
     why: Why = Why()
 
 
@@ -123,6 +122,12 @@ class Verdict(NamedTuple):
 def list_papers() -> list[str]:
     """Names of the papers with claims."""
     return sorted(p.stem for p in DATA.glob("*.toml"))
+
+
+def list_claims() -> list[Entry]:
+    """Every claim as PAPER/CLAIM with its statement."""
+    files = [load_claims(name) for name in list_papers()]
+    return [Entry(f"{f.paper.id}/{c.id}", c.statement) for f in files for c in f.claims]
 
 
 def load_claims(paper: str) -> ClaimsFile:
@@ -173,7 +178,7 @@ def judge(claim: Claim, values: dict[str, float]) -> Verdict:
     return Verdict("reproduced" if all(passed) else "contradicted", list(passed))
 
 
-def _passes(test: Test, value: float) -> bool:
+def _passes(test: Criterion, value: float) -> bool:
     limit, tolerance = test.limit, test.tolerance or 0.0
     if limit is None:
         return True  # told beside the others, not judged
