@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench docs lock pictures clean
+.PHONY: help demo test lint bench docs lock pictures claims clean
 
 help:  ## list these targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -38,6 +38,11 @@ docs: $(STAMP)  ## build the documentation into site/ (opens from disk: site/ind
 pictures: $(STAMP)  ## remake the pictures of README and docs
 	$(BIN)/python -m skywright.studies.pictures
 	$(BIN)/python docs/draw_conventions.py
+
+claims: $(STAMP)  ## measure the papers' claims again and write them into the docs
+	@mkdir -p runs
+	$(BIN)/skywright reproduce --out runs/claims.html --json > runs/claims.json
+	$(BIN)/python docs/generate_claims.py runs/claims.json
 
 lock:  ## resolve requirements.lock again (needs uv)
 	uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \
