@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import skywright
 from skywright.evaluation.run import collect_versions
 
 PACKAGES = (
@@ -49,7 +48,7 @@ def default_folder() -> Path:
 @lru_cache(maxsize=1)
 def hash_source() -> str:
     """Hash of the source and of the versions that decide a flight."""
-    root = Path(skywright.__file__).parent
+    root = Path(__file__).parents[2]  # the package
     files = [p for name in PACKAGES for p in sorted((root / name).rglob("*.py"))]
     files.append(Path(__file__).with_name("flights.py"))
     digest = hashlib.sha256(json.dumps(collect_versions(), sort_keys=True).encode())
