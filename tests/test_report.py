@@ -20,12 +20,13 @@ from hypothesis.extra import numpy as hnp
 from rich.console import Console
 
 from skywright.errors import InputError
+from skywright.evaluation.names import MEANINGS
 from skywright.evaluation.requirements import judge
 from skywright.evaluation.run import RunResult, run_mission
 from skywright.evaluation.warm_up import is_cached
 from skywright.missions.loader import load_description
 from skywright.reports import report
-from skywright.reports.explain import MEANINGS, format_value, list_assumptions
+from skywright.reports.explain import format_value, list_assumptions
 from skywright.reports.figures import series
 from skywright.reports.figures.paths import join_angles
 from skywright.reports.figures.style import Span, clip_phases, thin, write_png

@@ -171,3 +171,22 @@ def test_a_robot_that_no_longer_follows_is_told_at_once():
     assert "control was lost in scan" in flight.reason
     assert phases[-1].outcome == "failed"
     assert samples["t"][-1] < phases[-1].start_s + 3.0
+
+
+def test_a_compiled_law_that_raises_is_told_once(tmp_path):
+    path = tmp_path / "my_law.py"
+    path.write_text(
+        "from numba import njit\n"
+        "@njit\n"
+        "def step(par, mem, ref, est, body, cmd):\n"
+        "    if est.t > 0.5:\n"
+        "        raise ValueError('no idea')\n"
+    )
+    with pytest.raises(SimulationError, match=r"raised, or returned NaN.* at t = 0\.5"):
+        fly([f"mission.law={path}:step"])
+
+
+@pytest.mark.parametrize("rate", [20, 50, 333, 2000])
+def test_control_rates_that_do_not_fit_are_refused(rate):
+    with pytest.raises(InputError, match="valid: 100, 125, 200, 250, 500, 1000"):
+        load_description("pipe-weld-scan", sets=[f"robot.control.rate_hz={rate}"])

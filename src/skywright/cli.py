@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -38,11 +39,16 @@ class _Group(click.Group):
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> NoReturn:
         args = list(sys.argv[1:] if args is None else args)
         extra["standalone_mode"] = False
+        signal.signal(signal.SIGTERM, _interrupt)  # a polite kill ends a run as Ctrl-C does
         try:
             code = super().main(args, *more, **extra)
         except BaseException as error:
             code = _report(error, as_json="--json" in args)
         sys.exit(code if isinstance(code, int) else 0)
+
+
+def _interrupt(number: int, frame: object) -> NoReturn:
+    raise KeyboardInterrupt
 
 
 def _report(error: BaseException, as_json: bool) -> int:
@@ -70,6 +76,8 @@ def _report(error: BaseException, as_json: bool) -> int:
     elif isinstance(error, BrokenPipeError):  # the reader of our output went away
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    elif isinstance(error, OSError) and error.filename is not None:
+        code, message = 2, f"{error.filename}: {error.strerror}"
     else:
         code = 3
         message = (

@@ -44,4 +44,5 @@ def neighbours(word: str, valid: Iterable[str], count: int = 5) -> str:
     if len(names) <= count:
         return ", ".join(names)
     close = difflib.get_close_matches(word, names, n=count, cutoff=0.3)
-    return ", ".join(close or names[:count]) + ", ..."
+    close += [name for name in names if name not in close][: count - len(close)]
+    return ", ".join(close) + ", ..."

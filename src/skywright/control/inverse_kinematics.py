@@ -25,7 +25,7 @@ DAMPING = 0.05
 """m/rad, of the pseudo-inverse: small against the arm's reach, bounded near a stretched arm."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def tip_feedback(par: Record, ref: Record, est: Record, body: Record, qd: Any) -> None:
     """qd += J^T (J J^T + d^2 1)^-1 K e_E, all in B, solved through the small joint-side matrix.
 
@@ -62,7 +62,7 @@ def tip_feedback(par: Record, ref: Record, est: Record, body: Record, qd: Any) -
         qd[r] += x[r]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: Record) -> None:
     """Tip feedback through the arm while the tip is tracked, law (2) elsewhere; law (3); platform
     on its nominal position.
@@ -88,7 +88,7 @@ def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: 
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def limit_motors(par: Record, body: Record, qd: Any) -> None:
     """Slow all joints by one factor, so that no motor behind the belt exceeds its speed."""
     n = body.n_joints
@@ -103,7 +103,7 @@ def limit_motors(par: Record, body: Record, qd: Any) -> None:
         qd[i] *= scale
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_belief(belief: Any) -> None:
     """`step` on a (1,) array of BELIEF: one argument, so that a call from Python stays cheap."""
     b = belief[0]

@@ -19,7 +19,7 @@ from skywright.control.signature import LAW
 Record = Any
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: Record) -> None:
     """Laws (2), (3) and f_W = -g_1 + M_11 a^n + K^D (v^n - v) + K^P (p_R^n - p_R) + sigma."""
     arm_velocity(par, ref, est, body, cmd.qd)
@@ -37,7 +37,7 @@ def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: 
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_belief(belief: Any) -> None:
     """`step` on a (1,) array of BELIEF: one argument, so that a call from Python stays cheap."""
     b = belief[0]

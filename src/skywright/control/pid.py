@@ -20,7 +20,7 @@ SLOW = 1e-3
 """m/s, desired sliding speed below which the friction feed-forward fades."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def position_force(
     par: Record, mem: Record, ref: Record, est: Record, body: Record, saturated: float, f_W: Any
 ) -> None:
@@ -46,7 +46,7 @@ def position_force(
     force_from_errors(par, mem, ref, body, e, v, saturated, f_W)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def force_from_errors(
     par: Record, mem: Record, ref: Record, body: Record, e: Any, v: Any, saturated: float, f_W: Any
 ) -> None:
@@ -79,7 +79,7 @@ def force_from_errors(
             mem.sigma[i] *= scale
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def attitude_torque(
     par: Record,
     mem: Record,
@@ -137,7 +137,7 @@ def attitude_torque(
             mem.theta[i] = min(max(mem.theta[i], -par.t_integral_max), par.t_integral_max)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def arm_velocity(par: Record, ref: Record, est: Record, body: Record, qd: Any) -> None:
     """Tognon 2018, law (2): v_M* = v_M^n + K_M (q_M^n - q_M), returned at the joints."""
     n = body.n_joints
@@ -152,13 +152,13 @@ def arm_velocity(par: Record, ref: Record, est: Record, body: Record, qd: Any) -
             qd[i] += par.belt[i, j] * v
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def to_body(est: Record, f_W: Any, f_B: Any) -> None:
     """f_B = R_WB^T f_W."""
     mat_t_vec(est.R_WB, f_W, f_B)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rest(mem: Record, cmd: Record) -> None:
     """Motors off: no wrench, integrals cleared."""
     for i in range(3):

@@ -18,7 +18,7 @@ from skywright.control.signature import LAW
 Record = Any
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: Record) -> None:
     """Laws (2), (3), (4): fill `cmd.f_B`, `cmd.t_B`, `cmd.qd`."""
     arm_velocity(par, ref, est, body, cmd.qd)
@@ -33,7 +33,7 @@ def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: 
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_belief(belief: Any) -> None:
     """`step` on a (1,) array of BELIEF: one argument, so that a call from Python stays cheap."""
     b = belief[0]

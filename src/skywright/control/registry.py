@@ -64,7 +64,7 @@ def _load_user_law(name: str, folder: Path | None) -> Law:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"{path}: importing the control law failed: {error!r}") from error
     step = getattr(module, function, None)
     if not callable(step):
@@ -94,6 +94,9 @@ def _compile(step: Any) -> Any:
     @cfunc(LAW)
     def step_c(belief):  # type: ignore[no-untyped-def]
         b = carray(belief, 1)[0]
-        step(b.par, b.mem, b.ref, b.est, b.body, b.cmd)
+        try:
+            step(b.par, b.mem, b.ref, b.est, b.body, b.cmd)
+        except Exception:  # cannot leave compiled code: becomes a command that is never applied
+            b.cmd.f_B[0] = np.nan
 
     return step_c

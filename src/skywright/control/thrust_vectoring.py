@@ -20,7 +20,7 @@ from skywright.core.rotations import cross, norm
 Record = Any
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: Record) -> None:
     """Fill `cmd.f_B` = (0, 0, T), `cmd.t_B` and `cmd.qd`."""
     arm_velocity(par, ref, est, body, cmd.qd)
@@ -60,7 +60,7 @@ def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: 
     attitude_torque(par, mem, R_des, w_des, wd_des, est, body, cmd.f_B, cmd.saturated, cmd.t_B)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_belief(belief: Any) -> None:
     """`step` on a (1,) array of BELIEF: one argument, so that a call from Python stays cheap."""
     b = belief[0]

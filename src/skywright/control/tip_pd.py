@@ -31,7 +31,7 @@ from rigid kinematics and does not see the arm bend, which is the point here."""
 _STARTED, _P, _V = 0, 1, 4  # places in mem.user: flag, last tip position, tip velocity
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def tip_velocity(par: Record, mem: Record, est: Record, v: Any) -> None:
     """Filtered derivative of the tip's measured position: v += dt / (tau + dt) (dp / dt - v)."""
     u = mem.user
@@ -44,7 +44,7 @@ def tip_velocity(par: Record, mem: Record, est: Record, v: Any) -> None:
     u[_STARTED] = 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: Record) -> None:
     """Laws (2), (3); while the tip is tracked f_W = ... + K^D (v_E^d - v_E) + K^P e_E + sigma."""
     arm_velocity(par, ref, est, body, cmd.qd)
@@ -67,7 +67,7 @@ def step(par: Record, mem: Record, ref: Record, est: Record, body: Record, cmd: 
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_belief(belief: Any) -> None:
     """`step` on a (1,) array of BELIEF: one argument, so that a call from Python stays cheap."""
     b = belief[0]

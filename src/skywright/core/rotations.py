@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def mat_vec(m: Array, v: Array, out: Array) -> None:
     """out = m @ v for 3 x 3 `m`; `out` must not alias `v`."""
     for i in range(3):
         out[i] = m[i, 0] * v[0] + m[i, 1] * v[1] + m[i, 2] * v[2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def mat_t_vec(m: Array, v: Array, out: Array) -> None:
     """out = m.T @ v for 3 x 3 `m`; `out` must not alias `v`."""
     for i in range(3):
         out[i] = m[0, i] * v[0] + m[1, i] * v[1] + m[2, i] * v[2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def mat_mat(a: Array, b: Array, out: Array) -> None:
     """out = a @ b for 3 x 3 matrices; `out` must not alias."""
     for i in range(3):
@@ -36,7 +36,7 @@ def mat_mat(a: Array, b: Array, out: Array) -> None:
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def mat_t_mat(a: Array, b: Array, out: Array) -> None:
     """out = a.T @ b for 3 x 3 matrices; `out` must not alias."""
     for i in range(3):
@@ -44,7 +44,7 @@ def mat_t_mat(a: Array, b: Array, out: Array) -> None:
             out[i, j] = a[0, i] * b[0, j] + a[1, i] * b[1, j] + a[2, i] * b[2, j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def cross(a: Array, b: Array, out: Array) -> None:
     """out = a x b; `out` must not alias."""
     out[0] = a[1] * b[2] - a[2] * b[1]
@@ -52,19 +52,19 @@ def cross(a: Array, b: Array, out: Array) -> None:
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def dot(a: Array, b: Array) -> float:
     """Inner product of two 3-vectors."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def norm(a: Array) -> float:
     """Length of a 3-vector."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def exp_so3(w: Array, out: Array) -> None:
     """out = rotation matrix of the rotation vector `w` (Rodrigues)."""
     angle = norm(w)
@@ -84,7 +84,7 @@ def exp_so3(w: Array, out: Array) -> None:
     out[2, 2] = 1.0 - b * (x * x + y * y)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def log_so3(r: Array, out: Array) -> None:
     """out = rotation vector of the rotation matrix `r`, angle in [0, pi]."""
     q = np.empty(4)
@@ -97,7 +97,7 @@ def log_so3(r: Array, out: Array) -> None:
         out[i] = sign * k * q[i + 1]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def orthonormalise(r: Array) -> None:
     """One Gram-Schmidt pass in place, keeping the z column's direction (first-order exact)."""
     n = math.sqrt(r[0, 2] ** 2 + r[1, 2] ** 2 + r[2, 2] ** 2)
@@ -114,7 +114,7 @@ def orthonormalise(r: Array) -> None:
     r[2, 1] = r[0, 2] * r[1, 0] - r[1, 2] * r[0, 0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def quat_to_rot(q: Array, out: Array) -> None:
     """out = rotation matrix of the unit quaternion `q` (wxyz)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -129,7 +129,7 @@ def quat_to_rot(q: Array, out: Array) -> None:
     out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rot_to_quat(r: Array, out: Array) -> None:
     """out = unit quaternion (wxyz) of the rotation matrix `r` (Shepperd's branches)."""
     trace = r[0, 0] + r[1, 1] + r[2, 2]
@@ -159,7 +159,7 @@ def rot_to_quat(r: Array, out: Array) -> None:
         out[3] = 0.25 * s
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rot_about(axis: int, angle: float, out: Array) -> None:
     """out = rotation by `angle` about the coordinate axis 0, 1 or 2."""
     c, s = math.cos(angle), math.sin(angle)

@@ -8,6 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_. -]{0,63}$")]
+"""Names become folder names: letters, digits, space, and ._- after the first character."""
+Coordinate = Annotated[float, Field(ge=-1000, le=1000)]  # m
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 SourceKind = Literal["paper", "derived", "datasheet", "assumed", "set"]

@@ -45,7 +45,7 @@ def load_layer(path: Path, label: str | None = None, problems: list[str] | None 
     """
     label = label or str(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{label}: not a text file in UTF-8 (byte {error.start})") from None
     except OSError as error:

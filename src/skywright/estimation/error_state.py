@@ -50,7 +50,7 @@ HOLD_ACCEL, HOLD_RATE = 1.0, 0.2  # m/s^2, rad/s: 1 sigma of what a lost inertia
 _MASK = IMU_HISTORY - 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def integrate(
     flt: Record, first: int, last: int, gravity: float, p: Array, v: Array, R: Array,
     dv: Array, turn: Array,
@@ -97,7 +97,7 @@ def integrate(
             R[i, 2] = r2 + a * c2 + b * (c0 * y - c1 * x)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _shear(P: Array, i: int, j: int, M: Array) -> None:
     """P <- S P S' with S = I + M in block (i, j): x_i += M x_j."""
     for r in range(3):
@@ -111,7 +111,7 @@ def _shear(P: Array, i: int, j: int, M: Array) -> None:
     _mirror(P, i)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _drift(P: Array, dt: float) -> None:
     """P <- S P S' with x_p += dt x_v."""
     for r in range(3):
@@ -123,7 +123,7 @@ def _drift(P: Array, dt: float) -> None:
     _mirror(P, 0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _mirror(P: Array, i: int) -> None:
     """Copy block row `i` to block column `i`."""
     for c in range(N_STATE):
@@ -131,7 +131,7 @@ def _mirror(P: Array, i: int) -> None:
             P[c, i + r] = P[i + r, c]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def propagate_covariance(flt: Record, P: Array, dv: Array, turn: Array, dt: float) -> None:
     """Advance `P` by `dt`: dp' = dv, dv' = -[R f] dtheta - R db_a, dtheta' = -R db_g, plus noise.
 
@@ -155,7 +155,7 @@ def propagate_covariance(flt: Record, P: Array, dv: Array, turn: Array, dt: floa
         P[BA_ + i, BA_ + i] += dt * flt.q_ba
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def advance(flt: Record, last: int, gravity: float) -> None:
     """Move the horizon (state and covariance) up to inertial sample `last`."""
     dv, turn = np.empty(3), np.empty((3, 3))
@@ -168,7 +168,7 @@ def advance(flt: Record, last: int, gravity: float) -> None:
     orthonormalise(flt.R_f)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fuse(flt: Record, meas: Record) -> bool:
     """Fuse a motion-capture sample taken at the horizon; False when the gate rejects it."""
     P = flt.P
@@ -253,7 +253,7 @@ def fuse(flt: Record, meas: Record) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _receive(flt: Record, meas: Record) -> None:
     """Append this tick's inertial samples; a gap (packets lost) is bridged by holding the first."""
     missing = int((meas.t - flt.t) / flt.h + 0.5) - meas.imu_n
@@ -276,7 +276,7 @@ def _receive(flt: Record, meas: Record) -> None:
         flt.n += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _agrees(flt: Record, meas: Record) -> bool:
     """Whether a sample lies near the last unused one; keeps it as the last unused one."""
     rot, turn = np.empty((3, 3)), np.empty(3)
@@ -292,7 +292,7 @@ def _agrees(flt: Record, meas: Record) -> bool:
     return far < AGREE_P**2 and angle < AGREE_R**2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def start(flt: Record, meas: Record, n: int) -> None:
     """Begin at rest at a motion-capture sample taken at inertial sample `n`."""
     lever = np.empty(3)
@@ -316,7 +316,7 @@ def start(flt: Record, meas: Record, n: int) -> None:
     flt.rejected_row = 0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _use_mocap(b: Record) -> bool:
     """Bring the horizon to the exposure and fuse; False when nothing changed."""
     flt, meas = b.flt, b.meas
@@ -344,7 +344,7 @@ def _use_mocap(b: Record) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _fill_estimate(b: Record) -> None:
     """Platform pose and velocity at B from the state at the inertial unit, brought to now."""
     flt, est, meas = b.flt, b.est, b.meas
@@ -376,7 +376,7 @@ def _fill_estimate(b: Record) -> None:
         est.p_WB[i] -= lever[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _estimate_force(b: Record, dv: Array, span: float) -> None:
     """External force: measured specific force times mass, less what the rotors make; low-passed.
 
@@ -396,7 +396,7 @@ def _estimate_force(b: Record, dv: Array, span: float) -> None:
     flt.a_W[2] -= b.body.gravity
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(b: Record) -> None:
     """One control tick of the filter."""
     flt, est, meas = b.flt, b.est, b.meas
@@ -433,7 +433,7 @@ def step(b: Record) -> None:
     fill_tip(b, flt.c_B)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def head_covariance(flt: Record, gravity: float, P: Array) -> None:
     """Write the covariance of the newest state into `P` (15, 15), for tests of consistency.
 
@@ -454,7 +454,7 @@ def head_covariance(flt: Record, gravity: float, P: Array) -> None:
         P[R_ + i, R_ + i] += flt.vibration_R
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_belief(belief: Any) -> None:
     """`step` on a (1,) array of BELIEF."""
     step(belief[0])

@@ -34,7 +34,7 @@ from skywright.estimation.tip import fill_tip
 Record = Any
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def predict(b: Record) -> None:
     """Propagate the estimate over one control period with gyroscope and believed force."""
     obs, est, dt = b.obs, b.est, b.par.dt
@@ -60,7 +60,7 @@ def predict(b: Record) -> None:
             est.R_WB[i, j] = rot[i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def correct(b: Record) -> None:
     """Use a fresh motion-capture sample, compared with the estimate at its exposure."""
     obs, est, meas, dt = b.obs, b.est, b.meas, b.par.dt
@@ -115,7 +115,7 @@ def correct(b: Record) -> None:
                 obs.R[j, a, c] = rot[a, c]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(b: Record) -> None:
     """One control tick of the observer."""
     obs, est, meas, p_BT = b.obs, b.est, b.meas, b.body.p_BT
@@ -140,7 +140,7 @@ def step(b: Record) -> None:
     fill_tip(b, obs.c_B)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _start(b: Record, p_BT: Any) -> None:
     """Begin at the first motion-capture sample, at rest."""
     obs, est, meas = b.obs, b.est, b.meas
@@ -161,7 +161,7 @@ def _start(b: Record, p_BT: Any) -> None:
     obs.ready = 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_belief(belief: Any) -> None:
     """`step` on a (1,) array of BELIEF."""
     step(belief[0])

@@ -21,7 +21,7 @@ AGREE = 0.005  # m, between rejected samples in a row: then the tip did move
 RESTART_AFTER = 3
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def compute_tip_error(
     meas: Record, c_B: Array, p: Array, R: Array, p_BI: Array, p_BT: Array, out: Array
 ) -> None:
@@ -37,7 +37,7 @@ def compute_tip_error(
         out[i] += p_BI[i] - p_BT[i] - c_B[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def correct_tip(b: Record, c_B: Array, p: Array, R: Array, p_BI: Array, p_BT: Array) -> None:
     """Update the correction with a fresh sample; an artefact gives way to the last good sample."""
     flt, meas = b.flt, b.meas
@@ -66,7 +66,7 @@ def correct_tip(b: Record, c_B: Array, p: Array, R: Array, p_BI: Array, p_BT: Ar
         flt.good_p_WT[i], flt.good_axis_W[i] = meas.p_WT[i], meas.axis_W[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fill_tip(b: Record, c_B: Array) -> None:
     """Tip pose and velocity from platform estimate, kinematics and tip correction."""
     est, body = b.est, b.body

@@ -7,7 +7,7 @@ Truth is used to judge (gap, tilt, tip error, weld position); what the inspectio
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,10 @@ Samples = NDArray[Any]
 
 LIFT_OFF_THRESHOLD = 15.0  # instrument units, Tognon 2018 section VII
 WELD_THRESHOLD = 1.4
+OFF_SURFACE = 1e-4
+"""m, gap above which the tip counts as off the surface; below lies the soft contact model."""
+HOP_S = 0.05
+"""s, a shorter time off the surface is a hop: in gusts it is counted, but is no lost contact."""
 
 
 def in_phases(samples: Samples, phases: list[PhaseRecord], *names: str) -> NDArray[np.bool_]:
@@ -93,8 +97,17 @@ def compute_scan_metrics(
     dt = float(np.median(np.diff(s["t"]))) if len(s) > 1 else 0.0
     axis = _instrument_axis()
     lift = s["ec"] @ axis
-    out["contact.gap_max_mm"] = 1e3 * max(float(np.max(s["gap_max"])), 0.0)
-    out["contact.lost_s"] = dt * float(np.count_nonzero(lift >= LIFT_OFF_THRESHOLD))
+    away = find_lifts(s["gap_max"], dt)
+    hops = [a for a in away if a.duration_s < HOP_S]
+    out["contact.hops"] = float(len(hops))
+    out["contact.hop_max_mm"] = 1e3 * max((h.gap for h in hops), default=0.0)
+    out["contact.off_max_s"] = max((a.duration_s for a in away), default=0.0)
+    counts = np.ones(len(s), bool)
+    if description.world.wind.gusty:
+        for hop in hops:
+            counts[hop.start : hop.end] = False
+    out["contact.gap_max_mm"] = 1e3 * max(float(np.max(s["gap_max"][counts], initial=0.0)), 0.0)
+    out["contact.lost_s"] = dt * float(np.count_nonzero(lift[counts] >= LIFT_OFF_THRESHOLD))
     out["contact.no_force_s"] = dt * float(np.count_nonzero(s["f_normal"] <= 0.0))
     out["contact.tilt_max_deg"] = math.degrees(float(np.max(s["tilt"])))
     out["contact.duration_s"] = dt * len(s)
@@ -125,6 +138,28 @@ def compute_scan_metrics(
         _add_weld_metrics(out, weld, description)
     _add_coverage(out, s, plan, description)
     return out, weld
+
+
+class Lift(NamedTuple):
+    """One time off the surface."""
+
+    start: int  # first sample
+    end: int  # one past the last sample
+    duration_s: float  # rounded up to samples
+    gap: float  # m, largest
+
+
+def find_lifts(gap_max: Array, dt: float) -> list[Lift]:
+    """Return the times off the surface in `gap_max` (n,) m, the worst gap since the sample before.
+
+    Off is a gap above OFF_SURFACE; `dt` (s) is the time between samples.
+    """
+    off = np.concatenate([[False], gap_max > OFF_SURFACE, [False]])
+    edges = np.flatnonzero(off[1:] != off[:-1]).tolist()
+    return [
+        Lift(a, b, round((b - a) * dt, 6), float(np.max(gap_max[a:b])))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
 
 
 def _instrument_axis() -> Array:
@@ -195,6 +230,7 @@ __all__ = [
     "compute_common_metrics",
     "compute_scan_metrics",
     "compute_waypoint_metrics",
+    "find_lifts",
     "in_phases",
     "quat_angle",
 ]

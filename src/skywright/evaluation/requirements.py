@@ -7,6 +7,8 @@ import operator
 from collections.abc import Callable
 from typing import NamedTuple
 
+from skywright.errors import InputError, neighbours
+from skywright.evaluation.names import MEANINGS
 from skywright.missions.spec import Mission
 
 _SENSES: dict[str, Callable[[float, float], bool]] = {
@@ -28,6 +30,15 @@ class Verdict(NamedTuple):
     sense: str
     passed: bool
     source: str
+
+
+def check_requirement_names(mission: Mission) -> None:
+    """Raise InputError when a requirement names no metric: it could never be met."""
+    for name in mission.requirements:
+        if name not in MEANINGS:
+            raise InputError(
+                f"mission.requirements: {name!r} is no metric; valid: {neighbours(name, MEANINGS)}"
+            )
 
 
 def judge(mission: Mission, metrics: dict[str, float]) -> list[Verdict]:

@@ -7,8 +7,6 @@ diverged run stays NAME.partial with a recording that is readable up to the last
 
 from __future__ import annotations
 
-import json
-import os
 import platform
 import time
 from collections.abc import Callable, Sequence
@@ -20,15 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.control.registry import FULLY_ACTUATED, load_law
-from skywright.core.recording import RecordingWriter, read_recording
+from skywright.core.recording import RecordingWriter
 from skywright.core.types import SAMPLE
 from skywright.errors import InfeasibleError, InputError, SimulationError
+from skywright.evaluation.directory import (
+    load_run,
+    open_directory,
+    write_json,
+    write_unfinished,
+)
 from skywright.evaluation.metrics import (
     compute_common_metrics,
     compute_scan_metrics,
     compute_waypoint_metrics,
 )
-from skywright.evaluation.requirements import Verdict, judge
+from skywright.evaluation.requirements import Verdict, check_requirement_names, judge
 from skywright.evaluation.warm_up import is_compiled, start_warm_up
 from skywright.inspection.weld import WeldResult
 from skywright.missions.deviation import build_deviation
@@ -112,8 +116,9 @@ def run_mission(
     """
     start = time.perf_counter()
     plan, vehicle = _prepare(description)  # a bad law is told before anything is written
-    final, partial = _open_directory(out, description.mission.name)
+    final, partial = open_directory(out, description.mission.name)
     (partial / "mission.toml").write_text(dump_description(description), encoding="utf-8")
+    write_unfinished(partial)
     try:
         for observer in observers:
             observer.on_plan(plan, description)
@@ -123,15 +128,16 @@ def run_mission(
             observer.close()
     result = _evaluate(description, plan, samples, phases, flight, outcome, partial)
     _add_timing(result, start)
-    _write_json(partial / "metrics.json", result.to_json())
+    write_json(partial / "metrics.json", result.to_json())
     if outcome in ("interrupted", "diverged"):
         return result
     try:
         if write_report is not None:
             write_report(result)
-    except KeyboardInterrupt:
-        result = result._replace(outcome="interrupted", reason="interrupted in the report")
-        _write_json(partial / "metrics.json", result.to_json())
+    except (KeyboardInterrupt, OSError, InputError) as error:
+        reason = f"the report was not finished: {str(error) or 'interrupted by the user'}"
+        result = result._replace(outcome="interrupted", reason=reason)
+        write_json(partial / "metrics.json", result.to_json())
         return result
     partial.rename(final)
     return result._replace(directory=final)
@@ -154,26 +160,16 @@ def fly_and_evaluate(description: Description, observers: Sequence[Observer] = (
 def evaluate_directory(directory: Path) -> RunResult:
     """Evaluate a run's directory (or NAME.partial) again from its recording.
 
+    A killed run is evaluated as interrupted, its phases taken from the recording's events.
     Raises InputError when files are missing or damaged.
     """
-    metrics_file = directory / "metrics.json"
-    for name in ("mission.toml", "recording.mcap", "metrics.json"):
-        if not (directory / name).is_file():
-            raise InputError(f"{directory}: is no run directory, {name} is missing")
-    try:
-        old = json.loads(metrics_file.read_text(encoding="utf-8"))
-        phases = [PhaseRecord(**p) for p in old["phases"]]
-        flight = Flight(old["outcome"] in ("succeeded", "failed"), str(old["reason"]))
-        timing = dict(old["timing"])
-        known = str(old["outcome"])
-    except (ValueError, TypeError, KeyError) as error:
-        raise InputError(f"{metrics_file}: is damaged: {error}") from error
+    stored = load_run(directory)
     description = load_description(directory)
-    samples = read_recording(directory / "recording.mcap").samples
     plan = plan_mission(description)
-    outcome = known if known in ("interrupted", "diverged") else ""
-    result = _evaluate(description, plan, samples, phases, flight, outcome, directory)
-    return result._replace(timing=timing)
+    outcome = stored.outcome if stored.outcome in ("interrupted", "diverged") else ""
+    flight = Flight(stored.outcome in ("succeeded", "failed"), stored.reason)
+    result = _evaluate(description, plan, stored.samples, stored.phases, flight, outcome, directory)
+    return result._replace(timing=stored.timing)
 
 
 def build_vehicle(
@@ -211,8 +207,11 @@ def choose_law(robot: Robot) -> str:
 def _prepare(description: Description) -> tuple[MissionPlan, SimulatedVehicle]:
     """Plan the mission and build its vehicle; compiles both at once where that is needed."""
     check_can_fly(description.robot, description.world.gravity_mps2)
+    check_requirement_names(description.mission)
     warm_up = None if is_compiled() else start_warm_up()
     plan = plan_mission(description)
+    if warm_up is not None:
+        plan = plan_mission(description)  # the first time compiled; its planning time says nothing
     if not plan.feasible:
         raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
     if warm_up is not None:
@@ -284,13 +283,17 @@ def _fly(
         outcome, flight = "interrupted", Flight(False, "interrupted by the user")
     except SimulationError as error:
         outcome, flight = "diverged", Flight(False, str(error))
-    finally:
-        supervisor.close(outcome or "done")
+    except InputError as error:  # the recording cannot be written: the disk is full
+        outcome, flight = "interrupted", Flight(False, str(error))
+    supervisor.close(outcome or "done")
+    try:
         flush()
         if writer is not None:
             if outcome:
                 writer.event(vehicle.t, f"{outcome}: {flight.reason}")
             writer.close()
+    except InputError as error:
+        outcome, flight = "interrupted", Flight(False, str(error))
     samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
     return samples, supervisor.phases, flight, outcome
 
@@ -327,36 +330,6 @@ def _evaluate(
     return RunResult(
         description, plan, samples, phases, outcome, reason, metrics, verdicts, {}, weld, directory
     )
-
-
-def _open_directory(out: Path | None, name: str) -> tuple[Path, Path]:
-    """Choose and create NAME.partial; returns (NAME, NAME.partial)."""
-    if out is None:
-        base = Path("runs") / name
-        out, i = base, 1
-        while out.exists() or out.with_name(out.name + ".partial").exists():
-            i += 1
-            out = base.with_name(f"{base.name}-{i}")
-    if out.exists():
-        raise InputError(f"{out} exists already; give another --out or remove it")
-    partial = out.with_name(out.name + ".partial")
-    try:
-        partial.mkdir(parents=True)
-    except FileExistsError as error:
-        raise InputError(
-            f"{partial} exists already (an interrupted run, or one that still runs); "
-            "remove it or give another --out"
-        ) from error
-    except OSError as error:
-        raise InputError(f"cannot create {partial}: {error.strerror or error}") from error
-    if not os.access(partial, os.W_OK):
-        raise InputError(f"cannot write into {partial}")
-    return out, partial
-
-
-def _write_json(path: Path, value: dict[str, Any]) -> None:
-    text = json.dumps(value, indent=2, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
 
 
 def collect_versions() -> dict[str, str]:

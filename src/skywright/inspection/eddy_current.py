@@ -287,7 +287,7 @@ def build_probe_signal(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def weld_blend(ps: ProbeSignal, s: float, c: float) -> float:
     """Share of weld metal under the coil, 0..1, at (s, c) on the unrolled surface (m)."""
     if ps.weld_half_width < 0.0:
@@ -298,7 +298,7 @@ def weld_blend(ps: ProbeSignal, s: float, c: float) -> float:
     return 0.5 * (math.erf((d + hw) * scale) - math.erf((d - hw) * scale))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def ec_signal(
     ps: ProbeSignal, s: float, c: float, gap: float, tilt: float, n1: float, n2: float
 ) -> tuple[float, float]:

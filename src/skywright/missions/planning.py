@@ -14,7 +14,7 @@ from skywright.errors import InputError
 from skywright.missions.limits import compute_wind_allowance, find_exceeded_wind
 from skywright.missions.loader import Description
 from skywright.models.allocation import build_allocator
-from skywright.models.geometry import build_clearance
+from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.rigid_body import build_body_model, compute_body, joint_names, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import build_scene
@@ -29,6 +29,9 @@ from skywright.worlds.spec import World
 from skywright.worlds.surface import Cylinder, build_cylinder
 
 Array = NDArray[np.float64]
+
+CLIMB_STEP = 0.05  # m, between clearance checks of take-off and landing
+CLIMB_MARGIN = 0.1  # m, kept from everything on the way up and down
 
 
 class MissionPlan(NamedTuple):
@@ -70,10 +73,32 @@ def plan_mission(description: Description) -> MissionPlan:
         plan = _plan_scan_mission(description)
     else:
         plan = _plan_waypoint_mission(description)
+    if plan.feasible:
+        blocked = _find_blocked_climb(description)
+        if blocked is not None:
+            plan = plan._replace(feasible=False, blocked_by=blocked)
     too_windy = find_exceeded_wind(description, plan.segments)
     if too_windy is not None:
         return plan._replace(feasible=False, blocked_by=too_windy)
     return plan
+
+
+def _find_blocked_climb(d: Description) -> str | None:
+    """Say what stands in the way between the ground and the hover point, or return None."""
+    robot, hover = d.robot, _hover(d)
+    query = build_clearance(build_scene(robot, d.world), with_ground=False)
+    folded, attitude = posture(robot, "folded"), rot_z(float(hover[3]))
+    ground = robot.platform.gear_height_m
+    for z in np.linspace(ground, hover[2], max(math.ceil((hover[2] - ground) / CLIMB_STEP), 1) + 1):
+        at = np.array([hover[0], hover[1], z])
+        found = compute_clearance(query, at, attitude, folded)
+        if found.distance < CLIMB_MARGIN:
+            pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
+            return (
+                f"take-off and landing at ({hover[0]:.2f}, {hover[1]:.2f}) m: {pair} come within "
+                f"{max(found.distance, 0.0):.3f} m < {CLIMB_MARGIN:.2f} m at a height of {z:.2f} m"
+            )
+    return None
 
 
 def build_mission_loads(robot: Robot, world: World) -> Loads:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from skywright.core.spec import Fraction, NonNegative, Positive, Spec
+from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 
 
 class Scan(Spec):
@@ -17,9 +17,9 @@ class Scan(Spec):
     centre_angle_deg: float = 0.0  # circumferential angle of the sector's middle, side = "angle"
     arc_deg: float = Field(default=40.0, gt=0, le=180)
     passes: int = Field(default=4, ge=1, le=100)  # axial passes; each makes two corners
-    pass_length_m: Positive = 0.2
+    pass_length_m: float = Field(default=0.2, ge=1e-3, le=100.0)
     centre_s_m: float = 0.0
-    speed_mps: Positive = 0.01
+    speed_mps: float = Field(default=0.01, ge=1e-4, le=1.0)
     depth_m: Positive | None = None  # of the desired tip inside the surface; default from force_n
     stand_off_m: Positive = 0.05  # tip distance before touching
     retries: int = Field(default=2, ge=0, le=10)
@@ -28,11 +28,11 @@ class Scan(Spec):
 class Waypoint(Spec):
     """A platform pose to reach and hold."""
 
-    x_m: float
-    y_m: float
-    z_m: Positive
+    x_m: Coordinate
+    y_m: Coordinate
+    z_m: float = Field(gt=0, le=1000)
     yaw_deg: float = 0.0
-    hold_s: NonNegative = 2.0
+    hold_s: float = Field(default=2.0, ge=0, le=3600)
 
 
 class Requirement(Spec):
@@ -47,7 +47,7 @@ class Requirement(Spec):
 class Mission(Spec):
     """The root `mission`."""
 
-    name: str
+    name: Name
     description: str = ""
     kind: Literal["scan", "waypoints"]
     robot: str
@@ -57,9 +57,9 @@ class Mission(Spec):
     mode: Literal["fast", "interactive"] = "fast"
     law: str | None = None  # registry name or "file.py:function"
     estimator: Literal["filter", "observer", "truth"] = "filter"
-    hover_height_m: Positive = 1.2
-    start_x_m: float = 0.0
-    start_y_m: float = 0.0
+    hover_height_m: float = Field(default=1.2, gt=0, le=500)
+    start_x_m: Coordinate = 0.0
+    start_y_m: Coordinate = 0.0
     start_yaw_deg: float = 0.0
     wind_fraction: Fraction = 0.7  # of the computed wind limit that a mission may use
     planner_time_s: Positive = 20.0  # before the planner gives up

@@ -75,7 +75,7 @@ def build_allocator(rotors: RotorSet) -> Allocator:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _interval(base: F8, ray: F8, t_min: F8, t_max: F8) -> tuple[float, float]:
     """Return [lo, hi] of s with t_min <= base + s ray <= t_max (lo > hi when there is none)."""
     lo = -math.inf
@@ -97,7 +97,7 @@ def _interval(base: F8, ray: F8, t_min: F8, t_max: F8) -> tuple[float, float]:
     return lo, hi
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _mul(P: F8, fx: float, fy: float, fz: float, tx: float, ty: float, tz: float, out: F8) -> None:
     for i in range(P.shape[0]):
         out[i] = (
@@ -105,7 +105,7 @@ def _mul(P: F8, fx: float, fy: float, fz: float, tx: float, ty: float, tz: float
         )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _share_line(thrust: float, up: F8, turn: F8, t_min: F8, t_max: F8) -> tuple[float, float]:
     """Return the largest share of the torque thrusts `turn` at this vertical thrust, and its slope.
 
@@ -123,7 +123,7 @@ def _share_line(thrust: float, up: F8, turn: F8, t_min: F8, t_max: F8) -> tuple[
     return best, slope
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _limit_thrust_and_torque(
     wanted: float, up: F8, turn: F8, t_min: F8, t_max: F8, work: F8
 ) -> tuple[float, float, bool]:
@@ -163,7 +163,7 @@ def _limit_thrust_and_torque(
     return best, min(max(share, 0.0), 1.0), True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def allocate(
     B: F8,
     P: F8,
@@ -259,7 +259,7 @@ def allocate(
     return flag
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def thrust_to_speed(thrust: F8, n: int, k_f: float, speed: F8) -> None:
     """Write rotor speeds (rad/s) sqrt(T / k_f) of the first n thrusts (N); the rest become 0."""
     for i in range(speed.shape[0]):

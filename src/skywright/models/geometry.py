@@ -93,11 +93,12 @@ class Clearance(NamedTuple):
     other_geom: int
 
 
-def build_clearance(scene: Scene) -> ClearanceQuery:
+def build_clearance(scene: Scene, *, with_ground: bool = True) -> ClearanceQuery:
     """Build the query on a nominal scene (no flexibility: joints are where the planner says).
 
     Pairs are every robot geom with every world geom, except landing gear with ground (it stands
-    on it); and, asked for separately, the arm's moving links with propellers and gear.
+    on it) or, without `with_ground`, anything with it; and, asked for separately, the arm's
+    moving links with propellers and gear.
     """
     model, index = scene.model, scene.places
     data = mujoco.MjData(model)
@@ -106,7 +107,7 @@ def build_clearance(scene: Scene) -> ClearanceQuery:
     world: list[tuple[int, int]] = []
     for r in index.robot_geoms.tolist():
         for w in index.world_geoms.tolist():
-            if r in feet and names[w] == "ground":
+            if names[w] == "ground" and (r in feet or not with_ground):
                 continue
             world.append((r, w))
     robot = index.robot_geoms.tolist()
@@ -139,7 +140,7 @@ def _joints_between(model: mujoco.MjModel, geom: int, platform: int) -> int:
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _lower_bound(c: ClearanceCore, a: int, b: int) -> float:
     """Lower bound of the distance: the robot geom's bounding sphere to a volume around `b`."""
     kind = c.geom_type[b]
@@ -164,7 +165,7 @@ def _lower_bound(c: ClearanceCore, a: int, b: int) -> float:
     return math.sqrt(x * x + y * y + ez * ez) - c.geom_size[b, 0] - c.rbound[a]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _closest(
     c: ClearanceCore, first: int, last: int, probe_slack: float, far: float
 ) -> tuple[float, int]:
@@ -194,7 +195,7 @@ def _closest(
     return best, which
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def query_clearance(
     c: ClearanceCore, p_WB: Array, R_WB: Array, q: Array, probe_slack: float, far: float
 ) -> tuple[float, int]:
@@ -212,7 +213,7 @@ def query_clearance(
     return _closest(c, 0, c.n_world, probe_slack, far)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def query_self(c: ClearanceCore, far: float) -> tuple[float, int]:
     """Return (distance m, pair) from the arm to propellers or gear, at the last query's pose."""
     return _closest(c, c.n_world, c.pairs.shape[0], 0.0, far)

@@ -212,7 +212,7 @@ def _add_probe(m: Record, i: int, link: Link, probe: Probe) -> None:
     m["mass"][i], m["com"][i], m["inertia"][i] = mass, com, inertia
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fill_kinematics(m: Record, q: Array, k: Record) -> None:
     """Fill link frames, tip pose p_BT, R_BT and the tip Jacobians (all in B) at joints `q`."""
     rot = np.empty((3, 3))
@@ -272,7 +272,7 @@ def fill_kinematics(m: Record, q: Array, k: Record) -> None:
         i = m.parent[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fill_body(m: Record, k: Record, body: Record) -> None:
     """Fill the composite BODY record from link frames computed by `fill_kinematics`."""
     mass = m.mass0
@@ -314,7 +314,7 @@ def fill_body(m: Record, k: Record, body: Record) -> None:
             body.J_BT[a, j] = k.J_BT[a, j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _compute_body(m: Record, q: Array, k: Record, body: Record) -> None:
     fill_kinematics(m, q, k)
     fill_body(m, k, body)

@@ -92,7 +92,7 @@ def compute_electrical_power(rotors: RotorSet, thrust: F8, air_density: float = 
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def compute_power(thrust: F8, n: int, watt_per_n15: float) -> float:
     """Return sum of T_i^(3/2) times `watt_per_n15` (W) over the first n thrusts (N)."""
     total = 0.0
@@ -103,7 +103,7 @@ def compute_power(thrust: F8, n: int, watt_per_n15: float) -> float:
     return total * watt_per_n15
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_rotor_speed(speed: F8, command: F8, n: int, dt: float, time_constant: float) -> None:
     """Advance rotor speeds (rad/s) in place by dt: the exact first-order lag for a held command."""
     decay = math.exp(-dt / time_constant)
@@ -111,7 +111,7 @@ def step_rotor_speed(speed: F8, command: F8, n: int, dt: float, time_constant: f
         speed[i] = command[i] + (speed[i] - command[i]) * decay
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def compute_rotor_wrench(B: F8, thrust: F8, f_out: F8, t_out: F8) -> None:
     """Write force (3,) N and torque about B's origin (3,) N m of the thrusts, in B."""
     n = B.shape[1]
@@ -125,7 +125,7 @@ def compute_rotor_wrench(B: F8, thrust: F8, f_out: F8, t_out: F8) -> None:
         t_out[r] = t
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def compute_rotor_drag(
     position: F8,
     axis: F8,

@@ -33,7 +33,7 @@ class DragBody(NamedTuple):
     drag_area: F8  # (3,) m^2, C_D A along the axes of B
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def compute_body_drag(drag_area: F8, air_density: float, v_air_B: F8, f_out: F8) -> None:
     """Write the body's drag (3,) N in B at velocity `v_air_B` (3,) m/s relative to the air."""
     speed = math.sqrt(v_air_B[0] ** 2 + v_air_B[1] ** 2 + v_air_B[2] ** 2)

@@ -11,6 +11,7 @@ import jinja2
 from matplotlib.figure import Figure
 
 from skywright.errors import InputError
+from skywright.evaluation.names import MEANINGS
 from skywright.reports import explain
 from skywright.reports.figures import inspection, paths, plan, series
 from skywright.reports.figures.style import WIDTH, house_style, render_svg
@@ -77,7 +78,7 @@ def render_report(result: RunResult) -> str:
         truth=result.description.mission.estimator == "truth",
         completed=result.outcome in ("succeeded", "failed"),
         outcome=explain.describe_outcome(result),
-        meanings=explain.MEANINGS,
+        meanings=MEANINGS,
         signs={"<=": "≤", ">=": "≥", "==": "="},
         number=explain.format_value,
         inspection=[p for p in inspection_pictures if p],

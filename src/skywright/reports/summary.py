@@ -16,7 +16,8 @@ from skywright.missions.loader import Description
 from skywright.missions.lookup import Subject
 from skywright.models.capability import check_can_fly, compute_capability
 from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
+from skywright.worlds.spec import Wind, World
+from skywright.worlds.wind import compute_dryden_scales
 
 
 class Section(NamedTuple):
@@ -106,6 +107,25 @@ def describe_mission(description: Description) -> list[Section]:
     ]
 
 
+def describe_wind(wind: Wind) -> tuple[str, str]:
+    """Return the wind in words: what blows, and its gusts."""
+    if wind.kind == "none":
+        return "none", ""
+    blow = f"{wind.kind}, {wind.mean_mps:g} m/s toward {wind.toward_deg:g} deg"
+    if wind.kind == "dryden":
+        along, _, up = compute_dryden_scales(wind).sigma
+        return blow, f"gusts of {along:.2g} m/s rms along and across, {up:.2g} m/s vertical"
+    if wind.kind == "fan":
+        fan = wind.fan
+        jet = (
+            f"{fan.turbulence:.0%} turbulence, outlet at ({fan.x_m:g}, {fan.y_m:g}, {fan.z_m:g}) m"
+        )
+        if fan.sweep_deg > 0.0:
+            jet += f", sweeping {fan.sweep_deg:g} deg to each side in {fan.sweep_period_s:g} s"
+        return blow, jet
+    return blow, ""
+
+
 def describe_world(world: World) -> list[Section]:
     """Structure, wind and external localisation."""
     rows = [("gravity", f"{world.gravity_mps2:g} m/s^2")]
@@ -115,7 +135,8 @@ def describe_world(world: World) -> list[Section]:
         rows.append(("pipe", f"diameter {p.diameter_m:g} m, length {p.length_m:g} m"))
         rows.append(("pipe centre", f"({p.x_m:g}, {p.y_m:g}, {p.z_m:g}) m"))
         rows.append(("pipe axis", f"yaw {p.yaw_deg:g} deg, inclination {p.inclination_deg:g} deg"))
-        rows.append(("friction", f"{p.friction:g}"))
+        varies = f", varying by {p.friction_variation:.0%} along the surface"
+        rows.append(("friction", f"{p.friction:g}" + varies * (p.friction_variation > 0)))
         rows.append(("supports", "two posts" if p.supports else "none"))
     if world.weld is not None and world.weld.present:
         w = world.weld
@@ -124,10 +145,7 @@ def describe_world(world: World) -> list[Section]:
     for name, box in world.obstacles.items():
         size = f"{box.size_x_m:g} x {box.size_y_m:g} x {box.size_z_m:g} m"
         rows.append((f"obstacle {name}", f"{size} at ({box.x_m:g}, {box.y_m:g}, {box.z_m:g}) m"))
-    wind = world.wind
-    calm = wind.kind == "none"
-    blow = "none" if calm else f"{wind.kind}, {wind.mean_mps:g} m/s toward {wind.toward_deg:g} deg"
-    rows.append(("wind", blow))
+    rows.append(("wind", ": ".join(filter(None, describe_wind(world.wind)))))
     c = world.mocap
     noise = f"noise {c.position_noise_m * 1000:g} mm, {math.degrees(c.attitude_noise_rad):.2g} deg"
     rows.append(("motion capture", f"{c.rate_hz:g} Hz, delay {c.latency_s * 1000:g} ms, {noise}"))
@@ -177,10 +195,10 @@ def describe_robot(robot: Robot) -> list[Section]:
         probe += [("spring", spring), ("nominal push", f"{b.force_n:g} N")]
         sections.append(Section("Probe", probe))
     s = robot.sensors
-    gyro = f"{s.gyro_rate_hz:g} Hz, noise {s.gyro_noise_rad_s_sqrthz:g} rad/s/sqrt(Hz)"
+    gyro = f"1000 Hz, noise {s.gyro_noise_rad_s_sqrthz:g} rad/s/sqrt(Hz)"
     sensors = [("gyroscope", gyro)]
     if robot.arm is not None:
-        sensors.append(("joint encoders", f"{s.encoder_rate_hz:g} Hz"))
+        sensors.append(("joint encoders", f"{c.rate_hz:g} Hz"))
     sections.append(Section("Sensors", sensors))
     control = [
         ("position", f"{c.position_bandwidth_rad_s:g} rad/s, damping {c.position_damping:g}"),

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import Field, field_validator, model_validator
 
-from skywright.core.spec import Fraction, NonNegative, Positive, Spec
+from skywright.core.spec import Fraction, Name, NonNegative, Positive, Spec
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 
 
@@ -33,6 +34,16 @@ class Platform(Spec):
     drag_area_x_m2: NonNegative = 0.05  # C_D A of body and arm, force = rho/2 C_D A v^2
     drag_area_y_m2: NonNegative = 0.05
     drag_area_z_m2: NonNegative = 0.08
+
+    @model_validator(mode="after")
+    def _inertia_is_a_body_s(self) -> Platform:
+        ixx, iyy, izz = self.inertia_xx_kgm2, self.inertia_yy_kgm2, self.inertia_zz_kgm2
+        if ixx + iyy < izz or iyy + izz < ixx or izz + ixx < iyy:
+            raise ValueError(
+                f"inertias {ixx:g}, {iyy:g}, {izz:g} kg m^2 belong to no body: each must be at "
+                "most the sum of the other two"
+            )
+        return self
 
 
 class Rotors(Spec):
@@ -166,14 +177,20 @@ class Arm(Spec):
             raise ValueError(
                 f"{len(self.servos)} servos for {len(moving)} joints: give one servo table a joint"
             )
-        names = set(self.links) | {"platform"}
+        before = ["platform"]  # a parent comes first, so there are no cycles
         for name, link in self.links.items():
-            if link.parent is not None and link.parent not in names:
-                raise ValueError(f"{name}.parent is {link.parent!r}; valid: {sorted(names)}")
+            if link.parent is not None and link.parent not in before:
+                raise ValueError(
+                    f"{name}.parent is {link.parent!r}; valid are the links before it: "
+                    f"{', '.join(before)}"
+                )
+            before.append(name)
         if self.belt is not None:
             n = len(moving)
             if len(self.belt) != n or any(len(row) != n for row in self.belt):
                 raise ValueError(f"belt must be a {n} x {n} matrix")
+            if n and abs(float(np.linalg.det(np.array(self.belt)))) < 1e-6:
+                raise ValueError("belt must be invertible: every joint needs a motor of its own")
         return self
 
 
@@ -202,7 +219,6 @@ class Probe(Spec):
 class Sensors(Spec):
     """Onboard sensors."""
 
-    gyro_rate_hz: Positive = 500.0
     gyro_noise_rad_s_sqrthz: NonNegative = 3.4e-4
     gyro_bias_rad_s: NonNegative = 0.005  # 1 sigma, drawn once a run
     gyro_walk_rad_s2_sqrthz: NonNegative = 3.9e-5  # of the bias
@@ -214,7 +230,9 @@ class Sensors(Spec):
     imu_x_m: float = 0.0  # place of the inertial unit in B
     imu_y_m: float = 0.0
     imu_z_m: float = 0.0
-    encoder_rate_hz: Positive = 500.0
+
+
+CONTROL_RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)  # Hz
 
 
 class Control(Spec):
@@ -235,11 +253,19 @@ class Control(Spec):
     speed_max_mps: Positive = 1.0
     acceleration_max_mps2: Positive = 0.8
 
+    @field_validator("rate_hz")
+    @classmethod
+    def _rate_divides_the_physics(cls, rate: float) -> float:
+        if rate not in CONTROL_RATES:
+            valid = ", ".join(f"{r:g}" for r in CONTROL_RATES)
+            raise ValueError(f"must divide the physics rate of 1000 Hz; valid: {valid}")
+        return rate
+
 
 class Robot(Spec):
     """The root `robot`."""
 
-    name: str
+    name: Name
     description: str = ""
     paper: str = ""
     platform: Platform

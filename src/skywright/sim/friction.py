@@ -41,7 +41,7 @@ def fill_friction(f: Any, pipe: Pipe, rng: np.random.Generator) -> None:
     f["phase"] = rng.uniform(0.0, 2.0 * math.pi, MODES)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def compute_friction(f: Record, s: float, c: float) -> float:
     """Return the friction coefficient at (s, c) m of the unrolled surface."""
     g = 0.0
@@ -51,7 +51,7 @@ def compute_friction(f: Record, s: float, c: float) -> float:
     return f.mean * math.exp(f.sigma * g - 0.5 * f.sigma * f.sigma)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rub(f: Record, s: float, c: float, gap: float, pair_friction: Array) -> None:
     """Write the coefficient under the tip into MuJoCo's contact pair (n_pairs, 5)."""
     if f.sigma > 0.0 and gap < NEAR and pair_friction.shape[0] > 0:

@@ -50,7 +50,7 @@ INERTIAL = np.dtype(
 )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sense_inertial(im: Record, qpos: Array, qvel: Array, rotor_speed: Array) -> None:
     """Take one sample after a physics step."""
     R, w, turn, v = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
@@ -75,7 +75,7 @@ def sense_inertial(im: Record, qpos: Array, qvel: Array, rotor_speed: Array) -> 
     im.n += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _shake(im: Record, rotor_speed: Array, n: int) -> None:
     """Vibration: imbalance turns with the rotor, the two blades shake at 2 and 4 times that."""
     for r in range(im.n_rotors):
@@ -100,7 +100,7 @@ def _shake(im: Record, rotor_speed: Array, n: int) -> None:
         im.gyro[n, 2] += 0.5 * g * c2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def read_inertial(im: Record, meas: Record) -> None:
     """Hand the samples since the last call to a measurement; `meas.gyro` is their mean."""
     n = im.n

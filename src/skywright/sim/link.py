@@ -52,13 +52,13 @@ LINK = np.dtype(
 )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _arrival(lk: Record, t: float, last: float, way: int) -> float:
     """When a packet sent now arrives; packets keep their order."""
     return max(t + max(lk.delay + lk.jitter * lk.noise[lk.index, way], 0.0), last)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def send_measurement(lk: Record, t: float) -> None:
     """Put `lk.sent` under way to the controller."""
     if lk.chance[lk.index, 0] < lk.loss:
@@ -73,7 +73,7 @@ def send_measurement(lk: Record, t: float) -> None:
     lk.up_head = nxt
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def receive_measurement(lk: Record, t: float, meas: Record) -> None:
     """Merge what has arrived by `t` into `meas`: the newest state, all inertial samples."""
     meas.imu_n = 0
@@ -90,7 +90,7 @@ def receive_measurement(lk: Record, t: float, meas: Record) -> None:
                 meas.gyro[i] += meas.imu_gyro[k, i] / meas.imu_n
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _merge(new: Record, meas: Record) -> None:
     meas.t = new.t
     for j in range(MAX_JOINTS):
@@ -105,7 +105,7 @@ def _merge(new: Record, meas: Record) -> None:
         _copy_mocap(new, meas)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _copy_mocap(a: Record, b: Record) -> None:
     b.mocap_fresh, b.mocap_t, b.mocap_period = a.mocap_fresh, a.mocap_t, a.mocap_period
     for i in range(3):
@@ -114,7 +114,7 @@ def _copy_mocap(a: Record, b: Record) -> None:
             b.R_WB[i, j] = a.R_WB[i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _copy_measurement(a: Record, b: Record) -> None:
     b.t, b.imu_n = a.t, a.imu_n
     for j in range(MAX_JOINTS):
@@ -125,7 +125,7 @@ def _copy_measurement(a: Record, b: Record) -> None:
     _copy_mocap(a, b)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def send_command(lk: Record, t: float, rotor_speed: Array, motor_speed: Array) -> None:
     """Put a command under way to the robot, then hand the robot what has arrived by `t`."""
     if lk.chance[lk.index, 1] >= lk.loss:

@@ -37,7 +37,7 @@ LIBRARY = load_library()
 _mj_step: Any = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_physics(model: int, data: int, n: int) -> None:
     """Advance the plant by `n` time steps; `model` and `data` are addresses."""
     for _ in range(n):

@@ -108,7 +108,7 @@ PLANT = np.dtype(
 )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def observe(
     pl: Record, qpos: Array, qvel: Array, sensordata: Array, site_xpos: Array, site_xmat: Array
 ) -> None:
@@ -141,7 +141,7 @@ def observe(
         pl.f_collision = max(pl.f_collision, f)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _observe_surface(pl: Record) -> None:
     """Gap of the tip's sphere to the cylinder, tilt of the probe, unrolled coordinates."""
     x = y = z = 0.0
@@ -160,7 +160,7 @@ def _observe_surface(pl: Record) -> None:
     pl.tilt = math.acos(min(max(c, -1.0), 1.0))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
     """Joint encoders, and motion capture with rate, latency, noise, drop-outs and artefacts."""
     k = pl.block
@@ -193,7 +193,7 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
         pl.queue_tail = (pl.queue_tail + 1) % QUEUE
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _expose(pl: Record, t: float, k: int) -> None:
     """Take one motion-capture sample into the queue."""
     i = pl.queue_head
@@ -224,7 +224,7 @@ def _expose(pl: Record, t: float, k: int) -> None:
     pl.queue_head = nxt
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _spoil(pl: Record, i: int, k: int) -> None:
     """Turn a sample of the platform, of the probe, or of both into an artefact."""
     u = pl.noise_outlier[k]
@@ -242,7 +242,7 @@ def _spoil(pl: Record, i: int, k: int) -> None:
             pl.queue_axis[i, a] = -pl.queue_axis[i, a]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def actuate(pl: Record, rotor_speed: Array, motor_speed: Array, dt: float, ctrl: Array) -> None:
     """Advance the rotor speeds by one control tick and write MuJoCo's controls.
 
@@ -258,7 +258,7 @@ def actuate(pl: Record, rotor_speed: Array, motor_speed: Array, dt: float, ctrl:
         ctrl[pl.n_rotors + j] = motor_speed[j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def blow(pl: Record, xfrc: Array) -> None:
     """Drag of body and rotors in the wind, applied to the platform at its centre of mass.
 

@@ -124,14 +124,14 @@ def build_dryden_filter(
         )
     phi = math.exp(-h) * np.array([[1.0 + h, h], [-h, 1.0 - h]])
     # covariance of the noise over one tick; by quadrature, for the closed form cancels
-    x, weight = np.polynomial.legendre.leggauss(8)
+    x, weight = np.polynomial.legendre.leggauss(16)
     s, weight = 0.5 * h * (x + 1.0), 0.5 * h * weight
     g = np.exp(-s) * np.stack([s, 1.0 - s])
     covariance = (g * weight) @ g.T
     return phi, np.linalg.cholesky(covariance), sigma * np.array([1.0, math.sqrt(3.0)])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_wind(
     w: Record, noise: Array, t: float, dt: float, p_WB: Array, R_WB: Array, rotor_p: Array, n: int
 ) -> None:
@@ -142,7 +142,7 @@ def step_wind(
         _step_dryden(w, noise)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _step_dryden(w: Record, noise: Array) -> None:
     """Frozen turbulence carried past by the mean wind; the same over the robot (L is metres)."""
     gust, gust_W = np.empty(3), np.empty(3)
@@ -160,7 +160,7 @@ def _step_dryden(w: Record, noise: Array) -> None:
         w.body_W[i] = w.mean_W[i] + gust_W[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _step_jet(
     w: Record, noise: Array, t: float, dt: float, p_WB: Array, R_WB: Array, rotor_p: Array, n: int
 ) -> None:

@@ -71,7 +71,7 @@ class Views(NamedTuple):
     pair_friction: Any
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def open_frame(f: Any) -> Views:
     """Return typed views on everything in the frame."""
     probe_numbers = carray(as_pointer(f[_EC_NUMBERS]), 8, F8)

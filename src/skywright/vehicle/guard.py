@@ -6,7 +6,7 @@ import numpy as np
 
 NOT_FINITE, CONTACT_MADE, CONTACT_LOST, COLLISION, LOST_CONTROL = 1, 2, 4, 8, 16
 
-ERROR_MAX = 1.5  # m between estimate and nominal pose: the robot no longer follows
+ERROR_MAX = 0.8  # m between estimate and nominal pose: the robot no longer follows
 UP_MIN = 0.3  # cosine of the tilt below which it has tipped over
 
 GUARD = np.dtype(

@@ -230,7 +230,7 @@ class SimulatedVehicle:
     def _call_python_law(self) -> None:
         try:
             self.law.step(self.belief)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise SimulationError(
                 f"control law {self.law.name!r} raised at t = {self.t:.3f} s: {error!r}"
             ) from error
@@ -298,7 +298,8 @@ class SimulatedVehicle:
         values = np.concatenate([cmd["f_B"], cmd["t_B"], cmd["qd"][: self.n_joints]])
         if not np.all(np.isfinite(values)):
             return (
-                f"control law {self.law.name!r} returned NaN or infinity at t = {self.t:.3f} s "
+                f"control law {self.law.name!r} raised, or returned NaN or infinity, at "
+                f"t = {self.t:.3f} s "
                 "(force, torque or joint velocity); the command was not applied"
             )
         return f"the simulation diverged at t = {self.t:.3f} s: the state is not finite"

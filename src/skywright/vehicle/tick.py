@@ -42,7 +42,7 @@ Record = Any
 Array = Any
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def interpolate_reference(b: Record, table: Array) -> None:
     """Write the row of `table` at the tick's time into `b.ref`, linear between rows."""
     t = b.t - b.table_t0
@@ -80,7 +80,7 @@ def interpolate_reference(b: Record, table: Array) -> None:
     orthonormalise(ref.R_WS)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def before_law(
     b: Record,
     pl: Record,
@@ -116,7 +116,7 @@ def before_law(
     interpolate_reference(b, table)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _take_truth(b: Record, pl: Record) -> None:
     """estimator = "truth": an explicit choice, said so in the report."""
     est = b.est
@@ -130,7 +130,7 @@ def _take_truth(b: Record, pl: Record) -> None:
             est.R_WT[a, c] = pl.R_WT[a, c]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def after_law(
     b: Record,
     pl: Record,
@@ -204,7 +204,7 @@ def after_law(
     b.t = pl.tick * par.dt
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def take_sample(
     b: Record, pl: Record, g: Record, ps: Any, qpos: Array, qvel: Array, row: Record
 ) -> None:
@@ -275,7 +275,7 @@ def take_sample(
 # The entries from Python: one argument, the frame.
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def tick_before_law(frame: Array) -> None:
     """`before_law` called from Python (interactive way)."""
     v = open_frame(frame)
@@ -286,14 +286,14 @@ def tick_before_law(frame: Array) -> None:
     )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def tick_law(frame: Array) -> None:
     """Call the compiled law (interactive way)."""
     v = open_frame(frame)
     call_pointer(v.law_address, v.belief_address)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def tick_after_law(frame: Array, n_samples: int) -> tuple[int, int]:
     """`take_sample` when one is due, then `after_law`; returns (guards fired, samples written)."""
     v = open_frame(frame)
@@ -307,14 +307,14 @@ def tick_after_law(frame: Array, n_samples: int) -> tuple[int, int]:
     return v.g[0].fired, n_samples
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def tick_inertial(frame: Array) -> None:
     """Take an inertial sample after a physics step (interactive way)."""
     v = open_frame(frame)
     sense_inertial(v.im[0], v.qpos, v.qvel, v.pl[0].rotor_speed)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def mission_tick(frame: Array, n: int, n_steps: int, n_samples: int) -> int:
     """Run up to `n` control ticks of `n_steps` physics steps each; stop when a guard fires.
 

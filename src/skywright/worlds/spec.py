@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from skywright.core.spec import Fraction, NonNegative, Positive, Spec
+from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 
 
 class Pipe(Spec):
@@ -19,9 +19,9 @@ class Pipe(Spec):
 
     diameter_m: Positive = 0.4
     length_m: Positive = 0.5
-    x_m: float = 2.0
-    y_m: float = 0.0
-    z_m: float = 1.5
+    x_m: Coordinate = 2.0
+    y_m: Coordinate = 0.0
+    z_m: Coordinate = 1.5
     yaw_deg: float = 0.0
     inclination_deg: float = Field(default=0.0, ge=-90, le=90)
     friction: NonNegative = 0.2  # mean coefficient between the probe's tip and the surface
@@ -98,6 +98,26 @@ class Wind(Spec):
     fan: Fan = Fan()
     dryden: Dryden = Dryden()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _a_speed_alone_is_steady(cls, data: object) -> object:
+        """`--set world.wind.mean_mps=6` says enough: the kind follows where it is not given."""
+        if isinstance(data, dict) and "kind" not in data:
+            moving = any(
+                data.get(key) not in (None, 0, 0.0) for key in ("mean_mps", "vertical_mps")
+            )
+            return {**data, "kind": "steady" if moving else "none"}
+        return data
+
+    @model_validator(mode="after")
+    def _none_is_calm(self) -> Wind:
+        if self.kind == "none" and (self.mean_mps > 0.0 or self.vertical_mps != 0.0):
+            raise ValueError(
+                f"kind = 'none' contradicts mean_mps = {self.mean_mps:g}, vertical_mps = "
+                f"{self.vertical_mps:g}: set kind to steady, fan or dryden"
+            )
+        return self
+
     @model_validator(mode="after")
     def _turbulence_needs_wind(self) -> Wind:
         if self.kind == "dryden" and self.mean_mps == 0.0:
@@ -136,7 +156,7 @@ class Link(Spec):
 class World(Spec):
     """The root `world`."""
 
-    name: str
+    name: Name
     description: str = ""
     gravity_mps2: Positive = 9.81
     air_density_kg_m3: Positive = 1.2

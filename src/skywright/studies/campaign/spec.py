@@ -147,8 +147,17 @@ def build_identity(campaign: Campaign) -> dict[str, Any]:
         "values": hashlib.sha256(
             repr([(v.key, v.kind, v.values) for v in campaign.variations]).encode()
         ).hexdigest()[:16],
+        "law": _hash_law(campaign.base),
         "versions": collect_code_versions(),
     }
+
+
+def _hash_law(base: Description) -> str | None:
+    """Return the hash of a user's law file: with another law the rows are others."""
+    law = base.mission.law or base.robot.control.law
+    if law is None or ".py:" not in law:
+        return None
+    return hashlib.sha256(Path(law.rpartition(":")[0]).read_bytes()).hexdigest()[:16]
 
 
 @lru_cache(maxsize=1)

@@ -23,6 +23,14 @@ RESULTS = "results.parquet"
 PAGE = "campaign.html"
 
 
+_CHANGED = {
+    "description": "the mission's files",
+    "values": "the values of a CSV file",
+    "law": "the file of the control law",
+}
+"""Parts of an identity that are hashes, in words."""
+
+
 class Store:
     """An open campaign folder; a lock on the journal keeps a second writer out."""
 
@@ -135,9 +143,8 @@ def compare_identity(folder: Path, identity: dict[str, Any]) -> str | None:
             continue
         if name == "versions":
             return "holds this campaign, flown by another version of the program"
-        if name in ("description", "values"):
-            what = "the mission's files" if name == "description" else "the values of a CSV file"
-            return f"holds another campaign: {what} have changed since"
+        if name in _CHANGED:
+            return f"holds another campaign: {_CHANGED[name]} changed since"
         return f"holds another campaign: its {name} is {json.dumps(a)}, not {json.dumps(b)}"
     return "holds another campaign"
 

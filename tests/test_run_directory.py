@@ -1,0 +1,99 @@
+"""What a run leaves behind when it ends in other ways than it should."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+import skywright
+from skywright.errors import InputError
+from skywright.evaluation.run import run_mission
+from skywright.missions.loader import load_description
+
+SETS = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
+
+
+def start(tmp_path, *sets):
+    command = [sys.executable, "-m", "skywright", "run", "pipe-weld-scan", "--out", "r", "--json"]
+    for item in sets:
+        command += ["--set", item]
+    return subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def wait_for_recording(tmp_path, size):
+    file = tmp_path / "r.partial" / "recording.mcap"
+    for _ in range(1200):
+        if file.exists() and file.stat().st_size > size:
+            return
+        time.sleep(0.05)
+    raise AssertionError("the run did not start")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_is_complete_in_itself(tmp_path, number):
+    process = start(tmp_path, "mission.mode=interactive")
+    wait_for_recording(tmp_path, 500_000)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 1, err
+    assert json.loads(out)["outcome"] == "interrupted"
+    assert "Traceback" not in err
+    again = skywright.evaluate(tmp_path / "r.partial")
+    assert again.outcome == "interrupted"
+    assert len(again.samples) > 100
+
+
+def test_a_killed_run_can_be_evaluated(tmp_path):
+    process = start(tmp_path, "mission.mode=interactive")
+    wait_for_recording(tmp_path, 500_000)
+    process.kill()
+    process.communicate(timeout=60)
+    again = skywright.evaluate(tmp_path / "r.partial")
+    assert again.outcome == "interrupted"
+    assert [p.name for p in again.phases][:2] == ["start", "take_off"]
+    assert again.phases[-1].outcome == "interrupted"
+
+
+def test_nothing_is_written_for_wrong_input(tmp_path):
+    os.chdir(tmp_path)
+    for sets, match in (
+        (["mission.law=nosuch"], "unknown"),
+        (["mission.requirements.foo.limit=3"], "no metric"),
+    ):
+        with pytest.raises(InputError, match=match):
+            run_mission(load_description("pipe-weld-scan", sets=sets))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["../../evil", "", "a/b", ".hidden"])
+def test_names_that_would_leave_the_folder_are_refused(name):
+    with pytest.raises(InputError, match=r"mission\.name"):
+        load_description("pipe-weld-scan", sets={"mission.name": name})
+
+
+@pytest.mark.parametrize("out", ["x" * 300, "a\0b", "run.partial"])
+def test_impossible_run_directories_are_told(tmp_path, out):
+    os.chdir(tmp_path)
+    with pytest.raises(InputError):
+        run_mission(load_description("waypoints"), out=tmp_path / out)
+
+
+def test_a_report_that_cannot_be_written_leaves_the_run_partial(tmp_path):
+    def fail(result):
+        raise OSError(28, "No space left on device")
+
+    result = run_mission(load_description("waypoints"), out=tmp_path / "r", write_report=fail)
+    assert result.outcome == "interrupted"
+    assert "No space left" in result.reason
+    assert json.loads((tmp_path / "r.partial" / "metrics.json").read_text())["outcome"] == (
+        "interrupted"
+    )
+    assert skywright.evaluate(tmp_path / "r.partial").outcome == "interrupted"
