@@ -31,7 +31,7 @@ def _number(value: float | None, unit: str) -> str:
 def _limit(test: dict[str, Any]) -> str:
     limit = test["paper_value"] if test["bound"] is None else test["bound"]
     if limit is None:
-        return "nothing to compare with" if not test["reading"] else "told, not judged"
+        return "not judged"
     around = f" ± {test['tolerance']:g}" if test["tolerance"] else ""
     return f"{SIGNS[test['sense']]} {limit:g}{around} {test['unit']}".strip()
 

@@ -167,6 +167,10 @@ def test_verdicts_follow_from_the_values():
     assert judge_claim(claim, {"a": 5.0}).name == "contradicted"
     assert judge_claim(claim, {}).name == "not_comparable"
     assert judge_claim(make_claim(sense="=="), {"a": 5.0, "b": 2.0}).name == "not_comparable"
+    told = make_claim(sense="<=", bound=1.0)
+    told = told.model_copy(update={"tests": [told.tests[0], told.tests[1].model_copy(
+        update={"bound": None})]})  # fmt: skip
+    assert judge_claim(told, {"a": 0.5, "b": 2.0}) == ("reproduced", [True, None])
     exact = make_claim(sense="==", paper_value=4.0, tolerance=0.0)
     assert judge_claim(exact, {"a": 4.0, "b": 2.0}).name == "reproduced"
     assert judge_claim(exact, {"a": 3.0, "b": 2.0}).name == "contradicted"

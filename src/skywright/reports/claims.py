@@ -11,7 +11,7 @@ import jinja2
 
 from skywright.errors import InputError
 from skywright.reports.figures.claims import ClaimFigure, draw_claim
-from skywright.reports.figures.style import house_style, render_svg
+from skywright.reports.figures.style import WIDTH, house_style, render_svg
 
 
 class CriterionRow(NamedTuple):
@@ -74,10 +74,15 @@ def render_claims_page(parts: Parts, versions: Mapping[str, str]) -> str:
 
 
 def _fill(row: ClaimRow) -> dict[str, object]:
-    figure, caption = ("", "") if row.figure is None else (_embed(row.figure), row.figure.caption)
-    return {**row._asdict(), "figure": figure, "caption": caption}
+    if row.figure is None:
+        return {**row._asdict(), "figure": "", "caption": "", "width": 100}
+    data, width = _embed(row.figure)
+    return {**row._asdict(), "figure": data, "caption": row.figure.caption, "width": width}
 
 
-def _embed(figure: ClaimFigure) -> str:
-    data = base64.b64encode(render_svg(draw_claim(figure))).decode("ascii")
-    return f"data:image/svg+xml;base64,{data}"
+def _embed(data: ClaimFigure) -> tuple[str, int]:
+    """A figure as a data: URI, and its share of the page in per cent."""
+    figure = draw_claim(data)
+    text = base64.b64encode(render_svg(figure)).decode("ascii")
+    width = round(100.0 * float(figure.get_size_inches()[0]) / WIDTH)
+    return f"data:image/svg+xml;base64,{text}", width

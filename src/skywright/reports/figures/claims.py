@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from skywright.reports.figures.style import (
@@ -113,8 +115,10 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
         ax.plot(x, y, dash, marker=marker, ms=3.5, color=color, label=curve.label)
     if panel.log_x:
         ax.set_xscale("log")
+        _plain(ax.xaxis)
     if panel.log_y:
         ax.set_yscale("log")
+        _plain(ax.yaxis)
     for value, name in panel.limits:
         draw_limit(ax, value, name)
     if panel.low is not None:
@@ -141,6 +145,7 @@ def _draw_bars(ax: Axes, bars: Bars) -> None:
     ax.grid(False, axis="x")
     if bars.log_y:
         ax.set_yscale("log")
+        _plain(ax.yaxis)
     for value, name in bars.limits:
         draw_limit(ax, value, name)
     low, high = ax.get_ylim()
@@ -173,6 +178,13 @@ def _draw_map(ax: Axes, data: Map) -> None:
         )  # fmt: skip
     _name(ax, data.title, data.x_label, data.y_label)
     ax.set_title(f"{data.title}: {data.value_label}", fontsize=8.5)
+
+
+def _plain(axis: Axis) -> None:
+    """Numbers as numbers on a logarithmic axis: the style parses no formulae."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
 
 
 def _name(ax: Axes, title: str, x_label: str, y_label: str) -> None:

@@ -26,7 +26,7 @@ from skywright.studies.reproduce.series import (
 Array = NDArray[np.float64]
 
 BAND = (4.0, 20.0)
-"""Hz, around the arm's first structural mode (8.4 Hz in free flight)."""
+"""Hz, around the arm's first structural mode (8 to 10 Hz in free flight)."""
 
 DAMPING_RATIOS = (0.5, 1.0, 2.0)
 """Kd in units of sqrt(Kp m), for the sweeps of the reduced model."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from skywright.evaluation.metrics import LIFT_OFF_THRESHOLD
 from skywright.inspection.eddy_current import Instrument
 from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel, Part
+from skywright.reports.figures.style import BLUE, ORANGE
 from skywright.studies.reproduce.cache import Record
 from skywright.studies.reproduce.measured import Measured, Records
 from skywright.studies.reproduce.series import (
@@ -220,10 +221,10 @@ def measure_degraded(records: Records) -> Measured:
         "seeds": float(len(bad)),
     }  # fmt: skip
     curves = []
-    for runs, label in ((bad, "degraded"), (good, "good conditions")):
+    for runs, label, color in ((bad, "degraded", ORANGE), (good, "good conditions", BLUE)):
         s = cut(runs[0], "scan")
         size = 1e3 * np.linalg.norm(tangential(s, "WT"), axis=1)
-        curves.append(Curve(label, s["t"] - s["t"][0], size))
+        curves.append(Curve(label, s["t"] - s["t"][0], size, color=color))
     groups = ["tip error rms\n(mm)", "probe tilt max\n(deg)", "weld offset error\n(mm)"]
     table = np.array([[_mean(good, n), _mean(bad, n)] for n in names])
     panels: list[Part] = [

@@ -33,7 +33,7 @@ def write_limit(result: CriterionResult) -> str:
     """What a value is compared with."""
     test = result.test
     if test.limit is None:
-        return "no figure printed"
+        return "not judged"
     around = f" ± {test.tolerance:g}" if test.tolerance else ""
     return f"{SIGNS.get(test.sense, test.sense)} {test.limit:g}{around} {test.unit}".strip()
 

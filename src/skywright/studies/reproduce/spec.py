@@ -175,13 +175,13 @@ def judge(claim: Claim, values: dict[str, float]) -> Verdict:
     if first.limit is None or first.quantity not in values:
         return Verdict("not_comparable", [None] * len(claim.tests))
     passed = [_passes(test, values.get(test.quantity, float("nan"))) for test in claim.tests]
-    return Verdict("reproduced" if all(passed) else "contradicted", list(passed))
+    return Verdict("contradicted" if False in passed else "reproduced", passed)
 
 
-def _passes(test: Criterion, value: float) -> bool:
+def _passes(test: Criterion, value: float) -> bool | None:
     limit, tolerance = test.limit, test.tolerance or 0.0
     if limit is None:
-        return True  # told beside the others, not judged
+        return None  # told beside the others, not judged
     if test.sense == "==":
         return abs(value - limit) <= tolerance
     if test.sense in ("<", "<="):
