@@ -94,7 +94,7 @@ def test_dryden_filter_keeps_its_variance_at_any_rate(h, sigma, first):
     assert out @ p @ out == pytest.approx(sigma**2)
 
 
-@pytest.mark.parametrize(("dt", "speed", "times"), [(0.002, 60.0, 500.0), (0.02, 20.0, 2000.0)])
+@pytest.mark.parametrize(("dt", "speed", "times"), [(0.002, 60.0, 2000.0), (0.02, 20.0, 2000.0)])
 def test_dryden_variance_and_spectrum_match_the_closed_form(dt, speed, times):
     """MIL-F-8785C's spectra, one-sided per Hz, over many correlation times of the slowest part."""
     wind = Wind(kind="dryden", mean_mps=speed, toward_deg=30.0)
