@@ -90,8 +90,8 @@ def parse_variation(text: str) -> Variation:
         )
     name, inside = call.groups()
     if name not in FORMS:
-        near = neighbours(name, FORMS, count=len(FORMS))
-        raise InputError(f"{label}: unknown distribution {name!r}; valid: {near}")
+        forms = ", ".join(FORMS.values())
+        raise InputError(f"{label}: unknown distribution {name!r}; valid: {forms}")
     if name == "csv":
         return Variation(key, name, right.strip(), _load_column(inside, key, label))
     values = _split_values(inside)

@@ -1,0 +1,192 @@
+"""What a campaign concludes: interval, verdict, failures and sensitivities, and its page."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skywright.evaluation.rows import (
+    Row,
+    compute_headroom,
+    compute_interval,
+    compute_sensitivities,
+    group_failures,
+)
+from skywright.evaluation.verdict import GO, NO_GO, NOT_YET, build_verdict
+from skywright.missions.spec import Requirement
+from skywright.reports.campaign import Facts, write_campaign_page
+
+REQUIREMENTS = {
+    "contact.gap_max_mm": Requirement(limit=1.0, sense="<", unit="mm"),
+    "coverage.fraction": Requirement(limit=0.9, sense=">="),
+    "weld.crossings": Requirement(limit=4.0, sense="=="),
+}
+KEYS = ("world.wind.mean_mps", "world.wind.toward_deg", "world.pipe.friction", "world.wind.kind")
+
+
+def build_rows(count: int, seed: int = 0, gap_at_full_wind: float = 0.8) -> list[Row]:
+    """Runs in which wind makes the gap grow, its direction acts periodically, friction nothing."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for run in range(count):
+        wind, toward = rng.uniform(0, 6), rng.uniform(0, 360)
+        kind = str(rng.choice(["steady", "none"]))
+        gap = gap_at_full_wind * (wind / 6) ** 2 + 0.02 * rng.standard_normal()
+        tilt = 3 + math.cos(math.radians(2 * toward)) + 0.1 * rng.standard_normal()
+        force = 4 + (kind == "steady") + 0.1 * rng.standard_normal()
+        metrics = {
+            "contact.gap_max_mm": gap, "coverage.fraction": 0.99 + 0.001 * rng.standard_normal(),
+            "weld.crossings": 4.0, "contact.tilt_max_deg": tilt, "force.mean_n": force,
+        }  # fmt: skip
+        failed = ("contact.gap_max_mm",) if gap >= 1.0 else ()
+        rows.append(
+            Row(
+                run, 1000 + run, "failed" if failed else "succeeded", failed[0] if failed else "",
+                failed, "", dict(zip(KEYS, (wind, toward, rng.uniform(), kind), strict=True)),
+                metrics, {"wall_s": 2.0}, 1, f"skywright run x --seed {1000 + run}",
+            )
+        )  # fmt: skip
+    return rows
+
+
+# -- interval and verdict -------------------------------------------------------------------------
+
+
+@given(st.integers(1, 5000), st.data())
+def test_interval_is_wilsons(n: int, data: st.DataObject) -> None:
+    k = data.draw(st.integers(0, n))
+    z, p = 1.959963984540054, k / n
+    centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z / (1 + z**2 / n) * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    found = compute_interval(k, n)
+    assert np.allclose(found, [centre - half, centre + half], atol=1e-9)
+    assert found[0] - 1e-12 <= p <= found[1] + 1e-12
+
+
+def test_interval_holds_the_true_rate_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(3)
+    for rate in (0.5, 0.95):
+        hits = rng.binomial(200, rate, 1500)
+        held = [low <= rate <= high for low, high in (compute_interval(int(k), 200) for k in hits)]
+        assert 0.93 < np.mean(held) < 0.98
+
+
+def test_verdict_is_go_no_go_or_not_yet() -> None:
+    def judge(rows: list[Row], target: float) -> tuple[str, int]:
+        found = build_verdict(rows, KEYS, REQUIREMENTS, target)
+        assert found.answer in (GO, NO_GO, NOT_YET)
+        return found.answer, found.more_runs
+
+    good, bad = build_rows(100), build_rows(100, gap_at_full_wind=4.0)
+    assert judge(good, 0.9) == (GO, 0)
+    assert judge(bad, 0.9) == (NO_GO, 0)
+    answer, more = judge(good[:10], 0.9)
+    assert answer == NOT_YET
+    assert compute_interval(10 + more, 10 + more)[0] >= 0.9
+    assert compute_interval(8 + more, 8 + more)[0] < 0.9
+
+
+def test_verdict_names_what_limits_it() -> None:
+    failing = build_verdict(build_rows(200, gap_at_full_wind=1.2), KEYS, REQUIREMENTS, 0.5)
+    assert "Limited by contact.gap_max_mm" in failing.limited_by
+    assert "world.wind.mean_mps from" in failing.limited_by
+    near = build_verdict(build_rows(200), KEYS, REQUIREMENTS, 0.9)
+    assert near.limited_by.startswith("Nearest to its limit: contact.gap_max_mm")
+    assert "driven most by world.wind.mean_mps" in near.limited_by
+
+
+# -- failures, room, sensitivities ----------------------------------------------------------------
+
+
+def test_failures_are_grouped_and_located() -> None:
+    rows = build_rows(200, gap_at_full_wind=1.2)
+    (group,) = group_failures(rows, KEYS)
+    assert group.requirement == "contact.gap_max_mm"
+    assert set(group.runs) == {r.run for r in rows if not r.succeeded}
+    assert group.key == "world.wind.mean_mps" and group.inside[0] > 5.0 and group.p < 1e-6
+
+
+def test_failures_by_chance_are_not_located() -> None:
+    found = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        rows = [
+            r._replace(outcome="failed", requirement="x", failed=("x",))
+            if rng.random() < 0.1
+            else r
+            for r in build_rows(60, seed)
+        ]
+        found += any(g.key for g in group_failures(rows, KEYS))
+    assert found <= 6  # 5 % expected
+
+
+def test_headroom_is_the_way_from_median_to_limit() -> None:
+    rows = build_rows(101)
+    first = compute_headroom(rows, REQUIREMENTS)[0]
+    gaps = [r.metrics["contact.gap_max_mm"] for r in rows]
+    assert first.name == "contact.gap_max_mm"
+    assert first.used == pytest.approx((max(gaps) - np.median(gaps)) / (1 - np.median(gaps)))
+    crossings = next(h for h in compute_headroom(rows, REQUIREMENTS) if h.name == "weld.crossings")
+    assert crossings.used == 0.0 and crossings.worst == 4.0
+
+
+def test_sensitivities_find_monotone_periodic_and_categorical_effects_and_nothing_else() -> None:
+    rows = build_rows(200)
+    metrics = ["contact.gap_max_mm", "contact.tilt_max_deg", "force.mean_n", "weld.crossings"]
+    found = {(s.metric, s.key): s for s in compute_sensitivities(rows, KEYS, metrics)}
+    wind, toward, _, kind = KEYS
+    assert {pair for pair, s in found.items() if s.significant} == {
+        ("contact.gap_max_mm", wind), ("contact.tilt_max_deg", toward), ("force.mean_n", kind),
+    }  # fmt: skip
+    assert found["contact.gap_max_mm", wind].rho > 0.95
+    periodic = found["contact.tilt_max_deg", toward]
+    assert abs(periodic.rho) < 0.3 and periodic.share > 0.5
+    assert math.isnan(found["force.mean_n", kind].rho) and found["force.mean_n", kind].share > 0.6
+    assert not any(metric == "weld.crossings" for metric, _ in found)  # it never varies
+
+
+def test_sensitivities_leave_out_what_was_not_measured() -> None:
+    rows = build_rows(60)
+    rows = [r._replace(metrics={}) if i % 3 == 0 else r for i, r in enumerate(rows)]
+    found = compute_sensitivities(rows, KEYS[:1], ["contact.gap_max_mm"])
+    assert found[0].rho > 0.95
+    assert compute_sensitivities(rows[:12], KEYS[:1], ["contact.gap_max_mm"]) == []
+
+
+# -- the page -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rows", "keys"),
+    [
+        (build_rows(60, gap_at_full_wind=1.3), KEYS),
+        (build_rows(1), KEYS),
+        (build_rows(30), KEYS[:1]),
+        (build_rows(3), ()),
+        ([r._replace(outcome="crashed", requirement="crashed", metrics={}, timing={})
+          for r in build_rows(12)], KEYS),
+    ],
+    ids=["failures", "one run", "one key", "seed only", "all crashed"],
+)  # fmt: skip
+def test_page_answers_in_its_first_line(
+    tmp_path: Path, rows: list[Row], keys: tuple[str, ...]
+) -> None:
+    verdict = build_verdict(rows, keys, REQUIREMENTS, 0.9)
+    facts = Facts(
+        "scan", "", "othex", "pipe", 1, len(rows) + 1, {k: "uniform(0,1)" for k in keys}, (), 1.0,
+        {"code": "0"},
+    )  # fmt: skip
+    path = tmp_path / "campaign.html"
+    write_campaign_page(path, rows, verdict, facts)
+    page = path.read_text()
+    body = page[page.index("<main>") :]
+    assert body.index(f"<strong>{verdict.answer}</strong>") < body.index("<p")
+    assert "http://" not in page.replace("http://www.w3.org", "") and "https://" not in page
+    for row in rows:
+        assert (f"--seed {row.seed}" in page) == (not row.succeeded or row is rows[0])
+    assert page.count("<figure>") >= (4 if len(rows) == 60 else 1)
