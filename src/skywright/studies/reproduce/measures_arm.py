@@ -86,7 +86,7 @@ def measure_vibration(records: Records) -> Measured:
         curves.append(Curve(label, f[keep], 1e3 * np.sqrt(power[keep])))
     labels = {
         "tap": "as shipped, truth fed back",
-        "tap_estimated": "as shipped, estimate fed back",
+        "tap_estimated": "as shipped, estimate (noisy) fed back",
         "tap_undamped": "no structural damping, stiff servos",
     }
     values = {
@@ -103,6 +103,7 @@ def measure_vibration(records: Records) -> Measured:
         rings.append(Curve(label, gains[1:], np.clip(growth[1:], -8.0, 8.0), "line+points"))
         unstable = gains[growth > 0.0]
         values[f"{role}_still"] = float(still)
+        values[f"{role}_at_3"] = float(np.interp(3.0, gains, growth))
         values[f"{role}_unstable_from"] = float(unstable[0]) if len(unstable) else math.inf
         worse = gains[1:][growth[1:] > still + 0.2 * abs(still)]
         values[f"{role}_worse_from"] = float(worse[0]) if len(worse) else math.inf
@@ -232,6 +233,7 @@ def measure_stability_map(records: Records) -> Measured:
         ])  # fmt: skip
         values[f"{group}_unstable"] = float(np.mean(growth > 0.0))
         values[f"{group}_worst"] = float(np.max(growth))
+        values[f"{group}_first"], values[f"{group}_last"] = growth[0, 0], growth[0, -1]
         unstable = gains[np.any(growth > 0.0, axis=0)]
         values[f"{group}_from"] = float(unstable[0]) if len(unstable) else math.inf
         below = growth[:, gains < stiffness]

@@ -79,7 +79,7 @@ def ring_envelope(tip: Array, low: float, high: float) -> tuple[Array, Array]:
     sos = butter(2, [low, high], "band", fs=RATE, output="sos")
     size = np.linalg.norm(sosfiltfilt(sos, tip, axis=0), axis=1)
     n = 25
-    starts = np.arange(0, len(size) - n + 1, n)
+    starts = np.arange(0, len(size) - n + 1, 10)
     envelope = np.array([np.sqrt(np.mean(size[i : i + n] ** 2)) for i in starts])
     return (starts + n / 2) / RATE, envelope
 
@@ -87,16 +87,17 @@ def ring_envelope(tip: Array, low: float, high: float) -> tuple[Array, Array]:
 def ring_growth(tip: Array, low: float, high: float) -> float:
     """Growth (1/s) of the ringing tip (n, 3); below zero it dies out, inf where the robot left.
 
-    The slope of the logarithm of the envelope, as far as it lies above the sensors' floor of 3
-    micrometres; where it grows, over the whole time.
+    The slope of the logarithm of the envelope from its peak down to a twentieth of it, below which
+    the platform's own slow motion shows through the filter; where it grows, over the whole time.
     """
     if np.any(np.isnan(tip)):
         return float("inf")
     t, envelope = ring_envelope(tip, low, high)
-    t, envelope = t[:-1], envelope[:-1]  # the filter's end effects
-    if envelope[-1] < envelope[0]:
-        above = envelope > 3e-6
-        last = len(envelope) if np.all(above) else max(int(np.argmin(above)), 2)
-        t, envelope = t[:last], envelope[:last]
-        return float(np.polyfit(t, np.log(np.maximum(envelope, 1e-9)), 1)[0])
-    return float(np.log(envelope[-1] / envelope[0]) / (t[-1] - t[0]))
+    t, envelope = t[:-3], envelope[:-3]  # the filter's end effects
+    if envelope[-1] >= envelope[0]:
+        return float(np.log(envelope[-1] / envelope[0]) / (t[-1] - t[0]))
+    peak = int(np.argmax(envelope))
+    t, envelope = t[peak:], envelope[peak:]
+    faded = envelope < 0.05 * envelope[0]
+    last = max(int(np.argmax(faded)), 3) if np.any(faded) else len(envelope)
+    return float(np.polyfit(t[:last], np.log(np.maximum(envelope[:last], 1e-9)), 1)[0])
