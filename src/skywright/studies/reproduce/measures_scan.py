@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.errors import InputError
 from skywright.evaluation.metrics import LIFT_OFF_THRESHOLD
 from skywright.inspection.eddy_current import Instrument
 from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel, Part
@@ -138,7 +139,10 @@ def measure_touch_down(records: Records) -> Measured:
         record = records[role][0]
         s = cut(record, "trim", "touch", "settle")
         start = phase_time(record, "touch")[0]
-        contact = float(s["t"][np.argmax((s["f_normal"] > 0.2) & (s["t"] > start))])
+        touching = (s["f_normal"] > 0.2) & (s["t"] > start)
+        if not np.any(touching):
+            raise InputError("the probe never touched the surface")
+        contact = float(s["t"][np.argmax(touching)])
         error = smooth(attitude_error(s), 0.3)
         before = (s["t"] > contact - 1.5) & (s["t"] < contact - 0.5)
         change = np.degrees(np.linalg.norm(error - error[before].mean(axis=0), axis=1))

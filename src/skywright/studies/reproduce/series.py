@@ -63,8 +63,10 @@ def smooth(values: Array, seconds: float) -> Array:
 
 def spectrum(values: Array) -> tuple[Array, Array]:
     """Frequencies (Hz) and power density of (n, 3), its axes summed (Welch, windows of 2.56 s)."""
-    f, power = welch(values - values.mean(axis=0), RATE, nperseg=min(256, len(values)), axis=0)
-    return np.asarray(f, dtype=np.float64), np.asarray(power.sum(axis=1), dtype=np.float64)
+    found = welch(values - values.mean(axis=0), RATE, nperseg=min(256, len(values)), axis=0)
+    frequency: Array = np.asarray(found[0], dtype=np.float64)
+    power: Array = np.asarray(found[1], dtype=np.float64).sum(axis=1)
+    return frequency, power
 
 
 def band_rms(values: Array, low: float, high: float) -> float:
@@ -80,8 +82,9 @@ def ring_envelope(tip: Array, low: float, high: float) -> tuple[Array, Array]:
     size = np.linalg.norm(sosfiltfilt(sos, tip, axis=0), axis=1)
     n = 25
     starts = np.arange(0, len(size) - n + 1, 10)
-    envelope = np.array([np.sqrt(np.mean(size[i : i + n] ** 2)) for i in starts])
-    return (starts + n / 2) / RATE, envelope
+    envelope: Array = np.array([np.sqrt(np.mean(size[i : i + n] ** 2)) for i in starts])
+    times: Array = (starts + n / 2).astype(np.float64) / RATE
+    return times, envelope
 
 
 def ring_growth(tip: Array, low: float, high: float) -> float:
