@@ -10,7 +10,8 @@ import pytest
 
 from skywright.core.types import COMMAND
 from skywright.missions.loader import load_description
-from skywright.models.scene import Deviation, build_scene, set_pose
+from skywright.models.arm_body import Deviation
+from skywright.models.scene import build_scene, set_pose
 from skywright.sim.physics import step_physics
 from skywright.sim.plant import PLANT, actuate, blow
 from skywright.vehicle.simulated import _build_plant
@@ -144,3 +145,26 @@ def test_stepping_from_compiled_code_is_mujoco_s_own_step(description):
     mujoco.mj_step(scene.model, b, 200)
     assert a.qpos.tobytes() == b.qpos.tobytes()
     assert PLANT.itemsize > 0
+
+
+def test_a_stalled_servo_does_not_wind_up(description):
+    """Blocked for two seconds at full command, then freed at rest: no leap."""
+    from skywright.sim.plant import hold_stalled_servos
+
+    scene = build_scene(description.robot, description.world, Deviation())
+    m, d = scene.model, mujoco.MjData(scene.model)
+    pl = _build_plant(description.robot, description.world, scene, Deviation(), 1)
+    m.opt.gravity[:] = 0.0
+    q = np.array([0.2, 0.3])
+    set_pose(scene, d, np.array([-3.0, 0, 5.0]), np.array([1.0, 0, 0, 0]), q)
+    mujoco.mj_forward(m, d)
+    d.act[:] = d.actuator_length[6:]
+    blocked = d.qpos.copy()
+    for _ in range(1000):
+        d.ctrl[6:] = [1.0, 0.0]
+        hold_stalled_servos(pl[0], d.qpos, d.act, d.ctrl)
+        mujoco.mj_step(m, d, 2)
+        d.qpos[:], d.qvel[:] = blocked, 0.0  # an unyielding hand
+    lag = float(pl[0]["servo_lag"][0])
+    assert abs(d.act[0] - q[0]) < lag + 0.01
+    assert lag < 0.2

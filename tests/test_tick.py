@@ -190,3 +190,11 @@ def test_a_compiled_law_that_raises_is_told_once(tmp_path):
 def test_control_rates_that_do_not_fit_are_refused(rate):
     with pytest.raises(InputError, match="valid: 100, 125, 200, 250, 500, 1000"):
         load_description("pipe-weld-scan", sets=[f"robot.control.rate_hz={rate}"])
+
+
+def test_lost_motion_capture_is_told():
+    d = load_description("waypoints", "othex", sets=["world.mocap.dropout_fraction=1"])
+    vehicle = build_vehicle(d)
+    flight = Supervisor(vehicle, d.mission, plan_mission(d), d.robot.platform.gear_height_m).fly()
+    assert not flight.completed
+    assert "no motion capture" in flight.reason

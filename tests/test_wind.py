@@ -23,7 +23,8 @@ from skywright.missions.limits import (
     find_exceeded_wind,
 )
 from skywright.missions.loader import load_description
-from skywright.models.scene import Deviation, build_scene
+from skywright.models.arm_body import Deviation
+from skywright.models.scene import build_scene
 from skywright.sim.friction import FRICTION, compute_friction, fill_friction, rub
 from skywright.sim.plant import blow
 from skywright.sim.wind import NOISE, WIND, build_dryden_filter, fill_wind, step_wind

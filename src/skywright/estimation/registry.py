@@ -20,8 +20,8 @@ from skywright.worlds.spec import World
 ESTIMATORS = {
     "filter": "skywright.estimation.error_state",
     "observer": "skywright.estimation.observer",
-    # the plant's own state; the observer runs beneath for the external force
-    "truth": "skywright.estimation.observer",
+    # the plant's own state; the filter runs beneath for the external force and the tip's samples
+    "truth": "skywright.estimation.error_state",
 }
 
 TIP_WALK = 5e-4

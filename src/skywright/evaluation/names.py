@@ -38,7 +38,10 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "rotors.thrust_max_fraction": ("", "largest rotor thrust over the rotor's limit, scanning"),
     "weld.contact_fraction": ("", "share of the scan in contact, as the instrument says"),
     "weld.crossings": ("", "crossings of the path with the weld at which it was found"),
-    "weld.offset_error_mm": ("mm", "distance along the axis between estimated and true weld line"),
+    "weld.offset_error_mm": (
+        "mm",
+        "distance between the estimated and the true weld line, at the middle of its crossings",
+    ),
     "weld.angle_error_deg": ("deg", "angle between estimated and true weld line"),
     "weld.offset_std_mm": ("mm", "uncertainty of the weld line's offset that the fit states"),
     "weld.angle_std_deg": ("deg", "uncertainty of the weld line's angle that the fit states"),

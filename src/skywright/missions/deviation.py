@@ -8,8 +8,8 @@ import numpy as np
 
 from skywright.core.streams import build_stream
 from skywright.missions.spec import Plant
+from skywright.models.arm_body import Deviation
 from skywright.models.rigid_body import joint_names
-from skywright.models.scene import Deviation
 from skywright.robots.spec import Robot
 
 

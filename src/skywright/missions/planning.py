@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.core.streams import build_stream
 from skywright.errors import InputError
 from skywright.missions.limits import compute_wind_allowance, find_exceeded_wind
 from skywright.missions.loader import Description
@@ -69,10 +70,10 @@ def plan_mission(description: Description) -> MissionPlan:
 
     Raises InputError when robot or world lack what the mission is about.
     """
-    if description.mission.kind == "scan":
-        plan = _plan_scan_mission(description)
-    else:
-        plan = _plan_waypoint_mission(description)
+    plan_it = _plan_scan_mission if description.mission.kind == "scan" else _plan_waypoint_mission
+    plan = plan_it(description)
+    if not plan.feasible and plan.plan_s > description.mission.planner_time_s:
+        plan = plan_it(description)  # the first call in a process may have spent its time compiling
     if plan.feasible:
         blocked = _find_blocked_climb(description)
         if blocked is not None:
@@ -174,7 +175,7 @@ def _plan_scan_mission(d: Description) -> MissionPlan:
     plan = plan_scan(
         model, loads, query, cylinder, task, build_limits(robot), force, hover, hover,
         posture(robot, "folded"), posture(robot, "working"),
-        np.random.default_rng(np.random.SeedSequence([d.mission.seed, 0x506C616E])),
+        build_stream(d.mission.seed, "planner"),
         tuple(joint_names(robot)), d.mission.planner_time_s,
     )  # fmt: skip
     return MissionPlan(

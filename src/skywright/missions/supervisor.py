@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skywright.missions.planning import MissionPlan
 from skywright.missions.spec import Mission
 from skywright.missions.tables import build_retreat, cut_table, lift_table, reverse_table
-from skywright.vehicle.guard import CONTACT_LOST, LOST_CONTROL
+from skywright.vehicle.guard import CONTACT_LOST, FIX_AGE_MAX, LOST_CONTROL
 from skywright.vehicle.interface import Backend, Probe, Uav, WholeBody, require
 
 Table = NDArray[Any]
@@ -214,6 +214,12 @@ class Supervisor:
     def _explain_lost_control(self) -> str:
         est, ref = self.vehicle.estimate, self.vehicle.reference
         error = float(np.linalg.norm(est["p_WB"] - ref["p_WB"]))
+        age = self.vehicle.fix_age
+        if age > FIX_AGE_MAX:
+            return (
+                f"control was lost in {self._open[0] if self._open else 'the flight'} at t = "
+                f"{self.vehicle.t:.1f} s: no motion capture for {age:.1f} s"
+            )
         tilt = math.degrees(math.acos(min(max(float(est["R_WB"][2, 2]), -1.0), 1.0)))
         phase = self._open[0] if self._open else "the flight"
         return (

@@ -15,41 +15,19 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.rotations import quat_from_rot, rot_y
-from skywright.models.rigid_body import (
-    SLIDER_INERTIA,
-    build_probe_parts,
-    joint_names,
-    link_com,
-    link_offset,
-    posture,
-    rod_inertia,
-)
+from skywright.core.rotations import quat_from_rot
+from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
+from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
-from skywright.robots.spec import Link, Robot
+from skywright.robots.spec import Robot
 from skywright.worlds.spec import World
 from skywright.worlds.surface import build_cylinder
 
 Array = NDArray[np.float64]
 
-# contype/conaffinity: robot parts collide with the world, not with each other
-ROBOT, WORLD, FEET = 1, 2, 4
 TIMESTEP = 0.001
 SUPPORT_RADIUS = 0.03
 SUPPORT_INSET = 0.05  # m, from the pipe's end to the support's axis
-
-
-class Deviation(NamedTuple):
-    """How the plant differs from the nominal model (drawn from the root `plant`)."""
-
-    mass_factor: float = 1.0
-    inertia_factor: float = 1.0
-    com_error: Array = np.zeros(3)
-    rotor_gain: Array = np.ones(0)  # (n,) factor on each rotor's thrust
-    link_length_error: float = 0.0
-    joint_offset: Array = np.zeros(0)  # (n_joints,) rad, encoder zero error
-    drag_factor: float = 1.0
-    marker_error: Array = np.zeros(3)  # m, in T: where motion capture believes the tip to be
 
 
 class SceneIndex(NamedTuple):
@@ -100,7 +78,9 @@ def build_scene(robot: Robot, world: World, deviation: Deviation | None = None) 
 
 def _add_world(spec: mujoco.MjSpec, world: World) -> None:
     body = spec.worldbody
-    kwargs: dict[str, Any] = {"contype": WORLD, "conaffinity": ROBOT | FEET}
+    # the pipe itself is met by the probe's tip only, through an explicit pair
+    pipe: dict[str, Any] = {"contype": WORLD, "conaffinity": ROBOT | FEET}
+    kwargs: dict[str, Any] = {"contype": WORLD, "conaffinity": ROBOT | FEET | PEN}
     body.add_geom(
         name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[10, 10, 0.1],
         rgba=[0.75, 0.77, 0.8, 1], friction=[0.8, 0.005, 0.0001], **kwargs,
@@ -112,7 +92,7 @@ def _add_world(spec: mujoco.MjSpec, world: World) -> None:
         body.add_geom(
             name="pipe", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
             size=[cyl.radius, cyl.half_length, 0], pos=cyl.p_WP, quat=quat,
-            rgba=[0.55, 0.57, 0.6, 1], **kwargs,
+            rgba=[0.55, 0.57, 0.6, 1], **pipe,
         )  # fmt: skip
         if world.pipe.supports:
             for i, p in enumerate(support_posts(world)):
@@ -204,160 +184,7 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, dev: Deviation, plant: bool) -
             friction=[0.8, 0.005, 0.0001],
         )  # fmt: skip
     if robot.arm is not None:
-        _add_arm(spec, base, robot, dev, plant)
-
-
-def _add_arm(
-    spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, dev: Deviation, plant: bool
-) -> None:
-    assert robot.arm is not None
-    names = list(robot.arm.links)
-    bodies: list[mujoco.MjsBody] = []
-    for i, (name, link) in enumerate(robot.arm.links.items()):
-        parent, offset = link_offset(robot, name)
-        last_parent = parent == len(names) - 2 and i == len(names) - 1
-        if last_parent:  # calibration error: the second-last link is longer than believed
-            offset = offset + np.array([dev.link_length_error, 0.0, 0.0])
-        body = (base if parent < 0 else bodies[parent]).add_body(name=name, pos=offset)
-        _add_link_joints(body, name, link, plant, robot)
-        body.mass = link.mass_kg * dev.mass_factor
-        body.ipos = [link_com(link), 0.0, 0.0]
-        body.inertia = np.diag(rod_inertia(body.mass, link.length_m, link.radius_m))
-        body.explicitinertial = True
-        body.add_geom(
-            name=f"{name} shell", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[link.radius_m, 0, 0],
-            fromto=[0, 0, 0, link.length_m, 0, 0], rgba=[0.9, 0.55, 0.1, 1],
-            contype=ROBOT, conaffinity=WORLD, mass=0.0,
-        )  # fmt: skip
-        bodies.append(body)
-    tip = bodies[-1]
-    if robot.probe is not None:
-        _add_probe(spec, bodies, robot, dev, plant)
-    else:
-        tip.add_site(name="tip", pos=[robot.arm.links[names[-1]].length_m, 0, 0])
-    if plant:
-        _add_servos(spec, robot)
-
-
-def _add_link_joints(
-    body: mujoco.MjsBody, name: str, link: Link, plant: bool, robot: Robot
-) -> None:
-    if link.joint == "fixed":
-        return
-    axis = [float(link.axis == a) for a in "xyz"]
-    slide = link.joint == "slide"
-    joint = body.add_joint(
-        name=name, axis=axis,
-        type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE,
-    )  # fmt: skip
-    if not plant:
-        return
-    assert robot.arm is not None
-    index = joint_names(robot).index(name)
-    joint.armature = list(robot.arm.servos.values())[index].armature_kgm2
-    if link.flex_stiffness_nm_per_rad is not None:
-        inertia = _inertia_beyond(robot, name)
-        k = link.flex_stiffness_nm_per_rad
-        flex = body.add_joint(name=f"{name} flex", axis=axis, type=mujoco.mjtJoint.mjJNT_HINGE)
-        flex.stiffness = np.array([k, 0.0, 0.0]) if np.ndim(flex.stiffness) else k
-        damping = 2.0 * link.flex_damping_ratio * math.sqrt(k * inertia)
-        flex.damping = np.array([damping, 0.0, 0.0]) if np.ndim(flex.damping) else damping
-
-
-def _inertia_beyond(robot: Robot, name: str) -> float:
-    """Inertia (kg m^2) about joint `name` of everything beyond it, arm stretched."""
-    assert robot.arm is not None
-    names = list(robot.arm.links)
-    total, reach = 0.0, 0.0
-    for other in names[names.index(name) :]:
-        link = robot.arm.links[other]
-        total += link.mass_kg * (link.length_m**2 / 12 + (reach + link_com(link)) ** 2)
-        reach += link.length_m
-    if robot.probe is not None:
-        total += robot.probe.mass_kg * (reach + 0.5 * robot.probe.length_m) ** 2
-    return total
-
-
-def _add_probe(
-    spec: mujoco.MjSpec, bodies: list[mujoco.MjsBody], robot: Robot, dev: Deviation, plant: bool
-) -> None:
-    assert robot.arm is not None and robot.probe is not None
-    probe, parts = robot.probe, build_probe_parts(robot.probe)
-    names = list(robot.arm.links)
-    on = names.index(probe.on) if probe.on else len(names) - 1
-    length = robot.arm.links[names[on]].length_m
-    # holder frame: x along the probe's axis
-    quat = quat_from_rot(rot_y(math.radians(probe.pitch_deg)))
-    holder = bodies[on].add_body(name="holder", pos=[length, 0, 0], quat=quat)
-    holder.mass = parts.holder_mass * dev.mass_factor
-    holder.ipos = [parts.holder_length / 2, 0, 0]
-    holder.inertia = np.diag(rod_inertia(holder.mass, parts.holder_length, probe.radius_m))
-    holder.explicitinertial = True
-    holder.add_geom(
-        name="holder shell", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[probe.radius_m, 0, 0],
-        fromto=[0, 0, 0, parts.holder_length, 0, 0], rgba=[0.9, 0.9, 0.9, 1],
-        contype=ROBOT, conaffinity=WORLD, mass=0.0,
-    )  # fmt: skip
-    slider = holder.add_body(name="slider")
-    slider.mass = parts.slider_mass * dev.mass_factor
-    slider.ipos = [parts.slider_com, 0, 0]
-    slider.inertia = [SLIDER_INERTIA] * 3
-    slider.explicitinertial = True
-    slider.add_geom(
-        name="tip", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[probe.tip_radius_m, 0, 0],
-        pos=[probe.length_m - probe.tip_radius_m, 0, 0], rgba=[0.9, 0.1, 0.1, 1],
-        contype=0, conaffinity=0, mass=0.0,
-    )  # fmt: skip
-    slider.add_geom(
-        name="pen", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.6 * probe.radius_m, 0, 0],
-        fromto=[parts.holder_length, 0, 0, probe.length_m - 2.0 * probe.tip_radius_m, 0, 0],
-        rgba=[0.2, 0.2, 0.2, 1], contype=0, conaffinity=0, mass=0.0,
-    )  # fmt: skip
-    # site frame T: z along the probe, y along the link's y
-    to_tip = quat_from_rot(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]))
-    slider.add_site(name="tip", pos=[probe.length_m, 0, 0], quat=to_tip)
-    if plant:
-        k = probe.spring_n_per_m
-        joint = slider.add_joint(
-            name="spring", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0],
-            limited=mujoco.mjtLimited.mjLIMITED_TRUE, range=[-probe.spring_travel_m, 0.0],
-        )  # fmt: skip
-        joint.stiffness = np.array([k, 0.0, 0.0]) if np.ndim(joint.stiffness) else k
-        damping = 2.0 * probe.spring_damping_ratio * math.sqrt(k * parts.slider_mass)
-        joint.damping = np.array([damping, 0.0, 0.0]) if np.ndim(joint.damping) else damping
-        joint.springref = probe.spring_preload_n / k
-        joint.solref_limit = [0.004, 1.0]
-
-
-def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Velocity servos: integrated command tracked by a PD with torque and speed limits.
-
-    Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A.
-    """
-    assert robot.arm is not None
-    joints = joint_names(robot)
-    n = len(joints)
-    belt = np.array(robot.arm.belt) if robot.arm.belt is not None else np.eye(n)
-    motor_from_joint = np.linalg.inv(belt)
-    for i, (name, servo) in enumerate(robot.arm.servos.items()):
-        tendon = spec.add_tendon(name=name)
-        for j, joint in enumerate(joints):
-            if abs(motor_from_joint[i, j]) > 1e-12:
-                tendon.wrap_joint(joint, motor_from_joint[i, j])
-        # PD on the integrated command: bandwidth 1/T of the servo, critically damped, for the
-        # inertia that the motor turns
-        inertia = servo.armature_kgm2 + _inertia_beyond(robot, joints[i])
-        w = 1.0 / servo.velocity_time_constant_s
-        kp, kv = inertia * w * w, 2.0 * inertia * w
-        act = spec.add_actuator(
-            name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_TENDON,
-            dyntype=mujoco.mjtDyn.mjDYN_INTEGRATOR, dynprm=[1.0] + [0.0] * 9,
-            gaintype=mujoco.mjtGain.mjGAIN_FIXED, gainprm=[kp] + [0.0] * 9,
-            biastype=mujoco.mjtBias.mjBIAS_AFFINE, biasprm=[0.0, -kp, -kv] + [0.0] * 7,
-        )  # fmt: skip
-        act.ctrllimited = act.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        act.ctrlrange = [-servo.no_load_speed_rad_s, servo.no_load_speed_rad_s]
-        act.forcerange = [-servo.stall_torque_nm, servo.stall_torque_nm]
+        add_arm(spec, base, robot, dev, plant)
 
 
 def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
@@ -377,6 +204,8 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
         *(["holder"] if robot.probe else []),
     ]:
         _add_contact_sensor(spec, f"collision {body}", body, mujoco.mjtObj.mjOBJ_BODY)
+    if robot.probe is not None:
+        _add_contact_sensor(spec, "collision pen", "pen", mujoco.mjtObj.mjOBJ_GEOM)
 
 
 def _add_contact_sensor(spec: mujoco.MjSpec, name: str, obj: str, kind: mujoco.mjtObj) -> None:

@@ -164,7 +164,7 @@ def _write_numbers(ax: Axes, robot: Robot) -> None:
     if robot.probe is not None:
         probe = robot.probe
         groups.append(("probe", [
-            ("kind", probe.kind.replace("_", " ")),
+            ("kind", "eddy current"),
             ("length", f"{1e3 * probe.length_m:g} mm"),
             ("spring", f"{probe.spring_n_per_m:g} N/m, {1e3 * probe.spring_travel_m:g} mm"),
             ("nominal push", f"{probe.force_n:g} N"),

@@ -191,7 +191,7 @@ def describe_robot(robot: Robot) -> list[Section]:
     if robot.probe is not None:
         b = robot.probe
         spring = f"{b.spring_n_per_m:g} N/m over {b.spring_travel_m * 1000:g} mm"
-        probe = [("kind", b.kind.replace("_", " ")), ("length", f"{b.length_m:g} m")]
+        probe = [("kind", "eddy current"), ("length", f"{b.length_m:g} m")]
         probe += [("spring", spring), ("nominal push", f"{b.force_n:g} N")]
         sections.append(Section("Probe", probe))
     s = robot.sensors

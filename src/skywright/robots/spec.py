@@ -213,7 +213,15 @@ class Probe(Spec):
     tip_radius_m: Positive = 0.004
     radius_m: Positive = 0.012  # collision capsule of the holder
     force_n: Positive = 2.0  # nominal push
-    kind: Literal["eddy_current", "none"] = "eddy_current"
+
+    @model_validator(mode="after")
+    def _slider_is_a_part(self) -> Probe:
+        if self.slider_mass_kg >= self.mass_kg:
+            raise ValueError(
+                f"slider_mass_kg {self.slider_mass_kg:g} must be below mass_kg {self.mass_kg:g}, "
+                "of which it is a part"
+            )
+        return self
 
 
 class Sensors(Spec):

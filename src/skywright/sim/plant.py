@@ -50,6 +50,8 @@ PLANT = np.dtype(
         ("n_joints", i8),
         ("joint_qpos", i8, MAX_JOINTS),
         ("joint_dof", i8, MAX_JOINTS),
+        ("motor_from_joint", f8, (MAX_JOINTS, MAX_JOINTS)),  # inverse of the belt
+        ("servo_lag", f8, MAX_JOINTS),  # rad, command ahead of the motor at the stall torque
         ("slider_qpos", i8),
         ("platform", i8),
         ("tip_site", i8),
@@ -134,7 +136,7 @@ def observe(
     pl.gap_max = max(pl.gap_max, pl.gap)
     if pl.tip_force >= 0:
         for i in range(3):
-            pl.f_contact[i] = sensordata[pl.tip_force + i]
+            pl.f_contact[i] = -sensordata[pl.tip_force + i]  # MuJoCo: force of the tip on the pipe
     for k in range(pl.n_collision):
         a = pl.collision[k]
         f = math.sqrt(sensordata[a] ** 2 + sensordata[a + 1] ** 2 + sensordata[a + 2] ** 2)
@@ -256,6 +258,17 @@ def actuate(pl: Record, rotor_speed: Array, motor_speed: Array, dt: float, ctrl:
         ctrl[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
     for j in range(pl.n_joints):
         ctrl[pl.n_rotors + j] = motor_speed[j]
+
+
+@njit(cache=True, error_model="numpy")
+def hold_stalled_servos(pl: Record, qpos: Array, act: Array, ctrl: Array) -> None:
+    """Stop the integrated command of a stalled servo: it would leap when it comes free."""
+    for j in range(pl.n_joints):
+        ahead = act[j]
+        for i in range(pl.n_joints):
+            ahead -= pl.motor_from_joint[j, i] * qpos[pl.joint_qpos[i]]
+        if abs(ahead) > pl.servo_lag[j] and ahead * ctrl[pl.n_rotors + j] > 0.0:
+            ctrl[pl.n_rotors + j] = 0.0
 
 
 @njit(cache=True, error_model="numpy")

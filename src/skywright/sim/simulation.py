@@ -29,7 +29,7 @@ class Simulation:
             first = scene.model.nu - n
             self.data.act[:] = self.data.actuator_length[first:]
         d = self.data
-        self.qpos, self.qvel, self.ctrl = d.qpos, d.qvel, d.ctrl
+        self.qpos, self.qvel, self.ctrl, self.act = d.qpos, d.qvel, d.ctrl, d.act
         self.sensordata, self.xfrc = d.sensordata, d.xfrc_applied
         self.site_xpos, self.site_xmat = d.site_xpos, d.site_xmat
         self.pair_friction = scene.model.pair_friction  # of explicit contact pairs, (n, 5)

@@ -56,6 +56,10 @@ class Backend(Protocol):
     def estimate(self) -> Any:
         """The ESTIMATE now."""
 
+    @property
+    def fix_age(self) -> float:
+        """Time (s) since the robot was last localised from outside."""
+
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""
 

@@ -20,6 +20,7 @@ from skywright.errors import InputError, SimulationError
 from skywright.estimation.registry import fill_parameters, load_estimator
 from skywright.inspection.eddy_current import Instrument, build_probe_signal
 from skywright.models.allocation import build_allocator
+from skywright.models.arm_body import Deviation, compute_servo_gains
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,
@@ -28,7 +29,7 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.models.rotors import build_rotors
-from skywright.models.scene import TIMESTEP, Deviation, Scene, build_scene, home_pose
+from skywright.models.scene import TIMESTEP, Scene, build_scene, home_pose
 from skywright.robots.spec import Robot
 from skywright.sim.friction import fill_friction
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
@@ -153,6 +154,11 @@ class SimulatedVehicle:
     def estimate(self) -> Any:
         """A copy of the ESTIMATE at the last control tick."""
         return self.belief[0]["est"].copy()
+
+    @property
+    def fix_age(self) -> float:
+        """Time (s) since motion capture was last seen."""
+        return self.t - float(self.guard[0]["last_fix"])
 
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""
@@ -329,6 +335,12 @@ def _build_plant(
     )  # fmt: skip
     pl["joint_qpos"][: scene.n_joints] = index.joint_qpos
     pl["joint_dof"][: scene.n_joints] = index.joint_dof
+    n_joints = scene.n_joints
+    if robot.arm is not None and n_joints:
+        belt = np.eye(n_joints) if robot.arm.belt is None else np.array(robot.arm.belt)
+        pl["motor_from_joint"][:n_joints, :n_joints] = np.linalg.inv(belt)
+        for j, servo in enumerate(robot.arm.servos.values()):
+            pl["servo_lag"][j] = servo.stall_torque_nm / compute_servo_gains(robot, j)[0]
     pl["slider_qpos"], pl["platform"] = index.slider_qpos, index.platform_body
     pl["tip_site"], pl["tip_force"] = index.tip_site, index.sensor_tip_force
     pl["n_collision"] = len(index.sensor_collision)

@@ -25,7 +25,7 @@ from skywright.sim.friction import rub
 from skywright.sim.inertial import read_inertial, sense_inertial
 from skywright.sim.link import receive_measurement, send_command, send_measurement
 from skywright.sim.physics import step_physics
-from skywright.sim.plant import actuate, blow, observe, sense
+from skywright.sim.plant import actuate, blow, hold_stalled_servos, observe, sense
 from skywright.sim.wind import step_wind
 from skywright.vehicle.frame import open_frame
 from skywright.vehicle.guard import (
@@ -33,6 +33,7 @@ from skywright.vehicle.guard import (
     CONTACT_LOST,
     CONTACT_MADE,
     ERROR_MAX,
+    FIX_AGE_MAX,
     LOST_CONTROL,
     NOT_FINITE,
     UP_MIN,
@@ -165,6 +166,10 @@ def after_law(
             error += (b.ref.p_WB[i] - b.est.p_WB[i]) ** 2
         if error > ERROR_MAX * ERROR_MAX or b.est.R_WB[2, 2] < UP_MIN:
             g.fired |= LOST_CONTROL
+        if b.t - g.last_fix > FIX_AGE_MAX:
+            g.fired |= LOST_CONTROL
+    if b.meas.mocap_fresh > 0.0:
+        g.last_fix = b.t
     if b.ref.active < 0.5:
         for i in range(thrust.shape[0]):
             thrust[i] = 0.0
@@ -250,7 +255,7 @@ def take_sample(
     normal = 0.0
     for a in range(3):
         normal += pl.normal[a] * pl.f_contact[a]
-    row.f_normal = abs(normal)
+    row.f_normal = normal
     row.f_collision = pl.f_collision
     row.saturated = cmd.saturated
     if pl.has_pipe:
@@ -304,6 +309,7 @@ def tick_after_law(frame: Array, n_samples: int) -> tuple[int, int]:
         v.b[0], v.pl[0], v.lk[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl,
         v.xfrc, v.pair_friction,
     )  # fmt: skip
+    hold_stalled_servos(v.pl[0], v.qpos, v.act, v.ctrl)
     return v.g[0].fired, n_samples
 
 
@@ -335,6 +341,7 @@ def mission_tick(frame: Array, n: int, n_steps: int, n_samples: int) -> int:
             v.b[0], v.pl[0], v.lk[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl,
             v.xfrc, v.pair_friction,
         )  # fmt: skip
+        hold_stalled_servos(v.pl[0], v.qpos, v.act, v.ctrl)
         if v.g[0].fired & NOT_FINITE:
             break
         for _ in range(n_steps):

@@ -136,7 +136,7 @@ class Mocap(Spec):
     """Motion capture of the vehicle and of the probe."""
 
     rate_hz: float = Field(default=100.0, gt=0, le=500)
-    latency_s: NonNegative = 0.008
+    latency_s: float = Field(default=0.008, ge=0, le=0.1)
     position_noise_m: NonNegative = 0.0003
     attitude_noise_rad: NonNegative = 0.002
     dropout_fraction: Fraction = 0.01
