@@ -1,6 +1,6 @@
 """Write the table in docs/reference/metrics.md from the report's list of metrics.
 
-    python docs/generate_metrics.py     (a test holds the page equal to it)
+python docs/generate_metrics.py     (a test holds the page equal to it)
 """
 
 from __future__ import annotations

@@ -29,8 +29,9 @@ DAMPING = 0.05
 def tip_feedback(par: Record, ref: Record, est: Record, body: Record, qd: Any) -> None:
     """qd += J^T (J J^T + d^2 1)^-1 K e_E, all in B, solved through the small joint-side matrix.
 
-    e_E loses its part along z_S while the reference is in contact (`ref.dead_zone` > 0). J^T (J J^T + d^2)^-1 = (J^T J + d^2)^-1 J^T; Gauss elimination without pivoting is safe because
-    the matrix is positive definite.
+    e_E loses its part along z_S while the reference is in contact (`ref.dead_zone` > 0).
+    J^T (J J^T + d^2)^-1 = (J^T J + d^2)^-1 J^T; Gauss elimination without pivoting is safe
+    because the matrix is positive definite.
     """
     n = body.n_joints
     e_W, e_B = np.empty(3), np.empty(3)

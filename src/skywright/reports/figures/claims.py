@@ -164,7 +164,8 @@ def _draw_map(ax: Axes, data: Map) -> None:
             v = values[r, c]
             text = "left" if np.isinf(v) else f"{v:+.1f}"
             ax.text(
-                c, r, text, ha="center", va="center", fontsize=7.5, color="white" if abs(v) > 4 else BLACK,
+                c, r, text, ha="center", va="center", fontsize=7.5,
+                color="white" if abs(v) > 4 else BLACK,
                 fontweight="bold" if v > 0 else "normal",
             )  # fmt: skip
     ax.set_xticks(range(len(data.columns)), data.columns)
