@@ -180,9 +180,11 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
         # fractions, ratios and factors
         "thrust_fraction", "figure_of_merit", "motor_efficiency", "usable_fraction", "belt",
         "flex_damping_ratio", "spring_damping_ratio", "position_damping", "attitude_damping",
-        "friction", "friction_feed_forward", "friction_variation", "turbulence", "relative_permeability",
+        "friction", "friction_feed_forward", "friction_variation", "turbulence",
+        "relative_permeability",
         "conductivity_change", "permeability_change",
-        "dropout_fraction", "outlier_fraction", "loss_fraction", "wind_fraction", "mass_error", "rotor_gain_error",
+        "dropout_fraction", "outlier_fraction", "loss_fraction", "wind_fraction",
+        "mass_error", "rotor_gain_error",
         "rotor_gain_spread", "inertia_error", "drag_error", "friction_error",
         # counts
         "encoder_counts", "seed", "passes", "retries",

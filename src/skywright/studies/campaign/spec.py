@@ -11,7 +11,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import skywright
 from skywright.errors import InputError
 from skywright.missions.dump import dump_description
 from skywright.missions.loader import Description, load_description, split_assignments
@@ -164,7 +163,7 @@ def _hash_law(base: Description) -> str | None:
 def collect_code_versions() -> dict[str, str]:
     """Versions of what computes a row; `code` is a hash of this package's own files."""
     digest = hashlib.sha256()
-    root = Path(skywright.__file__).parent
+    root = Path(__file__).parents[2]
     # what computes a row; pages, pictures and the command line may change
     unrelated = {"reports", "ground", "studies", "cli.py", "__main__.py"}
     for path in sorted(root.rglob("*")):
