@@ -20,6 +20,7 @@ from skywright.missions.limits import (
     GUST_SIGMAS,
     compute_equivalent_wind,
     compute_wind_allowance,
+    find_exceeded_push,
     find_exceeded_wind,
 )
 from skywright.missions.loader import load_description
@@ -35,6 +36,7 @@ from skywright.worlds.wind import (
     OUTLET,
     SPREAD,
     compute_dryden_scales,
+    compute_gust_sigma,
     compute_mean_wind,
     jet_speed,
 )
@@ -252,18 +254,38 @@ def _refusal(*sets: str) -> str | None:
     return find_exceeded_wind(load_description("pipe-weld-scan", sets=list(sets)), {})
 
 
-def test_gusts_count_with_two_sigma():
-    """A steady wind that is allowed is refused with turbulence; a mean 1/(1 + 2 I) of it is not."""
+def test_gusts_count_with_three_sigma():
+    """A steady wind that is allowed is refused with turbulence; a mean 1/(1 + 3 I) of it is not."""
     ahead = ["world.wind.toward_deg=0"]
     assert _refusal("world.wind.kind=steady", "world.wind.mean_mps=5", *ahead) is None
     told = _refusal("world.wind.kind=dryden", "world.wind.mean_mps=5", *ahead)
-    assert told is not None and "with gusts (mean + 2 sigma)" in told
-    assert GUST_SIGMAS == 2.0
+    assert told is not None and "with gusts (mean + 3 sigma)" in told
+    assert GUST_SIGMAS == 3.0
     assert _refusal("world.wind.kind=dryden", "world.wind.mean_mps=3", *ahead) is None
     assert _refusal(
         "world.wind.kind=dryden", "world.wind.mean_mps=3", *ahead,
         "world.wind.dryden.severity=moderate",
     ) is not None  # fmt: skip
+
+
+def test_only_gusts_slower_than_the_robot_count():
+    """The eddies of a fan (0.05 s) are mostly too quick, those of the open air (7 s) are not."""
+    fan = Wind(kind="fan", mean_mps=6.0)
+    assert compute_gust_sigma(fan, 6.0)[0] == pytest.approx(1.2)
+    assert compute_gust_sigma(fan, 6.0, 6.0)[0] == pytest.approx(1.2 * math.sqrt(0.3 / 1.3))
+    air = Wind(kind="dryden", mean_mps=3.0)
+    slow, all_ = compute_gust_sigma(air, 3.0, 6.0), compute_gust_sigma(air, 3.0)
+    assert 0.98 < slow[0] / all_[0] < 1.0
+
+
+def test_gusts_that_could_lift_the_probe_are_refused():
+    """At 3 m/s, 0.68 m/s rms: 3 sigma (2 a v + b) with a = 0.036 kg/m and b near 0.37 kg/s."""
+    sets = ["world.wind.kind=dryden", "world.wind.mean_mps=3"]
+    d = load_description("pipe-weld-scan", sets=sets)
+    assert find_exceeded_push(d, 1.3) is None
+    told = find_exceeded_push(d, 1.0)
+    assert told is not None and "could lift the probe" in told and "1.00 N" in told
+    assert find_exceeded_push(load_description("pipe-weld-scan"), 0.0) is None
 
 
 def test_equivalent_wind_of_a_jet_is_weaker_than_its_axis_and_of_a_wide_jet_is_the_axis():

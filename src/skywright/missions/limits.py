@@ -33,8 +33,9 @@ Array = NDArray[np.float64]
 HEADING_STEP_DEG = 10.0  # headings of a plan are grouped to this
 TOWARD_STEP_DEG = 5.0  # and directions of gusts
 PLACE_STEP = 0.2  # m, platform places of a plan in a fan's jet are grouped to this
-GUST_SIGMAS = 2.0
-"""Gusts count with this many standard deviations on top of the mean (exceeded 2 % of the time)."""
+GUST_SIGMAS = 3.0
+"""Gusts count with this many standard deviations on top of the mean: the expected largest of the
+tens of gusts that pass during a scan (peak factor, Davenport 1964)."""
 SWEEP_STEPS = 9  # directions of an oscillating fan that are looked at
 GUST_DIRECTIONS = 12
 
@@ -44,7 +45,8 @@ def find_exceeded_wind(description: Description, segments: dict[str, NDArray[Any
 
     Checked at every heading of `segments`, in a fan's jet at every place too; without a plan at
     the heading of the start and at the one that faces the pipe. Turbulence counts with the mean
-    plus GUST_SIGMAS standard deviations, in its worst direction. The arm is in its working posture.
+    plus GUST_SIGMAS standard deviations of what is slower than the position loop, in its worst
+    direction. The arm is in its working posture.
     """
     d, wind = description, description.world.wind
     if compute_speed(wind) == 0.0:
@@ -84,6 +86,29 @@ def find_exceeded_wind(description: Description, segments: dict[str, NDArray[Any
     )
 
 
+def find_exceeded_push(description: Description, push_force: float) -> str | None:
+    """Say that gusts could lift the probe that is pressed on with `push_force` (N), or None.
+
+    The push is a deflection of the position loop, so a slow gust away from the surface takes its
+    drag off the contact force: GUST_SIGMAS sigma of it must be less than the push.
+    """
+    d, wind = description, description.world.wind
+    speed = compute_speed(wind)
+    if not wind.gusty or speed == 0.0:
+        return None
+    if wind.kind == "fan":
+        speed = float(np.linalg.norm(compute_wind_allowance(d.robot, d.world)))
+    body, hubs = _compute_drag_factors(d.robot, d.world)
+    sigma = compute_gust_sigma(wind, speed, d.robot.control.position_bandwidth_rad_s)
+    gust = GUST_SIGMAS * float(sigma[0]) * (2.0 * body * speed + hubs)
+    if gust <= push_force:
+        return None
+    return (
+        f"gusts ({GUST_SIGMAS:g} sigma) drag with {gust:.2f} N and could lift the probe that is "
+        f"pressed on with {push_force:.2f} N"
+    )
+
+
 def compute_wind_allowance(robot: Robot, world: World) -> Array:
     """Return the steady wind (3,) m/s in W that a plan allows for: the mean.
 
@@ -109,11 +134,22 @@ def compute_equivalent_wind(
     A jet is narrower than a robot, so the drag of body and hubs (hovering rotors, each in its own
     air) is summed and a v^2 + b v = F solved for the speed; the uneven drag's torque is left out.
     """
-    rotors, p = build_rotors(robot.rotors), robot.platform
+    rotors = build_rotors(robot.rotors)
     points = np.vstack([np.zeros(3), rotors.position @ rot_z(yaw).T]) + p_WB
     air = compute_mean_wind(world.wind, points, turn)
     if world.wind.kind != "fan":
         return np.asarray(air[0])
+    a, b = _compute_drag_factors(robot, world)
+    force = a * float(np.linalg.norm(air[0])) * air[0] + b * air[1:].mean(axis=0)
+    size = float(np.linalg.norm(force))
+    if size < 1e-9:
+        return np.zeros(3)
+    return np.asarray(2.0 * force / (b + math.sqrt(b * b + 4.0 * a * size)))
+
+
+def _compute_drag_factors(robot: Robot, world: World) -> tuple[float, float]:
+    """Return a (kg/m) and b (kg/s) of the horizontal drag a v^2 + b v: body, and hovering hubs."""
+    rotors, p = build_rotors(robot.rotors), robot.platform
     mass = p.mass_kg
     if robot.arm is not None:
         mass += sum(link.mass_kg for link in robot.arm.links.values())
@@ -122,15 +158,7 @@ def compute_equivalent_wind(
     n = len(rotors.position)
     omega = math.sqrt(mass * world.gravity_mps2 / n / rotors.k_f)
     a = 0.5 * world.air_density_kg_m3 * max(p.drag_area_x_m2, p.drag_area_y_m2)
-    b = rotors.drag_coefficient * omega
-    force = a * float(np.linalg.norm(air[0])) * air[0] + b * air[1:].sum(axis=0)
-    size = float(np.linalg.norm(force))
-    if size < 1e-9 or a + n * b <= 0.0:
-        return np.zeros(3)
-    speed = (
-        (math.sqrt((n * b) ** 2 + 4.0 * a * size) - n * b) / (2.0 * a) if a > 0 else size / (n * b)
-    )
-    return np.asarray(speed / size * force)
+    return a, n * rotors.drag_coefficient * omega
 
 
 def _find_gusts(d: Description, mean: Array) -> Array:
@@ -139,7 +167,7 @@ def _find_gusts(d: Description, mean: Array) -> Array:
     speed = float(np.linalg.norm(mean))
     if not wind.gusty or speed == 0.0:
         return mean[None]
-    sigma = compute_gust_sigma(wind, speed)
+    sigma = compute_gust_sigma(wind, speed, d.robot.control.position_bandwidth_rad_s)
     along = mean / speed
     across = np.array([-along[1], along[0], 0.0])
     around = np.linspace(0.0, 2.0 * math.pi, GUST_DIRECTIONS, endpoint=False)[:, None]

@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
 from skywright.errors import InputError
-from skywright.missions.limits import compute_wind_allowance, find_exceeded_wind
+from skywright.missions.limits import (
+    compute_wind_allowance,
+    find_exceeded_push,
+    find_exceeded_wind,
+)
 from skywright.missions.loader import Description
 from skywright.models.allocation import build_allocator
 from skywright.models.geometry import build_clearance, compute_clearance
@@ -79,6 +83,8 @@ def plan_mission(description: Description) -> MissionPlan:
         if blocked is not None:
             plan = plan._replace(feasible=False, blocked_by=blocked)
     too_windy = find_exceeded_wind(description, plan.segments)
+    if too_windy is None and description.mission.kind == "scan" and plan.feasible:
+        too_windy = find_exceeded_push(description, plan.push_force_n)
     if too_windy is not None:
         return plan._replace(feasible=False, blocked_by=too_windy)
     return plan
