@@ -11,7 +11,6 @@ import importlib
 import math
 from typing import Any, NamedTuple
 
-from skywright.core.types import IMU_HISTORY
 from skywright.errors import InputError
 from skywright.models.rotors import build_rotors
 from skywright.robots.spec import Robot
@@ -43,7 +42,7 @@ def load_estimator(name: str) -> Estimator:
 
 
 def fill_parameters(belief: Any, robot: Robot, world: World, imu_period: float) -> None:
-    """Write the parameters of all estimators into a BELIEF record; raises InputError.
+    """Write the parameters of all estimators into a BELIEF record.
 
     They are what data sheets say: noise densities, stated accuracy of the motion capture, and the
     vibration at hover.
@@ -53,11 +52,6 @@ def fill_parameters(belief: Any, robot: Robot, world: World, imu_period: float) 
     obs, flt = belief["obs"], belief["flt"]
     obs["bandwidth"] = robot.control.observer_bandwidth_rad_s
     obs["rotor_tau"] = rotors.time_constant
-    if m.latency_s > 0.5 * IMU_HISTORY * imu_period:
-        raise InputError(
-            f"world.mocap.latency_s = {m.latency_s:g} is longer than the estimator remembers; "
-            f"valid: up to {0.5 * IMU_HISTORY * imu_period:g}"
-        )
     flt["h"] = imu_period
     flt["p_BI"] = [s.imu_x_m, s.imu_y_m, s.imu_z_m]
     flt["q_v"], flt["q_R"] = s.accel_noise_mps2_sqrthz**2, s.gyro_noise_rad_s_sqrthz**2
