@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from skywright.control.registry import FULLY_ACTUATED, load_law
 from skywright.core.recording import RecordingWriter
+from skywright.core.threads import on_one_thread
 from skywright.core.types import SAMPLE
 from skywright.errors import InfeasibleError, InputError, SimulationError
 from skywright.evaluation.directory import (
@@ -101,6 +102,7 @@ class RunResult(NamedTuple):
         }
 
 
+@on_one_thread
 def run_mission(
     description: Description,
     *,
@@ -143,6 +145,7 @@ def run_mission(
     return result._replace(directory=final)
 
 
+@on_one_thread
 def fly_and_evaluate(description: Description, observers: Sequence[Observer] = ()) -> RunResult:
     """Plan, fly and evaluate a mission without writing anything; `directory` is the current one.
 
@@ -157,6 +160,7 @@ def fly_and_evaluate(description: Description, observers: Sequence[Observer] = (
     return result
 
 
+@on_one_thread
 def evaluate_directory(directory: Path) -> RunResult:
     """Evaluate a run's directory (or NAME.partial) again from its recording.
 

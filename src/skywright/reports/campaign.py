@@ -45,8 +45,8 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
                 "Where it fails", figures.draw_conditions(rows, keys, verdict),
                 "Each dot is one run, placed by the value that it drew. Its height tells how near "
                 "it came to its tightest limit: from the median of all runs (bottom) to the limit "
-                "(dashed). Failures have a mark of their own; a run that was not completed has no "
-                "height and sits at the top.",
+                "(dashed). Failures have a mark of their own; one without such a height (a count "
+                "that was missed, a run that was not completed) sits at the top.",
             ),
             _picture(
                 "The two conditions that matter most", figures.draw_map(rows, keys, verdict),

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from skywright.evaluation.rows import Row
 from skywright.evaluation.verdict import LIMIT_USE, Verdict, add_limit_use
-from skywright.reports.figures.style import BLUE, LIMIT, SERIES, WIDTH, new_figure
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    LIMIT,
+    ORANGE,
+    PURPLE,
+    RED,
+    WIDTH,
+    new_figure,
+)
 
 Array = NDArray[np.float64]
 
@@ -20,6 +30,7 @@ TOP = 1.6
 """Limit use at which the scale ends; what lies beyond, or was never measured, sits there."""
 
 MARKERS = "XPsD^v*"
+FAILURES = (RED, BLACK, PURPLE, ORANGE, GREEN)
 MAX_PANELS = 12
 
 
@@ -171,15 +182,16 @@ def draw_sensitivities(keys: Sequence[str], verdict: Verdict, most: int = 14) ->
 
 
 def _compute_use(rows: Sequence[Row], verdict: Verdict) -> Array:
+    """Height (n,) of each run; a failure that no scale explains (a count, not completed) is TOP."""
     use = np.array([row.metrics[LIMIT_USE] for row in add_limit_use(rows, verdict.headroom)])
-    return np.where(np.isfinite(use), np.clip(use, -0.3, TOP), TOP)
+    unexplained = ~np.isfinite(use) | (~(use >= 1.0) & [not row.succeeded for row in rows])
+    return np.where(unexplained, TOP, np.clip(use, -0.3, TOP))
 
 
 def _choose_styles(verdict: Verdict) -> dict[str, tuple[str, str]]:
     """Colour and marker of each reason to fail."""
-    colours = [c for c in SERIES if c != BLUE]
     return {
-        g.requirement: (colours[(i + 3) % len(colours)], MARKERS[i % len(MARKERS)])
+        g.requirement: (FAILURES[i % len(FAILURES)], MARKERS[i % len(MARKERS)])
         for i, g in enumerate(verdict.failures)
     }
 

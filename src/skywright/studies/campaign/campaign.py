@@ -159,6 +159,9 @@ def _check(campaign: Campaign, runs: int, record: str, target: float) -> None:
 
 
 def _check_ray_workers(ray: str, workers: int | None) -> int | None:
+    from skywright.studies.campaign.cluster import check_address
+
+    check_address(ray)
     if workers is None:
         return None
     if ray != "local":

@@ -7,8 +7,10 @@ same version of this program; one with another is refused, because its rows woul
 
 from __future__ import annotations
 
+import importlib.util
 import logging
 import os
+import socket
 from collections.abc import Generator, Iterator
 from typing import Any
 
@@ -22,19 +24,37 @@ AHEAD = 2
 """Runs handed over for each core, so that no core waits for the next."""
 
 
+PATIENCE_S = 10.0
+"""Time that a cluster has to answer."""
+
+
+def check_address(address: str) -> None:
+    """Raise InputError where Ray is not installed or nothing answers at an address with a port."""
+    if importlib.util.find_spec("ray") is None:
+        raise InputError(
+            "--ray needs Ray, which is not installed: pip install 'skywright[cluster]'"
+        )
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if address in ("local", "auto"):
+        return
+    valid = "valid: local, or HOST:PORT as `ray start --head` prints it"
+    if not colon or not port.isdecimal():
+        raise InputError(f"--ray {address!r}: is no address; {valid}")
+    try:  # Ray itself would try for more than a minute
+        socket.create_connection((host, int(port)), timeout=PATIENCE_S).close()
+    except (OSError, OverflowError) as error:
+        raise InputError(f"--ray {address}: no cluster there ({error}); {valid}") from None
+
+
 def connect(address: str, workers: int | None) -> None:
     """Start a Ray of this machine (`local`) or join the cluster at `address`.
 
-    Raises InputError where Ray is not installed or nothing answers.
+    Raises InputError where that fails.
     """
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent anywhere
-    try:
-        import ray
-    except ImportError:
-        raise InputError(
-            "--ray needs Ray, which is not installed: pip install 'skywright[cluster]'"
-        ) from None
+    import ray
+
     options: dict[str, Any] = {
         "logging_level": logging.ERROR,
         "log_to_driver": False,
@@ -47,10 +67,7 @@ def connect(address: str, workers: int | None) -> None:
             ray.init(address, **options)
     except Exception as error:  # Ray raises a different one for each kind of wrong address
         reason = " ".join(str(error).split())
-        raise InputError(
-            f"--ray {address}: no cluster there ({reason}); valid: local, or an address as "
-            "`ray start --head` prints it"
-        ) from None
+        raise InputError(f"--ray {address}: cannot be joined ({reason})") from None
 
 
 def disconnect() -> None:

@@ -133,13 +133,12 @@ def write_value(value: Value) -> str:
 
 
 def build_identity(campaign: Campaign) -> dict[str, Any]:
-    """Return what must agree for two campaigns to have the same rows."""
+    """Return what must agree for two campaigns to have the same rows; what tells most is first."""
     text = dump_description(campaign.base)
     return {
         "mission": campaign.mission,
         "robot": campaign.base.robot.name,
         "world": campaign.base.world.name,
-        "description": hashlib.sha256(text.encode()).hexdigest()[:16],
         "set": list(campaign.sets),
         "seed": campaign.seed,
         "vary": {v.key: v.text for v in campaign.variations},
@@ -147,6 +146,7 @@ def build_identity(campaign: Campaign) -> dict[str, Any]:
             repr([(v.key, v.kind, v.values) for v in campaign.variations]).encode()
         ).hexdigest()[:16],
         "law": _hash_law(campaign.base),
+        "description": hashlib.sha256(text.encode()).hexdigest()[:16],
         "versions": collect_code_versions(),
     }
 
