@@ -9,13 +9,9 @@ from scipy.stats import chi2
 
 from skywright.core.types import BELIEF, IMU_HISTORY
 from skywright.errors import InputError
-from skywright.estimation.error_state import (
-    fuse,
-    integrate,
-    propagate_covariance,
-    step_belief,
-)
+from skywright.estimation.error_state import fuse, step_belief
 from skywright.estimation.registry import load_estimator
+from skywright.estimation.strapdown import integrate, propagate_covariance
 from skywright.evaluation.run import build_vehicle
 from skywright.missions.loader import load_description
 from skywright.missions.planning import plan_mission
