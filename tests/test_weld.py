@@ -69,7 +69,9 @@ def fly_scan(
     lag: float = 0.008,
     around: bool = False,
     noise: float = 3e-4,
+    touch: tuple[float, float] | None = None,
 ) -> Fake:
+    """`touch`: (s, c) of the calibration's approach, where it is not the start of the scan."""
     rng = np.random.default_rng(seed)
     pipe = Pipe(yaw_deg=30.0, inclination_deg=12.0)
     ps, cylinder = build_probe_signal(pipe, weld, rng), build_cylinder(pipe)
@@ -89,6 +91,10 @@ def fly_scan(
 
     s = np.interp(u, length, path[:, 0]) + wander(0.002, 2.0)
     c = np.interp(u, length, path[:, 1]) + wander(0.002, 2.0)
+    if touch is not None:
+        early = t < APPROACH
+        s[early] += touch[0] - path[0, 0]
+        c[early] += touch[1] - path[0, 1]
     gap = np.clip(0.04 - 0.01 * t, 0, None) + np.abs(wander(2e-5, 0.05))
     tilt = np.abs(math.radians(2) + wander(math.radians(1.2), 1.0))
     ec = readings(ps, s, c, gap, tilt, rng.standard_normal((t.size, 2)))
@@ -253,6 +259,100 @@ def test_following_the_weld_is_one_crossing_with_a_wide_line() -> None:
     offset, error = compute_line_error(result.line, weld)
     assert result.line.std_offset > 1e-3  # half the weld's width, not the count of samples
     assert abs(offset) < 3 * result.line.std_offset and abs(error) < 3 * result.line.std_angle
+
+
+@pytest.mark.parametrize("angle", [0.0, 20.0, -30.0])
+def test_a_calibration_on_the_weld_is_moved_to_the_base_metal(angle: float) -> None:
+    weld = Weld(angle_deg=angle, offset_m=0.01)
+    for seed in range(3):
+        result = process(fly_scan(seed, weld, touch=(0.01, 0.0)))
+        assert any("taken as base metal" in note for note in result.notes)
+        assert result.line is not None and len(result.crossings) == 4
+        offset, error = compute_line_error(result.line, weld)
+        assert abs(offset) < 1e-3 and abs(math.degrees(error)) < 0.6
+        assert np.mean(result.on_weld[result.contact]) < 0.15
+        clean = process(fly_scan(seed, weld))
+        a, b = result.calibration.weld_axis, clean.calibration.weld_axis
+        # the weld's own direction, not its opposite
+        assert a is not None and b is not None and (a * b.conjugate()).real > 0.9
+        assert not any("base metal" in note for note in clean.notes)
+
+
+def test_a_calibration_on_the_flank_of_the_weld_does_no_harm() -> None:
+    weld = Weld(angle_deg=10.0, offset_m=0.01)
+    for off in (-0.009, -0.0075, -0.006, -0.004, 0.003, 0.005, 0.007):
+        line = process(fly_scan(4, weld, touch=(0.01 + off, 0.0))).line
+        assert line is not None
+        offset, error = compute_line_error(line, weld)
+        assert abs(offset) < 4 * line.std_offset and abs(error) < 4 * line.std_angle
+
+
+def test_no_line_where_either_metal_may_be_the_base() -> None:
+    # one pass on a seam after a touch beside it reads like one on base metal after a touch on it
+    seam, away = Weld(angle_deg=90.0, offset_m=-0.07), (0.0, 0.0)
+    fake = fly_scan(0, seam, passes=1, touch=away)
+    result = process(fake)
+    assert result.line is None and not result.crossings and not result.on_weld.any()
+    assert any("either may be base metal" in note for note in result.notes)
+    # a known weld axis tells them apart
+    axis = process(fly_scan(0, Weld())).calibration.weld_axis
+    known = process(fake, weld_axis=axis)
+    assert any("follows the weld" in note for note in known.notes) and known.line is not None
+    offset, error = compute_line_error(known.line, seam)
+    assert abs(offset) < 3 * known.line.std_offset and abs(error) < 3 * known.line.std_angle
+
+
+def test_crossings_at_the_ends_of_the_passes_are_admitted_uncertain() -> None:
+    z, several = [], 0
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        side = float(rng.choice([-1.0, 1.0]))
+        weld = Weld(
+            angle_deg=float(rng.uniform(-35, 35)), offset_m=side * float(rng.uniform(0.06, 0.105))
+        )
+        result = process(fly_scan(200 + seed, weld, speed=0.02))
+        cut = [x for x in result.crossings if x.one_sided]
+        assert all(x.std >= 0.005 for x in cut)
+        assert bool(cut) == any("turn back or end on the weld" in x for x in result.notes)
+        several += bool(cut)
+        if result.line is not None:
+            offset, error = compute_line_error(result.line, weld)
+            z.append((offset / result.line.std_offset, error / result.line.std_angle))
+    assert several >= 6 and len(z) > 12
+    assert np.max(np.abs(z)) < 4.0 and np.all(np.sqrt(np.mean(np.square(z), axis=0)) < 1.6)
+
+
+def test_a_crossing_that_the_end_of_contact_cuts_off_is_admitted_uncertain() -> None:
+    weld = Weld(angle_deg=0.0, offset_m=0.0)
+    fake = fly_scan(7, weld)
+    whole = process(fake)
+    assert not any(x.one_sided for x in whole.crossings)
+    # the record begins on the weld: half of the first crossing is missing
+    first = whole.crossings[0].t
+    late = (fake.t < APPROACH) | (fake.t > first)
+    part = Fake(
+        fake.t[late], fake.ec[late], fake.p[late], fake.cylinder, *(x[late] for x in fake[4:])
+    )
+    result = process(part)
+    assert [x.one_sided for x in result.crossings] == [True, False, False, False]
+    assert result.line is not None
+    offset, error = compute_line_error(result.line, weld)
+    assert abs(offset) < 3 * result.line.std_offset and abs(error) < 3 * result.line.std_angle
+
+
+def test_a_line_that_a_refinement_loses_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    from skywright.inspection import weld as module
+
+    calls = []
+
+    def lose(*columns: np.ndarray) -> object:
+        calls.append(len(calls))
+        return estimate_weld_line(*columns) if len(calls) == 1 else None
+
+    monkeypatch.setattr(module, "estimate_weld_line", lose)
+    result = process(fly_scan(0, Weld()))
+    assert len(calls) == 2 and result.line is None
+    assert any("too close together" in note for note in result.notes)
 
 
 def test_nan_samples_are_left_out() -> None:

@@ -247,6 +247,7 @@ def test_bad_arguments_are_refused(rows: list[list[str]], tmp_path: Path) -> Non
         ({"calibrate": "900:999"}, "no samples"),
         ({"calibrate": "40:60"}, "calibration"),
         ({"calibrate": "0:1"}, "calibration"),
+        ({"calibrate": "0:1e9"}, "not searched for a weld"),
         ({"calibrate": "0:7", "calibration_file": path}, "not both"),
         ({"calibration_file": tmp_path / "none.toml"}, "cannot be read"),
         ({"calibration_file": path}, "not valid TOML"),
@@ -262,6 +263,16 @@ def test_bad_arguments_are_refused(rows: list[list[str]], tmp_path: Path) -> Non
     for target in (tmp_path / "none.csv", tmp_path):
         with pytest.raises(InputError, match="cannot be read"):
             process_file(target)
+
+
+def test_a_calibration_span_over_most_of_the_scan_is_noted(
+    rows: list[list[str]], tmp_path: Path
+) -> None:
+    path = write(tmp_path / "a.csv", rows)
+    end = float(rows[-1][0])
+    report = process_file(path, calibrate=f"0:{0.75 * end:.1f}")
+    assert any("not searched for a weld" in note for note in report.notes)
+    assert not any("not searched" in note for note in process_file(path, calibrate="0:7").notes)
 
 
 @pytest.mark.parametrize(
@@ -348,7 +359,7 @@ def test_any_cells_are_refused_or_processed(
         errors="ignore",
     )
     try:
-        out = process_file(tmp_path / "f.csv", calibrate="-1e9:1e9").to_json()
+        out = process_file(tmp_path / "f.csv", calibrate="-1e9:1").to_json()
     except InputError as error:
         assert "\n" not in str(error)
     else:

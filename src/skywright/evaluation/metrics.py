@@ -199,7 +199,7 @@ def calibrate_on_touch(samples: Samples, phases: list[PhaseRecord]) -> Calibrati
 
 def _add_weld_metrics(out: dict[str, float], weld: WeldResult, description: Description) -> None:
     out["weld.contact_fraction"] = weld.contact_fraction
-    out["weld.crossings"] = float(sum(c.on_line for c in weld.crossings) if weld.line else 0)
+    out["weld.crossings"] = float(sum(c.on_line or weld.line is None for c in weld.crossings))
     true = description.world.weld
     if weld.line is None or true is None or not true.present:
         return

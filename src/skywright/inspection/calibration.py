@@ -193,6 +193,14 @@ def compute_components(ec: NDArray[Any], calibration: Calibration) -> tuple[Arra
     return lift_off, np.abs(weld) if cal.weld_axis is None else weld
 
 
+def compute_local(ec: NDArray[Any], calibration: Calibration) -> tuple[ComplexArray, Array]:
+    """(local, across), each (n,): the signal from contact, the lift-off axis real, and how far it
+    lies across the lift-off curve (instrument units)."""
+    cal = calibration
+    local = (to_complex(ec) - cal.contact) * np.conj(cal.lift_off_axis)
+    return local, np.asarray(local.imag - _curve_at(cal.curve, local.real, cal.excursion))
+
+
 def estimate_weld_axis(ec: NDArray[Any], calibration: Calibration) -> complex | None:
     """Direction of the weld on the display from a scan, or None where no weld stands out.
 
@@ -200,9 +208,8 @@ def estimate_weld_axis(ec: NDArray[Any], calibration: Calibration) -> complex | 
     have one sign; their lift-off part regressed on it gives the direction. Tilt and gap, which
     vary independently of the weld, average out.
     """
-    cal = calibration._replace(weld_axis=None)
-    local = (to_complex(ec) - cal.contact) * np.conj(cal.lift_off_axis)
-    across = local.imag - _curve_at(cal.curve, local.real, cal.excursion)
+    cal = calibration
+    local, across = compute_local(ec, cal)
     ok = np.isfinite(across) & (np.abs(local.real) < cal.lift_off_threshold)
     strong = ok & (np.abs(across) > cal.weld_threshold)
     if strong.sum() < 5:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.errors import InputError
+from skywright.inspection.baseline import MAJORITY, centre_calibration
 from skywright.inspection.calibration import (
     Calibration,
     compute_components,
@@ -33,6 +34,8 @@ SIGNIFICANCE = 5.0
 """Least height of a crossing above the base metal, in standard deviations of its texture."""
 LONG_LENGTH = 0.035
 """m; a longer stretch runs along the weld and is cut into pieces of this length."""
+HALF_WIDTH = 0.005
+"""m; least standard deviation of a place on the weld that was not crossed from side to side."""
 
 
 class Crossing(NamedTuple):
@@ -48,6 +51,7 @@ class Crossing(NamedTuple):
     std: float  # m, of the position along the motion (across the weld)
     samples: int
     on_line: bool = False
+    one_sided: bool = False  # entered and left on one side, or cut off by the end of the contact
 
 
 class WeldResult(NamedTuple):
@@ -170,6 +174,19 @@ def _locate(
     )
 
 
+def _is_crossed(x: Array, before: bool, after: bool) -> bool:
+    """Whether a stretch leads from one side of the weld to the other.
+
+    `x` (n,) m along the weld's normal, or along the stretch; `before`, `after`: base metal was
+    seen next to its start and its end. A path that turns on the weld, or ends there, shows one
+    flank only: the middle of what it saw is not the weld's.
+    """
+    count = min(max(x.size // 20, 3), x.size)
+    net = abs(float(np.mean(x[-count:])) - float(np.mean(x[:count])))
+    reach = float(np.diff(np.quantile(x, [0.02, 0.98]))[0])
+    return before and after and net > 0.5 * reach
+
+
 def _columns(crossings: list[Crossing], *names: str) -> tuple[Array, ...]:
     return tuple(np.array([getattr(x, name) for x in crossings], float) for name in names)
 
@@ -182,20 +199,36 @@ def find_crossings(
     on_weld: NDArray[np.bool_],
     noise: float,
     surface: Cylinder,
+    base: NDArray[np.bool_],
     normal: tuple[float, float] | None = None,
 ) -> tuple[list[Crossing], list[Crossing]]:
-    """(crossings, points for the line) of a scan.
+    """(crossings, points for the line) of a scan; `base` (n,) flags contact off the weld.
 
     They are the same, except where the path runs along the weld: such a stretch is one crossing
-    but several points, each as uncertain as the weld is wide.
+    but several points, each as uncertain as the weld is wide. So is a one-sided stretch.
     """
     crossings: list[Crossing] = []
     points: list[Crossing] = []
+
+    def is_base(index: slice, at: int) -> bool:
+        close = np.abs(t[index] - t[at]) < MERGE_TIME
+        close &= np.hypot(s[index] - s[at], c[index] - c[at]) < 0.01
+        return bool(np.any(base[index] & close))
+
     for start, stop in _merge_runs(_runs(on_weld, t, s, c), t, s, c):
         span = slice(start, stop)
         found = _locate(t[span], s[span], c[span], weld[span], noise, surface, normal)
         if found is None:
             continue
+        d = np.stack([s[span], c[span]], axis=1)
+        d -= d.mean(axis=0)
+        x = d @ (np.linalg.eigh(d.T @ d)[1][:, -1] if normal is None else np.array(normal))
+        # a few samples: the probe may chatter where the weld begins
+        before = is_base(slice(max(start - 5, 0), start), start)
+        after = is_base(slice(stop, stop + 5), stop - 1)
+        if not _is_crossed(x, before, after):
+            half = 0.5 * float(np.diff(np.quantile(x, [0.02, 0.98]))[0])
+            found = found._replace(one_sided=True, std=max(HALF_WIDTH, half))
         crossings.append(found)
         path = np.hypot(s[span] - s[start], c[span] - c[start])
         reach = float(path.max())
@@ -206,7 +239,9 @@ def find_crossings(
         for index in np.array_split(np.arange(start, stop), pieces):
             piece = _locate(t[index], s[index], c[index], weld[index], noise, surface)
             if piece is not None:
-                points.append(piece._replace(std=0.005))
+                # pieces of a path along one flank are all off to the same side
+                shared = math.sqrt(pieces) if found.one_sided else 1.0
+                points.append(piece._replace(std=HALF_WIDTH * shared, one_sided=found.one_sided))
     return crossings, points
 
 
@@ -224,7 +259,8 @@ def process_scan(
     Parameters: `t` (n,) s, increasing; `ec` (n, 2) or complex (n,), instrument units; `p_WT`
     (n, 3) m, measured tip in W; `surface` as built or fitted; `exclude` a time span (s) whose
     contact is not looked at for welds (the calibration). Samples with NaN are left out.
-    Where the calibration knows no weld axis, it is estimated from this scan.
+    Where the calibration knows no weld axis, it is estimated from this scan; a calibration that
+    was taken on the weld is moved to this scan's base metal, or no line is reported.
     Raises InputError for arrays that do not fit together.
     """
     t = np.asarray(t, float).ravel()
@@ -241,17 +277,33 @@ def process_scan(
     notes: list[str] = []
     s, c, gap = unroll_points(surface, p)
 
-    _, _, contact = detect_contact(w, calibration)
-    contact &= valid
-    if calibration.weld_axis is None:
+    searched = valid.copy()
+    if exclude is not None:
+        searched &= ~((t >= exclude[0]) & (t <= exclude[1]))
+    contact = detect_contact(w, calibration)[2] & valid
+    first = contact & searched
+    baseline = centre_calibration(w[first], s[first], c[first], calibration)
+    calibration = baseline.calibration
+    if baseline.note is not None:
+        notes.append(baseline.note)
+        contact = detect_contact(w, calibration)[2] & valid
+    sound = baseline.sound
+    axis_known = calibration.weld_axis is not None
+    if not axis_known:
         axis = estimate_weld_axis(w[contact], calibration)
         if axis is not None:
             calibration = calibration._replace(weld_axis=axis)
     lift_off, weld, contact = detect_contact(w, calibration)
     contact &= valid
-    on_weld = contact & (weld > calibration.weld_threshold)
-    if exclude is not None:
-        on_weld &= ~((t >= exclude[0]) & (t <= exclude[1]))
+    on_weld = contact & searched & (weld > calibration.weld_threshold)
+    share = float(on_weld.sum()) / max(int((contact & searched).sum()), 1)
+    if sound and not axis_known and share > MAJORITY:
+        sound = False
+        notes.append(
+            f"{share:.0%} of the contact samples read as weld: base metal must be the majority for "
+            "a line; calibrate away from the weld"
+        )
+    on_weld &= sound
 
     # the texture of the steel moves the same way as the weld, only less: what is found must
     # stand out of the base metal that this scan saw
@@ -259,24 +311,31 @@ def process_scan(
     noise = robust_std(weld[quiet])
     base = float(np.median(weld[quiet])) if quiet.any() else 0.0
     index = np.flatnonzero(valid)
+    off_weld = contact & searched & ~on_weld
     data = (t[index], s[index], c[index], weld[index] - base, on_weld[index], noise, surface)
     line: WeldLine | None = None
     for _ in range(3):  # the line's normal refines the crossings, which refine the line
         normal = None if line is None else (math.cos(line.angle), -math.sin(line.angle))
-        found, points = find_crossings(*data, normal)
+        found, points = find_crossings(*data, off_weld[index], normal)
         crossings = [x for x in found if x.peak >= SIGNIFICANCE * noise]
         points = [x for x in points if x.peak >= SIGNIFICANCE * noise]
-        refined = estimate_weld_line(*_columns(points, "s", "c", "v_s", "v_c", "std"))
-        if refined is None:
+        line = estimate_weld_line(*_columns(points, "s", "c", "v_s", "v_c", "std"))
+        if line is None:
             break
-        line = refined
     if len(found) > len(crossings):
         notes.append(
             f"{len(found) - len(crossings)} stretches above the weld threshold do not stand out of "
             f"the texture of the base metal ({SIGNIFICANCE:g} x {noise:.2g} units): left out"
         )
+    one_sided = sum(x.one_sided for x in crossings)
+    if one_sided:
+        notes.append(
+            f"{one_sided} of {len(crossings)} crossings turn back or end on the weld: their places "
+            "are only known to its width"
+        )
     if line is not None:
-        near = np.abs(line_distance(line, *_columns(crossings, "s", "c"))) < INLIER
+        places, std = _columns(crossings, "s", "c"), _columns(crossings, "std")[0]
+        near = np.abs(line_distance(line, *places)) < np.maximum(INLIER, 2 * std)
         crossings = [x._replace(on_line=bool(b)) for x, b in zip(crossings, near, strict=True)]
         if not near.all():
             notes.append(

@@ -29,6 +29,9 @@ from skywright.inspection.weld import WeldResult, detect_contact, process_scan
 
 Array = NDArray[np.float64]
 
+LEAST_SEARCHED = 0.1
+"""Least share of the contact samples that a calibration span must leave to be searched."""
+
 
 class WeldReport(NamedTuple):
     """A processed file."""
@@ -152,6 +155,29 @@ def _calibrate(
     return cal
 
 
+def _check_span(
+    scan: Scan, span: tuple[float, float], contact: NDArray[np.bool_], given: bool
+) -> str | None:
+    """A note where the calibration span holds most of the contact, which is then not searched.
+
+    Raises InputError where it was `given` and leaves next to nothing.
+    """
+    total = int(contact.sum())
+    inside = int((contact & (scan.t >= span[0]) & (scan.t <= span[1])).sum())
+    if 2 * inside <= total:
+        return None
+    what = (
+        f"{span[0]:g}:{span[1]:g} s holds {inside} of the file's {total} samples in contact, and "
+        "the calibration is not searched for a weld"
+    )
+    if given and total - inside < LEAST_SEARCHED * total:
+        raise InputError(
+            f"--calibrate {what}; valid: one approach from air to contact, such as the first "
+            f"seconds (the file spans {scan.t[0]:g}:{scan.t[-1]:g} s)"
+        )
+    return f"calibration: {what}"
+
+
 def process_file(
     path: Path,
     calibrate: str | None = None,
@@ -218,6 +244,10 @@ def process_file(
     else:
         notes.append("no sample is in contact")
 
+    if span is not None:
+        doubt = _check_span(scan, span, contact, calibrate is not None)
+        if doubt is not None:
+            notes.append(doubt)
     result = process_scan(scan.t, scan.ec, scan.p_WT, fit.cylinder, cal, exclude=span)
     notes += result.notes
     tilt = None

@@ -26,6 +26,8 @@ SCALE_PRIOR_COUNT = 4.0
 HUBER = 2.0
 INLIER = 0.006
 """m, least distance at which a crossing is called off the line."""
+WIDEST = 0.02
+"""m, largest such distance: however uncertain, a place further away says nothing of this line."""
 
 
 class WeldLine(NamedTuple):
@@ -61,7 +63,7 @@ def line_distance(line: WeldLine, s: Array, c: Array) -> Array:
 def _consensus(q: Array, std: Array) -> Array:
     """Boolean (n,): the largest set of points that one line through two of them explains."""
     n = len(q)
-    limit = np.maximum(INLIER, 3.0 * std)
+    limit = np.clip(3.0 * std, INLIER, WIDEST)
     best, best_score = np.ones(n, bool), -math.inf
     pairs = [(i, j) for i in range(n) for j in range(i + 1, n)]
     if len(pairs) > 2000:
