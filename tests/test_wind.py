@@ -16,6 +16,7 @@ from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
 from skywright.errors import InputError
 from skywright.evaluation.metrics import find_lifts
+from skywright.evaluation.run import build_vehicle
 from skywright.missions.limits import (
     GUST_SIGMAS,
     compute_equivalent_wind,
@@ -24,6 +25,8 @@ from skywright.missions.limits import (
     find_exceeded_wind,
 )
 from skywright.missions.loader import load_description
+from skywright.missions.planning import plan_mission
+from skywright.missions.supervisor import Supervisor
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene
 from skywright.sim.friction import FRICTION, compute_friction, fill_friction, rub
@@ -309,3 +312,33 @@ def test_lifts_are_found_with_their_length():
     assert [a.duration_s for a in lifts] == pytest.approx([0.02, 0.05, 0.01])
     assert lifts[0].gap == pytest.approx(2e-3)
     assert find_lifts(np.zeros(5), 0.01) == []
+
+
+# --- the whole flight ----------------------------------------------------------------------------
+
+GUSTY = ["world.wind.kind=dryden", "world.wind.mean_mps=2.5", "world.pipe.friction_variation=0.4"]
+FAN = ["world.wind.kind=fan", "world.wind.mean_mps=6", "world.wind.fan.sweep_deg=30",
+       "world.pipe.friction_variation=0.4"]  # fmt: skip
+
+
+def _fly(*sets: str) -> np.ndarray:
+    """Fly a short scan and return its samples."""
+    short = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
+    d = load_description("pipe-weld-scan", sets=[*short, *sets])
+    plan = plan_mission(d)
+    assert plan.feasible, plan.blocked_by
+    blocks: list[np.ndarray] = []
+    vehicle = build_vehicle(d, blocks.append)
+    flight = Supervisor(vehicle, d.mission, plan, d.robot.platform.gear_height_m).fly()
+    assert flight.completed, flight.reason
+    vehicle.flush()
+    return np.concatenate(blocks)
+
+
+@pytest.mark.parametrize("sets", [GUSTY, FAN])
+def test_gusts_and_friction_are_bit_identical_both_ways_and_per_seed(sets):
+    fast = _fly(*sets)
+    assert fast.tobytes() == _fly(*sets, "mission.mode=interactive").tobytes()
+    other = _fly(*sets, "mission.seed=2")
+    assert not np.array_equal(fast["f_wind_W"][:100], other["f_wind_W"][:100])
+    assert np.ptp(fast["f_wind_W"][:, 0]) > 0.2

@@ -104,6 +104,11 @@ def fill_wind(w: Any, wind: Wind, rotor_p: Array, dt: float, rng: np.random.Gene
         w["gust"] = start * rng.standard_normal((3, 2))  # their stationary deviations
 
 
+def count_noise(wind: Wind, n_rotors: int) -> int:
+    """How many normal numbers a control tick of this wind uses."""
+    return {"fan": 3 * (n_rotors + 1), "dryden": 6}.get(wind.kind, 0)
+
+
 def build_dryden_filter(
     sigma: float, lag: float, dt: float, longitudinal: bool
 ) -> tuple[Array, Array, Array]:

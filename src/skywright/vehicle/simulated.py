@@ -36,7 +36,7 @@ from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
 from skywright.sim.plant import BLOCK, PLANT
 from skywright.sim.simulation import Simulation
-from skywright.sim.wind import NOISE, fill_wind
+from skywright.sim.wind import count_noise, fill_wind
 from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
 from skywright.vehicle.interface import Limits, Table, Ticked
@@ -253,7 +253,8 @@ class SimulatedVehicle:
             pl["noise_outlier"] = self._streams["outlier"].random((BLOCK, 9))
         pl["noise_ec"] = self._streams["probe"].standard_normal((BLOCK, 2))
         if self.world.wind.gusty:
-            pl["noise_wind"] = self._streams["wind"].standard_normal((BLOCK, NOISE))
+            n = count_noise(self.world.wind, len(self.rotors.thrust_min))
+            pl["noise_wind"][:, :n] = self._streams["wind"].standard_normal((BLOCK, n))
 
     def _build_belief(self) -> NDArray[Any]:
         out = np.zeros(1, BELIEF)
