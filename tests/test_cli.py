@@ -72,7 +72,6 @@ def test_public_names_exist() -> None:
     ("args", "words"),
     [
         (["fly"], ["unknown command 'fly'", "run", "show"]),
-        (["reproduce"], ["unknown command"]),  # not there yet
         (["run"], ["MISSION"]),
         (["run", "waypoints", "--frobnicate"], ["--frobnicate"]),
         (["run", "waypoints", "--seed", "x"], ["--seed"]),

@@ -310,7 +310,7 @@ def capability(
 )
 @_json
 def list_(kind: str | None, as_json: bool) -> None:
-    """List the built-in robots, worlds or missions, or the papers' claims."""
+    """List robots, worlds, missions or claims."""
     from skywright.missions.loader import list_missions
     from skywright.robots.loader import list_robots
     from skywright.worlds.loader import list_worlds
