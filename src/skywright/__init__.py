@@ -100,8 +100,10 @@ def run(
     description = _as_description(description)
     observers: list[Observer] = []
     if progress:
+        from skywright.models.capability import check_can_fly
         from skywright.reports.progress import Progress, announce_compilation
 
+        check_can_fly(description.robot, description.world.gravity_mps2)  # before any waiting
         announce_compilation()
         observers.append(Progress())
     if view:
