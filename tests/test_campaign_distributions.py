@@ -204,6 +204,11 @@ def test_what_the_mission_cannot_take_is_told_before_flying(
     assert words in str(caught.value)
 
 
+def test_a_value_that_needs_its_company_is_accepted() -> None:
+    vary = ["world.wind.kind=choice(steady,dryden)", "world.wind.mean_mps=uniform(0.1,4)"]
+    check_variations(build_campaign("pipe-weld-scan", vary), 20)
+
+
 def test_the_command_of_a_run_loads_the_same_description() -> None:
     import shlex
 

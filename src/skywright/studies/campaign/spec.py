@@ -23,6 +23,10 @@ from skywright.studies.campaign.distributions import (
 )
 
 
+COMPANY = 8
+"""Drawn runs in whose company an extreme value is tried before it is refused."""
+
+
 class Campaign(NamedTuple):
     """A campaign without its number of runs: what decides every row."""
 
@@ -92,15 +96,23 @@ def check_variations(campaign: Campaign, runs: int) -> None:
 
     Raises InputError naming key and distribution.
     """
+    # a value may need its company (dryden needs a mean wind): it is bad if no company helps
+    company = [draw_run(campaign, i).varied for i in range(min(runs, COMPANY))]
     for variation in campaign.variations:
         for value in _list_extremes(variation, campaign.seed, runs):
-            try:
-                load_run(campaign, Draw(0, campaign.seed, {variation.key: value}))
-            except InputError as error:
+            refused: InputError | None = None
+            for others in (*company, {}):
+                try:
+                    varied = {**others, variation.key: value}
+                    load_run(campaign, Draw(0, campaign.seed, varied))
+                    break
+                except InputError as error:
+                    refused = error
+            else:
                 raise InputError(
                     f"--vary {variation.key}={variation.text}: the draw {write_value(value)} is "
-                    f"refused: {error}"
-                ) from None
+                    f"refused: {refused}"
+                )
 
 
 def _list_extremes(variation: Variation, seed: int, runs: int) -> list[Value]:
