@@ -22,7 +22,6 @@ from skywright.studies.campaign.distributions import (
     parse_variations,
 )
 
-
 COMPANY = 8
 """Drawn runs in whose company an extreme value is tried before it is refused."""
 
