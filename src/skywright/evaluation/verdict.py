@@ -43,6 +43,10 @@ class Verdict(NamedTuple):
     target: float
     more_runs: int
     """Further runs after which GO would be shown at the present rate; 0 where that never is."""
+    flown: int
+    """Runs that took off; the others were refused before."""
+    flown_interval: tuple[float, float]
+    """Of the success rate among those."""
     outcomes: dict[str, int]
     failures: list[FailureGroup]
     headroom: list[Headroom]
@@ -73,6 +77,8 @@ def build_verdict(
     outcomes: dict[str, int] = {}
     for row in rows:
         outcomes[row.outcome] = outcomes.get(row.outcome, 0) + 1
+    flown = n - outcomes.get("infeasible", 0) - outcomes.get("refused", 0)
+    flown_low, flown_high = (float(x) for x in compute_interval(k, flown)) if flown else (0.0, 1.0)
     headline = (
         f"{k} of {n} simulated runs met every requirement ({k / n:.1%}); with {CONFIDENCE:.0%} "
         f"confidence the true rate lies between {low:.1%} and {high:.1%}, "
@@ -85,8 +91,8 @@ def build_verdict(
     )
     limited = _describe_limit(failures, headroom, sensitivities, n - k)
     return Verdict(
-        answer, headline, limited, n, k, k / n, (low, high), target, more, outcomes, failures,
-        headroom, sensitivities,
+        answer, headline, limited, n, k, k / n, (low, high), target, more, flown,
+        (flown_low, flown_high), outcomes, failures, headroom, sensitivities,
     )  # fmt: skip
 
 

@@ -90,6 +90,9 @@ def print_campaign(verdict: Verdict, folder: Path) -> None:
     others = {k: n for k, n in verdict.outcomes.items() if k not in ("succeeded", "failed")}
     if others:
         console.print("not completed: " + ", ".join(f"{n} {k}" for k, n in others.items()))
+    if 0 < verdict.flown < verdict.runs:
+        rate = verdict.succeeded / verdict.flown
+        console.print(f"of the {verdict.flown} runs that took off {rate:.1%} succeeded")
     colour = {"GO": "bold green", "NO-GO": "bold red"}.get(verdict.answer, "bold yellow")
     console.print(Text(f"{verdict.answer}: ", colour) + Text(verdict.headline))
     console.print(verdict.limited_by, markup=False)
