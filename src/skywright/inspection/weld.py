@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from skywright.errors import InputError
 from skywright.inspection.baseline import MAJORITY, centre_calibration
@@ -32,6 +33,8 @@ MIN_LENGTH = 0.0015
 """m; a flagged stretch shorter than this is noise: the coil itself averages over 3.5 mm."""
 SIGNIFICANCE = 5.0
 """Least height of a crossing above the base metal, in standard deviations of its texture."""
+DRIFT_LENGTH = 0.08
+"""m of path over which the texture's drift is taken; several crossings' widths."""
 LONG_LENGTH = 0.035
 """m; a longer stretch runs along the weld and is cut into pieces of this length."""
 HALF_WIDTH = 0.005
@@ -245,6 +248,25 @@ def find_crossings(
     return crossings, points
 
 
+def remove_drift(
+    s: Array, c: Array, weld: Array, contact: NDArray[np.bool_], threshold: float
+) -> Array:
+    """Subtract the slow drift of the base metal's texture from the weld signal (n,).
+
+    A running median over DRIFT_LENGTH of path, which a crossing of about 12 mm hardly moves;
+    limited to 1.5 thresholds, so that a path along a weld keeps showing it.
+    """
+    index = np.flatnonzero(contact & np.isfinite(weld))
+    if index.size < 50:
+        return weld
+    path = float(np.nansum(np.hypot(np.diff(s[index]), np.diff(c[index]))))
+    size = min(int(DRIFT_LENGTH * index.size / max(path, DRIFT_LENGTH)), index.size) | 1
+    drift = median_filter(weld[index], size=max(size, 3), mode="nearest")
+    out = weld.copy()
+    out[index] -= np.clip(drift, -1.5 * threshold, 1.5 * threshold)
+    return out
+
+
 def process_scan(
     t: Array,
     ec: NDArray[Any],
@@ -303,7 +325,8 @@ def process_scan(
             f"{share:.0%} of the contact samples read as weld: base metal must be the majority for "
             "a line; calibrate away from the weld"
         )
-    on_weld &= sound
+    weld = remove_drift(s, c, weld, contact & searched, calibration.weld_threshold)
+    on_weld = contact & searched & (weld > calibration.weld_threshold) & sound
 
     # the texture of the steel moves the same way as the weld, only less: what is found must
     # stand out of the base metal that this scan saw
