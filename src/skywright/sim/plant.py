@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import cross, exp_so3, mat_mat, mat_t_vec, mat_vec, quat_to_rot
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.models.rotors import step_rotor_speed
 from skywright.sim.friction import FRICTION
 from skywright.sim.wind import FAN, NOISE, WIND
 
@@ -248,13 +249,11 @@ def _spoil(pl: Record, i: int, k: int) -> None:
 def actuate(pl: Record, rotor_speed: Array, motor_speed: Array, dt: float, ctrl: Array) -> None:
     """Advance the rotor speeds by one control tick and write MuJoCo's controls.
 
-    Thrust is k_f w^2 with the mean of w^2 taken at the end of the exact first-order lag; errors of
+    Thrust is k_f w^2 at the end of the exact first-order lag, held until the next tick; errors of
     the rotor gains sit in the plant's actuator gears.
     """
-    decay = math.exp(-dt / pl.rotor_tau)
+    step_rotor_speed(pl.rotor_speed, rotor_speed, pl.n_rotors, dt, pl.rotor_tau)
     for i in range(pl.n_rotors):
-        target = rotor_speed[i]
-        pl.rotor_speed[i] = target + (pl.rotor_speed[i] - target) * decay
         ctrl[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
     for j in range(pl.n_joints):
         ctrl[pl.n_rotors + j] = motor_speed[j]
