@@ -12,8 +12,12 @@ from __future__ import annotations
 
 import numpy as np
 
-MAX_JOINTS = 8
-"""Most actuated arm joints of one robot (the dual arm of Suarez 2020 has 2 x 4)."""
+MAX_JOINTS = 9
+"""Most arm joints of one robot (the long-reach dual arm of Suarez 2020 has 1 passive + 2 x 4)."""
+MAX_HANDS = 2
+"""Most arms that end in a hand: 0 left (or the only one), 1 right."""
+MAX_OBJECTS = 4
+"""Most movable things in a world."""
 MAX_ROTORS = 12
 """Most rotors of one robot."""
 
@@ -38,9 +42,19 @@ REFERENCE = np.dtype(
         ("dead_zone", f8),  # m, of the integral along z_S; 0 trims all directions (free flight)
         ("track_tip", f8),  # 1: close the position loop at the tip (law 4); 0: at the platform
         ("active", f8),  # 1: rotors on; 0: motors off
+        # hands of compliant arms (control/arms): what each shall do, see the tasks below
+        ("task", f8, MAX_HANDS),
+        ("p_WH", f8, (MAX_HANDS, 3)),  # m, desired hand position
+        ("v_WH", f8, (MAX_HANDS, 3)),  # m/s
+        ("f_WH", f8, (MAX_HANDS, 3)),  # N, force that the hand shall exert on what it touches
+        ("gamma", f8, MAX_HANDS),  # weight of force over position in Suarez 2020 (31)
     ]
 )
 """A row of a plan: what a control law may be asked to follow. Rows are interpolated linearly."""
+
+TASK_JOINTS, TASK_POSITION, TASK_VELOCITY, TASK_FORCE, TASK_FORCE_POSITION = range(5)
+"""What `REFERENCE.task` asks of a hand: joint angles `q`; a straight line to `p_WH` at the speed
+|v_WH| (Suarez 2020, 23); the velocity `v_WH` (24); the force `f_WH` (25)-(28); both (31)."""
 
 ESTIMATE = np.dtype(
     [
@@ -77,7 +91,8 @@ COMMAND = np.dtype(
     [
         ("f_B", f8, 3),  # N, force that the rotors shall make, in B at the origin of B
         ("t_B", f8, 3),  # N m
-        ("qd", f8, MAX_JOINTS),  # rad/s, joint velocity commands (output side)
+        ("qd", f8, MAX_JOINTS),  # rad/s, joint velocity commands (output side), velocity servos
+        ("theta", f8, MAX_JOINTS),  # rad, shaft angle commands, position servos
         ("rotor_speed", f8, MAX_ROTORS),  # rad/s, filled by the allocation
         ("f_B_alloc", f8, 3),  # N, what the allocated rotors can really make
         ("t_B_alloc", f8, 3),
@@ -127,8 +142,9 @@ MEASUREMENT = np.dtype(
         ("imu_gyro", f8, (IMU_BATCH, 3)),  # rad/s, in B, mean over the sample's period
         ("imu_accel", f8, (IMU_BATCH, 3)),  # m/s^2, specific force at the unit, in B
         ("gyro", f8, 3),  # rad/s, in B, mean of this tick's samples
-        ("q", f8, MAX_JOINTS),  # rad, encoders
+        ("q", f8, MAX_JOINTS),  # rad, encoders on the servos' shafts (passive joints: on the joint)
         ("qd", f8, MAX_JOINTS),
+        ("deflection", f8, MAX_JOINTS),  # rad, shaft minus output link, where it is measured
         ("mocap_fresh", f8),  # 1 when the fields below are new this tick
         ("mocap_t", f8),  # s, of the exposure
         ("mocap_age", f8),  # s, since the exposure
@@ -213,6 +229,61 @@ FILTER = np.dtype(
 )
 """Parameters and memory of the error-state Kalman filter."""
 
+ARMS = np.dtype(
+    [
+        # parameters
+        ("on", i8),  # 1: position servos and compliant joints; 0: nothing here is used
+        ("dt", f8),  # s, period of the arms' law
+        ("n_hands", i8),
+        ("n", i8),  # joints an arm
+        ("first", i8, MAX_HANDS),  # index of each arm's first joint in q
+        ("swing", i8),  # index of the passive joint that carries the arms in q, -1: none
+        ("k", f8, MAX_JOINTS),  # N m/rad, springs of the joints; 0: rigid
+        ("d", f8, MAX_JOINTS),  # N m s/rad
+        ("linear", f8, MAX_JOINTS),  # rad, range of the linear spring; 0: no end
+        ("hardening", f8, MAX_JOINTS),  # stiffness beyond it over k; a stop counts as 10
+        ("sensed", f8, MAX_JOINTS),  # 1: the deflection is measured
+        ("q_min", f8, MAX_JOINTS),  # rad, of the output links
+        ("q_max", f8, MAX_JOINTS),
+        ("servo_tau", f8),  # s, T_s of (17)
+        ("speed_max", f8),  # rad/s, of the servos
+        ("upper", f8),  # m, upper arm
+        ("fore", f8),  # m, forearm with the hand
+        ("p_BS", f8, (MAX_HANDS, 3)),  # m, shoulders, in B (where a passive link carries them:
+        #                                in the frame of that link)
+        ("estimator", f8),  # of the contact force: 0 Suarez 2020 (26), 1 joint torques
+        ("kp_torque", f8),  # gains of (19) and (21)
+        ("ki_torque", f8),
+        ("kp_position", f8),
+        ("ki_position", f8),
+        ("ki_force", f8),  # 1/s, of the force loop
+        ("speed_hand", f8),  # m/s, v of (23) where the reference gives none
+        ("tare", f8, (MAX_HANDS, 3)),  # N, subtracted from the estimated force, in W
+        # state of this tick, filled before the arms' law (models/compliant_arms.py)
+        ("t_gravity", f8, MAX_JOINTS),  # N m, torque that the joints carry at rest in free air
+        ("deflection", f8, MAX_JOINTS),  # rad, theta - q: measured, or that of t_gravity
+        ("p_BH", f8, (MAX_HANDS, 3)),  # m, hands in B, at the output links
+        ("R_BH", f8, (MAX_HANDS, 3, 3)),
+        ("J_BH", f8, (MAX_HANDS, 3, MAX_JOINTS)),  # m/rad, in B
+        ("p_BH_stiff", f8, (MAX_HANDS, 3)),  # m, hands if the joints were rigid: FK(theta)
+        ("R_BA", f8, (3, 3)),  # of the arms' base: B, or the passive link
+        ("p_WH", f8, (MAX_HANDS, 3)),  # m, estimated hands
+        ("v_WH", f8, (MAX_HANDS, 3)),  # m/s, of the platform's motion and the joints'
+        ("f_WH", f8, (MAX_HANDS, 3)),  # N, estimated force that each hand exerts
+        ("manipulability", f8, MAX_HANDS),  # m^2, sin of the elbow times upper times fore
+        # memory of the arms' law
+        ("theta_ref", f8, MAX_JOINTS),  # rad, last command
+        ("i_torque", f8, MAX_JOINTS),  # rad
+        ("i_position", f8, MAX_JOINTS),  # rad
+        ("p_ref", f8, (MAX_HANDS, 3)),  # m, hand reference, in the arms' base
+        ("i_force", f8, (MAX_HANDS, 3)),  # m, displacement that the force loop asks for, in W
+        ("task_last", f8, MAX_HANDS),
+        ("saturated", f8, MAX_HANDS),  # 1: a limit of angle or workspace holds the hand back
+        ("user", f8, 32),
+    ]
+)
+"""The compliant arms as the controller believes them: parameters, state and memory."""
+
 BELIEF = np.dtype(
     [
         ("t", f8),  # s, mission time of this tick
@@ -226,10 +297,13 @@ BELIEF = np.dtype(
         ("flt", FILTER),
         ("est", ESTIMATE),
         ("body", BODY),
+        ("arms", ARMS),
         ("cmd", COMMAND),
     ]
 )
 """Everything that the controller side holds: the one argument of a law and of an estimator."""
+
+_POSE = (("p_WO", 3), ("q_WO", 4))
 
 SAMPLE = np.dtype(
     [
@@ -277,6 +351,25 @@ SAMPLE = np.dtype(
         ("ec", f8, 2),
         ("meas_p_WT", f8, 3),
         ("meas_axis_W", f8, 3),  # measured probe axis (z_T) in W
+        # compliant arms: shafts, springs, hands (truth, belief, reference)
+        ("theta", f8, MAX_JOINTS),  # rad, servo shafts
+        ("deflection", f8, MAX_JOINTS),  # rad, theta - q
+        ("cmd_theta", f8, MAX_JOINTS),  # rad
+        *[
+            (f"{side}_{name}", f8, n)
+            for side in ("left", "right")
+            for name, n in (
+                ("p_WH", 3),
+                ("q_WH", 4),
+                ("f_W", 3),  # N, force that the hand exerts on what it touches
+                ("est_p_WH", 3),
+                ("est_f_W", 3),
+                ("ref_p_WH", 3),
+                ("ref_f_W", 3),
+            )
+        ],
+        # movable things of the world
+        *[(f"object{i}_{n}", f8, k) for i in range(MAX_OBJECTS) for n, k in _POSE],
     ]
 )
 """One sample of a recording (100 Hz): truth, belief, reference, command and instrument."""
