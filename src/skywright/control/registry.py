@@ -25,6 +25,10 @@ LAWS = {
     "inverse_kinematics": "skywright.control.inverse_kinematics",
     "tip_pd": "skywright.control.tip_pd",
 }
+ARMS_LAWS = {
+    "compliant": "skywright.control.compliant_arms",
+}
+"""Laws of arms with position servos: `step_c` reads ref and arms and fills cmd.theta."""
 FULLY_ACTUATED = {"push_and_slide", "joint_space", "inverse_kinematics", "tip_pd"}
 
 
@@ -50,6 +54,14 @@ def load_law(name: str, folder: Path | None = None) -> Law:
             "or 'file.py:function'"
         )
     return _load_user_law(name, folder)
+
+
+def load_arms_law(name: str) -> Law:
+    """Return the law of compliant arms called `name`; raises InputError for an unknown one."""
+    if name not in ARMS_LAWS:
+        raise InputError(f"arms law {name!r} is unknown; valid: {', '.join(sorted(ARMS_LAWS))}")
+    module = importlib.import_module(ARMS_LAWS[name])
+    return Law(name, module.step_belief, module.step_c)
 
 
 def _load_user_law(name: str, folder: Path | None) -> Law:

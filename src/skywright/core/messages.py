@@ -7,7 +7,10 @@ ours is needed to read one.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
+
+from skywright.core.types import MAX_OBJECTS
 
 _STANDARD = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
@@ -84,7 +87,8 @@ class Topic(NamedTuple):
     """A topic: its type, the frame of its header, and the field of SAMPLE behind each path.
 
     `lengths` gives the length of a sequence as "joints" or "rotors". A `derived` topic repeats
-    what others hold, for viewers; reading skips it.
+    what others hold, for viewers; reading skips it. A topic with a `part` is only written where
+    the robot or the world has it (`PARTS`).
     """
 
     name: str
@@ -93,6 +97,7 @@ class Topic(NamedTuple):
     fields: dict[str, str]
     lengths: dict[str, str] = {}
     derived: bool = False
+    part: str = ""
 
 
 def _pose(name: str, p: str, q: str) -> Topic:
@@ -109,9 +114,49 @@ def _vector(name: str, field: str) -> Topic:
     return Topic(name, "geometry_msgs/Vector3Stamped", MAP, {"vector": field})
 
 
+def _point(name: str, field: str) -> Topic:
+    return Topic(name, "geometry_msgs/PointStamped", MAP, {"point": field})
+
+
 def _joints(name: str, **fields: str) -> Topic:
     lengths = dict.fromkeys(("name", *fields), "joints")
     return Topic(name, "sensor_msgs/JointState", "", fields, lengths)
+
+
+PARTS = ("hands", "objects")
+"""What not every robot or world has: compliant arms with hands, movable things."""
+
+
+def _hand(side: str) -> list[Topic]:
+    frame = f"hand_{side}"
+    force = {"wrench.force": f"{side}_f_W"}
+    return [
+        _pose(f"/hands/{side}/pose", f"{side}_p_WH", f"{side}_q_WH"),
+        Topic(f"/hands/{side}/wrench", "geometry_msgs/WrenchStamped", frame, force),
+        _point(f"/hands/{side}/estimate", f"{side}_est_p_WH"),
+        _vector(f"/hands/{side}/estimated_force", f"{side}_est_f_W"),
+        _point(f"/hands/{side}/reference", f"{side}_ref_p_WH"),
+        _vector(f"/hands/{side}/reference_force", f"{side}_ref_f_W"),
+    ]
+
+
+def _arms() -> list[Topic]:
+    topics = [
+        _joints("/joints/shafts", position="theta"),
+        _joints("/joints/deflection", position="deflection"),
+        _joints("/command/shafts", position="cmd_theta"),
+        *_hand("left"),
+        *_hand("right"),
+    ]
+    return [topic._replace(part="hands") for topic in topics]
+
+
+def _objects() -> list[Topic]:
+    topics = [
+        _pose(f"/objects/{i}/pose", f"object{i}_p_WO", f"object{i}_q_WO")
+        for i in range(MAX_OBJECTS)
+    ]
+    return [topic._replace(part="objects") for topic in topics]
 
 
 TOPICS = (
@@ -149,7 +194,7 @@ TOPICS = (
     ),
     _pose("/estimate/pose", "est_p_WB", "est_q_WB"),
     _twist("/estimate/twist", "est_v_WB", "est_w_WB_B"),
-    Topic("/estimate/tip", "geometry_msgs/PointStamped", MAP, {"point": "est_p_WT"}),
+    _point("/estimate/tip", "est_p_WT"),
     _vector("/estimate/external_force", "est_f_ext_W"),
     _pose("/reference/pose", "ref_p_WB", "ref_q_WB"),
     _pose("/reference/tip", "ref_p_WT", "ref_q_WT"),
@@ -168,6 +213,8 @@ TOPICS = (
         MAP,
         {"signal": "ec", "position": "meas_p_WT", "axis": "meas_axis_W"},
     ),
+    *_arms(),
+    *_objects(),
     Topic(
         "/tf",
         "tf2_msgs/TFMessage",
@@ -183,6 +230,12 @@ TOPICS = (
     ),
 )
 """All periodic topics, one message a sample each."""
+
+
+def list_topics(parts: Collection[str]) -> list[Topic]:
+    """Return the topics of a recording with these `PARTS`."""
+    return [topic for topic in TOPICS if not topic.part or topic.part in parts]
+
 
 TF_CHILDREN = (BODY, TIP, CONTACT)
 

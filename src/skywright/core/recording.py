@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from skywright.core import messages
 from skywright.core.mcap_file import McapContents, McapWriter, build_message_header, read_mcap
-from skywright.core.messages import TOPICS
+from skywright.core.messages import PARTS, TOPICS, list_topics
 from skywright.core.sample_rows import (
     BATCH,
     QUATERNIONS,
@@ -64,17 +64,26 @@ class Recording(NamedTuple):
 class RecordingWriter:
     """Writes a recording while the run goes on; what was appended survives a killed process.
 
-    `joint_names` and `n_rotors` say which entries of the joint and rotor fields the robot has;
-    the others, which are zero by definition, are not written and read back as zero.
+    `joint_names` and `n_rotors` say which entries of the joint and rotor fields the robot has,
+    `parts` which of `messages.PARTS` robot and world have; all else, which is zero by definition,
+    is not written and read back as zero.
     Raises InputError when the file cannot be written.
     """
 
-    def __init__(self, path: Path, joint_names: Sequence[str], n_rotors: int) -> None:
+    def __init__(
+        self,
+        path: Path,
+        joint_names: Sequence[str],
+        n_rotors: int,
+        parts: Sequence[str] = PARTS,
+    ) -> None:
         assert len(joint_names) <= MAX_JOINTS and n_rotors <= MAX_ROTORS
         self._path = Path(path)
         self._error = ""
         self._stream: BinaryIO | None = None
-        self._rows = build_rows(joint_names, n_rotors)
+        topics = list_topics(parts)
+        self._rows = build_rows(joint_names, n_rotors, topics)
+        self._events_channel = len(topics) + 1
         self._starts = np.arange(BATCH, dtype=np.uint64) * np.uint64(self._rows.dtype.itemsize)
         self._places = [(i, np.uint64(at)) for i, at in enumerate(self._rows.offsets, 1)]
         with self._writing():
@@ -84,9 +93,10 @@ class RecordingWriter:
                 "format": FORMAT,
                 "joint_names": json.dumps(list(joint_names)),
                 "n_rotors": str(n_rotors),
+                "parts": json.dumps(list(parts)),
             }
             self._mcap.add_metadata(METADATA, info)
-            for topic in (*TOPICS, messages.EVENTS):
+            for topic in (*topics, messages.EVENTS):
                 name = messages.full_name(topic.kind)
                 self._mcap.add_channel(topic.name, name, messages.definition(topic.kind))
 
@@ -111,7 +121,7 @@ class RecordingWriter:
         body = bytearray(layout.template)
         struct.pack_into("<Q", body, layout.column("stamp").offset, int(compute_stamp(ns)[0]))
         struct.pack_into("<B", body, layout.column("level").offset, _INFO)
-        channel = len(TOPICS) + 1
+        channel = self._events_channel
         data = build_message_header(channel, len(body), int(ns[0])) + body
         with self._writing():
             self._mcap.add_chunk(data, ns, {channel: np.zeros(1, np.uint64)})
@@ -181,11 +191,12 @@ def read_recording(path: Path) -> Recording:
     try:
         joint_names = tuple(map(str, json.loads(info["joint_names"])))
         n_rotors = int(info["n_rotors"])
+        parts = tuple(map(str, json.loads(info.get("parts", "[]"))))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: has damaged metadata {METADATA!r}") from error
     if len(joint_names) > MAX_JOINTS or not 0 <= n_rotors <= MAX_ROTORS:
         raise InputError(f"{path}: has damaged metadata {METADATA!r}")
-    samples = _decode_samples(path, contents, joint_names, n_rotors)
+    samples = _decode_samples(path, contents, joint_names, n_rotors, parts)
     events = [_decode_event(path, raw) for raw in contents.messages.get(messages.EVENTS.name, [])]
     return Recording(
         samples, events, contents.attachments, joint_names, n_rotors, contents.complete
@@ -203,10 +214,14 @@ def _no_recording(path: Path, contents: McapContents) -> InputError:
 
 
 def _decode_samples(
-    path: Path, contents: McapContents, joint_names: Sequence[str], n_rotors: int
+    path: Path,
+    contents: McapContents,
+    joint_names: Sequence[str],
+    n_rotors: int,
+    parts: Sequence[str],
 ) -> NDArray[Any]:
     """Put the messages of all topics back into samples."""
-    topics = [topic for topic in TOPICS if not topic.derived]
+    topics = [topic for topic in list_topics(parts) if not topic.derived]
     raw = {topic.name: contents.messages.get(topic.name, []) for topic in topics}
     counts = {len(m) for m in raw.values()}
     if max(counts) - min(counts) > 1:  # one: another tool may cut within a sample

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skywright.core.cdr import Column, Layout, build_layout
 from skywright.core.mcap_file import build_message_header
-from skywright.core.messages import EVENTS, TF_CHILDREN, TOPICS, Topic, definition
+from skywright.core.messages import EVENTS, TF_CHILDREN, Topic, definition
 from skywright.core.types import SAMPLE
 
 BATCH = 256  # samples; the most that is encoded at once
@@ -61,8 +61,8 @@ class Rows(NamedTuple):
         return rows.view(np.uint8)
 
 
-def build_rows(joint_names: Sequence[str], n_rotors: int) -> Rows:
-    """Lay out the messages of all topics one behind the other, each as an MCAP record."""
+def build_rows(joint_names: Sequence[str], n_rotors: int, topics: Sequence[Topic]) -> Rows:
+    """Lay out the messages of the topics one behind the other, each as an MCAP record."""
     template = bytearray()
     names: list[str] = []
     formats: list[Any] = []
@@ -78,7 +78,7 @@ def build_rows(joint_names: Sequence[str], n_rotors: int) -> Rows:
         places.append(place)
         return name
 
-    for channel, topic in enumerate(TOPICS, 1):
+    for channel, topic in enumerate(topics, 1):
         layout = build_topic_layout(topic, joint_names, n_rotors)
         header = build_message_header(channel, len(layout.template), 0)
         start = len(template)

@@ -32,7 +32,7 @@ from skywright.core.rotations import (
     orthonormalise,
 )
 from skywright.core.signature import ON_BELIEF
-from skywright.core.types import IMU_HISTORY, MAX_JOINTS
+from skywright.core.types import IMU_HISTORY
 from skywright.estimation.strapdown import (
     BA_,
     BG_,
@@ -304,9 +304,6 @@ def step(b: Record) -> None:
     flt, est, meas = b.flt, b.est, b.meas
     gravity = b.body.gravity
     est.t = b.t
-    for j in range(MAX_JOINTS):
-        est.q[j] = meas.q[j]
-        est.qd[j] = meas.qd[j]
     before = flt.n
     if meas.imu_n > 0:
         _receive(flt, meas)

@@ -28,7 +28,7 @@ from skywright.core.rotations import (
     orthonormalise,
 )
 from skywright.core.signature import ON_BELIEF
-from skywright.core.types import HISTORY, MAX_JOINTS
+from skywright.core.types import HISTORY
 from skywright.estimation.tip import fill_tip
 
 Record = Any
@@ -120,9 +120,6 @@ def step(b: Record) -> None:
     """One control tick of the observer."""
     obs, est, meas, p_BT = b.obs, b.est, b.meas, b.body.p_BT
     est.t = b.t
-    for j in range(MAX_JOINTS):
-        est.q[j] = meas.q[j]
-        est.qd[j] = meas.qd[j]
     if obs.ready == 0.0:
         if meas.mocap_fresh == 0.0:
             return

@@ -250,8 +250,9 @@ def _fly(
     writer: RecordingWriter | None = None
     if partial is not None:
         writer = RecordingWriter(
-            partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg)
-        )
+            partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg),
+            vehicle.parts,
+        )  # fmt: skip
         writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
     vehicle.on_samples = blocks.append
 

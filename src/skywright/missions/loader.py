@@ -14,7 +14,7 @@ from skywright.core.toml_files import Layer, describe_value, load_layer, merge_l
 from skywright.core.validation import list_problems, validate_root
 from skywright.errors import InputError
 from skywright.missions.spec import Mission, Plant
-from skywright.robots.loader import find_robot
+from skywright.robots.loader import find_robot, load_robot_layers
 from skywright.robots.spec import Robot
 from skywright.worlds.loader import find_world
 from skywright.worlds.spec import World
@@ -155,6 +155,9 @@ def load_layers(
                     f"{found.label}: {key} is {describe_value(name)}; a name or path is needed"
                 )
         base_file = find(name, folders)
+        if root == "robot":
+            layers += load_robot_layers(base_file, problems)
+            continue
         base = load_layer(base_file.path, base_file.label, problems)
         if root not in base.tree:
             raise InputError(

@@ -1,9 +1,9 @@
-"""The arm's bodies in the scene: links, flexibility, sprung probe and servos."""
+"""The arm's bodies in the scene: links, flexibility, hands, sprung probe and servos."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -13,11 +13,15 @@ from skywright.core.rotations import quat_from_rot, rot_y
 from skywright.models.rigid_body import (
     SLIDER_INERTIA,
     build_probe_parts,
-    joint_names,
+    find_tip,
+    hand_inertia,
     link_com,
-    link_offset,
+    link_direction,
+    link_inertia,
     rod_inertia,
+    tip_rotation,
 )
+from skywright.robots.limbs import Limb, end_of, list_joints, list_limbs, list_servos
 from skywright.robots.spec import Link, Robot
 
 Array = NDArray[np.float64]
@@ -26,6 +30,10 @@ Array = NDArray[np.float64]
 # with everything but the pipe, which only its tip may touch
 ROBOT, WORLD, FEET, PEN = 1, 2, 4, 8
 STOP_SLACK = math.radians(5.0)
+STIFF_SERVO = 10.0
+"""A position servo's inner loop over 1/T_s: its lag is then that of T_s (Suarez 2020, 17)."""
+HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 class Deviation(NamedTuple):
@@ -44,112 +52,209 @@ class Deviation(NamedTuple):
 def add_arm(
     spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, dev: Deviation, plant: bool
 ) -> None:
-    """Add the arm's links, its probe and, in the plant, flexibility and servos."""
-    assert robot.arm is not None
-    names = list(robot.arm.links)
+    """Add the arms' links, hands and probe and, in the plant, flexibility and servos."""
+    limbs = list_limbs(robot)
+    last = [max(i for i, x in enumerate(limbs) if x.side == side) for side in _sides(limbs)]
     bodies: list[mujoco.MjsBody] = []
-    for i, (name, link) in enumerate(robot.arm.links.items()):
-        parent, offset = link_offset(robot, name)
-        last_parent = parent == len(names) - 2 and i == len(names) - 1
-        if last_parent:  # calibration error: the second-last link is longer than believed
-            offset = offset + np.array([dev.link_length_error, 0.0, 0.0])
-        body = (base if parent < 0 else bodies[parent]).add_body(name=name, pos=offset)
-        _add_link_joints(body, name, link, plant, robot)
+    for i, limb in enumerate(limbs):
+        link, offset = limb.link, np.array(limb.offset)
+        if i in last and limb.parent >= 0 and limb.parent == i - 1:
+            # calibration error: the second-last link is longer than believed
+            offset = offset + dev.link_length_error * link_direction(limbs[limb.parent].link)
+        body = (base if limb.parent < 0 else bodies[limb.parent]).add_body(
+            name=limb.name, pos=offset
+        )
+        _add_link_joints(body, i, limbs, plant, robot)
         body.mass = link.mass_kg * dev.mass_factor
-        body.ipos = [link_com(link), 0.0, 0.0]
-        body.inertia = np.diag(rod_inertia(body.mass, link.length_m, link.radius_m))
+        body.ipos = link_com(link)
+        body.inertia = np.diag(link_inertia(link)) * dev.mass_factor
         body.explicitinertial = True
         body.add_geom(
-            name=f"{name} shell", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[link.radius_m, 0, 0],
-            fromto=[0, 0, 0, link.length_m, 0, 0], rgba=[0.9, 0.55, 0.1, 1],
+            name=f"{limb.name} shell", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[link.radius_m, 0, 0], fromto=[0, 0, 0, *end_of(link)], rgba=[0.9, 0.55, 0.1, 1],
             contype=ROBOT, conaffinity=WORLD, mass=0.0,
         )  # fmt: skip
         bodies.append(body)
-    tip = bodies[-1]
+    tip = find_tip(robot, limbs)
+    for side, i in zip(_sides(limbs), last, strict=True):
+        if robot.probe is None or i != tip:
+            _add_hand(bodies[i], side, limbs[i].link, robot, dev, is_tip=i == tip)
     if robot.probe is not None:
-        _add_probe(spec, bodies, robot, dev, plant)
-    else:
-        tip.add_site(name="tip", pos=[robot.arm.links[names[-1]].length_m, 0, 0])
+        _add_probe(bodies[tip], limbs[tip], robot, dev, plant)
     if plant:
-        _add_servos(spec, robot)
+        _add_servos(spec, robot, limbs)
+        for limb in limbs:
+            _add_springs(spec, robot, limb)
+
+
+def _sides(limbs: list[Limb]) -> list[int]:
+    return sorted({limb.side for limb in limbs if limb.side >= 0})
 
 
 def _add_link_joints(
-    body: mujoco.MjsBody, name: str, link: Link, plant: bool, robot: Robot
+    body: mujoco.MjsBody, index: int, limbs: list[Limb], plant: bool, robot: Robot
 ) -> None:
+    name, link = limbs[index].name, limbs[index].link
     if link.joint == "fixed":
         return
     axis = [float(link.axis == a) for a in "xyz"]
     slide = link.joint == "slide"
-    joint = body.add_joint(
-        name=name, axis=axis,
-        type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE,
-    )  # fmt: skip
+    joint = body.add_joint(name=name, axis=axis, type=SLIDE if slide else HINGE)
     if not plant:
         return
-    assert robot.arm is not None
     if not slide:  # mechanical stops, a little beyond what the controllers may use
-        joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+        joint.limited = LIMITED
         joint.range = [
             math.radians(link.joint_min_deg) - STOP_SLACK,
             math.radians(link.joint_max_deg) + STOP_SLACK,
         ]
-    index = joint_names(robot).index(name)
-    joint.armature = list(robot.arm.servos.values())[index].armature_kgm2
+    if link.passive:
+        _set_coefficient(joint, "damping", link.damping_nms_per_rad)
+        joint.frictionloss = link.friction_nm
+    else:
+        joint.armature = list_servos(robot)[limbs[index].servo][1].armature_kgm2
     if link.flex_stiffness_nm_per_rad is not None:
-        inertia = compute_inertia_beyond(robot, name)
         k = link.flex_stiffness_nm_per_rad
-        flex = body.add_joint(name=f"{name} flex", axis=axis, type=mujoco.mjtJoint.mjJNT_HINGE)
-        flex.stiffness = np.array([k, 0.0, 0.0]) if np.ndim(flex.stiffness) else k
-        damping = 2.0 * link.flex_damping_ratio * math.sqrt(k * inertia)
-        flex.damping = np.array([damping, 0.0, 0.0]) if np.ndim(flex.damping) else damping
+        flex = body.add_joint(name=f"{name} flex", axis=axis, type=HINGE)
+        damping = link.flex_damping_nms_per_rad
+        if damping is None:
+            inertia = compute_inertia_beyond(robot, index)
+            damping = 2.0 * link.flex_damping_ratio * math.sqrt(k * inertia)
+        _set_coefficient(flex, "damping", damping)
+        slack = 0.5 * _backlash(robot, limbs[index])
+        if slack == 0.0:
+            _set_coefficient(flex, "stiffness", k)
+        if link.flex_linear_deg is not None and link.flex_beyond == "stop":
+            end = math.radians(link.flex_linear_deg) + slack
+            flex.limited, flex.range = LIMITED, [-end, end]
+            flex.solref_limit = [0.01, 1.0]
+    if link.lateral_stiffness_nm_per_rad is not None:
+        k, inertia = link.lateral_stiffness_nm_per_rad, compute_inertia_beyond(robot, index)
+        across = [1.0, 0.0, 0.0] if link.axis == "y" else [0.0, 1.0, 0.0]
+        bend = body.add_joint(name=f"{name} lateral", axis=across, type=HINGE)
+        _set_coefficient(bend, "stiffness", k)
+        damping = 2.0 * link.lateral_damping_ratio * math.sqrt(k * inertia)
+        _set_coefficient(bend, "damping", damping)
 
 
-def compute_inertia_beyond(robot: Robot, name: str) -> float:
-    """Inertia (kg m^2) about joint `name` of everything that hangs on it, arm stretched."""
-    assert robot.arm is not None
-    names = list(robot.arm.links)
-    probe_on = (robot.probe.on or names[-1]) if robot.probe is not None else None
-    total, reach = 0.0, {name: 0.0}  # reach: distance of a link's joint from joint `name`
-    for other in names[names.index(name) :]:
-        link = robot.arm.links[other]
-        if other != name:
-            parent = link_offset(robot, other)[0]
-            if parent < 0 or names[parent] not in reach:
+def _backlash(robot: Robot, limb: Limb) -> float:
+    """Backlash (rad) of a link's servo."""
+    if limb.servo < 0:
+        return 0.0
+    return math.radians(list_servos(robot)[limb.servo][1].backlash_deg)
+
+
+def _add_springs(spec: mujoco.MjSpec, robot: Robot, limb: Limb) -> None:
+    """Springs that are not plain joint springs: with play, and the harder part beyond the range."""
+    link = limb.link
+    k, slack = link.flex_stiffness_nm_per_rad, 0.5 * _backlash(robot, limb)
+    if k is None:
+        return
+    if slack > 0.0:  # the gear's play in series with the spring: no torque within it
+        tendon = spec.add_tendon(name=f"{limb.name} spring")
+        tendon.wrap_joint(f"{limb.name} flex", 1.0)
+        _set_coefficient(tendon, "stiffness", k)
+        tendon.springlength = [-slack, slack]
+    if link.flex_linear_deg is not None and link.flex_beyond == "hardening":
+        end = math.radians(link.flex_linear_deg) + slack
+        tendon = spec.add_tendon(name=f"{limb.name} hard spring")
+        tendon.wrap_joint(f"{limb.name} flex", 1.0)
+        _set_coefficient(tendon, "stiffness", k * (link.flex_hardening - 1.0))
+        tendon.springlength = [-end, end]
+
+
+def _set_coefficient(thing: Any, name: str, value: float) -> None:
+    """Set a stiffness or damping, which MuJoCo may hold as a polynomial's coefficients."""
+    poly = np.ndim(getattr(thing, name)) > 0
+    setattr(thing, name, np.array([value, 0.0, 0.0]) if poly else value)
+
+
+def compute_inertia_beyond(robot: Robot, index: int) -> float:
+    """Inertia (kg m^2) about the joint of link `index` of all that hangs on it, arms stretched."""
+    limbs = list_limbs(robot)
+    tip = find_tip(robot, limbs)
+    total, reach = 0.0, {index: 0.0}  # reach: distance of a link's joint from joint `index`
+    for i in range(index, len(limbs)):
+        link, parent = limbs[i].link, limbs[i].parent
+        if i != index:
+            if parent not in reach:
                 continue  # another branch
-            before = names[parent]
-            reach[other] = reach[before] + robot.arm.links[before].length_m
-        start = reach[other]
-        total += link.mass_kg * (link.length_m**2 / 12 + (start + link_com(link)) ** 2)
-        if robot.probe is not None and other == probe_on:
+            reach[i] = reach[parent] + float(np.linalg.norm(limbs[i].offset))
+        start, com = reach[i], float(np.linalg.norm(link_com(link)))
+        total += link.mass_kg * (link.length_m**2 / 12 + (start + com) ** 2)
+        if robot.probe is not None and i == tip:
             middle = start + link.length_m + 0.5 * robot.probe.length_m
             total += robot.probe.mass_kg * middle**2
     return total
 
 
 def compute_servo_gains(robot: Robot, index: int) -> tuple[float, float]:
-    """Return (kp N m/rad, kv N m s/rad) of servo `index`: a PD around the integrated command.
+    """Return (kp N m/rad, kv N m s/rad) of servo `index`: a PD around the commanded angle.
 
-    Critically damped at the bandwidth 1/T of the servo for the inertia that the motor turns.
+    Critically damped for the inertia that the motor turns: alone where a spring carries the link.
+    Velocity servos: at the bandwidth 1/T, around the integrated command. Position servos: ten
+    times faster than T_s, around the command filtered with T_s.
     """
-    assert robot.arm is not None
-    servo = list(robot.arm.servos.values())[index]
-    inertia = servo.armature_kgm2 + compute_inertia_beyond(robot, joint_names(robot)[index])
-    w = 1.0 / servo.velocity_time_constant_s
+    limbs = list_limbs(robot)
+    at = next(i for i, limb in enumerate(limbs) if limb.servo == index)
+    servo = list_servos(robot)[index][1]
+    inertia = servo.armature_kgm2
+    if servo.mode == "velocity":
+        inertia += compute_inertia_beyond(robot, at)
+        w = 1.0 / servo.velocity_time_constant_s
+    else:
+        if limbs[at].link.flex_stiffness_nm_per_rad is None:
+            inertia += compute_inertia_beyond(robot, at)
+        w = STIFF_SERVO / servo.position_time_constant_s
     return inertia * w * w, 2.0 * inertia * w
 
 
-def _add_probe(
-    spec: mujoco.MjSpec, bodies: list[mujoco.MjsBody], robot: Robot, dev: Deviation, plant: bool
+def _add_hand(
+    link_body: mujoco.MjsBody, side: int, link: Link, robot: Robot, dev: Deviation, is_tip: bool
 ) -> None:
-    assert robot.arm is not None and robot.probe is not None
+    """Ball or hook at the end of an arm: a body of its own, so that its touch is no collision."""
+    assert robot.arm is not None
+    hand, way = robot.arm.hand, link_direction(link)
+    at = (link.length_m + hand.length_m) * way
+    quat = quat_from_rot(tip_rotation(link))
+    body = link_body
+    if hand.mass_kg > 0.0:
+        body = link_body.add_body(name=f"hand{side}", pos=at)
+        body.mass = hand.mass_kg * dev.mass_factor
+        body.inertia = np.diag(hand_inertia(robot))
+        body.explicitinertial = True
+        touch: dict[str, Any] = {
+            "contype": ROBOT, "conaffinity": WORLD, "mass": 0.0, "rgba": [0.85, 0.2, 0.2, 1],
+            "friction": [hand.friction, 0.005, 0.0001], "condim": 4, "priority": 1,
+            "solref": [0.008, 0.5], "solimp": [0.9, 0.9, 0.001, 0.5, 2.0],
+        }  # fmt: skip
+        if hand.kind == "ball":
+            body.add_geom(
+                name=f"hand{side} ball", type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[hand.radius_m, 0, 0], pos=-hand.radius_m * way, **touch,
+            )  # fmt: skip
+        else:
+            bars = {"shank": [*(-hand.length_m * way), 0, 0, 0]} if hand.length_m > 0.0 else {}
+            bars["bar"] = [0, 0, 0, hand.hook_length_m, 0, 0]
+            for name, ends in bars.items():
+                body.add_geom(
+                    name=f"hand{side} {name}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                    size=[hand.radius_m, 0, 0], fromto=ends, **touch,
+                )  # fmt: skip
+        at = np.zeros(3)
+    body.add_site(name=f"hand{side}", pos=at, quat=quat)
+    if is_tip:
+        body.add_site(name="tip", pos=at, quat=quat)
+
+
+def _add_probe(
+    link_body: mujoco.MjsBody, limb: Limb, robot: Robot, dev: Deviation, plant: bool
+) -> None:
+    assert robot.probe is not None
     probe, parts = robot.probe, build_probe_parts(robot.probe)
-    names = list(robot.arm.links)
-    on = names.index(probe.on) if probe.on else len(names) - 1
-    length = robot.arm.links[names[on]].length_m
     # holder frame: x along the probe's axis
-    quat = quat_from_rot(rot_y(math.radians(probe.pitch_deg)))
-    holder = bodies[on].add_body(name="holder", pos=[length, 0, 0], quat=quat)
+    turn = rot_y(math.radians(probe.pitch_deg) + (math.pi / 2 if limb.link.along == "-z" else 0.0))
+    holder = link_body.add_body(name="holder", pos=end_of(limb.link), quat=quat_from_rot(turn))
     holder.mass = parts.holder_mass * dev.mass_factor
     holder.ipos = [parts.holder_length / 2, 0, 0]
     holder.inertia = np.diag(rod_inertia(holder.mass, parts.holder_length, probe.radius_m))
@@ -177,41 +282,48 @@ def _add_probe(
     # site frame T: z along the probe, y along the link's y
     to_tip = quat_from_rot(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]))
     slider.add_site(name="tip", pos=[probe.length_m, 0, 0], quat=to_tip)
+    if limb.side >= 0:
+        slider.add_site(name=f"hand{limb.side}", pos=[probe.length_m, 0, 0], quat=to_tip)
     if plant:
         k = probe.spring_n_per_m
         joint = slider.add_joint(
             name="spring", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0],
             limited=mujoco.mjtLimited.mjLIMITED_TRUE, range=[-probe.spring_travel_m, 0.0],
         )  # fmt: skip
-        joint.stiffness = np.array([k, 0.0, 0.0]) if np.ndim(joint.stiffness) else k
+        _set_coefficient(joint, "stiffness", k)
         damping = 2.0 * probe.spring_damping_ratio * math.sqrt(k * parts.slider_mass)
-        joint.damping = np.array([damping, 0.0, 0.0]) if np.ndim(joint.damping) else damping
+        _set_coefficient(joint, "damping", damping)
         joint.springref = probe.spring_preload_n / k
         joint.solref_limit = [0.004, 1.0]
 
 
-def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Velocity servos: integrated command tracked by a PD with torque and speed limits.
+def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
+    """Servos: a PD with torque and speed limits around the integrated or filtered command.
 
     Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A.
     """
     assert robot.arm is not None
-    joints = joint_names(robot)
+    joints = [limb.name for limb in list_joints(robot) if limb.servo >= 0]
     n = len(joints)
     belt = np.array(robot.arm.belt) if robot.arm.belt is not None else np.eye(n)
     motor_from_joint = np.linalg.inv(belt)
-    for i, (name, servo) in enumerate(robot.arm.servos.items()):
+    for i, (name, servo) in enumerate(list_servos(robot)):
         tendon = spec.add_tendon(name=name)
         for j, joint in enumerate(joints):
             if abs(motor_from_joint[i, j]) > 1e-12:
                 tendon.wrap_joint(joint, motor_from_joint[i, j])
         kp, kv = compute_servo_gains(robot, i)
+        velocity = servo.mode == "velocity"
+        dynamics = mujoco.mjtDyn.mjDYN_INTEGRATOR if velocity else mujoco.mjtDyn.mjDYN_FILTEREXACT
+        lag = 1.0 if velocity else servo.position_time_constant_s
         act = spec.add_actuator(
             name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_TENDON,
-            dyntype=mujoco.mjtDyn.mjDYN_INTEGRATOR, dynprm=[1.0] + [0.0] * 9,
+            dyntype=dynamics, dynprm=[lag] + [0.0] * 9,
             gaintype=mujoco.mjtGain.mjGAIN_FIXED, gainprm=[kp] + [0.0] * 9,
             biastype=mujoco.mjtBias.mjBIAS_AFFINE, biasprm=[0.0, -kp, -kv] + [0.0] * 7,
         )  # fmt: skip
-        act.ctrllimited = act.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        act.ctrlrange = [-servo.no_load_speed_rad_s, servo.no_load_speed_rad_s]
+        if velocity:
+            act.ctrllimited = LIMITED
+            act.ctrlrange = [-servo.no_load_speed_rad_s, servo.no_load_speed_rad_s]
+        act.forcelimited = LIMITED
         act.forcerange = [-servo.stall_torque_nm, servo.stall_torque_nm]

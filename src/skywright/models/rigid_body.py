@@ -4,8 +4,8 @@ One record (`BODY_MODEL`) describes the link tree; `fill_kinematics` and `fill_b
 angles into the tip pose, the tip Jacobian and the composite mass, centre of mass and inertia.
 A test holds all of it against MuJoCo's own mass matrix and Jacobians.
 
-Frames: B body (FLU), link frames with x along the link, T tip with z out of the robot along the
-probe and y along the link's y.
+Frames: B body (FLU), link frames at the joints with the link along x or -z, T tip with z out of
+the robot along the probe and y along the link's y, H hands likewise.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import mat_mat, mat_vec, rot_about, rot_y
-from skywright.core.types import BODY, MAX_JOINTS
+from skywright.core.types import BODY, MAX_HANDS, MAX_JOINTS
+from skywright.robots.limbs import Limb, end_of, list_joints, list_limbs, list_servos
 from skywright.robots.spec import Link, Probe, Robot
 
 Array = NDArray[np.float64]
@@ -47,6 +48,10 @@ BODY_MODEL = np.dtype(
         ("tip_link", np.int64),  # -1: no arm, the tip is the origin of B
         ("tip_offset", np.float64, 3),
         ("tip_rot", np.float64, (3, 3)),  # R_LT
+        ("n_hands", np.int64),  # ends of arms; hand 0 is the tip where there is no probe elsewhere
+        ("hand_link", np.int64, MAX_HANDS),
+        ("hand_offset", np.float64, (MAX_HANDS, 3)),
+        ("hand_rot", np.float64, (MAX_HANDS, 3, 3)),  # R_LH
         ("q_min", np.float64, MAX_JOINTS),
         ("q_max", np.float64, MAX_JOINTS),
         ("belt", np.float64, (MAX_JOINTS, MAX_JOINTS)),  # J_AM: joint = belt * motor speeds
@@ -63,6 +68,9 @@ KINEMATICS = np.dtype(
         ("R_BT", np.float64, (3, 3)),
         ("J_BT", np.float64, (3, MAX_JOINTS)),  # m/rad, in B
         ("Jw_BT", np.float64, (3, MAX_JOINTS)),  # rad/rad, in B
+        ("p_BH", np.float64, (MAX_HANDS, 3)),  # m, hands in B (`fill_hands`)
+        ("R_BH", np.float64, (MAX_HANDS, 3, 3)),
+        ("J_BH", np.float64, (MAX_HANDS, 3, MAX_JOINTS)),  # m/rad, in B
     ]
 )
 
@@ -94,50 +102,47 @@ def rod_inertia(mass: float, length: float, radius: float) -> Array:
     return np.diag([axial, across, across])
 
 
-def probe_rotation(probe: Probe) -> Array:
-    """Return R_LT (3, 3): z_T is the link's x turned by `pitch_deg` about y; y_T is y."""
-    z = rot_y(math.radians(probe.pitch_deg)) @ np.array([1.0, 0.0, 0.0])
+def link_direction(link: Link) -> Array:
+    """Return the unit vector (3,) along the link, in its frame."""
+    end = np.array(end_of(link))
+    return end / np.linalg.norm(end)
+
+
+def link_inertia(link: Link) -> Array:
+    """Return the (3, 3) inertia of a link about its centre, in its frame: a solid cylinder."""
+    rod = np.diag(rod_inertia(link.mass_kg, link.length_m, link.radius_m))
+    return np.diag(rod if link.along == "x" else rod[::-1])
+
+
+def tip_rotation(link: Link, pitch_deg: float = 0.0) -> Array:
+    """Return R_LT (3, 3): z_T is the link's direction turned by `pitch_deg` about y; y_T is y."""
+    z = rot_y(math.radians(pitch_deg)) @ link_direction(link)
     y = np.array([0.0, 1.0, 0.0])
     return np.column_stack([np.cross(y, z), y, z])
 
 
-def link_offset(robot: Robot, name: str) -> tuple[int, Array]:
-    """Return (parent index, joint position in the parent's frame) of a link."""
-    assert robot.arm is not None
-    names = list(robot.arm.links)
-    link = robot.arm.links[name]
-    index = names.index(name)
-    parent = link.parent or (names[index - 1] if index else "platform")
-    if parent == "platform":
-        default = [robot.arm.mount_x_m, robot.arm.mount_y_m, robot.arm.mount_z_m]
-        parent_index = -1
-    else:
-        default = [robot.arm.links[parent].length_m, 0.0, 0.0]
-        parent_index = names.index(parent)
-    given = (link.x_m, link.y_m, link.z_m)
-    return parent_index, np.array(
-        [d if g is None else g for d, g in zip(default, given, strict=True)]
-    )
-
-
-def link_com(link: Link) -> float:
-    """Return the centre of mass along x (m)."""
-    return link.com_m if link.com_m is not None else 0.5 * link.length_m
+def link_com(link: Link) -> Array:
+    """Return the centre of mass (3,) m in the link's frame."""
+    along = link.com_m if link.com_m is not None else 0.5 * link.length_m
+    return along * link_direction(link)
 
 
 def joint_names(robot: Robot) -> list[str]:
-    """Names of the actuated joints, in the order of q."""
-    if robot.arm is None:
-        return []
-    return [n for n, link in robot.arm.links.items() if link.joint != "fixed"]
+    """Names of the joints that move, passive ones included, in the order of q."""
+    return [limb.name for limb in list_joints(robot)]
+
+
+def find_tip(robot: Robot, limbs: list[Limb]) -> int:
+    """Return the index of the link that carries the probe, or else of the (left) arm's end."""
+    if robot.probe is not None and robot.probe.on is not None:
+        return [limb.name for limb in limbs].index(robot.probe.on)
+    return max(i for i, limb in enumerate(limbs) if limb.side == 0)
 
 
 def posture(robot: Robot, which: str) -> Array:
     """Return q (n_joints,) of the `folded` or `working` posture."""
-    if robot.arm is None:
-        return np.zeros(0)
     return np.array(
-        [math.radians(getattr(robot.arm.links[n], f"{which}_deg")) for n in joint_names(robot)]
+        [math.radians(getattr(limb.link, f"{which}_deg")) for limb in list_joints(robot)]
     )
 
 
@@ -156,10 +161,12 @@ def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
     m["parent"] = m["joint"] = -1
     if robot.arm is None:
         return out
-    names = list(robot.arm.links)
+    limbs = list_limbs(robot)
+    assert len(limbs) <= MAX_LINKS
     joint = 0
-    for i, (name, link) in enumerate(robot.arm.links.items()):
-        m["parent"][i], m["offset"][i] = link_offset(robot, name)
+    for i, limb in enumerate(limbs):
+        link = limb.link
+        m["parent"][i], m["offset"][i] = limb.parent, limb.offset
         if link.joint != "fixed":
             m["joint"][i] = joint
             m["q_min"][joint] = math.radians(link.joint_min_deg)
@@ -168,41 +175,73 @@ def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
         m["slide"][i] = link.joint == "slide"
         m["axis"][i] = "xyz".index(link.axis)
         m["mass"][i] = link.mass_kg
-        m["com"][i] = [link_com(link), 0.0, 0.0]
-        m["inertia"][i] = rod_inertia(link.mass_kg, link.length_m, link.radius_m)
-    m["n_links"], m["n_joints"] = len(names), joint
+        m["com"][i] = link_com(link)
+        m["inertia"][i] = link_inertia(link)
+    m["n_links"], m["n_joints"] = len(limbs), joint
     if robot.arm.belt is not None:
         m["belt"][:joint, :joint] = robot.arm.belt
         m["belt_inv"][:joint, :joint] = np.linalg.inv(np.array(robot.arm.belt))
-    for i, servo in enumerate(robot.arm.servos.values()):
-        m["motor_speed_max"][i] = servo.no_load_speed_rad_s
-    tip_link = len(names) - 1
+    servos = list_servos(robot)
+    for i, limb in enumerate(list_joints(robot)):
+        if limb.servo >= 0:
+            m["motor_speed_max"][i] = servos[limb.servo][1].no_load_speed_rad_s
+    tip = find_tip(robot, limbs)
+    _set_hands(m, robot, limbs)
+    link = limbs[tip].link
     if robot.probe is not None:
-        if robot.probe.on is not None:
-            tip_link = names.index(robot.probe.on)
-        _add_probe(m, tip_link, robot.arm.links[names[tip_link]], robot.probe)
+        _add_probe(m, tip, link, robot.probe)
+        if limbs[tip].side >= 0:  # the probe is what this arm ends in
+            m["hand_link"][limbs[tip].side] = tip
+            m["hand_offset"][limbs[tip].side] = m["tip_offset"]
+            m["hand_rot"][limbs[tip].side] = m["tip_rot"]
     else:
-        m["tip_offset"] = [robot.arm.links[names[tip_link]].length_m, 0.0, 0.0]
-        m["tip_rot"] = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-    m["tip_link"] = tip_link
+        m["tip_offset"], m["tip_rot"] = m["hand_offset"][0], m["hand_rot"][0]
+    m["tip_link"] = tip
     return out
+
+
+def _set_hands(m: Record, robot: Robot, limbs: list[Limb]) -> None:
+    """Hands at the ends of the arms, their mass welded onto the last links."""
+    assert robot.arm is not None
+    hand = robot.arm.hand
+    m["n_hands"] = robot.arm.sides
+    carried = limbs[find_tip(robot, limbs)].side if robot.probe is not None else -1
+    for side in range(robot.arm.sides):
+        i = max(n for n, limb in enumerate(limbs) if limb.side == side)
+        link, way = limbs[i].link, link_direction(limbs[i].link)
+        m["hand_link"][side] = i
+        m["hand_offset"][side] = (link.length_m + hand.length_m) * way
+        m["hand_rot"][side] = tip_rotation(link)
+        if side != carried and hand.mass_kg > 0.0:
+            _weld(m, i, [(hand.mass_kg, m["hand_offset"][side], hand_inertia(robot))])
+
+
+def hand_inertia(robot: Robot) -> Array:
+    """Return the (3, 3) inertia of a hand about its centre: a solid ball."""
+    assert robot.arm is not None
+    hand = robot.arm.hand
+    return 0.4 * hand.mass_kg * hand.radius_m**2 * np.eye(3)
 
 
 def _add_probe(m: Record, i: int, link: Link, probe: Probe) -> None:
     """Weld holder and slider (spring released) onto link `i` and set the tip."""
     parts = build_probe_parts(probe)
-    rot = probe_rotation(probe)
+    rot = tip_rotation(link, probe.pitch_deg)
     axis = rot[:, 2]
-    end = np.array([link.length_m, 0.0, 0.0])
+    end = np.array(end_of(link))
     m["tip_offset"], m["tip_rot"] = end + probe.length_m * axis, rot
     # the holder's rod is along z_T; rod_inertia is along x of (z_T, y_T, -x_T)
     along = np.column_stack([axis, rot[:, 1], -rot[:, 0]])
     rod = along @ rod_inertia(parts.holder_mass, parts.holder_length, probe.radius_m) @ along.T
-    bodies = [
-        (m["mass"][i], m["com"][i].copy(), m["inertia"][i].copy()),
+    _weld(m, i, [
         (parts.holder_mass, end + 0.5 * parts.holder_length * axis, rod),
         (parts.slider_mass, end + parts.slider_com * axis, SLIDER_INERTIA * np.eye(3)),
-    ]
+    ])  # fmt: skip
+
+
+def _weld(m: Record, i: int, parts: list[tuple[float, Array, Array]]) -> None:
+    """Add bodies (mass, centre, inertia about it; all in the link's frame) to link `i`."""
+    bodies = [(float(m["mass"][i]), m["com"][i].copy(), m["inertia"][i].copy()), *parts]
     mass = sum(b[0] for b in bodies)
     com = sum(b[0] * b[1] for b in bodies) / mass
     inertia = np.zeros((3, 3))
@@ -270,6 +309,65 @@ def fill_kinematics(m: Record, q: Array, k: Record) -> None:
                 k.J_BT[2, joint] = ax * dy - ay * dx
                 k.Jw_BT[0, joint], k.Jw_BT[1, joint], k.Jw_BT[2, joint] = ax, ay, az
         i = m.parent[i]
+
+
+@njit(cache=True, error_model="numpy")
+def fill_hands(m: Record, k: Record) -> None:
+    """Fill the hands' poses p_BH, R_BH and Jacobians J_BH from `fill_kinematics`' link frames."""
+    vec = np.empty(3)
+    for h in range(m.n_hands):
+        i = m.hand_link[h]
+        mat_vec(k.R[i], m.hand_offset[h], vec)
+        for a in range(3):
+            k.p_BH[h, a] = k.p[i, a] + vec[a]
+            for j in range(MAX_JOINTS):
+                k.J_BH[h, a, j] = 0.0
+        mat_mat(k.R[i], m.hand_rot[h], k.R_BH[h])
+        while i >= 0:
+            joint, axis = m.joint[i], m.axis[i]
+            if joint >= 0:
+                ax, ay, az = k.R[i, 0, axis], k.R[i, 1, axis], k.R[i, 2, axis]
+                if m.slide[i]:
+                    k.J_BH[h, 0, joint], k.J_BH[h, 1, joint], k.J_BH[h, 2, joint] = ax, ay, az
+                else:
+                    dx = k.p_BH[h, 0] - k.p[i, 0]
+                    dy = k.p_BH[h, 1] - k.p[i, 1]
+                    dz = k.p_BH[h, 2] - k.p[i, 2]
+                    k.J_BH[h, 0, joint] = ay * dz - az * dy
+                    k.J_BH[h, 1, joint] = az * dx - ax * dz
+                    k.J_BH[h, 2, joint] = ax * dy - ay * dx
+            i = m.parent[i]
+
+
+@njit(cache=True, error_model="numpy")
+def fill_gravity_torque(m: Record, k: Record, g_B: Array, torque: Array) -> None:
+    """Fill `torque` (MAX_JOINTS,) N m (slides: N): what holds the arm at rest against gravity.
+
+    g_B (3,) m/s^2 is gravity in B (pointing down). Equals the gravity part of the mass matrix'
+    companion, MuJoCo's `qfrc_bias` at rest, for the joints.
+    """
+    c = np.empty(3)
+    for j in range(MAX_JOINTS):
+        torque[j] = 0.0
+    for n in range(m.n_links):
+        mat_vec(k.R[n], m.com[n], c)
+        for a in range(3):
+            c[a] += k.p[n, a]
+        fx, fy, fz = m.mass[n] * g_B[0], m.mass[n] * g_B[1], m.mass[n] * g_B[2]
+        i = n
+        while i >= 0:
+            joint, axis = m.joint[i], m.axis[i]
+            if joint >= 0:
+                ax, ay, az = k.R[i, 0, axis], k.R[i, 1, axis], k.R[i, 2, axis]
+                if m.slide[i]:
+                    torque[joint] -= ax * fx + ay * fy + az * fz
+                else:
+                    dx, dy, dz = c[0] - k.p[i, 0], c[1] - k.p[i, 1], c[2] - k.p[i, 2]
+                    torque[joint] -= (
+                        ax * (dy * fz - dz * fy) + ay * (dz * fx - dx * fz)
+                        + az * (dx * fy - dy * fx)
+                    )  # fmt: skip
+            i = m.parent[i]
 
 
 @njit(cache=True, error_model="numpy")

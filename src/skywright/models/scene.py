@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_from_rot
+from skywright.core.types import MAX_HANDS
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
+from skywright.robots.limbs import list_limbs
 from skywright.robots.spec import Robot
 from skywright.worlds.spec import World
 from skywright.worlds.surface import build_cylinder
@@ -43,7 +45,10 @@ class SceneIndex(NamedTuple):
     world_geoms: NDArray[np.int64]
     probe_geoms: NDArray[np.int64]  # those that may be near the pipe while scanning
     feet_geoms: NDArray[np.int64]
+    object_qpos: NDArray[np.int64]  # of each movable thing, in the order of the world file
+    hand_sites: NDArray[np.int64]  # (n_hands,)
     sensor_tip_force: int  # address of the tip's net contact force, -1 without
+    sensor_hand_force: NDArray[np.int64]  # (n_hands,) likewise of each hand
     sensor_collision: NDArray[np.int64]  # addresses of net contact forces that must be zero
 
 
@@ -200,12 +205,15 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
     # contact sensors of whole bodies; the gear has its own body, so landing is no collision
     for body in [
         "platform",
-        *(robot.arm.links if robot.arm else []),
+        *(limb.name for limb in list_limbs(robot)),
         *(["holder"] if robot.probe else []),
     ]:
         _add_contact_sensor(spec, f"collision {body}", body, mujoco.mjtObj.mjOBJ_BODY)
     if robot.probe is not None:
         _add_contact_sensor(spec, "collision pen", "pen", mujoco.mjtObj.mjOBJ_GEOM)
+    for side in range(MAX_HANDS):
+        if spec.body(f"hand{side}") is not None:
+            _add_contact_sensor(spec, f"touch hand{side}", f"hand{side}", mujoco.mjtObj.mjOBJ_BODY)
 
 
 def _add_contact_sensor(spec: mujoco.MjSpec, name: str, obj: str, kind: mujoco.mjtObj) -> None:
@@ -232,6 +240,9 @@ def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex
     fixed = [i for i in range(model.ngeom) if model.geom_bodyid[i] == 0]
     probe = [i for i, n in enumerate(geom_names) if n in ("tip", "pen", "holder shell")]
     feet = [i for i, n in enumerate(geom_names) if n.startswith(("foot", "leg"))]
+    objects = [n for i in range(model.njnt) if (n := model.joint(i).name).startswith("object ")]
+    sites = {model.site(i).name for i in range(model.nsite)}
+    hands = [f"hand{side}" for side in range(MAX_HANDS) if f"hand{side}" in sites]
     sensors = {model.sensor(i).name: int(model.sensor_adr[i]) for i in range(model.nsensor)}
     return SceneIndex(
         joint_qpos=np.array([qpos(n) for n in names], dtype=np.int64),
@@ -244,7 +255,12 @@ def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex
         world_geoms=np.array(fixed, dtype=np.int64),
         probe_geoms=np.array(probe, dtype=np.int64),
         feet_geoms=np.array(feet, dtype=np.int64),
+        object_qpos=np.array([qpos(n) for n in objects], dtype=np.int64),
+        hand_sites=np.array([model.site(name).id for name in hands], dtype=np.int64),
         sensor_tip_force=sensors.get("touch force", -1),
+        sensor_hand_force=np.array(
+            [sensors.get(f"touch {name}", -1) for name in hands], dtype=np.int64
+        ),
         sensor_collision=np.array(
             [a for n, a in sensors.items() if n.startswith("collision")], dtype=np.int64
         ),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_z
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics, joint_names
 from skywright.models.rotors import build_rotors
+from skywright.robots.limbs import end_of, list_limbs
 from skywright.robots.spec import Robot
 from skywright.worlds.spec import Box, Pipe
 from skywright.worlds.surface import build_cylinder
@@ -63,9 +64,10 @@ def outline_arm(robot: Robot, q: Array) -> list[Outline]:
     k = np.zeros(1, KINEMATICS)
     fill_kinematics(model[0], angles, k[0])
     parts = []
-    for i, link in enumerate(robot.arm.links.values()):
+    for i, limb in enumerate(list_limbs(robot)):
         start = k[0]["p"][i]
-        parts.append(Outline(np.array([start, start + k[0]["R"][i][:, 0] * link.length_m]), "arm"))
+        end = start + k[0]["R"][i] @ np.array(end_of(limb.link))
+        parts.append(Outline(np.array([start, end]), "arm"))
     if robot.probe is not None:
         tip, axis = k[0]["p_BT"], k[0]["R_BT"][:, 2]
         parts.append(Outline(np.array([tip - axis * robot.probe.length_m, tip]), "probe"))

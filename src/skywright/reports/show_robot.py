@@ -16,12 +16,12 @@ from skywright.models.rigid_body import (
     build_body_model,
     compute_body,
     fill_kinematics,
-    joint_names,
     posture,
 )
 from skywright.models.rotors import build_rotors
 from skywright.reports.outlines import outline_arm, outline_robot
 from skywright.reports.show_style import SIDE, STYLES, TOP, draw_dimension, draw_parts, label_axes
+from skywright.robots.limbs import list_joints, list_limbs
 from skywright.robots.spec import Link, Robot
 
 if TYPE_CHECKING:
@@ -127,11 +127,11 @@ def _draw_joints(ax: Axes, robot: Robot) -> None:
     model = build_body_model(robot)
     k = np.zeros(1, KINEMATICS)
     fill_kinematics(model[0], pad_joints(posture(robot, "working")), k[0])
-    for i, (name, link) in enumerate(robot.arm.links.items()):
-        if link.joint != "fixed":
+    for i, limb in enumerate(list_limbs(robot)):
+        if limb.link.joint != "fixed":
             p = k[0]["p"][i]
             ax.plot(p[0], p[2], "o", color="white", mec="black", ms=7, zorder=6)
-            ax.annotate(name, (p[0], p[2]), (-6, 9), textcoords="offset points", fontsize=8,
+            ax.annotate(limb.name, (p[0], p[2]), (-6, 9), textcoords="offset points", fontsize=8,
                         ha="right")  # fmt: skip
 
 
@@ -144,7 +144,7 @@ def _write_numbers(ax: Axes, robot: Robot) -> None:
     groups: list[tuple[str, list[tuple[str, str]]]] = []
     masses = [("platform", f"{p.mass_kg:.3g} kg")]
     if robot.arm is not None:
-        masses += [(name, f"{link.mass_kg:.3g} kg") for name, link in robot.arm.links.items()]
+        masses += [(limb.name, f"{limb.link.mass_kg:.3g} kg") for limb in list_limbs(robot)]
     if robot.probe is not None:
         masses.append(("probe", f"{robot.probe.mass_kg:.3g} kg"))
     groups.append(("mass", [*masses, ("in all", f"{mass:.3g} kg")]))
@@ -155,11 +155,7 @@ def _write_numbers(ax: Axes, robot: Robot) -> None:
         ("battery", f"{robot.battery.energy_wh:g} Wh"),
     ]))  # fmt: skip
     if robot.arm is not None:
-        moving = [robot.arm.links[name] for name in joint_names(robot)]
-        rows = [
-            (name, _describe_joint(link))
-            for name, link in zip(joint_names(robot), moving, strict=True)
-        ]
+        rows = [(limb.name, _describe_joint(limb.link)) for limb in list_joints(robot)]
         groups.append(("joints: range, at work, folded", rows))
     if robot.probe is not None:
         probe = robot.probe

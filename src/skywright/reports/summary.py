@@ -15,6 +15,7 @@ from skywright.missions.check import list_guesses
 from skywright.missions.loader import Description
 from skywright.missions.lookup import Subject
 from skywright.models.capability import check_can_fly, compute_capability
+from skywright.robots.limbs import list_limbs, list_servos
 from skywright.robots.spec import Robot
 from skywright.worlds.spec import Wind, World
 from skywright.worlds.wind import compute_dryden_scales
@@ -158,8 +159,9 @@ def describe_robot(robot: Robot) -> list[Section]:
     masses = [("platform", f"{p.mass_kg:g} kg")]
     total = p.mass_kg
     if robot.arm is not None:
-        arm = sum(link.mass_kg for link in robot.arm.links.values())
-        masses.append(("arm", f"{arm:g} kg in {len(robot.arm.links)} links"))
+        limbs = list_limbs(robot)
+        arm = sum(limb.link.mass_kg for limb in limbs) + robot.arm.sides * robot.arm.hand.mass_kg
+        masses.append(("arm", f"{arm:.4g} kg in {len(limbs)} links"))
         total += arm
     if robot.probe is not None:
         masses.append(("probe", f"{robot.probe.mass_kg:g} kg"))
@@ -176,7 +178,8 @@ def describe_robot(robot: Robot) -> list[Section]:
     sections = [Section("Masses", masses), Section("Rotors", rotors)]
     if robot.arm is not None:
         joints = []
-        for name, link in robot.arm.links.items():
+        for limb in list_limbs(robot):
+            name, link = limb.name, limb.link
             size = f"{link.length_m:g} m, {link.mass_kg:g} kg"
             if link.joint == "fixed":
                 joints.append((name, f"fixed, {size}"))
@@ -184,7 +187,7 @@ def describe_robot(robot: Robot) -> list[Section]:
             span = f"{link.joint_min_deg:g} to {link.joint_max_deg:g} deg"
             rest = f"folded {link.folded_deg:g}, working {link.working_deg:g}"
             joints.append((name, f"{link.joint} about {link.axis}, {size}, {span} ({rest})"))
-        for name, servo in robot.arm.servos.items():
+        for name, servo in list_servos(robot):
             speed = f"{servo.no_load_speed_rad_s:g} rad/s"
             joints.append((name, f"stall torque {servo.stall_torque_nm:g} N m, {speed} at no load"))
         sections.append(Section("Arm", joints))

@@ -106,9 +106,13 @@ class Link(Spec):
     z_m: float | None = None
     joint: Literal["hinge", "slide", "fixed"] = "hinge"
     axis: Literal["x", "y", "z"] = "y"
+    along: Literal["x", "-z"] = "x"  # the link's direction in its frame: forward, or hanging
+    passive: bool = False  # no servo: swings freely
+    damping_nms_per_rad: NonNegative = 0.0  # of a passive joint's bearing
+    friction_nm: NonNegative = 0.0
     length_m: Positive
     mass_kg: Positive
-    com_m: float | None = None  # along x; default: the middle
+    com_m: float | None = None  # along the link; default: the middle
     radius_m: Positive = 0.015  # collision capsule
     joint_min_deg: float = -180.0
     joint_max_deg: float = 180.0
@@ -116,6 +120,23 @@ class Link(Spec):
     working_deg: float = 0.0  # posture that a task starts from
     flex_stiffness_nm_per_rad: Positive | None = None  # structural, in series with the joint
     flex_damping_ratio: NonNegative = 0.03
+    flex_damping_nms_per_rad: NonNegative | None = None  # in place of the ratio
+    flex_linear_deg: Positive | None = None  # deflection up to which the spring is linear
+    flex_beyond: Literal["stop", "hardening"] = "stop"  # what happens beyond
+    flex_hardening: float = Field(default=4.0, ge=1.0)  # stiffness beyond, over that within
+    deflection_encoder: bool = False  # the controller measures shaft minus output link
+    lateral_stiffness_nm_per_rad: Positive | None = None  # bending out of the joint's plane
+    lateral_damping_ratio: NonNegative = 0.05
+
+    @model_validator(mode="after")
+    def _moves_as_it_says(self) -> Link:
+        if self.passive and self.joint == "fixed":
+            raise ValueError("passive = true needs a joint that moves: joint = 'hinge' or 'slide'")
+        if self.flex_linear_deg is not None and self.flex_stiffness_nm_per_rad is None:
+            raise ValueError("flex_linear_deg needs flex_stiffness_nm_per_rad")
+        if self.deflection_encoder and self.flex_stiffness_nm_per_rad is None:
+            raise ValueError("deflection_encoder needs flex_stiffness_nm_per_rad")
+        return self
 
     @model_validator(mode="after")
     def _limits_ordered(self) -> Link:
@@ -128,19 +149,37 @@ class Link(Spec):
 
 
 class Servo(Spec):
-    """A velocity-controlled servo motor of the arm."""
+    """A servo motor of the arm: it takes a velocity, or an angle (hobby and smart servos)."""
 
+    mode: Literal["velocity", "position"] = "velocity"
     stall_torque_nm: Positive
     no_load_speed_rad_s: Positive
     velocity_time_constant_s: Positive = 0.03
+    position_time_constant_s: Positive = 0.05  # T_s of Suarez 2020 (17)
+    command_period_s: Positive = 0.02  # mode "position": between commands and encoder readings
+    resolution_deg: NonNegative = 0.0  # of a commanded angle
+    backlash_deg: NonNegative = 0.0  # of the gear, seen at the output
     armature_kgm2: Positive = 0.005  # rotor inertia through the gear
     encoder_counts: int = Field(default=4096, ge=16)
+
+
+class Hand(Spec):
+    """What an arm without a probe ends in: a ball (or pad) at the tip, or a hook."""
+
+    kind: Literal["ball", "hook"] = "ball"
+    length_m: NonNegative = 0.0  # from the link's end to the tip
+    mass_kg: NonNegative = 0.0
+    radius_m: Positive = 0.012  # of the ball
+    hook_length_m: Positive = 0.05  # of the hook's cross bar, forward
+    friction: NonNegative = 0.5
 
 
 class Arm(Spec):
     """Links in order (a chain unless `parent` says otherwise) and the servos that drive them.
 
     `belt` is J_AM of Tognon 2018: joint speeds = J_AM * motor speeds (identity when absent).
+    With `sides = 2` the links describe the left arm; the right one is its mirror image, and the
+    two shoulders are `separation_m` apart.
     """
 
     inline_tables: ClassVar[tuple[str, ...]] = ("links", "servos")
@@ -148,9 +187,12 @@ class Arm(Spec):
     mount_x_m: float = 0.0
     mount_y_m: float = 0.0
     mount_z_m: float = 0.0
+    sides: Literal[1, 2] = 1
+    separation_m: Positive = 0.3
     links: dict[str, Link]
     servos: dict[str, Servo]
     belt: list[list[float]] | None = None
+    hand: Hand = Hand()
 
     @model_validator(mode="before")
     @classmethod
@@ -160,7 +202,7 @@ class Arm(Spec):
             return data
         out: dict[str, object] = {"links": {}, "servos": {}}
         for key, value in data.items():
-            if isinstance(value, dict):
+            if isinstance(value, dict) and key not in cls.model_fields:
                 names = set(value)
                 servo = len(names & set(Servo.model_fields)) > len(names & set(Link.model_fields))
                 out["servos" if servo else "links"][key] = value  # type: ignore[index]
@@ -171,12 +213,19 @@ class Arm(Spec):
     @model_validator(mode="after")
     def _consistent(self) -> Arm:
         moving = [n for n, link in self.links.items() if link.joint != "fixed"]
-        if len(moving) > MAX_JOINTS:
-            raise ValueError(f"{len(moving)} joints; at most {MAX_JOINTS} are supported")
-        if len(self.servos) != len(moving):
+        joints = self.sides * len(moving)
+        if joints > MAX_JOINTS:
+            raise ValueError(f"{joints} joints; at most {MAX_JOINTS} are supported")
+        driven = [n for n in moving if not self.links[n].passive]
+        if len(self.servos) != len(driven):
             raise ValueError(
-                f"{len(self.servos)} servos for {len(moving)} joints: give one servo table a joint"
+                f"{len(self.servos)} servos for {len(driven)} joints that are not passive: give "
+                "one servo table a joint"
             )
+        if len({servo.mode for servo in self.servos.values()}) > 1:
+            raise ValueError("servos of both modes: give all the same mode, velocity or position")
+        if self.belt is not None and (self.sides == 2 or len(driven) < len(moving)):
+            raise ValueError("a belt needs a single arm (sides = 1) without passive joints")
         before = ["platform"]  # a parent comes first, so there are no cycles
         for name, link in self.links.items():
             if link.parent is not None and link.parent not in before:
@@ -247,6 +296,7 @@ class Control(Spec):
     """Bandwidths from which every gain follows (no gain is written in a file)."""
 
     law: str | None = None  # registry name or "file.py:function"; the mission may override
+    arms_law: str | None = None  # of arms with position servos
     position_bandwidth_rad_s: Positive = 3.0
     position_damping: Positive = 1.0
     position_integral_rad_s: NonNegative = 0.3
@@ -276,13 +326,31 @@ class Robot(Spec):
     name: Name
     description: str = ""
     paper: str = ""
+    extends: str | None = None  # a robot (name or file) of which this file tells the differences
     platform: Platform
     rotors: Rotors
     battery: Battery
+    pendulum: Link | None = None  # passive link that carries the arm (long reach)
     arm: Arm | None = None
     probe: Probe | None = None
     sensors: Sensors = Sensors()
     control: Control = Control()
+
+    @field_validator("pendulum")
+    @classmethod
+    def _pendulum_hangs(cls, link: Link | None) -> Link | None:
+        return link if link is None else link.model_copy(update={"passive": True, "along": "-z"})
+
+    @model_validator(mode="after")
+    def _pendulum_needs_arm(self) -> Robot:
+        if self.pendulum is None:
+            return self
+        if self.arm is None:
+            raise ValueError("a pendulum needs an arm to carry")
+        moving = sum(link.joint != "fixed" for link in self.arm.links.values()) * self.arm.sides
+        if moving + 1 > MAX_JOINTS:
+            raise ValueError(f"{moving + 1} joints; at most {MAX_JOINTS} are supported")
+        return self
 
     @model_validator(mode="after")
     def _probe_needs_arm(self) -> Robot:
@@ -290,6 +358,9 @@ class Robot(Spec):
             raise ValueError("a probe needs an arm to sit on")
         if self.probe is not None and self.arm is not None:
             on = self.probe.on
-            if on is not None and on not in self.arm.links:
-                raise ValueError(f"probe.on is {on!r}; valid: {sorted(self.arm.links)}")
+            valid = sorted(self.arm.links)
+            if self.arm.sides == 2:
+                valid = [f"{side}_{name}" for side in ("left", "right") for name in valid]
+            if on is not None and on not in valid:
+                raise ValueError(f"probe.on is {on!r}; valid: {valid}")
         return self

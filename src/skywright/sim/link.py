@@ -47,7 +47,7 @@ LINK = np.dtype(
         ("down_motor", f8, (DEPTH, MAX_JOINTS)),
         # what the robot holds: the newest command that arrived
         ("speed", f8, MAX_ROTORS),  # rad/s
-        ("motor", f8, MAX_JOINTS),  # rad/s
+        ("motor", f8, MAX_JOINTS),  # rad/s (position servos: rad)
     ]
 )
 
@@ -94,7 +94,7 @@ def receive_measurement(lk: Record, t: float, meas: Record) -> None:
 def _merge(new: Record, meas: Record) -> None:
     meas.t = new.t
     for j in range(MAX_JOINTS):
-        meas.q[j], meas.qd[j] = new.q[j], new.qd[j]
+        meas.q[j], meas.qd[j], meas.deflection[j] = new.q[j], new.qd[j], new.deflection[j]
     for k in range(new.imu_n):
         if meas.imu_n < IMU_BATCH:
             n = meas.imu_n
@@ -118,7 +118,7 @@ def _copy_mocap(a: Record, b: Record) -> None:
 def _copy_measurement(a: Record, b: Record) -> None:
     b.t, b.imu_n = a.t, a.imu_n
     for j in range(MAX_JOINTS):
-        b.q[j], b.qd[j] = a.q[j], a.qd[j]
+        b.q[j], b.qd[j], b.deflection[j] = a.q[j], a.qd[j], a.deflection[j]
     for k in range(a.imu_n):
         for i in range(3):
             b.imu_gyro[k, i], b.imu_accel[k, i] = a.imu_gyro[k, i], a.imu_accel[k, i]

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import cross, exp_so3, mat_mat, mat_t_vec, mat_vec, quat_to_rot
-from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.core.types import MAX_HANDS, MAX_JOINTS, MAX_OBJECTS, MAX_ROTORS
 from skywright.models.rotors import step_rotor_speed
 from skywright.sim.friction import FRICTION
 from skywright.sim.wind import FAN, NOISE, WIND
@@ -25,6 +25,10 @@ Record = Any
 BLOCK = 1000  # control ticks of noise drawn at a time, at least one mission tick
 QUEUE = 64  # motion-capture samples under way
 MAX_CONTACTS = 16
+DEFLECTION_RATE = 200.0  # Hz (Suarez 2020, section III-B)
+DEFLECTION_ERROR = math.radians(0.2)  # rad, accuracy of the AS5047 (same)
+DEFLECTION_NOISE = math.radians(0.05)  # rad, 1 sigma
+DEFLECTION_LSB = 2.0 * math.pi / 2**14  # rad
 
 f8, i8 = np.float64, np.int64
 
@@ -53,6 +57,24 @@ PLANT = np.dtype(
         ("joint_dof", i8, MAX_JOINTS),
         ("motor_from_joint", f8, (MAX_JOINTS, MAX_JOINTS)),  # inverse of the belt
         ("servo_lag", f8, MAX_JOINTS),  # rad, command ahead of the motor at the stall torque
+        ("joint_servo", i8, MAX_JOINTS),  # index of the servo, -1: passive
+        # position servos and compliant joints
+        ("positioned", i8),  # 1: servos take angles
+        ("servo_every", i8),  # control ticks between commands and readings
+        ("servo_lsb", f8, MAX_JOINTS),  # rad, of a command; 0: exact
+        ("servo_speed", f8, MAX_JOINTS),  # rad/s
+        ("servo_held", f8, MAX_JOINTS),  # rad, last command
+        ("servo_now", f8, MAX_JOINTS),  # rad, on its way there
+        ("flex_qpos", i8, MAX_JOINTS),  # -1: rigid
+        ("deflection_on", i8, MAX_JOINTS),  # 1: has an encoder
+        ("deflection_every", i8),  # control ticks
+        ("deflection_wave", f8, MAX_JOINTS),  # rad, phase of the encoder's error over a turn
+        ("noise_deflection", f8, (BLOCK, MAX_JOINTS)),
+        ("n_hands", i8),
+        ("hand_site", i8, MAX_HANDS),
+        ("hand_force", i8, MAX_HANDS),  # address of the contact sensor, -1: none
+        ("n_objects", i8),
+        ("object_qpos", i8, MAX_OBJECTS),
         ("slider_qpos", i8),
         ("platform", i8),
         ("tip_site", i8),
@@ -107,6 +129,9 @@ PLANT = np.dtype(
         ("phi", f8),
         ("f_contact", f8, 3),
         ("f_collision", f8),  # since the last sample
+        ("p_WH", f8, (MAX_HANDS, 3)),
+        ("R_WH", f8, (MAX_HANDS, 3, 3)),
+        ("f_WH", f8, (MAX_HANDS, 3)),  # N, force that each hand exerts
     ]
 )
 
@@ -138,6 +163,12 @@ def observe(
     if pl.tip_force >= 0:
         for i in range(3):
             pl.f_contact[i] = -sensordata[pl.tip_force + i]  # MuJoCo: force of the tip on the pipe
+    for h in range(pl.n_hands):
+        for i in range(3):
+            pl.p_WH[h, i] = site_xpos[pl.hand_site[h], i]
+            pl.f_WH[h, i] = sensordata[pl.hand_force[h] + i] if pl.hand_force[h] >= 0 else 0.0
+            for j in range(3):
+                pl.R_WH[h, i, j] = site_xmat[pl.hand_site[h], 3 * i + j]
     for k in range(pl.n_collision):
         a = pl.collision[k]
         f = math.sqrt(sensordata[a] ** 2 + sensordata[a + 1] ** 2 + sensordata[a + 2] ** 2)
@@ -168,7 +199,9 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
     """Joint encoders, and motion capture with rate, latency, noise, drop-outs and artefacts."""
     k = pl.block
     meas.t = t
-    for j in range(pl.n_joints):
+    if pl.positioned:
+        _sense_compliant(pl, meas, qpos)
+    for j in range(0 if pl.positioned else pl.n_joints):
         lsb = pl.enc_lsb[j]
         raw = qpos[pl.joint_qpos[j]] + pl.enc_offset[j]
         meas.q[j] = lsb * math.floor(raw / lsb + 0.5)
@@ -194,6 +227,28 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
             for b in range(3):
                 meas.R_WB[a, b] = pl.queue_R[i, a, b]
         pl.queue_tail = (pl.queue_tail + 1) % QUEUE
+
+
+@njit(cache=True, error_model="numpy")
+def _sense_compliant(pl: Record, meas: Record, qpos: Array) -> None:
+    """Shaft encoders at the servos' rate, passive joints every tick, deflections at 200 Hz.
+
+    A deflection is read through a 14-bit magnetic encoder whose error follows the angle
+    (DEFLECTION_ERROR) and which is noisy.
+    """
+    k = pl.block
+    for j in range(pl.n_joints):
+        if pl.joint_servo[j] < 0 or pl.tick % pl.servo_every == 0:
+            lsb = pl.enc_lsb[j]
+            raw = qpos[pl.joint_qpos[j]] + pl.enc_offset[j]
+            meas.q[j] = lsb * math.floor(raw / lsb + 0.5)
+        if pl.deflection_on[j] and pl.tick % pl.deflection_every == 0:
+            true = -qpos[pl.flex_qpos[j]]
+            raw = true + DEFLECTION_ERROR * (
+                math.sin(true + pl.deflection_wave[j]) - math.sin(pl.deflection_wave[j])
+            )
+            raw += DEFLECTION_NOISE * pl.noise_deflection[k, j]
+            meas.deflection[j] = DEFLECTION_LSB * math.floor(raw / DEFLECTION_LSB + 0.5)
 
 
 @njit(cache=True, error_model="numpy")
@@ -249,19 +304,38 @@ def _spoil(pl: Record, i: int, k: int) -> None:
 def actuate(pl: Record, rotor_speed: Array, motor_speed: Array, dt: float, ctrl: Array) -> None:
     """Advance the rotor speeds by one control tick and write MuJoCo's controls.
 
+    `motor_speed` (MAX_JOINTS,) is rad/s, or for position servos the shaft's angle in rad.
+
     Thrust is k_f w^2 at the end of the exact first-order lag, held until the next tick; errors of
     the rotor gains sit in the plant's actuator gears.
     """
     step_rotor_speed(pl.rotor_speed, rotor_speed, pl.n_rotors, dt, pl.rotor_tau)
     for i in range(pl.n_rotors):
         ctrl[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
+    if not pl.positioned:
+        for j in range(pl.n_joints):
+            if pl.joint_servo[j] >= 0:
+                ctrl[pl.n_rotors + pl.joint_servo[j]] = motor_speed[j]
+        return
+    # a position servo takes a command at its own rate, rounded, and moves there at its speed
     for j in range(pl.n_joints):
-        ctrl[pl.n_rotors + j] = motor_speed[j]
+        if pl.joint_servo[j] < 0:
+            continue
+        if pl.tick % pl.servo_every == 0:
+            lsb = pl.servo_lsb[j]
+            cmd = motor_speed[j]
+            pl.servo_held[j] = lsb * math.floor(cmd / lsb + 0.5) if lsb > 0.0 else cmd
+        reach = pl.servo_speed[j] * dt
+        step = min(max(pl.servo_held[j] - pl.servo_now[j], -reach), reach)
+        pl.servo_now[j] += step
+        ctrl[pl.n_rotors + pl.joint_servo[j]] = pl.servo_now[j]
 
 
 @njit(cache=True, error_model="numpy")
 def hold_stalled_servos(pl: Record, qpos: Array, act: Array, ctrl: Array) -> None:
     """Stop the integrated command of a stalled servo: it would leap when it comes free."""
+    if pl.positioned:
+        return
     for j in range(pl.n_joints):
         ahead = act[j]
         for i in range(pl.n_joints):

@@ -29,8 +29,8 @@ F8, C16 = np.float64, np.complex128
     _BELIEF, _PLANT, _GUARD, _MODEL, _KIN, _TABLE, _SAMPLES, _QPOS, _QVEL, _SENSORS, _SITE_P,
     _SITE_R, _CTRL, _XFRC, _B, _P, _T_MIN, _T_MAX, _THRUST, _EC_TABLE, _EC_MU, _EC_KS, _EC_KC,
     _EC_PHASE, _EC_NUMBERS, _MJ_MODEL, _MJ_DATA, _LAW, _PAIRS, _INERTIAL,
-    _LINK, _ESTIMATOR, _ACT, _ADDRESSES,
-) = range(34)  # fmt: skip
+    _LINK, _ESTIMATOR, _ACT, _STIFF, _ARMS_LAW, _ADDRESSES,
+) = range(36)  # fmt: skip
 (
     _N_TABLE, _N_SAMPLES, _NQ, _NV, _NSENSOR, _NSITE, _NU, _NBODY, _N_ROTORS, _FULL, _N_TILT,
     _N_GAP, _N_BLEND, _N_MODES, _N_PAIRS, _END,
@@ -38,7 +38,7 @@ F8, C16 = np.float64, np.complex128
 
 
 class Views(NamedTuple):
-    """What compiled code sees; b, pl, im, lk, g, model and kin are (1,) arrays of records."""
+    """What compiled code sees; b, pl, im, lk, g, model, kin and stiff are (1,) arrays of records."""
 
     b: Any
     pl: Any
@@ -47,6 +47,7 @@ class Views(NamedTuple):
     g: Any
     model: Any
     kin: Any
+    stiff: Any
     table: Any
     samples: Any
     qpos: Any
@@ -67,6 +68,7 @@ class Views(NamedTuple):
     belief_address: int
     law_address: int
     estimator_address: int
+    arms_law_address: int
     mj_model: int
     mj_data: int
     pair_friction: Any
@@ -96,6 +98,7 @@ def open_frame(f: Any) -> Views:
         carray(as_pointer(f[_GUARD]), 1, GUARD),
         carray(as_pointer(f[_MODEL]), 1, BODY_MODEL),
         carray(as_pointer(f[_KIN]), 1, KINEMATICS),
+        carray(as_pointer(f[_STIFF]), 1, KINEMATICS),
         carray(as_pointer(f[_TABLE]), f[_N_TABLE], REFERENCE),
         carray(as_pointer(f[_SAMPLES]), f[_N_SAMPLES], SAMPLE),
         carray(as_pointer(f[_QPOS]), f[_NQ], F8),
@@ -116,6 +119,7 @@ def open_frame(f: Any) -> Views:
         f[_BELIEF],
         f[_LAW],
         f[_ESTIMATOR],
+        f[_ARMS_LAW],
         f[_MJ_MODEL],
         f[_MJ_DATA],
         carray(as_pointer(f[_PAIRS]), (f[_N_PAIRS], 5), F8),
@@ -129,7 +133,7 @@ class Frame:
         self, belief: NDArray[Any], plant: NDArray[Any], inertial: NDArray[Any],
         link: NDArray[Any], guard: NDArray[Any], model: NDArray[Any], kin: NDArray[Any],
         samples: NDArray[Any], sim: Any, allocator: Allocator, thrust: NDArray[Any],
-        probe: ProbeSignal, law_address: int, estimator_address: int,
+        probe: ProbeSignal, law_address: int, estimator_address: int, arms_law_address: int,
     ) -> None:  # fmt: skip
         """`sim` is a Simulation; `law_address` 0 where the law is plain Python."""
         numbers = np.array([
@@ -139,7 +143,7 @@ class Frame:
         a = allocator
         arrays: dict[int, Any] = {
             _BELIEF: belief, _PLANT: plant, _INERTIAL: inertial, _LINK: link, _GUARD: guard,
-            _MODEL: model, _KIN: kin,
+            _MODEL: model, _KIN: kin, _STIFF: np.zeros_like(kin),
             _SAMPLES: samples, _QPOS: sim.qpos, _QVEL: sim.qvel, _SENSORS: sim.sensordata,
             _SITE_P: sim.site_xpos, _SITE_R: sim.site_xmat, _CTRL: sim.ctrl,
             _ACT: sim.act, _XFRC: sim.xfrc,
@@ -165,6 +169,7 @@ class Frame:
             self.array[place] = size
         self.array[_MJ_MODEL], self.array[_MJ_DATA] = sim.model_address, sim.data_address
         self.array[_LAW], self.array[_ESTIMATOR] = law_address, estimator_address
+        self.array[_ARMS_LAW] = arms_law_address
         self._alive: list[Any] = [*arrays.values(), sim]
         self._table: Any = None
 

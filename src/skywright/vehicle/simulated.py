@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.control.registry import Law
+from skywright.control.registry import Law, load_arms_law
 from skywright.core.streams import build_stream
 from skywright.core.types import BELIEF, SAMPLE
 from skywright.errors import InputError, SimulationError
@@ -21,6 +21,7 @@ from skywright.estimation.registry import fill_parameters, load_estimator
 from skywright.inspection.eddy_current import Instrument, build_probe_signal
 from skywright.models.allocation import build_allocator
 from skywright.models.arm_body import Deviation, compute_servo_gains
+from skywright.models.compliant_arms import fill_arms_parameters, is_compliant
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,
@@ -30,11 +31,12 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, Scene, build_scene, home_pose
+from skywright.robots.limbs import list_joints, list_servos
 from skywright.robots.spec import Robot
 from skywright.sim.friction import fill_friction
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
-from skywright.sim.plant import BLOCK, PLANT
+from skywright.sim.plant import BLOCK, DEFLECTION_RATE, PLANT
 from skywright.sim.simulation import Simulation
 from skywright.sim.wind import count_noise, fill_wind
 from skywright.vehicle.frame import Frame
@@ -94,6 +96,7 @@ class SimulatedVehicle:
         self.offers = frozenset(
             ["uav"]
             + (["arms", "whole_body"] if robot.arm else [])
+            + (["hands"] if is_compliant(robot) else [])
             + (["probe"] if robot.probe else [])
         )
         c = robot.control
@@ -108,13 +111,14 @@ class SimulatedVehicle:
         self.plant = _build_plant(robot, world, self.scene, deviation, seed)
         names = (
             "gyro", "accelerometer", "vibration", "mocap", "dropout", "outlier", "probe", "wind",
-            "link",
+            "link", "deflection",
         )  # fmt: skip
         self._streams = {n: build_stream(seed, n) for n in names}
         self.inertial = build_inertial(robot, world.gravity_mps2, TIMESTEP, self._streams)
         self.link = build_link(world.link)
         self.link_on = bool(self.link[0]["on"])
         self.estimator = load_estimator(estimator)
+        arms_law = load_arms_law(robot.control.arms_law or "compliant")
         self.guard = self._build_guard(estimator == "truth")
         pipe = world.pipe or Pipe()  # without a pipe the signal is never asked for
         weld = world.weld if world.pipe is not None else None
@@ -124,6 +128,7 @@ class SimulatedVehicle:
             self.belief, self.plant, self.inertial, self.link, self.guard, self.model, self.kin,
             self.samples, self.sim, self.allocator, self.thrust, self.probe_signal,
             0 if law.compiled is None else law.compiled.address, self.estimator.compiled.address,
+            arms_law.compiled.address,
         )  # fmt: skip
         self._raw, self._written = self.samples.view(np.uint8), 0
         self.on_samples = on_samples
@@ -139,6 +144,13 @@ class SimulatedVehicle:
         self.track(self._table)
 
     # --- Backend -----------------------------------------------------------------------------
+
+    @property
+    def parts(self) -> list[str]:
+        """What samples hold beyond every robot's (core/messages.py: PARTS)."""
+        pl = self.plant[0]
+        have = {"hands": pl["positioned"], "objects": pl["n_objects"]}
+        return [name for name, on in have.items() if on]
 
     @property
     def t(self) -> float:
@@ -251,6 +263,10 @@ class SimulatedVehicle:
         pl["noise_drop"] = self._streams["dropout"].random(BLOCK)
         if self.world.mocap.outlier_fraction > 0.0:
             pl["noise_outlier"] = self._streams["outlier"].random((BLOCK, 9))
+        if pl["positioned"]:
+            pl["noise_deflection"] = self._streams["deflection"].standard_normal(
+                pl["noise_deflection"].shape
+            )
         pl["noise_ec"] = self._streams["probe"].standard_normal((BLOCK, 2))
         if self.world.wind.gusty:
             n = count_noise(self.world.wind, len(self.rotors.thrust_min))
@@ -275,6 +291,7 @@ class SimulatedVehicle:
         par["motor_speed_max"] = self.model[0]["motor_speed_max"]
         b["body"]["mass"], b["body"]["gravity"] = mass, self.world.gravity_mps2
         fill_parameters(b, self.robot, self.world, TIMESTEP)
+        fill_arms_parameters(b["arms"], self.robot)
         for field in ("ref", "est"):
             for name in ("R_WB", "R_WT"):
                 b[field][name] = np.eye(3)
@@ -299,10 +316,16 @@ class SimulatedVehicle:
         row["R_WS"] = np.eye(3)
         row["q"][: self.n_joints] = q
         row["p_WT"], row["R_WT"] = self.tip_of(row)
+        if self.plant[0]["positioned"]:  # the servos hold where they stand
+            for field in (self.belief[0]["cmd"]["theta"], self.belief[0]["arms"]["theta_ref"],
+                          self.belief[0]["est"]["q"], self.plant[0]["servo_now"],
+                          self.plant[0]["servo_held"], self.link[0]["motor"]):  # fmt: skip
+                field[: self.n_joints] = q
 
     def _explain_not_finite(self) -> str:
         cmd = self.belief[0]["cmd"]
-        values = np.concatenate([cmd["f_B"], cmd["t_B"], cmd["qd"][: self.n_joints]])
+        joints = [cmd["qd"][: self.n_joints], cmd["theta"][: self.n_joints]]
+        values = np.concatenate([cmd["f_B"], cmd["t_B"], *joints])
         if not np.all(np.isfinite(values)):
             return (
                 f"control law {self.law.name!r} raised, or returned NaN or infinity, at "
@@ -338,9 +361,10 @@ def _build_plant(
     pl["joint_dof"][: scene.n_joints] = index.joint_dof
     n_joints = scene.n_joints
     if robot.arm is not None and n_joints:
-        belt = np.eye(n_joints) if robot.arm.belt is None else np.array(robot.arm.belt)
-        pl["motor_from_joint"][:n_joints, :n_joints] = np.linalg.inv(belt)
-        for j, servo in enumerate(robot.arm.servos.values()):
+        n_servos = len(list_servos(robot))
+        belt = np.eye(n_servos) if robot.arm.belt is None else np.array(robot.arm.belt)
+        pl["motor_from_joint"][:n_servos, :n_servos] = np.linalg.inv(belt)
+        for j, (_, servo) in enumerate(list_servos(robot)):
             pl["servo_lag"][j] = servo.stall_torque_nm / compute_servo_gains(robot, j)[0]
     pl["slider_qpos"], pl["platform"] = index.slider_qpos, index.platform_body
     pl["tip_site"], pl["tip_force"] = index.tip_site, index.sensor_tip_force
@@ -351,9 +375,15 @@ def _build_plant(
     # sensors
     pl["enc_lsb"] = 2.0 * math.pi / 4096
     pl["enc_offset"][: len(dev.joint_offset)] = dev.joint_offset
-    if robot.arm is not None:
-        for j, servo in enumerate(robot.arm.servos.values()):
-            pl["enc_lsb"][j] = 2.0 * math.pi / servo.encoder_counts
+    servos = list_servos(robot)
+    for j, limb in enumerate(list_joints(robot)):
+        pl["joint_servo"][j] = limb.servo
+        if limb.servo >= 0:
+            pl["enc_lsb"][j] = 2.0 * math.pi / servos[limb.servo][1].encoder_counts
+    if is_compliant(robot):
+        _fill_position_servos(pl, robot, scene, seed)
+    pl["n_objects"] = len(index.object_qpos)
+    pl["object_qpos"][: len(index.object_qpos)] = index.object_qpos
     m = world.mocap
     pl["mocap_period"], pl["mocap_latency"] = 1.0 / m.rate_hz, m.latency_s
     pl["mocap_sigma_p"], pl["mocap_sigma_R"] = m.position_noise_m, m.attitude_noise_rad
@@ -368,3 +398,27 @@ def _build_plant(
     if robot.probe is not None:
         pl["tip_radius"] = robot.probe.tip_radius_m
     return out
+
+
+def _fill_position_servos(pl: Any, robot: Robot, scene: Scene, seed: int) -> None:
+    """Servos that take angles, springs with their encoders, and hands."""
+    index, dt = scene.places, 1.0 / robot.control.rate_hz
+    servos, joints = list_servos(robot), list_joints(robot)
+    pl["positioned"] = 1
+    pl["servo_every"] = max(round(servos[0][1].command_period_s / dt), 1)
+    pl["deflection_every"] = max(round(1.0 / (DEFLECTION_RATE * dt)), 1)
+    pl["flex_qpos"] = -1
+    for j, limb in enumerate(joints):
+        pl["flex_qpos"][j] = index.flex_qpos[j]
+        pl["deflection_on"][j] = int(limb.link.deflection_encoder)
+        if limb.servo >= 0:
+            servo = servos[limb.servo][1]
+            pl["servo_lsb"][j] = math.radians(servo.resolution_deg)
+            pl["servo_speed"][j] = servo.no_load_speed_rad_s
+    pl["deflection_wave"][: len(joints)] = build_stream(seed, "deflection").uniform(
+        0.0, 2.0 * math.pi, len(joints)
+    )
+    pl["n_hands"] = len(index.hand_sites)
+    pl["hand_site"][: len(index.hand_sites)] = index.hand_sites
+    pl["hand_force"] = -1
+    pl["hand_force"][: len(index.hand_sites)] = index.sensor_hand_force

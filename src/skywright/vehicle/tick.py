@@ -17,8 +17,10 @@ from numba import njit
 from skywright.core.pointers import call_pointer
 from skywright.core.rotations import orthonormalise, rot_to_quat
 from skywright.core.types import MAX_JOINTS
+from skywright.estimation.contact_force import estimate_contact_force
 from skywright.inspection.eddy_current import ec_signal
 from skywright.models.allocation import allocate, thrust_to_speed
+from skywright.models.compliant_arms import estimate_joints, fill_arms
 from skywright.models.rigid_body import fill_body, fill_kinematics
 from skywright.models.rotors import compute_power
 from skywright.sim.friction import rub
@@ -76,6 +78,12 @@ def interpolate_reference(b: Record, table: Array) -> None:
     for j in range(MAX_JOINTS):
         ref.q[j] = w * lo.q[j] + u * hi.q[j]
         ref.qd[j] = w * lo.qd[j] + u * hi.qd[j]
+    for h in range(b.arms.n_hands):
+        ref.task[h], ref.gamma[h] = lo.task[h], lo.gamma[h]
+        for a in range(3):
+            ref.p_WH[h, a] = w * lo.p_WH[h, a] + u * hi.p_WH[h, a]
+            ref.v_WH[h, a] = w * lo.v_WH[h, a] + u * hi.v_WH[h, a]
+            ref.f_WH[h, a] = w * lo.f_WH[h, a] + u * hi.f_WH[h, a]
     orthonormalise(ref.R_WB)
     orthonormalise(ref.R_WT)
     orthonormalise(ref.R_WS)
@@ -90,6 +98,7 @@ def before_law(
     g: Record,
     model: Record,
     kin: Record,
+    stiff: Record,
     table: Array,
     qpos: Array,
     qvel: Array,
@@ -97,6 +106,7 @@ def before_law(
     site_xpos: Array,
     site_xmat: Array,
     estimator: int,
+    arms_law: int,
     belief: int,
 ) -> None:
     """Observe the plant, sense, estimate, update the nominal body, and look up the reference."""
@@ -109,12 +119,17 @@ def before_law(
     else:
         read_inertial(im, b.meas)
         sense(pl, b.t, b.meas, qpos, qvel)
-    fill_kinematics(model, b.meas.q, kin)
+    estimate_joints(b)
+    fill_kinematics(model, b.est.q, kin)
     fill_body(model, kin, b.body)
     call_pointer(estimator, belief)
     if g.truth_estimator:
         _take_truth(b, pl)
     interpolate_reference(b, table)
+    if b.arms.on and pl.tick % pl.servo_every == 0:
+        fill_arms(b, model, kin, stiff)
+        estimate_contact_force(b)
+        call_pointer(arms_law, belief)
 
 
 @njit(cache=True, error_model="numpy")
@@ -154,7 +169,7 @@ def after_law(
     for i in range(3):
         total += cmd.f_B[i] + cmd.t_B[i]
     for j in range(n_joints):
-        total += cmd.qd[j]
+        total += cmd.qd[j] + cmd.theta[j]
     for i in range(7):
         total += pl.p_WB[i % 3] + pl.v_WB[i % 3] + pl.w_WB_B[i % 3]
     if not math.isfinite(total):  # NaN never reaches a command
@@ -193,7 +208,7 @@ def after_law(
         v = 0.0
         for i in range(n_joints):
             v += par.belt_inv[j, i] * cmd.qd[i]
-        motor[j] = v
+        motor[j] = cmd.theta[j] if pl.positioned else v
     if lk.on:
         send_command(lk, b.t, cmd.rotor_speed, motor)
         actuate(pl, lk.speed, lk.motor, par.dt, ctrl)
@@ -245,6 +260,9 @@ def take_sample(
         row.q[j], row.qd[j] = 0.0, 0.0
     for j in range(pl.n_joints):
         row.q[j], row.qd[j] = qpos[pl.joint_qpos[j]], qvel[pl.joint_dof[j]]
+    if pl.positioned:
+        _sample_arms(b, pl, qpos, row)
+    _sample_objects(pl, qpos, row)
     thrust = np.zeros(pl.n_rotors)
     for i in range(pl.n_rotors):
         thrust[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
@@ -277,6 +295,52 @@ def take_sample(
     pl.f_collision = 0.0
 
 
+@njit(cache=True, error_model="numpy")
+def _sample_arms(b: Record, pl: Record, qpos: Array, row: Record) -> None:
+    """Shafts, springs and hands; q becomes the angle of the output link."""
+    arms, ref = b.arms, b.ref
+    for j in range(pl.n_joints):
+        row.theta[j] = qpos[pl.joint_qpos[j]]
+        row.cmd_theta[j] = pl.servo_held[j]
+        row.deflection[j] = 0.0
+        if pl.flex_qpos[j] >= 0:
+            row.deflection[j] = -qpos[pl.flex_qpos[j]]
+        row.q[j] = row.theta[j] - row.deflection[j]
+    for a in range(3):
+        row.left_p_WH[a], row.left_f_W[a] = pl.p_WH[0, a], pl.f_WH[0, a]
+        row.left_est_p_WH[a], row.left_est_f_W[a] = arms.p_WH[0, a], arms.f_WH[0, a]
+        row.left_ref_p_WH[a], row.left_ref_f_W[a] = ref.p_WH[0, a], ref.f_WH[0, a]
+    rot_to_quat(pl.R_WH[0], row.left_q_WH)
+    if pl.n_hands < 2:
+        return
+    for a in range(3):
+        row.right_p_WH[a], row.right_f_W[a] = pl.p_WH[1, a], pl.f_WH[1, a]
+        row.right_est_p_WH[a], row.right_est_f_W[a] = arms.p_WH[1, a], arms.f_WH[1, a]
+        row.right_ref_p_WH[a], row.right_ref_f_W[a] = ref.p_WH[1, a], ref.f_WH[1, a]
+    rot_to_quat(pl.R_WH[1], row.right_q_WH)
+
+
+@njit(cache=True, error_model="numpy")
+def _sample_objects(pl: Record, qpos: Array, row: Record) -> None:
+    """Poses of the world's movable things."""
+    if pl.n_objects > 0:
+        _copy_pose(qpos, pl.object_qpos[0], row.object0_p_WO, row.object0_q_WO)
+    if pl.n_objects > 1:
+        _copy_pose(qpos, pl.object_qpos[1], row.object1_p_WO, row.object1_q_WO)
+    if pl.n_objects > 2:
+        _copy_pose(qpos, pl.object_qpos[2], row.object2_p_WO, row.object2_q_WO)
+    if pl.n_objects > 3:
+        _copy_pose(qpos, pl.object_qpos[3], row.object3_p_WO, row.object3_q_WO)
+
+
+@njit(cache=True, error_model="numpy")
+def _copy_pose(qpos: Array, at: int, p: Array, q: Array) -> None:
+    for a in range(3):
+        p[a] = qpos[at + a]
+    for a in range(4):
+        q[a] = qpos[at + 3 + a]
+
+
 # The entries from Python: one argument, the frame.
 
 
@@ -285,9 +349,9 @@ def tick_before_law(frame: Array) -> None:
     """`before_law` called from Python (interactive way)."""
     v = open_frame(frame)
     before_law(
-        v.b[0], v.pl[0], v.im[0], v.lk[0], v.g[0], v.model[0], v.kin[0], v.table,
+        v.b[0], v.pl[0], v.im[0], v.lk[0], v.g[0], v.model[0], v.kin[0], v.stiff[0], v.table,
         v.qpos, v.qvel, v.sensordata, v.site_xpos, v.site_xmat, v.estimator_address,
-        v.belief_address,
+        v.arms_law_address, v.belief_address,
     )  # fmt: skip
 
 
@@ -329,9 +393,9 @@ def mission_tick(frame: Array, n: int, n_steps: int, n_samples: int) -> int:
     v = open_frame(frame)
     for _ in range(n):
         before_law(
-            v.b[0], v.pl[0], v.im[0], v.lk[0], v.g[0], v.model[0], v.kin[0], v.table,
+            v.b[0], v.pl[0], v.im[0], v.lk[0], v.g[0], v.model[0], v.kin[0], v.stiff[0], v.table,
             v.qpos, v.qvel, v.sensordata, v.site_xpos, v.site_xmat, v.estimator_address,
-            v.belief_address,
+            v.arms_law_address, v.belief_address,
         )  # fmt: skip
         call_pointer(v.law_address, v.belief_address)
         if v.pl[0].tick % v.g[0].sample_every == 0 and n_samples < v.samples.shape[0]:

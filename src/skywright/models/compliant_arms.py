@@ -1,0 +1,171 @@
+"""Arms with springs in their joints, as the controller believes them (record `ARMS`).
+
+Suarez 2020: a servo's shaft theta turns the output link q through a spring, theta - q being the
+deflection (14). Where no encoder measures it, the deflection is that of the arm's weight.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from skywright.core.rotations import cross, mat_t_vec, mat_vec
+from skywright.core.types import MAX_JOINTS
+from skywright.models.rigid_body import (
+    fill_gravity_torque,
+    fill_hands,
+    fill_kinematics,
+    find_tip,
+)
+from skywright.robots.limbs import list_joints, list_limbs, list_servos
+from skywright.robots.spec import Robot
+
+Array = Any
+Record = Any
+
+STOP_HARDENING = 10.0
+"""Stiffness of a stop over that of its spring, as controllers believe it."""
+SWING_BANDWIDTH = 40.0  # rad/s, of the rate estimate of a passive joint
+
+
+def is_compliant(robot: Robot) -> bool:
+    """Whether the robot's arms are commanded by shaft angles (record `ARMS` is in use)."""
+    return any(servo.mode == "position" for _, servo in list_servos(robot))
+
+
+def fill_arms_parameters(arms: Record, robot: Robot) -> None:
+    """Write the parameters of an ARMS record from the robot's description."""
+    if not is_compliant(robot):
+        return
+    assert robot.arm is not None
+    joints, servo = list_joints(robot), list_servos(robot)[0][1]
+    arms["on"], arms["dt"] = 1, servo.command_period_s
+    arms["n_hands"], arms["swing"] = robot.arm.sides, -1
+    arms["servo_tau"], arms["speed_max"] = servo.position_time_constant_s, servo.no_load_speed_rad_s
+    for side in range(robot.arm.sides):
+        mine = [j for j, limb in enumerate(joints) if limb.side == side]
+        arms["first"][side], arms["n"] = mine[0], len(mine)
+        links = [joints[j].link for j in mine]
+        arms["upper"] = max(link.length_m for link in links[:-1])
+        arms["fore"] = links[-1].length_m + robot.arm.hand.length_m
+        limbs = list_limbs(robot)
+        first = next(limb for limb in limbs if limb.side == side)
+        arms["p_BS"][side] = first.offset
+        if robot.probe is not None and limbs[find_tip(robot, limbs)].side == side:
+            arms["fore"] = links[-1].length_m + robot.probe.length_m
+    for j, limb in enumerate(joints):
+        link = limb.link
+        arms["q_min"][j], arms["q_max"][j] = (
+            math.radians(link.joint_min_deg), math.radians(link.joint_max_deg)
+        )  # fmt: skip
+        if link.passive:
+            arms["swing"] = j
+            arms["sensed"][j] = 1.0
+        if link.flex_stiffness_nm_per_rad is not None:
+            arms["k"][j] = link.flex_stiffness_nm_per_rad
+            arms["d"][j] = link.flex_damping_nms_per_rad or 0.0
+            arms["sensed"][j] = float(link.deflection_encoder)
+            arms["linear"][j] = math.radians(link.flex_linear_deg or 0.0)
+            stop = link.flex_beyond == "stop"
+            arms["hardening"][j] = STOP_HARDENING if stop else link.flex_hardening
+
+
+@njit(cache=True, error_model="numpy")
+def spring_torque(k: float, linear: float, hardening: float, deflection: float) -> float:
+    """Return the torque (N m) of a joint's spring: k within +-linear, harder beyond."""
+    over = abs(deflection) - linear
+    torque = k * deflection
+    if linear > 0.0 and over > 0.0:
+        torque += math.copysign((hardening - 1.0) * k * over, deflection)
+    return torque
+
+
+@njit(cache=True, error_model="numpy")
+def spring_deflection(k: float, linear: float, hardening: float, torque: float) -> float:
+    """Return the deflection (rad) under a torque (N m): the inverse of `spring_torque`."""
+    deflection = torque / k
+    if linear > 0.0 and abs(deflection) > linear:
+        beyond = (abs(torque) - k * linear) / (k * hardening)
+        deflection = math.copysign(linear + beyond, torque)
+    return deflection
+
+
+@njit(cache=True, error_model="numpy")
+def estimate_joints(b: Record) -> None:
+    """Fill est.q (output links) and est.qd from shaft encoders and deflections; every tick.
+
+    The rate of a passive joint is a filtered difference of its encoder; the controller holds the
+    servos' own rate for zero between their slow readings.
+    """
+    meas, est, arms = b.meas, b.est, b.arms
+    if arms.on == 0:
+        for j in range(MAX_JOINTS):
+            est.q[j] = meas.q[j]
+            est.qd[j] = meas.qd[j]
+        return
+    gain = 1.0 - math.exp(-SWING_BANDWIDTH * b.par.dt)
+    for j in range(MAX_JOINTS):
+        if j == arms.swing:  # a first-order tracker: rate = bandwidth * lag
+            est.qd[j] = (meas.q[j] - est.q[j]) * gain / b.par.dt
+            est.q[j] += est.qd[j] * b.par.dt
+        else:
+            if arms.sensed[j] > 0.0:
+                arms.deflection[j] = meas.deflection[j]
+            est.q[j] = meas.q[j] - arms.deflection[j]
+            est.qd[j] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def fill_arms(b: Record, m: Record, k: Record, stiff: Record) -> None:
+    """Fill the arms' state of this tick: gravity torques, deflections, hands; every arms' tick.
+
+    `k` holds the kinematics at est.q; `stiff` is scratch for those at the shafts.
+    """
+    arms, est = b.arms, b.est
+    g_W, g_B = np.zeros(3), np.empty(3)
+    g_W[2] = -m.gravity
+    mat_t_vec(est.R_WB, g_W, g_B)
+    fill_gravity_torque(m, k, g_B, arms.t_gravity)
+    shafts = np.empty(MAX_JOINTS)
+    for j in range(MAX_JOINTS):
+        if arms.k[j] > 0.0 and arms.sensed[j] == 0.0:
+            arms.deflection[j] = spring_deflection(
+                arms.k[j], arms.linear[j], arms.hardening[j], arms.t_gravity[j]
+            )
+        shafts[j] = est.q[j] + arms.deflection[j]
+    fill_hands(m, k)
+    fill_kinematics(m, shafts, stiff)
+    fill_hands(m, stiff)
+    vec, spin, rate = np.empty(3), np.empty(3), np.empty(3)
+    for a in range(3):
+        for c in range(3):
+            arms.R_BA[a, c] = 1.0 if a == c else 0.0
+    if arms.swing >= 0:
+        for a in range(3):
+            for c in range(3):
+                arms.R_BA[a, c] = k.R[0, a, c]
+    for h in range(arms.n_hands):
+        for a in range(3):
+            arms.p_BH[h, a] = k.p_BH[h, a]
+            arms.p_BH_stiff[h, a] = stiff.p_BH[h, a]
+            rate[a] = 0.0
+            for c in range(3):
+                arms.R_BH[h, a, c] = k.R_BH[h, a, c]
+            for j in range(MAX_JOINTS):
+                arms.J_BH[h, a, j] = k.J_BH[h, a, j]
+                rate[a] += k.J_BH[h, a, j] * est.qd[j]
+        mat_vec(est.R_WB, arms.p_BH[h], vec)
+        for a in range(3):
+            arms.p_WH[h, a] = est.p_WB[a] + vec[a]
+        cross(est.w_WB_B, arms.p_BH[h], spin)
+        for a in range(3):
+            rate[a] += spin[a]
+        mat_vec(est.R_WB, rate, vec)
+        for a in range(3):
+            arms.v_WH[h, a] = est.v_WB[a] + vec[a]
+        elbow = arms.first[h] + arms.n - 1
+        arms.manipulability[h] = arms.upper * arms.fore * abs(math.sin(est.q[elbow]))
+
