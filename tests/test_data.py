@@ -14,6 +14,7 @@ from skywright.models.capability import check_can_fly, compute_capability
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.robots.loader import list_robots, load_robot
+from skywright.robots.spec import Robot
 from skywright.worlds.loader import list_worlds, load_world
 
 ROBOTS = [entry.name for entry in list_robots()]
@@ -26,7 +27,7 @@ def test_every_number_of_a_robot_has_a_source(name: str) -> None:
     for key, value in iterate_leaves(robot, "robot"):
         if value is None or isinstance(value, str | bool) or not list(iterate_numbers(value)):
             continue
-        if key.startswith("robot.control.law"):
+        if not applies(robot, key):
             continue
         assert key in sources, f"{name}: {key} = {value} has no source"
         source = sources[key]
@@ -36,6 +37,35 @@ def test_every_number_of_a_robot_has_a_source(name: str) -> None:
             low, high = source.range
             assert low < high
             assert all(low <= number <= high for number in iterate_numbers(value))
+
+
+def applies(robot: Robot, key: str) -> bool:
+    """Whether a number at its default says anything about this robot."""
+    part, _, leaf = key.rpartition(".")
+    name = part.rpartition(".")[2]
+    arm = robot.arm
+    if arm is None or part.startswith("robot.control"):
+        return not key.startswith("robot.control.law")
+    if part == "robot.arm":
+        return arm.sides == 2 if leaf == "separation_m" else leaf not in ("sides", "mount_y_m")
+    if part == "robot.arm.hand":
+        return arm.hand.mass_kg > 0.0 and not (arm.hand.kind == "ball" and "hook" in leaf)
+    if name in arm.servos:
+        other = {"velocity": ("position_", "command_", "resolution_", "backlash_"),
+                 "position": ("velocity_",)}  # fmt: skip
+        return not leaf.startswith(other[arm.servos[name].mode])
+    link = robot.pendulum if part == "robot.pendulum" else arm.links.get(name)
+    if link is None:
+        return True
+    if leaf.startswith("lateral_"):
+        return link.lateral_stiffness_nm_per_rad is not None
+    if leaf in ("damping_nms_per_rad", "friction_nm"):
+        return link.passive
+    if leaf.startswith("flex_"):
+        ratio = leaf == "flex_damping_ratio" and link.flex_damping_nms_per_rad is not None
+        hard = leaf == "flex_hardening" and link.flex_linear_deg is None
+        return link.flex_stiffness_nm_per_rad is not None and not ratio and not hard
+    return True
 
 
 @pytest.mark.parametrize("name", ROBOTS)

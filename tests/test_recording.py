@@ -38,7 +38,9 @@ def make_samples(n: int, n_joints: int = 2, n_rotors: int = 6, seed: int = 0) ->
     samples = np.frombuffer(rng.bytes(n * SAMPLE.itemsize), SAMPLE).copy()
     samples["t"] = np.arange(n) * 0.01
     for field, used in (
-        *dict.fromkeys(("q", "qd", "ref_q", "cmd_qd"), n_joints).items(),
+        *dict.fromkeys(
+            ("q", "qd", "ref_q", "cmd_qd", "theta", "deflection", "cmd_theta"), n_joints
+        ).items(),
         *dict.fromkeys(("rotor_thrust", "rotor_speed"), n_rotors).items(),
     ):
         samples[field][:, used:] = 0.0

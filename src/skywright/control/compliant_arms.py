@@ -29,9 +29,7 @@ def hold_joint(b: Record, j: int, q: float) -> None:
     """Command the shaft so that the output link comes to `q` (rad) against its weight."""
     arms, shift = b.arms, 0.0
     if arms.k[j] > 0.0:
-        shift = spring_deflection(
-            arms.k[j], arms.linear[j], arms.hardening[j], arms.t_gravity[j]
-        )
+        shift = spring_deflection(arms.k[j], arms.linear[j], arms.hardening[j], arms.t_gravity[j])
     b.cmd.theta[j] = min(max(q, arms.q_min[j]), arms.q_max[j]) + shift
     arms.theta_ref[j] = b.cmd.theta[j]
 

@@ -168,4 +168,3 @@ def fill_arms(b: Record, m: Record, k: Record, stiff: Record) -> None:
             arms.v_WH[h, a] = est.v_WB[a] + vec[a]
         elbow = arms.first[h] + arms.n - 1
         arms.manipulability[h] = arms.upper * arms.fore * abs(math.sin(est.q[elbow]))
-

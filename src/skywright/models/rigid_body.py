@@ -140,10 +140,16 @@ def find_tip(robot: Robot, limbs: list[Limb]) -> int:
 
 
 def posture(robot: Robot, which: str) -> Array:
-    """Return q (n_joints,) of the `folded` or `working` posture."""
-    return np.array(
-        [math.radians(getattr(limb.link, f"{which}_deg")) for limb in list_joints(robot)]
-    )
+    """Return q (n_joints,) of the `folded`, `working` or `landed` posture.
+
+    Landed is folded on the ground; only there a passive link has an angle of its own (its
+    `folded_deg`), in flight it hangs straight down.
+    """
+    key = "folded" if which == "landed" else which
+    q = [math.radians(getattr(limb.link, f"{key}_deg")) for limb in list_joints(robot)]
+    if robot.pendulum is not None and which != "landed":
+        q[0] = 0.0
+    return np.array(q)
 
 
 def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:

@@ -277,4 +277,4 @@ def home_pose(robot: Robot, x: float, y: float, yaw: float) -> tuple[Array, Arra
     """Return (p_WB, q_WB, q): standing on the feet with the arm folded."""
     p = np.array([x, y, robot.platform.gear_height_m])
     quat = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
-    return p, quat, posture(robot, "folded")
+    return p, quat, posture(robot, "landed")

@@ -24,10 +24,8 @@ class Simulation:
         self.data.act[:] = 0.0
         mujoco.mj_forward(scene.model, self.data)
         # servos start where they are: their integrated command equals the motor's angle
-        n = scene.n_joints
-        if n:
-            first = scene.model.nu - n
-            self.data.act[:] = self.data.actuator_length[first:]
+        if scene.model.na:
+            self.data.act[:] = self.data.actuator_length[scene.model.nu - scene.model.na :]
         d = self.data
         self.qpos, self.qvel, self.ctrl, self.act = d.qpos, d.qvel, d.ctrl, d.act
         self.sensordata, self.xfrc = d.sensordata, d.xfrc_applied
