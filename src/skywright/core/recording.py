@@ -234,9 +234,9 @@ def _decode_samples(
     for topic in topics:
         layout = build_topic_layout(topic, joint_names, n_rotors)
         size = len(layout.template)
-        parts = raw[topic.name][: len(samples)]
-        data = b"".join(parts)
-        if any(len(part) != size for part in parts):
+        chunks = raw[topic.name][: len(samples)]
+        data = b"".join(chunks)
+        if any(len(part) != size for part in chunks):
             raise InputError(f"{path}: topic {topic.name} has messages of another version")
         dtype = build_message_dtype(topic, layout)
         rows = np.frombuffer(data, dtype)
