@@ -164,20 +164,8 @@ def compute_capability(
     model = build_body_model(robot, gravity)
     worst_q, worst_force = find_worst_posture(robot, model, layout, gravity)
     q, label = choose_posture(robot, posture, worst_q)
-    mass, p_BC, _ = compute_body(model, q)
-    body = DragBody(
-        mass,
-        gravity,
-        air_density,
-        p_BC,
-        np.array(
-            [
-                robot.platform.drag_area_x_m2,
-                robot.platform.drag_area_y_m2,
-                robot.platform.drag_area_z_m2,
-            ]
-        ),
-    )
+    body = build_drag_body(robot, model, q, gravity, air_density)
+    mass, p_BC = body.mass, body.p_BC
     hover = check_hover(robot, layout, mass, p_BC, gravity, label)
     weight = mass * gravity
     tilt_max = math.radians(robot.control.tilt_max_deg)
@@ -223,6 +211,16 @@ def compute_capability(
         worst_q=worst_q,
         worst_lateral_force=worst_force,
     )
+
+
+def build_drag_body(
+    robot: Robot, model: NDArray[Any], q: F8, gravity: float, air_density: float
+) -> DragBody:
+    """Build what drag and weight need at joints `q` (n_joints,) rad of a BODY_MODEL."""
+    mass, p_BC, _ = compute_body(model, q)
+    p = robot.platform
+    area = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
+    return DragBody(mass, gravity, air_density, p_BC, area)
 
 
 def _lateral_against_tilt(
