@@ -9,7 +9,12 @@ from skywright.core.keys import iterate_leaves
 from skywright.evaluation.names import MEANINGS
 from skywright.evaluation.run import choose_law
 from skywright.missions.deviation import build_deviation
-from skywright.reports.summary import describe_wind
+from skywright.reports.summary import (
+    describe_inertial,
+    describe_link,
+    describe_mocap,
+    describe_wind,
+)
 
 if TYPE_CHECKING:
     from skywright.core.spec import Spec
@@ -127,7 +132,7 @@ def list_plant(result: RunResult) -> list[Row]:
 
 
 def list_conditions(result: RunResult) -> list[Row]:
-    """Law, estimator, bandwidths, wind, sensors, seed: what the run flew with."""
+    """Law, estimator, bandwidths, sensors, link, wind, seed: what the run flew with."""
     d = result.description
     c, m, w = d.robot.control, d.mission, d.world
     rows = [
@@ -146,11 +151,9 @@ def list_conditions(result: RunResult) -> list[Row]:
         Row("arm bandwidth", f"{c.arm_bandwidth_rad_s:g} rad/s"),
         Row("observer bandwidth", f"{c.observer_bandwidth_rad_s:g} rad/s"),
         Row("control rate", f"{c.rate_hz:g} Hz"),
-        Row(
-            "motion capture",
-            f"{w.mocap.rate_hz:g} Hz",
-            f"latency {1e3 * w.mocap.latency_s:g} ms, noise {1e3 * w.mocap.position_noise_m:g} mm",
-        ),
+        *(Row(*line) for line in describe_inertial(d.robot.sensors)),
+        Row("motion capture", *describe_mocap(w.mocap)),
+        Row("link", *describe_link(w.link)),
         Row("wind", *describe_wind(w.wind)),
         Row("way of running", m.mode),
         Row("seed", str(m.seed)),

@@ -16,8 +16,8 @@ from skywright.missions.loader import Description
 from skywright.missions.lookup import Subject
 from skywright.models.capability import check_can_fly, compute_capability
 from skywright.robots.limbs import list_limbs, list_servos
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import Wind, World
+from skywright.robots.spec import Robot, Sensors
+from skywright.worlds.spec import Link, Mocap, Wind, World
 from skywright.worlds.wind import compute_dryden_scales
 
 
@@ -127,6 +127,37 @@ def describe_wind(wind: Wind) -> tuple[str, str]:
     return blow, ""
 
 
+def describe_mocap(mocap: Mocap) -> tuple[str, str]:
+    """Return rate, and delay, noise, drop-outs and artefacts of the motion capture in words."""
+    noise = f"{1e3 * mocap.position_noise_m:g} mm, {math.degrees(mocap.attitude_noise_rad):.2g} deg"
+    note = f"delay {1e3 * mocap.latency_s:g} ms, noise {noise}"
+    note += f", {mocap.dropout_fraction:.2g} of the samples missing"
+    if mocap.outlier_fraction > 0.0:
+        note += f", {mocap.outlier_fraction:.2g} artefacts of up to {mocap.outlier_m:g} m"
+    return f"{mocap.rate_hz:g} Hz", note
+
+
+def describe_link(link: Link) -> tuple[str, str]:
+    """Return the link between robot and controller in words."""
+    if link.delay_s == link.jitter_s == link.loss_fraction == 0.0:
+        return "none", "the controller is on board"
+    jitter = f"jitter {1e3 * link.jitter_s:g} ms"
+    return f"{1e3 * link.delay_s:g} ms each way", f"{jitter}, {link.loss_fraction:.2g} lost"
+
+
+def describe_inertial(sensors: Sensors) -> list[tuple[str, str, str]]:
+    """Return name, noise and bias of gyroscope, accelerometer and their vibration in words."""
+    s = sensors
+    gyro = f"noise {s.gyro_noise_rad_s_sqrthz:g} rad/s/sqrt(Hz)"
+    accel = f"noise {s.accel_noise_mps2_sqrthz:g} m/s^2/sqrt(Hz)"
+    shake = f"{s.vibration_mps2:g} m/s^2, {s.vibration_rad_s:g} rad/s"
+    return [
+        ("gyroscope", "1000 Hz", f"{gyro}, bias {s.gyro_bias_rad_s:g} rad/s"),
+        ("accelerometer", "1000 Hz", f"{accel}, bias {s.accel_bias_mps2:g} m/s^2"),
+        ("vibration", shake, "of the unit, from one rotor at full thrust"),
+    ]
+
+
 def describe_world(world: World) -> list[Section]:
     """Structure, wind and external localisation."""
     rows = [("gravity", f"{world.gravity_mps2:g} m/s^2")]
@@ -147,9 +178,8 @@ def describe_world(world: World) -> list[Section]:
         size = f"{box.size_x_m:g} x {box.size_y_m:g} x {box.size_z_m:g} m"
         rows.append((f"obstacle {name}", f"{size} at ({box.x_m:g}, {box.y_m:g}, {box.z_m:g}) m"))
     rows.append(("wind", ": ".join(filter(None, describe_wind(world.wind)))))
-    c = world.mocap
-    noise = f"noise {c.position_noise_m * 1000:g} mm, {math.degrees(c.attitude_noise_rad):.2g} deg"
-    rows.append(("motion capture", f"{c.rate_hz:g} Hz, delay {c.latency_s * 1000:g} ms, {noise}"))
+    rows.append(("motion capture", ", ".join(describe_mocap(world.mocap))))
+    rows.append(("link", ": ".join(describe_link(world.link))))
     return [Section("World", rows)]
 
 
@@ -197,9 +227,7 @@ def describe_robot(robot: Robot) -> list[Section]:
         probe = [("kind", "eddy current"), ("length", f"{b.length_m:g} m")]
         probe += [("spring", spring), ("nominal push", f"{b.force_n:g} N")]
         sections.append(Section("Probe", probe))
-    s = robot.sensors
-    gyro = f"1000 Hz, noise {s.gyro_noise_rad_s_sqrthz:g} rad/s/sqrt(Hz)"
-    sensors = [("gyroscope", gyro)]
+    sensors = [(name, f"{size}, {note}") for name, size, note in describe_inertial(robot.sensors)]
     if robot.arm is not None:
         sensors.append(("joint encoders", f"{c.rate_hz:g} Hz"))
     sections.append(Section("Sensors", sensors))

@@ -170,7 +170,8 @@ def compute_response(m: LoopModel, g: Gains, w: Array) -> tuple[Complex, Complex
     k = build_matrices(m, g)
     s = 1j * w[:, None, None]
     lag = np.exp(-s * m.delay) / (1.0 + m.lag * s)
-    return k.M * s**2 + k.C * s + k.K, (k.P + k.D * s + k.I / s) * lag
+    plant = np.asarray(k.M * s**2 + k.C * s + k.K, dtype=np.complex128)
+    return plant, np.asarray((k.P + k.D * s + k.I / s) * lag, dtype=np.complex128)
 
 
 def compute_poles(m: LoopModel, g: Gains) -> Complex:

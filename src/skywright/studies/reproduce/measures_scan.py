@@ -208,6 +208,7 @@ def measure_degraded(records: Records) -> Measured:
     rms = [[_metric(r, names[0]) for r in runs] for runs in (good, bad)]
     values = {
         "rise_mm": float(np.mean(rms[1]) - np.mean(rms[0])),
+        "ratio": float(np.mean(rms[1]) / np.mean(rms[0])),
         "good_mm": float(np.mean(rms[0])),
         "degraded_mm": float(np.mean(rms[1])),
         "spread_mm": float(np.ptp(rms[0])),
