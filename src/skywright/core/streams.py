@@ -7,7 +7,7 @@ import numpy as np
 STREAMS = (
     "plant", "gyro", "mocap", "dropout", "probe", "texture", "planner",
     "wind", "wind_start", "friction", "accelerometer", "vibration", "outlier", "link",
-    "deflection",
+    "deflection", "scenario",
 )  # fmt: skip
 """Append only: a stream's place in this list is part of what a seed means."""
 

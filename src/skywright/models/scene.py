@@ -22,6 +22,7 @@ from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
 from skywright.robots.limbs import list_limbs
 from skywright.robots.spec import Robot
+from skywright.worlds.scenario import get_structures
 from skywright.worlds.spec import World
 from skywright.worlds.surface import build_cylinder
 
@@ -107,6 +108,13 @@ def _add_world(spec: mujoco.MjSpec, world: World) -> None:
                     size=[SUPPORT_RADIUS, half, 0], pos=[p[0], p[1], half],
                     rgba=[0.35, 0.37, 0.4, 1], **kwargs,
                 )  # fmt: skip
+    for name, tube in get_structures(world).tubes.items():
+        body.add_geom(
+            name=f"tube {name}", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[tube.diameter_m / 2, 0, 0],
+            fromto=[tube.x_m, tube.y_m, tube.z_m, tube.to_x_m, tube.to_y_m, tube.to_z_m],
+            rgba=[0.85, 0.7, 0.15, 1], **kwargs,
+        )  # fmt: skip
     for name, box in world.obstacles.items():
         half_yaw = math.radians(box.yaw_deg) / 2
         body.add_geom(

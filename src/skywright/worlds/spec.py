@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -57,6 +58,57 @@ class Box(Spec):
     size_y_m: Positive
     size_z_m: Positive
     yaw_deg: float = 0.0
+
+
+class Tube(Spec):
+    """A straight pipe of a structure, from one end of its axis to the other."""
+
+    x_m: Coordinate
+    y_m: Coordinate
+    z_m: Coordinate
+    to_x_m: Coordinate
+    to_y_m: Coordinate
+    to_z_m: Coordinate
+    diameter_m: Positive = 0.1
+
+    @model_validator(mode="after")
+    def _has_length(self) -> Tube:
+        if self.length_m < 1e-3:
+            raise ValueError("the two ends are the same point")
+        return self
+
+    @property
+    def length_m(self) -> float:
+        """Distance between the ends."""
+        return math.dist((self.x_m, self.y_m, self.z_m), (self.to_x_m, self.to_y_m, self.to_z_m))
+
+
+class Passage(Spec):
+    """A gap between two things that a robot is meant to go through: names, not numbers.
+
+    The opening follows from the geometry, what the robot needs from the robot.
+    """
+
+    between: list[str] = Field(min_length=2, max_length=2)  # tubes, or "ground" or "ceiling"
+    needs: Literal["robot", "platform", "bar"]  # height of all, width of the platform, bar's length
+
+
+class Area(Spec):
+    """Where a robot may be, with everything that it carries; the ground is the floor."""
+
+    x_min_m: Coordinate = -50.0
+    x_max_m: Coordinate = 50.0
+    y_min_m: Coordinate = -50.0
+    y_max_m: Coordinate = 50.0
+    z_max_m: float = Field(default=50.0, gt=0, le=1000)
+
+    @model_validator(mode="after")
+    def _limits_do_not_cross(self) -> Area:
+        for a in "xy":
+            low, high = getattr(self, f"{a}_min_m"), getattr(self, f"{a}_max_m")
+            if low >= high:
+                raise ValueError(f"{a}_min_m {low:g} must be below {a}_max_m {high:g}")
+        return self
 
 
 class Fan(Spec):
@@ -163,9 +215,28 @@ class World(Spec):
     pipe: Pipe | None = None
     weld: Weld | None = None
     obstacles: dict[str, Box] = {}
+    tubes: dict[str, Tube] = {}
+    passages: dict[str, Passage] = {}
+    area: Area | None = None
+    scenario_seed: int | None = Field(default=None, ge=0)  # draws tubes and passages instead
+    difficulty: Fraction = 0.5  # of a drawn scenario: narrower, and three structures above 0.5
     wind: Wind = Wind()
     mocap: Mocap = Mocap()
     link: Link = Link()
+
+    @model_validator(mode="after")
+    def _passages_name_tubes(self) -> World:
+        if self.scenario_seed is None:
+            for name, passage in self.passages.items():
+                for end in passage.between:
+                    if end not in (*self.tubes, "ground", "ceiling"):
+                        raise ValueError(
+                            f"passages.{name}.between names {end!r}; valid: ground, ceiling, "
+                            f"{', '.join(self.tubes)}"
+                        )
+                if "ceiling" in passage.between and self.area is None:
+                    raise ValueError(f"passages.{name} ends at the ceiling: give an area")
+        return self
 
     @model_validator(mode="after")
     def _weld_needs_pipe(self) -> World:

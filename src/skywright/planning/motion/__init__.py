@@ -1,0 +1,1 @@
+"""Motion planning for platform and arms together, in a configuration space described by data."""

@@ -1,0 +1,116 @@
+"""A fast first path: RRT-Connect with certified edges (Kuffner and LaValle, ICRA 2000)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.planning.motion.cost import displacement_cost
+from skywright.planning.motion.edges import is_edge_free
+from skywright.planning.motion.rng import State, uniform
+from skywright.planning.motion.space import Record
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TREE_SIZE = 2000
+"""Nodes a tree may have before the search starts over."""
+STEP = 2.0
+"""Longest edge of a tree, in units of cost (6)."""
+
+
+@njit(cache=True, error_model="numpy")
+def draw_coordinates(space: Record, state: State, out: Array) -> None:
+    """Draw coordinates uniformly within their limits."""
+    for i in range(space.n):
+        out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
+
+
+@njit(cache=True, error_model="numpy")
+def _extend(
+    space: Record, nodes: Array, parent: Ints, count: int, target: Array, new: Array, k: Record,
+    hits: Ints,
+) -> int:  # fmt: skip
+    """Add a node towards `target`; return 0 trapped, 1 advanced, 2 reached."""
+    best, near = 1e18, 0
+    for i in range(count):
+        d = displacement_cost(space, nodes[i], target)
+        if d < best:
+            best, near = d, i
+    share = 1.0 if best <= STEP else STEP / best
+    for j in range(space.n):
+        new[j] = nodes[near, j] + share * (target[j] - nodes[near, j])
+    if not is_edge_free(space, nodes[near], new, k):
+        hits[k.blocked] += 1
+        return 0
+    for j in range(space.n):
+        nodes[count, j] = new[j]
+    parent[count] = near
+    return 2 if share == 1.0 else 1
+
+
+@njit(cache=True, error_model="numpy")
+def connect(
+    space: Record, start: Array, goal: Array, state: State, trees: Array, parents: Ints,
+    counts: Ints, tries: int, path: Array, k: Record, hits: Ints,
+) -> int:  # fmt: skip
+    """Grow two trees for at most `tries` samples; return the rows written to `path`, 0: none yet.
+
+    `trees` (2, TREE_SIZE, n), `parents` and `counts` (2,) carry the search from call to call;
+    counts of zero start a new one. `hits` (pairs,) counts what blocked the edges.
+    """
+    n = space.n
+    if counts[0] == 0:
+        for j in range(n):
+            trees[0, 0, j], trees[1, 0, j] = start[j], goal[j]
+        parents[0, 0] = parents[1, 0] = -1
+        counts[0] = counts[1] = 1
+        if is_edge_free(space, start, goal, k):
+            for j in range(n):
+                path[0, j], path[1, j] = start[j], goal[j]
+            counts[0] = 0
+            return 2
+        hits[k.blocked] += 1
+    sample, new = np.empty(n), np.empty(n)
+    for _ in range(tries):
+        a = 0 if counts[0] <= counts[1] else 1
+        b = 1 - a
+        if counts[a] >= TREE_SIZE - 1 or counts[b] >= TREE_SIZE - 64:
+            counts[0] = counts[1] = 0
+            return 0
+        draw_coordinates(space, state, sample)
+        if _extend(space, trees[a], parents[a], counts[a], sample, new, k, hits) == 0:
+            continue
+        counts[a] += 1
+        for j in range(n):
+            sample[j] = trees[a, counts[a] - 1, j]
+        got = 1
+        while got == 1 and counts[b] < TREE_SIZE - 1:
+            got = _extend(space, trees[b], parents[b], counts[b], sample, new, k, hits)
+            if got > 0:
+                counts[b] += 1
+        if got != 2:
+            continue
+        length, i = 0, counts[0] - 1
+        while i >= 0:  # from the meeting point back to the start
+            length += 1
+            i = parents[0, i]
+        row, i = length, counts[0] - 1
+        while i >= 0:
+            row -= 1
+            for j in range(n):
+                path[row, j] = trees[0, i, j]
+            i = parents[0, i]
+        i = parents[1, counts[1] - 1]
+        while i >= 0:
+            if length >= path.shape[0]:
+                counts[0] = counts[1] = 0
+                return 0
+            for j in range(n):
+                path[length, j] = trees[1, i, j]
+            length += 1
+            i = parents[1, i]
+        counts[0] = counts[1] = 0
+        return length
+    return 0

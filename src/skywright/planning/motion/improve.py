@@ -1,0 +1,192 @@
+"""Making a path cheaper while it stays certified: shortcuts and moves of its corners.
+
+A path is rows of coordinates; every edge between neighbours is free. Moves that would raise the
+cost (6) are dropped before anything is checked, so most of the work goes into edges that matter:
+
+- shortcut: a straight line between two random points of the path;
+- partial shortcut: the same for the platform alone or for one angle alone, the rest as it was;
+- corner: a corner moves along a random direction, by a step that adapts to success.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.planning.motion.cost import displacement_cost
+from skywright.planning.motion.edges import is_edge_free
+from skywright.planning.motion.rng import State, normal, pick, uniform
+from skywright.planning.motion.space import Record
+
+Array = NDArray[np.float64]
+
+MAX_ROWS = 160
+"""Rows that a path may have."""
+SAME = 1e-9
+"""Rows closer than this in cost are one."""
+
+
+@njit(cache=True, error_model="numpy")
+def _copy_row(a: Array, i: int, b: Array, j: int, n: int) -> None:
+    for c in range(n):
+        b[j, c] = a[i, c]
+
+
+@njit(cache=True, error_model="numpy")
+def _point(path: Array, i: int, t: float, out: Array, row: int, n: int) -> None:
+    for c in range(n):
+        out[row, c] = path[i, c] + t * (path[i + 1, c] - path[i, c])
+
+
+@njit(cache=True, error_model="numpy")
+def remove_doubles(space: Record, path: Array, count: int) -> int:
+    """Drop rows that repeat the one before; the ends stay."""
+    n, out = space.n, 1
+    for i in range(1, count):
+        if displacement_cost(space, path[out - 1], path[i]) > SAME:
+            _copy_row(path, i, path, out, n)
+            out += 1
+        elif i == count - 1:
+            _copy_row(path, i, path, out - 1, n)
+    if out == 1:
+        _copy_row(path, 0, path, 1, n)
+        out = 2
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def drop_corners(space: Record, path: Array, count: int, k: Record) -> int:
+    """Remove every corner that its neighbours can do without."""
+    i = 1
+    while i < count - 1:
+        if is_edge_free(space, path[i - 1], path[i + 1], k):
+            for j in range(i, count - 1):
+                _copy_row(path, j + 1, path, j, space.n)
+            count -= 1
+            i = max(i - 1, 1)
+        else:
+            i += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def shortcut(space: Record, path: Array, count: int, state: State, k: Record, work: Array) -> int:
+    """Try one shortcut, whole or partial; return the new number of rows."""
+    n, last = space.n, count - 1
+    a, b = uniform(state) * last, uniform(state) * last
+    if a > b:
+        a, b = b, a
+    i, j = min(int(a), last - 1), min(int(b), last - 1)
+    if i == j:
+        return count
+    ta, tb = a - i, b - j
+    kind = pick(state, 2 + n - space.n_move)  # whole, platform, or one angle
+    # rows of the new stretch: the two points, and for a partial one what lies between them
+    m = j - i if kind > 0 else 0
+    if i + 1 + m + 2 + (count - j - 1) > path.shape[0]:
+        return count
+    _point(path, i, ta, work, 0, n)
+    for r in range(m):
+        _copy_row(path, i + 1 + r, work, 1 + r, n)
+    _point(path, j, tb, work, m + 1, n)
+    before = displacement_cost(space, work[0], path[i + 1])
+    for r in range(i + 1, j):
+        before += displacement_cost(space, path[r], path[r + 1])
+    before += displacement_cost(space, path[j], work[m + 1])
+    if m > 0:
+        low, high = 0, space.n_move
+        if kind > 1:
+            low = space.n_move + kind - 2
+            high = low + 1
+        for r in range(1, m + 1):
+            # spread over the rows by the share of the whole way, so that motions stay together
+            t = (i + r - a) / (b - a)
+            for c in range(low, high):
+                work[r, c] = work[0, c] + t * (work[m + 1, c] - work[0, c])
+    after = 0.0
+    for r in range(m + 1):
+        after += displacement_cost(space, work[r], work[r + 1])
+    if after > before - 1e-9:
+        return count
+    for r in range(m + 1):
+        if not is_edge_free(space, work[r], work[r + 1], k):
+            return count
+    # path[..i], work[0..m+1], path[j+1..]
+    rest, first = count - (j + 1), i + 1
+    shift = first + m + 2 - (j + 1)
+    if shift > 0:
+        for r in range(rest - 1, -1, -1):
+            _copy_row(path, j + 1 + r, path, j + 1 + r + shift, n)
+    elif shift < 0:
+        for r in range(rest):
+            _copy_row(path, j + 1 + r, path, j + 1 + r + shift, n)
+    for r in range(m + 2):
+        _copy_row(work, r, path, first + r, n)
+    return remove_doubles(space, path, first + m + 2 + rest)
+
+
+@njit(cache=True, error_model="numpy")
+def move_corner(
+    space: Record, path: Array, count: int, state: State, scale: Array, k: Record, work: Array
+) -> bool:
+    """Try to move one corner; `scale` (1,) in units of cost adapts. Return whether it moved."""
+    if count < 3:
+        return False
+    n = space.n
+    i = 1 + pick(state, count - 2)
+    kind = pick(state, 3)
+    for c in range(n):
+        work[0, c] = path[i, c]
+    if kind == 0:  # all coordinates
+        for c in range(n):
+            work[0, c] += scale[0] * normal(state) / space.weight[c]
+    elif kind == 1:  # the platform
+        for c in range(space.n_move):
+            work[0, c] += scale[0] * normal(state) / space.weight[c]
+    else:  # towards the straight line between the neighbours
+        t = uniform(state)
+        share = uniform(state) * min(1.0, 20.0 * scale[0])
+        for c in range(n):
+            chord = path[i - 1, c] + t * (path[i + 1, c] - path[i - 1, c])
+            work[0, c] += share * (chord - work[0, c])
+    for c in range(n):
+        work[0, c] = min(max(work[0, c], space.low[c]), space.high[c])
+    before = displacement_cost(space, path[i - 1], path[i])
+    before += displacement_cost(space, path[i], path[i + 1])
+    after = displacement_cost(space, path[i - 1], work[0])
+    after += displacement_cost(space, work[0], path[i + 1])
+    if after >= before - 1e-10:
+        return False
+    if is_edge_free(space, path[i - 1], work[0], k) and is_edge_free(
+        space, work[0], path[i + 1], k
+    ):
+        _copy_row(work, 0, path, i, n)
+        scale[0] = min(scale[0] * 1.5, 0.5)
+        return True
+    scale[0] = max(scale[0] * 0.93, 1e-5)
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def improve(
+    space: Record, path: Array, count: int, state: State, scale: Array, tries: int, k: Record,
+    work: Array,
+) -> int:  # fmt: skip
+    """Try `tries` moves; return the new number of rows."""
+    for _ in range(tries):
+        u = uniform(state)
+        if u < 0.25:
+            count = shortcut(space, path, count, state, k, work)
+        elif u < 0.96:
+            move_corner(space, path, count, state, scale, k, work)
+        elif count < 40:  # a new corner on an edge, for the moves to use
+            i = pick(state, count - 1)
+            for r in range(count, i + 1, -1):
+                _copy_row(path, r - 1, path, r, space.n)
+            _point(path, i, 0.2 + 0.6 * uniform(state), work, 0, space.n)
+            _copy_row(work, 0, path, i + 1, space.n)
+            count += 1
+        else:
+            count = drop_corners(space, path, count, k)
+    return count

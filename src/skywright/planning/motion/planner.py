@@ -1,0 +1,185 @@
+"""The any-time planner: a fast first path, then cheaper ones until the time is over.
+
+Many short searches find many ways around the obstacles; each path is shortened, the best few are
+improved further. All of it is compiled; Python looks at the clock between short slices.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.planning.motion.connect import TREE_SIZE, connect
+from skywright.planning.motion.cost import path_cost
+from skywright.planning.motion.edges import is_state_free, state_clearance
+from skywright.planning.motion.improve import MAX_ROWS, drop_corners, improve, remove_doubles
+from skywright.planning.motion.rng import State, build_state, uniform
+from skywright.planning.motion.space import Record, Scratch, Space, build_scratch
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+POOL = 6
+"""Paths that are kept and improved."""
+
+
+class Path(NamedTuple):
+    """A path in configuration space, or what is in the way."""
+
+    rows: Array  # (m, n) coordinates, the ends included; empty: none found
+    cost: float  # of (6)
+    first_s: float  # time until the first path
+    first_cost: float
+    plan_s: float
+    history: Array  # (h, 2) time s and cost of each improvement
+    hits: Ints  # (pairs,) how often each pair blocked an edge of the search
+    blocked: int  # pair that blocks an end, -1: none
+
+
+@njit(cache=True, error_model="numpy")
+def _slice(
+    spaces: Space, scratch: Scratch, start: Array, goal: Array, state: State, trees: Array,
+    parents: Ints, counts: Ints, pool: Array, sizes: Ints, costs: Array, scales: Array,
+    work: Array, hits: Ints, tries: int,
+) -> None:  # fmt: skip
+    """One slice of work: go on searching, or improve a path of the pool. The best is number 0."""
+    space, k = spaces[0], scratch[0]
+    fresh = POOL  # the slot beyond the pool is for the path at hand
+    found = 0
+    filled = 0
+    while filled < POOL and sizes[filled] > 0:
+        filled += 1
+    # half the slices look for other ways through; until the first path, all
+    if filled == 0 or uniform(state) < 0.5:
+        found = connect(
+            space, start, goal, state, trees, parents, counts, tries, pool[fresh], k, hits
+        )
+        if found == 0:
+            return
+        found = drop_corners(space, pool[fresh], remove_doubles(space, pool[fresh], found), k)
+        if filled > 0:
+            scales[fresh] = 0.1
+            found = improve(
+                space, pool[fresh], found, state, scales[fresh : fresh + 1], 60, k, work
+            )
+        costs[fresh] = path_cost(space, pool[fresh], found)
+        sizes[fresh] = found
+        slot = filled if filled < POOL else POOL - 1
+        if filled == POOL and costs[fresh] >= costs[slot]:
+            return
+        _move(space, pool, sizes, costs, scales, fresh, slot)
+        scales[slot] = 0.1
+    else:
+        # the better a path, the more often it is its turn
+        slot = min(int(filled * uniform(state) ** 2), filled - 1)
+        count = improve(
+            space, pool[slot], sizes[slot], state, scales[slot : slot + 1], tries, k, work
+        )
+        sizes[slot] = count
+        costs[slot] = path_cost(space, pool[slot], count)
+    while slot > 0 and costs[slot] < costs[slot - 1]:
+        _swap(space, pool, sizes, costs, scales, slot, slot - 1)
+        slot -= 1
+
+
+@njit(cache=True, error_model="numpy")
+def _move(
+    space: Record, pool: Array, sizes: Ints, costs: Array, scales: Array, a: int, b: int
+) -> None:
+    for i in range(sizes[a]):
+        for c in range(space.n):
+            pool[b, i, c] = pool[a, i, c]
+    sizes[b], costs[b], scales[b] = sizes[a], costs[a], scales[a]
+
+
+@njit(cache=True, error_model="numpy")
+def _swap(
+    space: Record, pool: Array, sizes: Ints, costs: Array, scales: Array, a: int, b: int
+) -> None:
+    for i in range(max(sizes[a], sizes[b])):
+        for c in range(space.n):
+            pool[a, i, c], pool[b, i, c] = pool[b, i, c], pool[a, i, c]
+    sizes[a], sizes[b] = sizes[b], sizes[a]
+    costs[a], costs[b] = costs[b], costs[a]
+    scales[a], scales[b] = scales[b], scales[a]
+
+
+def plan_path(
+    space: Space,
+    start: Array,
+    goal: Array,
+    rng: np.random.Generator,
+    time_s: float = 1.0,
+    *,
+    first: bool = False,
+    slices: int | None = None,
+) -> Path:
+    """Plan from `start` to `goal` (n,) until `time_s` is over, or with `first` until any path.
+
+    `slices` ends the search after that many slices of work instead of by the clock, so that the
+    same `rng` gives the same path on every machine.
+    """
+    n = int(space["n"][0])
+    scratch = build_scratch(space)
+    start, goal = np.array(start, dtype=float), np.array(goal, dtype=float)
+    hits = np.zeros(int(space["n_pairs"][0]), dtype=np.int64)
+    began = time.perf_counter()
+    for end in (start, goal):
+        if not check_state(space, end, scratch):
+            pair = int(scratch[0]["blocked"])
+            return Path(np.zeros((0, n)), np.inf, np.nan, np.inf, 0.0, np.zeros((0, 2)), hits, pair)
+    state = build_state(rng)
+    trees = np.empty((2, TREE_SIZE, n))
+    parents = np.empty((2, TREE_SIZE), dtype=np.int64)
+    counts = np.zeros(2, dtype=np.int64)
+    pool = np.zeros((POOL + 1, MAX_ROWS + 2, n))
+    sizes = np.zeros(POOL + 1, dtype=np.int64)
+    costs, scales = np.full(POOL + 1, np.inf), np.full(POOL + 1, 0.1)
+    work = np.zeros((MAX_ROWS + 4, n))
+    history: list[tuple[float, float]] = []
+    done, now = 0, 0.0
+    while True:
+        _slice(
+            space, scratch, start, goal, state, trees, parents, counts, pool, sizes, costs,
+            scales, work, hits, 50,
+        )  # fmt: skip
+        done += 1
+        now = time.perf_counter() - began
+        if sizes[0] > 0 and (not history or costs[0] < history[-1][1] - 1e-9):
+            history.append((now, float(costs[0])))
+        if (first and history) or (slices is not None and done >= slices):
+            break
+        if slices is None and now >= time_s:
+            break
+    rows = pool[0, : sizes[0]].copy()
+    return Path(
+        rows, float(costs[0]), history[0][0] if history else np.nan,
+        history[0][1] if history else np.inf, now, np.array(history).reshape(-1, 2), hits, -1,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def check_state(space: Space, c: Array, scratch: Scratch) -> bool:
+    """Whether all margins hold at c, and c lies within its limits; see `edges.is_state_free`."""
+    return is_state_free(space[0], c, scratch[0])
+
+
+@njit(cache=True, error_model="numpy")
+def sample_reserve(space: Space, scratch: Scratch, rows: Array, step: float) -> tuple[float, int]:
+    """Return (smallest reserve over the margins m, pair) along a path, each `step` of cost."""
+    r, k = space[0], scratch[0]
+    best, which = np.inf, -1
+    c = np.empty(r.n)
+    for i in range(rows.shape[0] - 1):
+        count = max(int(np.ceil(path_cost(r, rows[i : i + 2], 2) / step)), 1)
+        for s in range(count + 1):
+            for j in range(r.n):
+                c[j] = rows[i, j] + s / count * (rows[i + 1, j] - rows[i, j])
+            d, pair = state_clearance(r, c, k)
+            if d < best:
+                best, which = d, pair
+    return best, which

@@ -1,0 +1,95 @@
+"""The space of the bar transport: platform in the vertical plane, both arms on one bar.
+
+Both hands hold one rigid bar across the robot, so both arms have the same angles; the paper's six
+variables (q1, q3, and two joints an arm) become four. The costs and metrics still count both
+arms. The passive joint follows its equilibrium, the platform stays level.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.models.kinematic_tree import PlanningScene, build_planning_scene
+from skywright.models.scene import build_scene
+from skywright.planning.motion.space import Carried, Coordinate, Space, build_space
+from skywright.robots.spec import Robot
+from skywright.worlds.scenario import get_structures
+from skywright.worlds.spec import World
+
+Array = NDArray[np.float64]
+
+SHOULDERS, ELBOWS, HANDS = (
+    ("upper_left", "upper_right"), ("fore_left", "fore_right"), ("fore_left", "fore_right"),
+)  # fmt: skip
+PASSIVE = "pendulum"
+
+BENCHMARK = tuple((seed, 0.5 if seed <= 5 else 0.75) for seed in range(1, 11))
+"""Seed and difficulty of the ten drawn scenarios of the benchmark. Frozen."""
+
+
+class Transport(NamedTuple):
+    """What is carried from where to where; configurations are (x m, z m, shoulders, elbows rad)."""
+
+    start: tuple[float, float, float, float] = (0.0, 2.0, 0.0, -math.pi / 2)
+    goal: tuple[float, float, float, float] = (9.0, 2.0, 0.0, -math.pi / 2)
+    margin: float = 0.2  # m, kept from everything
+    bar_length: float = 2.0  # m; 0: nothing is carried
+    bar_radius: float = 0.02  # m
+    bar_mass: float = 0.3  # kg
+    p1: float = 1.0  # weights of cost (6)
+    p2: float = 0.1
+
+
+class TransportProblem(NamedTuple):
+    """A space with its ends, and what messages need."""
+
+    space: Space
+    start: Array
+    goal: Array
+    scene: PlanningScene
+    world: World
+    transport: Transport
+
+
+def build_transport(
+    robot: Robot, world: World, transport: Transport | None = None
+) -> TransportProblem:
+    """Build the planar problem of carrying a bar through a world's structures.
+
+    Raises InputError when the robot lacks the joints or limits cross.
+    """
+    t = transport or Transport()
+    scene = build_planning_scene(build_scene(robot, world), robot)
+    area = get_structures(world).area
+    limits = np.array([[-50.0, 50.0], [-50.0, 50.0], [0.0, 50.0]])
+    if area is not None:
+        limits = np.array(
+            [[area.x_min_m, area.x_max_m], [area.y_min_m, area.y_max_m], [0.0, area.z_max_m]]
+        )
+    near, far = sorted((t.start[0], t.goal[0]))
+    top = max(t.start[1], t.goal[1])
+    coordinates = [
+        Coordinate("x", ("x",), max(limits[0, 0], near - 5.0), min(limits[0, 1], far + 5.0)),
+        Coordinate("z", ("z",), 0.0, min(limits[2, 1], top + 10.0)),
+    ]
+    for name, drives in (("shoulders", SHOULDERS), ("elbows", ELBOWS)):
+        joint = scene.joints.index(drives[0])
+        low, high = float(scene.q_min[joint]), float(scene.q_max[joint])
+        coordinates.append(Coordinate(name, drives, low, high))
+    carried = Carried(HANDS, t.bar_length, t.bar_radius, t.bar_mass) if t.bar_length > 0 else None
+    space = build_space(
+        scene, coordinates, {}, margin=t.margin, area=limits, passive=PASSIVE, carried=carried,
+        p1=t.p1, p2=t.p2,
+    )  # fmt: skip
+    return TransportProblem(
+        space, np.array(t.start), np.array(t.goal), scene, world, t
+    )  # fmt: skip
+
+
+def build_scenario(world: World, seed: int | None, difficulty: float = 0.5) -> World:
+    """Return the world with the structures that `seed` draws, or its own for None."""
+    return world.model_copy(update={"scenario_seed": seed, "difficulty": difficulty})
