@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -33,7 +32,7 @@ from skywright.worlds.loader import load_world
 
 Array = NDArray[np.float64]
 
-ROBOT = load_robot(Path(__file__).parent / "data" / "ars_lrm.toml")[0]
+ROBOT = load_robot("ars-lrm")[0]
 WORLD = load_world("pipe-structures")[0]
 PROBLEMS = [build_transport(ROBOT, build_scenario(WORLD, seed)) for seed in (None, 2, 3)]
 

@@ -183,11 +183,11 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
         "friction", "friction_feed_forward", "friction_variation", "turbulence",
         "relative_permeability",
         "conductivity_change", "permeability_change",
-        "dropout_fraction", "outlier_fraction", "loss_fraction", "wind_fraction",
+        "difficulty", "dropout_fraction", "outlier_fraction", "loss_fraction", "wind_fraction",
         "mass_error", "rotor_gain_error",
         "rotor_gain_spread", "inertia_error", "drag_error", "friction_error",
         # counts
-        "encoder_counts", "seed", "passes", "retries",
+        "encoder_counts", "seed", "scenario_seed", "passes", "retries",
         # in the unit that `unit` names
         "limit",
     }  # fmt: skip

@@ -16,7 +16,7 @@ from skywright.robots.loader import load_robot
 from skywright.worlds.loader import load_world
 from skywright.worlds.scenario import GOAL_X, draw_structures
 
-ROBOT = load_robot(Path(__file__).parent / "data" / "ars_lrm.toml")[0]
+ROBOT = load_robot("ars-lrm")[0]
 WORLD = load_world("pipe-structures")[0]
 SCENARIOS = [(None, 0.0), *BENCHMARK]
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_from_quat
 from skywright.models.rigid_body import joint_names
 from skywright.models.scene import Scene
+from skywright.robots.limbs import list_joints
 from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
@@ -99,9 +100,7 @@ def build_planning_scene(scene: Scene, robot: Robot) -> PlanningScene:
         tree.axis[i] = model.jnt_axis[j]
     robot_shapes, names = _robot_shapes(model, data, scene, index)
     world_shapes, world_names = _world_shapes(model, scene)
-    links = (
-        [link for link in robot.arm.links.values() if link.joint != "fixed"] if robot.arm else []
-    )
+    links = [limb.link for limb in list_joints(robot)]
     return PlanningScene(
         tree, robot_shapes, world_shapes, names, world_names,
         tuple(model.body(b).name for b in bodies), joints,

@@ -36,6 +36,7 @@ from skywright.reports.show_style import (
     label_axes,
 )
 from skywright.robots.spec import Robot
+from skywright.worlds.scenario import get_structures
 from skywright.worlds.spec import Pipe, Weld, World
 from skywright.worlds.surface import build_cylinder
 from skywright.worlds.surface import surface_point as compute_surface_point
@@ -77,6 +78,9 @@ def _world_parts(world: World) -> list[Outline]:
         if world.weld is not None and world.weld.present:
             s, phi = _weld_curve(world.pipe, world.weld)
             parts.append(Outline(surface_curve(world.pipe, s, phi), "weld"))
+    for tube in get_structures(world).tubes.values():
+        ends = [[tube.x_m, tube.y_m, tube.z_m], [tube.to_x_m, tube.to_y_m, tube.to_z_m]]
+        parts.append(Outline(np.array(ends), "post"))
     for box in world.obstacles.values():
         parts += outline_box(box)
     return parts

@@ -169,7 +169,7 @@ class Coordinate(NamedTuple):
 class Carried(NamedTuple):
     """A straight bar held by the hands, across the robot: along y of the body that holds it."""
 
-    bodies: tuple[str, ...]  # that hold it, each at the end of its x axis
+    bodies: tuple[str, ...]  # hands that hold it, at their origins
     length: float  # m
     radius: float  # m
     mass: float  # kg
@@ -269,15 +269,12 @@ def _add_carried(scene: PlanningScene, carried: Carried) -> tuple[Tree, Shapes]:
     """Attach the bar to the first hand; its mass is shared by all hands."""
     tree, s = scene.tree, scene.robot
     holder = scene.bodies.index(carried.bodies[0])
-    ends = [i for i in range(len(s.body)) if s.body[i] == holder]
-    points = [p for i in ends for p in (s.p0[i], s.p1[i])]
-    end = max(points, key=lambda p: float(p[0]), default=np.zeros(3))
     # the middle of the bar lies in the robot's plane of symmetry, y = 0 of B
     y, body = 0.0, holder
     while body >= 0:
         y += float(tree.pos[body, 1])
         body = int(tree.parent[body])
-    middle = end - np.array([0.0, y, 0.0])
+    middle = np.array([0.0, -y, 0.0])
     along = np.array([0.0, carried.length / 2, 0.0])
     row = (holder, CAPSULE, middle - along, middle + along, np.eye(3), np.zeros(3), carried.radius)
     rows = [tuple(column[i] for column in s) for i in range(len(s.body))]
@@ -285,7 +282,7 @@ def _add_carried(scene: PlanningScene, carried: Carried) -> tuple[Tree, Shapes]:
     share = carried.mass / len(carried.bodies)
     for name in carried.bodies:
         b = scene.bodies.index(name)
-        com[b] = (mass[b] * com[b] + share * end) / (mass[b] + share)
+        com[b] *= mass[b] / (mass[b] + share)  # the share sits at the hand's origin
         mass[b] += share
     return tree._replace(mass=mass, com=com), build_shapes([*rows, row])
 

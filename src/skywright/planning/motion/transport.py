@@ -13,19 +13,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.errors import InputError
 from skywright.models.kinematic_tree import PlanningScene, build_planning_scene
 from skywright.models.scene import build_scene
 from skywright.planning.motion.space import Carried, Coordinate, Space, build_space
+from skywright.robots.limbs import SIDES
 from skywright.robots.spec import Robot
 from skywright.worlds.scenario import get_structures
 from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 
-SHOULDERS, ELBOWS, HANDS = (
-    ("upper_left", "upper_right"), ("fore_left", "fore_right"), ("fore_left", "fore_right"),
-)  # fmt: skip
-PASSIVE = "pendulum"
+HANDS = ("hand0", "hand1")
 
 BENCHMARK = tuple((seed, 0.5 if seed <= 5 else 0.75) for seed in range(1, 11))
 """Seed and difficulty of the ten drawn scenarios of the benchmark. Frozen."""
@@ -62,7 +61,11 @@ def build_transport(
 
     Raises InputError when the robot lacks the joints or limits cross.
     """
-    t = transport or Transport()
+    t, arm = transport or Transport(), robot.arm
+    if arm is None or arm.sides != 2 or robot.pendulum is None:
+        raise InputError(
+            f"robot {robot.name!r} cannot carry a bar: it needs a pendulum and two arms (sides = 2)"
+        )
     scene = build_planning_scene(build_scene(robot, world), robot)
     area = get_structures(world).area
     limits = np.array([[-50.0, 50.0], [-50.0, 50.0], [0.0, 50.0]])
@@ -76,13 +79,14 @@ def build_transport(
         Coordinate("x", ("x",), max(limits[0, 0], near - 5.0), min(limits[0, 1], far + 5.0)),
         Coordinate("z", ("z",), 0.0, min(limits[2, 1], top + 10.0)),
     ]
-    for name, drives in (("shoulders", SHOULDERS), ("elbows", ELBOWS)):
+    for name in (n for n, link in arm.links.items() if link.joint != "fixed"):
+        drives = tuple(f"{side}_{name}" for side in SIDES)
         joint = scene.joints.index(drives[0])
         low, high = float(scene.q_min[joint]), float(scene.q_max[joint])
         coordinates.append(Coordinate(name, drives, low, high))
     carried = Carried(HANDS, t.bar_length, t.bar_radius, t.bar_mass) if t.bar_length > 0 else None
     space = build_space(
-        scene, coordinates, {}, margin=t.margin, area=limits, passive=PASSIVE, carried=carried,
+        scene, coordinates, {}, margin=t.margin, area=limits, passive="pendulum", carried=carried,
         p1=t.p1, p2=t.p2,
     )  # fmt: skip
     return TransportProblem(
