@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skywright.core.recording import Event, read_recording
 from skywright.errors import InputError
-from skywright.missions.supervisor import PhaseRecord
+from skywright.missions.flight import PhaseRecord
 
 SUFFIX = ".partial"
 

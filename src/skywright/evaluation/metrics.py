@@ -16,9 +16,9 @@ from skywright.inspection.calibration import Calibration, build_calibration
 from skywright.inspection.contact_quality import compute_coverage
 from skywright.inspection.weld import WeldResult, process_scan
 from skywright.inspection.weld_line import compute_line_error
+from skywright.missions.flight import PhaseRecord
 from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan
-from skywright.missions.supervisor import PhaseRecord
 from skywright.worlds.surface import build_cylinder
 
 Array = NDArray[np.float64]
@@ -62,8 +62,8 @@ def compute_common_metrics(samples: Samples, phases: list[PhaseRecord]) -> dict[
 
 
 def compute_waypoint_metrics(
-    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan
-) -> dict[str, float]:
+    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
+) -> tuple[dict[str, float], None]:
     """Tracking of the planned path and error while holding the last way-point."""
     moving = in_phases(samples, phases, *plan.segments) | np.isin(
         samples["phase"], [i for i, p in enumerate(phases) if p.name.startswith("hold")]
@@ -82,7 +82,7 @@ def compute_waypoint_metrics(
     if np.any(last):
         mean = np.mean((samples["p_WB"] - samples["ref_p_WB"])[last], axis=0)
         out["position.final_error_m"] = float(np.linalg.norm(mean))
-    return out
+    return out, None
 
 
 def compute_scan_metrics(

@@ -28,19 +28,17 @@ from skywright.evaluation.directory import (
     write_json,
     write_unfinished,
 )
-from skywright.evaluation.metrics import (
-    compute_common_metrics,
-    compute_scan_metrics,
-    compute_waypoint_metrics,
-)
+from skywright.evaluation.kinds import compute_kind_metrics
+from skywright.evaluation.metrics import compute_common_metrics
 from skywright.evaluation.requirements import Verdict, check_requirement_names, judge
 from skywright.evaluation.warm_up import is_compiled, start_warm_up
 from skywright.inspection.weld import WeldResult
 from skywright.missions.deviation import build_deviation
 from skywright.missions.dump import dump_description
+from skywright.missions.flight import Flight, PhaseRecord
 from skywright.missions.loader import Description, load_description
 from skywright.missions.planning import MissionPlan, plan_mission
-from skywright.missions.supervisor import Flight, PhaseRecord, Supervisor
+from skywright.missions.supervisor import Supervisor
 from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
 from skywright.models.rigid_body import joint_names
@@ -318,10 +316,7 @@ def _evaluate(
     if len(samples):
         metrics = compute_common_metrics(samples, phases)
         try:
-            if description.mission.kind == "scan":
-                more, weld = compute_scan_metrics(samples, phases, plan, description)
-            else:
-                more = compute_waypoint_metrics(samples, phases, plan)
+            more, weld = compute_kind_metrics(samples, phases, plan, description)
             metrics.update(more)
         except InputError as error:  # e.g. no approach to calibrate on after an abort
             reason = reason or f"evaluation: {error}"

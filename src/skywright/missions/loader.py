@@ -13,6 +13,7 @@ from skywright.core.spec import Source, Spec
 from skywright.core.toml_files import Layer, describe_value, load_layer, merge_layers
 from skywright.core.validation import list_problems, validate_root
 from skywright.errors import InputError
+from skywright.missions.registry import find_mission_spec
 from skywright.missions.spec import Mission, Plant
 from skywright.robots.loader import find_robot, load_robot_layers
 from skywright.robots.spec import Robot
@@ -28,6 +29,14 @@ SPECS: dict[str, type[Spec]] = {
     "plant": Plant,
 }
 """The four roots and what each may hold."""
+
+
+def list_specs(tree: Mapping[str, Any]) -> dict[str, type[Spec]]:
+    """Return the specs of the four roots; that of `mission` follows from its kind."""
+    table = tree.get("mission")
+    kind = table.get("kind") if isinstance(table, dict) else None
+    return {**SPECS, "mission": find_mission_spec(kind)}
+
 
 Sets = Mapping[str, object] | Iterable[str]
 
@@ -73,7 +82,7 @@ def load_description(
     layers = load_layers(found, robot, world, split_assignments(sets), seed)
     tree, sources, origin = merge_layers(layers)
     parts: dict[str, Any] = {}
-    for root, spec in SPECS.items():
+    for root, spec in list_specs(tree).items():
         parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
     folder = found.path.parent
     law = _locate_law(parts["mission"].law, "mission.law", [folder])
@@ -97,7 +106,7 @@ def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
         tree, _, origin = merge_layers(layers)
     except InputError as error:
         return [*problems, str(error)]
-    for root, spec in SPECS.items():
+    for root, spec in list_specs(tree).items():
         problems += list_problems(spec, tree.get(root, {}), root, origin, found.label)[1]
     return problems
 
@@ -175,12 +184,13 @@ def load_layers(
     others = [(k, v) for k, v in assignments if k not in ("mission.robot", "mission.world")]
     if chosen:
         tree = merge_layers(layers)[0]
-        layers.append(apply_assignments(tree, chosen, SPECS, "command line"))
+        layers.append(apply_assignments(tree, chosen, list_specs(tree), "command line"))
     if others:
-        layers.append(apply_assignments(merge_layers(layers)[0], others, SPECS, "--set"))
+        tree = merge_layers(layers)[0]
+        layers.append(apply_assignments(tree, others, list_specs(tree), "--set"))
     if seed is not None:
         tree = merge_layers(layers)[0]
-        layers.append(apply_assignments(tree, [("mission.seed", seed)], SPECS, "--seed"))
+        layers.append(apply_assignments(tree, [("mission.seed", seed)], list_specs(tree), "--seed"))
     return layers
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 
@@ -44,12 +44,22 @@ class Requirement(Spec):
     source: str = ""
 
 
+KINDS = {
+    "scan": "skywright.missions.kinds.scan",
+    "waypoints": "skywright.missions.kinds.waypoints",
+}
+"""Kind of mission -> its module; a new kind is one more module and one more line."""
+
+TASKS: dict[str, str] = {}
+"""Kind of mission -> "module:class" of its spec, where it has a table `mission.task`."""
+
+
 class Mission(Spec):
-    """The root `mission`."""
+    """The root `mission`; a kind with a table `task` of its own has a subclass."""
 
     name: Name
     description: str = ""
-    kind: Literal["scan", "waypoints"]
+    kind: str
     robot: str
     world: str
     seed: int = Field(default=1, ge=0)
@@ -66,6 +76,13 @@ class Mission(Spec):
     scan: Scan | None = None
     waypoints: list[Waypoint] = []
     requirements: dict[str, Requirement] = {}
+
+    @field_validator("kind")
+    @classmethod
+    def _kind_is_known(cls, kind: str) -> str:
+        if kind not in KINDS:
+            raise ValueError(f"unknown kind {kind!r}; valid: {', '.join(KINDS)}")
+        return kind
 
     @model_validator(mode="after")
     def _kind_has_its_table(self) -> Mission:

@@ -9,6 +9,7 @@ from skywright.core.keys import iterate_leaves
 from skywright.evaluation.names import MEANINGS
 from skywright.evaluation.run import choose_law
 from skywright.missions.deviation import build_deviation
+from skywright.reports.kinds import load_figures
 from skywright.reports.summary import (
     describe_inertial,
     describe_link,
@@ -47,7 +48,6 @@ def format_value(value: Any) -> str:
 
 def describe_outcome(result: RunResult) -> str:
     """One sentence: what was flown, and how it ended."""
-    d, m = result.description, result.metrics
     failed = [r for r in result.requirements if not r.passed]
     total = len(result.requirements)
     if result.outcome == "aborted":
@@ -56,21 +56,7 @@ def describe_outcome(result: RunResult) -> str:
         return "The run was interrupted by the user."
     if result.outcome == "diverged":
         return f"The simulation failed: {result.reason}."
-    where = f"{d.robot.name} in world {d.world.name}"
-    if d.mission.kind == "scan":
-        contact = m.get("contact.duration_s", 0.0)
-        did = f"{where} scanned for {contact:.0f} s"
-        line = result.weld.line if result.weld is not None else None
-        if line is not None:
-            did += (
-                f" and found the weld on {len(line.inliers)} crossings, at "
-                f"{math.degrees(line.angle):.1f} deg ± {math.degrees(line.std_angle):.1f} deg "
-                "from the circumference"
-            )
-        else:
-            did += " and found no weld"
-    else:
-        did = f"{where} flew {len(d.mission.waypoints)} way-points in {format_value(m.get('flight.duration_s'))} s"  # noqa: E501
+    did = load_figures(result.description.mission.kind).describe(result)
     if not total:
         return f"{did}. The mission sets no requirement."
     if failed:
@@ -171,7 +157,7 @@ def list_timing(result: RunResult) -> list[Row]:
         Row("smallest planned rotor margin", f"{100 * plan.min_rotor_margin:.0f} %",
             "of the usable thrust range"),
     ]  # fmt: skip
-    if result.plan.scan is not None:
+    if result.plan.push_force_n > 0.0:
         rows.append(Row("planned push", f"{format_value(plan.push_force_n)} N",
                         f"desired tip {1e3 * plan.depth_m:.0f} mm inside the surface"))  # fmt: skip
     for key, name, unit in (

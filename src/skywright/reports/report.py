@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from skywright.errors import InputError
 from skywright.evaluation.names import MEANINGS
 from skywright.reports import explain
-from skywright.reports.figures import inspection, paths, plan, series
+from skywright.reports.figures import paths, plan, series
 from skywright.reports.figures.style import WIDTH, house_style, render_svg
+from skywright.reports.kinds import list_figures, load_figures
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -28,9 +29,7 @@ def _draw_hero(result: RunResult) -> Figure | None:
 
 FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
     "hero": _draw_hero,
-    "weld_map": inspection.draw_map,
-    "contact_quality": inspection.draw_contact_quality,
-    "instrument": inspection.draw_instrument,
+    **list_figures(),
     "tip_path": paths.draw_tip_path,
     "flight_path": paths.draw_flight_path,
     "contact_series": series.draw_contact_series,
@@ -64,7 +63,7 @@ def render_report(result: RunResult) -> str:
 
     kind = result.description.mission.kind
     with house_style():
-        inspection_pictures = _draw_inspection(result) if kind == "scan" else []
+        task = _draw_task(result)
         motion = _draw_motion(result)
         planning = _picture(
             "Clearance and rotor margin of the plan", plan.draw_plan(result),
@@ -81,7 +80,7 @@ def render_report(result: RunResult) -> str:
         meanings=MEANINGS,
         signs={"<=": "≤", ">=": "≥", "==": "="},
         number=explain.format_value,
-        inspection=[p for p in inspection_pictures if p],
+        task=[p for p in task if p],
         motion=[p for p in motion if p],
         planning=planning,
         timing=explain.list_timing(result),
@@ -94,28 +93,13 @@ def render_report(result: RunResult) -> str:
     )
 
 
-def _draw_inspection(result: RunResult) -> list[Picture | None]:
+def _draw_task(result: RunResult) -> list[Picture | None]:
+    """What belongs to the mission's kind."""
+    module = load_figures(result.description.mission.kind)
     return [
-        _picture(
-            "Weld map", inspection.draw_map(result),
-            "The scanned part of the pipe, unrolled flat. Each dot is a reading of the probe, "
-            "brighter where it sees more weld. A red line is where the processing says that the "
-            "weld runs, a dashed black one where it is in truth.",
-        ),
-        _picture(
-            "Contact quality", inspection.draw_contact_quality(result),
-            "The worst value in each cell of 8 mm that the probe passed. Dark is good, red is "
-            "beyond the limit; cells without colour were not visited. The lift-off signal is "
-            "what the instrument itself knows of the gap.",
-        ),
-        _picture(
-            "What the instrument showed", inspection.draw_instrument(result),
-            "An eddy-current instrument shows a point in a plane. Lifting the probe moves it "
-            "along the lift-off curve, a weld moves it across. Right: the part near contact. "
-            "Below: both movements over the scan; a weld is seen where the ochre line passes "
-            "the threshold.",
-        ),
-    ]  # fmt: skip
+        _picture(title, module.FIGURES[name](result), caption)
+        for name, (title, caption) in module.CAPTIONS.items()
+    ]
 
 
 def _draw_motion(result: RunResult) -> list[Picture | None]:

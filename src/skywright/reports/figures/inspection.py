@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -112,3 +113,46 @@ def draw_contact_quality(result: RunResult) -> Figure | None:
         bar.ax.set_xticklabels(["0", f"{limit / 2:g}", label.format(limit)])
         bar.ax.tick_params(labelsize=7.5)
     return figure
+
+
+FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
+    "weld_map": draw_map,
+    "contact_quality": draw_contact_quality,
+    "instrument": draw_instrument,
+}
+CAPTIONS = {
+    "weld_map": (
+        "Weld map",
+        "The scanned part of the pipe, unrolled flat. Each dot is a reading of the probe, "
+        "brighter where it sees more weld. A red line is where the processing says that the "
+        "weld runs, a dashed black one where it is in truth.",
+    ),
+    "contact_quality": (
+        "Contact quality",
+        "The worst value in each cell of 8 mm that the probe passed. Dark is good, red is "
+        "beyond the limit; cells without colour were not visited. The lift-off signal is "
+        "what the instrument itself knows of the gap.",
+    ),
+    "instrument": (
+        "What the instrument showed",
+        "An eddy-current instrument shows a point in a plane. Lifting the probe moves it "
+        "along the lift-off curve, a weld moves it across. Right: the part near contact. "
+        "Below: both movements over the scan; a weld is seen where the ochre line passes "
+        "the threshold.",
+    ),
+}
+
+
+def describe(result: RunResult) -> str:
+    """Say what was scanned and found."""
+    d = result.description
+    contact = result.metrics.get("contact.duration_s", 0.0)
+    did = f"{d.robot.name} in world {d.world.name} scanned for {contact:.0f} s"
+    line = result.weld.line if result.weld is not None else None
+    if line is None:
+        return did + " and found no weld"
+    return did + (
+        f" and found the weld on {len(line.inliers)} crossings, at "
+        f"{math.degrees(line.angle):.1f} deg ± {math.degrees(line.std_angle):.1f} deg "
+        "from the circumference"
+    )

@@ -20,7 +20,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from skywright.errors import InputError
-from skywright.missions.supervisor import PhaseRecord
+from skywright.missions.flight import PhaseRecord
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult

@@ -1,0 +1,31 @@
+"""What a report shows of each kind of mission: its pictures and one sentence.
+
+A kind's module has
+- `FIGURES`: name -> function of a RunResult that returns a Figure, or None with nothing to show;
+- `CAPTIONS`: name -> (title, caption), in the order of the page;
+- `describe(result)`: what was done, as the beginning of a sentence ("ROBOT in world W ...").
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+KINDS = {
+    "scan": "skywright.reports.figures.inspection",
+    "waypoints": "skywright.reports.figures.waypoints",
+}
+"""Kind of mission -> module."""
+
+
+def load_figures(kind: str) -> Any:
+    """Return the module that draws a kind of mission."""
+    return importlib.import_module(KINDS[kind])
+
+
+def list_figures() -> dict[str, Any]:
+    """Return the figures of all kinds by name."""
+    out: dict[str, Any] = {}
+    for kind in KINDS:
+        out |= load_figures(kind).FIGURES
+    return out
