@@ -29,6 +29,9 @@ OUT = Path(__file__).parent / "reference" / "keys.md"
 # Longest suffix first: the unit is part of the key.
 UNITS = {
     "_n_per_rad2s2": "N/(rad/s)²",
+    "_n_per_count": "N/count",
+    "_ns_per_m": "N s/m",
+    "_count": "counts",
     "_n_per_rads_mps": "N/((rad/s)(m/s))",
     "_nm_per_rad": "N m/rad",
     "_rad_s2_sqrthz": "rad/s²/√Hz",

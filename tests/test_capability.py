@@ -31,6 +31,7 @@ from skywright.models.statics import (
     compute_tilt_limit,
     wrench_at,
 )
+from skywright.models.sweep import strip_robot
 from skywright.models.wind import compute_body_drag, compute_drag, compute_hold
 from skywright.reports.capability import write_capability_figure
 from skywright.robots.loader import load_robot
@@ -54,7 +55,8 @@ def othex() -> Robot:
 
 @pytest.fixture(scope="module")
 def f550() -> Robot:
-    return load_robot("f550-bridge")[0]
+    """The platform alone, 2.0 kg, as the paper's Table 2 has it."""
+    return strip_robot(load_robot("f550-bridge")[0])
 
 
 @pytest.fixture(scope="module")

@@ -275,33 +275,61 @@ def reproduce(
 @click.argument("robot")
 @click.option("--set", "sets", multiple=True, metavar="KEY=VALUE", help="Change a robot's value.")
 @click.option(
-    "--posture", type=click.Choice(["extended", "folded", "worst"]), default="extended",
-    show_default=True, help="Posture of the arm.",
+    "--posture", type=click.Choice(["extended", "folded", "worst"]),
+    help="Posture of the arm.  [default: extended]",
+)  # fmt: skip
+@click.option("--bare", is_flag=True, help="The platform without arm and docking gear.")
+@click.option("--sweep", type=click.Choice(["tilt"]), help="Limits against the rotors' tilt.")
+@click.option("--docked", is_flag=True, help="Force that the arm can press while docked.")
+@click.option("--slope", type=float, metavar="DEG", help="Docked: slope of the surface.")
+@click.option(
+    "--slope-toward", type=float, metavar="DEG",
+    help="Docked: where it rises, 0 ahead, 90 to the left.  [default: the worst]",
+)  # fmt: skip
+@click.option("--wind", type=float, metavar="MPS", help="Docked: wind.")
+@click.option(
+    "--wind-toward", type=float, metavar="DEG", help="Docked: where it blows.  [default: the worst]"
+)
+@click.option(
+    "--contact", metavar="X,Y",
+    help="Docked: contact point, metres ahead and left of the centre.  [default: at work]",
 )  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), help="Picture (.png or .svg).")
 @_json
 def capability(
-    robot: str, sets: tuple[str, ...], posture: str, out: Path | None, as_json: bool
-) -> None:
+    robot: str, sets: tuple[str, ...], posture: str | None, bare: bool, sweep: str | None,
+    docked: bool, out: Path | None, as_json: bool, **condition: Any,
+) -> None:  # fmt: skip
     """Compute what ROBOT can do: force, tilt, wind, payload, power."""
     from skywright.core.keys import parse_assignment
-    from skywright.models.capability import check_can_fly, compute_capability
+    from skywright.models.docked_map import parse_condition
+    from skywright.models.sweep import strip_robot
+    from skywright.reports import capability_views as views
     from skywright.robots.loader import load_robot
 
+    given = {name: value for name, value in condition.items() if value is not None}
+    if given and not docked:
+        flag = next(iter(given)).replace("_", "-")
+        raise InputError(f"--{flag} is a condition of --docked: give both")
+    if docked and (sweep or posture):
+        raise InputError(f"--docked and --{'sweep' if sweep else 'posture'} exclude each other")
+    asked = parse_condition(**given)
     spec, _ = load_robot(robot, [parse_assignment(text) for text in sets])
-    check_can_fly(spec)
-    result = compute_capability(spec, posture=posture)
-    if out is not None or not as_json:
-        from skywright.reports.capability import write_capability_figure
-
-        picture = _writable(out or Path(f"capability-{spec.name}.png"))
-        write_capability_figure(result, picture)
-    if as_json:
-        _print_json(result.to_json())
+    if bare:
+        spec = strip_robot(spec)
+    if docked:
+        view = views.view_docked(spec, asked)
+    elif sweep:
+        view = views.view_sweep(spec, posture or "extended")
     else:
-        from skywright.reports.terminal import print_capability
-
-        print_capability(result, picture)
+        view = views.view_limits(spec, posture or "extended")
+    if out is not None or not as_json:
+        picture = _writable(out or Path(f"capability-{view.name}.png"))
+        view.write_figure(picture)
+    if as_json:
+        _print_json(view.to_json())
+    else:
+        view.print(picture)
 
 
 @main.command(name="list")

@@ -23,6 +23,8 @@ UNITS = {
     "mps2": "m/s^2",
     "rad_s": "radians per second",
     "n_per_m": "newtons per metre",
+    "ns_per_m": "newton seconds per metre",
+    "n_per_count": "newtons per count",
     "kg_m3": "kg/m^3",
     "s_per_m": "siemens per metre",
     "nm_per_rad": "newton metres per radian",

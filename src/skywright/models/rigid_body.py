@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import mat_mat, mat_vec, rot_about, rot_y
 from skywright.core.types import BODY, MAX_HANDS, MAX_JOINTS
+from skywright.robots.docking import Docking
 from skywright.robots.limbs import Limb, end_of, list_joints, list_limbs, list_servos
 from skywright.robots.spec import Link, Probe, Robot
 
@@ -102,6 +103,19 @@ def rod_inertia(mass: float, length: float, radius: float) -> Array:
     return np.diag([axial, across, across])
 
 
+def build_docking_parts(docking: Docking) -> tuple[float, Array, Array]:
+    """Return mass (kg), centre of mass (3,) m in B and inertia (3, 3) kg m^2 about it.
+
+    Thin legs from the hub to the feet and a ring through the feet, half of the mass each.
+    """
+    m, h, r = docking.mass_kg, docking.height_m, docking.radius_m
+    com = np.array([0.0, 0.0, 0.75 * h])  # ring at h, legs' middle at h / 2
+    ring = 0.5 * m * r**2 * np.diag([0.5, 0.5, 1.0])
+    legs = 0.5 * m * np.diag([r**2 / 6 + h**2 / 3, r**2 / 6 + h**2 / 3, r**2 / 3])
+    origin = ring + legs + 0.5 * m * h**2 * np.diag([1.0, 1.0, 0.0])
+    return m, com, origin - m * com[2] ** 2 * np.diag([1.0, 1.0, 0.0])
+
+
 def link_direction(link: Link) -> Array:
     """Return the unit vector (3,) along the link, in its frame."""
     end = np.array(end_of(link))
@@ -162,6 +176,8 @@ def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
     m["inertia0"] = np.diag([p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2]) + (
         p.mass_kg * (com @ com * np.eye(3) - np.outer(com, com))
     )
+    if robot.docking is not None:
+        _add_docking(m, robot.docking)
     m["tip_link"], m["tip_rot"] = -1, np.eye(3)
     m["belt"] = m["belt_inv"] = np.eye(MAX_JOINTS)
     m["parent"] = m["joint"] = -1
@@ -227,6 +243,15 @@ def hand_inertia(robot: Robot) -> Array:
     assert robot.arm is not None
     hand = robot.arm.hand
     return 0.4 * hand.mass_kg * hand.radius_m**2 * np.eye(3)
+
+
+def _add_docking(m: Record, docking: Docking) -> None:
+    """Weld the docking gear onto the platform."""
+    mass, com, inertia = build_docking_parts(docking)
+    total = m["mass0"] + mass
+    m["com0"] = (m["mass0"] * m["com0"] + mass * com) / total
+    m["inertia0"] += inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
+    m["mass0"] = total
 
 
 def _add_probe(m: Record, i: int, link: Link, probe: Probe) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from skywright.core.rotations import quat_from_rot
 from skywright.core.types import MAX_HANDS
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
+from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
 from skywright.robots.limbs import list_limbs
@@ -51,6 +52,7 @@ class SceneIndex(NamedTuple):
     sensor_tip_force: int  # address of the tip's net contact force, -1 without
     sensor_hand_force: NDArray[np.int64]  # (n_hands,) likewise of each hand
     sensor_collision: NDArray[np.int64]  # addresses of net contact forces that must be zero
+    sensor_docking: int = -1  # address of the docking feet's net contact force, -1 without
 
 
 class Scene(NamedTuple):
@@ -79,6 +81,8 @@ def build_scene(robot: Robot, world: World, deviation: Deviation | None = None) 
     if plant:
         _add_contacts(spec, robot, world)
     model = spec.compile()
+    if robot.docking is not None:
+        set_foot_stiffness(model, robot.docking)
     return Scene(model, _build_index(model, robot, plant), len(joint_names(robot)))
 
 
@@ -196,6 +200,11 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, dev: Deviation, plant: bool) -
             rgba=[0.1, 0.1, 0.1, 1], contype=FEET, conaffinity=WORLD, mass=0.0,
             friction=[0.8, 0.005, 0.0001],
         )  # fmt: skip
+    if robot.docking is not None:
+        spec.option.noslip_iterations = NOSLIP_ITERATIONS
+        gear = robot.docking.model_copy(update={"mass_kg": robot.docking.mass_kg * dev.mass_factor})
+        feet = {"contype": FEET, "conaffinity": WORLD}
+        add_docking(base, gear, 0.7 * p.body_radius_m, kwargs, feet)
     if robot.arm is not None:
         add_arm(spec, base, robot, dev, plant)
 
@@ -222,6 +231,8 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
     for side in range(MAX_HANDS):
         if spec.body(f"hand{side}") is not None:
             _add_contact_sensor(spec, f"touch hand{side}", f"hand{side}", mujoco.mjtObj.mjOBJ_BODY)
+    if robot.docking is not None:
+        _add_contact_sensor(spec, "docking force", "docking", mujoco.mjtObj.mjOBJ_BODY)
 
 
 def _add_contact_sensor(spec: mujoco.MjSpec, name: str, obj: str, kind: mujoco.mjtObj) -> None:
@@ -272,6 +283,7 @@ def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex
         sensor_collision=np.array(
             [a for n, a in sensors.items() if n.startswith("collision")], dtype=np.int64
         ),
+        sensor_docking=sensors.get("docking force", -1),
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.models.docking_body import list_feet
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics, joint_names
 from skywright.models.rotors import build_rotors
 from skywright.robots.limbs import end_of, list_limbs
@@ -51,6 +52,12 @@ def outline_robot(robot: Robot, q: Array) -> list[Outline]:
         v = np.cross(axis, u)
         ring = np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v
         parts.append(Outline(hub + rotors.propeller_radius * ring, "disc", True))
+    if robot.docking is not None:
+        d = robot.docking
+        for point in list_feet(d):
+            hip = np.array([*(0.7 * p.body_radius_m / d.radius_m * point[:2]), 0.0])
+            parts.append(Outline(np.array([hip, point]), "gear"))
+        parts.append(Outline(circle * d.radius_m + [0, 0, d.height_m], "gear"))
     return parts + outline_arm(robot, q)
 
 

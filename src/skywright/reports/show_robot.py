@@ -147,6 +147,8 @@ def _write_numbers(ax: Axes, robot: Robot) -> None:
         masses += [(limb.name, f"{limb.link.mass_kg:.3g} kg") for limb in list_limbs(robot)]
     if robot.probe is not None:
         masses.append(("probe", f"{robot.probe.mass_kg:.3g} kg"))
+    if robot.docking is not None:
+        masses.append(("docking gear", f"{robot.docking.mass_kg:.3g} kg"))
     groups.append(("mass", [*masses, ("in all", f"{mass:.3g} kg")]))
     groups.append(("rotors", [
         (f"{len(r.azimuth_deg)} propellers", f"{2 * r.propeller_radius_m:.3g} m"),
@@ -160,7 +162,7 @@ def _write_numbers(ax: Axes, robot: Robot) -> None:
     if robot.probe is not None:
         probe = robot.probe
         groups.append(("probe", [
-            ("kind", "eddy current"),
+            ("kind", "eddy current" if robot.force_sensor is None else "force sensor"),
             ("length", f"{1e3 * probe.length_m:g} mm"),
             ("spring", f"{probe.spring_n_per_m:g} N/m, {1e3 * probe.spring_travel_m:g} mm"),
             ("nominal push", f"{probe.force_n:g} N"),

@@ -15,6 +15,9 @@ from skywright.missions.check import list_guesses
 from skywright.missions.loader import Description
 from skywright.missions.lookup import Subject
 from skywright.models.capability import check_can_fly, compute_capability
+from skywright.models.docked import build_docked, compute_docked_press, find_stance
+from skywright.models.force_resolution import compute_force_resolution
+from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.robots.limbs import list_limbs, list_servos
 from skywright.robots.spec import Robot, Sensors
 from skywright.worlds.spec import Link, Mocap, Wind, World
@@ -196,7 +199,15 @@ def describe_robot(robot: Robot) -> list[Section]:
     if robot.probe is not None:
         masses.append(("probe", f"{robot.probe.mass_kg:g} kg"))
         total += robot.probe.mass_kg
+    if robot.docking is not None:
+        masses.append(("docking gear", f"{robot.docking.mass_kg:g} kg"))
+        total += robot.docking.mass_kg
     masses.append(("total", f"{total:.3g} kg, {total * 9.81:.1f} N"))
+    model = build_body_model(robot)
+    for which in ("folded", "working") if robot.arm is not None else ("folded",):
+        com = compute_body(model, posture(robot, which))[1]
+        name = "centre of mass" + (f", {which}" if robot.arm is not None else "")
+        masses.append((name, "(" + ", ".join(f"{round(1e3 * x):d}" for x in com) + ") mm"))
     masses.append(("size", f"diameter {p.diameter_m:g} m, landing gear {p.gear_height_m:g} m"))
     rotors = [
         ("number", f"{len(r.azimuth_deg)} at {r.radius_m:g} m from the centre"),
@@ -224,9 +235,37 @@ def describe_robot(robot: Robot) -> list[Section]:
     if robot.probe is not None:
         b = robot.probe
         spring = f"{b.spring_n_per_m:g} N/m over {b.spring_travel_m * 1000:g} mm"
-        probe = [("kind", "eddy current"), ("length", f"{b.length_m:g} m")]
+        kind = "eddy current" if robot.force_sensor is None else "force sensor"
+        probe = [("kind", kind), ("length", f"{b.length_m:g} m")]
         probe += [("spring", spring), ("nominal push", f"{b.force_n:g} N")]
+        if robot.force_sensor is not None:
+            f = robot.force_sensor
+            steps = [-1e3 * f.soft_slope_n_per_count, -1e3 * f.hard_slope_n_per_count]
+            bends = f.soft_offset_n + f.soft_slope_n_per_count * f.limit_count
+            text = f"{f.adc_bits} bits, {steps[0]:.2g} mN a count up to {bends:.1f} N, then "
+            text += f"{steps[1]:.2g} mN, at most {f.hard_offset_n:.1f} N"
+            probe.append(("force sensor", text))
+            probe.append(("its spring", f"{f.stiffness_n_per_m:.0f} N/m by its calibration"))
+        fine = compute_force_resolution(robot)
+        if fine is not None:
+            each = ", ".join(
+                f"{name} {n:.2g} N" for name, n in zip(fine.servos, fine.steps, strict=True)
+            )
+            count = math.degrees(float(np.max(fine.angles)))
+            probe.append(
+                ("one servo count", f"{count:.3g} deg; at work it changes the force: {each}")
+            )
+            probe.append(
+                ("smallest controllable force", f"{fine.smallest:.2g} N, {fine.rms:.1g} N rms held")
+            )
         sections.append(Section("Probe", probe))
+    if robot.docking is not None:
+        g = robot.docking
+        docking = [
+            ("feet", f"{g.feet} at {g.radius_m:g} m from the axis, {g.height_m:g} m up"),
+            ("lining", f"friction {g.friction:g}, {g.stiffness_n_per_m:g} N/m a foot"),
+        ]
+        sections.append(Section("Docking gear", docking))
     sensors = [(name, f"{size}, {note}") for name, size, note in describe_inertial(robot.sensors)]
     if robot.arm is not None:
         sensors.append(("joint encoders", f"{c.rate_hz:g} Hz"))
@@ -265,6 +304,13 @@ def _describe_limits(robot: Robot) -> Section:
     else:
         rows.append(("sideways, level", "none: moves by tilting"))
     rows.append(("wind held", f"at least {float(np.nanmin(k.wind_limit)):.1f} m/s from anywhere"))
+    if robot.docking is not None and robot.probe is not None:
+        docked = build_docked(robot)
+        try:
+            press = compute_docked_press(docked, find_stance(docked))
+            rows.append(("press while docked", f"{press.force:.1f} N, level and calm"))
+        except InputError as error:
+            rows.append(("press while docked", str(error)))
     return Section("Limits (computed)", rows)
 
 

@@ -18,14 +18,16 @@ if TYPE_CHECKING:
     from skywright.reports.summary import Summary
 
 
-def _console() -> Console:
+def new_console() -> Console:
+    """Return a console for people; wide and without wrapping where it is no terminal."""
     console = Console(highlight=False, soft_wrap=True)
     if not console.is_terminal:
         console = Console(highlight=False, width=110, soft_wrap=True)
     return console
 
 
-def _table(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
+def new_table(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
+    """Return an empty table; the columns in `right` are right-aligned."""
     table = Table(title=title, title_justify="left", title_style="bold", header_style="bold")
     for name in columns:
         table.add_column(name, justify="right" if name in right else "left", overflow="fold")
@@ -42,8 +44,8 @@ def format_number(value: float | None, unit: str = "") -> str:
 
 def print_result(result: Any) -> None:
     """Print the verdict table of a run and the paths of what it wrote."""
-    console = _console()
-    table = _table("Requirements", "requirement", "value", "limit", "", right=("value",))
+    console = new_console()
+    table = new_table("Requirements", "requirement", "value", "limit", "", right=("value",))
     for r in result.requirements:
         mark = Text("met", "green") if r.passed else Text("FAILED", "bold red")
         limit = f"{r.sense} {format_number(r.limit, r.unit)}"
@@ -63,11 +65,11 @@ def print_result(result: Any) -> None:
 
 def print_plan(plan: MissionPlan) -> None:
     """Print whether a plan exists, how good it is, or what blocks it."""
-    console = _console()
+    console = new_console()
     if not plan.feasible:
         console.print(f"no plan: {plan.blocked_by}", style="bold red")
         return
-    table = _table("Plan", "quantity", "value", right=("value",))
+    table = new_table("Plan", "quantity", "value", right=("value",))
     table.add_row("duration", format_number(plan.duration_s, "s"))
     table.add_row("smallest clearance", format_number(plan.min_clearance_m, "m"))
     table.add_row("smallest rotor margin", format_number(plan.min_rotor_margin))
@@ -77,8 +79,8 @@ def print_plan(plan: MissionPlan) -> None:
 
 def print_campaign(verdict: Verdict, folder: Path) -> None:
     """Print the answer of a campaign, its requirements and where the results are."""
-    console = _console()
-    table = _table(
+    console = new_console()
+    table = new_table(
         "Requirements", "requirement", "median", "worst", "limit", "failed",
         right=("median", "worst", "failed"),
     )  # fmt: skip
@@ -102,9 +104,9 @@ def print_campaign(verdict: Verdict, folder: Path) -> None:
 
 def print_capability(capability: Capability, picture: Path) -> None:
     """Print the limits of a robot."""
-    console = _console()
+    console = new_console()
     k = capability
-    table = _table(f"Capability of {k.robot}", "quantity", "value")
+    table = new_table(f"Capability of {k.robot}", "quantity", "value")
     table.add_row("mass", f"{k.body.mass:.3g} kg")
     table.add_row("arm posture", k.posture)
     table.add_row("thrust that may be used", f"{k.thrust_fraction:.0%} of the largest")
@@ -131,7 +133,7 @@ def print_capability(capability: Capability, picture: Path) -> None:
 
 def print_summary(summary: Summary) -> None:
     """Print what `skywright show` found."""
-    console = _console()
+    console = new_console()
     console.print(f"{summary.kind} {summary.name}", style="bold")
     console.print(summary.description)
     for section in summary.sections:
@@ -151,9 +153,9 @@ def print_summary(summary: Summary) -> None:
 
 def print_weld(report: Any, picture: Path) -> None:
     """Print what was found in an instrument's file."""
-    console = _console()
+    console = new_console()
     found = report.to_json()
-    table = _table("Weld scan", "quantity", "value")
+    table = new_table("Weld scan", "quantity", "value")
     table.add_row("time in contact", f"{found['contact_fraction']:.0%}")
     table.add_row("crossings", str(len(found["crossings"])))
     line = found["line"]

@@ -14,6 +14,8 @@ from pydantic import Field, field_validator, model_validator
 
 from skywright.core.spec import Fraction, Name, NonNegative, Positive, Spec
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.robots.docking import Docking
+from skywright.robots.force_sensor import ForceSensor
 
 
 class Platform(Spec):
@@ -333,6 +335,8 @@ class Robot(Spec):
     pendulum: Link | None = None  # passive link that carries the arm (long reach)
     arm: Arm | None = None
     probe: Probe | None = None
+    force_sensor: ForceSensor | None = None
+    docking: Docking | None = None
     sensors: Sensors = Sensors()
     control: Control = Control()
 
@@ -363,4 +367,10 @@ class Robot(Spec):
                 valid = [f"{side}_{name}" for side in ("left", "right") for name in valid]
             if on is not None and on not in valid:
                 raise ValueError(f"probe.on is {on!r}; valid: {valid}")
+        return self
+
+    @model_validator(mode="after")
+    def _force_sensor_needs_probe(self) -> Robot:
+        if self.force_sensor is not None and self.probe is None:
+            raise ValueError("a force_sensor needs a probe: it sits in the probe's slider")
         return self
