@@ -180,6 +180,7 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
         # fractions, ratios and factors
         "thrust_fraction", "figure_of_merit", "motor_efficiency", "usable_fraction", "belt",
         "flex_damping_ratio", "spring_damping_ratio", "position_damping", "attitude_damping",
+        "flex_hardening", "lateral_damping_ratio",
         "friction", "friction_feed_forward", "friction_variation", "turbulence",
         "relative_permeability",
         "conductivity_change", "permeability_change",
@@ -187,7 +188,7 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
         "mass_error", "rotor_gain_error",
         "rotor_gain_spread", "inertia_error", "drag_error", "friction_error",
         # counts
-        "encoder_counts", "seed", "scenario_seed", "passes", "retries",
+        "adc_bits", "encoder_counts", "feet", "seed", "scenario_seed", "passes", "retries",
         # in the unit that `unit` names
         "limit",
     }  # fmt: skip
