@@ -65,6 +65,22 @@ def norm(a: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def solve3(M: Array, y: Array, x: Array) -> None:
+    """Solve the symmetric positive definite M x = y, (3, 3) and (3,), by Cholesky."""
+    a = math.sqrt(M[0, 0])
+    b, c = M[1, 0] / a, M[2, 0] / a
+    d = math.sqrt(M[1, 1] - b * b)
+    e = (M[2, 1] - c * b) / d
+    f = math.sqrt(M[2, 2] - c * c - e * e)
+    u = y[0] / a
+    v = (y[1] - b * u) / d
+    w = (y[2] - c * u - e * v) / f
+    x[2] = w / f
+    x[1] = (v - e * x[2]) / d
+    x[0] = (u - b * x[1] - c * x[2]) / a
+
+
+@njit(cache=True, error_model="numpy")
 def exp_so3(w: Array, out: Array) -> None:
     """out = rotation matrix of the rotation vector `w` (Rodrigues)."""
     angle = norm(w)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from skywright.core.rotations import mat_vec
+from skywright.core.rotations import mat_vec, solve3
 from skywright.models.compliant_arms import spring_torque
 
 Record = Any
@@ -54,19 +54,3 @@ def force_from_torques(b: Record, h: int, f_B: Any) -> None:
     for a in range(3):
         M[a, a] += SINGULAR * SINGULAR
     solve3(M, y, f_B)
-
-
-@njit(cache=True, error_model="numpy")
-def solve3(M: Any, y: Any, x: Any) -> None:
-    """Solve the symmetric positive definite M x = y, (3, 3) and (3,), by Cholesky."""
-    a = np.sqrt(M[0, 0])
-    b, c = M[1, 0] / a, M[2, 0] / a
-    d = np.sqrt(M[1, 1] - b * b)
-    e = (M[2, 1] - c * b) / d
-    f = np.sqrt(M[2, 2] - c * c - e * e)
-    u = y[0] / a
-    v = (y[1] - b * u) / d
-    w = (y[2] - c * u - e * v) / f
-    x[2] = w / f
-    x[1] = (v - e * x[2]) / d
-    x[0] = (u - b * x[1] - c * x[2]) / a

@@ -1,0 +1,443 @@
+"""Kinematics of the 4-DoF arm (shoulder pitch, roll, yaw, elbow pitch) in closed form.
+
+Suarez 2020, (6) and (7): r = FK(q) and q = IK(r, phi), the redundancy fixed by the shoulder's roll
+q2 = phi. The paper prints neither; here is the derivation. Frame: origin where the shoulder's three
+axes meet, x forward, z up; upper arm L1 and forearm L2 hang along -z at q = 0. With
+a = -L2 sin q4 and h = L1 + L2 cos q4 the hand is at
+
+    r = Ry(q1) Rx(q2) Rz(q3) (a, 0, -h).
+
+|r| gives q4 up to its sign, r_y = a s3 c2 + h s2 then q3 up to its side, and the direction of
+(r_x, r_z) then q1. The elbow lies on a circle about the line from shoulder to hand, at
+y = L1 sin q2: it exists for those rolls with L1 |sin q2| within that circle.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.core.rotations import solve3
+from skywright.errors import InputError
+from skywright.robots.limbs import SIDES, list_joints
+from skywright.robots.spec import Robot
+
+Array = NDArray[np.float64]
+
+REACHED, OUT_OF_REACH, AT_A_LIMIT = 0, 1, 2
+"""Status of a solution: exact; beyond (or within) what the links span; only angles beyond the
+joints' limits lead there. The last two come with the nearest point that the arm reaches."""
+STATUS_NAMES = ("reached", "out of reach", "at a joint limit")
+
+EXACT = 1e-10  # m, what counts as reached
+ROLLS = 48  # rolls tried where the one asked for violates a limit
+STEPS = 200  # of the search for the nearest point
+GRID = 7  # postures a joint that it starts from
+
+
+class ArmChain(NamedTuple):
+    """One arm: its lengths (m), limits (rad) and the place of its joints in q."""
+
+    upper: float
+    fore: float  # with the hand
+    p_shoulder: Array  # (3,) m, in the frame of the platform, or of the passive link
+    q_min: Array  # (4,)
+    q_max: Array
+    first: int
+
+
+class ArmSolution(NamedTuple):
+    """Joint angles q (4,) rad, the point p (3,) m that they reach, its distance from the goal."""
+
+    q: Array
+    status: str  # one of STATUS_NAMES
+    p: Array
+    error: float
+
+
+def has_arm_chain(robot: Robot) -> bool:
+    """Whether the robot's arms have the joints that this file's closed form is for."""
+    if robot.arm is None:
+        return False
+    joints = [x for x in list_joints(robot) if x.side == 0]
+    if [(x.link.axis, x.link.along, x.link.joint) for x in joints] != [
+        (axis, "-z", "hinge") for axis in "yxzy"
+    ]:
+        return False
+    elbow = (0.0, 0.0, -joints[2].link.length_m)
+    shoulder = all(x.offset == (0.0, 0.0, 0.0) for x in joints[1:3])
+    return shoulder and joints[3].offset == elbow
+
+
+def build_arm_chain(robot: Robot, side: int = 0) -> ArmChain:
+    """Return the arm of `side` (0 left or only, 1 right); raises InputError for other arms."""
+    if not has_arm_chain(robot):
+        raise InputError(
+            f"robot {robot.name!r}: inverse kinematics are for arms of four hinges about y, x, z, "
+            "y (shoulder pitch, roll, yaw, elbow pitch) with links along -z and the shoulder's "
+            "axes in one point"
+        )
+    assert robot.arm is not None
+    if side not in range(robot.arm.sides):
+        valid = ", ".join(f"{i} ({SIDES[i]})" for i in range(robot.arm.sides))
+        raise InputError(f"robot {robot.name!r} has no arm {side!r}; valid: {valid}")
+    everything = list_joints(robot)
+    first = next(i for i, x in enumerate(everything) if x.side == side)
+    joints = everything[first : first + 4]
+    return ArmChain(
+        joints[2].link.length_m,
+        joints[3].link.length_m + robot.arm.hand.length_m,
+        np.array(joints[0].offset),
+        np.radians([x.link.joint_min_deg for x in joints]),
+        np.radians([x.link.joint_max_deg for x in joints]),
+        first,
+    )
+
+
+def compute_arm_fk(chain: ArmChain, q: Array) -> Array:
+    """Return the hand (3,) m from the shoulder at q (4,) rad: (6)."""
+    p = np.empty(3)
+    arm_point(chain.upper, chain.fore, np.asarray(q, dtype=float), p)
+    return p
+
+
+def compute_arm_ik(
+    chain: ArmChain, p: Array, *, roll: float = 0.0, near: Array | None = None
+) -> ArmSolution:
+    """Return the angles that bring the hand to p (3,) m from the shoulder: (7).
+
+    `roll` (rad) is the shoulder's roll to take, or where that cannot be, the nearest that can.
+    `near` (4,) picks the branch (default: elbow bent so that the forearm points forward).
+    """
+    near = np.array([0.0, roll, 0.0, -0.5 * math.pi]) if near is None else np.asarray(near, float)
+    q, reached = np.empty(4), np.empty(3)
+    p = np.asarray(p, dtype=float)
+    if p.shape != (3,) or not np.all(np.isfinite(p)):
+        raise InputError(f"a hand's goal is 3 finite numbers (m), got {p.tolist()}")
+    status = solve_arm(
+        chain.upper, chain.fore, p, roll, near, chain.q_min, chain.q_max, q, reached
+    )  # fmt: skip
+    return ArmSolution(q, STATUS_NAMES[status], reached, float(np.linalg.norm(reached - p)))
+
+
+@njit(cache=True, error_model="numpy")
+def arm_point(L1: float, L2: float, q: Any, p: Any) -> None:
+    """Fill p (3,) with FK(q): (6)."""
+    s1, c1 = math.sin(q[0]), math.cos(q[0])
+    s2, c2 = math.sin(q[1]), math.cos(q[1])
+    a, h = -L2 * math.sin(q[3]), L1 + L2 * math.cos(q[3])
+    x, y = a * math.cos(q[2]), a * math.sin(q[2])
+    z = y * s2 - h * c2
+    p[0] = x * c1 + z * s1
+    p[1] = y * c2 + h * s2
+    p[2] = -x * s1 + z * c1
+
+
+@njit(cache=True, error_model="numpy")
+def arm_jacobian(L1: float, L2: float, q: Any, J: Any) -> None:
+    """Fill J (3, 4) m/rad = dFK/dq."""
+    s1, c1 = math.sin(q[0]), math.cos(q[0])
+    s2, c2 = math.sin(q[1]), math.cos(q[1])
+    s3, c3 = math.sin(q[2]), math.cos(q[2])
+    a, h = -L2 * math.sin(q[3]), L1 + L2 * math.cos(q[3])
+    da, dh = -L2 * math.cos(q[3]), -L2 * math.sin(q[3])
+    x, y = a * c3, a * s3
+    z = y * s2 - h * c2
+    J[0, 0], J[1, 0], J[2, 0] = -x * s1 + z * c1, 0.0, -x * c1 - z * s1
+    dz = y * c2 + h * s2
+    J[0, 1], J[1, 1], J[2, 1] = dz * s1, -y * s2 + h * c2, dz * c1
+    dx, dy = -y, x
+    J[0, 2], J[1, 2], J[2, 2] = dx * c1 + dy * s2 * s1, dy * c2, -dx * s1 + dy * s2 * c1
+    dx, dy = da * c3, da * s3
+    dz = dy * s2 - dh * c2
+    J[0, 3], J[1, 3], J[2, 3] = dx * c1 + dz * s1, dy * c2 + dh * s2, -dx * s1 + dz * c1
+
+
+@njit(cache=True, error_model="numpy")
+def solve_arm(
+    L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any,
+    reached: Any,
+) -> int:  # fmt: skip
+    """Fill q (4,) with IK(p, roll) and `reached` (3,) with FK(q); returns the status."""
+    goal = np.empty(3)
+    status = _into_reach(L1, L2, p, near, q_min, q_max, goal)
+    found = _solve_within(L1, L2, goal, roll, near, q_min, q_max, q)
+    arm_point(L1, L2, q, reached)
+    if not found:
+        _search_nearest(L1, L2, p, roll, near, q_min, q_max, q, reached)
+        if status == REACHED and _distance(p, reached) > EXACT:
+            status = AT_A_LIMIT
+    return status
+
+
+@njit(cache=True, error_model="numpy")
+def _distance(a: Any, b: Any) -> float:
+    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+
+
+@njit(cache=True, error_model="numpy")
+def _into_reach(L1: float, L2: float, p: Any, near: Any, q_min: Any, q_max: Any, goal: Any) -> int:
+    """Fill `goal` with the point nearest to p at a distance that the elbow can make."""
+    bend = max(abs(q_min[3]), abs(q_max[3]))
+    least = 0.0
+    if q_min[3] > 0.0 or q_max[3] < 0.0:
+        least = min(abs(q_min[3]), abs(q_max[3]))
+    shortest = math.sqrt(max(L1 * L1 + L2 * L2 + 2.0 * L1 * L2 * math.cos(min(bend, math.pi)), 0.0))
+    longest = math.sqrt(L1 * L1 + L2 * L2 + 2.0 * L1 * L2 * math.cos(least))
+    rho = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+    wanted = min(max(rho, shortest), longest)
+    for a in range(3):
+        goal[a] = p[a]
+    if abs(wanted - rho) < 1e-14:
+        return REACHED
+    if rho < 1e-9:  # the shoulder itself has no direction: take the one of the present posture
+        arm_point(L1, L2, near, goal)
+        rho = max(math.sqrt(goal[0] ** 2 + goal[1] ** 2 + goal[2] ** 2), 1e-9)
+    for a in range(3):
+        goal[a] *= wanted / rho
+    return OUT_OF_REACH if abs(wanted - rho) > EXACT else REACHED
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_within(
+    L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any
+) -> bool:
+    """Fill q with the solution within the limits whose roll is nearest to `roll`.
+
+    Returns False, and the solution that violates them least, where none keeps them.
+    """
+    lo, hi = _feasible_rolls(L1, L2, p)
+    lo, hi = max(lo, q_min[1]), min(hi, q_max[1])
+    hi = max(lo, hi)
+    start = min(max(roll, lo), hi)
+    if solve_at_roll(L1, L2, p, start, near, q_min, q_max, q) == 0.0:
+        return True
+    off = np.empty(ROLLS + 1)
+    step = (hi - lo) / ROLLS
+    best = 1e9  # the nearest roll that keeps the limits, on a grid
+    for i in range(ROLLS + 1):
+        phi = lo + step * i
+        off[i] = solve_at_roll(L1, L2, p, phi, near, q_min, q_max, q)
+        if off[i] == 0.0 and abs(phi - start) < abs(best - start):
+            best = phi
+    other = best - math.copysign(min(step, abs(best - start)), best - start)
+    if best > 1e8:  # or between its points, where the limits are kept at one roll alone
+        least = 1e9
+        for i in range(ROLLS + 1):
+            if off[i] <= off[max(i - 1, 0)] and off[i] <= off[min(i + 1, ROLLS)]:
+                phi = _least_violation(
+                    L1, L2, p, max(lo, lo + step * (i - 1)), min(hi, lo + step * (i + 1)), near,
+                    q_min, q_max, q,
+                )  # fmt: skip
+                found = solve_at_roll(L1, L2, p, phi, near, q_min, q_max, q)
+                if found < least or (found == least and abs(phi - start) < abs(best - start)):
+                    least, best = found, phi
+        return bool(solve_at_roll(L1, L2, p, best, near, q_min, q_max, q) == 0.0)
+    for _ in range(50):  # then exactly, where a limit is just kept
+        middle = 0.5 * (best + other)
+        if solve_at_roll(L1, L2, p, middle, near, q_min, q_max, q) == 0.0:
+            best = middle
+        else:
+            other = middle
+    return bool(solve_at_roll(L1, L2, p, best, near, q_min, q_max, q) == 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _least_violation(
+    L1: float, L2: float, p: Any, lo: float, hi: float, near: Any, q_min: Any, q_max: Any, q: Any
+) -> float:
+    """Return the roll between `lo` and `hi` that violates the limits least (golden section)."""
+    ratio = 0.5 * (math.sqrt(5.0) - 1.0)
+    x, y = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
+    f = solve_at_roll(L1, L2, p, x, near, q_min, q_max, q)
+    g = solve_at_roll(L1, L2, p, y, near, q_min, q_max, q)
+    for _ in range(70):
+        if f <= g:
+            hi, y, g = y, x, f
+            x = hi - ratio * (hi - lo)
+            f = solve_at_roll(L1, L2, p, x, near, q_min, q_max, q)
+        else:
+            lo, x, f = x, y, g
+            y = lo + ratio * (hi - lo)
+            g = solve_at_roll(L1, L2, p, y, near, q_min, q_max, q)
+    return x if f <= g else y
+
+
+@njit(cache=True, error_model="numpy")
+def _feasible_rolls(L1: float, L2: float, p: Any) -> tuple[float, float]:
+    """Return the rolls (rad) between which the elbow's circle passes y = L1 sin(roll).
+
+    The upper arm lies on a cone of half angle beta about the direction of the hand, which is eta
+    out of the plane y = 0: sin(roll) runs from sin(eta - beta) to sin(eta + beta).
+    """
+    a, h, _ = _fold(L1, L2, p)
+    beta, eta = math.atan2(a, h), math.atan2(p[1], math.sqrt(p[0] * p[0] + p[2] * p[2]))
+    return _angle_of_sine(eta - beta), _angle_of_sine(eta + beta)
+
+
+@njit(cache=True, error_model="numpy")
+def _angle_of_sine(angle: float) -> float:
+    """Return asin(sin(angle)) without losing digits near a quarter turn."""
+    angle = _wrap(angle)
+    if angle > 0.5 * math.pi:
+        return math.pi - angle
+    return -math.pi - angle if angle < -0.5 * math.pi else angle
+
+
+@njit(cache=True, error_model="numpy")
+def _fold(L1: float, L2: float, p: Any) -> tuple[float, float, float]:
+    """Return (a >= 0, h, bend >= 0): half-angle form, exact also with the arm stretched."""
+    rho2 = p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
+    sine = math.sqrt(max((L1 + L2) ** 2 - rho2, 0.0))
+    cosine = math.sqrt(max(rho2 - (L1 - L2) ** 2, 0.0))
+    bend = 2.0 * math.atan2(sine, cosine)
+    return L2 * math.sin(bend), L1 + L2 * math.cos(bend), bend
+
+
+@njit(cache=True, error_model="numpy")
+def solve_at_roll(
+    L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any
+) -> float:
+    """Fill q with the branch at this roll that keeps the limits, among those the nearest to `near`.
+
+    Where none keeps them: the one that violates them least. Returns by how much (rad).
+    """
+    a, h, bend = _fold(L1, L2, p)
+    s2, c2 = math.sin(roll), math.cos(roll)
+    lever = a * c2
+    y = 0.0
+    if abs(lever) > 1e-15:
+        y = a * min(max((p[1] - h * s2) / lever, -1.0), 1.0)
+    missing = abs(p[1] - h * s2 - y * c2)  # the elbow's circle does not pass at this roll
+    z = y * s2 - h * c2
+    across = p[0] * p[0] + p[2] * p[2]
+    x = across - z * z if a > across * abs(c2) else a * a - y * y  # what rounds less
+    x = math.sqrt(max(x, 0.0))
+    best_off, best_far = 1e9, 1e9
+    trial = np.empty(4)
+    for branch in range(4):
+        elbow = -1.0 if branch % 2 == 0 else 1.0  # -1: forearm forward
+        ahead = 1.0 if branch < 2 else -1.0
+        trial[1], trial[3] = roll, elbow * bend
+        # (x, y) = -L2 sin(q4) (c3, s3)
+        trial[2] = math.atan2(-elbow * y, -elbow * ahead * x)
+        if abs(lever) <= 1e-15:  # the yaw turns nothing
+            trial[2] = min(max(near[2], q_min[2]), q_max[2])
+        forward = -L2 * math.sin(trial[3]) * math.cos(trial[2])
+        upward = -L2 * math.sin(trial[3]) * math.sin(trial[2]) * s2 - h * c2
+        trial[0] = math.atan2(upward * p[0] - forward * p[2], forward * p[0] + upward * p[2])
+        if forward * forward + upward * upward < 1e-24:  # the hand lies on the pitch axis
+            trial[0] = min(max(near[0], q_min[0]), q_max[0])
+        off, far = missing, 0.0
+        for j in range(4):
+            off = max(off, q_min[j] - trial[j], trial[j] - q_max[j])
+            far += (trial[j] - near[j]) ** 2
+        off = off if off > 1e-11 else 0.0
+        if off < best_off - 1e-12 or (off <= best_off + 1e-12 and far < best_far):
+            best_off, best_far = off, far
+            for j in range(4):
+                q[j] = trial[j]
+    if best_off == 0.0:
+        for j in range(4):  # rounding at a limit
+            q[j] = min(max(q[j], q_min[j]), q_max[j])
+    return best_off
+
+
+@njit(cache=True, error_model="numpy")
+def _wrap(angle: float) -> float:
+    """Return the angle within -pi..pi."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@njit(cache=True, error_model="numpy")
+def _search_nearest(
+    L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any,
+    reached: Any,
+) -> None:  # fmt: skip
+    """Fill q with a posture within the limits whose hand is nearest to p, and `reached`.
+
+    Projected Levenberg-Marquardt from the best postures of a coarse grid, one for each
+    angle of the elbow, from the posture given and from `near`; the best end is kept.
+    """
+    best = 1e9
+    x, kept, at = np.empty(4), np.empty(4), np.empty(3)
+    for start in range(GRID + 2):
+        for j in range(4):
+            x[j] = min(max(near[j] if start == GRID + 1 else q[j], q_min[j]), q_max[j])
+        if start < GRID:
+            _best_of_grid(L1, L2, p, q_min, q_max, start, x)
+        error = _descend(L1, L2, p, q_min, q_max, x, at)
+        if error < best - 1e-12:
+            best = error
+            for a in range(3):
+                reached[a] = at[a]
+            for j in range(4):
+                kept[j] = x[j]
+    for j in range(4):
+        q[j] = kept[j]
+
+
+@njit(cache=True, error_model="numpy")
+def _best_of_grid(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, elbow: int, x: Any) -> None:
+    """Fill x with the posture on a grid, at its elbow angle number `elbow`, nearest to p."""
+    trial, there = np.empty(4), np.empty(3)
+    best = 1e9
+    for i in range(GRID**3):
+        n = i
+        for j in range(4):
+            share = elbow / (GRID - 1.0) if j == 3 else (n % GRID) / (GRID - 1.0)
+            trial[j] = q_min[j] + share * (q_max[j] - q_min[j])
+            n //= GRID
+        arm_point(L1, L2, trial, there)
+        if _distance(p, there) < best:
+            best = _distance(p, there)
+            for j in range(4):
+                x[j] = trial[j]
+
+
+@njit(cache=True, error_model="numpy")
+def _descend(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, x: Any, at: Any) -> float:
+    """Move x downhill in |FK(x) - p| within the limits; fills `at` = FK(x), returns the error."""
+    J, M, r, y = np.empty((3, 4)), np.empty((3, 3)), np.empty(3), np.empty(3)
+    trial, there = np.empty(4), np.empty(3)
+    free = np.ones(4)
+    damping = 1e-4
+    arm_point(L1, L2, x, at)
+    error = _distance(p, at)
+    for _ in range(STEPS):
+        arm_jacobian(L1, L2, x, J)
+        for a in range(3):
+            r[a] = p[a] - at[a]
+        for j in range(4):  # a joint at its limit, pushed outward, stays
+            g = J[0, j] * r[0] + J[1, j] * r[1] + J[2, j] * r[2]
+            held = (x[j] <= q_min[j] and g < 0.0) or (x[j] >= q_max[j] and g > 0.0)
+            free[j] = 0.0 if held else 1.0
+        for a in range(3):
+            for c in range(3):
+                M[a, c] = damping * L1 * L1 if a == c else 0.0
+                for j in range(4):
+                    M[a, c] += free[j] * J[a, j] * J[c, j]
+        solve3(M, r, y)
+        for j in range(4):
+            step = free[j] * (J[0, j] * y[0] + J[1, j] * y[1] + J[2, j] * y[2])
+            trial[j] = min(max(x[j] + step, q_min[j]), q_max[j])
+        arm_point(L1, L2, trial, there)
+        new = _distance(p, there)
+        if new < error:
+            for j in range(4):
+                x[j] = trial[j]
+            for a in range(3):
+                at[a] = there[a]
+            if error - new < 1e-15:
+                return float(new)
+            error = new
+            damping = max(0.2 * damping, 1e-10)
+        else:
+            damping *= 8.0
+            if damping > 1e8:
+                break
+    return error
