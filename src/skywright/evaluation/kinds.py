@@ -18,6 +18,7 @@ from skywright.missions.planning import MissionPlan
 
 METRICS = {
     "scan": "skywright.evaluation.metrics:compute_scan_metrics",
+    "sensor-install": "skywright.evaluation.sensor_install:compute_install_metrics",
     "waypoints": "skywright.evaluation.metrics:compute_waypoint_metrics",
 }
 """Kind of mission -> "module:function"."""

@@ -15,6 +15,7 @@ from numba import njit
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.core.types import MAX_JOINTS
 from skywright.models.rigid_body import (
+    KINEMATICS,
     fill_gravity_torque,
     fill_hands,
     fill_kinematics,
@@ -71,6 +72,43 @@ def fill_arms_parameters(arms: Record, robot: Robot) -> None:
             arms["linear"][j] = math.radians(link.flex_linear_deg or 0.0)
             stop = link.flex_beyond == "stop"
             arms["hardening"][j] = STOP_HARDENING if stop else link.flex_hardening
+
+
+def find_swing(model: Any, q: Any) -> Any:
+    """Return q (n_joints,) with the passive first joint where it hangs at rest (level platform).
+
+    `model` is a (1,) array of BODY_MODEL. Without gravity's torque about the joint there is
+    nothing to find: it is found by bisection between -90 and 90 deg.
+    """
+    q = np.array(q, dtype=float)
+    if model[0]["joint"][0] != 0 or model[0]["motor_speed_max"][0] > 0.0:
+        return q
+    low, high = -0.5 * math.pi, 0.5 * math.pi
+    for _ in range(60):
+        q[0] = 0.5 * (low + high)
+        if compute_gravity_torque(model, q)[0] > 0.0:  # gravity pulls it back: too far
+            high = q[0]
+        else:
+            low = q[0]
+    return q
+
+
+def compute_gravity_torque(model: Any, q: Any) -> Any:
+    """Return the torques (MAX_JOINTS,) N m that hold the arms at rest, platform level."""
+    k, full, torque = np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS), np.zeros(MAX_JOINTS)
+    full[: len(q)] = q
+    fill_kinematics(model[0], full, k[0])
+    fill_gravity_torque(model[0], k[0], np.array([0.0, 0.0, -model[0]["gravity"]]), torque)
+    return torque
+
+
+def find_hands(model: Any, q: Any) -> Any:
+    """Return the hands' places p_BH (n_hands, 3) m in B at joints q."""
+    k, full = np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS)
+    full[: len(q)] = q
+    fill_kinematics(model[0], full, k[0])
+    fill_hands(model[0], k[0])
+    return k[0]["p_BH"][: model[0]["n_hands"]].copy()
 
 
 @njit(cache=True, error_model="numpy")

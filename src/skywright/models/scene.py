@@ -49,6 +49,7 @@ class SceneIndex(NamedTuple):
     feet_geoms: NDArray[np.int64]
     object_qpos: NDArray[np.int64]  # of each movable thing, in the order of the world file
     hand_sites: NDArray[np.int64]  # (n_hands,)
+    hand_bodies: NDArray[np.int64]  # (n_hands,), -1 where a hand is no body of its own
     sensor_tip_force: int  # address of the tip's net contact force, -1 without
     sensor_hand_force: NDArray[np.int64]  # (n_hands,) likewise of each hand
     sensor_collision: NDArray[np.int64]  # addresses of net contact forces that must be zero
@@ -276,6 +277,10 @@ def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex
         feet_geoms=np.array(feet, dtype=np.int64),
         object_qpos=np.array([qpos(n) for n in objects], dtype=np.int64),
         hand_sites=np.array([model.site(name).id for name in hands], dtype=np.int64),
+        hand_bodies=np.array(
+            [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in hands],
+            dtype=np.int64,
+        ),
         sensor_tip_force=sensors.get("touch force", -1),
         sensor_hand_force=np.array(
             [sensors.get(f"touch {name}", -1) for name in hands], dtype=np.int64

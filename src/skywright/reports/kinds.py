@@ -13,6 +13,7 @@ from typing import Any
 
 KINDS = {
     "scan": "skywright.reports.figures.inspection",
+    "sensor-install": "skywright.reports.figures.sensor_install",
     "waypoints": "skywright.reports.figures.waypoints",
 }
 """Kind of mission -> module."""

@@ -17,6 +17,7 @@ from skywright.core.rotations import cross, exp_so3, mat_mat, mat_t_vec, mat_vec
 from skywright.core.types import MAX_HANDS, MAX_JOINTS, MAX_OBJECTS, MAX_ROTORS
 from skywright.models.rotors import step_rotor_speed
 from skywright.sim.friction import FRICTION
+from skywright.sim.tape import TAPE
 from skywright.sim.wind import FAN, NOISE, WIND
 
 Array = NDArray[np.float64]
@@ -132,6 +133,7 @@ PLANT = np.dtype(
         ("p_WH", f8, (MAX_HANDS, 3)),
         ("R_WH", f8, (MAX_HANDS, 3, 3)),
         ("f_WH", f8, (MAX_HANDS, 3)),  # N, force that each hand exerts
+        ("tape", TAPE),
     ]
 )
 
@@ -169,6 +171,9 @@ def observe(
             pl.f_WH[h, i] = sensordata[pl.hand_force[h] + i] if pl.hand_force[h] >= 0 else 0.0
             for j in range(3):
                 pl.R_WH[h, i, j] = site_xmat[pl.hand_site[h], 3 * i + j]
+    if pl.tape.on:  # tension counts as a force that the hand exerts
+        for i in range(3):
+            pl.f_WH[pl.tape.hand, i] -= pl.tape.pull * pl.tape.normal_W[i]
     for k in range(pl.n_collision):
         a = pl.collision[k]
         f = math.sqrt(sensordata[a] ** 2 + sensordata[a + 1] ** 2 + sensordata[a + 2] ** 2)

@@ -57,6 +57,10 @@ class Backend(Protocol):
         """The ESTIMATE now."""
 
     @property
+    def hands(self) -> Any:
+        """The ARMS record now: hands and their forces as estimated (a vehicle with "hands")."""
+
+    @property
     def fix_age(self) -> float:
         """Time (s) since the robot was last localised from outside."""
 
@@ -68,6 +72,9 @@ class Backend(Protocol):
 
     def in_contact(self) -> bool:
         """Whether the probe's instrument says contact."""
+
+    def push(self, body: str, f_W: Array) -> None:
+        """Disturb a body of the robot with a force (3,) N (a simulation can)."""
 
     def tip_of(self, row: Any) -> tuple[Array, Array]:
         """Nominal (p_WT, R_WT) of a row's platform pose and joints."""

@@ -38,6 +38,7 @@ from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
 from skywright.sim.plant import BLOCK, DEFLECTION_RATE, PLANT
 from skywright.sim.simulation import Simulation
+from skywright.sim.tape import fill_tape
 from skywright.sim.wind import count_noise, fill_wind
 from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
@@ -168,6 +169,11 @@ class SimulatedVehicle:
         return self.belief[0]["est"].copy()
 
     @property
+    def hands(self) -> Any:
+        """A copy of the ARMS record at the last arms' tick."""
+        return self.belief[0]["arms"].copy()
+
+    @property
     def fix_age(self) -> float:
         """Time (s) since motion capture was last seen."""
         return self.t - float(self.guard[0]["last_fix"])
@@ -216,6 +222,17 @@ class SimulatedVehicle:
         """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
         p_BT, R_BT = compute_tip(self.model, row["q"])
         return row["p_WB"] + row["R_WB"] @ p_BT, row["R_WB"] @ R_BT
+
+    def push(self, body: str, f_W: Array) -> None:
+        """Apply a force (3,) N to a body of the robot, at its centre of mass, until told otherwise.
+
+        A disturbance from outside, such as a helper's hand; raises InputError for an unknown body.
+        """
+        model = self.sim.scene.model
+        names = [model.body(i).name for i in range(1, model.nbody)]
+        if body not in names:
+            raise InputError(f"no body {body!r} to push; valid: {', '.join(names)}")
+        self.sim.xfrc[model.body(body).id, :3] = f_W
 
     def set_phase(self, index: int) -> None:
         """Phase index that samples carry from now on."""
@@ -381,7 +398,7 @@ def _build_plant(
         if limb.servo >= 0:
             pl["enc_lsb"][j] = 2.0 * math.pi / servos[limb.servo][1].encoder_counts
     if is_compliant(robot):
-        _fill_position_servos(pl, robot, scene, seed)
+        _fill_position_servos(pl, robot, world, scene, seed)
     pl["n_objects"] = len(index.object_qpos)
     pl["object_qpos"][: len(index.object_qpos)] = index.object_qpos
     m = world.mocap
@@ -400,7 +417,7 @@ def _build_plant(
     return out
 
 
-def _fill_position_servos(pl: Any, robot: Robot, scene: Scene, seed: int) -> None:
+def _fill_position_servos(pl: Any, robot: Robot, world: World, scene: Scene, seed: int) -> None:
     """Servos that take angles, springs with their encoders, and hands."""
     index, dt = scene.places, 1.0 / robot.control.rate_hz
     servos, joints = list_servos(robot), list_joints(robot)
@@ -422,3 +439,4 @@ def _fill_position_servos(pl: Any, robot: Robot, scene: Scene, seed: int) -> Non
     pl["hand_site"][: len(index.hand_sites)] = index.hand_sites
     pl["hand_force"] = -1
     pl["hand_force"][: len(index.hand_sites)] = index.sensor_hand_force
+    fill_tape(pl["tape"], world.tape, index.hand_bodies)

@@ -28,6 +28,7 @@ from skywright.sim.inertial import read_inertial, sense_inertial
 from skywright.sim.link import receive_measurement, send_command, send_measurement
 from skywright.sim.physics import step_physics
 from skywright.sim.plant import actuate, blow, hold_stalled_servos, observe, sense
+from skywright.sim.tape import step_tape
 from skywright.sim.wind import step_wind
 from skywright.vehicle.frame import open_frame
 from skywright.vehicle.guard import (
@@ -218,6 +219,8 @@ def after_law(
         pl.wind, pl.noise_wind[pl.block], b.t, par.dt, pl.p_WB, pl.R_WB, pl.rotor_p, pl.n_rotors
     )
     blow(pl, xfrc)
+    if pl.tape.on:
+        step_tape(pl.tape, pl.p_WH[pl.tape.hand], pl.f_WH[pl.tape.hand], par.dt, xfrc)
     rub(pl.friction, pl.s, pl.radius * pl.phi, pl.gap, pair_friction)
     pl.tick += 1
     pl.block += 1

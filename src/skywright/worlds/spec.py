@@ -205,6 +205,21 @@ class Link(Spec):
     loss_fraction: float = Field(default=0.0, ge=0, lt=1)  # of packets
 
 
+class Tape(Spec):
+    """Double-sided tape on what a hand carries: pressed on, it stays; pulled off, one side gives.
+
+    The bond grows with the pressing: strength * (1 - exp(-impulse / press)). While the hand pulls
+    back, tape and holder stretch until the weaker of bond and holder lets go: the holder, and the
+    sensor stays on the surface; the bond, and it comes off again.
+    """
+
+    hand: Literal["left", "right"] = "left"
+    strength_n: Positive = 5.0  # of the bond, in tension, pressed for long
+    press_ns: Positive = 4.0  # N s of pressing after which 63 % of it are reached
+    release_n: Positive = 1.0  # pull at which the holder lets go of the sensor
+    stiffness_n_per_m: Positive = 1000.0  # of tape and holder together
+
+
 class World(Spec):
     """The root `world`."""
 
@@ -220,6 +235,7 @@ class World(Spec):
     area: Area | None = None
     scenario_seed: int | None = Field(default=None, ge=0)  # draws tubes and passages instead
     difficulty: Fraction = 0.5  # of a drawn scenario: narrower, and three structures above 0.5
+    tape: Tape | None = None
     wind: Wind = Wind()
     mocap: Mocap = Mocap()
     link: Link = Link()

@@ -1,0 +1,336 @@
+"""Press a sensor on a pipe from below with one hand (Suarez 2020, section VI-B).
+
+Nine phases as in the paper: take off, arms to the operation pose, navigate, approach, hand to the
+contact, force, retract, return, land; before the approach two checks of the robot itself: how well
+the hand keeps a point in space, and how fast a swing of the passive link decays.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.core.types import TASK_FORCE, TASK_JOINTS, TASK_POSITION
+from skywright.errors import InputError
+from skywright.missions.flight import Flight
+from skywright.missions.loader import Description
+from skywright.missions.planning import MissionPlan, find_hover
+from skywright.missions.tasks.sensor_install import SensorInstall, SensorInstallMission
+from skywright.models.compliant_arms import find_hands, find_swing, is_compliant
+from skywright.models.geometry import ClearanceQuery, build_clearance, compute_clearance
+from skywright.models.rigid_body import build_body_model, posture
+from skywright.models.scene import build_scene
+from skywright.robots.limbs import list_joints
+from skywright.robots.spec import Robot
+from skywright.vehicle.interface import ROW_PERIOD, duration, quintic
+from skywright.worlds.surface import build_cylinder
+
+if TYPE_CHECKING:
+    from skywright.missions.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+Table = NDArray[Any]
+
+NEEDS = frozenset({"uav", "hands"})
+
+MARGIN = 0.1  # m, kept from everything on the way
+NEAR_MARGIN = 0.02  # m, kept by what does not touch while the hand presses
+STEP = 0.05  # m, between clearance checks
+CONTACT_N = 0.3  # N, estimated force at which the hand counts as touching
+SEARCH = 0.1  # m, how far beyond the expected surface the hand looks for it
+RAMP_S, SETTLE_S = 2.0, 4.0  # until the force is judged
+SWING_FORCE = 8.0  # N, most that the push on the link uses
+SWING_WAIT = 6.0  # s, watched after the link was let go
+PARK_S = 3.0  # s, of hovering before something is measured
+LOST_S = 1.0  # s without contact before pressing is given up
+STRETCHED_DEG = (-80.0, 0.0, 0.0, -10.0)  # shoulder pitch, roll, yaw, elbow: near the singularity
+
+
+class InstallPlan(NamedTuple):
+    """Where the robot will be; platform poses are those of the working pose of the arms."""
+
+    contact: Array  # (3,) m, on the pipe
+    yaw: float
+    normal: Array  # (3,) direction of pressing
+    q: Array  # (n_joints,) rad, operation pose, swing in equilibrium
+    q_good: Array  # the same in the L pose
+    p_far: Array  # (3,) m, platform behind and below
+    p_below: Array  # below the pipe
+    p_near: Array  # hand at the stand-off
+    p_good: Array  # at the contact with the arm in the L pose
+    home: Array  # (3,) m, hover
+
+
+def plan(d: Description) -> MissionPlan:
+    """Place the robot for the contact and check the straight lines there and back."""
+    robot, world = d.robot, d.world
+    assert isinstance(d.mission, SensorInstallMission)
+    task = d.mission.task
+    if world.pipe is None:
+        raise InputError(f"world {world.name!r} has no pipe: give it a [world.pipe] table")
+    if not is_compliant(robot):
+        raise InputError(
+            f"robot {robot.name!r} has no arm with position servos: sensor-install needs one, "
+            "such as bimanual-longreach"
+        )
+    began = time.perf_counter()
+    cylinder = build_cylinder(world.pipe)
+    ahead = cylinder.R_WP[:, 0]
+    yaw = math.atan2(ahead[1], ahead[0])
+    up = cylinder.R_WP[:, 2]
+    contact = cylinder.p_WP - cylinder.radius * up
+    q_good = build_pose(robot, "L", cylinder.radius)
+    q = q_good if task.pose == "L" else build_pose(robot, task.pose, cylinder.radius)
+    model = build_body_model(robot, world.gravity_mps2)
+    q, q_good = find_swing(model, q), find_swing(model, q_good)
+    R = rot_z(yaw)
+
+    def place(hand: Array, pose: Array) -> Array:
+        return hand - R @ find_hands(model, pose)[0]
+
+    low = contact - task.approach_below_m * up
+    p_below = place(low, q)
+    hover = find_hover(d)
+    found = InstallPlan(
+        contact, yaw, up, q, q_good,
+        p_far=p_below - (robot.platform.diameter_m + 0.5) * R[:, 0],
+        p_below=p_below,
+        p_near=place(contact - task.stand_off_m * up, q),
+        p_good=place(contact, q_good),
+        home=hover[:3],
+    )  # fmt: skip
+    query = build_clearance(build_scene(robot, world), with_ground=True)
+    folded = posture(robot, "folded")
+    legs = [
+        ("arms to the operation pose", hover[:3], hover[:3], folded, MARGIN),
+        ("navigate", hover[:3], found.p_far, q, MARGIN),
+        ("navigate", found.p_far, found.p_below, q, MARGIN),
+        ("approach", found.p_below, found.p_near, q, NEAR_MARGIN),
+    ]
+    least, blocked = math.inf, None
+    for name, a, b, pose, margin in legs:
+        distance, what = _check_line(query, a, b, R, pose)
+        least = min(least, distance)
+        if distance < margin and blocked is None:
+            blocked = (
+                f"{name}: {what} come within {max(distance, 0.0):.3f} m, {margin:.2f} m are kept"
+            )
+    speed = robot.control.speed_max_mps
+    length = sum(float(np.linalg.norm(b - a)) for _, a, b, _, _ in legs)
+    return MissionPlan(
+        blocked is None, blocked, time.perf_counter() - began,
+        2.0 * 1.875 * length / speed + task.hold_s + task.hover_s, least, math.nan, {}, None,
+        0.0, 0.0, found,
+    )  # fmt: skip
+
+
+def build_pose(robot: Robot, pose: str, radius: float) -> Array:
+    """Return q (n_joints,) rad of the operation pose, the right arm held as the left.
+
+    L: forearm level. The upper arm hangs, or leans forward as far as the pipe's radius asks, so
+    that what carries the arms stays clear of the pipe.
+    """
+    assert robot.arm is not None
+    joints = list_joints(robot)
+    q = posture(robot, "working")
+    upper = max(limb.link.length_m for limb in joints if limb.side == 0)
+    fore = [limb.link.length_m for limb in joints if limb.side == 0][-1]
+    lean = math.asin(min(max((radius + 0.15 - fore) / upper, 0.0), 0.9))
+    angles = np.array([-lean, 0.0, 0.0, lean - math.pi / 2])
+    if pose == "stretched":
+        angles = np.radians(STRETCHED_DEG)
+    for side in range(robot.arm.sides):
+        mine = [j for j, limb in enumerate(joints) if limb.side == side]
+        if len(mine) != 4:
+            raise InputError(
+                f"robot {robot.name!r} has arms of {len(mine)} joints; sensor-install needs 4: "
+                "shoulder pitch, roll, yaw and elbow"
+            )
+        q[mine] = angles
+    return q
+
+
+def _check_line(query: ClearanceQuery, a: Array, b: Array, R: Array, q: Array) -> tuple[float, str]:
+    """Least distance (m) along a straight flight, and between what."""
+    least, what = math.inf, ""
+    for u in np.linspace(0.0, 1.0, max(math.ceil(float(np.linalg.norm(b - a)) / STEP), 1) + 1):
+        found = compute_clearance(query, a + u * (b - a), R, q)
+        if found.distance < least:
+            least = found.distance
+            what = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
+    return least, what
+
+
+def fly(s: Supervisor) -> Flight:
+    """Fly the phases between take-off and landing."""
+    assert isinstance(s.mission, SensorInstallMission)
+    task, way = s.mission.task, s.plan.task
+    assert isinstance(way, InstallPlan)
+    s.begin("arms to operation pose")
+    s.arms.move_to(way.q)
+    s.until_arrived()
+    s.begin("navigate")
+    for p in (way.p_far, way.p_below):
+        s.uav.go_to(p, way.yaw)
+        s.until_arrived()
+    s.wait(PARK_S)
+    hands = s.vehicle.hands
+    target = way.contact - task.approach_below_m * way.normal
+    if task.hover_s > 0.0:
+        s.begin("hover check")
+        s.body.track(_hold_hand(s, target, task))
+        s.wait(task.hover_s)
+    if task.swing_deg > 0.0 and hands["swing"] >= 0:
+        _check_swing(s, math.radians(task.swing_deg), way)
+    s.begin("approach")
+    s.body.track(_hold_hand(s, way.contact - task.approach_below_m * way.normal, task))
+    _move_with_hand(s, way.p_near, way.contact - task.stand_off_m * way.normal)
+    s.wait(PARK_S)
+    touched = _touch(s, task, way)
+    held = touched and _press(s, task, way)
+    s.begin("retract")
+    s.body.track(_hold_hand(s, way.contact - task.approach_below_m * way.normal, task))
+    s.wait(2.0)
+    _move_with_hand(s, way.p_below, way.contact - task.approach_below_m * way.normal)
+    s.arms.move_to(way.q)
+    s.until_arrived()
+    s.begin("return")
+    for p in (way.p_far, way.home):
+        s.uav.go_to(p, way.yaw)
+        s.until_arrived()
+    if not touched:
+        return Flight(False, "the hand found no surface")
+    return Flight(held, "" if held else "contact was lost while pressing")
+
+
+def _row(s: Supervisor) -> Any:
+    """A copy of the reference at rest."""
+    row = np.array(s.vehicle.reference)
+    row["t"] = 0.0
+    for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "v_WH"):
+        row[field] = 0.0
+    return row
+
+
+def _hold_hand(s: Supervisor, p: Array, task: SensorInstall) -> Table:
+    """The platform stays; the left hand goes straight to p (3,) m and keeps it."""
+    row = _row(s)
+    row["task"][0], row["p_WH"][0] = TASK_POSITION, p
+    row["v_WH"][0] = [task.hand_speed_mps, 0.0, 0.0]
+    return row[None]
+
+
+def _move_with_hand(s: Supervisor, p: Array, hand: Array) -> None:
+    """Move platform to p and the left hand to `hand` (3,) m at the same time, rest to rest."""
+    start = _row(s)
+    limits = s.vehicle.limits
+    distance = float(np.linalg.norm(p - start["p_WB"]))
+    total = max(duration(distance, 0.3 * limits.speed, 0.5 * limits.acceleration), 1.0)
+    n = max(math.ceil(total / ROW_PERIOD), 1)
+    u = np.linspace(0.0, 1.0, n + 1)
+    shape, ds, dds = quintic(u)
+    table = np.repeat(start[None], n + 1)
+    total = n * ROW_PERIOD
+    table["t"] = u * total
+    delta = p - start["p_WB"]
+    table["p_WB"] += shape[:, None] * delta
+    table["v_WB"] = ds[:, None] * delta / total
+    table["a_WB"] = dds[:, None] * delta / total**2
+    first = start["p_WH"][0].copy()
+    table["p_WH"][:, 0] = first + shape[:, None] * (hand - first)
+    s.body.track(table)
+    s.until_arrived()
+
+
+def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> None:
+    """Pull the link aside, let it go and watch; a helper's hand on the ground would do the same."""
+    s.begin("pull the link")
+    row = _row(s)
+    row["task"][:] = TASK_JOINTS
+    row["q"][: len(way.q)] = way.q
+    s.body.track(row[None])
+    swing = int(s.vehicle.hands["swing"])
+    rest, force = float(s.vehicle.estimate["q"][swing]), 0.0
+    back = -rot_z(way.yaw)[:, 0]
+    started = s.vehicle.t
+    while abs(float(s.vehicle.estimate["q"][swing]) - rest) < angle:
+        force = min(force + 0.05, SWING_FORCE)
+        s.vehicle.push("pendulum", force * back)
+        s.tick()
+        if s.vehicle.t - started > 20.0:
+            break
+    s.vehicle.push("pendulum", np.zeros(3))
+    s.begin("swing check")
+    s.wait(SWING_WAIT)
+
+
+def _touch(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
+    """Move the hand up until its force says contact."""
+    s.begin("touch")
+    start = s.vehicle.t
+    goal = way.contact + SEARCH * way.normal
+    row = _row(s)
+    row["task"][0], row["v_WH"][0] = TASK_POSITION, [0.02, 0.0, 0.0]
+    row["p_WH"][0] = goal
+    s.body.track(row[None])
+    patience = (task.stand_off_m + SEARCH) / 0.02 + 3.0
+    while s.vehicle.t - start < patience:
+        s.tick()
+        if float(s.vehicle.hands["f_WH"][0] @ way.normal) > CONTACT_N:
+            s.end("done")
+            return True
+    s.end("failed")
+    return False
+
+
+def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
+    """Ramp the force up, settle, hold it; returns whether contact was kept to the end."""
+    row = _row(s)
+    row["task"][0], row["p_WH"][0] = TASK_FORCE, s.vehicle.hands["p_WH"][0]
+    table = np.repeat(row[None], 2)
+    table["t"] = [0.0, RAMP_S]
+    table["f_WH"][0, 0], table["f_WH"][1, 0] = CONTACT_N * way.normal, task.force_n * way.normal
+    s.begin("press")
+    s.body.track(table)
+    if not _keep(s, RAMP_S + SETTLE_S, way):
+        return False
+    if task.leave_singularity and task.pose == "stretched":
+        s.begin("leave singularity")
+        s.body.track(_slide_platform(s, way.p_good))
+        if not _keep(s, float(np.linalg.norm(way.p_good - _row(s)["p_WB"])) / 0.05 + SETTLE_S, way):
+            return False
+    s.begin("force")
+    return _keep(s, task.hold_s, way)
+
+
+def _slide_platform(s: Supervisor, p: Array) -> Table:
+    """Move the platform slowly to p (3,) m; the hands keep their task."""
+    start = _row(s)
+    delta = p - start["p_WB"]
+    total = max(1.875 * float(np.linalg.norm(delta)) / 0.05, 1.0)
+    u = np.linspace(0.0, 1.0, max(math.ceil(total / ROW_PERIOD), 1) + 1)
+    shape, ds, dds = quintic(u)
+    table = np.repeat(start[None], len(u))
+    table["t"] = u * total
+    table["p_WB"] += shape[:, None] * delta
+    table["v_WB"] = ds[:, None] * delta / total
+    table["a_WB"] = dds[:, None] * delta / total**2
+    return table
+
+
+def _keep(s: Supervisor, seconds: float, way: InstallPlan) -> bool:
+    """Tick for a time; False when the estimated force was gone for too long."""
+    end, felt = s.vehicle.t + seconds, s.vehicle.t
+    while s.vehicle.t < end - 1e-9:
+        t = s.tick().t
+        if float(s.vehicle.hands["f_WH"][0] @ way.normal) > 0.1:
+            felt = t
+        elif t - felt > LOST_S:
+            s.end("failed")
+            return False
+    return True
