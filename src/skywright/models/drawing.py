@@ -6,14 +6,16 @@ physics use. No MuJoCo object leaves this module.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.types import MAX_OBJECTS
 from skywright.models.rigid_body import joint_names
 from skywright.models.scene import Scene, build_scene
+from skywright.models.things import OBJECT
 from skywright.robots.spec import Robot
 from skywright.worlds.spec import World
 
@@ -46,8 +48,8 @@ class Part(NamedTuple):
     parent: int  # index of the part that carries it; -1: the world
     position: Array  # (3,) m, in the parent's frame with the joint at zero
     quaternion: Array  # (4,) wxyz, likewise
-    motion: str  # free (the platform), hinge, slide, spring (the probe's tip) or fixed
-    joint: int  # index into the joint angles; -1 without
+    motion: str  # free (the platform), hinge, slide, spring (the probe's tip), object or fixed
+    joint: int  # index into the joint angles (of an object: into the world's); -1 without
     axis: Array  # (3,) of the motion, in the part's frame
     shapes: tuple[Shape, ...]
 
@@ -63,7 +65,7 @@ def build_drawing(robot: Robot, world: World) -> Drawing:
     """Return the shapes of a robot and a world, from their nominal scene."""
     scene = build_scene(robot, world)
     model = scene.model
-    parts = tuple(_build_part(scene, robot, body) for body in range(1, model.nbody))
+    parts = tuple(_build_part(scene, robot, world, body) for body in range(1, model.nbody))
     return Drawing(_collect_shapes(model, 0), parts)
 
 
@@ -78,7 +80,7 @@ def _collect_shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
     return tuple(out)
 
 
-def _build_part(scene: Scene, robot: Robot, body: int) -> Part:
+def _build_part(scene: Scene, robot: Robot, world: World, body: int) -> Part:
     model = scene.model
     name = str(model.body(body).name)
     parent = int(model.body_parentid[body]) - 1
@@ -87,6 +89,8 @@ def _build_part(scene: Scene, robot: Robot, body: int) -> Part:
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     if body == scene.places.platform_body:
         motion = "free"
+    elif name.startswith(OBJECT):
+        motion, joint = "object", list(world.objects).index(name.removeprefix(OBJECT))
     elif name == "slider":  # rigid in the nominal scene; a recording tells its compression
         motion, axis = "spring", np.array([-1.0, 0.0, 0.0])
     elif count:
@@ -100,11 +104,18 @@ def _build_part(scene: Scene, robot: Robot, body: int) -> Part:
 
 
 def compute_part_poses(
-    drawing: Drawing, p_WB: Array, q_WB: Array, q: Array, spring: Array
+    drawing: Drawing,
+    p_WB: Array,
+    q_WB: Array,
+    q: Array,
+    spring: Array,
+    objects: list[tuple[Array, Array]] | None = None,
 ) -> list[tuple[Array, Array]]:
     """Poses of the robot's parts in their parents' frames over `n` instants.
 
-    p_WB (n, 3) m, q_WB (n, 4) wxyz, q (n, n_joints) rad (or m), spring (n,) m of compression.
+    p_WB (n, 3) m, q_WB (n, 4) wxyz, q (n, n_joints) rad (or m), spring (n,) m of compression;
+    `objects` likewise has positions (n, 3) and quaternions (n, 4) of each movable thing, which
+    otherwise stand where the world puts them.
     Returns one (positions (n, 3), quaternions (n, 4)) a part.
     """
     n = len(p_WB)
@@ -114,6 +125,8 @@ def compute_part_poses(
         quaternion = np.broadcast_to(part.quaternion, (n, 4))
         if part.motion == "free":
             position, quaternion = p_WB, q_WB
+        elif part.motion == "object" and objects is not None:
+            position, quaternion = objects[part.joint]
         elif part.motion == "hinge":
             half = 0.5 * q[:, part.joint]
             turn = np.column_stack([np.cos(half), np.sin(half)[:, None] * part.axis])
@@ -123,6 +136,11 @@ def compute_part_poses(
             position = position + rotate_vectors(quaternion, way[:, None] * part.axis)
         out.append((np.asarray(position, float), np.asarray(quaternion, float)))
     return out
+
+
+def list_object_poses(samples: NDArray[Any]) -> list[tuple[Array, Array]]:
+    """Return (positions (n, 3), quaternions (n, 4)) of the movable things in samples (SAMPLE)."""
+    return [(samples[f"object{i}_p_WO"], samples[f"object{i}_q_WO"]) for i in range(MAX_OBJECTS)]
 
 
 def multiply_quaternions(a: Array, b: Array) -> Array:

@@ -21,11 +21,13 @@ from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_ar
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
+from skywright.models.things import OBJECT, add_bench, add_things
 from skywright.robots.limbs import list_limbs
 from skywright.robots.spec import Robot
 from skywright.worlds.scenario import get_structures
 from skywright.worlds.spec import World
 from skywright.worlds.surface import build_cylinder
+from skywright.worlds.things import Bench
 
 Array = NDArray[np.float64]
 
@@ -79,6 +81,8 @@ def build_scene(robot: Robot, world: World, deviation: Deviation | None = None) 
     _add_world(spec, world)
     plant = deviation is not None
     _add_robot(spec, robot, deviation or Deviation(), plant)
+    add_things(spec, world, plant)
+    add_bench(spec, world, plant)
     if plant:
         _add_contacts(spec, robot, world)
     model = spec.compile()
@@ -257,10 +261,13 @@ def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex
         return int(model.jnt_dofadr[i])
 
     geom_names = [model.geom(i).name for i in range(model.ngeom)]
-    fixed = [i for i in range(model.ngeom) if model.geom_bodyid[i] == 0]
+    platform = model.body("platform").id
+    root = model.body_rootid[model.geom_bodyid]
+    robot_geoms = np.flatnonzero(root == platform)
+    fixed = np.flatnonzero(root != platform)
     probe = [i for i, n in enumerate(geom_names) if n in ("tip", "pen", "holder shell")]
     feet = [i for i, n in enumerate(geom_names) if n.startswith(("foot", "leg"))]
-    objects = [n for i in range(model.njnt) if (n := model.joint(i).name).startswith("object ")]
+    objects = [n for i in range(model.njnt) if (n := model.joint(i).name).startswith(OBJECT)]
     sites = {model.site(i).name for i in range(model.nsite)}
     hands = [f"hand{side}" for side in range(MAX_HANDS) if f"hand{side}" in sites]
     sensors = {model.sensor(i).name: int(model.sensor_adr[i]) for i in range(model.nsensor)}
@@ -271,8 +278,8 @@ def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex
         slider_qpos=qpos("spring"),
         platform_body=model.body("platform").id,
         tip_site=mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, "tip"),
-        robot_geoms=np.array([i for i in range(model.ngeom) if i not in fixed], dtype=np.int64),
-        world_geoms=np.array(fixed, dtype=np.int64),
+        robot_geoms=robot_geoms.astype(np.int64),
+        world_geoms=fixed.astype(np.int64),
         probe_geoms=np.array(probe, dtype=np.int64),
         feet_geoms=np.array(feet, dtype=np.int64),
         object_qpos=np.array([qpos(n) for n in objects], dtype=np.int64),
@@ -298,8 +305,13 @@ def set_pose(scene: Scene, data: mujoco.MjData, p_WB: Array, q_WB: Array, q: Arr
     data.qpos[scene.places.joint_qpos] = q
 
 
-def home_pose(robot: Robot, x: float, y: float, yaw: float) -> tuple[Array, Array, Array]:
-    """Return (p_WB, q_WB, q): standing on the feet with the arm folded."""
+def home_pose(
+    robot: Robot, x: float, y: float, yaw: float, bench: Bench | None = None
+) -> tuple[Array, Array, Array]:
+    """Return (p_WB, q_WB, q): standing on the feet with the arm folded, or clamped to a bench."""
+    if bench is not None:
+        place = np.array([bench.x_m, bench.y_m, bench.z_m])
+        return place, np.array([1.0, 0.0, 0.0, 0.0]), posture(robot, "folded")
     p = np.array([x, y, robot.platform.gear_height_m])
     quat = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
     return p, quat, posture(robot, "landed")

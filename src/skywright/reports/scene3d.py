@@ -16,6 +16,7 @@ from skywright.models.drawing import (
     Shape,
     build_drawing,
     compute_part_poses,
+    list_object_poses,
     multiply_quaternions,
     rotate_vectors,
 )
@@ -63,11 +64,11 @@ class Scene3d:
 
     def compute_poses(self, samples: NDArray[Any]) -> Poses:
         """Return the poses of all moving nodes for recorded samples (SAMPLE)."""
-        n_joints = max((p.joint for p in self.drawing.parts), default=-1) + 1
-        q = np.asarray(samples["q"], float)[:, :n_joints]
+        q = np.asarray(samples["q"], float)
         found = compute_part_poses(
-            self.drawing, samples["p_WB"], samples["q_WB"], q, samples["spring"]
-        )
+            self.drawing, samples["p_WB"], samples["q_WB"], q, samples["spring"],
+            list_object_poses(samples),
+        )  # fmt: skip
         nodes = {}
         for part, name, pose in zip(self.drawing.parts, self._names, found, strict=True):
             if part.name == "holder":

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from skywright.models.drawing import (
     build_drawing,
     compute_part_poses,
+    list_object_poses,
     multiply_quaternions,
     rotate_vectors,
 )
@@ -74,9 +75,9 @@ def _build_items(result: RunResult, row: Any) -> list[Item]:
         if shape.kind != "plane":
             mesh = build_mesh(shape, 96)
             items.append(_paint(mesh, shape.rgba[:3]))
-    joints = max((p.joint for p in drawing.parts), default=-1) + 1
+    one = row[None]
     poses = compute_part_poses(
-        drawing, row["p_WB"][None], row["q_WB"][None], row["q"][None, :joints], row["spring"][None]
+        drawing, one["p_WB"], one["q_WB"], one["q"], one["spring"], list_object_poses(one)
     )
     placed: list[tuple[Array, Array]] = []
     for part, (p, q) in zip(drawing.parts, poses, strict=True):

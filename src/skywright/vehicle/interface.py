@@ -76,6 +76,9 @@ class Backend(Protocol):
     def push(self, body: str, f_W: Array) -> None:
         """Disturb a body of the robot with a force (3,) N (a simulation can)."""
 
+    def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
+        """Move the fixture that clamps the platform (a simulation with `world.bench` can)."""
+
     def tip_of(self, row: Any) -> tuple[Array, Array]:
         """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
 

@@ -107,7 +107,16 @@ class SimulatedVehicle:
         self.model = build_body_model(robot, world.gravity_mps2)
         self.kin = np.zeros(1, KINEMATICS)
         self.thrust = np.zeros(len(self.rotors.thrust_min))
-        self.sim = Simulation(self.scene, home_pose(robot, *start))
+        self.sim = Simulation(self.scene, home_pose(robot, *start, world.bench))
+        self._held = {
+            name: (
+                self.scene.model.equality(f"hold {name}").id,
+                int(self.scene.model.sensor(f"touch {name}").adr[0]),
+                thing.held_n,
+            )
+            for name, thing in world.objects.items()
+            if thing.held_n is not None
+        }
         self.belief = self._build_belief()
         self.plant = _build_plant(robot, world, self.scene, deviation, seed)
         names = (
@@ -139,7 +148,7 @@ class SimulatedVehicle:
         self._block = self.plant["block"]
         self._block[0] = BLOCK
         self._inertial_index, self._link_index = self.inertial["index"], self.link["index"]
-        p, _, q = home_pose(robot, *start)
+        p, _, q = home_pose(robot, *start, world.bench)
         self._table = np.zeros(1, self.belief["ref"].dtype)
         self._set_home_reference(p, start[2], q)
         self.track(self._table)
@@ -204,6 +213,8 @@ class SimulatedVehicle:
         fired = int(self._fired[0])
         if fired & NOT_FINITE:
             raise SimulationError(self._explain_not_finite())
+        if self._held:
+            self._let_go()
         t = float(self._time[0])
         return Ticked(t, fired, t - float(self._table_t0[0]) >= self._table_end - 1e-9)
 
@@ -233,6 +244,24 @@ class SimulatedVehicle:
         if body not in names:
             raise InputError(f"no body {body!r} to push; valid: {', '.join(names)}")
         self.sim.xfrc[model.body(body).id, :3] = f_W
+
+    def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
+        """Move the bench that clamps the platform to p_W (3,) m, turned by `yaw` (rad).
+
+        Raises InputError where the world has none.
+        """
+        if self.world.bench is None:
+            raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
+        self.sim.data.mocap_pos[0] = p_W
+        self.sim.data.mocap_quat[0] = [math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]
+
+    def _let_go(self) -> None:
+        """Free the stuck things that are pulled harder than they are held."""
+        for name, (equality, address, force) in list(self._held.items()):
+            pull = self.sim.sensordata[address : address + 3]
+            if float(np.linalg.norm(pull)) > force:
+                self.sim.data.eq_active[equality] = 0
+                del self._held[name]
 
     def set_phase(self, index: int) -> None:
         """Phase index that samples carry from now on."""

@@ -8,6 +8,8 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
+from skywright.core.types import MAX_OBJECTS
+from skywright.worlds.things import Bench, Thing
 
 
 class Pipe(Spec):
@@ -236,6 +238,8 @@ class World(Spec):
     scenario_seed: int | None = Field(default=None, ge=0)  # draws tubes and passages instead
     difficulty: Fraction = 0.5  # of a drawn scenario: narrower, and three structures above 0.5
     tape: Tape | None = None
+    objects: dict[str, Thing] = Field(default={}, max_length=MAX_OBJECTS)
+    bench: Bench | None = None
     wind: Wind = Wind()
     mocap: Mocap = Mocap()
     link: Link = Link()

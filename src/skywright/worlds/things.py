@@ -1,0 +1,45 @@
+"""What a world file may say of things that move: the tables `world.objects` and `world.bench`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
+
+
+class Thing(Spec):
+    """A movable thing; (x, y, z) is its centre.
+
+    A box has three edges; a cylinder the diameter `size_x_m` and the length `size_z_m` along its
+    own z; `pitch_deg` and `yaw_deg` turn it about its y, then about W's z. With `held_n` it is
+    stuck (a plug in its socket) until it is pulled with that force.
+    """
+
+    shape: Literal["box", "cylinder"] = "box"
+    size_x_m: Positive
+    size_y_m: Positive | None = None
+    size_z_m: Positive
+    mass_kg: Positive
+    x_m: Coordinate
+    y_m: Coordinate
+    z_m: Coordinate
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    friction: NonNegative = 0.5
+    held_n: Positive | None = None
+
+    @model_validator(mode="after")
+    def _box_has_three_edges(self) -> Thing:
+        if self.shape == "box" and self.size_y_m is None:
+            raise ValueError("shape = 'box' needs size_y_m")
+        return self
+
+
+class Bench(Spec):
+    """A fixture that clamps the platform, arms free; it may drift while a trial wants it to."""
+
+    x_m: Coordinate = 0.0
+    y_m: Coordinate = 0.0
+    z_m: float = Field(default=1.2, gt=0, le=100)  # of the platform's origin
