@@ -13,11 +13,14 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
 
 from skywright.errors import InfeasibleError, InputError, SkywrightError, neighbours
+
+if TYPE_CHECKING:
+    from skywright.missions.lookup import Subject
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -363,15 +366,22 @@ def list_(kind: str | None, as_json: bool) -> None:
 @main.command()
 @click.argument("name", metavar="ROBOT|WORLD|MISSION")
 @click.option("--out", type=click.Path(path_type=Path), help="Picture (.png or .svg).")
+@click.option("--urdf", type=click.Path(path_type=Path), help="Write the robot as URDF instead.")
 @_json
-def show(name: str, out: Path | None, as_json: bool) -> None:
-    """Summary and picture of a robot, world or mission."""
+def show(name: str, out: Path | None, urdf: Path | None, as_json: bool) -> None:
+    """Summary and picture of a robot, world or mission.
+
+    With --urdf the robot (a mission's too) is written for other tools.
+    """
     from skywright.missions.lookup import find_any
     from skywright.reports.summary import build_summary
 
     subject = find_any(name)
     summary = build_summary(subject)
-    if out is not None or not as_json:
+    if urdf is not None:
+        _write_urdf(subject, urdf)
+        summary = summary._replace(urdf=str(urdf))
+    if out is not None or not (as_json or urdf is not None):
         from skywright.reports.show import write_show_figure
 
         picture = _writable(out or Path(f"show-{summary.name}.png"))
@@ -383,6 +393,19 @@ def show(name: str, out: Path | None, as_json: bool) -> None:
         from skywright.reports.terminal import print_summary
 
         print_summary(summary)
+
+
+def _write_urdf(subject: Subject, path: Path) -> None:
+    from skywright.models.urdf import build_urdf
+
+    mission = subject.description
+    robot = subject.robot if mission is None else mission.robot
+    if robot is None:
+        raise InputError(
+            f"--urdf: {subject.label!r} is a {subject.kind}; give a robot, or a mission with one"
+        )
+    text = build_urdf(robot)
+    _writable(path, (".urdf", ".xml")).write_text(text, encoding="utf-8")
 
 
 @main.command()

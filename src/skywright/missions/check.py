@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 from skywright.core.keys import iterate_leaves
 from skywright.core.spec import Source, Spec
-from skywright.core.toml_files import Layer, load_layer
+from skywright.core.toml_files import Layer, load_layer, merge_layers
 from skywright.core.validation import list_problems
 from skywright.errors import InputError
 from skywright.missions.loader import SPECS, list_layer_problems, load_description
 from skywright.missions.lookup import find_kind
-from skywright.robots.loader import find_robot
+from skywright.robots.loader import find_robot, load_robot_layers
 from skywright.robots.spec import Robot
 from skywright.worlds.loader import find_world
 
@@ -41,23 +41,34 @@ def check_file(name: str) -> CheckReport:
             problems += _check_lift(description.robot, description.world.gravity_mps2, name)
             notes += list_guesses(description.robot, "robot", description.sources)
     else:
-        found = (find_robot if kind == "robot" else find_world)(path)
-        layer = load_layer(found.path, found.label, problems)
-        spec = _check_root(layer, kind, problems)
-        for root in layer.tree:
-            if root not in (kind, "plant"):
-                problems.append(f"{layer.label}: a {kind} file cannot hold the table [{root}]")
-        if "plant" in layer.tree:
-            _check_root(layer, "plant", problems)
+        label = (find_robot if kind == "robot" else find_world)(path).label
+        tree, sources, origin = merge_layers(_load_layers(kind, path, problems))
+        spec = _check_root(tree, kind, origin, label, problems)
+        if "plant" in tree:
+            _check_root(tree, "plant", origin, label, problems)
         if spec is not None:
-            notes += list_guesses(spec, kind, layer.sources)
+            notes += list_guesses(spec, kind, sources)
         if isinstance(spec, Robot) and not problems:
-            problems += _check_lift(spec, 9.81, layer.label)
+            problems += _check_lift(spec, 9.81, label)
     return CheckReport(name, kind, not problems, problems, notes)
 
 
-def _check_root(layer: Layer, root: str, problems: list[str]) -> Any:
-    spec, found = list_problems(SPECS[root], layer.tree[root], root, {}, layer.label)
+def _load_layers(kind: str, path: str, problems: list[str]) -> list[Layer]:
+    """The layers of a robot, those that it extends before it, or of a world."""
+    if kind == "robot":
+        return load_robot_layers(find_robot(path), problems)
+    found = find_world(path)
+    layer = load_layer(found.path, found.label, problems)
+    for root in layer.tree:
+        if root not in (kind, "plant"):
+            problems.append(f"{layer.label}: a {kind} file cannot hold the table [{root}]")
+    return [layer]
+
+
+def _check_root(
+    tree: dict[str, Any], root: str, origin: dict[str, str], label: str, problems: list[str]
+) -> Any:
+    spec, found = list_problems(SPECS[root], tree[root], root, origin, label)
     problems += found
     return spec
 

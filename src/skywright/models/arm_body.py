@@ -221,7 +221,8 @@ def _add_hand(
     if hand.mass_kg > 0.0:
         body = link_body.add_body(name=f"hand{side}", pos=at)
         body.mass = hand.mass_kg * dev.mass_factor
-        body.inertia = np.diag(hand_inertia(robot))
+        body.ipos = np.zeros(3)  # MuJoCo's default is the body's own offset from its parent
+        body.inertia = np.diag(hand_inertia(robot)) * dev.mass_factor
         body.explicitinertial = True
         touch: dict[str, Any] = {
             "contype": ROBOT, "conaffinity": WORLD, "mass": 0.0, "rgba": [0.85, 0.2, 0.2, 1],

@@ -40,6 +40,7 @@ class Summary(NamedTuple):
     sections: list[Section]
     guesses: list[str]
     picture: str | None = None
+    urdf: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the `--json` object."""
@@ -50,6 +51,7 @@ class Summary(NamedTuple):
             "sections": {s.title: dict(s.rows) for s in self.sections},
             "guesses": self.guesses,
             "picture": self.picture,
+            "urdf": self.urdf,
         }
 
 

@@ -149,6 +149,8 @@ def print_summary(summary: Summary) -> None:
             console.print(f"  {line.removeprefix('assumed ')}", markup=False)
     if summary.picture:
         console.print(f"\npicture: {summary.picture}", markup=False)
+    if summary.urdf:
+        console.print(f"\nURDF: {summary.urdf}", markup=False)
 
 
 def print_weld(report: Any, picture: Path) -> None:

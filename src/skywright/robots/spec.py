@@ -7,6 +7,7 @@ platform's reference point; a link's frame sits at its joint with x along the li
 
 from __future__ import annotations
 
+import re
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -176,6 +177,10 @@ class Hand(Spec):
     friction: NonNegative = 0.5
 
 
+TAKEN = re.compile(r"platform|gear|pendulum|holder|slider|spring|free|tip|(hand|rotor|object)\s?\d*")
+"""Parts and joints that are there anyway: links have other names."""
+
+
 class Arm(Spec):
     """Links in order (a chain unless `parent` says otherwise) and the servos that drive them.
 
@@ -228,6 +233,9 @@ class Arm(Spec):
             raise ValueError("servos of both modes: give all the same mode, velocity or position")
         if self.belt is not None and (self.sides == 2 or len(driven) < len(moving)):
             raise ValueError("a belt needs a single arm (sides = 1) without passive joints")
+        for name in self.links:
+            if TAKEN.fullmatch(name):
+                raise ValueError(f"a link cannot be named {name!r}: that is another part's name")
         before = ["platform"]  # a parent comes first, so there are no cycles
         for name, link in self.links.items():
             if link.parent is not None and link.parent not in before:
