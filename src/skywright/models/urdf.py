@@ -1,4 +1,4 @@
-"""A robot as URDF, for tools that read it (Pinocchio, Drake, ROS): `skywright show ROBOT --urdf FILE`.
+"""A robot as URDF, for tools that read it: `skywright show ROBOT --urdf FILE`.
 
 The nominal model: rigid links, the probe's spring released. Joints and inertias are written from
 the description, not from the scene, so that comparing both says something; shapes are those of the
@@ -56,9 +56,7 @@ def build_urdf(robot: Robot) -> str:
     for i, (place, axis) in enumerate(zip(rotors.position, rotors.axis, strict=True)):
         x = np.cross([0.0, 1.0, 0.0], axis)
         x /= np.linalg.norm(x)
-        out.add_fixed(
-            f"rotor{i}", "platform", place, np.column_stack([x, np.cross(axis, x), axis])
-        )
+        out.add_fixed(f"rotor{i}", "platform", place, np.column_stack([x, np.cross(axis, x), axis]))
     bounds = _joint_bounds(robot)
     for limb in limbs:
         out.add_link(

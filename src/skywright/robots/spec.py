@@ -177,7 +177,9 @@ class Hand(Spec):
     friction: NonNegative = 0.5
 
 
-TAKEN = re.compile(r"platform|gear|pendulum|holder|slider|spring|free|tip|(hand|rotor|object)\s?\d*")
+TAKEN = re.compile(
+    r"platform|gear|pendulum|holder|slider|spring|free|tip|(hand|rotor|object)\s?\d*"
+)
 """Parts and joints that are there anyway: links have other names."""
 
 
