@@ -27,8 +27,9 @@ lint: $(STAMP)  ## style, types and import contracts
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
-bench: $(STAMP)  ## time the loops, the planner and the command line
-	$(BIN)/python -m skywright.studies.bench
+bench: $(STAMP)  ## measure what things cost, and write it into the docs
+	$(BIN)/skywright bench
+	$(BIN)/python docs/generate_benchmarks.py
 
 docs: $(STAMP)  ## build the documentation into site/ (opens from disk: site/index.html)
 	$(BIN)/python docs/generate_reference.py

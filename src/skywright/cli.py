@@ -274,6 +274,53 @@ def reproduce(
     return max(r.exit_code for r in reports)
 
 
+class _BenchCommand(click.Command):
+    """Help that lists the benchmarks, which are a registry of their own."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        from skywright.studies.bench.registry import BENCHMARKS
+
+        with formatter.section("Benchmarks"):
+            formatter.write_dl(
+                [
+                    (name, b.description + ("" if b.by_default else "  (by name, or with --full)"))
+                    for name, b in BENCHMARKS.items()
+                ]
+            )
+
+
+@main.command(cls=_BenchCommand)
+@click.argument("names", metavar="[NAME]...", nargs=-1)
+@click.option("--quick", is_flag=True, help="See that everything works: few repetitions.")
+@click.option("--full", is_flag=True, help="Every benchmark with many repetitions.")
+@click.option(
+    "--out", type=click.Path(path_type=Path),
+    help="Folder of results.  [default without NAME: benchmarks/results]",
+)  # fmt: skip
+@_json
+def bench(names: tuple[str, ...], quick: bool, full: bool, out: Path | None, as_json: bool) -> int:
+    """Measure what things cost, as ratios side by side.
+
+    A missed limit is told, not an error: timings depend on the machine and on who else uses it.
+    """
+    from skywright.studies.bench.present import Tables, print_end
+    from skywright.studies.bench.runner import run_benchmarks
+
+    if quick and full:
+        raise InputError("--quick and --full: choose one")
+    report = run_benchmarks(
+        names, effort="quick" if quick else "full" if full else "default", out=out,
+        watcher=Tables(quiet=as_json),
+    )  # fmt: skip
+    if as_json:
+        _print_json(report.to_json())
+    else:
+        print_end(report)
+    if report.interrupted:
+        click.echo("skywright: interrupted; what was measured is kept", err=True)
+    return report.exit_code
+
+
 @main.command()
 @click.argument("robot")
 @click.option("--set", "sets", multiple=True, metavar="KEY=VALUE", help="Change a robot's value.")

@@ -68,6 +68,14 @@ class Scene(NamedTuple):
 
 def build_scene(robot: Robot, world: World, deviation: Deviation | None = None) -> Scene:
     """Compile the nominal model, or with `deviation` the plant."""
+    model = build_spec(robot, world, deviation).compile()
+    if robot.docking is not None:
+        set_foot_stiffness(model, robot.docking)
+    return Scene(model, _build_index(model, robot, deviation is not None), len(joint_names(robot)))
+
+
+def build_spec(robot: Robot, world: World, deviation: Deviation | None = None) -> mujoco.MjSpec:
+    """Describe what `build_scene` compiles; the stiffness of docking feet is set after that."""
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
     spec.option.timestep = TIMESTEP
@@ -85,10 +93,7 @@ def build_scene(robot: Robot, world: World, deviation: Deviation | None = None) 
     add_bench(spec, world, plant)
     if plant:
         _add_contacts(spec, robot, world)
-    model = spec.compile()
-    if robot.docking is not None:
-        set_foot_stiffness(model, robot.docking)
-    return Scene(model, _build_index(model, robot, plant), len(joint_names(robot)))
+    return spec
 
 
 def _add_world(spec: mujoco.MjSpec, world: World) -> None:

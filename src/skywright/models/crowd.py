@@ -1,0 +1,69 @@
+"""Several copies of one robot in one MuJoCo model: what a world with many robots would cost.
+
+The vehicle layer flies one robot a world; `skywright bench robots` measures what more would cost.
+The copies meet the world but not each other, and docking feet keep MuJoCo's own stiffness.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.models.arm_body import Deviation
+from skywright.models.scene import build_spec
+from skywright.robots.spec import Robot
+from skywright.worlds.spec import World
+
+Array = NDArray[np.float64]
+
+SPACING = 3.0  # m, between neighbours, along +y
+
+
+class Crowd(NamedTuple):
+    """A compiled model of several robots and its data."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    n_robots: int
+
+
+def build_crowd(robot: Robot, world: World, deviation: Deviation, n_robots: int) -> Crowd:
+    """Compile `n_robots` copies of the plant into one world; the first is the original."""
+    assert n_robots >= 1
+    spec = build_spec(robot, world, deviation)
+    for i in range(1, n_robots):
+        copy = build_spec(robot, world, deviation)
+        frame = spec.worldbody.add_frame(pos=[0.0, i * SPACING, 0.0])
+        frame.attach_body(copy.body("platform"), f"robot{i} ", "")
+    model = spec.compile()
+    return Crowd(model, mujoco.MjData(model), n_robots)
+
+
+def set_crowd(crowd: Crowd, qpos: Array, qvel: Array, act: Array) -> None:
+    """Put every copy into the state of one robot, each at its place."""
+    mujoco.mj_resetData(crowd.model, crowd.data)
+    places = np.tile(qpos, (crowd.n_robots, 1))
+    places[:, 1] += SPACING * np.arange(crowd.n_robots)
+    crowd.data.qpos[:] = places.ravel()
+    crowd.data.qvel[:] = np.tile(qvel, crowd.n_robots)
+    crowd.data.act[:] = np.tile(act, crowd.n_robots)
+    mujoco.mj_forward(crowd.model, crowd.data)
+
+
+def step_crowd(crowd: Crowd, controls: Any, forces: Any, n_steps: int) -> None:
+    """Step with the controls (t, nu) and forces on bodies (t, nbody, 6) of all, a row a tick."""
+    model, data = crowd.model, crowd.data
+    ctrl, xfrc = data.ctrl, data.xfrc_applied
+    for control, force in zip(controls, forces, strict=True):
+        ctrl[:] = control
+        xfrc[:] = force
+        mujoco.mj_step(model, data, n_steps)
+
+
+def repeat_controls(crowd: Crowd, controls: Array, forces: Array) -> tuple[Array, Array]:
+    """Give every copy what one robot got: controls (t, nu) and forces (t, nbody, 6)."""
+    robot = np.tile(forces[:, 1:], (1, crowd.n_robots, 1))  # body 0 is the world
+    return np.tile(controls, (1, crowd.n_robots)), np.concatenate([forces[:, :1], robot], axis=1)

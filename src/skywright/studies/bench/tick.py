@@ -1,0 +1,174 @@
+"""What each estimator, each control law and the inertial unit cost in a control tick.
+
+A stretch of a scan is flown and the inputs of every control tick are kept. They are then replayed
+through one estimator or law after the other in compiled code, as the loop calls it: by address.
+The copying alone is timed too and taken off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numba import carray, cfunc, njit
+from numpy.typing import NDArray
+
+from skywright.control.registry import LAWS, load_law
+from skywright.core.pointers import call_pointer
+from skywright.core.signature import ON_BELIEF
+from skywright.core.types import BELIEF
+from skywright.errors import SimulationError
+from skywright.estimation.registry import ESTIMATORS, load_estimator
+from skywright.sim.inertial import read_inertial, sense_inertial
+from skywright.studies.bench.flights import (
+    count_ticks,
+    fly_into_contact,
+    load_scan,
+    record_applied,
+    run_ticks,
+    step_bare,
+)
+from skywright.studies.bench.rows import Row, Session, build_row
+from skywright.studies.bench.timing import Seconds, interleave, read_clock
+from skywright.vehicle.simulated import SimulatedVehicle
+
+Words = NDArray[np.int64]
+
+ESTIMATOR_INPUTS = ("t", "ref", "meas", "body", "cmd")
+LAW_INPUTS = ("t", "ref", "est", "body", "cmd")
+BEST_OF = 3
+"""Replays a round, the best of which counts: they take a millisecond, and caches are shared."""
+REPEAT = 20
+"""Times that the samples of one control tick are sensed, to be longer than the clock's tick."""
+
+
+@cfunc(ON_BELIEF, cache=True)
+def idle_c(belief: Any) -> None:
+    """Do nothing: what a replay costs without estimator or law."""
+    carray(belief, 1)
+
+
+@njit(cache=True, error_model="numpy")
+def replay(
+    function: int, address: int, belief: Words, rows: Words, starts: Words, sizes: Words
+) -> None:
+    """Copy the inputs of each tick (a row each) into the belief, and call `function` on it."""
+    for k in range(rows.shape[0]):
+        at = 0
+        for i in range(starts.shape[0]):
+            for j in range(sizes[i]):
+                belief[starts[i] + j] = rows[k, at + j]
+            at += sizes[i]
+        call_pointer(function, address)
+
+
+@njit(cache=True, error_model="numpy")
+def sense_repeatedly(
+    im: Any, meas: Any, qpos: Any, qvel: Any, speed: Any, n_steps: int, repeat: int
+) -> None:
+    """Take and read the inertial samples of one control tick, `repeat` times."""
+    for _ in range(repeat):
+        im[0].index = 0
+        for _ in range(n_steps):
+            sense_inertial(im[0], qpos, qvel, speed)
+        read_inertial(im[0], meas[0])
+
+
+def measure(session: Session) -> list[Row]:
+    """Measure all of them beside a control tick of bare stepping."""
+    vehicle = fly_into_contact(load_scan())
+    ticks = count_ticks(session.pick(1.0, 2.0, 2.0))
+    beliefs = record_beliefs(vehicle, ticks)
+    n = len(beliefs) - 1
+    applied = record_applied(vehicle, ticks)
+    cases: dict[str, Callable[[], float]] = {
+        "bare": partial(step_bare, vehicle, applied),
+        "idle_estimator": partial(_time, idle_c.address, beliefs, ESTIMATOR_INPUTS),
+        "idle_law": partial(_time, idle_c.address, beliefs, LAW_INPUTS),
+        "inertial": partial(_time_inertial, vehicle, n),
+    }
+    estimators = [name for name in ESTIMATORS if name != "truth"]  # truth has the filter beneath
+    for name in estimators:
+        address = load_estimator(name).compiled.address
+        cases[name] = partial(_time, address, beliefs, ESTIMATOR_INPUTS)
+    for name in LAWS:
+        cases[name] = partial(_time, load_law(name).compiled.address, beliefs, LAW_INPUTS)
+    times = interleave(cases, session.pick(2, 15, 40))
+    rows = _build_rows("inertial", "inertial unit, all samples of a tick", times, n)
+    for name in estimators:
+        rows += _build_rows(name, f"estimator {name}", times, n, "idle_estimator")
+    for name in LAWS:
+        rows += _build_rows(name, f"law {name}", times, n, "idle_law")
+    per_tick = [1e6 * t / n for t in times["bare"]]
+    note = f"mj_step alone, {vehicle.n_steps} steps of 1 ms"
+    return [*rows, build_row("bare_tick_us", per_tick, "us", note=note)]
+
+
+def record_beliefs(vehicle: SimulatedVehicle, ticks: int) -> NDArray[Any]:
+    """Fly and keep a copy of the BELIEF that the law was called with, at each control tick."""
+    kept: list[NDArray[Any]] = []
+    law = vehicle.law
+
+    def keep_and_step(belief: Any) -> None:
+        kept.append(belief.copy())
+        law.step(belief)
+
+    vehicle.law, vehicle.interactive = law._replace(step=keep_and_step, compiled=None), True
+    try:
+        run_ticks(vehicle, ticks)
+    finally:
+        vehicle.law, vehicle.interactive = law, False
+    return np.concatenate(kept)
+
+
+def replay_inputs(
+    function: int, beliefs: NDArray[Any], inputs: tuple[str, ...]
+) -> tuple[float, NDArray[Any]]:
+    """Replay all ticks but the first, from the first belief; returns (seconds, last belief)."""
+    width = BELIEF.itemsize // 8  # every field is made of 8-byte words
+    words = beliefs.view(np.int64).reshape(len(beliefs), width)
+    fields = BELIEF.fields
+    assert fields is not None
+    starts = np.array([fields[name][1] // 8 for name in inputs])
+    sizes = np.array([fields[name][0].itemsize // 8 for name in inputs])
+    columns = np.concatenate([np.arange(a, a + n) for a, n in zip(starts, sizes, strict=True)])
+    rows = np.ascontiguousarray(words[1:, columns])
+    belief = words[0].copy()
+    begin = read_clock()
+    replay(function, belief.ctypes.data, belief, rows, starts, sizes)
+    return read_clock() - begin, belief.view(BELIEF)
+
+
+def _time(function: int, beliefs: NDArray[Any], inputs: tuple[str, ...]) -> float:
+    """Seconds of a replay, the best of a few; raises SimulationError when it ends in nonsense."""
+    found = [replay_inputs(function, beliefs, inputs) for _ in range(BEST_OF)]
+    wall, end = min(spent for spent, _ in found), found[0][1]
+    for name in ("est", "cmd"):
+        if not np.isfinite(np.frombuffer(end[0][name].tobytes())).all():
+            raise SimulationError(f"a replay ended with {name} not finite")
+    return wall
+
+
+def _time_inertial(vehicle: SimulatedVehicle, ticks: int) -> float:
+    """Seconds that the inertial unit takes for as many control ticks."""
+    im, meas, sim = vehicle.inertial.copy(), vehicle.belief["meas"].copy(), vehicle.sim
+    speed = vehicle.plant["rotor_speed"][0].copy()
+    begin = read_clock()
+    for _ in range(-(-ticks // REPEAT)):
+        sense_repeatedly(im, meas, sim.qpos, sim.qvel, speed, vehicle.n_steps, REPEAT)
+    return (read_clock() - begin) * ticks / (-(-ticks // REPEAT) * REPEAT)
+
+
+def _build_rows(
+    name: str, note: str, times: dict[str, Seconds], ticks: int, idle: str | None = None
+) -> list[Row]:
+    """Rows of the time a control tick, and of its share of bare stepping."""
+    none = [0.0] * len(times[name])
+    net = [t - i for t, i in zip(times[name], times[idle] if idle else none, strict=True)]
+    share = [100.0 * t / bare for t, bare in zip(net, times["bare"], strict=True)]
+    return [
+        build_row(f"{name}_us", [1e6 * t / ticks for t in net], "us", note=f"{note}, a tick"),
+        build_row(f"{name}_percent", share, "%", note="of bare stepping"),
+    ]
