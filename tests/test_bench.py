@@ -22,7 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skywright import cli
-from skywright.control.registry import LAWS, load_law
+from skywright.control.registry import ARMS_LAWS, LAWS, load_law
 from skywright.errors import InputError
 from skywright.estimation.registry import ESTIMATORS, load_estimator
 from skywright.studies.bench import registry, robots, runner, tick
@@ -207,6 +207,8 @@ def test_bench_measures_prints_and_writes(_in_empty_folder):
             assert 0.01 < row["value"] < 100.0
     for name in (*LAWS, *(e for e in ESTIMATORS if e != "truth")):
         assert f"tick.{name}_us" in rows
+    for name in ARMS_LAWS:
+        assert f"tick.arms_{name}_us" in rows
     assert rows["tick.bare_tick_us"]["value"] > 0.0
 
 

@@ -15,16 +15,18 @@ import numpy as np
 from numba import carray, cfunc, njit
 from numpy.typing import NDArray
 
-from skywright.control.registry import LAWS, load_law
+from skywright.control.registry import ARMS_LAWS, LAWS, load_arms_law, load_law
 from skywright.core.pointers import call_pointer
 from skywright.core.signature import ON_BELIEF
 from skywright.core.types import BELIEF
 from skywright.errors import SimulationError
 from skywright.estimation.registry import ESTIMATORS, load_estimator
+from skywright.missions.loader import load_description
 from skywright.sim.inertial import read_inertial, sense_inertial
 from skywright.studies.bench.flights import (
     count_ticks,
     fly_into_contact,
+    fly_to_hover,
     load_scan,
     record_applied,
     run_ticks,
@@ -36,7 +38,8 @@ from skywright.vehicle.simulated import SimulatedVehicle
 
 Words = NDArray[np.int64]
 
-ESTIMATOR_INPUTS = ("t", "ref", "meas", "body", "cmd")
+ESTIMATOR_INPUTS = ("t", "meas", "est.q", "est.qd", "body", "cmd")
+ARMS_INPUTS = ("t", "ref", "est", "body", "arms")
 LAW_INPUTS = ("t", "ref", "est", "body", "cmd")
 BEST_OF = 3
 """Replays a round, the best of which counts: they take a millisecond, and caches are shared."""
@@ -101,9 +104,29 @@ def measure(session: Session) -> list[Row]:
         rows += _build_rows(name, f"estimator {name}", times, n, "idle_estimator")
     for name in LAWS:
         rows += _build_rows(name, f"law {name}", times, n, "idle_law")
+    rows += measure_arms_laws(ticks, session.pick(2, 15, 40))
     per_tick = [1e6 * t / n for t in times["bare"]]
     note = f"mj_step alone, {vehicle.n_steps} steps of 1 ms"
     return [*rows, build_row("bare_tick_us", per_tick, "us", note=note)]
+
+
+def measure_arms_laws(ticks: int, rounds: int) -> list[Row]:
+    """Measure the laws of arms with position servos on a hovering robot that has such arms."""
+    vehicle = fly_to_hover(load_description("waypoints", robot="bimanual"))
+    beliefs = record_beliefs(vehicle, ticks)
+    every = int(vehicle.plant[0]["servo_every"])
+    addresses = {"idle": idle_c.address}
+    addresses |= {name: load_arms_law(name).compiled.address for name in ARMS_LAWS}
+    times = interleave(
+        {n: partial(_time, a, beliefs, ARMS_INPUTS) for n, a in addresses.items()}, rounds
+    )
+    rows = []
+    for name in ARMS_LAWS:
+        net = [t - i for t, i in zip(times[name], times["idle"], strict=True)]
+        calls = [1e6 * t / (len(beliefs) - 1) for t in net]
+        note = f"arms' law {name}, two arms, a call: every {every} ticks"
+        rows.append(build_row(f"arms_{name}_us", calls, "us", note=note))
+    return rows
 
 
 def record_beliefs(vehicle: SimulatedVehicle, ticks: int) -> NDArray[Any]:
@@ -129,16 +152,24 @@ def replay_inputs(
     """Replay all ticks but the first, from the first belief; returns (seconds, last belief)."""
     width = BELIEF.itemsize // 8  # every field is made of 8-byte words
     words = beliefs.view(np.int64).reshape(len(beliefs), width)
-    fields = BELIEF.fields
-    assert fields is not None
-    starts = np.array([fields[name][1] // 8 for name in inputs])
-    sizes = np.array([fields[name][0].itemsize // 8 for name in inputs])
+    places = [_find_words(name) for name in inputs]
+    starts, sizes = np.array([p[0] for p in places]), np.array([p[1] for p in places])
     columns = np.concatenate([np.arange(a, a + n) for a, n in zip(starts, sizes, strict=True)])
     rows = np.ascontiguousarray(words[1:, columns])
     belief = words[0].copy()
     begin = read_clock()
     replay(function, belief.ctypes.data, belief, rows, starts, sizes)
     return read_clock() - begin, belief.view(BELIEF)
+
+
+def _find_words(name: str) -> tuple[int, int]:
+    """Return the first word and the number of words of a field of BELIEF, such as "est.q"."""
+    kind, start = BELIEF, 0
+    for part in name.split("."):
+        assert kind.fields is not None
+        kind, offset = kind.fields[part][:2]
+        start += offset
+    return start // 8, kind.itemsize // 8
 
 
 def _time(function: int, beliefs: NDArray[Any], inputs: tuple[str, ...]) -> float:
