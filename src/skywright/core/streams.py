@@ -8,6 +8,7 @@ STREAMS = (
     "plant", "gyro", "mocap", "dropout", "probe", "texture", "planner",
     "wind", "wind_start", "friction", "accelerometer", "vibration", "outlier", "link",
     "deflection", "scenario",
+    "station", "camera", "range_finder",
 )  # fmt: skip
 """Append only: a stream's place in this list is part of what a seed means."""
 

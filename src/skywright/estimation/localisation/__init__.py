@@ -1,0 +1,1 @@
+"""Where a robot is, from files: trajectories aligned in time and frame, and fused."""

@@ -1,0 +1,338 @@
+"""Camera against station: clocks, frame, prism and noise from a stretch of flight that both saw.
+
+Gauss-Newton over the rotation, scale and offset of the frame, the offset and skew of the clocks,
+and (where the camera gives orientations) the place of the prism on the robot, all at once. The
+residual is whitened by the camera's own drift (`drift_noise`), so that a long calibration is not
+spoilt by what the camera drifted meanwhile, and the covariance says what is known.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from skywright.errors import InputError
+from skywright.estimation.localisation.drift_noise import (
+    GATE,
+    DriftNoise,
+    compute_walk,
+    estimate_noise,
+    find_outliers,
+    whiten,
+)
+from skywright.estimation.localisation.frame_alignment import (
+    FrameAlignment,
+    Geometry,
+    diagnose_geometry,
+    estimate_affine,
+    estimate_frame,
+)
+from skywright.estimation.localisation.trajectory import (
+    Trajectory,
+    find_gap_limit,
+    interpolate_position,
+    interpolate_rotation,
+)
+
+Array = NDArray[np.float64]
+
+LEAST_PAIRS = 12
+LEVER_STD = 0.3
+"""m; a prism is within this of the camera, one sigma: what is known before the data."""
+SKEW_TIME = 60.0
+"""s of calibration from which the skew of the clocks is estimated."""
+SKEW_STD = 1e-4
+"""Crystals differ by less than this: what is known before the data."""
+OFFSET_STD = 0.5
+"""s, the same for the offset, after the speeds were compared."""
+MIN_TURN = 0.2
+"""rad, spread of the camera's rotations from which the prism's place is estimated."""
+
+
+class Calibration(NamedTuple):
+    """What the calibration found; standard deviations are of the drift-aware fit."""
+
+    frame: FrameAlignment
+    time_offset: float  # s; camera's clock = station's clock + offset + skew (station's - epoch)
+    skew: float
+    epoch: float  # s, on the station's clock
+    p_BP: Array  # (3,) m, prism in the camera's body frame
+    noise: DriftNoise
+    geometry: Geometry
+    rotation_std: float  # rad, largest over the axes
+    scale_std: float
+    offset_std: float  # s, of the clocks
+    rms: float  # m, residual of the frame alignment alone, outliers left out
+    pairs: int
+    outliers: int
+    span: tuple[float, float]  # s, station's clock
+    paper: FrameAlignment  # the twelve numbers on the same pairs
+    notes: tuple[str, ...]
+
+    def to_camera_time(self, t: Array) -> Array:
+        """Times of the station's clock on the camera's."""
+        return np.asarray(t + self.time_offset + self.skew * (t - self.epoch))
+
+    def to_station_time(self, t: Array) -> Array:
+        """Times of the camera's clock on the station's."""
+        return np.asarray(self.epoch + (t - self.time_offset - self.epoch) / (1.0 + self.skew))
+
+
+class _Unknowns(NamedTuple):
+    R: Array  # R_WC
+    log_scale: float
+    offset: Array  # of the middle of the camera's points
+    delay: float
+    skew: float
+    lever: Array
+
+
+def calibrate(
+    station: Trajectory,
+    camera: Trajectory,
+    time_offset: float,
+    *,
+    method: str = "similarity",
+    fixed_time: bool = False,
+    p_BP: Array | None = None,
+    span: tuple[float, float] | None = None,
+) -> Calibration:
+    """Align `camera` to `station`, starting from a `time_offset` (s) that is right to about 0.2 s.
+
+    `span` (s, station's clock) limits what is used; `p_BP` (3,) m fixes the prism's place, else it
+    is estimated where the camera gives orientations that turn enough; `fixed_time` keeps the
+    offset. Raises InputError where too little is common.
+    """
+    used = station if span is None else station.cut(*span)
+    epoch = float(station.t[0])
+    gap = find_gap_limit(camera.t, 0.05)
+    # only where the camera reaches, with room for the offset to change
+    at = used.t + time_offset
+    keep = np.isfinite(interpolate_position(camera, at, gap)[:, 0])
+    used = used._replace(t=used.t[keep], p=used.p[keep])
+    if len(used.t) < LEAST_PAIRS:
+        where = "" if span is None else f" from {span[0]:g} to {span[1]:g} s"
+        raise InputError(
+            f"{station.name} and {camera.name}: {len(used.t)} samples of the station{where} have "
+            f"the camera beside them; a calibration needs {LEAST_PAIRS} at least"
+        )
+    notes: list[str] = []
+    x = interpolate_position(camera, used.t + time_offset, gap)
+    first = _align_robustly("similarity" if method == "affine" else method, x, used.p)
+    lever_free = p_BP is None and camera.q is not None and _turns(camera)
+    dt = np.concatenate([[0.0], np.diff(used.t)])
+    free = {"rotation": 2 if method == "level" else 3, "scale": method != "rigid"}
+    free |= {"time": not fixed_time, "skew": not fixed_time and used.duration >= SKEW_TIME}
+    free |= {"lever": lever_free}
+    state = _Unknowns(
+        first.rotation, math.log(first.scale) if free["scale"] else 0.0,
+        first.apply(x.mean(axis=0)[None])[0], time_offset, 0.0,
+        np.zeros(3) if p_BP is None else np.asarray(p_BP, dtype=np.float64),
+    )  # fmt: skip
+    middle = x.mean(axis=0)
+    noise = DriftNoise(0.005, 0.02, 0.0)
+    outlier = np.zeros(len(used.t))
+    covariance = np.eye(1)
+    names: list[str] = []
+    for turn in range(12):
+        r, J, names, path = _linearise(state, used, camera, middle, epoch, gap, free)
+        known = np.isfinite(r[:, 0])
+        if turn in (0, 2, 4, 8):
+            noise = estimate_noise(r[known], dt[known], path[known])
+            walk = compute_walk(noise, dt, path)
+            outlier = np.ones(len(r))
+            outlier[known] = find_outliers(r[known], noise.station, walk[known], GATE)
+        outlier[~known] = 1.0
+        step, covariance = _solve(r, J, noise, compute_walk(noise, dt, path), outlier, names, state)
+        state = _apply(state, step, names)
+        if np.max(np.abs(step)) < 1e-7 and turn > 8:
+            break
+    std = dict(zip(names, np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
+    scale = math.exp(state.log_scale)
+    matrix = scale * state.R
+    frame = FrameAlignment(
+        "similarity" if method == "affine" else method,  # type: ignore[arg-type]
+        matrix, state.offset - matrix @ middle,
+    )  # fmt: skip
+    good = outlier == 0.0
+    r, _, _, _ = _linearise(state, used, camera, middle, epoch, gap, free)
+    x, y = _pair_points(state, used, camera, epoch, gap)
+    paper = estimate_affine(x[good], used.p[good])  # it knows no prism
+    if method == "affine":
+        frame = estimate_affine(x[good], y[good])
+        r = frame.apply(x) - y
+    centred = r[good] if method == "affine" else r[good] - r[good].mean(axis=0)
+    geometry = diagnose_geometry(y[good], noise.station, method)
+    notes += [geometry.note] if geometry.note else []
+    rotation_std = max((v for k, v in std.items() if k.startswith("turn")), default=0.0)
+    notes += _doubt(std, used, geometry, rotation_std, free)
+    return Calibration(
+        frame, state.delay, state.skew, epoch, state.lever, noise, geometry, float(rotation_std),
+        float(std.get("scale", 0.0)), float(std.get("delay", 0.0)),
+        float(np.sqrt(np.mean(np.sum(centred**2, axis=1)))), int(good.sum()),
+        int(np.count_nonzero(~good)), (float(used.t[0]), float(used.t[-1])), paper, tuple(notes),
+    )  # fmt: skip
+
+
+def _align_robustly(method: str, x: Array, y: Array) -> FrameAlignment:
+    """Align, leave out what lies far off, align again: until nothing changes."""
+    keep = np.ones(len(x), dtype=bool)
+    frame = estimate_frame(method, x, y)
+    for _ in range(10):
+        off = np.linalg.norm(y - frame.apply(x), axis=1)
+        limit = max(4.0 * float(np.median(off[keep])), 0.01)
+        now = off <= limit
+        if now.sum() < LEAST_PAIRS or bool(np.all(now == keep)):
+            break
+        keep = now
+        frame = estimate_frame(method, x[keep], y[keep])
+    return frame
+
+
+def _turns(camera: Trajectory) -> bool:
+    """Whether the camera turns enough to tell where the prism is on the robot."""
+    assert camera.q is not None
+    q = camera.q[:: max(1, len(camera.q) // 500)]
+    turned = Rotation.from_quat(np.roll(q, -1, axis=1))
+    mean = turned.mean()
+    return bool(np.quantile((mean.inv() * turned).magnitude(), 0.9) > MIN_TURN)
+
+
+def _pair_points(
+    s: _Unknowns, used: Trajectory, camera: Trajectory, epoch: float, gap: float
+) -> tuple[Array, Array]:
+    """Camera positions (n, 3) in C and those of the camera in W by the station: prism taken off."""
+    at = used.t + s.delay + s.skew * (used.t - epoch)
+    x = interpolate_position(camera, at, gap)
+    y = used.p.copy()
+    turn = interpolate_rotation(camera, at)
+    if turn is not None:
+        y -= (turn @ s.lever) @ s.R.T
+    return x, y
+
+
+def _linearise(
+    s: _Unknowns,
+    used: Trajectory,
+    camera: Trajectory,
+    middle: Array,
+    epoch: float,
+    gap: float,
+    free: dict[str, int | bool],
+) -> tuple[Array, Array, list[str], Array]:
+    """Residual (n, 3), its Jacobian (n, 3, k), the unknowns' names, and the path between samples.
+
+    r = y - s R (x(t) - middle) - offset - R A(t) l, with the camera's orientation A and the prism
+    l; small turns from the left: R -> exp(turn) R.
+    """
+    at = used.t + s.delay + s.skew * (used.t - epoch)
+    x = interpolate_position(camera, at, gap)
+    h = 0.02
+    moved = interpolate_position(camera, at + h, gap) - interpolate_position(camera, at - h, gap)
+    scale = math.exp(s.log_scale)
+    v = np.nan_to_num(scale * (moved / (2.0 * h)) @ s.R.T)
+    body = scale * (x - middle) @ s.R.T
+    turn = interpolate_rotation(camera, at)
+    arm = np.zeros_like(body) if turn is None else (turn @ s.lever) @ s.R.T
+    r = used.p - body - s.offset - arm
+    u = body + arm
+    n = len(r)
+    columns: list[Array] = []
+    names: list[str] = []
+    for i in (2,) if free["rotation"] == 2 else range(3):
+        axis = np.zeros(3)
+        axis[i] = 1.0
+        columns.append(-np.cross(axis, u))
+        names.append(f"turn_{'xyz'[i]}")
+    if free["scale"]:
+        columns.append(-body)
+        names.append("scale")
+    for i in range(3):
+        column = np.zeros((n, 3))
+        column[:, i] = -1.0
+        columns.append(column)
+        names.append(f"offset_{'xyz'[i]}")
+    if free["time"]:
+        columns.append(-v)
+        names.append("delay")
+    if free["skew"]:
+        columns.append(-v * (used.t - epoch)[:, None])
+        names.append("skew")
+    if free["lever"]:
+        assert turn is not None
+        for i in range(3):
+            columns.append(-turn[:, :, i] @ s.R.T)
+            names.append(f"lever_{'xyz'[i]}")
+    steps = np.linalg.norm(np.diff(x, axis=0), axis=1) * scale
+    path = np.concatenate([[0.0], np.nan_to_num(steps)])
+    return r, np.stack(columns, axis=2), names, path
+
+
+def _solve(
+    r: Array, J: Array, noise: DriftNoise, walk: Array, outlier: Array, names: list[str],
+    s: _Unknowns,
+) -> tuple[Array, Array]:  # fmt: skip
+    """A Gauss-Newton step on whitened residuals with what is known beforehand: step, covariance."""
+    k = J.shape[2]
+    H, g = np.zeros((k, k)), np.zeros(k)
+    for axis in range(3):
+        both = np.nan_to_num(np.column_stack([r[:, axis], J[:, axis, :]]))
+        white = whiten(both, noise.station, walk, outlier)
+        H += white[:, 1:].T @ white[:, 1:]
+        g -= white[:, 1:].T @ white[:, 0]
+    for i, name in enumerate(names):
+        if name.startswith("lever"):
+            H[i, i] += 1.0 / LEVER_STD**2
+            g[i] -= s.lever["xyz".index(name[-1])] / LEVER_STD**2
+        elif name == "skew":
+            H[i, i] += 1.0 / SKEW_STD**2
+            g[i] -= s.skew / SKEW_STD**2
+        elif name == "delay":
+            H[i, i] += 1.0 / OFFSET_STD**2
+        elif name.startswith("turn") or name == "scale":
+            H[i, i] += 1.0  # a radian, a factor of e: a direction without data stays where it is
+    covariance = np.linalg.inv(H)
+    step = covariance @ g
+    # one step turns and shifts little: the start may be far off
+    for i, name in enumerate(names):
+        limit = 0.3 if name.startswith("turn") or name == "scale" else 0.1 if name == "delay" else 0
+        if limit:
+            step[i] = min(max(step[i], -limit), limit)
+    return step, covariance
+
+
+def _apply(s: _Unknowns, step: Array, names: list[str]) -> _Unknowns:
+    value = dict(zip(names, step, strict=True))
+    turn = np.array([value.get(f"turn_{a}", 0.0) for a in "xyz"])
+    offset = np.array([value.get(f"offset_{a}", 0.0) for a in "xyz"])
+    lever = np.array([value.get(f"lever_{a}", 0.0) for a in "xyz"])
+    return _Unknowns(
+        Rotation.from_rotvec(turn).as_matrix() @ s.R, s.log_scale + value.get("scale", 0.0),
+        s.offset + offset, s.delay + value.get("delay", 0.0), s.skew + value.get("skew", 0.0),
+        s.lever + lever,
+    )  # fmt: skip
+
+
+def _doubt(
+    std: dict[str, float], used: Trajectory, geometry: Geometry, rotation: float,
+    free: dict[str, int | bool],
+) -> list[str]:  # fmt: skip
+    """What the covariance says is badly known, in words."""
+    notes = []
+    if rotation > math.radians(2.0) and not geometry.note:
+        notes.append(
+            f"the rotation between the frames is known to ± {math.degrees(rotation):.1f} deg only: "
+            "move further in the calibration"
+        )
+    if std.get("scale", 0.0) > 0.02 and not geometry.note:
+        notes.append(f"the camera's scale is known to ± {100 * std['scale']:.1f} % only")
+    if free["time"] and std.get("delay", 0.0) > 0.02:
+        notes.append(
+            f"the delay between the clocks is known to ± {1e3 * std['delay']:.0f} ms only: change "
+            "speed and direction in the calibration"
+        )
+    return notes

@@ -1,0 +1,184 @@
+"""From the camera's frame C to the station's frame W, by paired points.
+
+The paper's way is a general matrix and an offset, twelve numbers by least squares (Sanchez-Cuevas
+2020, eq. (3) to (5)). Nine of them form a matrix that the text calls a rotation and that is none:
+it also takes up scale and shear, and in a direction in which the calibration did not move it takes
+up noise. The default is a similarity (Umeyama 1991): rotation, scale and offset, seven numbers,
+which a plane determines. `level` is for frames whose z axes are both vertical: five numbers, which
+a straight line determines.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.errors import InputError
+
+Array = NDArray[np.float64]
+
+Method = Literal["similarity", "rigid", "level", "affine"]
+METHODS: tuple[Method, ...] = ("similarity", "rigid", "level", "affine")
+LEAST_POINTS = 4
+"""Pairs of points: the affine matrix has 12 unknowns."""
+
+FLAT = 0.1
+"""Extent across a plane, or a line, over the largest below which a calibration counts as one."""
+
+
+class FrameAlignment(NamedTuple):
+    """x_W = matrix x_C + offset."""
+
+    method: Method
+    matrix: Array  # (3, 3), scale included
+    offset: Array  # (3,) m
+
+    @property
+    def scale(self) -> float:
+        """Metres per unit of length in C: the mean over the directions."""
+        return float(abs(np.linalg.det(self.matrix)) ** (1.0 / 3.0))
+
+    @property
+    def rotation(self) -> Array:
+        """R_WC (3, 3): the rotation nearest to the matrix."""
+        u, _, vt = np.linalg.svd(self.matrix)
+        return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+
+    @property
+    def shear(self) -> float:
+        """How far the matrix is from a scaled rotation: largest over smallest stretch, minus 1."""
+        stretch = np.linalg.svd(self.matrix, compute_uv=False)
+        return float(stretch[0] / max(stretch[2], 1e-300) - 1.0)
+
+    def apply(self, x: Array) -> Array:
+        """Points (n, 3) of C in W."""
+        return np.asarray(x @ self.matrix.T + self.offset)
+
+
+def estimate_affine(x: Array, y: Array) -> FrameAlignment:
+    """The paper's twelve numbers: y = T x + P_0, least squares over all pairs, eq. (3) to (5).
+
+    x, y (n, 3) m. The stacked system (4) falls apart into one of four unknowns a row of T; a
+    direction without motion is left at zero (the least-norm solution).
+    """
+    _check(x, y)
+    middle = x.mean(axis=0)  # the same solution, better conditioned
+    rows = np.column_stack([x - middle, np.ones(len(x))])
+    u = np.linalg.lstsq(rows, y, rcond=None)[0]
+    return FrameAlignment("affine", u[:3].T.copy(), u[3] - u[:3].T @ middle)
+
+
+def estimate_similarity(x: Array, y: Array, *, with_scale: bool = True) -> FrameAlignment:
+    """Rotation, scale and offset that minimise sum |y - s R x - t|^2 (Umeyama 1991, eq. 40-42).
+
+    x, y (n, 3) m. Never a reflection. `with_scale` False keeps s = 1.
+    """
+    _check(x, y)
+    mx, my = x.mean(axis=0), y.mean(axis=0)
+    cov = (y - my).T @ (x - mx) / len(x)
+    u, d, vt = np.linalg.svd(cov)
+    sign = np.array([1.0, 1.0, 1.0 if np.linalg.det(u) * np.linalg.det(vt) > 0 else -1.0])
+    R = u @ np.diag(sign) @ vt
+    spread = float(np.mean(np.sum((x - mx) ** 2, axis=1)))
+    scale = float(d @ sign) / spread if with_scale and spread > 0 else 1.0
+    matrix = scale * R
+    return FrameAlignment(
+        "similarity" if with_scale else "rigid", np.asarray(matrix), my - matrix @ mx
+    )
+
+
+def estimate_level(x: Array, y: Array, *, with_scale: bool = True) -> FrameAlignment:
+    """Heading, scale and offset: both frames have a vertical z axis.
+
+    x, y (n, 3) m. Minimises the same sum over rotations about z only.
+    """
+    _check(x, y)
+    mx, my = x.mean(axis=0), y.mean(axis=0)
+    a, b = x - mx, y - my
+    cross = float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+    along = float(np.sum(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]))
+    angle = math.atan2(cross, along)
+    c, s = math.cos(angle), math.sin(angle)
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    spread = float(np.sum(a * a))
+    scale = float(np.sum(b * (a @ R.T))) / spread if with_scale and spread > 0 else 1.0
+    return FrameAlignment("level", scale * R, my - scale * R @ mx)
+
+
+def estimate_frame(method: str, x: Array, y: Array) -> FrameAlignment:
+    """Align by the method of this name. Raises InputError for another or for too few pairs."""
+    if method == "affine":
+        return estimate_affine(x, y)
+    if method == "similarity":
+        return estimate_similarity(x, y)
+    if method == "rigid":
+        return estimate_similarity(x, y, with_scale=False)
+    if method == "level":
+        return estimate_level(x, y)
+    raise InputError(f"unknown alignment {method!r}; valid: {', '.join(METHODS)}")
+
+
+def _check(x: Array, y: Array) -> None:
+    if x.shape != y.shape or len(x) < LEAST_POINTS:
+        raise InputError(
+            f"{len(x)} pairs of points; an alignment of frames needs {LEAST_POINTS} at least"
+        )
+
+
+class Geometry(NamedTuple):
+    """What a calibration's points determine."""
+
+    kind: Literal["full", "planar", "linear", "point"]
+    extent: Array  # (3,) m, standard deviation along the principal directions, largest first
+    directions: Array  # (3, 3), principal directions as rows
+    note: str  # empty where nothing is missing
+
+
+def diagnose_geometry(y: Array, noise: float, method: str = "similarity") -> Geometry:
+    """Judge the points (n, 3) m of a calibration, of which each is known to `noise` (m).
+
+    A plane does not determine the affine matrix across it, a line not the rotation about it, and
+    a point nothing but the offset.
+    """
+    a = y - y.mean(axis=0)
+    _, d, directions = np.linalg.svd(a, full_matrices=False)
+    extent = d / math.sqrt(len(y))
+    if len(extent) < 3:
+        extent = np.pad(extent, (0, 3 - len(extent)))
+    large, middle, small = extent
+    if large < 3.0 * noise:
+        kind: Literal["full", "planar", "linear", "point"] = "point"
+        note = (
+            f"the calibration does not move: its points spread by {1e3 * large:.0f} mm, their "
+            f"noise is {1e3 * noise:.0f} mm; rotation and scale are unknown"
+        )
+    elif middle < max(FLAT * large, 3.0 * noise):
+        kind = "linear"
+        note = (
+            f"the calibration is nearly a straight line (spread {large:.2f} m along, "
+            f"{middle:.2f} m across): the rotation about it is not determined; move in a second "
+            "direction, or use --align level where both frames have a vertical z axis"
+        )
+        if method == "level":
+            vertical = abs(float(directions[0, 2])) > 0.95
+            note = (
+                "the calibration is nearly a vertical line: the heading is not determined; move "
+                "sideways too"
+            )
+            note = note if vertical else ""
+    elif small < max(FLAT * large, 3.0 * noise):
+        kind = "planar"
+        note = ""
+        if method == "affine":
+            note = (
+                f"the calibration is nearly flat (spread {large:.2f} m along, {small:.2f} m "
+                "across): of the affine matrix one direction is extrapolated, 1 m out of the plane "
+                f"is told from {small:.2f} m; move in three directions, or use --align similarity, "
+                "which a plane determines"
+            )
+    else:
+        kind, note = "full", ""
+    return Geometry(kind, np.asarray(extent), np.asarray(directions), note)

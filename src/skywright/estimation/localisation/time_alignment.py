@@ -1,0 +1,153 @@
+"""The unknown delay between two clocks, first by the speeds that both saw.
+
+Speed is the same in every frame, so it can be compared before frames are aligned. The peak of the
+normalised correlation of the two speeds gives the delay to a fraction of a sample;
+`calibration.calibrate` refines it together with the frame.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+
+from skywright.errors import InputError
+from skywright.estimation.localisation.trajectory import (
+    Trajectory,
+    compute_velocity,
+    find_covered,
+    find_gap_limit,
+)
+
+Array = NDArray[np.float64]
+
+GRID = 0.05
+"""s, step of the grid on which speeds are compared."""
+WINDOW = 0.5
+"""s, over which a speed is a mean."""
+MAX_LAG = 5.0
+"""s; clocks that show the same time are not further apart than this."""
+LEAST_OVERLAP = 8.0
+"""s that both must see."""
+LEAST_PEAK = 0.5
+"""Correlation below which nothing was found."""
+
+
+class TimeAlignment(NamedTuple):
+    """t_second = t_first + offset, and how well the speeds agree."""
+
+    offset: float  # s
+    peak: float  # normalised correlation at the offset
+    lags: Array  # (n,) s
+    correlation: Array  # (n,)
+    common_clock: bool  # the offset was looked for near zero only
+    note: str
+
+
+def _sample_speed(traj: Trajectory) -> tuple[Array, Array, float]:
+    """Speeds on a grid (0 where unknown), whether they are known, and the grid's first time."""
+    gap = find_gap_limit(traj.t, 1.0)
+    t, v = compute_velocity(traj, WINDOW, gap)
+    start = float(traj.t[0])
+    grid = start + GRID * np.arange(int((traj.t[-1] - start) / GRID) + 1)
+    if len(t) < 2:
+        return np.zeros_like(grid), np.zeros_like(grid), start
+    known = find_covered(t, grid, gap)
+    speed = np.interp(grid, t, np.linalg.norm(v, axis=1))
+    return np.where(known, speed, 0.0), known.astype(np.float64), start
+
+
+def correlate_speeds(first: Trajectory, second: Trajectory) -> tuple[Array, Array, Array]:
+    """Offsets (n,) s, the normalised correlation of the speeds there, and the overlap (n,) s.
+
+    Only what both know at an offset counts (masked correlation by FFT).
+    """
+    a, ma, ta = _sample_speed(first)
+    b, mb, tb = _sample_speed(second)
+    size = len(a) + len(b) - 1
+    fast = next_fast_len(size, real=True)
+
+    def correlate(x: Array, y: Array) -> Array:
+        """sum over k of x[k] y[k + l], for l = -(len(a) - 1) .. len(b) - 1"""
+        full = irfft(np.conj(rfft(x, fast)) * rfft(y, fast), fast)
+        return np.concatenate([full[fast - (len(a) - 1) :], full[: len(b)]])
+
+    n = np.maximum(correlate(ma, mb), 1e-9)
+    sa, sb = correlate(a, mb), correlate(ma, b)
+    ab = correlate(a, b) - sa * sb / n
+    va = correlate(a * a, mb) - sa * sa / n
+    vb = correlate(ma, b * b) - sb * sb / n
+    tiny = 1e-6 * n  # (1 mm/s)^2: below it nothing moves
+    good = (va > tiny) & (vb > tiny)
+    corr = np.where(good, ab / np.sqrt(np.where(good, va * vb, 1.0)), 0.0)
+    lags = np.arange(-(len(a) - 1), len(b)) * GRID + (tb - ta)
+    return lags, np.clip(corr, -1.0, 1.0), GRID * n
+
+
+def estimate_offset(first: Trajectory, second: Trajectory) -> TimeAlignment:
+    """The offset between two clocks by the speeds seen.
+
+    Where the recordings overlap as they are, the clocks are taken for one and the offset is looked
+    for within MAX_LAG; else everywhere. Raises InputError where the recordings have nothing in
+    common: no overlap in time and no motion that both saw.
+    """
+    a, b = first, second
+    shared = min(a.t[-1], b.t[-1]) - max(a.t[0], b.t[0])
+    shorter = min(a.duration, b.duration)
+    if shorter < LEAST_OVERLAP:
+        brief = a if a.duration <= b.duration else b
+        raise InputError(
+            f"{brief.name}: {brief.duration:.1f} s of data; at least {LEAST_OVERLAP:g} s are "
+            "needed to align clocks (--time-offset gives the offset by hand)"
+        )
+    lags, corr, overlap = correlate_speeds(a, b)
+    enough = overlap >= max(LEAST_OVERLAP, 0.3 * shorter)
+    near = enough & (np.abs(lags) <= MAX_LAG)
+    common = bool(shared >= 0.5 * shorter)
+    if common and near.any():
+        found = _find_peak(lags, corr, near)
+        if found[1] >= LEAST_PEAK:
+            return TimeAlignment(*found, lags[near], corr[near], True, "")
+    if enough.any():
+        found = _find_peak(lags, corr, enough)
+        if found[1] >= 0.8 and _is_unique(lags, corr, enough, found[0]):
+            note = f"the clocks differ by {found[0]:+.3f} s, found by the motion that both saw"
+            return TimeAlignment(*found, lags[enough], corr[enough], False, note)
+    if common:
+        note = (
+            f"the speeds of {a.name} and {b.name} do not tell the delay between the clocks "
+            f"(correlation {float(np.max(corr[near], initial=0.0)):.2f}): taken as zero; "
+            "--time-offset gives it by hand"
+        )
+        return TimeAlignment(0.0, 0.0, lags[near], corr[near], True, note)
+    raise InputError(
+        f"{a.name} and {b.name} do not overlap in time ({_span(a)} against {_span(b)}) and show "
+        "no common motion that tells the offset of their clocks; give it as --time-offset"
+    )
+
+
+def _span(traj: Trajectory) -> str:
+    return f"{traj.t[0]:.2f} to {traj.t[-1]:.2f} s"
+
+
+def _find_peak(lags: Array, corr: Array, allowed: NDArray[np.bool_]) -> tuple[float, float]:
+    """Offset and height of the highest peak, a parabola through its three samples."""
+    k = int(np.argmax(np.where(allowed, corr, -2.0)))
+    peak, lag = float(corr[k]), float(lags[k])
+    if 0 < k < len(corr) - 1:
+        left, right = float(corr[k - 1]), float(corr[k + 1])
+        bend = left - 2.0 * peak + right
+        if bend < 0.0:
+            lag += GRID * min(max(0.5 * (left - right) / bend, -0.5), 0.5)
+    return lag, peak
+
+
+def _is_unique(lags: Array, corr: Array, allowed: NDArray[np.bool_], lag: float) -> bool:
+    """Whether no other offset, further than 3 s away, comes near the peak."""
+    peak = float(np.max(corr[allowed]))
+    away = allowed & (np.abs(lags - lag) > 3.0)
+    return bool(float(np.max(corr[away], initial=-1.0)) < 1.0 - 2.0 * (1.0 - peak) and
+                math.isfinite(peak))  # fmt: skip

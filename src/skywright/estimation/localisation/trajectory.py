@@ -1,0 +1,91 @@
+"""A trajectory: positions, perhaps orientations, at irregular times."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+class Trajectory(NamedTuple):
+    """A cleaned trajectory of a point or body in its own frame and clock, in order of time."""
+
+    name: str
+    t: Array  # (n,) s, strictly increasing
+    p: Array  # (n, 3) m
+    q: Array | None = None  # (n, 4) wxyz, unit: the body's orientation in the same frame
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rate(self) -> float:
+        """Typical number of samples a second (1 over the median interval)."""
+        return 1.0 / float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0
+
+    @property
+    def duration(self) -> float:
+        """Time (s) from the first to the last sample."""
+        return float(self.t[-1] - self.t[0])
+
+    def cut(self, start: float, stop: float) -> Trajectory:
+        """The samples from `start` to `stop` (s), ends included."""
+        keep = (self.t >= start) & (self.t <= stop)
+        q = None if self.q is None else self.q[keep]
+        return self._replace(t=self.t[keep], p=self.p[keep], q=q)
+
+
+def find_gap_limit(t: Array, least: float = 0.0) -> float:
+    """The interval (s) above which a pause is a gap: three times the usual one, `least` at least.
+
+    The usual one is the 90th percentile: a total station's intervals vary.
+    """
+    return max(3.0 * float(np.quantile(np.diff(t), 0.9)), least) if len(t) > 1 else least
+
+
+def interpolate_position(traj: Trajectory, t: Array, max_gap: float) -> Array:
+    """Positions (m, 3) at times `t`, linear; NaN outside and within gaps longer than `max_gap`."""
+    out = np.stack([np.interp(t, traj.t, traj.p[:, i]) for i in range(3)], axis=1)
+    out[~find_covered(traj.t, t, max_gap)] = np.nan
+    return out
+
+
+def find_covered(samples: Array, t: Array, max_gap: float) -> NDArray[np.bool_]:
+    """Whether each of `t` lies on a sample or between two no further apart than `max_gap`."""
+    after = np.clip(np.searchsorted(samples, t, side="left"), 1, max(len(samples) - 1, 1))
+    if len(samples) < 2:
+        return np.asarray(np.isin(t, samples))
+    step = samples[after] - samples[after - 1]
+    on = (t == samples[after]) | (t == samples[after - 1])
+    inside = (t >= samples[0]) & (t <= samples[-1])
+    return np.asarray(inside & ((step <= max_gap) | on))
+
+
+def interpolate_rotation(traj: Trajectory, t: Array) -> Array | None:
+    """Rotation matrices (m, 3, 3) of the nearest orientations in time; None where there are none.
+
+    Nearest, not between: at a camera's rate the difference is nothing, and a flip of the
+    quaternion's sign or a lost sample costs nothing.
+    """
+    if traj.q is None:
+        return None
+    after = np.clip(np.searchsorted(traj.t, t), 1, max(len(traj.t) - 1, 1))
+    near = np.where(t - traj.t[after - 1] < traj.t[after] - t, after - 1, after)
+    return np.asarray(Rotation.from_quat(np.roll(traj.q[near], -1, axis=1)).as_matrix())
+
+
+def compute_velocity(traj: Trajectory, window: float, max_gap: float) -> tuple[Array, Array]:
+    """Times (m,) and velocities (m, 3) from displacements over about `window` seconds.
+
+    Each velocity is the mean over the samples nearest to `window` apart, stamped in the middle.
+    """
+    ahead = np.searchsorted(traj.t, traj.t + window)
+    first = np.flatnonzero(ahead < len(traj.t))
+    last = ahead[first]
+    span = traj.t[last] - traj.t[first]
+    good = (span > 0) & (span <= window + max_gap)
+    first, last, span = first[good], last[good], span[good]
+    v = (traj.p[last] - traj.p[first]) / span[:, None]
+    return 0.5 * (traj.t[first] + traj.t[last]), v

@@ -1,0 +1,1 @@
+"""Localisation on simulated flights: data sets to try, and what the filters reach."""
