@@ -498,6 +498,73 @@ def weld(
 
 
 @main.command()
+@click.argument("data", nargs=-1, metavar="DATA...")
+@click.option("--station", metavar="FILE", help="The total station's, where it cannot be told.")
+@click.option("--camera", metavar="FILE", help="The camera's, the same.")
+@click.option("--reference", metavar="FILE", help="What the result is judged by.")
+@click.option(
+    "--align", default="similarity", show_default=True,
+    help="Frames: similarity, rigid, level, or affine (the paper's twelve numbers).",
+)
+@click.option("--calibrate", metavar="T0:T1", help="Align on this part only, seconds.")
+@click.option("--time-offset", type=float, help="Camera's clock minus station's, seconds.")
+@click.option("--prism", metavar="X,Y,Z", help="Prism in the camera's frame, metres.")
+@click.option(
+    "--frame", nargs=2, metavar="KNOWN MEASURED", type=click.Path(path_type=Path),
+    help="Terrain points: places from before, and as the station sees them now.",
+)
+@click.option(
+    "--compare", default="rigid", show_default=True,
+    help="Alignment to the reference: rigid, similarity, none.",
+)
+@click.option("--reference-offset", type=float, help="Reference's clock minus the result's.")
+@click.option("--demo", is_flag=True, help="Write the files of a simulated flight, and use them.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: locate-NAME]")
+@_json
+def locate(
+    data: tuple[str, ...], station: str | None, camera: str | None, reference: str | None,
+    align: str, calibrate: str | None, time_offset: float | None, prism: str | None,
+    frame: tuple[Path, Path] | None, compare: str, reference_offset: float | None, demo: bool,
+    out: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Fuse a total station with a tracking camera, or judge a trajectory.
+
+    DATA: the station's and the camera's recording, or one trajectory with --reference. TUM, EuRoC,
+    CSV with a header, or MCAP as FILE:TOPIC.
+    """
+    from skywright.estimation.localisation.locate import locate as locate_files
+
+    if demo:
+        from skywright.studies.locate.demo import write_demo
+
+        if data or station or camera or reference:
+            raise InputError("--demo brings its own files; give either it or DATA")
+        out = out or Path("locate-demo")
+        files = write_demo(_folder(out))
+        data, reference, compare = (str(files[0]), str(files[1])), str(files[2]), "none"
+    if out is not None:
+        _folder(out)
+    report = locate_files(
+        list(data), station=station, camera=camera, reference=reference, align=align,
+        span=calibrate, time_offset=time_offset, prism=prism, frame=frame, compare=compare,
+        reference_offset=reference_offset,
+    )  # fmt: skip
+    if out is not None or not as_json:
+        from skywright.reports.locate import write_locate
+
+        named = Path((station or (data or (camera or "",))[0]).partition(":/")[0]).stem
+        out = out or Path(f"locate-{named}")
+        write_locate(report, _folder(out))
+    if as_json:
+        _print_json({**report.to_json(), "directory": None if out is None else str(out)})
+    else:
+        from skywright.reports.terminal import print_locate
+
+        assert out is not None
+        print_locate(report, out)
+
+
+@main.command()
 @click.argument("directory", metavar="RUN", type=click.Path(path_type=Path))
 @click.option("--no-open", is_flag=True, help="Only print the path.")
 def replay(directory: Path, no_open: bool) -> None:
@@ -564,6 +631,18 @@ def _writable(path: Path, formats: tuple[str, ...] = (".png", ".svg")) -> Path:
             pass
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def _folder(path: Path) -> Path:
+    """Refuse a folder that cannot be written before the work begins."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        what = "is a file" if path.is_file() else error.strerror or error
+        raise InputError(f"{path}: no folder can be made there: {what}") from None
+    if not os.access(path, os.W_OK):
+        raise InputError(f"{path}: cannot be written")
     return path
 
 

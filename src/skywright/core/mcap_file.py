@@ -193,6 +193,7 @@ class McapContents(NamedTuple):
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, bytes]
     complete: bool  # False: cut short (a killed run); everything before the cut is here
+    kinds: dict[str, tuple[str, str]] = {}  # topic -> name of its schema, encoding of its messages
 
 
 def read_mcap(path: Path) -> McapContents:
@@ -211,6 +212,8 @@ def read_mcap(path: Path) -> McapContents:
         raise InputError(f"{path}: is no MCAP file")
     finished = len(data) > 2 * len(MAGIC) and data.endswith(MAGIC)
     topics: dict[int, str] = {}
+    schemas: dict[int, str] = {}
+    kinds: dict[str, tuple[str, str]] = {}
     messages: dict[int, list[bytes]] = {}
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, bytes] = {}
@@ -219,9 +222,9 @@ def read_mcap(path: Path) -> McapContents:
     try:
         for position, opcode, record in _iterate_records(data, len(MAGIC)):  # noqa: B007
             if opcode == Opcode.CHUNK:
-                _split_messages(_decompress(record), topics, messages)
-            elif opcode == Opcode.CHANNEL:
-                _add_channel(record, topics, messages)
+                _split_messages(_decompress(record), topics, messages, schemas, kinds)
+            elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
+                _add_channel(opcode, record, topics, messages, schemas, kinds)
             elif opcode == Opcode.MESSAGE:  # outside a chunk: not ours, but allowed
                 (channel,) = struct.unpack_from("<H", record)
                 messages[channel].append(bytes(record[_MESSAGE_START:]))
@@ -242,7 +245,7 @@ def read_mcap(path: Path) -> McapContents:
     by_topic: dict[str, list[bytes]] = {}
     for channel, parts in messages.items():
         by_topic.setdefault(topics[channel], []).extend(parts)
-    return McapContents(by_topic, metadata, attachments, complete)
+    return McapContents(by_topic, metadata, attachments, complete, kinds)
 
 
 def _iterate_records(data: bytes, position: int) -> Iterator[tuple[int, int, memoryview]]:
@@ -258,10 +261,22 @@ def _iterate_records(data: bytes, position: int) -> Iterator[tuple[int, int, mem
 
 
 def _add_channel(
-    record: memoryview | bytes, topics: dict[int, str], messages: dict[int, list[bytes]]
+    opcode: int,
+    record: memoryview | bytes,
+    topics: dict[int, str],
+    messages: dict[int, list[bytes]],
+    schemas: dict[int, str],
+    kinds: dict[str, tuple[str, str]],
 ) -> None:
-    channel = records.Channel.read(ReadDataStream(BytesIO(record)))
+    """Note a channel, or the schema that channels after it name."""
+    stream = ReadDataStream(BytesIO(record))
+    if opcode == Opcode.SCHEMA:
+        schema = records.Schema.read(stream)
+        schemas[schema.id] = schema.name
+        return
+    channel = records.Channel.read(stream)
     topics[channel.id] = channel.topic
+    kinds[channel.topic] = (schemas.get(channel.schema_id, ""), channel.message_encoding)
     messages.setdefault(channel.id, [])
 
 
@@ -282,7 +297,13 @@ def _decompress(record: memoryview) -> bytes:
     return stream.read(length)
 
 
-def _split_messages(data: bytes, topics: dict[int, str], messages: dict[int, list[bytes]]) -> None:
+def _split_messages(
+    data: bytes,
+    topics: dict[int, str],
+    messages: dict[int, list[bytes]],
+    schemas: dict[int, str],
+    kinds: dict[str, tuple[str, str]],
+) -> None:
     """Append every message of a chunk to the list of its channel."""
     position, end = 0, len(data)
     unpack, size = struct.Struct("<BQH").unpack_from, RECORD_HEADER.size
@@ -292,8 +313,8 @@ def _split_messages(data: bytes, topics: dict[int, str], messages: dict[int, lis
         position = start + length
         if opcode == Opcode.MESSAGE:
             messages[channel].append(data[start + _MESSAGE_START : position])
-        elif opcode == Opcode.CHANNEL:
-            _add_channel(data[start:position], topics, messages)
+        elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
+            _add_channel(opcode, data[start:position], topics, messages, schemas, kinds)
 
 
 def _read_attachment(record: memoryview) -> tuple[str, bytes]:

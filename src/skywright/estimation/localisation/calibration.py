@@ -49,6 +49,9 @@ SKEW_STD = 1e-4
 """Crystals differ by less than this: what is known before the data."""
 OFFSET_STD = 0.5
 """s, the same for the offset, after the speeds were compared."""
+SMOOTH = 0.15
+"""s, on each side, over which the camera's velocity is a mean. Shorter, the camera's own walk gets
+into it: it passes for motion, and for knowledge of the clocks that is not there."""
 MIN_TURN = 0.2
 """rad, spread of the camera's rotations from which the prism's place is estimated."""
 
@@ -231,7 +234,7 @@ def _linearise(
     """
     at = used.t + s.delay + s.skew * (used.t - epoch)
     x = interpolate_position(camera, at, gap)
-    h = 0.02
+    h = SMOOTH
     moved = interpolate_position(camera, at + h, gap) - interpolate_position(camera, at - h, gap)
     scale = math.exp(s.log_scale)
     v = np.nan_to_num(scale * (moved / (2.0 * h)) @ s.R.T)

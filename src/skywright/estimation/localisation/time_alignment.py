@@ -20,6 +20,7 @@ from skywright.estimation.localisation.trajectory import (
     compute_velocity,
     find_covered,
     find_gap_limit,
+    remove_spikes,
 )
 
 Array = NDArray[np.float64]
@@ -49,6 +50,7 @@ class TimeAlignment(NamedTuple):
 
 def _sample_speed(traj: Trajectory) -> tuple[Array, Array, float]:
     """Speeds on a grid (0 where unknown), whether they are known, and the grid's first time."""
+    traj = remove_spikes(traj)
     gap = find_gap_limit(traj.t, 1.0)
     t, v = compute_velocity(traj, WINDOW, gap)
     start = float(traj.t[0])

@@ -89,3 +89,27 @@ def compute_velocity(traj: Trajectory, window: float, max_gap: float) -> tuple[A
     first, last, span = first[good], last[good], span[good]
     v = (traj.p[last] - traj.p[first]) / span[:, None]
     return 0.5 * (traj.t[first] + traj.t[last]), v
+
+
+def remove_spikes(traj: Trajectory, least: float = 0.05) -> Trajectory:
+    """Without samples that stand off the line between their neighbours as no motion does.
+
+    The limit is eight times the usual distance, `least` (m) at least. Of a run of such samples the
+    worst goes first, because it makes its neighbours look wrong too.
+    """
+    for _ in range(10):
+        t, p = traj.t, traj.p
+        if len(t) < 8:
+            return traj
+        share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+        off = np.linalg.norm(p[1:-1] - p[:-2] - share * (p[2:] - p[:-2]), axis=1)
+        limit = max(8.0 * float(np.median(off)), least)
+        wide = np.concatenate([[0.0, 0.0], off, [0.0, 0.0]])
+        peak = (off > limit) & (off >= wide[1:-3]) & (off >= wide[3:-1])
+        peak &= (off >= wide[:-4]) & (off >= wide[4:])
+        if not peak.any():
+            return traj
+        keep = np.concatenate([[True], ~peak, [True]])
+        q = None if traj.q is None else traj.q[keep]
+        traj = traj._replace(t=t[keep], p=p[keep], q=q)
+    return traj

@@ -61,6 +61,12 @@ class Flight(NamedTuple):
     station_delay: float  # s: station's stamp - true time, in the mean
     R_CW: Array
     errors: CameraErrors
+    prism: Array  # (3,) m, on the robot
+
+    @property
+    def p_WP(self) -> Array:
+        """True positions (n, 3) m of the prism."""
+        return np.asarray(self.truth.p_WB + self.truth.R_WB @ self.prism)
 
 
 def build_path(points: Array, times: Array, yaw: Array) -> Path:
@@ -152,7 +158,7 @@ def simulate_flight(
     return Flight(
         path, Trajectory("station", stamps[keep], s[keep, 2:]),
         Trajectory("camera", c[:, 0] + camera_clock, c[:, 1:4], np.roll(q, 1, axis=1)),
-        delay, R_CW, errors,
+        delay, R_CW, errors, np.asarray(prism),
     )  # fmt: skip
 
 

@@ -1,0 +1,528 @@
+"""What `skywright locate` does, without the page: from files to a trajectory and its errors."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.spatial.transform import Rotation
+
+from skywright.errors import InputError
+from skywright.estimation.localisation.calibration import Calibration, calibrate
+from skywright.estimation.localisation.drift_filter import CAMERA, STATION, DriftModel, Fused
+from skywright.estimation.localisation.frame_alignment import METHODS
+from skywright.estimation.localisation.fusion import (
+    Events,
+    build_model,
+    collect_events,
+    find_outages,
+    fuse_as_printed,
+    run_drift_filter,
+)
+from skywright.estimation.localisation.point_file import pair_points
+from skywright.estimation.localisation.station_frame import StationPose, estimate_station_pose
+from skywright.estimation.localisation.time_alignment import (
+    LEAST_OVERLAP,
+    TimeAlignment,
+    estimate_offset,
+)
+from skywright.estimation.localisation.trajectory import (
+    Trajectory,
+    find_covered,
+    find_gap_limit,
+    interpolate_rotation,
+)
+from skywright.estimation.localisation.trajectory_error import (
+    ALIGNMENTS,
+    Statistics,
+    TrajectoryError,
+    compute_error,
+)
+from skywright.estimation.localisation.trajectory_file import load_trajectory, split_topic
+from skywright.estimation.localisation.trajectory_mcap import find_own_roles
+
+Array = NDArray[np.float64]
+
+MOST_STATION_HZ = 25.0
+"""A total station is no faster; of two trajectories the slower one below this is taken for it."""
+FIT_SAMPLES = 3000
+"""Samples that the refinement of a reference's clock looks at."""
+
+
+class Outage(NamedTuple):
+    """A time without the station, and how far off each estimate was when it came back.
+
+    Distances (m) from the first measurement after it to the estimate just before, None where none
+    came after.
+    """
+
+    start: float  # s, station's clock
+    end: float
+    fused: float | None
+    paper: float | None
+    camera: float | None
+
+
+class Fusion(NamedTuple):
+    """Station and camera brought together."""
+
+    station: Trajectory
+    camera: Trajectory
+    time: TimeAlignment | None  # None: the offset was given
+    calibration: Calibration
+    model: DriftModel
+    events: Events
+    fused: Fused
+    paper: Array  # (n, 3) m, the paper's filter over the same events
+    outages: list[Outage]
+    pose: StationPose | None  # of the station in the time-consistent frame
+
+
+class LocateReport(NamedTuple):
+    """Everything that was found."""
+
+    trajectory: Trajectory  # the result: fused, or what was to be judged
+    std: Array | None  # (n,) m, three-dimensional, of the fused one
+    point: str  # which point of the robot it is
+    fusion: Fusion | None
+    reference: Trajectory | None
+    errors: dict[str, TrajectoryError]  # by name: fused, paper filter, aligned camera; or judged
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The object of `skywright locate --json`."""
+        found: dict[str, Any] = {
+            "trajectory": self.trajectory.name,
+            "point": self.point,
+            "samples": len(self.trajectory.t),
+            "start_s": float(self.trajectory.t[0]),
+            "duration_s": round(self.trajectory.duration, 4),
+        }
+        if self.fusion is not None:
+            found |= _describe_fusion(self.fusion)
+            if self.std is not None:
+                found["std_m"] = _round(float(np.median(self.std)))
+        found["reference"] = None if self.reference is None else self.reference.name
+        found["errors"] = {name: describe_error(e) for name, e in self.errors.items()}
+        found["notes"] = list(self.notes)
+        return found
+
+
+def _round(x: float | None, digits: int = 6) -> float | None:
+    return None if x is None or not math.isfinite(x) else round(float(x), digits)
+
+
+def _describe_fusion(f: Fusion) -> dict[str, Any]:
+    c = f.calibration
+    q = np.roll(Rotation.from_matrix(c.frame.rotation).as_quat(), 1)
+    pose = None
+    if f.pose is not None:
+        pose = {
+            "p_m": [_round(x) for x in f.pose.p_WS],
+            "rotation_wxyz": [
+                _round(x, 9) for x in np.roll(Rotation.from_matrix(f.pose.R_WS).as_quat(), 1)
+            ],
+            "sigma_mm": _round(1e3 * f.pose.sigma, 4),
+            "chi2": _round(f.pose.chi2, 4),
+            "chi2_limit": _round(f.pose.chi2_limit, 4),
+            "points": [
+                {
+                    "name": p.name, "residual_mm": [_round(1e3 * x, 3) for x in p.residual],
+                    "statistic": _round(p.statistic, 3), "redundancy": _round(p.redundancy, 4),
+                    "detectable_mm": _round(1e3 * p.detectable, 2), "used": p.used,
+                }
+                for p in f.pose.points
+            ],
+        }  # fmt: skip
+    return {
+        "station": f.station.name,
+        "camera": f.camera.name,
+        "time_offset_s": _round(c.time_offset),
+        "time_offset_std_s": _round(c.offset_std),
+        "clock_skew": _round(c.skew, 9),
+        "frame": {
+            "method": c.frame.method,
+            "rotation_wxyz": [_round(x, 9) for x in q],
+            "scale": _round(c.frame.scale, 9),
+            "offset_m": [_round(x) for x in c.frame.offset],
+            "matrix": [[_round(x, 9) for x in row] for row in c.frame.matrix],
+            "rotation_std_deg": _round(math.degrees(c.rotation_std)),
+            "scale_std": _round(c.scale_std),
+            "rms_m": _round(c.rms),
+        },
+        "prism_m": [_round(x, 5) for x in c.p_BP],
+        "calibration": {
+            "span_s": [_round(x) for x in c.span],
+            "pairs": c.pairs,
+            "outliers": c.outliers,
+            "geometry": c.geometry.kind,
+            "extent_m": [_round(x, 4) for x in c.geometry.extent],
+        },
+        "noise": {
+            "station_mm": _round(1e3 * c.noise.station, 4),
+            "camera_mm": _round(1e3 * f.model.camera, 4),
+            "drift_m_per_sqrt_s": _round(c.noise.per_sqrt_s),
+            "drift_m_per_sqrt_m": _round(c.noise.per_sqrt_m),
+        },
+        "rejected": int(np.count_nonzero(~f.fused.accepted & (f.fused.kind == STATION))),
+        "camera_jumps": int(np.count_nonzero(~f.fused.accepted & (f.fused.kind == CAMERA))),
+        "outages": [
+            {
+                "start_s": _round(o.start), "end_s": _round(o.end), "fused_m": _round(o.fused),
+                "paper_filter_m": _round(o.paper), "aligned_camera_m": _round(o.camera),
+            }
+            for o in f.outages
+        ],
+        "station_pose": pose,
+    }  # fmt: skip
+
+
+def describe_error(e: TrajectoryError) -> dict[str, Any]:
+    """Errors against a reference as plain numbers."""
+
+    def plain(s: Statistics | None, factor: float = 1.0) -> dict[str, Any] | None:
+        if s is None:
+            return None
+        values = {name: _round(factor * getattr(s, name)) for name in s._fields[:-1]}
+        return {**values, "count": s.count}
+
+    return {
+        "absolute_m": plain(e.absolute),
+        "relative_m": plain(e.relative),
+        "relative_deg": plain(e.relative_angle, 180.0 / math.pi),
+        "relative_over_s": e.over,
+        "alignment": "none" if e.frame is None else e.frame.method,
+        "scale": _round(e.frame.scale, 9) if e.frame is not None else 1.0,
+        "time_offset_s": _round(e.time_offset),
+    }
+
+
+class Roles(NamedTuple):
+    """Which file is what."""
+
+    station: Trajectory | None
+    camera: Trajectory
+    reference: Trajectory | None
+    notes: tuple[str, ...]
+
+
+def assign_roles(
+    data: list[str], station: str | None, camera: str | None, reference: str | None
+) -> Roles:
+    """Load the files and tell station from camera. Raises InputError where it cannot be told.
+
+    Without a station the "camera" is a trajectory to be judged by the reference.
+    """
+    data = list(data)
+    if len(data) == 1 and station is None and camera is None:
+        path, topic = split_topic(data[0])
+        if topic is None and path.is_file() and path.suffix.lower() == ".mcap":
+            data, reference, note = _expand_recording(path, reference)
+            if note:
+                return Roles(
+                    None, load_trajectory(data[0]), load_trajectory(str(reference)), (note,)
+                )
+    given = (station is not None) + (camera is not None)
+    if given + len(data) > 2:
+        raise InputError(
+            f"{given + len(data)} files for station and camera; valid: two (a reference goes "
+            "behind --reference)"
+        )
+    truth = load_trajectory(reference) if reference is not None else None
+    if given + len(data) < 1:
+        raise InputError("no data; valid: a station's and a camera's file, or --demo")
+    if given + len(data) == 1:
+        only = load_trajectory((data + [station or camera or ""])[0])
+        if truth is None:
+            raise InputError(
+                f"{only.name}: one trajectory has nothing to be compared with; give the other "
+                "sensor's file, or --reference FILE"
+            )
+        return Roles(None, only, truth, ())
+    if given == 2:
+        assert station is not None and camera is not None
+        return Roles(load_trajectory(station), load_trajectory(camera), truth, ())
+    loaded = [load_trajectory(name) for name in data]
+    if station is not None:
+        return Roles(load_trajectory(station), loaded[0], truth, ())
+    if camera is not None:
+        return Roles(loaded[0], load_trajectory(camera), truth, ())
+    return _tell_apart(loaded[0], loaded[1], truth)
+
+
+def _expand_recording(path: Path, reference: str | None) -> tuple[list[str], str | None, str]:
+    """Topics of a recording that is given as a whole; a note where it is judged by its truth."""
+    from skywright.core.mcap_file import read_mcap
+    from skywright.estimation.localisation.trajectory_mcap import list_topics
+
+    own = find_own_roles(path)
+    if own and reference is None:
+        note = f"{path.name}: a recording of Skywright: its estimate is judged by its truth"
+        return [f"{path}:{own['estimate']}"], f"{path}:{own['reference']}", note
+    topics = list_topics(read_mcap(path))
+    if len(topics) == 2 and reference is None:
+        return [f"{path}:{t.name}" for t in topics], None, ""
+    return [str(path)], reference, ""
+
+
+def _tell_apart(a: Trajectory, b: Trajectory, truth: Trajectory | None) -> Roles:
+    """Station and camera of two: a station gives no orientation and is slow."""
+    if (a.q is None) != (b.q is None):
+        station, camera = (a, b) if a.q is None else (b, a)
+        why = "it gives no orientation"
+    else:
+        station, camera = (a, b) if a.rate < b.rate else (b, a)
+        why = f"it is slower ({station.rate:.3g} Hz against {camera.rate:.3g} Hz)"
+        if station.rate > MOST_STATION_HZ or station.rate > 0.7 * camera.rate:
+            raise InputError(
+                f"{a.name} ({a.rate:.3g} Hz) and {b.name} ({b.rate:.3g} Hz): cannot tell which is "
+                "the station; say --station FILE, or --reference FILE to judge one by the other"
+            )
+    return Roles(station, camera, truth, (f"{station.name} is taken for the station: {why}",))
+
+
+def parse_span(text: str) -> tuple[float, float]:
+    """'T0:T1' in seconds of the station's clock."""
+    try:
+        start, stop = (float(part) for part in text.split(":"))
+    except ValueError:
+        start, stop = math.nan, math.nan
+    if not (math.isfinite(start) and math.isfinite(stop) and start < stop):
+        raise InputError(
+            f"--calibrate: {text[:60]!r} is not a time span; valid: T0:T1 in seconds after the "
+            "station's first sample, T0 below T1, such as 0:30"
+        )
+    return start, stop
+
+
+def parse_vector(text: str, flag: str) -> Array:
+    """'X,Y,Z' in metres."""
+    try:
+        v = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        v = np.array([math.nan])
+    if v.shape != (3,) or not np.all(np.abs(v) < 100.0):
+        raise InputError(
+            f"{flag}: {text[:60]!r} is no place on a robot; valid: X,Y,Z in metres, such as "
+            "0.05,0,0.12"
+        )
+    return v
+
+
+def locate(
+    data: list[str],
+    *,
+    station: str | None = None,
+    camera: str | None = None,
+    reference: str | None = None,
+    align: str = "similarity",
+    span: str | None = None,
+    time_offset: float | None = None,
+    prism: str | None = None,
+    frame: tuple[Path, Path] | None = None,
+    compare: str = "rigid",
+    reference_offset: float | None = None,
+) -> LocateReport:
+    """Fuse a station's and a camera's recording, or judge one trajectory by a reference.
+
+    Texts as the command line has them. Raises InputError, in one line, for whatever is wrong.
+    """
+    if align not in METHODS:
+        raise InputError(f"--align {align}; valid: {', '.join(METHODS)}")
+    if compare not in ALIGNMENTS:
+        raise InputError(f"--compare {compare}; valid: {', '.join(ALIGNMENTS)}")
+    for flag, value in (("time", time_offset), ("reference", reference_offset)):
+        if value is not None and not abs(value) < 1e12:
+            raise InputError(f"--{flag}-offset {value}; valid: a number of seconds")
+    chosen = parse_span(span) if span is not None else None
+    lever = parse_vector(prism, "--prism") if prism is not None else None
+    pose = None
+    if frame is not None:
+        pose = estimate_station_pose(*pair_points(*frame))
+    roles = assign_roles(data, station, camera, reference)
+    notes = list(roles.notes)
+    for traj in (roles.station, roles.camera, roles.reference):
+        if traj is not None:
+            notes += [f"{traj.name}: {note}" for note in traj.notes]
+    if roles.station is None:
+        unused = [f for f, v in (("--calibrate", span), ("--prism", prism), ("--frame", frame))
+                  if v is not None]  # fmt: skip
+        if unused:
+            raise InputError(f"{unused[0]} needs a station's and a camera's file")
+        assert roles.reference is not None
+        offset = reference_offset if reference_offset is not None else time_offset
+        error = judge(roles.camera, roles.reference, compare, offset, notes)
+        return LocateReport(
+            roles.camera, None, "as recorded", None, roles.reference, {"trajectory": error},
+            tuple(notes),
+        )  # fmt: skip
+    fusion = bring_together(
+        roles.station, roles.camera, align=align, span=chosen, time_offset=time_offset,
+        lever=lever, pose=pose, notes=notes,
+    )  # fmt: skip
+    trajectory, std = build_result(fusion, lever is not None)
+    errors: dict[str, TrajectoryError] = {}
+    if roles.reference is not None:
+        errors["fused"] = judge(trajectory, roles.reference, compare, reference_offset, notes)
+        at = errors["fused"].time_offset
+        for name, other in build_rivals(fusion, lever is not None).items():
+            errors[name] = compute_error(
+                other, roles.reference, time_offset=at, alignment=compare
+            )
+    point = "camera" if lever is not None or not np.any(fusion.calibration.p_BP) else "prism"
+    return LocateReport(
+        trajectory, std, point, fusion, roles.reference, errors, tuple(notes)
+    )
+
+
+def bring_together(
+    station: Trajectory,
+    camera: Trajectory,
+    *,
+    align: str,
+    span: tuple[float, float] | None,
+    time_offset: float | None,
+    lever: Array | None,
+    pose: StationPose | None,
+    notes: list[str],
+) -> Fusion:
+    """Align, calibrate and filter; what is doubtful goes to `notes`."""
+    if pose is not None:
+        station = station._replace(p=pose.apply(station.p))
+        notes += list(pose.notes)
+    time = None
+    if time_offset is None:
+        time = estimate_offset(station, camera)
+        notes += [time.note] if time.note else []
+        offset = time.offset
+    else:
+        offset = time_offset
+    first = float(station.t[0])
+    cal = calibrate(
+        station, camera, offset, method=align, p_BP=lever,
+        fixed_time=time is None or time.peak == 0.0,
+        span=None if span is None else (first + span[0], first + span[1]),
+    )  # fmt: skip
+    notes += list(cal.notes)
+    if cal.outliers > 0:
+        notes.append(f"{cal.outliers} of {cal.pairs + cal.outliers} samples left out of the "
+                     "calibration as outliers")  # fmt: skip
+    model = build_model(camera, cal)
+    events = collect_events(station, camera, cal)
+    fused = run_drift_filter(events.t, events.kind, events.z, model)
+    paper = fuse_as_printed(events)
+    lost = np.count_nonzero(~fused.accepted & (fused.kind == STATION))
+    if lost:
+        notes.append(f"{lost} of the station's samples rejected as outliers while filtering")
+    outages = [
+        _measure_outage(o, events, fused, paper)
+        for o in find_outages(station, float(station.t[0]), float(events.t[-1]))
+    ]
+    return Fusion(station, camera, time, cal, model, events, fused, paper, outages, pose)
+
+
+def _measure_outage(
+    span: tuple[float, float], events: Events, fused: Fused, paper: Array
+) -> Outage:
+    """How far the estimates are from the station's first measurement after an outage."""
+    back = np.flatnonzero((events.kind == STATION) & (events.t >= span[1] - 1e-9))
+    if not len(back) or back[0] == 0 or not np.any(events.t[events.kind == STATION] < span[1]):
+        return Outage(span[0], span[1], None, None, None)
+    k, before = int(back[0]), int(back[0]) - 1
+    z = events.z[k]
+    camera = np.flatnonzero(events.kind[:k] == CAMERA)
+
+    def off(p: Array) -> float:
+        return float(np.linalg.norm(z - p))
+
+    return Outage(
+        span[0], span[1], off(fused.p[before]), off(paper[before]),
+        off(events.z_paper[camera[-1]]) if len(camera) else None,
+    )  # fmt: skip
+
+
+def _select(f: Fusion) -> NDArray[np.bool_]:
+    """Events that make the result: the camera's, and the station's where there is no camera."""
+    t_cam = f.events.t[f.events.kind == CAMERA]
+    gap = find_gap_limit(t_cam, 0.05)
+    alone = ~find_covered(t_cam, f.events.t, gap)
+    keep = (f.events.kind == CAMERA) | alone
+    keep[1:] &= np.diff(f.events.t) > 0
+    return np.asarray(keep)
+
+
+def build_result(f: Fusion, at_camera: bool) -> tuple[Trajectory, Array]:
+    """The fused trajectory in W on the station's clock, and its standard deviation (n,) m.
+
+    Of the prism, or of the camera where the prism's place was given.
+    """
+    keep = _select(f)
+    p = f.fused.p - f.events.lever if at_camera else f.fused.p
+    q = None
+    t = f.events.t[keep]
+    turn = interpolate_rotation(f.camera, f.calibration.to_camera_time(t))
+    if turn is not None:
+        turned = Rotation.from_rotvec(f.fused.turn[keep]).as_matrix()
+        R = turned @ f.calibration.frame.rotation @ turn
+        q = np.roll(Rotation.from_matrix(R).as_quat(), 1, axis=1)
+    name = f"{f.station.name} with {f.camera.name}"
+    return (
+        Trajectory(name, t, p[keep], q),
+        np.asarray(np.linalg.norm(f.fused.p_std[keep], axis=1)),
+    )
+
+
+def build_rivals(f: Fusion, at_camera: bool) -> dict[str, Trajectory]:
+    """What the fused trajectory is compared with: the paper's filter, the camera only aligned."""
+    keep = _select(f)
+    lever = f.events.lever if at_camera else np.zeros_like(f.events.lever)
+    camera = keep & (f.events.kind == CAMERA)
+    return {
+        "paper filter": Trajectory("paper filter", f.events.t[keep], (f.paper - lever)[keep]),
+        "aligned camera": Trajectory(
+            "aligned camera", f.events.t[camera], (f.events.z - lever)[camera]
+        ),
+    }
+
+
+def judge(
+    traj: Trajectory, reference: Trajectory, compare: str, offset: float | None, notes: list[str]
+) -> TrajectoryError:
+    """Errors against a reference; the offset of its clock is estimated unless given."""
+    if offset is None:
+        offset = 0.0
+        if min(traj.duration, reference.duration) >= LEAST_OVERLAP:
+            time = estimate_offset(traj, reference)
+            if time.note:
+                notes.append(time.note)
+            if time.peak > 0.0:
+                offset = _refine_offset(traj, reference, time.offset, compare)
+    return compute_error(traj, reference, time_offset=offset, alignment=compare)
+
+
+def _refine_offset(
+    traj: Trajectory, reference: Trajectory, start: float, compare: str
+) -> float:
+    """The offset near `start` at which displacements over a second differ least, by their median.
+
+    Displacements, because where the trajectory drifts the absolute error would pull the clocks
+    along.
+    """
+    every = max(1, len(traj.t) // FIT_SAMPLES)
+    thin = traj._replace(t=traj.t[::every], p=traj.p[::every], q=None)
+
+    def rms(offset: float) -> float:
+        try:
+            found = compute_error(thin, reference, time_offset=offset, alignment=compare)
+            return (found.relative or found.absolute).median
+        except InputError:
+            return math.inf
+
+    found = minimize_scalar(
+        rms, bounds=(start - 0.25, start + 0.25), method="bounded", options={"xatol": 2e-4}
+    )
+    return float(found.x) if math.isfinite(float(found.fun)) else start

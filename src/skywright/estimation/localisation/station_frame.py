@@ -1,0 +1,198 @@
+"""The time-consistent frame: where the station stands, from terrain points known from before.
+
+Sanchez-Cuevas 2020, section 3: fixed points of the terrain are measured once and kept; another
+day the station, standing elsewhere, measures them again, and least squares gives its position and
+axes in the old frame. A point that has moved, or was mistaken for another, must not pull the
+frame: residuals are tested against their own standard deviation and the worst is left out until
+the rest fits (data snooping, Baarda 1968; here with the three coordinates of a point together).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from skywright.errors import InputError
+from skywright.estimation.localisation.frame_alignment import estimate_level, estimate_similarity
+
+Array = NDArray[np.float64]
+
+SIGNIFICANCE = 0.001
+"""Chance that a good point is rejected (Baarda's usual choice)."""
+LEAST_POINTS = 3
+POINT_STD = 2e-3
+"""m each axis: a total station's measurement of a fixed point, and the point's own centring."""
+
+
+class StationPoint(NamedTuple):
+    """A terrain point after the adjustment."""
+
+    name: str
+    residual: Array  # (3,) m: known minus measured, in W
+    statistic: float  # squared, normalised; compared with `StationPose.critical`
+    redundancy: float  # 0: nothing checks it, 1: fully checked by the others
+    detectable: float  # m, offset that the test finds in 80 of 100 cases; inf without redundancy
+    used: bool
+
+
+class StationPose(NamedTuple):
+    """The station's frame S in the time-consistent frame W: p_W = R_WS p_S + p_WS."""
+
+    R_WS: Array  # (3, 3)
+    p_WS: Array  # (3,) m
+    covariance: Array  # (6, 6): turns (rad, about W's axes, at `centre`) and position (m)
+    centre: Array  # (3,) m, mean of the used points in W
+    sigma: float  # m, standard deviation of a coordinate that the residuals show
+    chi2: float  # sum of squared, normalised residuals of the used points
+    redundancy: int
+    chi2_limit: float  # at SIGNIFICANCE
+    critical: float  # of a point's statistic
+    points: tuple[StationPoint, ...]
+    level: bool
+    notes: tuple[str, ...]
+
+    def apply(self, p_S: Array) -> Array:
+        """Points (n, 3) measured by the station, in W."""
+        return np.asarray(p_S @ self.R_WS.T + self.p_WS)
+
+    def predict_std(self, p_W: Array) -> float:
+        """Standard deviation (m, three-dimensional) that the frame brings to a point (3,) of W."""
+        J = _jacobian((p_W - self.centre)[None])[0]
+        return float(np.sqrt(np.trace(J @ self.covariance @ J.T)))
+
+
+def _jacobian(arm: Array) -> Array:
+    """(n, 3, 6): how points at `arm` (n, 3) from the centre move with turn and shift."""
+    J = np.zeros((len(arm), 3, 6))
+    for i in range(3):
+        axis = np.zeros(3)
+        axis[i] = 1.0
+        J[:, :, i] = np.cross(axis, arm)
+        J[:, i, 3 + i] = 1.0
+    return J
+
+
+def estimate_station_pose(
+    names: list[str],
+    known: Array,
+    measured: Array,
+    *,
+    std: float = POINT_STD,
+    level: bool = True,
+    significance: float = SIGNIFICANCE,
+) -> StationPose:
+    """Find the station from points known in W (n, 3) m and measured in its own frame (n, 3) m.
+
+    `std` (m) is that of a coordinate of the difference. `level`: the station is levelled, its z
+    axis vertical as W's, and only its heading turns. Raises InputError where fewer than three
+    points are left, or they lie in a place or on a line that does not fix the frame.
+    """
+    n = len(names)
+    if n < LEAST_POINTS:
+        raise InputError(f"{n} common points; {LEAST_POINTS} at least fix the station's frame")
+    used = np.ones(n, dtype=bool)
+    notes: list[str] = []
+    free = 4 if level else 6
+    while True:
+        fit = _adjust(known[used], measured[used], std, level)
+        R, p, cov, centre = fit
+        r = known - (measured @ R.T + p)
+        statistic, share = _test_points(r, known - centre, cov, std, used)
+        redundancy = 3 * int(used.sum()) - free
+        total = float(np.sum(r[used] ** 2)) / std**2
+        limit = float(chi2.isf(significance, redundancy)) if redundancy > 0 else 0.0
+        # one test a point: Bonferroni keeps the chance of any false alarm
+        critical = float(chi2.isf(significance / max(int(used.sum()), 1), 3))
+        worst = int(np.argmax(np.where(used, statistic, -1.0)))
+        if statistic[worst] <= critical:
+            break
+        if used.sum() <= LEAST_POINTS + 1:
+            notes.append(
+                f"point {names[worst]!r} does not fit, but with {int(used.sum())} points it cannot "
+                "be told which one is wrong: measure more points"
+            )
+            break
+        used[worst] = False
+        notes.append(
+            f"point {names[worst]!r} left out: {1e3 * float(np.linalg.norm(r[worst])):.0f} mm off"
+        )
+    if redundancy > 0 and total > limit and not any("cannot be told" in x for x in notes):
+        notes.append(
+            f"the residuals are larger than {1e3 * std:.1f} mm a coordinate explains (chi squared "
+            f"{total:.1f}, at most {limit:.1f})"
+        )
+    sigma = math.sqrt(total * std**2 / redundancy) if redundancy > 0 else 0.0
+    points = tuple(
+        StationPoint(
+            names[i], r[i], float(statistic[i]), float(share[i]),
+            _detectable(float(share[i]), std, significance), bool(used[i]),
+        )
+        for i in range(n)
+    )  # fmt: skip
+    return StationPose(
+        R, p, cov, centre, sigma, total, redundancy, limit, critical, points, level, tuple(notes)
+    )
+
+
+def _adjust(known: Array, measured: Array, std: float, level: bool
+            ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+    """Least squares: rotation, position, covariance (6, 6) and centre."""
+    if len(known) >= 4:
+        frame = (estimate_level(measured, known, with_scale=False) if level
+                 else estimate_similarity(measured, known, with_scale=False))  # fmt: skip
+    else:  # the closed forms ask for four pairs: twice the same points is the same solution
+        twice = np.concatenate([measured, measured]), np.concatenate([known, known])
+        frame = (estimate_level(*twice, with_scale=False) if level
+                 else estimate_similarity(*twice, with_scale=False))  # fmt: skip
+    centre = known.mean(axis=0)
+    J = _jacobian(known - centre).reshape(-1, 6)
+    H = J.T @ J / std**2
+    if level:
+        H[:2, :], H[:, :2] = 0.0, 0.0
+        H[0, 0] = H[1, 1] = 1e18  # no turn about the level axes
+    spread = np.linalg.svd(known - centre, compute_uv=False) / math.sqrt(len(known))
+    fixed = float(np.max(np.linalg.norm((known - centre)[:, :2], axis=1))) if level else spread[1]
+    if fixed < max(20.0 * std, 0.05):
+        what = "one place" if level else "one line"
+        raise InputError(
+            f"the points lie too near {what} ({fixed:.2f} m apart) to fix the station's frame"
+        )
+    return frame.matrix, frame.offset, np.linalg.inv(H), centre
+
+
+def _test_points(r: Array, arm: Array, cov: Array, std: float, used: NDArray[np.bool_]
+                 ) -> tuple[Array, Array]:  # fmt: skip
+    """Each point's squared normalised residual (n,) and redundancy (n,)."""
+    n = len(r)
+    statistic, share = np.zeros(n), np.zeros(n)
+    J = _jacobian(arm)
+    for i in range(n):
+        spread = J[i] @ cov @ J[i].T
+        # a used point has pulled the frame toward itself; one left out has not
+        Q = std**2 * np.eye(3) + (-spread if used[i] else spread)
+        values, vectors = np.linalg.eigh(Q)
+        keep = values > 1e-6 * std**2
+        along = (vectors.T @ r[i])[keep]
+        statistic[i] = float(np.sum(along**2 / values[keep]))
+        share[i] = float(np.trace(Q)) / (3.0 * std**2) if used[i] else 1.0
+    return statistic, share
+
+
+def _detectable(redundancy: float, std: float, significance: float) -> float:
+    """Minimal detectable offset (Baarda), power 0.8, of a point with this mean redundancy."""
+    if redundancy < 1e-3:
+        return math.inf
+    from scipy.stats import norm
+
+    shift = float(norm.isf(significance / 2.0) + norm.isf(0.2))
+    return shift * std / math.sqrt(redundancy)
+
+
+def rotation_angle(a: Array, b: Array) -> float:
+    """Angle (rad) between two rotation matrices."""
+    return float(Rotation.from_matrix(a @ b.T).magnitude())

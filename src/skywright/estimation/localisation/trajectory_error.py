@@ -1,0 +1,124 @@
+"""Errors of a trajectory against a reference: absolute (ATE) and relative (RPE).
+
+Definitions as in Sturm et al., A Benchmark for the Evaluation of RGB-D SLAM Systems, IROS 2012:
+the absolute error is the distance after alignment, the relative one that of displacements over a
+fixed time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from skywright.errors import InputError
+from skywright.estimation.localisation.frame_alignment import (
+    LEAST_POINTS,
+    FrameAlignment,
+    estimate_similarity,
+)
+from skywright.estimation.localisation.trajectory import (
+    Trajectory,
+    find_gap_limit,
+    interpolate_position,
+    interpolate_rotation,
+)
+
+Array = NDArray[np.float64]
+
+ALIGNMENTS = ("rigid", "similarity", "none")
+
+
+class Statistics(NamedTuple):
+    """Of the sizes of errors."""
+
+    rms: float
+    mean: float
+    median: float
+    max: float
+    count: int
+
+
+class TrajectoryError(NamedTuple):
+    """A trajectory against its reference."""
+
+    t: Array  # (n,) s, of the trajectory
+    error: Array  # (n,) m, distance after alignment
+    p: Array  # (n, 3) m, aligned positions in the reference's frame
+    p_ref: Array  # (n, 3) m
+    frame: FrameAlignment | None  # None: compared as they are
+    absolute: Statistics  # m
+    relative: Statistics | None  # m over `over` seconds; None where too short
+    relative_angle: Statistics | None  # rad, where both have orientations
+    over: float  # s
+    time_offset: float  # s: reference's clock = trajectory's clock + offset
+
+
+def compute_statistics(sizes: Array) -> Statistics:
+    """Statistics of sizes (n,)."""
+    return Statistics(
+        math.sqrt(float(np.mean(sizes**2))), float(np.mean(sizes)), float(np.median(sizes)),
+        float(np.max(sizes)), len(sizes),
+    )  # fmt: skip
+
+
+def compute_error(
+    traj: Trajectory,
+    reference: Trajectory,
+    *,
+    time_offset: float = 0.0,
+    alignment: str = "rigid",
+    over: float = 1.0,
+) -> TrajectoryError:
+    """Compare a trajectory with a reference at the trajectory's times.
+
+    The reference is interpolated, never across its gaps. `alignment`: rigid (rotation and offset
+    that fit best), similarity (with scale), or none. Raises InputError where nothing overlaps.
+    """
+    if alignment not in ALIGNMENTS:
+        raise InputError(f"unknown alignment {alignment!r}; valid: {', '.join(ALIGNMENTS)}")
+    gap = find_gap_limit(reference.t, 0.1)
+    at = traj.t + time_offset
+    p_ref = interpolate_position(reference, at, gap)
+    known = np.isfinite(p_ref[:, 0])
+    if known.sum() < max(LEAST_POINTS, 2):
+        raise InputError(
+            f"{reference.name}: does not overlap {traj.name} in time: {reference.t[0]:.2f} to "
+            f"{reference.t[-1]:.2f} s against {at[0]:.2f} to {at[-1]:.2f} s"
+        )
+    t, p, p_ref = traj.t[known], traj.p[known], p_ref[known]
+    frame = None
+    if alignment != "none":
+        frame = estimate_similarity(p, p_ref, with_scale=alignment == "similarity")
+        p = frame.apply(p)
+    error = np.linalg.norm(p - p_ref, axis=1)
+    ahead = np.searchsorted(t, t + over - 1e-9)
+    first = np.flatnonzero(ahead < len(t))
+    last = ahead[first]
+    close = np.abs(t[last] - t[first] - over) < 0.1 * over
+    first, last = first[close], last[close]
+    relative = angle = None
+    if len(first):
+        moved = (p[last] - p[first]) - (p_ref[last] - p_ref[first])
+        relative = compute_statistics(np.linalg.norm(moved, axis=1))
+        q = None if traj.q is None else traj.q[known]
+        turn = interpolate_rotation(traj._replace(t=t, p=p, q=q), t)
+        turn_ref = interpolate_rotation(reference, at[known])
+        if turn is not None and turn_ref is not None:
+            if frame is not None:
+                turn = frame.rotation @ turn
+            angle = compute_statistics(_relative_angle(turn, turn_ref, first, last))
+    return TrajectoryError(
+        t, error, p, p_ref, frame, compute_statistics(error), relative, angle, over, time_offset
+    )
+
+
+def _relative_angle(a: Array, b: Array, first: Array, last: Array) -> Array:
+    """Angles (k,) rad between the turns of two bodies; a fixed mounting between them is removed."""
+    A, B = Rotation.from_matrix(a), Rotation.from_matrix(b)
+    mounting = (B.inv() * A)[:: max(1, len(a) // 2000)].mean()
+    A = A * mounting.inv()
+    return np.asarray(((B[first].inv() * B[last]).inv() * (A[first].inv() * A[last])).magnitude())

@@ -1,0 +1,364 @@
+"""Reads trajectories as others wrote them: TUM, EuRoC, CSV with a header, MCAP.
+
+What a file is, is told from its inside. What had to be dropped, repaired or guessed is noted in
+words; what cannot be read is refused with the file, the line, what was found and what is valid.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.mcap_file import MAGIC
+from skywright.errors import InputError
+from skywright.estimation.localisation.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+TIME_NAMES = {"t", "time", "timestamp", "stamp", "timestamps", "times"}
+ORIENTATION = {"q", "quat", "quaternion", "orientation", "rotation", "rot"}
+POSITION = {"p", "pos", "position", "translation", "trans", "point"}
+OTHER = {
+    "v", "vel", "velocity", "twist", "linear", "angular", "w", "omega", "b", "bias", "a", "acc",
+    "accel", "acceleration", "cov", "covariance", "std", "sigma", "error", "e", "gyro",
+}  # fmt: skip
+MAX_BYTES = 1_000_000_000
+MAX_DROPPED = 0.5
+MAX_POSITION = 1e8
+"""m; more is no position on Earth."""
+VALID = (
+    "a TUM file (t x y z qx qy qz qw), a EuRoC CSV, a CSV with a header such as "
+    "t_s,x_m,y_m,z_m[,qw,qx,qy,qz], or an MCAP recording"
+)
+_COMMENT = ("#", "%", "//")
+
+
+class Columns(NamedTuple):
+    """Where each quantity stands in a row and its factor to SI."""
+
+    index: dict[str, int]  # t, x, y, z, perhaps qw, qx, qy, qz
+    factor: dict[str, float]
+    timed: bool  # the time's unit is told
+    width: int
+    notes: tuple[str, ...]
+
+
+def split_topic(text: str) -> tuple[Path, str | None]:
+    """FILE or FILE:TOPIC; a topic begins with a slash. A file of that whole name comes first."""
+    head, colon, topic = text.rpartition(":")
+    if colon and topic.startswith("/") and head and not Path(text).exists():
+        return Path(head), topic
+    return Path(text), None
+
+
+def load_trajectory(text: str) -> Trajectory:
+    """Load FILE or FILE:TOPIC. Raises InputError, in one line, for what cannot be used."""
+    path, topic = split_topic(text)
+    raw = read_bytes(path)
+    if raw[: len(MAGIC)] == MAGIC[: len(raw)]:
+        from skywright.estimation.localisation.trajectory_mcap import load_topic
+
+        return load_topic(path, topic)
+    if topic is not None:
+        raise InputError(f"{path}: is no MCAP file, so it has no topic {topic}")
+    return parse_text(path, raw)
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a file. Raises InputError where there is none."""
+    try:
+        if path.is_dir():
+            raise InputError(f"{path}: is a directory; valid: {VALID}")
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: larger than {MAX_BYTES // 1_000_000} MB; cut it first")
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    if not raw.strip():
+        raise InputError(f"{path}: is empty; valid: {VALID}")
+    return raw
+
+
+def parse_text(path: Path, raw: bytes) -> Trajectory:
+    """Parse a text file's content."""
+    try:
+        text = (raw.decode("utf-16") if raw.startswith((b"\xff\xfe", b"\xfe\xff"))
+                else raw.decode("utf-8-sig"))  # fmt: skip
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    if "\0" in text or sum(c < " " and c not in "\t\r\n\f" for c in text[:2000]) > 10:
+        raise InputError(f"{path}: is neither text nor MCAP; valid: {VALID}")
+    rows: list[tuple[int, str]] = []
+    comment = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        stripped = line.strip()
+        if not stripped:
+            continue
+        if stripped.startswith(_COMMENT):
+            comment = stripped.lstrip("#%/ ") if not rows else comment
+        else:
+            rows.append((number, stripped))
+    if not rows:
+        raise InputError(f"{path}: holds no rows of numbers, only comments; valid: {VALID}")
+    delimiter = find_delimiter(rows[0][1])
+    cells = split_row(rows[0][1], delimiter)
+    notes: list[str] = []
+    numbers = [_is_number(c) for c in cells]
+    named = _read_comment(comment, len(cells)) if numbers[0] else None
+    if named is not None:
+        columns = named
+    elif all(numbers):
+        columns = _guess_columns(path, rows[0], cells)
+    else:
+        columns = read_header(path, cells, rows[0][0])
+        rows = rows[1:]
+        if not rows:
+            raise InputError(f"{path}: has a header but no rows of numbers")
+    notes += columns.notes
+    table = _read_rows(path, rows, delimiter, columns, notes)
+    return _build(path, table, columns, rows, notes)
+
+
+def find_delimiter(line: str) -> str:
+    """The first delimiter that splits a row into the four cells that are needed at least."""
+    return next((d for d in (",", ";", "\t") if len(split_row(line, d)) >= 4), " ")
+
+
+def split_row(line: str, delimiter: str) -> list[str]:
+    """Cells of a row, stripped; trailing delimiters dropped."""
+    if delimiter == " ":
+        return line.split()
+    try:
+        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+    except (csv.Error, StopIteration):
+        return [line]
+    while len(cells) > 1 and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def name_column(cell: str) -> tuple[str, float | None] | None:
+    """(quantity, factor or None without unit) of a column's name; None where it is not ours.
+
+    Understands x, x_mm, tx, pos_x [m], p_RS_R_x [m], field.pose.position.x, qw, q_RS_w,
+    timestamp [ns], time(ms), header.stamp.
+    """
+    text = cell.strip().strip("\"'").lstrip("#% ").lower()
+    unit = None
+    found = re.search(r"[\[(]\s*([a-z]*)\s*[\])]\s*$", text)
+    if found:
+        unit, text = found.group(1), text[: found.start()].strip()
+    words = [w for w in re.split(r"[._/\s]+", text) if w]
+    if len(words) > 1 and unit is None and words[-1] in {**TIME_UNITS, **LENGTH_UNITS}:
+        unit = words.pop()
+    if not words:
+        return None
+    last, stem = words[-1], set(words[:-1])
+    if last in TIME_NAMES or (last in ("rosbagtimestamp", "secs") and not stem):
+        return ("t", TIME_UNITS.get(unit)) if unit else ("t", None)
+    glued = re.fullmatch(r"(t|p|q|pos|quat)([xyzw])", last)
+    if glued:
+        stem, last = stem | {glued.group(1)}, glued.group(2)
+        stem = stem - {"t"} if glued.group(1) == "t" else stem
+    if last not in ("x", "y", "z", "w"):
+        return None
+    if stem & ORIENTATION:
+        return f"q{last}", 1.0
+    if last == "w" or (stem & OTHER and not stem & POSITION):
+        return None
+    return last, LENGTH_UNITS.get(unit) if unit else None
+
+
+def read_header(path: Path, cells: list[str], line: int) -> Columns:
+    """Columns by their names. Raises InputError where time or a coordinate is missing or double."""
+    index: dict[str, int] = {}
+    factor: dict[str, float] = {}
+    notes: list[str] = []
+    timed = bare = False
+    for i, cell in enumerate(cells):
+        named = name_column(cell)
+        if named is None:
+            continue
+        name, scale = named
+        if name in index:
+            if name == "t":  # a recorder's own time is later than the message's
+                if "header" in cell.lower():
+                    index[name], factor[name] = i, scale if scale is not None else 1.0
+                    timed = scale is not None
+                continue
+            raise InputError(
+                f"{path}: line {line}: two columns give {name}: {cells[index[name]][:40]!r} and "
+                f"{cell[:40]!r}"
+            )
+        index[name], factor[name] = i, scale if scale is not None else 1.0
+        if name == "t":
+            timed = scale is not None
+        elif scale is None:
+            bare = True
+            unit = re.search(r"[\[(]\s*([^\])]*)\s*[\])]\s*$", cell)
+            if unit and unit.group(1).strip():
+                raise InputError(
+                    f"{path}: line {line}: unknown unit {unit.group(1)!r} of {name}; valid: "
+                    f"{', '.join(LENGTH_UNITS)}"
+                )
+    for name in ("t", "x", "y", "z"):
+        if name not in index:
+            shown = ", ".join(c[:24] or "(empty)" for c in cells[:12])
+            what = "time" if name == "t" else f"column {name}"
+            raise InputError(f"{path}: line {line}: no {what}; found: {shown}; valid: {VALID}")
+    if bare:
+        notes.append("positions without a unit read as metres")
+    _check_quaternion(index, notes)
+    return Columns(index, factor, timed, len(cells), tuple(notes))
+
+
+def _check_quaternion(index: dict[str, int], notes: list[str]) -> None:
+    names = [n for n in ("qw", "qx", "qy", "qz") if n in index]
+    if 0 < len(names) < 4:
+        notes.append(f"orientation incomplete (only {', '.join(names)}): ignored")
+        for name in names:
+            del index[name]
+
+
+def _read_comment(comment: str, width: int) -> Columns | None:
+    """Columns named in a comment above the rows, as EuRoC and many TUM files have them."""
+    cells = split_row(comment, find_delimiter(comment)) if comment else []
+    if len(cells) != width:
+        return None
+    try:
+        return read_header(Path("comment"), cells, 0)
+    except InputError:
+        return None
+
+
+def _guess_columns(path: Path, row: tuple[int, str], cells: list[str]) -> Columns:
+    """Columns of a file without any names, by their number."""
+    order = {
+        4: ("t", "x", "y", "z"),
+        8: ("t", "x", "y", "z", "qx", "qy", "qz", "qw"),
+        17: ("t", "x", "y", "z", "qw", "qx", "qy", "qz"),
+    }
+    n = len(cells)
+    if n not in order:
+        hint = "; 12 columns without times are KITTI poses: give them a time column" * (n == 12)
+        raise InputError(
+            f"{path}: line {row[0]}: {n} columns without names{hint}; valid: {VALID}"
+        )
+    notes = []
+    if n == 17:
+        notes.append("17 columns without names: read as EuRoC's ground truth")
+    elif n == 8 and "," in row[1]:
+        notes.append("8 columns without names: read in TUM's order, t x y z qx qy qz qw")
+    index = {name: i for i, name in enumerate(order[n])}
+    return Columns(index, dict.fromkeys(index, 1.0), False, n, tuple(notes))
+
+
+def _read_rows(
+    path: Path, rows: list[tuple[int, str]], delimiter: str, columns: Columns, notes: list[str]
+) -> Array:
+    """(rows, columns) of numbers, NaN where a cell is none; ragged rows are all NaN."""
+    table = np.full((len(rows), columns.width), np.nan)
+    ragged, first = 0, 0
+    comma = delimiter in (";", "\t")
+    for i, (number, line) in enumerate(rows):
+        cells = split_row(line, delimiter)
+        if len(cells) != columns.width:
+            ragged += 1
+            first = first or number
+            continue
+        for j, cell in enumerate(cells):
+            try:
+                table[i, j] = float(cell.replace(",", ".") if comma else cell)
+            except ValueError:
+                continue
+    if ragged > MAX_DROPPED * len(rows):
+        raise InputError(
+            f"{path}: line {first}: {len(split_row(dict(rows)[first], delimiter))} cells where "
+            f"{columns.width} are expected, and so {ragged} of {len(rows)} rows"
+        )
+    if ragged:
+        notes.append(f"{ragged} rows with a wrong number of cells dropped (line {first} first)")
+    return table
+
+
+def _build(
+    path: Path, table: Array, c: Columns, rows: list[tuple[int, str]], notes: list[str]
+) -> Trajectory:
+    t = table[:, c.index["t"]] * c.factor["t"]
+    p = np.stack([table[:, c.index[n]] * c.factor[n] for n in "xyz"], axis=1)
+    q = None
+    if "qw" in c.index:
+        q = table[:, [c.index[n] for n in ("qw", "qx", "qy", "qz")]]
+    if not c.timed:
+        t, note = guess_time_unit(t)
+        notes += [note] if note else []
+    return clean(path, t, p, q, notes, [number for number, _ in rows])
+
+
+def guess_time_unit(t: Array) -> tuple[Array, str]:
+    """Seconds, told from the size: stamps since 1970 in ms, us or ns are too large for seconds."""
+    known = t[np.isfinite(t)]
+    size = float(np.median(np.abs(known))) if len(known) else 0.0
+    for least, unit in ((1e17, "ns"), (1e14, "us"), (1e11, "ms")):
+        if size > least:
+            return t * TIME_UNITS[unit], f"times without a unit read as {unit}"
+    step = float(np.median(np.abs(np.diff(known)))) if len(known) > 1 else 0.0
+    if step > 1e5:  # no sensor waits a day between samples
+        return t * 1e-9, "times without a unit read as ns"
+    return t, ""
+
+
+def clean(
+    path: Path, t: Array, p: Array, q: Array | None, notes: list[str], lines: list[int] | None
+) -> Trajectory:
+    """Drop what is no number, sort, drop duplicate times; a note for each, or InputError."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        good = np.isfinite(t) & np.all(np.abs(p) < MAX_POSITION, axis=1)
+        if q is not None:
+            norm = np.linalg.norm(q, axis=1)
+            upright = (norm > 0.5) & (norm < 2.0)
+            if np.count_nonzero(good & upright) < 0.5 * max(np.count_nonzero(good), 1):
+                notes.append("orientation columns hold no quaternions: ignored")
+                q = None
+            else:
+                good &= upright
+    bad = int(np.count_nonzero(~good))
+    if bad > MAX_DROPPED * len(t) or len(t) - bad < 2:
+        where = ""
+        if bad and lines is not None:
+            where = f" (line {lines[int(np.argmax(~good))]} is the first that is not)"
+        raise InputError(
+            f"{path}: {len(t) - bad} of {len(t)} rows hold a time and a position{where}; at least "
+            "2 and half of them must"
+        )
+    if bad:
+        at = f" (line {lines[int(np.argmax(~good))]} first)" if lines is not None else ""
+        notes.append(f"{bad} rows without a number in every column dropped{at}")
+    t, p = t[good], p[good]
+    q = None if q is None else q[good] / np.linalg.norm(q[good], axis=1, keepdims=True)
+    if np.any(np.diff(t) < 0):
+        notes.append("times were not in order: sorted")
+        order = np.argsort(t, kind="stable")
+        t, p, q = t[order], p[order], None if q is None else q[order]
+    keep = np.concatenate([[True], np.diff(t) > 0])
+    if not keep.all():
+        notes.append(f"{int(np.count_nonzero(~keep))} rows with a duplicate time dropped")
+        t, p, q = t[keep], p[keep], None if q is None else q[keep]
+    if len(t) < 2:
+        raise InputError(f"{path}: all rows have the same time {t[0]:g} s; at least 2 are needed")
+    return Trajectory(path.name, t, p, q, tuple(notes))

@@ -1,0 +1,117 @@
+"""Trajectories in MCAP recordings: topics of ROS 2 messages that hold a place or a pose.
+
+The messages travel in CDR: header (stamp, frame), then the numbers at fixed places behind it.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from skywright.core.mcap_file import McapContents, read_mcap
+from skywright.errors import InputError, neighbours
+from skywright.estimation.localisation.trajectory import Trajectory
+
+# Strings behind the header's, and whether an orientation follows the place.
+KINDS = {
+    "geometry_msgs/PointStamped": (0, False),
+    "geometry_msgs/PoseStamped": (0, True),
+    "geometry_msgs/PoseWithCovarianceStamped": (0, True),
+    "geometry_msgs/TransformStamped": (1, True),
+    "nav_msgs/Odometry": (1, True),
+}
+ROLES = (("estimate", "/estimate/pose"), ("reference", "/truth/pose"))
+"""Of our own recordings: what is judged, and what it is judged by."""
+
+
+class TopicInfo(NamedTuple):
+    """A topic that holds a trajectory."""
+
+    name: str
+    kind: str
+    count: int
+
+
+def list_topics(contents: McapContents) -> list[TopicInfo]:
+    """Topics of a recording that can be read as trajectories, in the order of their names."""
+    found = []
+    for topic, (schema, encoding) in sorted(contents.kinds.items()):
+        kind = schema.replace("/msg/", "/")
+        if kind in KINDS and encoding == "cdr":
+            found.append(TopicInfo(topic, kind, len(contents.messages.get(topic, []))))
+    return found
+
+
+def load_topic(path: Path, topic: str | None) -> Trajectory:
+    """Load a topic, or the only one there is. Raises InputError with the topics that are valid."""
+    return _decode(path, *_choose(path, topic))
+
+
+def _choose(path: Path, topic: str | None) -> tuple[McapContents, TopicInfo]:
+    contents = read_mcap(path)
+    topics = list_topics(contents)
+    names = [t.name for t in topics]
+    if not topics:
+        shown = ", ".join(
+            f"{t} ({k or 'no schema'}, {e or 'no encoding'})"
+            for t, (k, e) in sorted(contents.kinds.items())[:5]
+        )
+        raise InputError(
+            f"{path}: holds no trajectory; its topics: {shown or 'none'}; valid: CDR messages of "
+            f"{', '.join(KINDS)}"
+        )
+    if topic is None:
+        if len(topics) > 1:
+            raise InputError(
+                f"{path}: holds {len(topics)} trajectories; name one as {path.name}:TOPIC, valid: "
+                f"{', '.join(names[:8])}{', ...' if len(names) > 8 else ''}"
+            )
+        return contents, topics[0]
+    if topic not in names:
+        raise InputError(f"{path}: no trajectory {topic!r}; valid: {neighbours(topic, names)}")
+    return contents, topics[names.index(topic)]
+
+
+def find_own_roles(path: Path) -> dict[str, str]:
+    """Topics of a recording of ours by role; empty for anybody else's."""
+    names = {t.name for t in list_topics(read_mcap(path))}
+    return dict(ROLES) if all(topic in names for _, topic in ROLES) else {}
+
+
+def _decode(path: Path, contents: McapContents, topic: TopicInfo) -> Trajectory:
+    from skywright.estimation.localisation.trajectory_file import clean
+
+    strings, turned = KINDS[topic.kind]
+    rows = np.full((topic.count, 8), np.nan)
+    for i, raw in enumerate(contents.messages.get(topic.name, [])):
+        try:
+            rows[i] = _decode_message(raw, strings, turned)
+        except (struct.error, IndexError, ValueError):
+            continue
+    if not len(rows):
+        raise InputError(f"{path}: topic {topic.name} holds no messages")
+    notes = [] if contents.complete else ["the recording was cut short; read up to the cut"]
+    q = rows[:, [7, 4, 5, 6]] if turned else None
+    t = rows[:, 0]
+    if np.all(t[np.isfinite(t)] == 0.0):
+        raise InputError(f"{path}: topic {topic.name} has no time stamps in its headers")
+    found = clean(path, t, rows[:, 1:4], q, notes, None)
+    return found._replace(name=f"{path.name}:{topic.name}")
+
+
+def _decode_message(raw: bytes, strings: int, turned: bool) -> list[float]:
+    """t, x, y, z, qx, qy, qz, qw of one message (CDR, either byte order)."""
+    order = "<" if raw[1] & 1 else ">"
+    at = 4  # behind the encapsulation header; alignment counts from here
+    sec, nanosec = struct.unpack_from(order + "iI", raw, at)
+    at += 8
+    for _ in range(1 + strings):
+        at += -(at - 4) % 4
+        (length,) = struct.unpack_from(order + "I", raw, at)
+        at += 4 + length
+    at += -(at - 4) % 8
+    values = struct.unpack_from(order + ("7d" if turned else "3d"), raw, at)
+    return [sec + 1e-9 * nanosec, *values, *([np.nan] * (7 - len(values)))]

@@ -1,0 +1,190 @@
+"""Figures of a localisation: paths, coordinates, errors, clocks, drift of the camera."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from skywright.estimation.localisation.drift_filter import CAMERA, STATION
+from skywright.estimation.localisation.locate import Fusion, LocateReport
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    LIMIT,
+    ORANGE,
+    PURPLE,
+    WIDTH,
+    draw_line,
+    fit_y,
+    new_figure,
+)
+
+Array = NDArray[np.float64]
+
+MANY_POINTS = 4000
+AXES = "xyz"
+
+
+def draw_paths(report: LocateReport) -> Figure:
+    """From above and from the side: the result, the sensors, the reference."""
+    figure = new_figure(WIDTH, 4.4)
+    for i, (a, b) in enumerate(((0, 1), (0, 2))):
+        ax = figure.add_subplot(1, 2, i + 1)
+        f = report.fusion
+        if f is not None:
+            camera, station = f.events.kind == CAMERA, f.events.kind == STATION
+            z = f.events.z
+            aligned = z[camera][:: _every(camera)]
+            ax.plot(aligned[:, a], aligned[:, b], color=ORANGE, lw=0.9, label="camera, aligned")
+            seen = z[station]
+            ax.plot(seen[:, a], seen[:, b], ".", ms=3, color=GREY, label="total station")
+        error = report.errors.get("fused") or report.errors.get("trajectory")
+        p = report.trajectory.p
+        if error is not None:
+            ax.plot(error.p_ref[:, a], error.p_ref[:, b], color=BLACK, lw=1.6, alpha=0.5,
+                    label="reference")  # fmt: skip
+            p = error.p if error.frame is None else error.frame.apply(p)
+        p = p[:: max(1, len(p) // MANY_POINTS)]
+        name = "fused" if f is not None else report.trajectory.name[:30]
+        ax.plot(p[:, a], p[:, b], color=BLUE, lw=1.2, label=name)
+        ax.plot(*p[0, [a, b]], "o", color=GREEN, ms=6, label="start")
+        ax.set_xlabel(f"{AXES[a]} (m)")
+        ax.set_ylabel(f"{AXES[b]} (m)")
+        ax.set_title("from above" if b == 1 else "from the side")
+        ax.set_aspect("equal", adjustable="datalim")
+        if i == 0:
+            ax.legend(loc="best", fontsize=7.5)
+    figure.tight_layout(pad=0.8, w_pad=1.6)
+    return figure
+
+
+def _every(mask: NDArray[np.bool_]) -> int:
+    return max(1, int(np.count_nonzero(mask)) // MANY_POINTS)
+
+
+def draw_coordinates(f: Fusion) -> Figure:
+    """Each coordinate over time, with the station's absences."""
+    figure, axes = _stack(3)
+    start = float(f.events.t[0])
+    t = f.events.t - start
+    camera, station = f.events.kind == CAMERA, f.events.kind == STATION
+    for i, ax in enumerate(axes):
+        _shade_outages(ax, f, start)
+        draw_line(ax, t[camera], f.events.z[camera, i], color=ORANGE, label="camera, aligned")
+        ax.plot(t[station], f.events.z[station, i], ".", ms=2.5, color=GREY,
+                label="total station")  # fmt: skip
+        draw_line(ax, t, f.fused.p[:, i], color=BLUE, label="fused")
+        ax.set_ylabel(f"{AXES[i]} (m)")
+        # an outlier must not squeeze the curve
+        fit_y(ax, *np.quantile(f.fused.p[:, i], [0.0, 1.0]),
+              *np.quantile(f.events.z[camera, i], [0.0, 1.0]))  # fmt: skip
+    axes[0].legend(loc="upper left", ncols=3, fontsize=7.5)
+    return figure
+
+
+def _stack(count: int, height: float = 1.55) -> tuple[Figure, list[Axes]]:
+    figure = new_figure(WIDTH, 0.6 + height * count)
+    first = figure.add_subplot(count, 1, 1)
+    axes = [first, *(figure.add_subplot(count, 1, i + 2, sharex=first) for i in range(count - 1))]
+    for ax in axes[:-1]:
+        ax.tick_params(labelbottom=False)
+    axes[-1].set_xlabel("time since the start of the recording (s)")
+    figure.subplots_adjust(
+        left=0.075, right=0.985, top=1 - 0.3 / figure.get_figheight(),
+        bottom=0.5 / figure.get_figheight(), hspace=0.16,
+    )  # fmt: skip
+    return figure, axes
+
+
+def _shade_outages(ax: Axes, f: Fusion, start: float) -> None:
+    for o in f.outages:
+        ax.axvspan(o.start - start, o.end - start, color="#f3d9d6", lw=0, zorder=0)
+
+
+def draw_errors(report: LocateReport) -> Figure | None:
+    """Distance from the reference over time, and its distribution."""
+    if not report.errors:
+        return None
+    figure = new_figure(WIDTH, 3.3)
+    ax = figure.add_axes((0.075, 0.15, 0.58, 0.74))
+    spread = figure.add_axes((0.74, 0.15, 0.245, 0.74))
+    start = min(float(e.t[0]) for e in report.errors.values())
+    if report.fusion is not None:
+        start = float(report.fusion.events.t[0])
+        _shade_outages(ax, report.fusion, start)
+    colors = (BLUE, PURPLE, ORANGE)
+    order = list(report.errors.items())
+    for (name, e), color in zip(reversed(order), reversed(colors[: len(order)]), strict=True):
+        draw_line(ax, e.t - start, 1e3 * np.maximum(e.error, 1e-5), color=color,
+                  label=f"{name}: rms {_length(e.absolute.rms)}")  # fmt: skip
+        size = np.sort(1e3 * e.error)[:: max(1, len(e.error) // 500)]
+        spread.plot(size, np.linspace(0, 100, len(size)), color=color)
+    if report.std is not None:
+        t = report.trajectory.t - start
+        draw_line(ax, t, 2e3 * report.std, color=BLUE, lw=0.8, ls=":",
+                  label="fused: two standard deviations, as the filter says")  # fmt: skip
+    ax.set_yscale("log")
+    spread.set_xscale("log")
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high * (high / low) ** 0.35)
+    ax.legend(loc="upper left", fontsize=7.5)
+    ax.set_xlabel("time since the start of the recording (s)")
+    ax.set_ylabel("distance from the reference (mm)")
+    ax.set_title("over time")
+    spread.set_xlabel("distance (mm)")
+    spread.set_ylabel("samples below (%)")
+    spread.set_title("distribution")
+    for axis in (ax.yaxis, spread.xaxis):
+        axis.set_major_formatter(lambda v, _: f"{v:g}")
+    return figure
+
+
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.1f} mm" if metres < 0.1 else f"{metres:.3g} m"
+
+
+def draw_clocks(f: Fusion) -> Figure | None:
+    """The correlation of the speeds over the offset of the clocks."""
+    if f.time is None or not len(f.time.lags):
+        return None
+    figure = new_figure(0.62 * WIDTH, 2.7)
+    ax = figure.add_axes((0.12, 0.18, 0.85, 0.7))
+    draw_line(ax, f.time.lags, f.time.correlation, color=BLUE)
+    found = f.calibration.time_offset
+    ax.axvline(found, color=LIMIT, lw=1.1, ls=(0, (5, 3)))
+    ax.annotate(
+        f"{found:+.4f} ± {f.calibration.offset_std:.4f} s", (found, 1.0), (4, -2),
+        xycoords=("data", "axes fraction"), textcoords="offset points", va="top", fontsize=8,
+        color=LIMIT,
+    )  # fmt: skip
+    ax.set_xlabel("camera's clock minus station's (s)")
+    ax.set_ylabel("correlation of the speeds")
+    ax.set_title("What both saw, over the offset of their clocks")
+    return figure
+
+
+def draw_camera(f: Fusion) -> Figure:
+    """What the filter found out about the camera: drift, heading, scale."""
+    figure, axes = _stack(3, 1.4)
+    start = float(f.events.t[0])
+    t = f.events.t - start
+    for ax in axes:
+        _shade_outages(ax, f, start)
+    for i, color in enumerate((BLUE, ORANGE, GREEN)):
+        draw_line(axes[0], t, 1e3 * f.fused.drift[:, i], color=color, label=AXES[i])
+    axes[0].set_ylabel("drift (mm)")
+    axes[0].legend(loc="upper left", ncols=3, fontsize=7.5)
+    for i, (name, color) in enumerate((("tilt x", GREY), ("tilt y", ORANGE), ("heading", BLUE))):
+        draw_line(axes[1], t, np.degrees(f.fused.turn[:, i]), color=color, label=name)
+    axes[1].set_ylabel("turn (deg)")
+    axes[1].legend(loc="upper left", ncols=3, fontsize=7.5)
+    draw_line(axes[2], t, 100.0 * (f.fused.scale - 1.0), color=BLUE)
+    axes[2].set_ylabel("scale change (%)")
+    jumps = t[(f.events.kind == CAMERA) & ~f.fused.accepted]
+    for at in jumps[:40]:
+        axes[0].axvline(at, color=LIMIT, lw=0.8, alpha=0.6)
+    return figure
