@@ -1,0 +1,332 @@
+"""What localisation reaches on simulated flights: nominal, in an outage, after a climb, revisited.
+
+Every measure is over many seeds: another flight, another camera, other noise. Errors are those of
+the prism, three-dimensional, against the truth, without any alignment to it.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from skywright.core.streams import build_stream
+from skywright.estimation.localisation.calibration import Calibration, calibrate
+from skywright.estimation.localisation.drift_filter import CAMERA, Fused
+from skywright.estimation.localisation.drift_floor import compute_drift_floor
+from skywright.estimation.localisation.fusion import Events, fuse, fuse_as_printed
+from skywright.estimation.localisation.station_frame import StationPose, estimate_station_pose
+from skywright.estimation.localisation.time_alignment import estimate_offset
+from skywright.estimation.localisation.trajectory import Trajectory
+from skywright.studies.locate.flights import (
+    CameraErrors,
+    Flight,
+    build_inspection_path,
+    build_path,
+    simulate_flight,
+)
+
+Array = NDArray[np.float64]
+
+CALIBRATION = 40.0
+"""s at the start of a flight that align camera and station; nothing later is used for it."""
+OUTAGE = (60.0, 72.0)
+"""s out of sight; with the second to lock on again and the wait for a sample, 13 s."""
+OUTAGE_SPEED = 0.85
+"""m/s: 11 m in 13 s, as in the paper's figure 12."""
+INSPECTION_SPEED = 0.5
+"""m/s, of the nominal flight."""
+CLIMB = 3.0
+"""m"""
+STATION_CLOCK = 0.1
+"""s by which the station's clock is ahead: not known to what follows."""
+
+
+class Estimates(NamedTuple):
+    """A flight processed as a user's recording would be, beside the truth."""
+
+    flight: Flight
+    calibration: Calibration
+    events: Events
+    fused: Fused
+    paper: Array  # (n, 3) m, the paper's filter
+    t: Array  # (n,) s, true time of the events
+    truth: Array  # (n, 3) m, the prism
+
+    def error(self, p: Array) -> Array:
+        """Distances (n,) m from the truth."""
+        return np.asarray(np.linalg.norm(p - self.truth, axis=1))
+
+
+def process(flight: Flight, method: str = "similarity", calibrated: float = CALIBRATION
+            ) -> Estimates:  # fmt: skip
+    """Align on the first seconds of a flight, then filter all of it."""
+    station, camera = flight.station, flight.camera
+    first = float(station.t[0])
+    found = estimate_offset(station.cut(first, first + calibrated), camera)
+    c = calibrate(station, camera, found.offset, method=method, span=(first, first + calibrated))
+    events, fused = fuse(station, camera, c)
+    t = events.t - flight.station_delay
+    p = flight.p_WP
+    truth = np.stack([np.interp(t, flight.truth.t, p[:, i]) for i in range(3)], axis=1)
+    return Estimates(flight, c, events, fused, fuse_as_printed(events), t, truth)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+class Nominal(NamedTuple):
+    """Rms errors (m) over all seeds, both sensors there."""
+
+    fused: float
+    predicted: float  # what the filter says of itself
+    paper: float
+    aligned: float  # the camera alone, aligned
+
+
+@lru_cache(maxsize=8)
+def measure_nominal(
+    seeds: int = 20, speed: float = INSPECTION_SPEED, arrival_stamps: bool = False
+) -> Nominal:
+    """Errors after the calibration. `arrival_stamps`: stamped by the receiver, with jitter."""
+    rows = []
+    for seed in range(1, seeds + 1):
+        path = build_inspection_path(seed, duration=90.0, speed=speed)
+        e = process(
+            simulate_flight(
+                path, seed, arrival_stamps=arrival_stamps,
+                station_clock=0.0 if arrival_stamps else STATION_CLOCK,
+            )
+        )  # fmt: skip
+        use = (e.t > CALIBRATION + 2.0) & (e.events.kind == CAMERA)
+        rows.append([
+            _rms(e.error(e.fused.p)[use]), _rms(np.linalg.norm(e.fused.p_std[use], axis=1)),
+            _rms(e.error(e.paper)[use]), _rms(e.error(e.events.z)[use]),
+        ])  # fmt: skip
+    return Nominal(*(_rms(column) for column in np.array(rows).T))
+
+
+class Outage(NamedTuple):
+    """Errors (m) of each seed (k,) at the end of 13 s without the station, and what followed."""
+
+    fused: Array
+    predicted: Array
+    paper: Array
+    aligned: Array  # the camera, aligned by the paper's twelve numbers
+    floor: Array  # what the drift model itself sets
+    lasted: Array  # s
+    path: Array  # m flown meanwhile
+    since: Array  # (m,) s after the station is back
+    recovery: Array  # (m,) m, rms over the seeds of the fused estimate
+    recovery_paper: Array
+
+    @property
+    def ratio(self) -> float:
+        """Rms error over the floor's."""
+        return _rms(self.fused) / _rms(self.floor)
+
+    def recovery_time(self, limit: float) -> float:
+        """Time (s) after which the rms error stays below `limit` (m); inf where it does not."""
+        above = np.flatnonzero(self.recovery > limit)
+        if not len(above):
+            return 0.0
+        return float(self.since[above[-1] + 1]) if above[-1] + 1 < len(self.since) else math.inf
+
+
+@lru_cache(maxsize=8)
+def measure_outage(seeds: int = 50, errors: CameraErrors | None = None) -> Outage:
+    """Fly 11 m in 13 s without the station, after 60 s with it."""
+    errors = errors or CameraErrors()
+    rows, after, after_paper = [], [], []
+    since = np.arange(0.0, 6.0, 0.05)
+    for seed in range(1, seeds + 1):
+        e = process(fly_outage(seed, errors))
+        start, back = find_outage(e)
+        k = int(np.searchsorted(e.t, back - 0.5 * errors_period(errors))) - 1
+        path = e.flight.truth
+        inside = (path.t >= start) & (path.t <= e.t[k])
+        p = e.flight.p_WP[inside]
+        floor = compute_drift_floor(
+            path.t[inside], p, walk_per_sqrt_s=errors.walk_m_per_sqrt_s,
+            walk_per_sqrt_m=errors.walk_m_per_sqrt_m,
+            yaw_walk=math.radians(errors.yaw_walk_deg_per_sqrt_s),
+            scale_walk=errors.scale_walk_per_sqrt_s,
+        )  # fmt: skip
+        fused, paper = e.error(e.fused.p), e.error(e.paper)
+        length = float(np.sum(np.linalg.norm(np.diff(p, axis=0), axis=1)))
+        rows.append([
+            fused[k], float(np.linalg.norm(e.fused.p_std[k])), paper[k],
+            e.error(e.events.z_paper)[k], floor, e.t[k] - start, length,
+        ])  # fmt: skip
+        after.append(np.interp(back + since, e.t, fused))
+        after_paper.append(np.interp(back + since, e.t, paper))
+    table = np.array(rows).T
+    return Outage(
+        *table, since, np.sqrt(np.mean(np.square(after), axis=0)),
+        np.sqrt(np.mean(np.square(after_paper), axis=0)),
+    )  # fmt: skip
+
+
+def errors_period(errors: CameraErrors) -> float:
+    """Time (s) between samples of the camera."""
+    return 1.0 / errors.rate_hz
+
+
+def fly_outage(seed: int, errors: CameraErrors | None = None) -> Flight:
+    """A flight of 80 s with the station out of sight from OUTAGE[0] to OUTAGE[1]."""
+    path = build_inspection_path(seed, duration=80.0, speed=OUTAGE_SPEED)
+    return simulate_flight(
+        path, seed, errors=errors, blocked=(OUTAGE,), station_clock=STATION_CLOCK
+    )
+
+
+def find_outage(e: Estimates) -> tuple[float, float]:
+    """True times (s) of the station's last measurement before the outage and first after it."""
+    t = e.flight.station.t - e.flight.station_delay
+    return float(t[t < OUTAGE[0] + 0.5].max()), float(t[t > OUTAGE[0] + 0.5].min())
+
+
+class Climb(NamedTuple):
+    """Errors (m) of each seed (k,) at the top, without the station since the plane."""
+
+    fused: Array
+    paper: Array
+    affine: Array  # the camera, aligned by twelve numbers
+    similarity: Array  # the camera, aligned by seven
+    flatness: Array  # (k,) extent of the calibration across its plane over the largest
+
+
+@lru_cache(maxsize=4)
+def measure_climb(seeds: int = 30) -> Climb:
+    """Calibrate in a plane (within 3 cm, 1 sigma), then climb 3 m without the station."""
+    rows = []
+    for seed in range(1, seeds + 1):
+        e = process(fly_climb(seed), calibrated=CALIBRATION + 2.0)
+        extent = e.calibration.geometry.extent
+        rows.append([
+            e.error(e.fused.p)[-1], e.error(e.paper)[-1], e.error(e.events.z_paper)[-1],
+            e.error(e.events.z)[-1], extent[2] / extent[0],
+        ])  # fmt: skip
+    return Climb(*np.array(rows).T)
+
+
+def fly_climb(seed: int) -> Flight:
+    """42 s in a plane, then up by CLIMB in 7.5 s; the station is out of sight from there on."""
+    rng = build_stream(seed, "wind_start")
+    flat = build_inspection_path(seed, duration=42.0, speed=INSPECTION_SPEED, flat_until=1e9)
+    every = 600  # way-points again, 3 s apart
+    points, times = list(flat.p_WB[::every]), list(flat.t[::every])
+    for _ in range(3):
+        points.append(points[-1] + [*(0.02 * rng.standard_normal(2)), CLIMB / 3.0])
+        times.append(times[-1] + 2.5)
+    yaw = np.cumsum(0.3 * rng.standard_normal(len(times)))
+    path = build_path(np.array(points), np.array(times), yaw)
+    return simulate_flight(path, seed, blocked=((42.0, 1e9),), station_clock=STATION_CLOCK)
+
+
+TERRAIN = np.array([
+    [14.0, 9.0, 0.3], [-12.0, 14.0, 0.8], [-9.0, -16.0, 0.1], [17.0, -11.0, 1.2],
+    [2.0, 21.0, 0.5], [24.0, 3.0, 0.9],
+])  # fmt: skip
+"""m, terrain points around the bridge, in the time-consistent frame."""
+INSPECTED = np.array([1.2, -0.6, 3.2])
+"""m, where the prism should be while the point is inspected."""
+KNOWN_STD = 1e-3
+"""m, of the terrain points' coordinates from the first campaign."""
+CENTRING_STD = 1.5e-3
+"""m, of setting up a prism on a point."""
+MOVED = 0.05
+"""m by which a terrain point has moved before every third flight."""
+
+
+class Revisit(NamedTuple):
+    """Errors (k, 3) m of the inspected point in the time-consistent frame, one row a flight."""
+
+    errors: Array
+    untested: Array  # the same with every terrain point believed
+    predicted: Array  # (k,) m, of the station's pose at that point
+    found: int  # moved points that the test found
+    moved: int
+    false_alarms: int
+    stations: Array  # (k, 3) m, where the station stood
+    poses: tuple[StationPose, ...]
+
+    @property
+    def rms(self) -> float:
+        """m, three-dimensional."""
+        return _rms(np.linalg.norm(self.errors, axis=1))
+
+
+@lru_cache(maxsize=2)
+def measure_revisit(flights: int = 10) -> Revisit:
+    """Inspect one point in several flights, the station elsewhere and newly set up each time."""
+    known = TERRAIN + KNOWN_STD * build_stream(0, "plant").standard_normal(TERRAIN.shape)
+    names = [f"P{i + 1}" for i in range(len(known))]
+    errors, untested, predicted, stations, poses = [], [], [], [], []
+    found = moved = alarms = 0
+    for seed in range(1, flights + 1):
+        rng = build_stream(seed, "plant")
+        angle, away = rng.uniform(-math.pi, math.pi), rng.uniform(15.0, 30.0)
+        p_WS = np.array([away * math.cos(angle), away * math.sin(angle), rng.uniform(1.4, 2.0)])
+        R_WS = Rotation.from_euler("z", rng.uniform(-math.pi, math.pi)).as_matrix()
+        ground = TERRAIN.copy()
+        if seed % 3 == 0:
+            ground[seed % len(ground)] += MOVED * np.array([0.6, -0.7, -0.4])
+            moved += 1
+        measured = _sight(ground, p_WS, rng) @ R_WS
+        pose = estimate_station_pose(names, known, measured)
+        out = [p.name for p in pose.points if not p.used]
+        wrong = names[seed % len(names)] if seed % 3 == 0 else ""
+        found += wrong in out
+        alarms += sum(name != wrong for name in out)
+        believed = estimate_station_pose(names, known, measured, significance=1e-300)
+        place_S = _inspect(seed, p_WS, R_WS)
+        errors.append(pose.apply(place_S[None])[0] - INSPECTED)
+        untested.append(believed.apply(place_S[None])[0] - INSPECTED)
+        predicted.append(pose.predict_std(INSPECTED))
+        stations.append(p_WS)
+        poses.append(pose)
+    return Revisit(
+        np.array(errors), np.array(untested), np.array(predicted), found, moved, alarms,
+        np.array(stations), tuple(poses),
+    )  # fmt: skip
+
+
+def _sight(points: Array, p_WS: Array, rng: np.random.Generator) -> Array:
+    """Points (n, 3) as a station at p_WS measures them: along the axes of W, from the station."""
+    sight = points - p_WS
+    distance = np.linalg.norm(sight, axis=1, keepdims=True)
+    along = (1e-3 + 1.5e-6 * distance) * rng.standard_normal((len(points), 1)) * sight / distance
+    across = 4.85e-6 * distance * rng.standard_normal(sight.shape)
+    return np.asarray(sight + along + across + CENTRING_STD * rng.standard_normal(sight.shape))
+
+
+def _inspect(seed: int, p_WS: Array, R_WS: Array) -> Array:
+    """Fly to the point, stay 6 s; returns the mean estimate (3,) m there, in the station's frame.
+
+    The estimate is compared with where the prism really was, so that holding it is no matter.
+    """
+    start = build_inspection_path(seed, duration=48.0, speed=INSPECTION_SPEED)
+    every = 600
+    points = [*start.p_WB[::every], INSPECTED, INSPECTED, INSPECTED, INSPECTED]
+    times = 3.0 * np.arange(len(points))
+    times[-4:] += 5.0  # it may be far away
+    path = build_path(np.array(points), times, np.linspace(0.0, 2.0, len(points)))
+    flight = simulate_flight(path, seed, station_at=p_WS, station_clock=STATION_CLOCK)
+    station = flight.station._replace(p=(flight.station.p - p_WS) @ R_WS)
+    e = process(flight._replace(station=station))
+    stay = (e.t > times[-3]) & (e.t < times[-2]) & (e.events.kind == CAMERA)
+    seen = e.fused.p[stay].mean(axis=0)
+    was = e.truth[stay].mean(axis=0)  # W
+    return np.asarray(seen + R_WS.T @ (INSPECTED - was))
+
+
+def build_example(seed: int = 1) -> tuple[Estimates, Trajectory]:
+    """The flight of the paper's figure 12, processed, and its truth as a trajectory."""
+    e = process(fly_outage(seed))
+    return e, Trajectory("truth", e.flight.truth.t, e.flight.p_WP)
