@@ -503,18 +503,25 @@ def weld(
 @click.option("--camera", metavar="FILE", help="The camera's, the same.")
 @click.option("--reference", metavar="FILE", help="What the result is judged by.")
 @click.option(
-    "--align", default="similarity", show_default=True,
+    "--align",
+    default="similarity",
+    show_default=True,
     help="Frames: similarity, rigid, level, or affine (the paper's twelve numbers).",
 )
 @click.option("--calibrate", metavar="T0:T1", help="Align on this part only, seconds.")
 @click.option("--time-offset", type=float, help="Camera's clock minus station's, seconds.")
 @click.option("--prism", metavar="X,Y,Z", help="Prism in the camera's frame, metres.")
 @click.option(
-    "--frame", nargs=2, metavar="KNOWN MEASURED", type=click.Path(path_type=Path),
+    "--frame",
+    nargs=2,
+    metavar="KNOWN MEASURED",
+    type=click.Path(path_type=Path),
     help="Terrain points: places from before, and as the station sees them now.",
 )
 @click.option(
-    "--compare", default="rigid", show_default=True,
+    "--compare",
+    default="rigid",
+    show_default=True,
     help="Alignment to the reference: rigid, similarity, none.",
 )
 @click.option("--reference-offset", type=float, help="Reference's clock minus the result's.")

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from skywright.errors import InputError
 from skywright.estimation.localisation.locate import Fusion, LocateReport
 from skywright.estimation.localisation.trajectory_error import TrajectoryError
+from skywright.estimation.localisation.trajectory_file import format_table, format_tum
 from skywright.reports.figures import locate as figures
 from skywright.reports.figures.style import WIDTH, house_style, render_svg
 from skywright.reports.report import Picture
@@ -39,7 +40,7 @@ def write_locate(report: LocateReport, folder: Path) -> None:
     """Write trajectory, numbers and page into a folder. Raises InputError where it cannot."""
     page = render_locate_page(report)
     texts = {
-        "trajectory.csv": _write_csv(report), "trajectory.tum": _write_tum(report),
+        "trajectory.csv": _write_csv(report), "trajectory.tum": format_tum(report.trajectory),
         "locate.json": json.dumps(report.to_json(), indent=2, allow_nan=False) + "\n",
         "locate.html": page,
     }  # fmt: skip
@@ -53,27 +54,16 @@ def write_locate(report: LocateReport, folder: Path) -> None:
 
 def _write_csv(report: LocateReport) -> str:
     traj = report.trajectory
-    names, columns = ["t_s", "x_m", "y_m", "z_m"], [traj.t, *traj.p.T]
-    formats = ["%.6f", "%.5f", "%.5f", "%.5f"]
+    names, columns, digits = ["t_s", "x_m", "y_m", "z_m"], [traj.t, *traj.p.T], [6, 5, 5, 5]
     if traj.q is not None:
         names += ["qw", "qx", "qy", "qz"]
         columns += [*traj.q.T]
-        formats += ["%.6f"] * 4
+        digits += [6] * 4
     if report.std is not None:
         names.append("std_m")
         columns.append(report.std)
-        formats.append("%.5f")
-    row = ",".join(formats)
-    lines = [row % tuple(values) for values in np.column_stack(columns)]
-    return "\n".join([",".join(names), *lines]) + "\n"
-
-
-def _write_tum(report: LocateReport) -> str:
-    traj = report.trajectory
-    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(traj.t), 1)) if traj.q is None else traj.q
-    rows = np.column_stack([traj.t, traj.p, np.roll(q, -1, axis=1)])
-    body = "\n".join("%.6f %.5f %.5f %.5f %.6f %.6f %.6f %.6f" % tuple(r) for r in rows)
-    return f"# timestamp tx ty tz qx qy qz qw\n{body}\n"
+        digits.append(5)
+    return format_table(names, columns, digits)
 
 
 def render_locate_page(report: LocateReport) -> str:
@@ -185,6 +175,7 @@ def _angle(e: TrajectoryError) -> str:
 def _section_fusion(f: Fusion) -> list[Section]:
     c = f.calibration
     deg = math.degrees
+    angle = float(np.arccos(np.clip((np.trace(c.frame.rotation) - 1.0) / 2.0, -1.0, 1.0)))
     outages = Section(
         "When the station was away",
         "The distance between its first measurement afterwards and what each estimate said just "
@@ -209,8 +200,7 @@ def _section_fusion(f: Fusion) -> list[Section]:
             ["camera's clock minus station's", f"{c.time_offset:+.4f} s", f"{c.offset_std:.4f} s"],
             ["skew of the clocks", f"{1e6 * c.skew:+.0f} ppm", ""],
             ["scale: metres per unit of the camera", f"{c.frame.scale:.4f}", f"{c.scale_std:.4f}"],
-            ["rotation", f"{deg(np.arccos(np.clip((np.trace(c.frame.rotation) - 1) / 2, -1, 1))):.2f}"
-             " deg", f"{deg(c.rotation_std):.2f} deg"],
+            ["rotation", f"{deg(angle):.2f} deg", f"{deg(c.rotation_std):.2f} deg"],
             ["prism from the camera", ", ".join(f"{x:.3f}" for x in c.p_BP) + " m", ""],
             ["residual of the frame alone, rms", format_length(c.rms), ""],
             ["the paper's twelve numbers: shear", f"{100 * c.paper.shear:.1f} %", ""],

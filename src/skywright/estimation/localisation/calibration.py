@@ -298,7 +298,7 @@ def _solve(
             H[i, i] += 1.0 / OFFSET_STD**2
         elif name.startswith("turn") or name == "scale":
             H[i, i] += 1.0  # a radian, a factor of e: a direction without data stays where it is
-    covariance = np.linalg.inv(H)
+    covariance = np.asarray(np.linalg.inv(H), dtype=np.float64)
     step = covariance @ g
     # one step turns and shifts little: the start may be far off
     for i, name in enumerate(names):

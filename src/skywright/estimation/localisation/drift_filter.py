@@ -157,7 +157,7 @@ def _reset_turn(x: Array, R: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _run(t: Array, kind: Array, z: Array, n: Array, start: Array, out: Array, R_out: Array) -> None:
-    """Filter events in order; `out` (events, 15): p, v, b, scale, std of p, innovation, accepted."""
+    """Filter events in order; `out` (n, 15): p, v, b, scale, std of p, innovation, accepted."""
     x, cov, R, e = np.zeros(SIZE), np.zeros((SIZE, SIZE)), np.eye(3), np.empty(3)
     for i in range(3):
         x[P + i] = z[0, i]
@@ -211,9 +211,7 @@ def _run(t: Array, kind: Array, z: Array, n: Array, start: Array, out: Array, R_
         R_out[k] = R
 
 
-def run_drift_filter(
-    t: Array, kind: NDArray[np.int64], z: Array, model: DriftModel
-) -> Fused:
+def run_drift_filter(t: Array, kind: NDArray[np.int64], z: Array, model: DriftModel) -> Fused:
     """Filter measurements in order of time.
 
     t (n,) s; kind (n,) CAMERA or STATION; z (n, 3) m: the aligned camera's position, or the

@@ -140,11 +140,15 @@ def estimate_noise(r: Array, dt: Array, path: Array) -> DriftNoise:
         noise = unpack(u)
         return float(_cost(r, noise.station, compute_walk(noise, dt, path), outlier))
 
-    for time_share, path_share in ((middle, floor / 2), (floor / 2, middle - 0.5 * math.log(speed))):
+    for time_share, path_share in (
+        (middle, floor / 2),
+        (floor / 2, middle - 0.5 * math.log(speed)),
+    ):
         found = minimize(
             cost, np.array([math.log(start.station), time_share, path_share]),
             method="Nelder-Mead", options={"maxiter": 300, "xatol": 0.02, "fatol": 0.1},
         )  # fmt: skip
         if best is None or found.fun < best.fun:
             best = found
+    assert best is not None
     return unpack(best.x)

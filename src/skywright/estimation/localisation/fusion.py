@@ -90,11 +90,12 @@ def build_model(camera: Trajectory, c: Calibration) -> DriftModel:
     )  # fmt: skip
 
 
-def fuse(station: Trajectory, camera: Trajectory, c: Calibration, model: DriftModel | None = None
-         ) -> tuple[Events, Fused]:  # fmt: skip
+def fuse(
+    station: Trajectory, camera: Trajectory, c: Calibration
+) -> tuple[Events, Fused, DriftModel]:
     """Run the drift-aware filter over both recordings."""
-    events = collect_events(station, camera, c)
-    return events, run_drift_filter(events.t, events.kind, events.z, model or build_model(camera, c))
+    events, model = collect_events(station, camera, c), build_model(camera, c)
+    return events, run_drift_filter(events.t, events.kind, events.z, model), model
 
 
 def fuse_as_printed(events: Events) -> Array:

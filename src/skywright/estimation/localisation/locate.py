@@ -17,11 +17,9 @@ from skywright.estimation.localisation.drift_filter import CAMERA, STATION, Drif
 from skywright.estimation.localisation.frame_alignment import METHODS
 from skywright.estimation.localisation.fusion import (
     Events,
-    build_model,
-    collect_events,
     find_outages,
+    fuse,
     fuse_as_printed,
-    run_drift_filter,
 )
 from skywright.estimation.localisation.point_file import pair_points
 from skywright.estimation.localisation.station_frame import StationPose, estimate_station_pose
@@ -188,7 +186,7 @@ def describe_error(e: TrajectoryError) -> dict[str, Any]:
         if s is None:
             return None
         values = {name: _round(factor * getattr(s, name)) for name in s._fields[:-1]}
-        return {**values, "count": s.count}
+        return {**values, "samples": s.samples}
 
     return {
         "absolute_m": plain(e.absolute),
@@ -370,13 +368,9 @@ def locate(
         errors["fused"] = judge(trajectory, roles.reference, compare, reference_offset, notes)
         at = errors["fused"].time_offset
         for name, other in build_rivals(fusion, lever is not None).items():
-            errors[name] = compute_error(
-                other, roles.reference, time_offset=at, alignment=compare
-            )
+            errors[name] = compute_error(other, roles.reference, time_offset=at, alignment=compare)
     point = "camera" if lever is not None or not np.any(fusion.calibration.p_BP) else "prism"
-    return LocateReport(
-        trajectory, std, point, fusion, roles.reference, errors, tuple(notes)
-    )
+    return LocateReport(trajectory, std, point, fusion, roles.reference, errors, tuple(notes))
 
 
 def bring_together(
@@ -411,9 +405,7 @@ def bring_together(
     if cal.outliers > 0:
         notes.append(f"{cal.outliers} of {cal.pairs + cal.outliers} samples left out of the "
                      "calibration as outliers")  # fmt: skip
-    model = build_model(camera, cal)
-    events = collect_events(station, camera, cal)
-    fused = run_drift_filter(events.t, events.kind, events.z, model)
+    events, fused, model = fuse(station, camera, cal)
     paper = fuse_as_printed(events)
     lost = np.count_nonzero(~fused.accepted & (fused.kind == STATION))
     if lost:
@@ -504,9 +496,7 @@ def judge(
     return compute_error(traj, reference, time_offset=offset, alignment=compare)
 
 
-def _refine_offset(
-    traj: Trajectory, reference: Trajectory, start: float, compare: str
-) -> float:
+def _refine_offset(traj: Trajectory, reference: Trajectory, start: float, compare: str) -> float:
     """The offset near `start` at which displacements over a second differ least, by their median.
 
     Displacements, because where the trajectory drifts the absolute error would pull the clocks

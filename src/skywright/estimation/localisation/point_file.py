@@ -1,7 +1,7 @@
 """Terrain points in a file: a name and three coordinates a line, with a header that has the units.
 
-    name, x_m, y_m, z_m
-    P1, 12.402, -3.118, 0.451
+name, x_m, y_m, z_m
+P1, 12.402, -3.118, 0.451
 """
 
 from __future__ import annotations

@@ -149,7 +149,7 @@ def _adjust(known: Array, measured: Array, std: float, level: bool
         twice = np.concatenate([measured, measured]), np.concatenate([known, known])
         frame = (estimate_level(*twice, with_scale=False) if level
                  else estimate_similarity(*twice, with_scale=False))  # fmt: skip
-    centre = known.mean(axis=0)
+    centre: Array = known.mean(axis=0)
     J = _jacobian(known - centre).reshape(-1, 6)
     H = J.T @ J / std**2
     if level:
@@ -162,7 +162,7 @@ def _adjust(known: Array, measured: Array, std: float, level: bool
         raise InputError(
             f"the points lie too near {what} ({fixed:.2f} m apart) to fix the station's frame"
         )
-    return frame.matrix, frame.offset, np.linalg.inv(H), centre
+    return frame.matrix, frame.offset, np.asarray(np.linalg.inv(H)), centre
 
 
 def _test_points(r: Array, arm: Array, cov: Array, std: float, used: NDArray[np.bool_]

@@ -54,7 +54,8 @@ def _sample_speed(traj: Trajectory) -> tuple[Array, Array, float]:
     gap = find_gap_limit(traj.t, 1.0)
     t, v = compute_velocity(traj, WINDOW, gap)
     start = float(traj.t[0])
-    grid = start + GRID * np.arange(int((traj.t[-1] - start) / GRID) + 1)
+    count = int((traj.t[-1] - start) / GRID) + 1
+    grid = start + GRID * np.arange(count, dtype=np.float64)
     if len(t) < 2:
         return np.zeros_like(grid), np.zeros_like(grid), start
     known = find_covered(t, grid, gap)
@@ -85,7 +86,7 @@ def correlate_speeds(first: Trajectory, second: Trajectory) -> tuple[Array, Arra
     tiny = 1e-6 * n  # (1 mm/s)^2: below it nothing moves
     good = (va > tiny) & (vb > tiny)
     corr = np.where(good, ab / np.sqrt(np.where(good, va * vb, 1.0)), 0.0)
-    lags = np.arange(-(len(a) - 1), len(b)) * GRID + (tb - ta)
+    lags = np.arange(-(len(a) - 1), len(b), dtype=np.float64) * GRID + (tb - ta)
     return lags, np.clip(corr, -1.0, 1.0), GRID * n
 
 

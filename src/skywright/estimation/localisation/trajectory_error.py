@@ -8,7 +8,7 @@ fixed time.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ class Statistics(NamedTuple):
     mean: float
     median: float
     max: float
-    count: int
+    samples: int
 
 
 class TrajectoryError(NamedTuple):
@@ -116,7 +116,7 @@ def compute_error(
     )
 
 
-def _relative_angle(a: Array, b: Array, first: Array, last: Array) -> Array:
+def _relative_angle(a: Array, b: Array, first: NDArray[Any], last: NDArray[Any]) -> Array:
     """Angles (k,) rad between the turns of two bodies; a fixed mounting between them is removed."""
     A, B = Rotation.from_matrix(a), Rotation.from_matrix(b)
     mounting = (B.inv() * A)[:: max(1, len(a) // 2000)].mean()

@@ -7,7 +7,9 @@ words; what cannot be read is refused with the file, the line, what was found an
 from __future__ import annotations
 
 import csv
+import io
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -43,7 +45,7 @@ _COMMENT = ("#", "%", "//")
 class Columns(NamedTuple):
     """Where each quantity stands in a row and its factor to SI."""
 
-    index: dict[str, int]  # t, x, y, z, perhaps qw, qx, qy, qz
+    place: dict[str, int]  # t, x, y, z, perhaps qw, qx, qy, qz
     factor: dict[str, float]
     timed: bool  # the time's unit is told
     width: int
@@ -127,8 +129,9 @@ def parse_text(path: Path, raw: bytes) -> Trajectory:
 
 
 def find_delimiter(line: str) -> str:
-    """The first delimiter that splits a row into the four cells that are needed at least."""
-    return next((d for d in (",", ";", "\t") if len(split_row(line, d)) >= 4), " ")
+    """The first delimiter that gives the four cells needed at least, else that with the most."""
+    counts = {d: len(split_row(line, d)) for d in (",", ";", "\t", " ")}
+    return next((d for d, n in counts.items() if n >= 4), max(counts, key=lambda d: counts[d]))
 
 
 def split_row(line: str, delimiter: str) -> list[str]:
@@ -255,10 +258,9 @@ def _guess_columns(path: Path, row: tuple[int, str], cells: list[str]) -> Column
     }
     n = len(cells)
     if n not in order:
-        hint = "; 12 columns without times are KITTI poses: give them a time column" * (n == 12)
-        raise InputError(
-            f"{path}: line {row[0]}: {n} columns without names{hint}; valid: {VALID}"
-        )
+        kitti = "; 12 columns without times are KITTI poses: give them a time column"
+        hint = kitti if n == 12 else ""
+        raise InputError(f"{path}: line {row[0]}: {n} columns without names{hint}; valid: {VALID}")
     notes = []
     if n == 17:
         notes.append("17 columns without names: read as EuRoC's ground truth")
@@ -299,11 +301,11 @@ def _read_rows(
 def _build(
     path: Path, table: Array, c: Columns, rows: list[tuple[int, str]], notes: list[str]
 ) -> Trajectory:
-    t = table[:, c.index["t"]] * c.factor["t"]
-    p = np.stack([table[:, c.index[n]] * c.factor[n] for n in "xyz"], axis=1)
+    t = table[:, c.place["t"]] * c.factor["t"]
+    p = np.stack([table[:, c.place[n]] * c.factor[n] for n in "xyz"], axis=1)
     q = None
-    if "qw" in c.index:
-        q = table[:, [c.index[n] for n in ("qw", "qx", "qy", "qz")]]
+    if "qw" in c.place:
+        q = table[:, [c.place[n] for n in ("qw", "qx", "qy", "qz")]]
     if not c.timed:
         t, note = guess_time_unit(t)
         notes += [note] if note else []
@@ -332,7 +334,7 @@ def clean(
         if q is not None:
             norm = np.linalg.norm(q, axis=1)
             upright = (norm > 0.5) & (norm < 2.0)
-            if np.count_nonzero(good & upright) < 0.5 * max(np.count_nonzero(good), 1):
+            if 2 * int(np.count_nonzero(good & upright)) < max(int(np.count_nonzero(good)), 1):
                 notes.append("orientation columns hold no quaternions: ignored")
                 q = None
             else:
@@ -362,3 +364,21 @@ def clean(
     if len(t) < 2:
         raise InputError(f"{path}: all rows have the same time {t[0]:g} s; at least 2 are needed")
     return Trajectory(path.name, t, p, q, tuple(notes))
+
+
+def format_table(names: Sequence[str], columns: Sequence[Array], digits: Sequence[int]) -> str:
+    """A CSV of columns (n,), with a header and so many decimals each."""
+    buffer = io.StringIO()
+    formats = [f"%.{n}f" for n in digits]
+    np.savetxt(buffer, np.column_stack(columns), formats, ",", header=",".join(names), comments="")
+    return buffer.getvalue()
+
+
+def format_tum(traj: Trajectory) -> str:
+    """A TUM file: no turn where the trajectory has no orientations."""
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(traj.t), 1)) if traj.q is None else traj.q
+    buffer = io.StringIO()
+    formats = ["%.6f"] + ["%.5f"] * 3 + ["%.6f"] * 4
+    rows = np.column_stack([traj.t, traj.p, np.roll(q, -1, axis=1)])
+    np.savetxt(buffer, rows, formats, " ", header="timestamp tx ty tz qx qy qz qw")
+    return buffer.getvalue()

@@ -32,7 +32,7 @@ class TopicInfo(NamedTuple):
 
     name: str
     kind: str
-    count: int
+    messages: int
 
 
 def list_topics(contents: McapContents) -> list[TopicInfo]:
@@ -85,7 +85,7 @@ def _decode(path: Path, contents: McapContents, topic: TopicInfo) -> Trajectory:
     from skywright.estimation.localisation.trajectory_file import clean
 
     strings, turned = KINDS[topic.kind]
-    rows = np.full((topic.count, 8), np.nan)
+    rows = np.full((topic.messages, 8), np.nan)
     for i, raw in enumerate(contents.messages.get(topic.name, [])):
         try:
             rows[i] = _decode_message(raw, strings, turned)
@@ -96,7 +96,8 @@ def _decode(path: Path, contents: McapContents, topic: TopicInfo) -> Trajectory:
     notes = [] if contents.complete else ["the recording was cut short; read up to the cut"]
     q = rows[:, [7, 4, 5, 6]] if turned else None
     t = rows[:, 0]
-    if np.all(t[np.isfinite(t)] == 0.0):
+    known = t[np.isfinite(t)]
+    if len(known) and np.all(known == 0.0):
         raise InputError(f"{path}: topic {topic.name} has no time stamps in its headers")
     found = clean(path, t, rows[:, 1:4], q, notes, None)
     return found._replace(name=f"{path.name}:{topic.name}")

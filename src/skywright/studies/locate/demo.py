@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from skywright.core.streams import build_stream
 from skywright.errors import InputError
+from skywright.estimation.localisation.trajectory_file import format_table, format_tum
+from skywright.sim.tracking_camera import CameraErrors
 from skywright.studies.locate.flights import (
-    CameraErrors,
     Flight,
     build_inspection_path,
     simulate_flight,
@@ -38,24 +37,22 @@ def write_demo(folder: Path, seed: int = 1) -> tuple[Path, Path, Path]:
     """
     flight = build_demo_flight(seed)
     rng = build_stream(seed, "outlier")
-    s, c, truth = flight.station, flight.camera, flight.truth
+    s, truth = flight.station, flight.truth
     p = s.p.copy()
     wrong = rng.choice(len(p), 6, replace=False)  # reflections on the steel
     p[wrong] += rng.uniform(0.3, 1.5, (6, 1)) * rng.standard_normal((6, 3))
-    station = ["t_s,x_mm,y_mm,z_mm"]
-    station += ["%.3f,%.2f,%.2f,%.2f" % (t, *(1e3 * x)) for t, x in zip(s.t, p, strict=True)]
-    assert c.q is not None
-    camera = ["# timestamp tx ty tz qx qy qz qw"]
-    rows = np.column_stack([c.t, c.p, np.roll(c.q, -1, axis=1)])
-    camera += ["%.4f %.5f %.5f %.5f %.6f %.6f %.6f %.6f" % tuple(r) for r in rows]
-    prism = flight.p_WP
-    true = ["t_s,x_m,y_m,z_m"]
-    true += ["%.3f,%.5f,%.5f,%.5f" % (t, *x) for t, x in zip(truth.t[::4], prism[::4], strict=True)]
+    texts = (
+        format_table(["t_s", "x_mm", "y_mm", "z_mm"], [s.t, *(1e3 * p.T)], [3, 2, 2, 2]),
+        format_tum(flight.camera),
+        format_table(
+            ["t_s", "x_m", "y_m", "z_m"], [truth.t[::4], *flight.p_WP[::4].T], [3, 5, 5, 5]
+        ),
+    )
     paths = folder / STATION_FILE, folder / CAMERA_FILE, folder / TRUTH_FILE
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for path, lines in zip(paths, (station, camera, true), strict=True):
-            path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        for path, text in zip(paths, texts, strict=True):
+            path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return paths

@@ -103,10 +103,10 @@ def build_inspection_path(
         if np.all((after >= low) & (after <= high)):
             points.append(after)
     line = np.array(points)
-    times = every * np.arange(count)
+    times: Array = every * np.arange(count, dtype=np.float64)
     flat = times < flat_until
     line[flat, 2] = 1.0 + 0.03 * rng.standard_normal(int(flat.sum()))
-    yaw = np.cumsum(0.3 * rng.standard_normal(count))
+    yaw: Array = np.cumsum(0.3 * rng.standard_normal(count))
     return build_path(line, times, yaw)
 
 

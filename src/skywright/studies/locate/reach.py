@@ -22,8 +22,8 @@ from skywright.estimation.localisation.fusion import Events, fuse, fuse_as_print
 from skywright.estimation.localisation.station_frame import StationPose, estimate_station_pose
 from skywright.estimation.localisation.time_alignment import estimate_offset
 from skywright.estimation.localisation.trajectory import Trajectory
+from skywright.sim.tracking_camera import CameraErrors
 from skywright.studies.locate.flights import (
-    CameraErrors,
     Flight,
     build_inspection_path,
     build_path,
@@ -69,7 +69,7 @@ def process(flight: Flight, method: str = "similarity", calibrated: float = CALI
     first = float(station.t[0])
     found = estimate_offset(station.cut(first, first + calibrated), camera)
     c = calibrate(station, camera, found.offset, method=method, span=(first, first + calibrated))
-    events, fused = fuse(station, camera, c)
+    events, fused, _ = fuse(station, camera, c)
     t = events.t - flight.station_delay
     p = flight.p_WP
     truth = np.stack([np.interp(t, flight.truth.t, p[:, i]) for i in range(3)], axis=1)
@@ -108,7 +108,7 @@ def measure_nominal(
             _rms(e.error(e.fused.p)[use]), _rms(np.linalg.norm(e.fused.p_std[use], axis=1)),
             _rms(e.error(e.paper)[use]), _rms(e.error(e.events.z)[use]),
         ])  # fmt: skip
-    return Nominal(*(_rms(column) for column in np.array(rows).T))
+    return Nominal(*[_rms(column) for column in np.array(rows).T][:4])
 
 
 class Outage(NamedTuple):
@@ -147,34 +147,31 @@ def measure_outage(seeds: int = 50, errors: CameraErrors | None = None) -> Outag
     for seed in range(1, seeds + 1):
         e = process(fly_outage(seed, errors))
         start, back = find_outage(e)
-        k = int(np.searchsorted(e.t, back - 0.5 * errors_period(errors))) - 1
+        k = int(np.searchsorted(e.t, back - 0.5 / errors.rate_hz)) - 1
         path = e.flight.truth
         inside = (path.t >= start) & (path.t <= e.t[k])
         p = e.flight.p_WP[inside]
-        floor = compute_drift_floor(
+        least = compute_drift_floor(
             path.t[inside], p, walk_per_sqrt_s=errors.walk_m_per_sqrt_s,
             walk_per_sqrt_m=errors.walk_m_per_sqrt_m,
             yaw_walk=math.radians(errors.yaw_walk_deg_per_sqrt_s),
             scale_walk=errors.scale_walk_per_sqrt_s,
         )  # fmt: skip
-        fused, paper = e.error(e.fused.p), e.error(e.paper)
-        length = float(np.sum(np.linalg.norm(np.diff(p, axis=0), axis=1)))
+        off, off_paper = e.error(e.fused.p), e.error(e.paper)
+        flown = float(np.sum(np.linalg.norm(np.diff(p, axis=0), axis=1)))
         rows.append([
-            fused[k], float(np.linalg.norm(e.fused.p_std[k])), paper[k],
-            e.error(e.events.z_paper)[k], floor, e.t[k] - start, length,
+            off[k], float(np.linalg.norm(e.fused.p_std[k])), off_paper[k],
+            e.error(e.events.z_paper)[k], least, e.t[k] - start, flown,
         ])  # fmt: skip
-        after.append(np.interp(back + since, e.t, fused))
-        after_paper.append(np.interp(back + since, e.t, paper))
-    table = np.array(rows).T
+        after.append(np.interp(back + since, e.t, off))
+        after_paper.append(np.interp(back + since, e.t, off_paper))
+    fused, said, paper, aligned, floor, lasted, length = np.array(rows).T
+    recovery, recovery_paper = (
+        np.sqrt(np.mean(np.square(sizes), axis=0)) for sizes in (after, after_paper)
+    )
     return Outage(
-        *table, since, np.sqrt(np.mean(np.square(after), axis=0)),
-        np.sqrt(np.mean(np.square(after_paper), axis=0)),
-    )  # fmt: skip
-
-
-def errors_period(errors: CameraErrors) -> float:
-    """Time (s) between samples of the camera."""
-    return 1.0 / errors.rate_hz
+        fused, said, paper, aligned, floor, lasted, length, since, recovery, recovery_paper
+    )
 
 
 def fly_outage(seed: int, errors: CameraErrors | None = None) -> Flight:
@@ -212,7 +209,7 @@ def measure_climb(seeds: int = 30) -> Climb:
             e.error(e.fused.p)[-1], e.error(e.paper)[-1], e.error(e.events.z_paper)[-1],
             e.error(e.events.z)[-1], extent[2] / extent[0],
         ])  # fmt: skip
-    return Climb(*np.array(rows).T)
+    return Climb(*list(np.array(rows).T)[:5])
 
 
 def fly_climb(seed: int) -> Flight:
@@ -224,7 +221,7 @@ def fly_climb(seed: int) -> Flight:
     for _ in range(3):
         points.append(points[-1] + [*(0.02 * rng.standard_normal(2)), CLIMB / 3.0])
         times.append(times[-1] + 2.5)
-    yaw = np.cumsum(0.3 * rng.standard_normal(len(times)))
+    yaw: Array = np.cumsum(0.3 * rng.standard_normal(len(times)))
     path = build_path(np.array(points), np.array(times), yaw)
     return simulate_flight(path, seed, blocked=((42.0, 1e9),), station_clock=STATION_CLOCK)
 
@@ -314,7 +311,7 @@ def _inspect(seed: int, p_WS: Array, R_WS: Array) -> Array:
     start = build_inspection_path(seed, duration=48.0, speed=INSPECTION_SPEED)
     every = 600
     points = [*start.p_WB[::every], INSPECTED, INSPECTED, INSPECTED, INSPECTED]
-    times = 3.0 * np.arange(len(points))
+    times: Array = 3.0 * np.arange(len(points), dtype=np.float64)
     times[-4:] += 5.0  # it may be far away
     path = build_path(np.array(points), times, np.linspace(0.0, 2.0, len(points)))
     flight = simulate_flight(path, seed, station_at=p_WS, station_clock=STATION_CLOCK)
