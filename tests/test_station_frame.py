@@ -29,7 +29,7 @@ def measure(rng: np.random.Generator, std: float = STD, points: np.ndarray = TER
 def test_exact_points_give_the_exact_pose(seed, level):
     measured, R, p = measure(np.random.default_rng(seed), 0.0)
     pose = estimate_station_pose(NAMES, TERRAIN, measured, level=level)
-    assert pose.R_WS == pytest.approx(R, abs=1e-9)
+    assert pytest.approx(R, abs=1e-9) == pose.R_WS
     assert pose.p_WS == pytest.approx(p, abs=1e-8)
     assert pose.apply(measured) == pytest.approx(TERRAIN, abs=1e-8)
     assert pose.chi2 < 1e-6 and all(x.used for x in pose.points) and not pose.notes

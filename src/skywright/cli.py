@@ -642,14 +642,14 @@ def _writable(path: Path, formats: tuple[str, ...] = (".png", ".svg")) -> Path:
 
 
 def _folder(path: Path) -> Path:
-    """Refuse a folder that cannot be written before the work begins."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        what = "is a file" if path.is_file() else error.strerror or error
-        raise InputError(f"{path}: no folder can be made there: {what}") from None
-    if not os.access(path, os.W_OK):
-        raise InputError(f"{path}: cannot be written")
+    """Refuse a folder that cannot be written before the work begins; nothing is made yet."""
+    there = path.absolute()
+    while not there.exists():
+        there = there.parent
+    if not there.is_dir():
+        raise InputError(f"{path}: no folder can be made there: {there} is a file")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: cannot be written: {there} is not writable")
     return path
 
 

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from skywright.errors import InputError
@@ -492,27 +491,21 @@ def judge(
             if time.note:
                 notes.append(time.note)
             if time.peak > 0.0:
-                offset = _refine_offset(traj, reference, time.offset, compare)
+                offset = _refine_offset(traj, reference, time.offset)
     return compute_error(traj, reference, time_offset=offset, alignment=compare)
 
 
-def _refine_offset(traj: Trajectory, reference: Trajectory, start: float, compare: str) -> float:
-    """The offset near `start` at which displacements over a second differ least, by their median.
+def _refine_offset(traj: Trajectory, reference: Trajectory, start: float) -> float:
+    """The offset near `start`, in the middle of the trajectory, by the drift-aware alignment.
 
-    Displacements, because where the trajectory drifts the absolute error would pull the clocks
+    Not where the absolute error is least: where a trajectory drifts, that would pull the clocks
     along.
     """
     every = max(1, len(traj.t) // FIT_SAMPLES)
+    q = None if reference.q is None or traj.q is None else reference.q
     thin = traj._replace(t=traj.t[::every], p=traj.p[::every], q=None)
-
-    def rms(offset: float) -> float:
-        try:
-            found = compute_error(thin, reference, time_offset=offset, alignment=compare)
-            return (found.relative or found.absolute).median
-        except InputError:
-            return math.inf
-
-    found = minimize_scalar(
-        rms, bounds=(start - 0.25, start + 0.25), method="bounded", options={"xatol": 2e-4}
-    )
-    return float(found.x) if math.isfinite(float(found.fun)) else start
+    try:
+        c = calibrate(thin, reference._replace(q=q), start)
+    except InputError:  # too few samples
+        return start
+    return c.time_offset + c.skew * (0.5 * float(traj.t[0] + traj.t[-1]) - c.epoch)
