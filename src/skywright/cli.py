@@ -565,7 +565,7 @@ def locate(
     if as_json:
         _print_json({**report.to_json(), "directory": None if out is None else str(out)})
     else:
-        from skywright.reports.terminal import print_locate
+        from skywright.reports.terminal_locate import print_locate
 
         assert out is not None
         print_locate(report, out)

@@ -126,7 +126,7 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
     if panel.equal:
         ax.set_aspect("equal", adjustable="datalim")
     low, high = ax.get_ylim()
-    if not panel.log_y:
+    if not panel.log_y and not panel.equal:
         ax.set_ylim(low, high + 0.22 * (high - low))  # room for the legend
     if any(c.label for c in panel.curves):
         ax.legend(loc="upper left", ncols=2 if len(panel.curves) > 3 else 1, fontsize=7.5)

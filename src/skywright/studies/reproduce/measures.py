@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skywright.studies.reproduce import measures_arm, measures_scan
+from skywright.studies.reproduce import measures_arm, measures_locate, measures_scan
 from skywright.studies.reproduce.measured import Measured, Records
 
 MEASURES: dict[str, Callable[[Records], Measured]] = {
@@ -24,4 +24,10 @@ MEASURES: dict[str, Callable[[Records], Measured]] = {
     "reduced_displaced": measures_arm.measure_reduced_displaced,
     "stability_map": measures_arm.measure_stability_map,
     "spared_arm": measures_arm.measure_spared_arm,
+    "camera_alignment": measures_locate.measure_alignment,
+    "station_outage": measures_locate.measure_outage,
+    "station_rejoin": measures_locate.measure_rejoin,
+    "nominal_localisation": measures_locate.measure_nominal,
+    "climb": measures_locate.measure_climb,
+    "revisit": measures_locate.measure_revisit,
 }
