@@ -138,7 +138,9 @@ def test_links_and_pictures_exist(page: Path) -> None:
 )
 def test_functions_named_in_paper_pages_exist(page: Path) -> None:
     """The tables from equation to function stay true."""
-    named = re.findall(r"`((?:[a-z_]+/)+[a-z_]+\.py)`(?:: `(\w+)`)?", page.read_text(encoding="utf-8"))
+    named = re.findall(
+        r"`((?:[a-z_]+/)+[a-z_]+\.py)`(?:: `(\w+)`)?", page.read_text(encoding="utf-8")
+    )
     assert named
     missing = []
     for file, function in named:
