@@ -22,7 +22,7 @@ from skywright.models.rigid_body import (
     tip_rotation,
 )
 from skywright.robots.limbs import Limb, end_of, list_joints, list_limbs, list_servos
-from skywright.robots.spec import Link, Robot
+from skywright.robots.spec import Link, Robot, Servo
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 ROBOT, WORLD, FEET, PEN = 1, 2, 4, 8
 STOP_SLACK = math.radians(5.0)
 STIFF_SERVO = 10.0
-"""A position servo's inner loop over 1/T_s: its lag is then that of T_s (Suarez 2020, 17)."""
+"""Bandwidth of a position servo's inner loop over 1/T_s (Suarez 2020, 17)."""
 HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
@@ -172,7 +172,9 @@ def _set_coefficient(thing: Any, name: str, value: float) -> None:
 def compute_inertia_beyond(robot: Robot, index: int) -> float:
     """Inertia (kg m^2) about the joint of link `index` of all that hangs on it, arms stretched."""
     limbs = list_limbs(robot)
-    tip = find_tip(robot, limbs)
+    assert robot.arm is not None
+    tip, hand = find_tip(robot, limbs), robot.arm.hand
+    ends = [max(n for n, x in enumerate(limbs) if x.side == side) for side in _sides(limbs)]
     total, reach = 0.0, {index: 0.0}  # reach: distance of a link's joint from joint `index`
     for i in range(index, len(limbs)):
         link, parent = limbs[i].link, limbs[i].parent
@@ -180,11 +182,14 @@ def compute_inertia_beyond(robot: Robot, index: int) -> float:
             if parent not in reach:
                 continue  # another branch
             reach[i] = reach[parent] + float(np.linalg.norm(limbs[i].offset))
-        start, com = reach[i], float(np.linalg.norm(link_com(link)))
+        start = reach[i]
+        com = 0.5 * link.length_m if link.com_m is None else link.com_m
         total += link.mass_kg * (link.length_m**2 / 12 + (start + com) ** 2)
         if robot.probe is not None and i == tip:
             middle = start + link.length_m + 0.5 * robot.probe.length_m
             total += robot.probe.mass_kg * middle**2
+        elif i in ends:
+            total += hand.mass_kg * (start + link.length_m + hand.length_m) ** 2
     return total
 
 
@@ -193,7 +198,7 @@ def compute_servo_gains(robot: Robot, index: int) -> tuple[float, float]:
 
     Critically damped for the inertia that the motor turns: alone where a spring carries the link.
     Velocity servos: at the bandwidth 1/T, around the integrated command. Position servos: ten
-    times faster than T_s, around the command filtered with T_s.
+    times faster than T_s, around the command filtered with the rest of T_s.
     """
     limbs = list_limbs(robot)
     at = next(i for i, limb in enumerate(limbs) if limb.servo == index)
@@ -207,6 +212,11 @@ def compute_servo_gains(robot: Robot, index: int) -> tuple[float, float]:
             inertia += compute_inertia_beyond(robot, at)
         w = STIFF_SERVO / servo.position_time_constant_s
     return inertia * w * w, 2.0 * inertia * w
+
+
+def compute_servo_lag(servo: Servo) -> float:
+    """Lag (s) before a position servo's inner loop, whose own is 2 / bandwidth: T_s together."""
+    return servo.position_time_constant_s * (1.0 - 2.0 / STIFF_SERVO)
 
 
 def _add_hand(
@@ -299,7 +309,9 @@ def _add_probe(
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
-    """Servos: a PD with torque and speed limits around the integrated or filtered command.
+    """Servos: a PD with a torque limit around the command, which a velocity servo integrates.
+
+    A position servo's command comes with its lag and speed limit from sim/plant.py.
 
     Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A.
     """
@@ -315,11 +327,10 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
                 tendon.wrap_joint(joint, motor_from_joint[i, j])
         kp, kv = compute_servo_gains(robot, i)
         velocity = servo.mode == "velocity"
-        dynamics = mujoco.mjtDyn.mjDYN_INTEGRATOR if velocity else mujoco.mjtDyn.mjDYN_FILTEREXACT
-        lag = 1.0 if velocity else servo.position_time_constant_s
+        dynamics = mujoco.mjtDyn.mjDYN_INTEGRATOR if velocity else mujoco.mjtDyn.mjDYN_NONE
         act = spec.add_actuator(
             name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_TENDON,
-            dyntype=dynamics, dynprm=[lag] + [0.0] * 9,
+            dyntype=dynamics, dynprm=[1.0] + [0.0] * 9,
             gaintype=mujoco.mjtGain.mjGAIN_FIXED, gainprm=[kp] + [0.0] * 9,
             biastype=mujoco.mjtBias.mjBIAS_AFFINE, biasprm=[0.0, -kp, -kv] + [0.0] * 7,
         )  # fmt: skip

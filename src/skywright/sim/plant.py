@@ -64,11 +64,12 @@ PLANT = np.dtype(
         ("servo_every", i8),  # control ticks between commands and readings
         ("servo_lsb", f8, MAX_JOINTS),  # rad, of a command; 0: exact
         ("servo_speed", f8, MAX_JOINTS),  # rad/s
+        ("servo_tau", f8, MAX_JOINTS),  # s, lag of the way to a command, before the inner loop's
         ("servo_held", f8, MAX_JOINTS),  # rad, last command
         ("servo_now", f8, MAX_JOINTS),  # rad, on its way there
         ("flex_qpos", i8, MAX_JOINTS),  # -1: rigid
         ("deflection_on", i8, MAX_JOINTS),  # 1: has an encoder
-        ("deflection_every", i8),  # control ticks
+        ("deflection_slot", i8),  # period of the encoders in which they were last read
         ("deflection_wave", f8, MAX_JOINTS),  # rad, phase of the encoder's error over a turn
         ("noise_deflection", f8, (BLOCK, MAX_JOINTS)),
         ("n_hands", i8),
@@ -205,7 +206,7 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
     k = pl.block
     meas.t = t
     if pl.positioned:
-        _sense_compliant(pl, meas, qpos)
+        _sense_compliant(pl, t, meas, qpos)
     for j in range(0 if pl.positioned else pl.n_joints):
         lsb = pl.enc_lsb[j]
         raw = qpos[pl.joint_qpos[j]] + pl.enc_offset[j]
@@ -235,19 +236,22 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _sense_compliant(pl: Record, meas: Record, qpos: Array) -> None:
+def _sense_compliant(pl: Record, t: float, meas: Record, qpos: Array) -> None:
     """Shaft encoders at the servos' rate, passive joints every tick, deflections at 200 Hz.
 
     A deflection is read through a 14-bit magnetic encoder whose error follows the angle
     (DEFLECTION_ERROR) and which is noisy.
     """
     k = pl.block
+    slot = math.floor(t * DEFLECTION_RATE + 1e-6)
+    fresh = slot != pl.deflection_slot
+    pl.deflection_slot = slot
     for j in range(pl.n_joints):
         if pl.joint_servo[j] < 0 or pl.tick % pl.servo_every == 0:
             lsb = pl.enc_lsb[j]
             raw = qpos[pl.joint_qpos[j]] + pl.enc_offset[j]
             meas.q[j] = lsb * math.floor(raw / lsb + 0.5)
-        if pl.deflection_on[j] and pl.tick % pl.deflection_every == 0:
+        if pl.deflection_on[j] and fresh:
             true = -qpos[pl.flex_qpos[j]]
             raw = true + DEFLECTION_ERROR * (
                 math.sin(true + pl.deflection_wave[j]) - math.sin(pl.deflection_wave[j])
@@ -322,7 +326,8 @@ def actuate(pl: Record, rotor_speed: Array, motor_speed: Array, dt: float, ctrl:
             if pl.joint_servo[j] >= 0:
                 ctrl[pl.n_rotors + pl.joint_servo[j]] = motor_speed[j]
         return
-    # a position servo takes a command at its own rate, rounded, and moves there at its speed
+    # a position servo takes a command at its own rate, rounded, and goes there with a first-order
+    # lag, no faster than its no-load speed: theta + T_s theta_dot = theta_ref (Suarez 2020, 17)
     for j in range(pl.n_joints):
         if pl.joint_servo[j] < 0:
             continue
@@ -331,8 +336,8 @@ def actuate(pl: Record, rotor_speed: Array, motor_speed: Array, dt: float, ctrl:
             cmd = motor_speed[j]
             pl.servo_held[j] = lsb * math.floor(cmd / lsb + 0.5) if lsb > 0.0 else cmd
         reach = pl.servo_speed[j] * dt
-        step = min(max(pl.servo_held[j] - pl.servo_now[j], -reach), reach)
-        pl.servo_now[j] += step
+        step = (pl.servo_held[j] - pl.servo_now[j]) * (1.0 - math.exp(-dt / pl.servo_tau[j]))
+        pl.servo_now[j] += min(max(step, -reach), reach)
         ctrl[pl.n_rotors + pl.joint_servo[j]] = pl.servo_now[j]
 
 

@@ -38,7 +38,7 @@ F8, C16 = np.float64, np.complex128
 
 
 class Views(NamedTuple):
-    """What compiled code sees; b to stiff are (1,) arrays of records."""
+    """What compiled code sees; b to stiff are (1,) arrays of a record each."""
 
     b: Any
     pl: Any

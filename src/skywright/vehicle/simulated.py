@@ -20,7 +20,7 @@ from skywright.errors import InputError, SimulationError
 from skywright.estimation.registry import fill_parameters, load_estimator
 from skywright.inspection.eddy_current import Instrument, build_probe_signal
 from skywright.models.allocation import build_allocator
-from skywright.models.arm_body import Deviation, compute_servo_gains
+from skywright.models.arm_body import Deviation, compute_servo_gains, compute_servo_lag
 from skywright.models.compliant_arms import fill_arms_parameters, is_compliant
 from skywright.models.rigid_body import (
     KINEMATICS,
@@ -36,7 +36,7 @@ from skywright.robots.spec import Robot
 from skywright.sim.friction import fill_friction
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
-from skywright.sim.plant import BLOCK, DEFLECTION_RATE, PLANT
+from skywright.sim.plant import BLOCK, PLANT
 from skywright.sim.simulation import Simulation
 from skywright.sim.tape import fill_tape
 from skywright.sim.wind import count_noise, fill_wind
@@ -452,7 +452,7 @@ def _fill_position_servos(pl: Any, robot: Robot, world: World, scene: Scene, see
     servos, joints = list_servos(robot), list_joints(robot)
     pl["positioned"] = 1
     pl["servo_every"] = max(round(servos[0][1].command_period_s / dt), 1)
-    pl["deflection_every"] = max(round(1.0 / (DEFLECTION_RATE * dt)), 1)
+    pl["deflection_slot"] = -1
     pl["flex_qpos"] = -1
     for j, limb in enumerate(joints):
         pl["flex_qpos"][j] = index.flex_qpos[j]
@@ -461,6 +461,7 @@ def _fill_position_servos(pl: Any, robot: Robot, world: World, scene: Scene, see
             servo = servos[limb.servo][1]
             pl["servo_lsb"][j] = math.radians(servo.resolution_deg)
             pl["servo_speed"][j] = servo.no_load_speed_rad_s
+            pl["servo_tau"][j] = compute_servo_lag(servo)
     pl["deflection_wave"][: len(joints)] = build_stream(seed, "deflection").uniform(
         0.0, 2.0 * math.pi, len(joints)
     )

@@ -389,7 +389,7 @@ def tick_inertial(frame: Array) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def mission_tick(frame: Array, n: int, n_steps: int, n_samples: int) -> int:
-    """Run up to `n` control ticks of `n_steps` physics steps each; stop when a guard fires.
+    """Run up to `n` control ticks of `n_steps` physics steps each, fewer when a guard fires.
 
     Samples are written from row `n_samples` on; returns how many rows are filled then.
     """
