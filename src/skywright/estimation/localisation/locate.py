@@ -21,6 +21,7 @@ from skywright.estimation.localisation.fusion import (
     fuse_as_printed,
 )
 from skywright.estimation.localisation.point_file import pair_points
+from skywright.estimation.localisation.roles import assign_roles
 from skywright.estimation.localisation.station_frame import StationPose, estimate_station_pose
 from skywright.estimation.localisation.time_alignment import (
     LEAST_OVERLAP,
@@ -39,13 +40,9 @@ from skywright.estimation.localisation.trajectory_error import (
     TrajectoryError,
     compute_error,
 )
-from skywright.estimation.localisation.trajectory_file import load_trajectory, split_topic
-from skywright.estimation.localisation.trajectory_mcap import find_own_roles
 
 Array = NDArray[np.float64]
 
-MOST_STATION_HZ = 25.0
-"""A total station is no faster; of two trajectories the slower one below this is taken for it."""
 FIT_SAMPLES = 3000
 """Samples that the refinement of a reference's clock looks at."""
 
@@ -198,90 +195,6 @@ def describe_error(e: TrajectoryError) -> dict[str, Any]:
     }
 
 
-class Roles(NamedTuple):
-    """Which file is what."""
-
-    station: Trajectory | None
-    camera: Trajectory
-    reference: Trajectory | None
-    notes: tuple[str, ...]
-
-
-def assign_roles(
-    data: list[str], station: str | None, camera: str | None, reference: str | None
-) -> Roles:
-    """Load the files and tell station from camera. Raises InputError where it cannot be told.
-
-    Without a station the "camera" is a trajectory to be judged by the reference.
-    """
-    data = list(data)
-    if len(data) == 1 and station is None and camera is None:
-        path, topic = split_topic(data[0])
-        if topic is None and path.is_file() and path.suffix.lower() == ".mcap":
-            data, reference, note = _expand_recording(path, reference)
-            if note:
-                return Roles(
-                    None, load_trajectory(data[0]), load_trajectory(str(reference)), (note,)
-                )
-    given = (station is not None) + (camera is not None)
-    if given + len(data) > 2:
-        raise InputError(
-            f"{given + len(data)} files for station and camera; valid: two (a reference goes "
-            "behind --reference)"
-        )
-    truth = load_trajectory(reference) if reference is not None else None
-    if given + len(data) < 1:
-        raise InputError("no data; valid: a station's and a camera's file, or --demo")
-    if given + len(data) == 1:
-        only = load_trajectory((data + [station or camera or ""])[0])
-        if truth is None:
-            raise InputError(
-                f"{only.name}: one trajectory has nothing to be compared with; give the other "
-                "sensor's file, or --reference FILE"
-            )
-        return Roles(None, only, truth, ())
-    if given == 2:
-        assert station is not None and camera is not None
-        return Roles(load_trajectory(station), load_trajectory(camera), truth, ())
-    loaded = [load_trajectory(name) for name in data]
-    if station is not None:
-        return Roles(load_trajectory(station), loaded[0], truth, ())
-    if camera is not None:
-        return Roles(loaded[0], load_trajectory(camera), truth, ())
-    return _tell_apart(loaded[0], loaded[1], truth)
-
-
-def _expand_recording(path: Path, reference: str | None) -> tuple[list[str], str | None, str]:
-    """Topics of a recording that is given as a whole; a note where it is judged by its truth."""
-    from skywright.core.mcap_file import read_mcap
-    from skywright.estimation.localisation.trajectory_mcap import list_topics
-
-    own = find_own_roles(path)
-    if own and reference is None:
-        note = f"{path.name}: a recording of Skywright: its estimate is judged by its truth"
-        return [f"{path}:{own['estimate']}"], f"{path}:{own['reference']}", note
-    topics = list_topics(read_mcap(path))
-    if len(topics) == 2 and reference is None:
-        return [f"{path}:{t.name}" for t in topics], None, ""
-    return [str(path)], reference, ""
-
-
-def _tell_apart(a: Trajectory, b: Trajectory, truth: Trajectory | None) -> Roles:
-    """Station and camera of two: a station gives no orientation and is slow."""
-    if (a.q is None) != (b.q is None):
-        station, camera = (a, b) if a.q is None else (b, a)
-        why = "it gives no orientation"
-    else:
-        station, camera = (a, b) if a.rate < b.rate else (b, a)
-        why = f"it is slower ({station.rate:.3g} Hz against {camera.rate:.3g} Hz)"
-        if station.rate > MOST_STATION_HZ or station.rate > 0.7 * camera.rate:
-            raise InputError(
-                f"{a.name} ({a.rate:.3g} Hz) and {b.name} ({b.rate:.3g} Hz): cannot tell which is "
-                "the station; say --station FILE, or --reference FILE to judge one by the other"
-            )
-    return Roles(station, camera, truth, (f"{station.name} is taken for the station: {why}",))
-
-
 def parse_span(text: str) -> tuple[float, float]:
     """'T0:T1' in seconds of the station's clock."""
     try:
@@ -368,7 +281,7 @@ def locate(
         at = errors["fused"].time_offset
         for name, other in build_rivals(fusion, lever is not None).items():
             errors[name] = compute_error(other, roles.reference, time_offset=at, alignment=compare)
-    point = "camera" if lever is not None or not np.any(fusion.calibration.p_BP) else "prism"
+    point = "camera" if lever is not None else "prism"
     return LocateReport(trajectory, std, point, fusion, roles.reference, errors, tuple(notes))
 
 
