@@ -1,16 +1,29 @@
-"""Law of compliant arms with position servos (Suarez 2020, sections V-A to V-D).
+"""Law of compliant arms with position servos (Suarez 2020, sections V-B to V-E).
 
-Runs at the servos' rate and fills `cmd.theta`, the commanded shaft angles.
+Runs at the servos' rate and fills `cmd.theta`, the commanded shaft angles, for what `ref.task` asks
+of each hand (core/types.py).
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numba import carray, cfunc, njit
 
+from skywright.control.hand_force import squeeze_force, step_force, step_force_position
+from skywright.control.hand_motion import move_hand, start_hand, step_position, step_velocity
+from skywright.control.joint_loops import hold_joint, step_joint
 from skywright.control.signature import LAW
-from skywright.models.compliant_arms import spring_deflection
+from skywright.core.types import (
+    TASK_FORCE,
+    TASK_FORCE_POSITION,
+    TASK_JOINTS,
+    TASK_LOOPS,
+    TASK_POSITION,
+    TASK_SQUEEZE,
+)
+from skywright.models.arm_singularity import watch_singularity
 
 Record = Any
 
@@ -18,20 +31,38 @@ Record = Any
 @njit(cache=True, error_model="numpy")
 def step(b: Record) -> None:
     """Fill `cmd.theta` for the tasks in `ref.task`."""
-    arms = b.arms
+    arms, ref = b.arms, b.ref
+    dr, f_ref = np.zeros(3), np.zeros(3)
     for h in range(arms.n_hands):
-        for j in range(arms.first[h], arms.first[h] + arms.n):
-            hold_joint(b, j, b.ref.q[j])
-
-
-@njit(cache=True, error_model="numpy")
-def hold_joint(b: Record, j: int, q: float) -> None:
-    """Command the shaft so that the output link comes to `q` (rad) against its weight."""
-    arms, shift = b.arms, 0.0
-    if arms.k[j] > 0.0:
-        shift = spring_deflection(arms.k[j], arms.linear[j], arms.hardening[j], arms.t_gravity[j])
-    b.cmd.theta[j] = min(max(q, arms.q_min[j]), arms.q_max[j]) + shift
-    arms.theta_ref[j] = b.cmd.theta[j]
+        task = int(ref.task[h])
+        for a in range(3):
+            f_ref[a] = ref.f_WH[h, a]
+        if arms.chain:
+            watch_singularity(b, h, f_ref)
+        if task == TASK_JOINTS or (task != TASK_LOOPS and arms.chain == 0):
+            for j in range(arms.first[h], arms.first[h] + arms.n):
+                hold_joint(b, j, ref.q[j])
+            arms.task_last[h] = TASK_JOINTS
+            continue
+        if arms.chain and task != arms.task_last[h]:
+            start_hand(b, h)
+        arms.task_last[h] = task
+        if task == TASK_LOOPS:
+            for j in range(arms.first[h], arms.first[h] + arms.n):
+                step_joint(b, j, ref.delta[j], ref.q[j], ref.tau[j])
+            continue
+        if task == TASK_FORCE:
+            step_force(b, h, f_ref, dr)
+        elif task == TASK_FORCE_POSITION:
+            step_force_position(b, h, f_ref, dr)
+        elif task == TASK_SQUEEZE:
+            squeeze_force(b, h, f_ref)
+            step_force_position(b, h, f_ref, dr)
+        elif task == TASK_POSITION:
+            step_position(b, h, dr)
+        else:
+            step_velocity(b, h, dr)
+        move_hand(b, h, dr, task < TASK_FORCE)
 
 
 @njit(cache=True, error_model="numpy")

@@ -48,13 +48,20 @@ REFERENCE = np.dtype(
         ("v_WH", f8, (MAX_HANDS, 3)),  # m/s
         ("f_WH", f8, (MAX_HANDS, 3)),  # N, force that the hand shall exert on what it touches
         ("gamma", f8, MAX_HANDS),  # weight of force over position in Suarez 2020 (31)
+        ("tau", f8, MAX_JOINTS),  # N m, torque that a joint's spring shall carry (18)
+        ("delta", f8, MAX_JOINTS),  # (22): 1 output position `q`, 0 torque `tau`
+        ("tare", f8),  # 1: the estimated contact forces of now are called zero
     ]
 )
 """A row of a plan: what a control law may be asked to follow. Rows are interpolated linearly."""
 
-TASK_JOINTS, TASK_POSITION, TASK_VELOCITY, TASK_FORCE, TASK_FORCE_POSITION = range(5)
+(
+    TASK_JOINTS, TASK_POSITION, TASK_VELOCITY, TASK_FORCE, TASK_FORCE_POSITION, TASK_SQUEEZE,
+    TASK_LOOPS,
+) = range(7)  # fmt: skip
 """What `REFERENCE.task` asks of a hand: joint angles `q`; a straight line to `p_WH` at the speed
-|v_WH| (Suarez 2020, 23); the velocity `v_WH` (24); the force `f_WH` (25)-(28); both (31)."""
+|v_WH| (Suarez 2020, 23); the velocity `v_WH` (24); the force `f_WH` along its direction (25)-(28);
+both (31); both, with the force |f_WH| towards the other hand (32); the joint loops (14)-(22)."""
 
 ESTIMATE = np.dtype(
     [
@@ -236,6 +243,7 @@ ARMS = np.dtype(
         ("dt", f8),  # s, period of the arms' law
         ("n_hands", i8),
         ("n", i8),  # joints an arm
+        ("chain", i8),  # 1: pitch, roll, yaw, elbow, of which inverse kinematics are known
         ("first", i8, MAX_HANDS),  # index of each arm's first joint in q
         ("swing", i8),  # index of the passive joint that carries the arms in q, -1: none
         ("k", f8, MAX_JOINTS),  # N m/rad, springs of the joints; 0: rigid
@@ -256,7 +264,7 @@ ARMS = np.dtype(
         ("ki_torque", f8),
         ("kp_position", f8),
         ("ki_position", f8),
-        ("ki_force", f8),  # 1/s, of the force loop
+        ("ki_force", f8),  # rad/s, of the force loop
         ("speed_hand", f8),  # m/s, v of (23) where the reference gives none
         ("tare", f8, (MAX_HANDS, 3)),  # N, subtracted from the estimated force, in W
         # state of this tick, filled before the arms' law (models/compliant_arms.py)
@@ -266,17 +274,23 @@ ARMS = np.dtype(
         ("R_BH", f8, (MAX_HANDS, 3, 3)),
         ("J_BH", f8, (MAX_HANDS, 3, MAX_JOINTS)),  # m/rad, in B
         ("p_BH_stiff", f8, (MAX_HANDS, 3)),  # m, hands if the joints were rigid: FK(theta)
-        ("R_BA", f8, (3, 3)),  # of the arms' base: B, or the passive link
+        ("p_BA", f8, 3),  # m, frame A of the arms' base: B, or the passive link's
+        ("R_BA", f8, (3, 3)),
         ("p_WH", f8, (MAX_HANDS, 3)),  # m, estimated hands
         ("v_WH", f8, (MAX_HANDS, 3)),  # m/s, of the platform's motion and the joints'
         ("f_WH", f8, (MAX_HANDS, 3)),  # N, estimated force that each hand exerts
         ("manipulability", f8, MAX_HANDS),  # m^2, sin of the elbow times upper times fore
+        ("lever", f8, MAX_HANDS),  # m, speed of the hand in the task's direction over the joints'
+        ("singular", f8, MAX_HANDS),  # 1: too near a singularity for that direction
+        ("shift_W", f8, (MAX_HANDS, 3)),  # m, platform move that bends the elbow again
         # memory of the arms' law
         ("theta_ref", f8, MAX_JOINTS),  # rad, last command
-        ("i_torque", f8, MAX_JOINTS),  # rad
-        ("i_position", f8, MAX_JOINTS),  # rad
-        ("p_ref", f8, (MAX_HANDS, 3)),  # m, hand reference, in the arms' base
-        ("i_force", f8, (MAX_HANDS, 3)),  # m, displacement that the force loop asks for, in W
+        ("q_goal", f8, MAX_JOINTS),  # rad, what it would bring the links to in free air
+        ("w_goal", f8, MAX_JOINTS),  # rad a period, speed of the servos' profiles
+        ("i_torque", f8, MAX_JOINTS),  # rad, integral part of (19)
+        ("i_position", f8, MAX_JOINTS),  # rad, of (21)
+        ("p_ref", f8, (MAX_HANDS, 3)),  # m, where the hand would be without contact, in W
+        ("v_ref", f8, (MAX_HANDS, 3)),  # m/s, at which it moves
         ("task_last", f8, MAX_HANDS),
         ("saturated", f8, MAX_HANDS),  # 1: a limit of angle or workspace holds the hand back
         ("user", f8, 32),

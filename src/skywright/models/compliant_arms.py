@@ -14,6 +14,7 @@ from numba import njit
 
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.core.types import MAX_JOINTS
+from skywright.models.arm_inverse_kinematics import has_arm_chain
 from skywright.models.rigid_body import (
     KINEMATICS,
     fill_gravity_torque,
@@ -46,6 +47,8 @@ def fill_arms_parameters(arms: Record, robot: Robot) -> None:
     arms["on"], arms["dt"] = 1, servo.command_period_s
     arms["n_hands"], arms["swing"] = robot.arm.sides, -1
     arms["servo_tau"], arms["speed_max"] = servo.position_time_constant_s, servo.no_load_speed_rad_s
+    arms["chain"] = int(has_arm_chain(robot))
+    _fill_gains(arms, robot)
     for side in range(robot.arm.sides):
         mine = [j for j, limb in enumerate(joints) if limb.side == side]
         arms["first"][side], arms["n"] = mine[0], len(mine)
@@ -111,6 +114,28 @@ def find_hands(model: Any, q: Any) -> Any:
     return k[0]["p_BH"][: model[0]["n_hands"]].copy()
 
 
+def _fill_gains(arms: Record, robot: Robot) -> None:
+    """Gains of the arms' law, from the servos' lag T_s, their period T and the robot's keys.
+
+    Torque, (19) in (22) on (17): theta' = dtheta/T_s and tau' = k theta' with the link held, so
+    Kp = w T_s / k gives the bandwidth w; Ki = Kp w / 4 makes the double integrator that (22)
+    becomes critically damped. `kp_torque` is w T_s, `ki_torque` w^2 T_s / 4 (over k at each joint).
+    Position, (21): the free link rings on its spring, weakly damped, and the encoder sits beyond
+    it; `kp_position` and `ki_position` are of a bandwidth (rad/s) that is slow against it.
+    Force: displacement = integral of w C (f_ref - f) with C the arm's own compliance, so that f
+    answers at w; its phase margin is 60 deg with the lag T_s and 1.5 T of sampling.
+    """
+    lag, period = float(arms["servo_tau"]), float(arms["dt"])
+    c = robot.control
+    arms["kp_torque"] = c.torque_bandwidth_rad_s * lag
+    arms["ki_torque"] = 0.25 * c.torque_bandwidth_rad_s**2 * lag
+    arms["kp_position"] = c.deflection_bandwidth_rad_s * lag
+    arms["ki_position"] = 0.25 * c.deflection_bandwidth_rad_s**2 * lag
+    arms["ki_force"] = (math.pi / 6.0) / (lag + 1.5 * period)
+    arms["speed_hand"] = c.hand_speed_max_mps
+    arms["estimator"] = float(c.force_estimator == "torque")
+
+
 @njit(cache=True, error_model="numpy")
 def spring_torque(k: float, linear: float, hardening: float, deflection: float) -> float:
     """Return the torque (N m) of a joint's spring: k within +-linear, harder beyond."""
@@ -129,6 +154,12 @@ def spring_deflection(k: float, linear: float, hardening: float, torque: float) 
         beyond = (abs(torque) - k * linear) / (k * hardening)
         deflection = math.copysign(linear + beyond, torque)
     return deflection
+
+
+@njit(cache=True, error_model="numpy")
+def spring_stiffness(k: float, linear: float, hardening: float, deflection: float) -> float:
+    """Return the stiffness (N m/rad) of a joint's spring at a deflection."""
+    return k * hardening if linear > 0.0 and abs(deflection) > linear else k
 
 
 @njit(cache=True, error_model="numpy")
@@ -179,10 +210,12 @@ def fill_arms(b: Record, m: Record, k: Record, stiff: Record) -> None:
     fill_hands(m, stiff)
     vec, spin, rate = np.empty(3), np.empty(3), np.empty(3)
     for a in range(3):
+        arms.p_BA[a] = 0.0
         for c in range(3):
             arms.R_BA[a, c] = 1.0 if a == c else 0.0
     if arms.swing >= 0:
         for a in range(3):
+            arms.p_BA[a] = k.p[0, a]
             for c in range(3):
                 arms.R_BA[a, c] = k.R[0, a, c]
     for h in range(arms.n_hands):

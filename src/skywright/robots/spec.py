@@ -316,6 +316,11 @@ class Control(Spec):
     attitude_damping: Positive = 1.0
     attitude_integral_rad_s: NonNegative = 0.5
     arm_bandwidth_rad_s: NonNegative = 3.0
+    # of arms with position servos
+    torque_bandwidth_rad_s: Positive = 10.0  # of a joint's torque loop, link held
+    deflection_bandwidth_rad_s: Positive = 0.5  # of a joint's output position loop
+    hand_speed_max_mps: Positive = 0.15
+    force_estimator: Literal["torque", "cartesian"] = "torque"  # Suarez 2020 (26): "cartesian"
     friction_feed_forward: NonNegative = 0.0  # believed friction of the surface; 0: none
     tilt_max_deg: Positive = 25.0
     rate_hz: Positive = 500.0

@@ -12,8 +12,19 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.types import REFERENCE
+from skywright.core.types import (
+    REFERENCE,
+    TASK_FORCE,
+    TASK_FORCE_POSITION,
+    TASK_JOINTS,
+    TASK_LOOPS,
+    TASK_POSITION,
+    TASK_SQUEEZE,
+    TASK_VELOCITY,
+)
 from skywright.errors import InputError
+from skywright.models.bimanual import Bar, compute_bar_hands
+from skywright.robots.limbs import SIDES
 
 Array = NDArray[np.float64]
 Table = NDArray[Any]
@@ -176,15 +187,20 @@ class Uav:
 
 
 class Arms:
-    """The arm's joints."""
+    """The arms: joint angles, and for compliant arms (back ends that offer `hands`) the hands.
+
+    Hands are "left" and "right"; points, velocities and forces are in W. A command holds the
+    platform and leaves the other hand's task alone; what a hand was told stays when the platform
+    is moved (`Uav`) afterwards.
+    """
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
 
     def move_to(self, q: Array) -> None:
-        """Move all joints to q (n_joints,) rad, platform held."""
+        """Move all joints to q (n_joints,) rad, platform held; a passive joint's entry is free."""
         b = self.backend
-        start = np.array(b.reference)
+        start = self._start()
         delta = np.asarray(q, dtype=float) - start["q"][: b.n_joints]
         total = duration(float(np.max(np.abs(delta), initial=0.0)), b.limits.joint_speed, 2.0)
         n = max(math.ceil(total / ROW_PERIOD), 1)
@@ -194,10 +210,150 @@ class Arms:
         table["t"] = u * n * ROW_PERIOD
         table["q"][:, : b.n_joints] += s[:, None] * delta
         table["qd"][:, : b.n_joints] = ds[:, None] * delta / (n * ROW_PERIOD)
-        for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B"):
-            table[field] = 0.0
+        table["task"] = TASK_JOINTS
         _fill_tips(b, table)
         b.track(table)
+
+    def hands_to(
+        self, goals: dict[str, Array], speed: float | None = None, roll: float | None = None
+    ) -> None:
+        """Lead hands on straight lines to `goals` (m, by hand) at `speed` (m/s): (23).
+
+        `roll` (rad, positive outwards) is the shoulder's roll to take (default: as the reference).
+        Raises InputError on names, numbers or a robot without hands.
+        """
+        row = self._start()
+        for h, goal in self._hands(goals):
+            row["task"][h], row["p_WH"][h] = TASK_POSITION, goal
+            row["v_WH"][h] = [speed or float(self._state["speed_hand"]), 0.0, 0.0]
+            if roll is not None:
+                row["q"][self._state["first"][h] + 1] = -roll if h else roll
+        self.backend.track(row[None])
+
+    def hands_velocity(self, velocities: dict[str, Array]) -> None:
+        """Move hands at `velocities` (m/s, by hand) until told otherwise: (24)."""
+        row = self._start()
+        for h, v in self._hands(velocities):
+            row["task"][h], row["v_WH"][h] = TASK_VELOCITY, v
+        self.backend.track(row[None])
+
+    def push(
+        self,
+        forces: dict[str, Array],
+        *,
+        at: dict[str, Array] | None = None,
+        gamma: float = 0.5,
+        ramp_s: float = 0.5,
+    ) -> None:
+        """Exert `forces` (N, by hand) along their directions, reached over `ramp_s`: (25)-(28).
+
+        With `at` (m, by hand) the hand is led to that point as well, by (31) with `gamma`.
+        """
+        end = self._start()
+        for h, f in self._hands(forces):
+            self._needs_force_sensing(h)
+            end["task"][h], end["f_WH"][h], end["gamma"][h] = TASK_FORCE, f, 1.0
+        for h, p in self._hands(at or {}):
+            end["task"][h], end["p_WH"][h], end["gamma"][h] = TASK_FORCE_POSITION, p, gamma
+        self._ramp(end, [h for h, _ in self._hands(forces)], ramp_s)
+
+    def squeeze(
+        self, force: float, p_left: Array, p_right: Array, gamma: float = 0.5, ramp_s: float = 0.5
+    ) -> None:
+        """Press the hands towards each other with `force` (N), around two points: (31), (32)."""
+        end = self._start()
+        for h, p in self._hands({"left": p_left, "right": p_right}):
+            self._needs_force_sensing(h)
+            end["task"][h], end["p_WH"][h], end["gamma"][h] = TASK_SQUEEZE, p, gamma
+            end["f_WH"][h] = [force, 0.0, 0.0]
+        self._ramp(end, [0, 1], ramp_s)
+
+    def bar_to(self, p: Array, n: Array, width: float, speed: float | None = None) -> None:
+        """Lead a bar held at `width` (m) to centre p (m) and direction n: (29), (30) inverted."""
+        left, right = compute_bar_hands(Bar(np.asarray(p), np.asarray(n)), width)
+        self.hands_to({"left": left, "right": right}, speed)
+
+    def torques(self, hand: str, tau: Array, delta: Array | None = None) -> None:
+        """Control the joints of an arm by (22): torque tau (4,) N m where `delta` is 0 (default).
+
+        Where `delta` is 1 the output link stays where the reference has it.
+        """
+        row = self._start()
+        for h, values in self._hands({hand: tau}, 4):
+            first = self._state["first"][h]
+            row["task"][h] = TASK_LOOPS
+            row["tau"][first : first + 4] = values
+            row["delta"][first : first + 4] = 0.0 if delta is None else delta
+        self.backend.track(row[None])
+
+    def tare(self, on: bool = True) -> None:
+        """Call the estimated contact forces of now zero, as long as this is on."""
+        row = np.array(self.backend.reference)
+        row["t"], row["tare"] = 0.0, float(on)
+        self.backend.track(row[None])
+
+    def platform_shift(self, hand: str) -> Array:
+        """Return how far (3,) m, in W, the platform shall move for a good pose of the hand's arm.
+
+        Zero while the arm is far enough from its singularity.
+        """
+        h = self._hands({hand: np.zeros(3)})[0][0]
+        state = self._state
+        return np.array(state["shift_W"][h]) if state["singular"][h] > 0.5 else np.zeros(3)
+
+    @property
+    def _state(self) -> Any:
+        return self.backend.hands
+
+    def _start(self) -> Any:
+        """The present reference at rest, the joints where the servos lead them now."""
+        b = self.backend
+        row = np.array(b.reference)
+        row["t"] = row["tare"] = 0.0
+        for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd"):
+            row[field] = 0.0
+        if "hands" in b.offers:
+            state = self._state
+            for h in range(int(state["n_hands"])):
+                if row["task"][h] != TASK_JOINTS:
+                    mine = slice(state["first"][h], state["first"][h] + state["n"])
+                    row["q"][mine] = state["q_goal"][mine]
+        return row
+
+    def _hands(self, values: dict[str, Array], size: int = 3) -> list[tuple[int, Array]]:
+        """Return (hand, value) pairs; raises InputError on anything that is not one."""
+        if "hands" not in self.backend.offers or not self._state["chain"]:
+            raise InputError(
+                "hands need a robot with compliant arms of the joints pitch, roll, yaw, elbow"
+            )
+        names = SIDES[: int(self._state["n_hands"])]
+        out = []
+        for name, value in values.items():
+            if name not in names:
+                raise InputError(f"hand {name!r} is unknown; valid: {', '.join(names)}")
+            array = np.asarray(value, dtype=float)
+            if array.shape != (size,) or not np.all(np.isfinite(array)):
+                raise InputError(
+                    f"hand {name!r}: {size} finite numbers are needed, got {array.tolist()}"
+                )
+            out.append((names.index(name), array))
+        return out
+
+    def _needs_force_sensing(self, h: int) -> None:
+        state = self._state
+        mine = slice(state["first"][h], state["first"][h] + state["n"])
+        if not np.any(state["sensed"][mine]):
+            raise InputError(
+                f"hand {SIDES[h]!r} cannot control a force: no joint of its arm measures its "
+                "deflection; set deflection_encoder = true on some"
+            )
+
+    def _ramp(self, end: Any, hands: list[int], ramp_s: float) -> None:
+        """Track `end` with its forces growing from nothing over `ramp_s`."""
+        table = np.repeat(end[None], 2)
+        table["t"] = [0.0, max(ramp_s, ROW_PERIOD)]
+        table["f_WH"][0, hands] *= 1e-3  # a direction, not yet a force
+        self.backend.track(table)
 
 
 class WholeBody:

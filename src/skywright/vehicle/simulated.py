@@ -363,7 +363,8 @@ class SimulatedVehicle:
         row["q"][: self.n_joints] = q
         row["p_WT"], row["R_WT"] = self.tip_of(row)
         if self.plant[0]["positioned"]:  # the servos hold where they stand
-            for field in (self.belief[0]["cmd"]["theta"], self.belief[0]["arms"]["theta_ref"],
+            arms = self.belief[0]["arms"]
+            for field in (self.belief[0]["cmd"]["theta"], arms["theta_ref"], arms["q_goal"],
                           self.belief[0]["est"]["q"], self.plant[0]["servo_now"],
                           self.plant[0]["servo_held"], self.link[0]["motor"]):  # fmt: skip
                 field[: self.n_joints] = q

@@ -79,6 +79,9 @@ def interpolate_reference(b: Record, table: Array) -> None:
     for j in range(MAX_JOINTS):
         ref.q[j] = w * lo.q[j] + u * hi.q[j]
         ref.qd[j] = w * lo.qd[j] + u * hi.qd[j]
+    ref.tare = lo.tare
+    for j in range(MAX_JOINTS):
+        ref.tau[j], ref.delta[j] = w * lo.tau[j] + u * hi.tau[j], lo.delta[j]
     for h in range(b.arms.n_hands):
         ref.task[h], ref.gamma[h] = lo.task[h], lo.gamma[h]
         for a in range(3):

@@ -1,0 +1,67 @@
+"""Nearness of an arm to its singularity, and the way out: the platform moves, the hand stays.
+
+Stretched, the arm of Suarez 2020 has no lever along its own line: the force there no longer shows
+in the joints' torques and no displacement makes it (section VI-B's failed trial). The measure is
+the lever of the joints in the direction of the task,
+
+    l = 1 / sqrt(n^T (J J^T)^-1 n)    (m: speed of the hand along n, joints at 1 rad/s)
+
+A deflection encoder's error of 0.2 deg at the strongest spring (10 mN m) reads as 0.1 N at a lever
+of 0.1 m: that, a fifth of the arm's reach, is where the notice comes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from skywright.core.rotations import mat_t_vec, mat_vec, norm, solve3
+
+Record = Any
+
+NEAR, CLEAR = 0.2, 0.3
+"""Lever over reach below which the notice comes, and above which it goes."""
+
+
+@njit(cache=True, error_model="numpy")
+def lever_along(J: Any, first: int, n: int, way: Any) -> float:
+    """Return the lever (m) of joints first..first+n of J (3, m) along the unit vector `way`."""
+    M, x = np.zeros((3, 3)), np.empty(3)
+    for a in range(3):
+        M[a, a] = 1e-8
+        for c in range(3):
+            for j in range(first, first + n):
+                M[a, c] += J[a, j] * J[c, j]
+    solve3(M, way, x)
+    return 1.0 / math.sqrt(way[0] * x[0] + way[1] * x[1] + way[2] * x[2])
+
+
+@njit(cache=True, error_model="numpy")
+def watch_singularity(b: Record, h: int, way_W: Any) -> None:
+    """Fill lever, singular and shift_W of hand h for a task along way_W (zero: along the arm)."""
+    arms = b.arms
+    along_A, p_B, way_B = np.empty(3), np.empty(3), np.empty(3)
+    for a in range(3):
+        p_B[a] = arms.p_BH[h, a] - arms.p_BA[a]
+    mat_t_vec(arms.R_BA, p_B, along_A)
+    for a in range(3):
+        along_A[a] -= arms.p_BS[h, a]  # shoulder to hand
+    size, rho = norm(way_W), max(norm(along_A), 1e-9)
+    mat_vec(arms.R_BA, along_A, p_B)
+    mat_t_vec(b.est.R_WB, way_W, way_B)
+    for a in range(3):
+        way_B[a] = way_B[a] / size if size > 0.0 else p_B[a] / rho
+    arms.lever[h] = lever_along(arms.J_BH[h], arms.first[h], arms.n, way_B)
+    share = arms.lever[h] / (arms.upper + arms.fore)
+    if share < NEAR:
+        arms.singular[h] = 1.0
+    elif share > CLEAR:
+        arms.singular[h] = 0.0
+    # a right angle at the elbow, the hand where it is: the shoulder comes nearer along the arm
+    good = math.sqrt(arms.upper * arms.upper + arms.fore * arms.fore)
+    for a in range(3):
+        way_B[a] = p_B[a] * (1.0 - good / rho)
+    mat_vec(b.est.R_WB, way_B, arms.shift_W[h])

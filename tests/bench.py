@@ -1,0 +1,69 @@
+"""A robot with compliant arms whose platform is clamped in the air, for tests of the arms."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from skywright.evaluation.run import build_vehicle
+from skywright.missions.loader import load_description
+from skywright.vehicle.interface import Arms
+
+L_POSE = np.array([0.0, 0.0, 0.0, -math.pi / 2])
+HEIGHT = 1.5  # m, of the platform's origin
+
+
+class Bench:
+    """Platform at (0, 0, HEIGHT), level, clamped; `sets` as on the command line."""
+
+    def __init__(self, robot="bimanual", sets=(), q=None, estimator="truth", seed=1):
+        d = load_description(
+            "waypoints", robot=robot, sets=[f"mission.estimator={estimator}", *sets], seed=seed
+        )
+        self.rows = []
+        self.v = build_vehicle(d, self.rows.append)
+        model, data = self.v.scene.model, self.v.sim.data
+        # a platform too heavy to be moved, which gravity does not pull
+        body = self.v.scene.places.platform_body
+        model.body_mass[body] = 1e7
+        model.body_inertia[body] = 1e7
+        model.body_ipos[body] = 0.0
+        data.qfrc_applied[2] = 1e7 * d.world.gravity_mps2
+        mujoco.mj_setConst(model, data)
+        data.qpos[2] = HEIGHT
+        self.arms = Arms(self.v)
+        n = self.v.n_joints
+        q = np.tile(L_POSE, 2) if q is None else np.asarray(q)
+        full = np.concatenate([np.zeros(n - len(q)), q])
+        data.qpos[self.v.scene.places.joint_qpos] = full
+        data.qvel[:] = 0.0
+        mujoco.mj_forward(model, data)
+        data.act[:] = data.actuator_length[model.nu - model.na :]
+        belief, pl = self.v.belief[0], self.v.plant[0]
+        for field in (belief["cmd"]["theta"], belief["arms"]["theta_ref"], pl["servo_now"],
+                      belief["arms"]["q_goal"], belief["est"]["q"], pl["servo_held"]):  # fmt: skip
+            field[:n] = full
+        row = self.v.reference
+        row["p_WB"], row["q"][:n] = [0.0, 0.0, HEIGHT], full
+        self.v.track(np.array([row]))
+        damping = model.dof_damping.copy()
+        for i in range(model.njnt):  # settle on the springs at once
+            if model.joint(i).name.endswith("flex"):
+                model.dof_damping[model.jnt_dofadr[i]] *= 20.0
+        self.wait(1.5)
+        model.dof_damping[:] = damping
+
+    def wait(self, seconds):
+        """Run; returns the samples of this time."""
+        self.v.flush()
+        self.rows.clear()
+        for _ in range(round(seconds / 0.02)):
+            self.v.tick()
+        self.v.flush()
+        return np.concatenate(self.rows)
+
+    @property
+    def arms_state(self):
+        return self.v.hands
