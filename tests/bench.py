@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import tempfile
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -18,21 +20,29 @@ HEIGHT = 1.5  # m, of the platform's origin
 class Bench:
     """Platform at (0, 0, HEIGHT), level, clamped; `sets` as on the command line."""
 
-    def __init__(self, robot="bimanual", sets=(), q=None, estimator="truth", seed=1):
+    def __init__(self, robot="bimanual", sets=(), q=None, estimator="truth", seed=1, boxes=()):
+        """`boxes`: (centre, edges) of things that do not move, each 3 numbers (m)."""
+        world = Path(tempfile.mkdtemp()) / "world.toml"
+        world.write_text(
+            '[world]\nname = "bench"\n'
+            + f"[world.bench]\nz_m = {HEIGHT}\n"
+            + "".join(
+                f"[world.obstacles.box{i}]\n"
+                + "".join(f"{a}_m = {p}\n" for a, p in zip("xyz", at, strict=True))
+                + "".join(f"size_{a}_m = {p}\n" for a, p in zip("xyz", edges, strict=True))
+                for i, (at, edges) in enumerate(boxes)
+            )
+        )
         d = load_description(
-            "waypoints", robot=robot, sets=[f"mission.estimator={estimator}", *sets], seed=seed
+            "waypoints",
+            robot=robot,
+            world=world,
+            seed=seed,
+            sets=[f"mission.estimator={estimator}", *sets],
         )
         self.rows = []
         self.v = build_vehicle(d, self.rows.append)
         model, data = self.v.scene.model, self.v.sim.data
-        # a platform too heavy to be moved, which gravity does not pull
-        body = self.v.scene.places.platform_body
-        model.body_mass[body] = 1e7
-        model.body_inertia[body] = 1e7
-        model.body_ipos[body] = 0.0
-        data.qfrc_applied[2] = 1e7 * d.world.gravity_mps2
-        mujoco.mj_setConst(model, data)
-        data.qpos[2] = HEIGHT
         self.arms = Arms(self.v)
         n = self.v.n_joints
         q = np.tile(L_POSE, 2) if q is None else np.asarray(q)

@@ -41,16 +41,19 @@ def step(b: Record) -> None:
             watch_singularity(b, h, f_ref)
         if task == TASK_JOINTS or (task != TASK_LOOPS and arms.chain == 0):
             for j in range(arms.first[h], arms.first[h] + arms.n):
-                hold_joint(b, j, ref.q[j])
+                hold_joint(b, j, ref.q[j], True)
             arms.task_last[h] = TASK_JOINTS
             continue
         if arms.chain and task != arms.task_last[h]:
             start_hand(b, h)
-        arms.task_last[h] = task
         if task == TASK_LOOPS:
             for j in range(arms.first[h], arms.first[h] + arms.n):
+                if task != arms.task_last[h]:
+                    arms.i_torque[j] = arms.i_position[j] = 0.0
                 step_joint(b, j, ref.delta[j], ref.q[j], ref.tau[j])
+            arms.task_last[h] = task
             continue
+        arms.task_last[h] = task
         if task == TASK_FORCE:
             step_force(b, h, f_ref, dr)
         elif task == TASK_FORCE_POSITION:

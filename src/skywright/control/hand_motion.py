@@ -35,7 +35,7 @@ def start_hand(b: Record, h: int) -> None:
     for a in range(3):
         arms.v_ref[h, a] = 0.0
     for j in range(first, first + arms.n):
-        arms.w_goal[j] = arms.i_torque[j] = arms.i_position[j] = 0.0
+        arms.w_goal[j] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -116,9 +116,9 @@ def move_hand(b: Record, h: int, dr: Any, smooth: bool) -> None:
         j = first + i
         if smooth:
             follow_profile(arms, j, q[i])
-            hold_joint(b, j, arms.q_goal[j])
+            hold_joint(b, j, arms.q_goal[j], True)
         else:
-            hold_joint(b, j, q[i])
+            hold_joint(b, j, q[i], False)
             arms.w_goal[j] = 0.0
 
 

@@ -7,22 +7,34 @@ integrate again. They are stopped while a limit holds the command back.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from numba import njit
 
-from skywright.models.compliant_arms import spring_deflection, spring_torque
+from skywright.models.compliant_arms import joint_deflection, joint_torque
 
 Record = Any
 
+TRIM_MAX = math.radians(4.0)  # rad, of the integral in free air
+
 
 @njit(cache=True, error_model="numpy")
-def hold_joint(b: Record, j: int, q: float) -> None:
-    """Command the shaft so that the output link comes to `q` (rad) against its weight."""
+def hold_joint(b: Record, j: int, q: float, trim: bool) -> None:
+    """Command the shaft so that the output link comes to `q` (rad) against its weight.
+
+    What the spring yields to the weight is fed forward. With `trim`, in free air, the integral of
+    (21) takes up the rest (play, errors of mass and stiffness) where the deflection is measured.
+    """
     arms, shift = b.arms, 0.0
-    if arms.k[j] > 0.0:
-        shift = spring_deflection(arms.k[j], arms.linear[j], arms.hardening[j], arms.t_gravity[j])
     arms.q_goal[j] = min(max(q, arms.q_min[j]), arms.q_max[j])
+    if arms.k[j] > 0.0:
+        shift = joint_deflection(arms, j, arms.t_gravity[j])
+        if trim and arms.sensed[j] > 0.0:
+            rate = arms.kp_position / arms.servo_tau  # rad/s
+            i = arms.i_position[j] + rate * arms.dt * (arms.q_goal[j] - b.est.q[j])
+            arms.i_position[j] = min(max(i, -TRIM_MAX), TRIM_MAX)
+        shift += arms.i_position[j]
     b.cmd.theta[j] = arms.q_goal[j] + shift
     arms.theta_ref[j] = b.cmd.theta[j]
 
@@ -34,10 +46,10 @@ def step_joint(b: Record, j: int, delta: float, q_ref: float, tau_ref: float) ->
     theta = b.meas.q[j]
     k = arms.k[j]
     if k == 0.0:  # no spring: the link is the shaft
-        hold_joint(b, j, q_ref)
+        hold_joint(b, j, q_ref, False)
         return
     dtheta = arms.deflection[j]  # (14)
-    tau = spring_torque(k, arms.linear[j], arms.hardening[j], dtheta)  # (15)
+    tau = joint_torque(arms, j, dtheta)  # (15)
     tau_e = tau_ref - tau  # (18)
     q_e = q_ref - (theta - dtheta)  # (20)
     i_tau = arms.i_torque[j] + (1.0 - delta) * arms.ki_torque / k * tau_e * arms.dt
@@ -55,5 +67,5 @@ def step_joint(b: Record, j: int, delta: float, q_ref: float, tau_ref: float) ->
         arms.i_torque[j], arms.i_position[j] = i_tau, i_p
     b.cmd.theta[j] = held
     arms.theta_ref[j] = held
-    shift = spring_deflection(k, arms.linear[j], arms.hardening[j], arms.t_gravity[j])
+    shift = joint_deflection(arms, j, arms.t_gravity[j])
     arms.q_goal[j] = min(max(held - shift, arms.q_min[j]), arms.q_max[j])

@@ -250,6 +250,7 @@ ARMS = np.dtype(
         ("d", f8, MAX_JOINTS),  # N m s/rad
         ("linear", f8, MAX_JOINTS),  # rad, range of the linear spring; 0: no end
         ("hardening", f8, MAX_JOINTS),  # stiffness beyond it over k; a stop counts as 10
+        ("slack", f8, MAX_JOINTS),  # rad, half the play of the servo's gear, in the deflection
         ("sensed", f8, MAX_JOINTS),  # 1: the deflection is measured
         ("q_min", f8, MAX_JOINTS),  # rad, of the output links
         ("q_max", f8, MAX_JOINTS),

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.rotations import mat_t_vec, mat_vec, solve3
-from skywright.models.compliant_arms import spring_torque
+from skywright.models.compliant_arms import joint_torque
 
 Record = Any
 
@@ -87,8 +87,7 @@ def force_from_torques(b: Record, h: int, f_B: Any) -> None:
     for j in range(first, first + arms.n):
         if arms.sensed[j] == 0.0 or arms.k[j] == 0.0:
             continue
-        t = spring_torque(arms.k[j], arms.linear[j], arms.hardening[j], arms.deflection[j])
-        t -= arms.t_gravity[j]
+        t = joint_torque(arms, j, arms.deflection[j]) - arms.t_gravity[j]
         for a in range(3):
             y[a] += arms.J_BH[h, a, j] * t
             for c in range(3):

@@ -71,7 +71,8 @@ def add_arm(
         body.explicitinertial = True
         body.add_geom(
             name=f"{limb.name} shell", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            size=[link.radius_m, 0, 0], fromto=[0, 0, 0, *end_of(link)], rgba=[0.9, 0.55, 0.1, 1],
+            size=[link.radius_m, 0, 0], fromto=[0, 0, 0, *_shell_end(robot, limbs, i, i in last)],
+            rgba=[0.9, 0.55, 0.1, 1],
             contype=ROBOT, conaffinity=WORLD, mass=0.0,
         )  # fmt: skip
         bodies.append(body)
@@ -85,6 +86,16 @@ def add_arm(
         _add_servos(spec, robot, limbs)
         for limb in limbs:
             _add_springs(spec, robot, limb)
+
+
+def _shell_end(robot: Robot, limbs: list[Limb], i: int, is_last: bool) -> Array:
+    """End (3,) m of a link's capsule: a hand's ball looks out of it, also along the link."""
+    assert robot.arm is not None
+    end, hand, link = np.array(end_of(limbs[i].link)), robot.arm.hand, limbs[i].link
+    if not is_last or hand.mass_kg == 0.0 or (robot.probe and i == find_tip(robot, limbs)):
+        return end
+    ball = hand.radius_m + link.radius_m
+    return end * max(min(1.0, 1.0 + (hand.length_m - ball) / link.length_m), 0.1)
 
 
 def _sides(limbs: list[Limb]) -> list[int]:

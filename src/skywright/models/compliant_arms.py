@@ -72,6 +72,9 @@ def fill_arms_parameters(arms: Record, robot: Robot) -> None:
             arms["k"][j] = link.flex_stiffness_nm_per_rad
             arms["d"][j] = link.flex_damping_nms_per_rad or 0.0
             arms["sensed"][j] = float(link.deflection_encoder)
+            if limb.servo >= 0:
+                play = list_servos(robot)[limb.servo][1].backlash_deg
+                arms["slack"][j] = 0.5 * math.radians(play)
             arms["linear"][j] = math.radians(link.flex_linear_deg or 0.0)
             stop = link.flex_beyond == "stop"
             arms["hardening"][j] = STOP_HARDENING if stop else link.flex_hardening
@@ -157,6 +160,27 @@ def spring_deflection(k: float, linear: float, hardening: float, torque: float) 
 
 
 @njit(cache=True, error_model="numpy")
+def joint_torque(arms: Record, j: int, deflection: float) -> float:
+    """Return the torque (N m) of joint j at a measured deflection: (15) behind the gear's play."""
+    over = max(abs(deflection) - arms.slack[j], 0.0)
+    return spring_torque(
+        arms.k[j], arms.linear[j], arms.hardening[j], math.copysign(over, deflection)
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def joint_deflection(arms: Record, j: int, torque: float) -> float:
+    """Return the deflection (rad) of joint j under a torque (N m): inverse of `joint_torque`.
+
+    Near no torque, where the play may rest on either side, it is crossed in proportion.
+    """
+    play = arms.slack[j]
+    if play > 0.0:
+        play *= min(max(torque / (arms.k[j] * play), -1.0), 1.0)
+    return play + spring_deflection(arms.k[j], arms.linear[j], arms.hardening[j], torque)
+
+
+@njit(cache=True, error_model="numpy")
 def spring_stiffness(k: float, linear: float, hardening: float, deflection: float) -> float:
     """Return the stiffness (N m/rad) of a joint's spring at a deflection."""
     return k * hardening if linear > 0.0 and abs(deflection) > linear else k
@@ -201,9 +225,7 @@ def fill_arms(b: Record, m: Record, k: Record, stiff: Record) -> None:
     shafts = np.empty(MAX_JOINTS)
     for j in range(MAX_JOINTS):
         if arms.k[j] > 0.0 and arms.sensed[j] == 0.0:
-            arms.deflection[j] = spring_deflection(
-                arms.k[j], arms.linear[j], arms.hardening[j], arms.t_gravity[j]
-            )
+            arms.deflection[j] = joint_deflection(arms, j, arms.t_gravity[j])
         shafts[j] = est.q[j] + arms.deflection[j]
     fill_hands(m, k)
     fill_kinematics(m, shafts, stiff)

@@ -1,0 +1,213 @@
+"""Control of compliant arms on a clamped platform: loops, lines, forces, and what limits them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench import HEIGHT, L_POSE, Bench
+from skywright.control.servo_profile import update_at_middle
+from skywright.errors import InputError
+from skywright.models.bimanual import (
+    Bar,
+    compute_bar,
+    compute_bar_hands,
+    compute_squeeze,
+    estimate_platform,
+    is_unplugged,
+)
+from skywright.models.compliant_arms import spring_deflection, spring_torque
+
+HAND = np.array([0.25, 0.15, HEIGHT - 0.11 - 0.25])  # left, in the L pose
+UP, FORWARD = np.array([0.0, 0.0, 2.0]), np.array([2.0, 0.0, 0.0])
+CEILING = [((HAND[0], HAND[1], HAND[2] + 0.07), (0.3, 0.2, 0.1))]  # 2 cm above the hand
+WALL = [((HAND[0] + 0.06, HAND[1], HAND[2]), (0.1, 0.2, 0.3))]  # 1 cm before it
+point = st.tuples(*[st.floats(-2.0, 2.0)] * 3).map(np.array)
+
+
+# --- identities ------------------------------------------------------------------------------
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-0.2, 0.2), st.floats(-2.0, 2.0))
+def test_a_profile_updated_at_its_middle_arrives_after_two_updates(x, w, goal):
+    for _ in range(2):
+        x, w = update_at_middle(x, w, goal)
+    assert x == pytest.approx(goal, abs=1e-12) and w == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_moving_goal_is_followed_one_and_a_half_periods_late():
+    x, w, step = 0.0, 0.0, 0.01
+    for k in range(10):
+        goal = step * k
+        late = goal - x
+        x, w = update_at_middle(x, w, goal)
+    assert late == pytest.approx(1.5 * step, abs=1e-15)
+
+
+@given(st.floats(0.5, 3.0), st.floats(0.0, 0.3), st.floats(1.0, 10.0), st.floats(-3.0, 3.0))
+def test_spring_deflection_inverts_the_torque(k, linear, hardening, torque):
+    deflection = spring_deflection(k, linear, hardening, torque)
+    assert spring_torque(k, linear, hardening, deflection) == pytest.approx(torque, abs=1e-12)
+
+
+@given(point, point, st.floats(0.05, 1.0))
+def test_bar_and_hands_are_inverse(p, n, width):
+    if np.linalg.norm(n) < 1e-3:
+        return
+    left, right = compute_bar_hands(Bar(p, n), width)
+    bar = compute_bar(left, right)
+    np.testing.assert_allclose(bar.p, p, atol=1e-12)
+    np.testing.assert_allclose(bar.n, n / np.linalg.norm(n), atol=1e-9)
+    assert np.linalg.norm(left - right) == pytest.approx(width)
+
+
+def test_squeeze_is_inward_and_balanced():
+    left, right = np.array([0.3, 0.2, 0.0]), np.array([0.3, -0.1, 0.1])
+    f_left, f_right = compute_squeeze(5.0, left, right)
+    np.testing.assert_allclose(f_left + f_right, 0.0, atol=1e-15)
+    assert f_left @ (right - left) > 0.0 and np.linalg.norm(f_left) == pytest.approx(5.0)
+    with pytest.raises(InputError, match="no direction"):
+        compute_squeeze(5.0, left, left)
+
+
+def test_unplugging_is_a_distance():
+    grasp = np.array([0.3, 0.0, 1.0])
+    assert not is_unplugged(grasp, grasp + [0.0, 0.0199, 0.0], 0.02)
+    assert is_unplugged(grasp, grasp + [0.0, 0.0, -0.0201], 0.02)
+
+
+# --- on the bench ----------------------------------------------------------------------------
+
+
+def test_a_hand_goes_straight_and_stays_where_it_was_sent():
+    """(23): on the line from start to goal, at the speed asked for, and exact at its end."""
+    b = Bench()
+    b.wait(4.0)
+    start = b.wait(0.1)["left_p_WH"][-1]
+    goal = HAND + [0.06, 0.02, 0.08]
+    b.arms.hands_to({"left": goal}, speed=0.05)
+    rows = b.wait(7.0)
+    p = rows["left_p_WH"]
+    assert np.linalg.norm(p[-100:].mean(axis=0) - goal) < 0.004  # encoders of 0.33 and 0.2 deg
+    way = (goal - start) / np.linalg.norm(goal - start)
+    off = (p - start) - np.outer((p - start) @ way, way)
+    assert np.max(np.linalg.norm(off, axis=1)) < 0.012  # the springs ring a little
+    middle = (p - start) @ way
+    half = 0.5 * np.linalg.norm(goal - start)
+    assert rows["t"][np.argmax(middle > half)] - rows["t"][0] == pytest.approx(
+        half / 0.05, abs=0.25
+    )
+    # velocity law (24), both hands with one order
+    b.arms.hands_velocity({"left": np.array([0.0, 0.03, 0.0]), "right": np.array([0.0, 0.03, 0.0])})
+    before = b.wait(1.0)
+    after = b.wait(1.0)
+    for side in ("left", "right"):
+        moved = after[f"{side}_p_WH"].mean(axis=0) - before[f"{side}_p_WH"].mean(axis=0)
+        np.testing.assert_allclose(moved, [0.0, 0.03, 0.0], atol=0.008)
+
+
+def test_a_goal_out_of_reach_is_noticed_and_does_not_wind_up():
+    b = Bench()
+    b.arms.hands_to({"left": HAND + [0.6, 0.0, 0.0]}, speed=0.15)
+    b.wait(3.0)
+    assert b.arms_state["saturated"][0] == 1.0
+    shoulder = np.array([0.0, 0.15, HEIGHT - 0.11])
+    assert np.linalg.norm(b.arms_state["p_ref"][0] - shoulder) <= 0.5 + 1e-9
+    b.arms.hands_to({"left": HAND}, speed=0.15)
+    rows = b.wait(4.0)
+    assert b.arms_state["saturated"][0] == 0.0
+    assert np.linalg.norm(rows["left_p_WH"][-50:].mean(axis=0) - HAND) < 0.01
+
+
+@pytest.mark.parametrize(("force", "boxes", "within"), [(UP, CEILING, 0.15), (FORWARD, WALL, 0.1)])
+def test_the_true_force_comes_to_its_reference(force, boxes, within):
+    """Torques less the gravity model: 2 N within the encoders' accuracy (0.2 deg is 0.05 N)."""
+    b = Bench(boxes=boxes)
+    b.arms.push({"left": force})
+    b.wait(4.0)
+    rows = b.wait(3.0)
+    n = force / 2.0
+    true = rows["left_f_W"] @ n
+    assert abs(true.mean() - 2.0) < within
+    assert np.sqrt(np.mean((true - 2.0) ** 2)) < 0.16
+    assert abs((rows["left_est_f_W"] @ n).mean() - 2.0) < 0.02  # what the loop sees is exact
+
+
+def test_the_printed_estimator_reads_the_arm_s_weight_as_a_force():
+    """(26) has no gravity term: the loop settles on its reading, the true force falls short."""
+    b = Bench(boxes=CEILING, sets=["robot.control.force_estimator=cartesian"])
+    b.arms.push({"left": UP})
+    b.wait(5.0)
+    rows = b.wait(2.0)
+    assert abs(rows["left_est_f_W"][:, 2].mean() - 2.0) < 0.05
+    assert rows["left_f_W"][:, 2].mean() < 1.5
+
+
+def test_torque_loop_settles_on_its_reference_without_the_integral():
+    """(14)-(22), delta = 0: the printed loop integrates by itself (E000-11)."""
+    b = Bench(boxes=CEILING)
+    b.arms.push({"left": UP})
+    b.wait(5.0)
+    arms = b.v.belief[0]["arms"]
+    arms["ki_torque"] = 0.0
+    wanted = np.array([0.0, 0.0, 0.0, -0.6])
+    delta = np.array([1.0, 1.0, 1.0, 0.0])
+    b.arms.torques("left", wanted, delta)
+    b.wait(3.0)
+    rows = b.wait(1.0)
+    k, linear, hard = (float(arms[name][3]) for name in ("k", "linear", "hardening"))
+    torque = np.mean([spring_torque(k, linear, hard, x) for x in rows["deflection"][:, 3]])
+    lsb = math.radians(0.325) * k * hard
+    assert torque == pytest.approx(-0.6, abs=1.5 * lsb + hard * k * math.radians(0.35))
+
+
+def test_position_and_force_together():
+    """(31): the hand slides along the ceiling to its goal while it presses."""
+    b = Bench(boxes=CEILING, sets=["robot.arm.hand.friction=0.1"])
+    b.arms.push({"left": UP})
+    b.wait(3.0)
+    goal = np.array([HAND[0] + 0.05, HAND[1], HAND[2] + 0.005])  # the pad is 15 mm thick
+    b.arms.push({"left": UP}, at={"left": goal}, gamma=0.5)
+    b.wait(5.0)
+    rows = b.wait(2.0)
+    assert abs(rows["left_p_WH"][:, 0].mean() - goal[0]) < 0.006
+    assert abs(rows["left_f_W"][:, 2].mean() - 2.0) < 0.35
+
+
+def test_the_singularity_is_noticed_and_the_platform_told_where_to_go():
+    b = Bench()
+    assert np.all(b.arms.platform_shift("left") == 0.0)
+    b.arms.hands_to({"left": np.array([0.49, 0.15, HEIGHT - 0.11])}, speed=0.2)
+    b.wait(5.0)
+    assert b.arms_state["singular"][0] == 1.0
+    shift = b.arms.platform_shift("left")
+    # along the arm, by what brings the elbow to a right angle
+    np.testing.assert_allclose(shift, [0.49 - 0.25 * math.sqrt(2.0), 0.0, 0.0], atol=0.02)
+    b.v.move_bench(np.array([0.0, 0.0, HEIGHT]) + shift)
+    b.wait(3.0)
+    assert b.arms_state["singular"][0] == 0.0
+    elbow = b.wait(0.5)["q"][-1][3]
+    assert abs(abs(elbow) - math.pi / 2) < math.radians(15)
+
+
+def test_an_arm_tells_where_the_platform_is():
+    """Section V-E: FK of a hand that holds a fixed point gives the platform's position."""
+    b = Bench()
+    rows = b.wait(3.0)
+    p = estimate_platform(rows["left_p_WH"][-1], np.eye(3), b.arms_state["p_BH"][0])
+    np.testing.assert_allclose(p, [0.0, 0.0, HEIGHT], atol=0.006)
+
+
+def test_orders_that_cannot_be():
+    b = Bench(q=np.tile(L_POSE, 2))
+    with pytest.raises(InputError, match="'middle' is unknown; valid: left, right"):
+        b.arms.hands_to({"middle": HAND})
+    with pytest.raises(InputError, match="3 finite numbers"):
+        b.arms.push({"left": np.array([0.0, np.inf, 0.0])})
+    b.v.belief[0]["arms"]["sensed"] = 0.0
+    with pytest.raises(InputError, match="cannot control a force"):
+        b.arms.push({"right": UP})
