@@ -17,6 +17,7 @@ from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan
 
 METRICS = {
+    "bimanual-bench": "skywright.evaluation.bimanual_bench:compute_bench_metrics",
     "scan": "skywright.evaluation.metrics:compute_scan_metrics",
     "sensor-install": "skywright.evaluation.sensor_install:compute_install_metrics",
     "waypoints": "skywright.evaluation.metrics:compute_waypoint_metrics",

@@ -47,11 +47,13 @@ class Requirement(Spec):
 KINDS = {
     "scan": "skywright.missions.kinds.scan",
     "waypoints": "skywright.missions.kinds.waypoints",
+    "bimanual-bench": "skywright.missions.kinds.bimanual_bench",
     "sensor-install": "skywright.missions.kinds.sensor_install",
 }
 """Kind of mission -> its module; a new kind is one more module and one more line."""
 
 TASKS = {
+    "bimanual-bench": "skywright.missions.tasks.bimanual_bench:BimanualBenchMission",
     "sensor-install": "skywright.missions.tasks.sensor_install:SensorInstallMission",
 }
 """Kind of mission -> "module:class" of its spec, where it has a table `mission.task`."""

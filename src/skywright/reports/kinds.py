@@ -12,6 +12,7 @@ import importlib
 from typing import Any
 
 KINDS = {
+    "bimanual-bench": "skywright.reports.figures.bimanual_bench",
     "scan": "skywright.reports.figures.inspection",
     "sensor-install": "skywright.reports.figures.sensor_install",
     "waypoints": "skywright.reports.figures.waypoints",

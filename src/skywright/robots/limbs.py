@@ -47,6 +47,8 @@ def list_limbs(robot: Robot) -> list[Limb]:
         names = list(arm.links)
         for i, (name, given) in enumerate(arm.links.items()):
             link = _mirror(given) if side else given
+            if side and arm.encoders == "left":
+                link = link.model_copy(update={"deflection_encoder": False})
             parent_name = given.parent or (names[i - 1] if i else "platform")
             if parent_name == "platform":
                 parent, default = base, (mount[0], mount[1] + spread, mount[2])

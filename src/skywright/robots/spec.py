@@ -197,6 +197,7 @@ class Arm(Spec):
     mount_y_m: float = 0.0
     mount_z_m: float = 0.0
     sides: Literal[1, 2] = 1
+    encoders: Literal["both", "left"] = "both"  # which arms have the links' deflection encoders
     separation_m: Positive = 0.3
     links: dict[str, Link]
     servos: dict[str, Servo]

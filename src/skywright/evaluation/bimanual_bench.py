@@ -1,0 +1,117 @@
+"""Metrics of the kind "bimanual-bench": what two hands did to box, plug, bar and post."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_from_quat
+from skywright.evaluation.metrics import in_phases
+from skywright.missions.flight import PhaseRecord
+from skywright.missions.kinds.bimanual_bench import STATIONS
+from skywright.missions.loader import Description
+from skywright.missions.planning import MissionPlan
+from skywright.missions.tasks.bimanual_bench import BimanualBenchMission
+
+Array = NDArray[np.float64]
+Samples = NDArray[Any]
+
+FREE = 0.005  # m, a plug that has moved so far is out
+LAST_S = 1.0  # s at the end of a phase over which a pose is judged
+
+
+def compute_bench_metrics(
+    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
+) -> tuple[dict[str, float], None]:
+    """Judge the trials that were made."""
+    mission = description.mission
+    assert isinstance(mission, BimanualBenchMission)
+    names = list(description.world.objects)
+    out: dict[str, float] = {}
+    for trial in mission.task.trials:
+        judge = {"squeeze": _judge_box, "unplug": _judge_plug, "bar": _judge_bar}.get(trial)
+        if judge is not None:
+            thing = {"squeeze": "box", "unplug": "plug", "bar": "bar"}[trial]
+            out |= judge(samples, phases, names.index(thing), description)
+        else:
+            out |= _judge_drift(samples, phases, description)
+    return out, None
+
+
+def _judge_box(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
+    """How high the box was held, how far it slipped between the hands, how hard they pressed."""
+    hold = in_phases(s, phases, "hold box")
+    if not np.any(hold):
+        return {}
+    thing = d.world.objects["box"]
+    box = s[f"object{i}_p_WO"][hold]
+    hands = 0.5 * (s["left_p_WH"] + s["right_p_WH"])[hold]
+    slip = np.linalg.norm((box - hands) - (box - hands)[0], axis=1)
+    press = 0.5 * (s["right_f_W"][hold][:, 1] - s["left_f_W"][hold][:, 1])
+    return {
+        "bench.box_lift_m": float(np.min(box[:, 2])) - thing.z_m,
+        "bench.box_slip_mm": 1e3 * float(np.max(slip)),
+        "bench.squeeze_n": float(np.mean(press)),
+    }
+
+
+def _judge_plug(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
+    """Time from the plug's coming free until the hands noticed it."""
+    pull = in_phases(s, phases, "pull")
+    if not np.any(pull):
+        return {}
+    thing = d.world.objects["plug"]
+    way = np.linalg.norm(s[f"object{i}_p_WO"] - [thing.x_m, thing.y_m, thing.z_m], axis=1)
+    free = np.flatnonzero(pull & (way > FREE))
+    noticed = next((p.start_s for p in phases if p.name == "unplugged"), None)
+    if noticed is None:
+        return {}
+    if not len(free):
+        return {"bench.unplug_delay_s": math.inf}  # noticed what did not happen
+    return {"bench.unplug_delay_s": noticed - float(s["t"][free[0]])}
+
+
+def _judge_bar(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
+    """Errors of the bar's true centre and direction at the end of each pose, the worst one."""
+    position, direction = [], []
+    for name in ("lift bar", "turn bar", "bar forward"):
+        for k, phase in enumerate(phases):
+            if phase.name != name:
+                continue
+            late = (s["phase"] == k) & (s["t"] > phase.end_s - LAST_S)
+            goal = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])[late]
+            position.append(np.linalg.norm(np.mean(s[f"object{i}_p_WO"][late] - goal, axis=0)))
+            n = (s["left_ref_p_WH"] - s["right_ref_p_WH"])[late][-1]
+            axis = rot_from_quat(s[f"object{i}_q_WO"][late][-1])[:, 1]
+            cosine = abs(float(n @ axis)) / float(np.linalg.norm(n))
+            direction.append(math.degrees(math.acos(min(cosine, 1.0))))
+    if not position:
+        return {}
+    return {
+        "bench.bar_position_mm": 1e3 * float(max(position)),
+        "bench.bar_direction_deg": float(max(direction)),
+    }
+
+
+def _judge_drift(s: Samples, phases: list[PhaseRecord], d: Description) -> dict[str, float]:
+    """The base's drift as the arms' angles tell it, against the truth.
+
+    What the hands hold does not move, so the base has moved by minus the hands' estimated motion
+    in its own frame. The estimate in W contains the estimated base: it is taken out again.
+    """
+    moving = in_phases(s, phases, "drift")
+    if not np.any(moving):
+        return {}
+    assert d.world.bench is not None
+    home = np.array([d.world.bench.x_m, STATIONS["position-sensor"], d.world.bench.z_m])
+    in_base = 0.5 * (s["left_est_p_WH"] + s["right_est_p_WH"])[moving] - s["est_p_WB"][moving]
+    felt = in_base[0] - in_base
+    true = s["p_WB"][moving] - home
+    error = felt - (true - true[0])
+    return {
+        "bench.drift_error_mm": 1e3 * float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+        "bench.drift_rms_mm": 1e3 * float(np.sqrt(np.mean(np.sum(true**2, axis=1)))),
+    }
