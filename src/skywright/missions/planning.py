@@ -69,10 +69,13 @@ def plan_mission(description: Description) -> MissionPlan:
 
     Raises InputError when robot or world lack what the mission is about.
     """
-    plan_it = load_kind(description.mission.kind).plan
+    kind = load_kind(description.mission.kind)
+    plan_it = kind.plan
     plan: MissionPlan = plan_it(description)
     if not plan.feasible and plan.plan_s > description.mission.planner_time_s:
         plan = plan_it(description)  # the first call in a process may have spent its time compiling
+    if not getattr(kind, "FLIES", True):
+        return plan
     if plan.feasible:
         blocked = _find_blocked_climb(description)
         if blocked is not None:
