@@ -89,7 +89,7 @@ def _judge_tape(t: Array, normal: Array, description: Description) -> dict[str, 
         return {}
     dt = np.diff(t, append=t[-1])
     impulse = float(np.sum(np.where(normal > PRESSING, normal * dt, 0.0)))
-    bond = tape.strength_n * (1.0 - math.exp(-impulse / tape.press_ns))
+    bond = tape.strength_n * (1.0 - math.exp(-impulse / tape.press_n_s))
     last = np.flatnonzero(normal > PRESSING)
     pulled = bool(len(last)) and bool(np.any(normal[last[-1] :] < -TENSION))
     return {

@@ -78,5 +78,5 @@ def fill_tape(record: Record, tape: Tape | None, bodies: Any) -> None:
     if record["hand"] >= len(bodies) or bodies[record["hand"]] < 0:
         return
     record["on"], record["body"] = 1, bodies[record["hand"]]
-    record["strength"], record["press"] = tape.strength_n, tape.press_ns
+    record["strength"], record["press"] = tape.strength_n, tape.press_n_s
     record["release"], record["stiffness"] = tape.release_n, tape.stiffness_n_per_m

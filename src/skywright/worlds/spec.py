@@ -217,7 +217,7 @@ class Tape(Spec):
 
     hand: Literal["left", "right"] = "left"
     strength_n: Positive = 5.0  # of the bond, in tension, pressed for long
-    press_ns: Positive = 4.0  # N s of pressing after which 63 % of it are reached
+    press_n_s: Positive = 4.0  # N s of pressing after which 63 % of it are reached
     release_n: Positive = 1.0  # pull at which the holder lets go of the sensor
     stiffness_n_per_m: Positive = 1000.0  # of tape and holder together
 
