@@ -11,8 +11,6 @@ bias_mj = T^T (M_pin c + bias_pin) with c = (-w_WB_B x v_WB_B, 0).
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from typing import Any, NamedTuple
 
@@ -20,9 +18,11 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skywright import cli
 from skywright.core.rotations import rot_from_quat
 from skywright.core.types import MAX_JOINTS
 from skywright.errors import InputError
@@ -178,6 +178,11 @@ def test_pinocchio_scene_and_record_agree(name: str) -> None:
     hold_equal(load_robot(name)[0], seed=11, states=30)
 
 
+def millimetres(low: int, high: int):
+    """Metres; MuJoCo takes a centre closer than a micrometre to the frame for the frame's."""
+    return st.integers(low, high).map(lambda n: n / 1000)
+
+
 links = st.fixed_dictionaries(
     {
         "joint": st.sampled_from(["hinge", "hinge", "slide", "fixed"]),
@@ -188,10 +193,10 @@ links = st.fixed_dictionaries(
         "radius_m": st.floats(0.005, 0.05),
     },
     optional={
-        "com_m": st.floats(-0.2, 0.5),
-        "x_m": st.floats(-0.5, 0.5),
-        "y_m": st.floats(-0.5, 0.5),
-        "z_m": st.floats(-0.5, 0.5),
+        "com_m": millimetres(-200, 500),
+        "x_m": millimetres(-500, 500),
+        "y_m": millimetres(-500, 500),
+        "z_m": millimetres(-500, 500),
     },
 )
 
@@ -200,7 +205,7 @@ links = st.fixed_dictionaries(
 @given(
     chain=st.lists(links, min_size=1, max_size=4), sides=st.sampled_from([1, 2]),
     branch=st.booleans(), swings=st.booleans(), hand_mass=st.sampled_from([0.0, 0.3]),
-    pitch=st.none() | st.floats(-180.0, 180.0), com=st.floats(-0.1, 0.1),
+    pitch=st.none() | st.floats(-180.0, 180.0), com=millimetres(-100, 100),
 )  # fmt: skip
 def test_any_tree_of_links_agrees(
     chain: list[dict[str, Any]], sides: int, branch: bool, swings: bool, hand_mass: float,
@@ -448,16 +453,15 @@ def test_through_a_belt_servos_work_together() -> None:
     np.testing.assert_allclose(p.model.velocityLimit[p.order], [speed[0], sum(speed)])
 
 
-def run(*args: str, cwd) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "skywright", "show", *args],
-        capture_output=True, text=True, cwd=cwd, check=False,
-    )  # fmt: skip
+def show(*args: str, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    return CliRunner().invoke(cli.main, ["show", *args])
 
 
-def test_command_writes_the_file_and_no_picture(tmp_path) -> None:
-    done = run("pipe-weld-scan", "--urdf", "new/othex.urdf", "--json", cwd=tmp_path)
-    assert done.returncode == 0
+def test_command_writes_the_file_and_no_picture(tmp_path, monkeypatch) -> None:
+    args = ("pipe-weld-scan", "--urdf", "new/othex.urdf", "--json")
+    done = show(*args, folder=tmp_path, monkeypatch=monkeypatch)
+    assert done.exit_code == 0
     assert json.loads(done.stdout)["urdf"] == "new/othex.urdf"
     text = (tmp_path / "new" / "othex.urdf").read_text(encoding="utf-8")
     assert text == build_urdf(load_robot("othex")[0])
@@ -470,11 +474,14 @@ def test_command_writes_the_file_and_no_picture(tmp_path) -> None:
         (("open", "--urdf", "a.urdf"), "'open' is a world"),
         (("bimanual", "--urdf", "a.txt"), "valid: .urdf, .xml"),
         (("bimanual", "--urdf", "/proc/none/a.urdf"), "cannot be written"),
+        (("bimanual", "--urdf", "."), "valid: .urdf, .xml"),
+        (("bimanuel", "--urdf", "a.urdf"), "bimanual"),
     ],
 )
-def test_command_refuses(args: tuple[str, ...], words: str, tmp_path) -> None:
-    done = run(*args, cwd=tmp_path)
-    assert done.returncode == 2 and words in done.stderr and done.stderr.count("\n") == 1
+def test_command_refuses(args: tuple[str, ...], words: str, tmp_path, monkeypatch) -> None:
+    done = show(*args, folder=tmp_path, monkeypatch=monkeypatch)
+    assert done.exit_code == 2 and words in done.stderr and done.stdout == ""
+    assert done.stderr.startswith("skywright: ") and done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 

@@ -424,10 +424,9 @@ def show(name: str, out: Path | None, urdf: Path | None, as_json: bool) -> None:
     from skywright.reports.summary import build_summary
 
     subject = find_any(name)
-    summary = build_summary(subject)
     if urdf is not None:
         _write_urdf(subject, urdf)
-        summary = summary._replace(urdf=str(urdf))
+    summary = build_summary(subject)._replace(urdf=None if urdf is None else str(urdf))
     if out is not None or not (as_json or urdf is not None):
         from skywright.reports.show import write_show_figure
 

@@ -18,6 +18,7 @@ from skywright.models.drawing import Shape, build_drawing
 from skywright.models.rigid_body import (
     SLIDER_INERTIA,
     build_body_model,
+    build_docking_parts,
     build_probe_parts,
     find_tip,
     hand_inertia,
@@ -40,9 +41,9 @@ FREE_SPEED = 1000.0  # rad/s: URDF wants a largest speed of every joint, a passi
 def build_urdf(robot: Robot) -> str:
     """Return the robot as URDF.
 
-    Links: `platform` (B), `rotor0`... (massless, z along the thrust), the links of the arms by
-    name, `holder` and `slider` of the probe, `hand` or `left_hand` and `right_hand` (frames H),
-    `tip` (frame T, massless). Joints have the name of the link that they move, and its zero.
+    Links: `platform` (B), `rotor0`... (massless, z along the thrust), `docking`, the links of the
+    arms by name, `holder` and `slider` of the probe, `hand` or `left_hand` and `right_hand`
+    (frames H), `tip` (frame T, massless). Joints have the name of the link that they move, and its zero.
     """
     limbs = list_limbs(robot)
     out = _Writer(robot)
@@ -57,6 +58,10 @@ def build_urdf(robot: Robot) -> str:
         x = np.cross([0.0, 1.0, 0.0], axis)
         x /= np.linalg.norm(x)
         out.add_fixed(f"rotor{i}", "platform", place, np.column_stack([x, np.cross(axis, x), axis]))
+    if robot.docking is not None:
+        mass, com, inertia = build_docking_parts(robot.docking)
+        out.add_fixed("docking", "platform", np.zeros(3), np.eye(3))
+        out.fill_link("docking", mass, com, inertia, out.shapes["docking"])
     bounds = _joint_bounds(robot)
     for limb in limbs:
         out.add_link(

@@ -178,7 +178,7 @@ class Hand(Spec):
 
 
 TAKEN = re.compile(
-    r"platform|gear|pendulum|holder|slider|spring|free|tip|(hand|rotor|object)\s?\d*"
+    r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|(hand|rotor|object)\s?\d*"
 )
 """Parts and joints that are there anyway: links have other names."""
 
