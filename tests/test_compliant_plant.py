@@ -279,7 +279,7 @@ def test_gear_play_is_felt_at_the_output() -> None:
 
 def test_deflection_encoders_read_at_200_hz_with_their_noise() -> None:
     """14 bit, 0.05 deg of noise, an error that follows the angle below 0.2 deg."""
-    bench, n = build_bench(), BLOCK
+    bench, n = build_bench(), BLOCK  # two seconds
     pl, meas = bench.pl[0], np.zeros(1, BELIEF)[0]["meas"]
     pl["noise_deflection"] = np.random.default_rng(4).standard_normal(pl["noise_deflection"].shape)
     true = math.radians(6.0)

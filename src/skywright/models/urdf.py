@@ -43,7 +43,8 @@ def build_urdf(robot: Robot) -> str:
 
     Links: `platform` (B), `rotor0`... (massless, z along the thrust), `docking`, the links of the
     arms by name, `holder` and `slider` of the probe, `hand` or `left_hand` and `right_hand`
-    (frames H), `tip` (frame T, massless). Joints have the name of the link that they move, and its zero.
+    (frames H), `tip` (frame T, massless). Joints have the name of the link that they move, and
+    its zero.
     """
     limbs = list_limbs(robot)
     out = _Writer(robot)
