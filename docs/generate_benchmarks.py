@@ -23,8 +23,12 @@ Result = dict[str, Any]
 
 
 def load_results(folder: Path = RESULTS) -> list[Result]:
-    """Return all results, the oldest first; quick ones say nothing."""
-    found = [json.loads(p.read_text(encoding="utf-8")) for p in sorted(folder.glob("*.json"))]
+    """Return all results of `skywright bench`, the oldest first; quick ones say nothing.
+
+    They are named by their date; what other scripts keep there has a name of its own.
+    """
+    dated = sorted(folder.glob("[0-9]*.json"))
+    found = [json.loads(p.read_text(encoding="utf-8")) for p in dated]
     return sorted((r for r in found if r["effort"] != "quick"), key=lambda r: r["when"])
 
 

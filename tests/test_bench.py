@@ -25,7 +25,8 @@ from skywright import cli
 from skywright.control.registry import ARMS_LAWS, LAWS, load_law
 from skywright.errors import InputError
 from skywright.estimation.registry import ESTIMATORS, load_estimator
-from skywright.studies.bench import registry, robots, runner, tick
+from skywright.missions.planning import plan_mission
+from skywright.studies.bench import planning, registry, robots, runner, sensors, tick
 from skywright.studies.bench.flights import (
     FULL_STRENGTH,
     count_ticks,
@@ -142,6 +143,14 @@ def test_exponent_of_a_power_law(p, scale):
     costs = {n: Cost(100.0 * n, scale * n**p, 1.0, 1.0) for n in (1, 2, 4)}
     assert fit_exponent(costs, "plan_s") == pytest.approx(p, abs=1e-9)
     assert fit_exponent(costs, "run_s") == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("sets", [*sensors.CASES.values(), *planning.CASES.values()], ids=str)
+def test_every_case_has_the_plan_that_it_is_said_to_have(sets):
+    """A limit of the mission that becomes stricter must not leave a benchmark without flights."""
+    refused = {planning.CASES[name] for name in planning.REFUSED}
+    plan = plan_mission(load_scan(*sets))
+    assert plan.feasible == (sets not in refused), plan.blocked_by
 
 
 # Rows

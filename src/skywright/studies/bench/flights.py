@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.errors import InfeasibleError, SimulationError
 from skywright.evaluation.run import build_vehicle
 from skywright.missions.loader import Description, load_description
 from skywright.missions.planning import plan_mission
@@ -20,7 +21,7 @@ Array = NDArray[np.float64]
 SCAN = "pipe-weld-scan"
 
 FULL_STRENGTH = (
-    "world.wind.kind=dryden", "world.wind.mean_mps=3", "world.mocap.outlier_fraction=0.01",
+    "world.wind.kind=dryden", "world.wind.mean_mps=2", "world.mocap.outlier_fraction=0.01",
     "world.link.delay_s=0.004", "world.link.jitter_s=0.002", "world.link.loss_fraction=0.01",
     "world.pipe.friction_variation=0.3",
 )  # fmt: skip
@@ -48,14 +49,22 @@ def load_scan(*sets: str) -> Description:
 
 
 def fly_into_contact(description: Description) -> SimulatedVehicle:
-    """Fly a scan until the probe slides on the pipe; at its end the robot keeps pressing."""
+    """Fly a scan until the probe slides on the pipe; at its end the robot keeps pressing.
+
+    Raises InfeasibleError when the scan has no plan, SimulationError without contact.
+    """
+    plan = plan_mission(description)
+    if not plan.feasible:
+        raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
     vehicle = fly_to_hover(description)
-    plan, body = plan_mission(description), WholeBody(vehicle)
+    body = WholeBody(vehicle)
     for name in ("approach", "unfold", "close_in", "touch", "scan"):
         body.track(plan.segments[name])
         while name != "scan" and not vehicle.tick().arrived:
             pass
     run_ticks(vehicle, count_ticks(2.0))
+    if not vehicle.in_contact():
+        raise SimulationError("the probe does not touch the pipe where the scan begins")
     return vehicle
 
 

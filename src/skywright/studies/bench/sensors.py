@@ -14,7 +14,7 @@ from skywright.studies.bench.flights import (
 from skywright.studies.bench.rows import Row, Session, build_row
 from skywright.studies.bench.timing import compute_ratios, interleave
 
-FAN = ("world.wind.kind=fan", "world.wind.mean_mps=3")
+FAN = ("world.wind.kind=fan", "world.wind.mean_mps=2")
 CASES: dict[str, tuple[str, ...]] = {
     "plain": (),
     "mocap_30hz": ("world.mocap.rate_hz=30",),
@@ -22,10 +22,10 @@ CASES: dict[str, tuple[str, ...]] = {
     "artefacts": ("world.mocap.outlier_fraction=0.02",),
     "observer": ("mission.estimator=observer",),
     "link": ("world.link.delay_s=0.004", "world.link.jitter_s=0.002"),
-    "steady_wind": ("world.wind.kind=steady", "world.wind.mean_mps=3"),
+    "steady_wind": ("world.wind.kind=steady", "world.wind.mean_mps=2"),
     "fan": FAN,
     "fan_oscillating": (*FAN, "world.wind.fan.sweep_deg=10"),
-    "dryden": ("world.wind.kind=dryden", "world.wind.mean_mps=3"),
+    "dryden": ("world.wind.kind=dryden", "world.wind.mean_mps=2"),
     "friction": ("world.pipe.friction_variation=0.3",),
     "full_strength": FULL_STRENGTH,
 }
@@ -35,7 +35,7 @@ NOTES = {
     "artefacts": "2 % of the samples are artefacts",
     "observer": "the plain observer: of the inertial unit only the mean rate is used",
     "link": "control over a link of 4 ms, each way",
-    "steady_wind": "steady wind of 3 m/s",
+    "steady_wind": "steady wind of 2 m/s",
     "fan": "a fan's jet",
     "fan_oscillating": "an oscillating fan's jet",
     "dryden": "Dryden turbulence",

@@ -6,9 +6,11 @@ on a busy one the time that others had is not in it.
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 Seconds = list[float]
@@ -41,7 +43,14 @@ def compute_ratios(above: Seconds, below: Seconds) -> list[float]:
 
 
 def read_rss() -> float:
-    """Return the resident memory of this process (MB); raises OSError where /proc is missing."""
+    """Return the resident memory of this process (MB); raises OSError where /proc is missing.
+
+    What is free is given back to the system first, so that growth means memory in use: the C
+    library keeps freed blocks, and how many is chance.
+    """
+    gc.collect()
+    with suppress(AttributeError):  # another C library than GNU's
+        ctypes.CDLL(None).malloc_trim(0)
     for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
         if line.startswith("VmRSS:"):
             return int(line.split()[1]) / 1e3
