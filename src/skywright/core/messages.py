@@ -63,6 +63,15 @@ float64[] thrust                    # N, one a rotor
 float64[] speed                     # rad/s
 float64 power                       # W, electrical, whole robot
 float64 saturated                   # 1 when the allocation had to give something up""",
+    "skywright_msgs/Loads": """\
+std_msgs/Header header
+geometry_msgs/Wrench wrench         # of arms or link on the platform, about its origin, less zero
+float64 force_peak                  # N, largest size since the last message (1 kHz)
+float64 torque_peak                 # N m
+geometry_msgs/Vector3 pad_force     # N, contact force on the pads, in map
+float64 pad_force_peak              # N
+geometry_msgs/Vector3 pad_impulse   # N s, given to the pads so far, in map
+float64 pad_time                    # s, in contact so far""",
     "skywright_msgs/Complex": """\
 float64 re
 float64 im""",
@@ -123,8 +132,8 @@ def _joints(name: str, **fields: str) -> Topic:
     return Topic(name, "sensor_msgs/JointState", "", fields, lengths)
 
 
-PARTS = ("hands", "objects")
-"""What not every robot or world has: compliant arms with hands, movable things."""
+PARTS = ("hands", "objects", "loads")
+"""What not every robot or world has: compliant arms with hands, movable things, gauges."""
 
 
 def _hand(side: str) -> list[Topic]:
@@ -215,6 +224,22 @@ TOPICS = (
     ),
     *_arms(),
     *_objects(),
+    Topic(
+        "/loads",
+        "skywright_msgs/Loads",
+        BODY,
+        {
+            "wrench.force": "load_f_B",
+            "wrench.torque": "load_t_B",
+            "force_peak": "load_f_peak",
+            "torque_peak": "load_t_peak",
+            "pad_force": "pad_f_W",
+            "pad_force_peak": "pad_f_peak",
+            "pad_impulse": "pad_impulse_W",
+            "pad_time": "pad_touch_s",
+        },
+        part="loads",
+    ),
     Topic(
         "/tf",
         "tf2_msgs/TFMessage",

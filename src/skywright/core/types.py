@@ -383,6 +383,15 @@ SAMPLE = np.dtype(
                 ("ref_f_W", 3),
             )
         ],
+        # wrench of arms or link on the platform, and what hits pads (sim/loads.py)
+        ("load_f_B", f8, 3),  # N, beyond the wrench that is counted from
+        ("load_t_B", f8, 3),  # N m, about the origin of B
+        ("load_f_peak", f8),  # N, largest size since the last sample (at 1 kHz)
+        ("load_t_peak", f8),  # N m
+        ("pad_f_W", f8, 3),  # N, contact force on the pads
+        ("pad_f_peak", f8),  # N
+        ("pad_impulse_W", f8, 3),  # N s, so far
+        ("pad_touch_s", f8),  # s in contact so far
         # movable things of the world
         *[(f"object{i}_{n}", f8, k) for i in range(MAX_OBJECTS) for n, k in _POSE],
     ]

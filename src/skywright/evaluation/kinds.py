@@ -18,6 +18,7 @@ from skywright.missions.planning import MissionPlan
 
 METRICS = {
     "bimanual-bench": "skywright.evaluation.bimanual_bench:compute_bench_metrics",
+    "impact": "skywright.evaluation.impact:compute_impact_metrics",
     "scan": "skywright.evaluation.metrics:compute_scan_metrics",
     "sensor-install": "skywright.evaluation.sensor_install:compute_install_metrics",
     "waypoints": "skywright.evaluation.metrics:compute_waypoint_metrics",

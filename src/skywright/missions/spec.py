@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field, field_validator, model_validator
 
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
+from skywright.robots.spec import Robot
 
 
 class Scan(Spec):
@@ -45,6 +46,7 @@ class Requirement(Spec):
 
 
 KINDS = {
+    "impact": "skywright.missions.kinds.impact",
     "scan": "skywright.missions.kinds.scan",
     "waypoints": "skywright.missions.kinds.waypoints",
     "bimanual-bench": "skywright.missions.kinds.bimanual_bench",
@@ -54,6 +56,7 @@ KINDS = {
 
 TASKS = {
     "bimanual-bench": "skywright.missions.tasks.bimanual_bench:BimanualBenchMission",
+    "impact": "skywright.missions.tasks.impact:ImpactMission",
     "sensor-install": "skywright.missions.tasks.sensor_install:SensorInstallMission",
 }
 """Kind of mission -> "module:class" of its spec, where it has a table `mission.task`."""
@@ -81,6 +84,10 @@ class Mission(Spec):
     scan: Scan | None = None
     waypoints: list[Waypoint] = []
     requirements: dict[str, Requirement] = {}
+
+    def adapt_robot(self, robot: Robot) -> Robot:
+        """Return the robot as this mission flies it; a kind may change it."""
+        return robot
 
     @field_validator("kind")
     @classmethod

@@ -19,6 +19,7 @@ from skywright.core.rotations import quat_from_rot
 from skywright.core.types import MAX_HANDS
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
+from skywright.models.pads import add_gauges, add_pads, has_pads
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.things import OBJECT, add_bench, add_things
@@ -90,6 +91,9 @@ def build_spec(robot: Robot, world: World, deviation: Deviation | None = None) -
     plant = deviation is not None
     _add_robot(spec, robot, deviation or Deviation(), plant)
     add_things(spec, world, plant)
+    add_pads(spec, world, plant)
+    if plant and has_pads(world):
+        add_gauges(spec, robot)
     add_bench(spec, world, plant)
     if plant:
         _add_contacts(spec, robot, world)

@@ -13,6 +13,7 @@ from typing import Any
 
 KINDS = {
     "bimanual-bench": "skywright.reports.figures.bimanual_bench",
+    "impact": "skywright.reports.figures.impact",
     "scan": "skywright.reports.figures.inspection",
     "sensor-install": "skywright.reports.figures.sensor_install",
     "waypoints": "skywright.reports.figures.waypoints",

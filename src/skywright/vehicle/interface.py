@@ -90,6 +90,9 @@ class Backend(Protocol):
     def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
         """Move the fixture that clamps the platform (a simulation with `world.bench` can)."""
 
+    def zero_gauges(self) -> None:
+        """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
+
     def tip_of(self, row: Any) -> tuple[Array, Array]:
         """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
 

@@ -36,6 +36,7 @@ from skywright.robots.spec import Robot
 from skywright.sim.friction import fill_friction
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
+from skywright.sim.loads import fill_loads
 from skywright.sim.plant import BLOCK, PLANT
 from skywright.sim.simulation import Simulation
 from skywright.sim.tape import fill_tape
@@ -159,7 +160,9 @@ class SimulatedVehicle:
     def parts(self) -> list[str]:
         """What samples hold beyond every robot's (core/messages.py: PARTS)."""
         pl = self.plant[0]
-        have = {"hands": pl["positioned"], "objects": pl["n_objects"]}
+        have = {
+            "hands": pl["positioned"], "objects": pl["n_objects"], "loads": pl["loads"]["on"],
+        }  # fmt: skip
         return [name for name, on in have.items() if on]
 
     @property
@@ -254,6 +257,10 @@ class SimulatedVehicle:
             raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
         self.sim.data.mocap_pos[0] = p_W
         self.sim.data.mocap_quat[0] = [math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]
+
+    def zero_gauges(self) -> None:
+        """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
+        self.plant[0]["loads"]["zero"] = 1
 
     def _let_go(self) -> None:
         """Free the stuck things that are pulled harder than they are held."""
@@ -431,6 +438,7 @@ def _build_plant(
         _fill_position_servos(pl, robot, world, scene, seed)
     pl["n_objects"] = len(index.object_qpos)
     pl["object_qpos"][: len(index.object_qpos)] = index.object_qpos
+    fill_loads(pl["loads"], scene.model)
     m = world.mocap
     pl["mocap_period"], pl["mocap_latency"] = 1.0 / m.rate_hz, m.latency_s
     pl["mocap_sigma_p"], pl["mocap_sigma_R"] = m.position_noise_m, m.attitude_noise_rad

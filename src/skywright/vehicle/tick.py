@@ -26,6 +26,7 @@ from skywright.models.rotors import compute_power
 from skywright.sim.friction import rub
 from skywright.sim.inertial import read_inertial, sense_inertial
 from skywright.sim.link import receive_measurement, send_command, send_measurement
+from skywright.sim.loads import sample_loads, watch_loads
 from skywright.sim.physics import step_physics
 from skywright.sim.plant import actuate, blow, hold_stalled_servos, observe, sense
 from skywright.sim.tape import step_tape
@@ -269,6 +270,8 @@ def take_sample(
     if pl.positioned:
         _sample_arms(b, pl, qpos, row)
     _sample_objects(pl, qpos, row)
+    if pl.loads.on:
+        sample_loads(pl.loads, row)
     thrust = np.zeros(pl.n_rotors)
     for i in range(pl.n_rotors):
         thrust[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
@@ -385,9 +388,11 @@ def tick_after_law(frame: Array, n_samples: int) -> tuple[int, int]:
 
 @njit(cache=True, error_model="numpy")
 def tick_inertial(frame: Array) -> None:
-    """Take an inertial sample after a physics step (interactive way)."""
+    """Take an inertial sample and the gauges after a physics step (interactive way)."""
     v = open_frame(frame)
     sense_inertial(v.im[0], v.qpos, v.qvel, v.pl[0].rotor_speed)
+    if v.pl[0].loads.on:
+        watch_loads(v.pl[0].loads, v.sensordata, v.site_xpos, v.site_xmat)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -417,6 +422,8 @@ def mission_tick(frame: Array, n: int, n_steps: int, n_samples: int) -> int:
         for _ in range(n_steps):
             step_physics(v.mj_model, v.mj_data, 1)
             sense_inertial(v.im[0], v.qpos, v.qvel, v.pl[0].rotor_speed)
+            if v.pl[0].loads.on:
+                watch_loads(v.pl[0].loads, v.sensordata, v.site_xpos, v.site_xmat)
         if v.g[0].fired:
             break
     return n_samples

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 from skywright.core.types import MAX_OBJECTS
-from skywright.worlds.things import Bench, Thing
+from skywright.worlds.things import Bench, Pad, Thing
 
 
 class Pipe(Spec):
@@ -51,7 +51,7 @@ class Weld(Spec):
 
 
 class Box(Spec):
-    """A fixed box obstacle."""
+    """A fixed box obstacle; `pad` upholsters its face towards -x (turned by yaw)."""
 
     x_m: float
     y_m: float
@@ -60,6 +60,7 @@ class Box(Spec):
     size_y_m: Positive
     size_z_m: Positive
     yaw_deg: float = 0.0
+    pad: Pad | None = None
 
 
 class Tube(Spec):

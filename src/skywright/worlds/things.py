@@ -37,6 +37,20 @@ class Thing(Spec):
         return self
 
 
+class Pad(Spec):
+    """A sprung plate on the face of a box that looks towards -x (at yaw 0): what one runs into.
+
+    Its stiffness is a number of its own, whatever touches it: MuJoCo's soft contacts are the
+    stiffer the heavier the robot, which would spoil a comparison of robots.
+    """
+
+    stiffness_n_per_m: Positive = 3000.0
+    damping_ns_per_m: NonNegative = 15.0
+    mass_kg: Positive = 0.1  # of the plate
+    thickness_m: Positive = 0.02  # of the plate
+    travel_m: Positive = 0.05  # until the foam is flat
+
+
 class Bench(Spec):
     """A fixture that clamps the platform, arms free; it may drift while a trial wants it to."""
 
