@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.evaluation.metrics import in_phases, quat_angle
+from skywright.evaluation.metrics import in_phases
 from skywright.missions.flight import PhaseRecord
 from skywright.missions.kinds.impact import RECOIL_S, ImpactPlan
 from skywright.missions.loader import Description
@@ -48,9 +48,8 @@ def compute_impact_metrics(
         "impact.contact_force_n": float(np.max(s["pad_f_peak"])),
         "impact.contact_s": float(s["pad_touch_s"][-1]),
         "impact.impulse_ns": float(np.linalg.norm(s["pad_impulse_W"][-1])),
-        "impact.recoil_deg": math.degrees(
-            float(np.max(quat_angle(soon["q_WB"], before["q_WB"][None])))
-        ),
+        "impact.recoil_deg": math.degrees(float(np.max(compute_tilt(soon, before)))),
+        "impact.yaw_deg": math.degrees(float(np.max(np.abs(compute_turn(soon, before))))),
         "impact.overrun_m": float(np.max((soon["p_WB"] - before["p_WB"]) @ way.ahead)),
     }
     if description.robot.pendulum is not None:
@@ -60,6 +59,24 @@ def compute_impact_metrics(
         wound = np.max(np.abs(soon["deflection"] - before["deflection"]))
         out["impact.deflection_deg"] = math.degrees(float(wound))
     return out, None
+
+
+def compute_tilt(samples: NDArray[Any], before: Any) -> Array:
+    """Angle (n,) rad between the platform's vertical axis and where it pointed in `before`."""
+    up = np.tile([0.0, 0.0, 1.0], (len(samples), 1))
+    cosine = rotate_vectors(samples["q_WB"], up) @ rotate_vectors(before["q_WB"][None], up[:1])[0]
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def compute_turn(samples: NDArray[Any], before: Any) -> Array:
+    """Change (n,) rad of the platform's heading since `before`."""
+
+    def heading(q: Array) -> Array:
+        ahead = rotate_vectors(q, np.tile([1.0, 0.0, 0.0], (len(q), 1)))
+        return np.arctan2(ahead[:, 1], ahead[:, 0])
+
+    turned = heading(samples["q_WB"]) - heading(before["q_WB"][None])
+    return np.asarray((turned + math.pi) % (2.0 * math.pi) - math.pi)
 
 
 def find_contact(samples: NDArray[Any], near: NDArray[np.bool_]) -> int | None:

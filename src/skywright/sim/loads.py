@@ -66,7 +66,7 @@ def fill_loads(loads: Record, model: mujoco.MjModel) -> None:
 def watch_loads(loads: Record, sensordata: Array, site_xpos: Array, site_xmat: Array) -> None:
     """Take the gauges of one physics step.
 
-    MuJoCo's force sensor gives the force that the child exerts on its parent, in the site's axes.
+    MuJoCo's sensors give what holds the child, in the site's axes; the platform feels the opposite.
     """
     f_W, t_W = np.zeros(3), np.zeros(3)
     o = loads.origin
@@ -76,8 +76,8 @@ def watch_loads(loads: Record, sensordata: Array, site_xpos: Array, site_xmat: A
         for i in range(3):
             arm[i] = site_xpos[s, i] - site_xpos[o, i]
             for j in range(3):
-                f[i] += site_xmat[s, 3 * i + j] * sensordata[at + j]
-                t_W[i] += site_xmat[s, 3 * i + j] * sensordata[about + j]
+                f[i] -= site_xmat[s, 3 * i + j] * sensordata[at + j]
+                t_W[i] -= site_xmat[s, 3 * i + j] * sensordata[about + j]
             f_W[i] += f[i]
         t_W[0] += arm[1] * f[2] - arm[2] * f[1]
         t_W[1] += arm[2] * f[0] - arm[0] * f[2]
@@ -97,7 +97,7 @@ def watch_loads(loads: Record, sensordata: Array, site_xpos: Array, site_xmat: A
         torque += loads.t_B[i] ** 2
         loads.pad_f_W[i] = 0.0
         for p in range(loads.n_pads):
-            loads.pad_f_W[i] += sensordata[loads.pad[p] + i]
+            loads.pad_f_W[i] -= sensordata[loads.pad[p] + i]  # MuJoCo: force that the pad exerts
         loads.impulse_W[i] += loads.pad_f_W[i] * loads.dt
     loads.zero = 0
     loads.f_peak = max(loads.f_peak, math.sqrt(force))

@@ -1,9 +1,10 @@
 """Fly into something padded with the left hand or with the passive link (Suarez 2020, table 3).
 
 The robot flies at a constant speed and does not know of the obstacle until it feels it: its
-reference runs on for the reaction time after the contact, stops, and backs off later. A flight rather than a thing
-thrown at a hovering robot: the energy that arm, springs and link must take is then the robot's own
-at that speed, no projectile's mass has to be invented, and the flight law takes part as it would.
+reference runs on for the reaction time after the contact, stops, and backs off later. A flight
+rather than a thing thrown at a hovering robot: the energy that arm, springs and link must take is
+then the robot's own at that speed, no projectile's mass has to be invented, and the flight law
+takes part as it would.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class ImpactPlan(NamedTuple):
     p_contact: Array  # (3,) m, platform when it touches
     p_start: Array  # (3,) m, platform before the run-up
     lever: float  # m, from the passive joint down to the point that touches (part "link")
-    run: Table  # REFERENCE-like rows are built from (t, distance, speed, acceleration)
+    run: Array  # (n, 4) rows of time s, distance m, speed m/s, acceleration m/s^2
     touched: str
 
 

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.evaluation.impact import find_contact
-from skywright.evaluation.metrics import in_phases, quat_angle
+from skywright.evaluation.impact import compute_tilt, compute_turn, find_contact
+from skywright.evaluation.metrics import in_phases
 from skywright.missions.kinds.impact import RECOIL_S
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
     GREEN,
+    GREY,
     ORANGE,
     WIDTH,
     draw_limit,
@@ -64,13 +65,14 @@ def draw_impact(result: RunResult) -> Figure | None:
     axes[3].set_ylabel("angle (deg)")
     _draw_recoil(axes[3], t, s, before, result)
     axes[3].set_xlabel("time since the contact (s)")
-    axes[3].legend(loc="upper left", ncols=3)
+    axes[3].legend(loc="upper left", ncols=4)
     return figure
 
 
 def _draw_recoil(ax: Any, t: Any, s: Any, before: Any, result: RunResult) -> None:
-    tilt = np.degrees(quat_angle(s["q_WB"], before["q_WB"][None]))
-    draw_line(ax, t, tilt, color=BLACK, label="platform's attitude")
+    draw_line(ax, t, np.degrees(compute_tilt(s, before)), color=BLACK, label="platform's tilt")
+    turn = np.degrees(compute_turn(s, before))
+    draw_line(ax, t, turn, color=GREY, ls="--", label="platform's heading")
     if result.description.robot.pendulum is not None:
         turned = np.degrees(s["q"][:, 0] - before["q"][0])
         draw_line(ax, t, turned, color=GREEN, label="passive link")

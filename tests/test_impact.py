@@ -1,0 +1,182 @@
+"""Collisions: pads, gauges, momentum, and the mission that flies into something."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from skywright.errors import InputError
+from skywright.evaluation.run import RunResult, build_vehicle, fly_and_evaluate
+from skywright.missions.dump import dump_description
+from skywright.missions.loader import load_description
+from skywright.missions.planning import plan_mission
+from skywright.models.arm_body import Deviation
+from skywright.models.pads import PAD, locate_pad
+from skywright.models.scene import Scene, build_scene
+from skywright.robots.limbs import list_limbs
+from skywright.robots.loader import load_robot
+from skywright.sim.loads import LOADS, fill_loads, watch_loads
+from skywright.worlds.spec import World
+
+FLOATING = {"world.gravity_mps2": 1e-9}
+
+
+def build_floating(robot: str) -> tuple[Scene, mujoco.MjData, np.ndarray]:
+    """A robot without weight, rotors off, at the place where it touches the pad, moving at it."""
+    d = load_description("impact", robot=robot, sets=FLOATING)
+    way = plan_mission(d).task
+    scene = build_scene(d.robot, d.world, Deviation())
+    data = mujoco.MjData(scene.model)
+    data.qpos[:3] = way.p_contact - 0.005 * way.ahead
+    data.qpos[scene.places.joint_qpos] = way.q
+    servos = scene.model.nu - scene.model.na
+    mujoco.mj_forward(scene.model, data)
+    data.act[:] = data.actuator_length[servos:]
+    data.ctrl[servos:] = data.act
+    data.qvel[:3] = 0.5 * way.ahead
+    return scene, data, way.ahead
+
+
+@pytest.mark.parametrize("robot", ["bimanual", "bimanual-longreach"])
+def test_the_pad_receives_the_momentum_that_the_robot_loses(robot: str) -> None:
+    scene, data, ahead = build_floating(robot)
+    model, body = scene.model, scene.places.platform_body
+    loads = np.zeros(1, LOADS)[0]
+    fill_loads(loads, model)
+
+    def momentum() -> np.ndarray:
+        mujoco.mj_subtreeVel(model, data)
+        return np.array(model.body_subtreemass[body] * data.subtree_linvel[body])
+
+    mujoco.mj_forward(model, data)
+    before = momentum()
+    for _ in range(400):
+        mujoco.mj_step(model, data)
+        watch_loads(loads, data.sensordata, data.site_xpos, data.site_xmat)
+    mujoco.mj_forward(model, data)
+    lost = before - momentum()
+    assert lost @ ahead > 0.3  # N s: it did hit
+    np.testing.assert_allclose(loads["impulse_W"], lost, atol=0.01 * np.linalg.norm(lost))
+    assert 0.02 < loads["touch_s"] <= 0.4
+
+
+@pytest.mark.parametrize("mass", [0.3, 3.0])
+def test_a_pad_is_a_spring_of_its_own(mass: float) -> None:
+    """A box of any mass meets the stiffness and damping of the file (closed form)."""
+    thing = {"size_x_m": 0.05, "size_y_m": 0.05, "size_z_m": 0.05, "mass_kg": mass,
+             "x_m": 6.0, "y_m": 0.0, "z_m": 2.0, "friction": 0.0}  # fmt: skip
+    d = load_description("impact", sets={**FLOATING, "world.objects": {"bob": thing}})
+    box = d.world.obstacles["bar"]
+    assert box.pad is not None
+    scene = build_scene(d.robot, d.world, Deviation())
+    data = mujoco.MjData(scene.model)
+    face, ahead = locate_pad(box)
+    joint = scene.model.joint("object bob")
+    data.qpos[joint.qposadr[0] : joint.qposadr[0] + 3] = face - 0.026 * ahead
+    data.qvel[joint.dofadr[0] : joint.dofadr[0] + 3] = 0.5 * ahead
+    plate = scene.model.joint(f"{PAD}bar").qposadr[0]
+    way = []
+    for _ in range(160):
+        mujoco.mj_step(scene.model, data)
+        way.append(float(data.qpos[plate]))
+    # after the catch of the plate both move as one damped oscillator
+    k, c, m = box.pad.stiffness_n_per_m, box.pad.damping_ns_per_m, mass + box.pad.mass_kg
+    w, z = math.sqrt(k / m), 0.5 * c / math.sqrt(k * m)
+    wd = w * math.sqrt(1.0 - z * z)
+    t = np.linspace(0.0, math.pi / wd, 200)
+    x = 0.5 * mass / m / wd * np.exp(-z * w * t) * np.sin(wd * t)
+    assert max(way) == pytest.approx(float(np.max(x)), rel=0.05)
+
+
+def test_gauges_carry_the_weight_of_what_hangs_on_them() -> None:
+    d = load_description("impact", robot="bimanual", sets={"world.bench": {"z_m": 1.5}})
+    vehicle = build_vehicle(d)
+    for _ in range(100):
+        vehicle.tick()
+    vehicle.zero_gauges()
+    vehicle.tick()
+    loads = vehicle.plant[0]["loads"]
+    assert d.robot.arm is not None
+    mass = sum(limb.link.mass_kg for limb in list_limbs(d.robot)) + 2 * d.robot.arm.hand.mass_kg
+    factor = 1.0 + d.plant.mass_error
+    np.testing.assert_allclose(loads["f_zero_B"], [0.0, 0.0, -9.81 * factor * mass], atol=0.1)
+    assert loads["f_peak"] < 0.1  # zeroed, nothing is left
+
+
+@functools.cache
+def fly(robot: str, *sets: str) -> RunResult:
+    return fly_and_evaluate(load_description("impact", robot=robot, sets=sets))
+
+
+def test_springs_and_the_passive_joint_spare_the_platform() -> None:
+    """Suarez 2020, table 3: stiff joints pass on most, the passive link least."""
+    stiff = fly("bimanual", "mission.task.joints=stiff")
+    soft, far = fly("bimanual"), fly("bimanual-longreach")
+    torque = [r.metrics["impact.peak_torque_nm"] for r in (stiff, soft, far)]
+    assert torque[0] > 2.0 * torque[1] > 4.0 * torque[2]
+    for r in (stiff, soft, far):
+        assert r.metrics["impact.speed_error_mps"] < 0.05
+        # 1 kHz: no sample of the recording (100 Hz) exceeds the peak, and one comes near it
+        s = r.samples[r.samples["pad_touch_s"] > 0.0]
+        sampled = float(np.max(np.linalg.norm(s["load_t_B"], axis=1)))
+        assert 0.3 * r.metrics["impact.peak_torque_nm"] < sampled
+        assert sampled <= r.metrics["impact.peak_torque_nm"] + 1e-9
+
+
+def test_stiff_joints_fail_for_the_right_reason() -> None:
+    result = fly("bimanual", "mission.task.joints=stiff")
+    failed = [v.name for v in result.requirements if not v.passed]
+    assert failed == ["impact.peak_torque_nm"]
+    assert fly("bimanual").outcome == "succeeded"
+
+
+def test_a_stiff_robot_is_dumped_and_loaded_as_it_flew(tmp_path: object) -> None:
+    d = load_description("impact", robot="bimanual", sets=["mission.task.joints=stiff"])
+    assert d.robot.arm is not None
+    assert all(x.flex_stiffness_nm_per_rad is None for x in d.robot.arm.links.values())
+    file = tmp_path / "mission.toml"  # type: ignore[operator]
+    file.write_text(dump_description(d), encoding="utf-8")
+    again = load_description(file)
+    assert again.robot == d.robot and again.mission == d.mission
+    soft, _ = load_robot("bimanual")
+    assert soft.arm is not None and soft.arm.links["elbow_pitch"].flex_stiffness_nm_per_rad
+
+
+def test_the_link_touches_before_anything_else() -> None:
+    d = load_description("impact", sets=["mission.task.part=link"])
+    plan = plan_mission(d)
+    assert plan.feasible and plan.task.touched == "pendulum shell"
+    # an obstacle high enough meets the propellers first, and the plan says so
+    tall = load_description("impact", robot="bimanual", sets=["world.obstacles.bar.size_z_m=1.2"])
+    blocked = plan_mission(tall)
+    assert not blocked.feasible and "propeller" in str(blocked.blocked_by)
+
+
+def test_wrong_missions_are_told() -> None:
+    for robot, sets, found in (
+        ("bimanual", ["mission.task.part=link"], "no passive link"),
+        ("hexarotor", [], "no arm"),
+        ("bimanual", ["mission.task.speed_mps=3"], "speed_mps is 3"),
+        ("bimanual", ["mission.task.part=foot"], "part"),
+        ("bimanual", ["mission.task.joints=soft"], "joints"),
+        ("bimanual", ["world.obstacles.bar.pad.stiffness_n_per_m=-1"], "stiffness_n_per_m"),
+    ):
+        with pytest.raises(InputError, match=found):
+            plan_mission(load_description("impact", robot=robot, sets=sets))
+    with pytest.raises(InputError, match="nothing padded"):
+        plan_mission(load_description("impact", world="open"))
+
+
+def test_a_turned_pad_looks_where_its_box_does() -> None:
+    world = World(
+        name="w", obstacles={"b": {"x_m": 1.0, "y_m": 2.0, "z_m": 1.0, "size_x_m": 0.4,
+                                   "size_y_m": 0.2, "size_z_m": 0.2, "yaw_deg": 90.0,
+                                   "pad": {}}},
+    )  # fmt: skip
+    face, ahead = locate_pad(world.obstacles["b"])
+    np.testing.assert_allclose(ahead, [0.0, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(face, [1.0, 2.0 - 0.2 - 0.05 - 0.02, 1.0])
