@@ -62,7 +62,7 @@ def test_the_pad_receives_the_momentum_that_the_robot_loses(robot: str) -> None:
     mujoco.mj_forward(model, data)
     lost = before - momentum()
     assert lost @ ahead > 0.3  # N s: it did hit
-    np.testing.assert_allclose(loads["impulse_W"], lost, atol=0.02 * np.linalg.norm(lost))
+    np.testing.assert_allclose(loads["impulse_W"], lost, atol=0.03 * np.linalg.norm(lost))
     assert 0.02 < loads["touch_s"] <= 0.4
 
 
