@@ -21,6 +21,7 @@ from skywright.models.bimanual import (
     is_unplugged,
 )
 from skywright.models.compliant_arms import spring_deflection, spring_torque
+from skywright.studies.force_estimators import measure
 
 HAND = np.array([0.25, 0.15, HEIGHT - 0.11 - 0.25])  # left, in the L pose
 UP, FORWARD = np.array([0.0, 0.0, 2.0]), np.array([2.0, 0.0, 0.0])
@@ -135,6 +136,16 @@ def test_the_true_force_comes_to_its_reference(force, boxes, within):
     assert abs(true.mean() - 2.0) < within
     assert np.sqrt(np.mean((true - 2.0) ** 2)) < 0.15
     assert abs((rows["left_est_f_W"] @ n).mean() - 2.0) < 0.02  # what the loop sees is exact
+
+
+def test_the_estimators_compared_in_one_table():
+    """The study's trials: torques are right in the L pose, and said to be unsure when stretched."""
+    right = measure("L", "up", "torque", tare=True)
+    assert abs(right.true_mean_n - 2.0) < 0.1 and right.rms_error_n < 0.15
+    printed = measure("L", "up", "cartesian", tare=False)
+    assert abs(printed.estimated_mean_n - 2.0) < 0.05 and printed.rms_error_n > 0.4
+    stretched = measure("stretched", "forward", "torque", tare=False)
+    assert stretched.lever_m < 0.1  # where the notice comes
 
 
 def test_the_printed_estimator_reads_the_arm_s_weight_as_a_force():

@@ -30,8 +30,10 @@ Array = NDArray[np.float64]
 
 FORCE = 2.0  # N, of the paper's trials
 HEIGHT = 1.5  # m, of the clamped platform
-GAP = 0.01  # m, between the hand and what it will press on
+GAP = 0.004  # m, between the hand and what it will press on
+SIZE = 0.05  # m, edge of that: the forearm stays clear of it
 POSES = {"L": (0.0, 0.0, 0.0, -90.0), "stretched": (-80.0, 0.0, 0.0, -10.0)}  # deg
+BACK = (60.0, 0.0, 0.0, -120.0)
 WAYS = {"up": (0.0, 0.0, 1.0), "forward": (1.0, 0.0, 0.0)}
 SETTLE, HOLD = 5.0, 5.0  # s
 
@@ -63,12 +65,12 @@ def measure(
     way = np.array(WAYS[direction])
     hand = np.array([0.0, 0.0, HEIGHT])
     hand += find_hands(build_body_model(d.robot, d.world.gravity_mps2), q)[0]
-    # the ball's foremost point in that direction, then the gap, then a box of 0.2 m
+    # the ball's foremost point in that direction, then the gap, then a box
     radius = d.robot.arm.hand.radius_m
     angle = math.radians(POSES[pose][0] + POSES[pose][3])
     centre = hand - radius * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
-    place = centre + (radius + GAP + 0.1) * way
-    box = Box(x_m=place[0], y_m=place[1], z_m=place[2], size_x_m=0.2, size_y_m=0.2, size_z_m=0.2)
+    place = centre + (radius + GAP + 0.5 * SIZE) * way
+    box = Box(x_m=place[0], y_m=place[1], z_m=place[2], size_x_m=SIZE, size_y_m=0.2, size_z_m=SIZE)
     world = d.world.model_copy(update={"bench": Bench(z_m=HEIGHT), "obstacles": {"box": box}})
     blocks: list[Any] = []
     vehicle = build_vehicle(d._replace(world=world), blocks.append)
@@ -82,8 +84,10 @@ def measure(
         vehicle.flush()
         return np.concatenate(blocks)
 
-    arms.move_to(q)
-    wait(8.0)
+    for angles in (BACK, (BACK[0], *POSES[pose][1:]), POSES[pose]):  # comes from below
+        arms.move_to(np.radians(np.tile(angles, d.robot.arm.sides)))
+        wait(4.0)
+    wait(4.0)
     if tare:
         arms.tare()
         wait(1.0)
