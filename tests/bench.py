@@ -20,8 +20,10 @@ HEIGHT = 1.5  # m, of the platform's origin
 class Bench:
     """Platform at (0, 0, HEIGHT), level, clamped; `sets` as on the command line."""
 
-    def __init__(self, robot="bimanual", sets=(), q=None, estimator="truth", seed=1, boxes=()):
-        """`boxes`: (centre, edges) of things that do not move, each 3 numbers (m)."""
+    def __init__(
+        self, robot="bimanual", sets=(), q=None, estimator="truth", seed=1, boxes=(), more=""
+    ):
+        """`boxes`: (centre, edges) of things that do not move, each 3 numbers (m); `more`: TOML."""
         world = Path(tempfile.mkdtemp()) / "world.toml"
         world.write_text(
             '[world]\nname = "bench"\n'
@@ -32,6 +34,7 @@ class Bench:
                 + "".join(f"size_{a}_m = {p}\n" for a, p in zip("xyz", edges, strict=True))
                 for i, (at, edges) in enumerate(boxes)
             )
+            + more
         )
         d = load_description(
             "waypoints",

@@ -12,7 +12,13 @@ import numpy as np
 from numba import carray, cfunc, njit
 
 from skywright.control.hand_force import squeeze_force, step_force, step_force_position
-from skywright.control.hand_motion import move_hand, start_hand, step_position, step_velocity
+from skywright.control.hand_motion import (
+    move_hand,
+    start_hand,
+    step_position,
+    step_to_marker,
+    step_velocity,
+)
 from skywright.control.joint_loops import hold_joint, step_joint
 from skywright.control.signature import LAW
 from skywright.core.types import (
@@ -22,6 +28,7 @@ from skywright.core.types import (
     TASK_LOOPS,
     TASK_POSITION,
     TASK_SQUEEZE,
+    TASK_VISUAL,
 )
 from skywright.models.arm_singularity import watch_singularity
 
@@ -63,9 +70,11 @@ def step(b: Record) -> None:
             step_force_position(b, h, f_ref, dr)
         elif task == TASK_POSITION:
             step_position(b, h, dr)
+        elif task == TASK_VISUAL:
+            step_to_marker(b, h, dr)
         else:
             step_velocity(b, h, dr)
-        move_hand(b, h, dr, task < TASK_FORCE)
+        move_hand(b, h, dr, task < TASK_FORCE or task == TASK_VISUAL)
 
 
 @njit(cache=True, error_model="numpy")

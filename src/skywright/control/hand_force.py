@@ -32,9 +32,9 @@ def compliance_along(b: Record, h: int, n_W: Any, out: Any) -> None:
         k = spring_stiffness(arms.k[j], arms.linear[j], arms.hardening[j], arms.deflection[j])
         turn = 0.0
         for a in range(3):
-            turn += arms.J_BH[h, a, j] * n_B[a] / k
+            turn += arms.J_BP[h, a, j] * n_B[a] / k
         for a in range(3):
-            c_B[a] += arms.J_BH[h, a, j] * turn
+            c_B[a] += arms.J_BP[h, a, j] * turn
     mat_vec(b.est.R_WB, c_B, out)
 
 

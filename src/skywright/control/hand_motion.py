@@ -21,6 +21,7 @@ from skywright.models.arm_inverse_kinematics import REACHED, arm_point, solve_ar
 
 Record = Any
 
+SIGHT = 0.5  # s without a sample after which a marker counts as out of sight
 LEAD_MAX = 0.05  # m, by which the servos' lag may be made up for
 
 
@@ -60,6 +61,21 @@ def step_position(b: Record, h: int, dr: Any) -> None:
         e[a] = b.ref.p_WH[h, a] - arms.p_ref[h, a]
     v = norm(b.ref.v_WH[h])
     step = min((v if v > 0.0 else arms.speed_hand) * arms.dt, norm(e))
+    length = max(norm(e), 1e-12)
+    for a in range(3):
+        dr[a] = step * e[a] / length
+
+
+@njit(cache=True, error_model="numpy")
+def step_to_marker(b: Record, h: int, dr: Any) -> None:
+    """Fill dr (3,) m: (23) towards ref.p_WH in the marker's frame, while it is seen."""
+    arms, e = b.arms, np.empty(3)
+    mat_vec(arms.R_WM, b.ref.p_WH[h], e)
+    for a in range(3):
+        e[a] += arms.p_WM[a] - arms.p_ref[h, a]
+    v = norm(b.ref.v_WH[h])
+    step = min((v if v > 0.0 else arms.speed_hand) * arms.dt, norm(e))
+    step = step if arms.marker_age < SIGHT else 0.0
     length = max(norm(e), 1e-12)
     for a in range(3):
         dr[a] = step * e[a] / length

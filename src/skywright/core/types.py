@@ -57,11 +57,12 @@ REFERENCE = np.dtype(
 
 (
     TASK_JOINTS, TASK_POSITION, TASK_VELOCITY, TASK_FORCE, TASK_FORCE_POSITION, TASK_SQUEEZE,
-    TASK_LOOPS,
-) = range(7)  # fmt: skip
+    TASK_LOOPS, TASK_VISUAL,
+) = range(8)  # fmt: skip
 """What `REFERENCE.task` asks of a hand: joint angles `q`; a straight line to `p_WH` at the speed
 |v_WH| (Suarez 2020, 23); the velocity `v_WH` (24); the force `f_WH` along its direction (25)-(28);
-both (31); both, with the force |f_WH| towards the other hand (32); the joint loops (14)-(22)."""
+both (31); both, with the force |f_WH| towards the other hand (32); the joint loops (14)-(22); a
+straight line to the marker, with `p_WH` the hand's place in the marker's frame M."""
 
 ESTIMATE = np.dtype(
     [
@@ -160,6 +161,11 @@ MEASUREMENT = np.dtype(
         ("R_WB", f8, (3, 3)),
         ("p_WT", f8, 3),
         ("axis_W", f8, 3),  # probe axis
+        ("marker_fresh", f8),  # 1 when the camera's marker pose below is new this tick
+        ("p_BM", f8, 3),  # m
+        ("R_BM", f8, (3, 3)),
+        ("p_WM", f8, 3),  # m, the marker by motion capture, new with mocap_fresh
+        ("R_WM", f8, (3, 3)),
     ]
 )
 """What the sensors say this tick."""
@@ -258,6 +264,12 @@ ARMS = np.dtype(
         ("speed_max", f8),  # rad/s, of the servos
         ("upper", f8),  # m, upper arm
         ("fore", f8),  # m, forearm with the hand
+        (
+            "pad",
+            f8,
+            MAX_HANDS,
+        ),  # m, from the hand's end back to its ball's centre
+        ("marker_mocap", f8),  # 1: the marker is measured by motion capture, not by a camera
         ("p_BS", f8, (MAX_HANDS, 3)),  # m, shoulders, in B (where a passive link carries them:
         #                                in the frame of that link)
         ("estimator", f8),  # of the contact force: 0 Suarez 2020 (26), 1 joint torques
@@ -274,6 +286,7 @@ ARMS = np.dtype(
         ("p_BH", f8, (MAX_HANDS, 3)),  # m, hands in B, at the output links
         ("R_BH", f8, (MAX_HANDS, 3, 3)),
         ("J_BH", f8, (MAX_HANDS, 3, MAX_JOINTS)),  # m/rad, in B
+        ("J_BP", f8, (MAX_HANDS, 3, MAX_JOINTS)),  # m/rad, of the ball's centre, where forces act
         ("p_BH_stiff", f8, (MAX_HANDS, 3)),  # m, hands if the joints were rigid: FK(theta)
         ("p_BA", f8, 3),  # m, frame A of the arms' base: B, or the passive link's
         ("R_BA", f8, (3, 3)),
@@ -284,6 +297,9 @@ ARMS = np.dtype(
         ("lever", f8, MAX_HANDS),  # m, speed of the hand in the task's direction over the joints'
         ("singular", f8, MAX_HANDS),  # 1: too near a singularity for that direction
         ("shift_W", f8, (MAX_HANDS, 3)),  # m, platform move that bends the elbow again
+        ("p_WM", f8, 3),  # m, estimated marker (estimation/marker.py)
+        ("R_WM", f8, (3, 3)),
+        ("marker_age", f8),  # s, since it was last seen
         # memory of the arms' law
         ("theta_ref", f8, MAX_JOINTS),  # rad, last command
         ("q_goal", f8, MAX_JOINTS),  # rad, what it would bring the links to in free air

@@ -79,7 +79,9 @@ def force_from_displacement(b: Record, h: int, f_B: Any) -> None:
 def force_from_torques(b: Record, h: int, f_B: Any) -> None:
     """Fill f_B (N): least squares of J^T f = spring torque - gravity torque, measured joints.
 
-    Damped: (J J^T + l^2 1) f = J dt, so that directions in which the arm has no lever read zero.
+    J is that of the centre of the hand's ball, through which a force on it passes (one across the
+    hand's end would have 6 % more lever). Damped: (J J^T + l^2 1) f = J dt, so that directions in
+    which the arm has no lever read zero.
     """
     arms = b.arms
     first = arms.first[h]
@@ -89,9 +91,9 @@ def force_from_torques(b: Record, h: int, f_B: Any) -> None:
             continue
         t = joint_torque(arms, j, arms.deflection[j]) - arms.t_gravity[j]
         for a in range(3):
-            y[a] += arms.J_BH[h, a, j] * t
+            y[a] += arms.J_BP[h, a, j] * t
             for c in range(3):
-                M[a, c] += arms.J_BH[h, a, j] * arms.J_BH[h, c, j]
+                M[a, c] += arms.J_BP[h, a, j] * arms.J_BP[h, c, j]
     for a in range(3):
         M[a, a] += SINGULAR * SINGULAR
     solve3(M, y, f_B)

@@ -20,6 +20,7 @@ from skywright.models.rigid_body import (
     fill_gravity_torque,
     fill_hands,
     fill_kinematics,
+    fill_point_jacobian,
     find_tip,
 )
 from skywright.robots.limbs import list_joints, list_limbs, list_servos
@@ -31,6 +32,9 @@ Record = Any
 STOP_HARDENING = 10.0
 """Stiffness of a stop over that of its spring, as controllers believe it."""
 SWING_BANDWIDTH = 40.0  # rad/s, of the rate estimate of a passive joint
+
+
+NEVER = 1e3  # s, age of a marker that was not seen yet
 
 
 def is_compliant(robot: Robot) -> bool:
@@ -49,6 +53,8 @@ def fill_arms_parameters(arms: Record, robot: Robot) -> None:
     arms["servo_tau"], arms["speed_max"] = servo.position_time_constant_s, servo.no_load_speed_rad_s
     arms["chain"] = int(has_arm_chain(robot))
     _fill_gains(arms, robot)
+    arms["R_WM"], arms["marker_age"] = np.eye(3), NEVER
+    arms["marker_mocap"] = float(robot.camera is None)
     for side in range(robot.arm.sides):
         mine = [j for j, limb in enumerate(joints) if limb.side == side]
         arms["first"][side], arms["n"] = mine[0], len(mine)
@@ -58,7 +64,11 @@ def fill_arms_parameters(arms: Record, robot: Robot) -> None:
         limbs = list_limbs(robot)
         first = next(limb for limb in limbs if limb.side == side)
         arms["p_BS"][side] = first.offset
+        hand = robot.arm.hand
+        if hand.kind == "ball" and hand.mass_kg > 0.0:
+            arms["pad"][side] = hand.radius_m
         if robot.probe is not None and limbs[find_tip(robot, limbs)].side == side:
+            arms["pad"][side] = 0.0
             arms["fore"] = links[-1].length_m + robot.probe.length_m
     for j, limb in enumerate(joints):
         link = limb.link
@@ -241,6 +251,9 @@ def fill_arms(b: Record, m: Record, k: Record, stiff: Record) -> None:
             for c in range(3):
                 arms.R_BA[a, c] = k.R[0, a, c]
     for h in range(arms.n_hands):
+        for a in range(3):
+            vec[a] = k.p_BH[h, a] - arms.pad[h] * k.R_BH[h, a, 2]
+        fill_point_jacobian(m, k, m.hand_link[h], vec, arms.J_BP[h])
         for a in range(3):
             arms.p_BH[h, a] = k.p_BH[h, a]
             arms.p_BH_stiff[h, a] = stiff.p_BH[h, a]

@@ -351,23 +351,29 @@ def fill_hands(m: Record, k: Record) -> None:
         mat_vec(k.R[i], m.hand_offset[h], vec)
         for a in range(3):
             k.p_BH[h, a] = k.p[i, a] + vec[a]
-            for j in range(MAX_JOINTS):
-                k.J_BH[h, a, j] = 0.0
         mat_mat(k.R[i], m.hand_rot[h], k.R_BH[h])
-        while i >= 0:
-            joint, axis = m.joint[i], m.axis[i]
-            if joint >= 0:
-                ax, ay, az = k.R[i, 0, axis], k.R[i, 1, axis], k.R[i, 2, axis]
-                if m.slide[i]:
-                    k.J_BH[h, 0, joint], k.J_BH[h, 1, joint], k.J_BH[h, 2, joint] = ax, ay, az
-                else:
-                    dx = k.p_BH[h, 0] - k.p[i, 0]
-                    dy = k.p_BH[h, 1] - k.p[i, 1]
-                    dz = k.p_BH[h, 2] - k.p[i, 2]
-                    k.J_BH[h, 0, joint] = ay * dz - az * dy
-                    k.J_BH[h, 1, joint] = az * dx - ax * dz
-                    k.J_BH[h, 2, joint] = ax * dy - ay * dx
-            i = m.parent[i]
+        fill_point_jacobian(m, k, i, k.p_BH[h], k.J_BH[h])
+
+
+@njit(cache=True, error_model="numpy")
+def fill_point_jacobian(m: Record, k: Record, link: int, p_B: Array, J: Array) -> None:
+    """Fill J (3, MAX_JOINTS) m/rad of a point of `link` at p_B (3,) m, in B."""
+    for a in range(3):
+        for j in range(MAX_JOINTS):
+            J[a, j] = 0.0
+    i = link
+    while i >= 0:
+        joint, axis = m.joint[i], m.axis[i]
+        if joint >= 0:
+            ax, ay, az = k.R[i, 0, axis], k.R[i, 1, axis], k.R[i, 2, axis]
+            if m.slide[i]:
+                J[0, joint], J[1, joint], J[2, joint] = ax, ay, az
+            else:
+                dx, dy, dz = p_B[0] - k.p[i, 0], p_B[1] - k.p[i, 1], p_B[2] - k.p[i, 2]
+                J[0, joint] = ay * dz - az * dy
+                J[1, joint] = az * dx - ax * dz
+                J[2, joint] = ax * dy - ay * dx
+        i = m.parent[i]
 
 
 @njit(cache=True, error_model="numpy")

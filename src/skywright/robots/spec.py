@@ -15,6 +15,7 @@ from pydantic import Field, field_validator, model_validator
 
 from skywright.core.spec import Fraction, Name, NonNegative, Positive, Spec
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.robots.camera import Camera
 from skywright.robots.docking import Docking
 from skywright.robots.force_sensor import ForceSensor
 
@@ -354,6 +355,7 @@ class Robot(Spec):
     force_sensor: ForceSensor | None = None
     docking: Docking | None = None
     sensors: Sensors = Sensors()
+    camera: Camera | None = None
     control: Control = Control()
 
     @field_validator("pendulum")

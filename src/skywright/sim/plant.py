@@ -16,6 +16,13 @@ from numpy.typing import NDArray
 from skywright.core.rotations import cross, exp_so3, mat_mat, mat_t_vec, mat_vec, quat_to_rot
 from skywright.core.types import MAX_HANDS, MAX_JOINTS, MAX_OBJECTS, MAX_ROTORS
 from skywright.models.rotors import step_rotor_speed
+from skywright.sim.camera import (
+    CAMERA,
+    CAMERA_NOISE,
+    capture_marker,
+    place_marker,
+    take_image,
+)
 from skywright.sim.friction import FRICTION
 from skywright.sim.loads import LOADS
 from skywright.sim.tape import TAPE
@@ -109,6 +116,8 @@ PLANT = np.dtype(
         ("noise_outlier", f8, (BLOCK, 9)),  # uniform
         ("noise_drop", f8, BLOCK),  # uniform
         ("noise_ec", f8, (BLOCK, 2)),
+        ("camera", CAMERA),
+        ("noise_camera", f8, (BLOCK, CAMERA_NOISE)),
         # surface and tip
         ("has_pipe", i8),
         ("p_WP", f8, 3),
@@ -235,6 +244,12 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
             for b in range(3):
                 meas.R_WB[a, b] = pl.queue_R[i, a, b]
         pl.queue_tail = (pl.queue_tail + 1) % QUEUE
+    if pl.camera.marker:
+        draw = pl.noise_camera[k]
+        place_marker(pl.camera, qpos)
+        take_image(pl.camera, t, pl.p_WB, pl.R_WB, draw, meas)
+        if meas.mocap_fresh > 0.0:
+            capture_marker(pl.camera, pl.mocap_sigma_p, pl.mocap_sigma_R, draw, meas)
 
 
 @njit(cache=True, error_model="numpy")

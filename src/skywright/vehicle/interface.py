@@ -21,6 +21,7 @@ from skywright.core.types import (
     TASK_POSITION,
     TASK_SQUEEZE,
     TASK_VELOCITY,
+    TASK_VISUAL,
 )
 from skywright.errors import InputError
 from skywright.models.bimanual import Bar, compute_bar_hands
@@ -231,6 +232,18 @@ class Arms:
             row["v_WH"][h] = [speed or float(self._state["speed_hand"]), 0.0, 0.0]
             if roll is not None:
                 row["q"][self._state["first"][h] + 1] = -roll if h else roll
+        self.backend.track(row[None])
+
+    def hands_to_marker(self, places: dict[str, Array], speed: float | None = None) -> None:
+        """Lead hands to `places` (m, by hand) in the frame of the marker that is seen: (23).
+
+        The marker is measured by the robot's camera, or without one by motion capture; while it is
+        out of sight the hands stay (`ARMS.marker_age`, s, tells).
+        """
+        row = self._start()
+        for h, place in self._hands(places):
+            row["task"][h], row["p_WH"][h] = TASK_VISUAL, place
+            row["v_WH"][h] = [speed or float(self._state["speed_hand"]), 0.0, 0.0]
         self.backend.track(row[None])
 
     def hands_velocity(self, velocities: dict[str, Array]) -> None:

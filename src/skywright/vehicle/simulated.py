@@ -33,6 +33,7 @@ from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, Scene, build_scene, home_pose
 from skywright.robots.limbs import list_joints, list_servos
 from skywright.robots.spec import Robot
+from skywright.sim.camera import fill_camera
 from skywright.sim.friction import fill_friction
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
@@ -122,7 +123,7 @@ class SimulatedVehicle:
         self.plant = _build_plant(robot, world, self.scene, deviation, seed)
         names = (
             "gyro", "accelerometer", "vibration", "mocap", "dropout", "outlier", "probe", "wind",
-            "link", "deflection",
+            "link", "deflection", "camera",
         )  # fmt: skip
         self._streams = {n: build_stream(seed, n) for n in names}
         self.inertial = build_inertial(robot, world.gravity_mps2, TIMESTEP, self._streams)
@@ -320,6 +321,8 @@ class SimulatedVehicle:
             pl["noise_deflection"] = self._streams["deflection"].standard_normal(
                 pl["noise_deflection"].shape
             )
+        if pl["camera"]["marker"]:
+            pl["noise_camera"] = self._streams["camera"].standard_normal(pl["noise_camera"].shape)
         pl["noise_ec"] = self._streams["probe"].standard_normal((BLOCK, 2))
         if self.world.wind.gusty:
             n = count_noise(self.world.wind, len(self.rotors.thrust_min))
@@ -439,6 +442,7 @@ def _build_plant(
     pl["n_objects"] = len(index.object_qpos)
     pl["object_qpos"][: len(index.object_qpos)] = index.object_qpos
     fill_loads(pl["loads"], scene.model)
+    fill_camera(pl["camera"], robot, world, index.object_qpos)
     m = world.mocap
     pl["mocap_period"], pl["mocap_latency"] = 1.0 / m.rate_hz, m.latency_s
     pl["mocap_sigma_p"], pl["mocap_sigma_R"] = m.position_noise_m, m.attitude_noise_rad

@@ -18,6 +18,7 @@ from skywright.core.pointers import call_pointer
 from skywright.core.rotations import orthonormalise, rot_to_quat
 from skywright.core.types import MAX_JOINTS
 from skywright.estimation.contact_force import estimate_contact_force
+from skywright.estimation.marker import estimate_marker
 from skywright.inspection.eddy_current import ec_signal
 from skywright.models.allocation import allocate, thrust_to_speed
 from skywright.models.compliant_arms import estimate_joints, fill_arms
@@ -131,6 +132,8 @@ def before_law(
     if g.truth_estimator:
         _take_truth(b, pl)
     interpolate_reference(b, table)
+    if b.arms.on:
+        estimate_marker(b)
     if b.arms.on and pl.tick % pl.servo_every == 0:
         fill_arms(b, model, kin, stiff)
         estimate_contact_force(b)

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 from skywright.core.types import MAX_OBJECTS
-from skywright.worlds.things import Bench, Pad, Thing
+from skywright.worlds.things import Bench, Marker, Pad, Thing
 
 
 class Pipe(Spec):
@@ -241,6 +241,7 @@ class World(Spec):
     tape: Tape | None = None
     objects: dict[str, Thing] = Field(default={}, max_length=MAX_OBJECTS)
     bench: Bench | None = None
+    marker: Marker | None = None
     wind: Wind = Wind()
     mocap: Mocap = Mocap()
     link: Link = Link()
@@ -257,6 +258,14 @@ class World(Spec):
                         )
                 if "ceiling" in passage.between and self.area is None:
                     raise ValueError(f"passages.{name} ends at the ceiling: give an area")
+        return self
+
+    @model_validator(mode="after")
+    def _marker_sits_on_a_thing(self) -> World:
+        on = self.marker.on if self.marker is not None else None
+        if on is not None and on not in self.objects:
+            valid = ", ".join(self.objects) or "none, the world has no objects"
+            raise ValueError(f"marker.on is {on!r}; valid: {valid}")
         return self
 
     @model_validator(mode="after")

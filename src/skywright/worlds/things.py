@@ -1,11 +1,15 @@
-"""What a world file may say of things that move: the tables `world.objects` and `world.bench`."""
+"""What a world file may say of things that move: `world.objects`, `world.bench`, `world.marker`."""
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from skywright.core.rotations import rot_y, rot_z
 from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
 
 
@@ -57,3 +61,24 @@ class Bench(Spec):
     x_m: Coordinate = 0.0
     y_m: Coordinate = 0.0
     z_m: float = Field(default=1.2, gt=0, le=100)  # of the platform's origin
+
+
+class Marker(Spec):
+    """A marker that a camera or motion capture measures, in W or `on` a movable thing.
+
+    Its normal (z of frame M) looks along -x, turned by `pitch_deg` about y and `yaw_deg` about z; y
+    of M is up, x to the right of one who looks at it.
+    """
+
+    x_m: Coordinate
+    y_m: Coordinate
+    z_m: Coordinate
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    on: str | None = None  # a name in world.objects: the place is then in that thing's frame
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """R_WM (3, 3), or R_OM on a thing."""
+        facing = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+        return rot_z(math.radians(self.yaw_deg)) @ rot_y(math.radians(self.pitch_deg)) @ facing
