@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.control.cascade_gains import fill_cascade
 from skywright.control.registry import Law, load_arms_law
 from skywright.core.streams import build_stream
 from skywright.core.types import BELIEF, SAMPLE
@@ -35,6 +36,7 @@ from skywright.robots.limbs import list_joints, list_servos
 from skywright.robots.spec import Robot
 from skywright.sim.friction import fill_friction
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
+from skywright.sim.limb_drag import fill_limbs
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
 from skywright.sim.loads import fill_loads
 from skywright.sim.plant import BLOCK, PLANT
@@ -345,6 +347,8 @@ class SimulatedVehicle:
         b["body"]["mass"], b["body"]["gravity"] = mass, self.world.gravity_mps2
         fill_parameters(b, self.robot, self.world, TIMESTEP)
         fill_arms_parameters(b["arms"], self.robot)
+        if self.law.name == "cascade":
+            fill_cascade(b, self.robot, self.world, self.model)
         for field in ("ref", "est"):
             for name in ("R_WB", "R_WT"):
                 b[field][name] = np.eye(3)
@@ -407,6 +411,7 @@ def _build_plant(
     p = robot.platform
     areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
     pl["half_rho_area"] = 0.5 * world.air_density_kg_m3 * areas * dev.drag_factor
+    fill_limbs(pl["limbs"], robot, scene.model, world.air_density_kg_m3)
     fill_wind(
         pl["wind"], world.wind, rotors.position, 1.0 / robot.control.rate_hz,
         build_stream(seed, "wind_start"),
