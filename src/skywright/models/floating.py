@@ -132,4 +132,3 @@ def compute_free_inertia(robot: Robot, world: World, q: Array) -> Array:
     coupling = M[np.ix_(turn, free)]
     inertia = M[np.ix_(turn, turn)] - coupling @ np.linalg.solve(M[np.ix_(free, free)], coupling.T)
     return np.asarray(np.diag(inertia))
-

@@ -12,7 +12,7 @@ Rajaratnam, Turbulent Jets, 1976, chapter 1), each with the profile
     rho v^2 = T / (pi b^2) exp(-r^2 / b^2),   b^2 = R^2 / 2 + (C z)^2,
 
 which carries the thrust T at every distance z below the rotor and has 2 v_i on its axis at the
-rotor. Wakes go straight down the rotors' axis: wind does not bend them, and limbs do not block them.
+rotor. Wakes go straight down the rotors' axis: wind does not bend them, limbs do not block them.
 """
 
 from __future__ import annotations

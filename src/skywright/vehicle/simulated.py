@@ -46,6 +46,7 @@ from skywright.sim.wind import count_noise, fill_wind
 from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
 from skywright.vehicle.interface import Limits, Table, Ticked
+from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.tick import (
     mission_tick,
     tick_after_law,
@@ -108,6 +109,7 @@ class SimulatedVehicle:
         self.rotors = build_rotors(robot.rotors)
         self.allocator = build_allocator(self.rotors)
         self.model = build_body_model(robot, world.gravity_mps2)
+        self.arc = compute_link_arc(robot, self.model)
         self.kin = np.zeros(1, KINEMATICS)
         self.thrust = np.zeros(len(self.rotors.thrust_min))
         self.sim = Simulation(self.scene, home_pose(robot, *start, world.bench))
