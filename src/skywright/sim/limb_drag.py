@@ -51,6 +51,7 @@ LIMBS = np.dtype(
         ("wake", f8),  # m, radius of the contracted wake
         ("before", f8, (MAX_LINKS, SEGMENTS, 3)),  # m, the points one tick ago
         ("f_W", f8, 3),  # N, sum
+        ("given_W", f8, (MAX_LINKS, 3)),  # N, a disturbance that a mission asked for
     ]
 )
 
@@ -116,8 +117,9 @@ def drag_limbs(
             way[a] = 0.0
             for c in range(3):
                 way[a] += xmat[body, 3 * a + c] * limbs.along[i, c]
-        for a in range(6):
-            xfrc[body, a] = 0.0
+        for a in range(3):
+            xfrc[body, a] = limbs.given_W[i, a]
+            xfrc[body, 3 + a] = 0.0
         for s in range(SEGMENTS):
             for a in range(3):
                 p[a] = xpos[body, a]

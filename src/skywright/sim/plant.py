@@ -20,6 +20,7 @@ from skywright.sim.friction import FRICTION
 from skywright.sim.loads import LOADS
 from skywright.sim.tape import TAPE
 from skywright.sim.limb_drag import LIMBS
+from skywright.sim.tape import TAPE
 from skywright.sim.wind import FAN, NOISE, WIND
 
 Array = NDArray[np.float64]

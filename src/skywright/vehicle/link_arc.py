@@ -2,7 +2,8 @@
 
 The end that lies on the ground stays there while the platform flies on a circle about it: forward
 and up until the link hangs (take-off), backward and down until it lies again (landing; Suarez 2020,
-section VI-B).
+section VI-B). Both begin and end over the place where the robot stands, so that to a mission they
+are like any other robot's.
 """
 
 from __future__ import annotations
@@ -82,22 +83,26 @@ def compute_link_arc(robot: Robot, model: NDArray[Any]) -> LinkArc | None:
 def plan_take_off(
     arc: LinkArc, height: float, speed: float, acceleration: float, period: float
 ) -> ArcPath:
-    """Return the path from the ground along the arc, then up to `height` (m)."""
+    """Return the path from the ground along the arc, up to `height` (m), and back over the start."""
     lean = arc.lean * (1.0 - _glide(arc.radius * arc.lean, ARC_SPEED * speed, acceleration, period))
     forward, z = arc.compute_path(lean)
     up = arc.top + _glide(height - arc.top, speed, acceleration, period)[1:] * (height - arc.top)
-    n = len(up)
+    back = _glide(-forward[0], speed, acceleration, period)[1:] * forward[0]
+    n, m = len(up), len(back)
     return ArcPath(
-        np.append(forward, np.full(n, forward[-1])),
-        np.append(z, up),
-        np.append(arc.landed * lean / arc.lean, np.zeros(n)),
+        np.concatenate([forward, np.zeros(n), back]),
+        np.concatenate([z, up, np.full(m, up[-1])]),
+        np.append(arc.landed * lean / arc.lean, np.zeros(n + m)),
     )
 
 
 def plan_landing(
     arc: LinkArc, height: float, speed: float, acceleration: float, period: float
 ) -> ArcPath:
-    """Return the path from `height` (m) down to the first touch, along the arc and to rest."""
+    """Return the path from `height` (m) forward, down to the first touch, along the arc, to rest.
+
+    It ends on the ground below where it began.
+    """
     near = min(arc.top + NEAR, height)
     down = height + _glide(height - near, speed, acceleration, period) * (near - height)
     last = arc.top - PRESS
@@ -105,11 +110,12 @@ def plan_landing(
     share = _glide(arc.radius * arc.lean, ARC_SPEED * speed, acceleration, period)[1:]
     share = np.append(share, np.ones(round(SETTLE / period)))
     forward, z = arc.compute_path(arc.lean * share)
-    n = len(down) + len(touch)
+    ahead = (1.0 - _glide(-forward[-1], speed, acceleration, period)) * forward[-1]
+    n, m = len(down) - 1 + len(touch), len(ahead)
     return ArcPath(
-        np.append(np.zeros(n), forward),
-        np.concatenate([down, touch, z - PRESS]),
-        np.append(np.zeros(n), arc.landed * share),
+        np.concatenate([ahead, np.zeros(n), forward]),
+        np.concatenate([np.full(m, height), down[1:], touch, z - PRESS]),
+        np.append(np.zeros(n + m), arc.landed * share),
     )
 
 

@@ -250,7 +250,12 @@ class SimulatedVehicle:
         names = [model.body(i).name for i in range(1, model.nbody)]
         if body not in names:
             raise InputError(f"no body {body!r} to push; valid: {', '.join(names)}")
-        self.sim.xfrc[model.body(body).id, :3] = f_W
+        index, limbs = model.body(body).id, self.plant[0]["limbs"]
+        for i in range(limbs["n"]):  # the forces on these are written every tick
+            if limbs["body"][i] == index:
+                limbs["given_W"][i] = f_W
+                return
+        self.sim.xfrc[index, :3] = f_W
 
     def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
         """Move the bench that clamps the platform to p_W (3,) m, turned by `yaw` (rad).
