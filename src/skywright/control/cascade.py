@@ -30,6 +30,9 @@ from skywright.core.rotations import (
 
 Record = Any
 
+JERK_MAX = 3.0
+"""m/s^3, of a reference; a larger step is one between two tables."""
+
 
 @njit(cache=True, error_model="numpy")
 def step(b: Record) -> None:
@@ -97,14 +100,20 @@ def into_axes(forward: Any, left: Any, a: Any, b: Any, out: Any) -> None:
 def damp_swing(b: Record, forward: Any, left: Any, a: Any) -> None:
     """Suarez 2020's passive link: move the platform with the link's swing, a = -k psi'.
 
-    psi' is the link's rate in W less the one that the reference asks for (take-off and landing
-    along the link's arc). Only the rate is fed back: a link that wind or contact holds at an angle
-    pulls the platform nowhere.
+    psi' is the link's rate in W less the rates that belong to what is wanted: the reference's own
+    (take-off and landing along the link's arc), the lag a / g behind a reference that accelerates,
+    and that of the balance under a changing force. Only the rate is fed back: a link that wind or
+    contact holds at an angle pulls the platform nowhere.
     """
-    par, ref, est, w = b.par, b.ref, b.est, b.wrench
+    par, mem, ref, est, w = b.par, b.mem, b.ref, b.est, b.wrench
     axis = np.empty(3)
     mat_vec(est.R_WB, w.axis, axis)
-    rate = est.qd[w.swing] - ref.qd[w.swing]
+    rate = est.qd[w.swing] - ref.qd[w.swing] - w.balance_rate
+    jerk = np.empty(2)
+    for i in range(2):
+        jerk[i] = min(max((ref.a_WB[i] - mem.user[i]) / par.dt, -JERK_MAX), JERK_MAX)
+        mem.user[i] = ref.a_WB[i]
+    rate -= (jerk[0] * axis[1] - jerk[1] * axis[0]) / b.body.gravity
     for i in range(3):
         rate += w.axis[i] * est.w_WB_B[i]
     # a link that turns about the axis moves its end backward: along z x axis

@@ -166,10 +166,10 @@ def fill_cascade(b: Any, robot: Robot, world: World, model: NDArray[Any]) -> Non
     par["k_velocity"] = share * c.position_bandwidth_rad_s * c.loop_separation
     par["speed_max"] = c.speed_max_mps
     par["k_integral"] = c.attitude_integral_rad_s * attitude / c.attitude_bandwidth_rad_s
-    # A force is answered by leaning, so its estimate is as fast as the attitude loop; but where the
-    # robot bends, its momentum is not the rigid model's, and the estimate no faster than needed.
-    stiff = np.where(share < 1.0, par["k_velocity"], c.attitude_bandwidth_rad_s)
-    w["bandwidth"] = stiff
+    # A level force is answered by leaning: its estimate is one separation below that loop, for the
+    # robot bends and its arms swing on springs, of which its momentum in the rigid model knows
+    # nothing. Thrust answers a vertical force at once.
+    w["bandwidth"] = share * c.attitude_bandwidth_rad_s / [c.loop_separation, c.loop_separation, 1]
     if w["swing"] < 0:
         return
     along = int(abs(wrench[0]["axis"][0]) > 0.5)  # 0: swings forward, 1: to the side

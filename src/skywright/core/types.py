@@ -328,6 +328,10 @@ WRENCH = np.dtype(
         ("t_hands_B", f8, 3),  # N m, about the origin of B
         ("s_hands", f8),  # N m, about the joint
         ("f_rest_W", f8, 3),  # N, every other external force: wind, payload, errors of the model
+        ("momentum_s", f8),  # N m s, of the joint, as predicted
+        ("s_rest", f8),  # N m, external torque about the joint besides that of the hands
+        ("s_slow", f8),  # N m, the whole external torque, low-passed
+        ("balance_rate", f8),  # rad/s, at which the angle moves where the link is in balance
         ("f_swing", f8),  # N, level force at the hands from the swing angle (Suarez 2020, VI-C)
     ]
 )

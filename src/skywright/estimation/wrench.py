@@ -24,6 +24,9 @@ from skywright.core.types import TASK_FORCE
 
 Record = Any
 
+SWING_BANDWIDTH = 2.0
+"""rad/s, of the torque about the swinging joint: below its own frequency, so that at that of the
+arms on their springs `balance_rate` stays a fraction (k^2 M_ss / (m l g), 0.4) of the rate."""
 TRUSTED = 2.0
 """Largest force at a hand that is believed, over the one asked for."""
 HANGING = 0.1
@@ -58,6 +61,34 @@ def estimate_wrench(b: Record) -> None:
     w.f_rest_W[2] = _gain(w.bandwidth[2], dt) * (P[2] - w.momentum_W[2])
     for a in range(3):
         w.momentum_W[a] += dt * (f_W[a] + w.f_hands_W[a] + w.f_rest_W[a])
+    if w.swing >= 0:
+        _observe_swing(b, rate)
+
+
+@njit(cache=True, error_model="numpy")
+def _observe_swing(b: Record, rate: float) -> None:
+    """The same for the link's joint: dp/dt = dT/dq + L_s . g + s_hands + s_rest.
+
+    p = L_s . v_B + M_ws . w + M_ss q'. Of dT/dq only what makes the balance independent of a steady
+    velocity is kept: w . (L_s x v_B) + q' (axis x L_s) . v_B; the rest is quadratic in slow rates.
+    A changing torque moves the angle at which the link is in balance, at `balance_rate`.
+    """
+    w, est, dt = b.wrench, b.est, b.par.dt
+    v_B, lever, turned = np.empty(3), np.empty(3), np.empty(3)
+    mat_t_vec(est.R_WB, est.v_WB, v_B)
+    cross(w.L_s, v_B, lever)
+    cross(w.axis, w.L_s, turned)
+    p, force, size = w.M_ss * rate, 0.0, 0.0
+    for a in range(3):
+        p += w.L_s[a] * v_B[a] + w.M_ws[a] * est.w_WB_B[a]
+        force += est.w_WB_B[a] * lever[a] + rate * turned[a] * v_B[a]
+        force -= w.L_s[a] * est.R_WB[2, a] * b.body.gravity
+        size += w.L_s[a] * w.L_s[a]
+    w.s_rest = _gain(SWING_BANDWIDTH, dt) * (p - w.momentum_s)
+    w.momentum_s += dt * (force + w.s_hands + w.s_rest)
+    change = SWING_BANDWIDTH * (w.s_hands + w.s_rest - w.s_slow)
+    w.s_slow += dt * change
+    w.balance_rate = change / (math.sqrt(size) * b.body.gravity)
 
 
 @njit(cache=True, error_model="numpy")
@@ -77,6 +108,11 @@ def _start(b: Record, P: Any) -> None:
         w.f_rest_W[2] = w.L_s[2] * w.L_s[2] / w.M_ss * b.body.gravity
     for a in range(3):
         w.momentum_W[a] = P[a]
+    torque = 0.0  # what holds the link on the ground
+    for a in range(3):
+        torque += w.L_s[a] * b.est.R_WB[2, a] * b.body.gravity
+    w.s_rest, w.s_slow, w.balance_rate = torque, torque, 0.0
+    w.momentum_s = -torque / _gain(SWING_BANDWIDTH, b.par.dt)
     w.momentum_W[2] -= w.f_rest_W[2] / _gain(w.bandwidth[2], b.par.dt)
 
 

@@ -83,7 +83,7 @@ def compute_link_arc(robot: Robot, model: NDArray[Any]) -> LinkArc | None:
 def plan_take_off(
     arc: LinkArc, height: float, speed: float, acceleration: float, period: float
 ) -> ArcPath:
-    """Return the path from the ground along the arc, up to `height` (m), and back over the start."""
+    """Return the path along the arc, up to `height` (m), and back over the start."""
     lean = arc.lean * (1.0 - _glide(arc.radius * arc.lean, ARC_SPEED * speed, acceleration, period))
     forward, z = arc.compute_path(lean)
     up = arc.top + _glide(height - arc.top, speed, acceleration, period)[1:] * (height - arc.top)
