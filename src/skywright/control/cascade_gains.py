@@ -103,38 +103,48 @@ def place_swing_poles(
 
     Raises InputError when no such frequency exists.
     """
+    found = _find_swing(m, lag, k_position, k_velocity, damping)
+    if found is None:
+        dampings = np.linspace(0.02, damping, 50)
+        within = [d for d in dampings if _find_swing(m, lag, k_position, k_velocity, float(d))]
+        most = f"at most {within[-1]:.2f} is" if within else "no damping is"
+        raise InputError(
+            f"robot.control.swing_damping = {damping:g}: {most} within reach of this "
+            "attitude_bandwidth_rad_s and position_bandwidth_rad_s"
+        )
+    return found
+
+
+def _find_swing(
+    m: SwingModel, lag: Any, k_position: float, k_velocity: float, damping: float
+) -> SwingGains | None:
+    """`place_swing_poles` at the frequency that needs no gain on the angle, if there is one."""
     motion = np.roots([1.0, k_velocity, k_velocity * k_position]).astype(complex)
+    both = [motion[0]] if abs(motion[0].imag) > 1e-9 else list(motion)
     reduced = m.mass * m.second - m.first**2
 
     def gains(frequency: float) -> tuple[Array, complex]:
         swing = frequency * complex(-damping, math.sqrt(1.0 - damping**2))
-        rows, right = [], []
-        both = [motion[0]] if abs(motion[0].imag) > 1e-9 else list(motion)
+        rows: list[Array] = []
+        right: list[float] = []
         for s in [*both, swing]:
             angle = m.first / (reduced * s * s + m.mass * m.first * m.gravity)
             x = (m.second - m.first**2 * m.gravity * angle) / (reduced * s * s)
-            row = m.mass * np.array([x, s * x, angle, s * angle])
-            rows.append(row)
-            right.append(-1.0 / lag(s))
-        full_rows, full_right = [], []
-        for row, value in zip(rows, right, strict=True):
-            full_rows.append(row.real)
-            full_right.append(value.real)
-            if np.max(np.abs(row.imag)) > 1e-12:
-                full_rows.append(row.imag)
-                full_right.append(value.imag)
-        return np.linalg.solve(np.array(full_rows), np.array(full_right)), swing
+            row, value = m.mass * np.array([x, s * x, angle, s * angle]), -1.0 / lag(s)
+            rows.append(row.real)
+            right.append(value.real)
+            if abs(s.imag) > 1e-9:  # a pair of poles: two equations
+                rows.append(row.imag)
+                right.append(value.imag)
+        return np.linalg.solve(np.array(rows), np.array(right)), swing
 
     grid = m.natural * np.linspace(0.8, FASTEST_SWING, 61)
     angle_gain = [gains(w)[0][2] for w in grid]
-    found = [i for i in range(60) if angle_gain[i] * angle_gain[i + 1] <= 0.0]
-    if not found:
-        raise InputError(
-            f"robot.control.swing_damping = {damping:g} is not within reach of an attitude loop of "
-            "this attitude_bandwidth_rad_s: lower the damping or the position bandwidth"
-        )
-    lo, hi = grid[found[0]], grid[found[0] + 1]
-    rising = angle_gain[found[0]] < 0.0
+    changes = [i for i in range(60) if angle_gain[i] * angle_gain[i + 1] <= 0.0]
+    if not changes:
+        return None
+    lo, hi = grid[changes[0]], grid[changes[0] + 1]
+    rising = angle_gain[changes[0]] < 0.0
     for _ in range(50):
         mid = 0.5 * (lo + hi)
         lo, hi = (mid, hi) if (gains(mid)[0][2] < 0.0) == rising else (lo, mid)
