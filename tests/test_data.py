@@ -45,6 +45,10 @@ def applies(robot: Robot, key: str) -> bool:
     part, _, leaf = key.rpartition(".")
     name = part.rpartition(".")[2]
     arm = robot.arm
+    if leaf in ("loop_separation", "phase_margin_deg", "swing_damping"):
+        return robot.control.law == "cascade"
+    if leaf == "drag_coefficient":
+        return arm is not None and arm.drag_coefficient > 0.0
     if arm is None or part.startswith("robot.control"):
         return not key.startswith("robot.control.law")
     if part == "robot.arm":

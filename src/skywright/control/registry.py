@@ -20,6 +20,7 @@ from skywright.errors import InputError
 LAWS = {
     "push_and_slide": "skywright.control.push_and_slide",
     "thrust_vectoring": "skywright.control.thrust_vectoring",
+    "cascade": "skywright.control.cascade",
     # the alternatives that Tognon 2018 argues against
     "joint_space": "skywright.control.joint_space",
     "inverse_kinematics": "skywright.control.inverse_kinematics",

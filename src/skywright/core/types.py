@@ -127,13 +127,24 @@ PARAMETERS = np.dtype(
         ("belt", f8, (MAX_JOINTS, MAX_JOINTS)),  # J_AM
         ("belt_inv", f8, (MAX_JOINTS, MAX_JOINTS)),
         ("motor_speed_max", f8, MAX_JOINTS),
+        # cascade (control/cascade.py); axes of the platform: forward, left, up
+        ("k_position", f8, 3),  # 1/s, velocity asked for a metre of error
+        ("k_velocity", f8, 3),  # 1/s, acceleration asked for 1 m/s of error
+        ("k_swing", f8),  # m/s^2 against 1 rad/s of a passive joint's swing
+        ("k_attitude", f8, 3),  # 1/s, rate asked for a radian of error about the axes of B
+        ("k_rate", f8, 3),  # 1/s, angular acceleration asked for 1 rad/s of error
+        ("k_integral", f8, 3),  # 1/s, of the torque about the axes of B
+        ("lead", f8),  # s, what is left of the rotors' lag
+        ("rotor_tau", f8),  # s, believed rotor lag
+        ("speed_max", f8),  # m/s, asked for by the position loop
         ("user", f8, 32),  # for laws named by file
     ]
 )
 """Parameters of a control law; they follow from the bandwidths in the robot file."""
 
-MEMORY = np.dtype([("sigma", f8, 3), ("theta", f8, 3), ("user", f8, 64)])
-"""Memory of a control law: position integral (N) in W, attitude integral (N m) in B, scratch."""
+MEMORY = np.dtype([("sigma", f8, 3), ("theta", f8, 3), ("lead", f8, 3), ("user", f8, 64)])
+"""Memory of a control law: position integral (N) in W, attitude integral (N m) in B, the lagging
+part of the torque (N m) of the cascade's lead, scratch."""
 
 HISTORY = 64
 """Control ticks of estimate history kept for delayed measurements."""
@@ -315,6 +326,33 @@ ARMS = np.dtype(
 )
 """The compliant arms as the controller believes them: parameters, state and memory."""
 
+WRENCH = np.dtype(
+    [
+        ("on", i8),  # 1: a law uses it
+        ("swing", i8),  # index in q of the joint without a servo, -1: none
+        ("axis", f8, 3),  # of that joint, in B
+        ("bandwidth", f8, 3),  # rad/s, of f_rest_W along the platform's axes forward, left, up
+        # how the platform answers with that joint free (models/floating.py), in B
+        ("I_eff", f8, (3, 3)),  # kg m^2, torque over angular acceleration
+        ("A", f8, (3, 4)),  # N m per N of force at B and per N m about the joint, see there
+        ("L_s", f8, 3),  # kg m, momentum of a unit rate of the joint
+        ("M_ws", f8, 3),  # kg m^2, its angular momentum about the origin of B
+        ("M_ss", f8),  # kg m^2, inertia about the joint of all that it carries
+        # estimate (estimation/wrench.py)
+        ("momentum_W", f8, 3),  # N s, as predicted
+        ("f_hands_W", f8, 3),  # N, reaction of what the hands press, as their joints measure it
+        ("t_hands_B", f8, 3),  # N m, about the origin of B
+        ("s_hands", f8),  # N m, about the joint
+        ("f_rest_W", f8, 3),  # N, every other external force: wind, payload, errors of the model
+        ("momentum_s", f8),  # N m s, of the joint, as predicted
+        ("s_rest", f8),  # N m, external torque about the joint besides that of the hands
+        ("s_slow", f8),  # N m, the whole external torque, low-passed
+        ("balance_rate", f8),  # rad/s, at which the angle moves where the link is in balance
+        ("f_swing", f8),  # N, level force at the hands from the swing angle (Suarez 2020, VI-C)
+    ]
+)
+"""External wrench on the robot, and what it does to the platform while a joint swings freely."""
+
 BELIEF = np.dtype(
     [
         ("t", f8),  # s, mission time of this tick
@@ -329,6 +367,7 @@ BELIEF = np.dtype(
         ("est", ESTIMATE),
         ("body", BODY),
         ("arms", ARMS),
+        ("wrench", WRENCH),
         ("cmd", COMMAND),
     ]
 )

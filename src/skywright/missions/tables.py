@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.vehicle.interface import quintic
+from skywright.vehicle.rest_to_rest import quintic
 
 Table = NDArray[Any]
 

@@ -200,6 +200,7 @@ class Arm(Spec):
     sides: Literal[1, 2] = 1
     encoders: Literal["both", "left"] = "both"  # which arms have the links' deflection encoders
     separation_m: Positive = 0.3
+    drag_coefficient: NonNegative = 0.0  # of the links, cylinders in wind and downwash; 0: none
     links: dict[str, Link]
     servos: dict[str, Servo]
     belt: list[list[float]] | None = None
@@ -327,6 +328,10 @@ class Control(Spec):
     tilt_max_deg: Positive = 25.0
     rate_hz: Positive = 500.0
     observer_bandwidth_rad_s: Positive = 12.0
+    # law "cascade"
+    loop_separation: float = Field(default=2.5, ge=1.5)  # of a loop and the one inside it
+    phase_margin_deg: float = Field(default=60.0, ge=30.0, lt=90.0)  # of the rate loop
+    swing_damping: float = Field(default=0.5, gt=0.0, lt=1.0)  # of a link without a servo
     speed_max_mps: Positive = 1.0
     acceleration_max_mps2: Positive = 0.8
 

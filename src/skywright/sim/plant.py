@@ -26,6 +26,8 @@ from skywright.sim.camera import (
 from skywright.sim.friction import FRICTION
 from skywright.sim.loads import LOADS
 from skywright.sim.tape import TAPE
+from skywright.sim.limb_drag import LIMBS
+from skywright.sim.tape import TAPE
 from skywright.sim.wind import FAN, NOISE, WIND
 
 Array = NDArray[np.float64]
@@ -60,6 +62,7 @@ PLANT = np.dtype(
         ("wind", WIND),
         ("noise_wind", f8, (BLOCK, NOISE)),
         ("f_wind_W", f8, 3),  # N, drag now
+        ("limbs", LIMBS),
         # addresses in MuJoCo's arrays
         ("n_joints", i8),
         ("joint_qpos", i8, MAX_JOINTS),

@@ -30,6 +30,7 @@ class Simulation:
         self.qpos, self.qvel, self.ctrl, self.act = d.qpos, d.qvel, d.ctrl, d.act
         self.sensordata, self.xfrc = d.sensordata, d.xfrc_applied
         self.site_xpos, self.site_xmat = d.site_xpos, d.site_xmat
+        self.body_xpos, self.body_xmat = d.xpos, d.xmat
         self.pair_friction = scene.model.pair_friction  # of explicit contact pairs, (n, 5)
         self.model_address, self.data_address = scene.model._address, d._address
 

@@ -29,8 +29,8 @@ F8, C16 = np.float64, np.complex128
     _BELIEF, _PLANT, _GUARD, _MODEL, _KIN, _TABLE, _SAMPLES, _QPOS, _QVEL, _SENSORS, _SITE_P,
     _SITE_R, _CTRL, _XFRC, _B, _P, _T_MIN, _T_MAX, _THRUST, _EC_TABLE, _EC_MU, _EC_KS, _EC_KC,
     _EC_PHASE, _EC_NUMBERS, _MJ_MODEL, _MJ_DATA, _LAW, _PAIRS, _INERTIAL,
-    _LINK, _ESTIMATOR, _ACT, _STIFF, _ARMS_LAW, _ADDRESSES,
-) = range(36)  # fmt: skip
+    _LINK, _ESTIMATOR, _ACT, _STIFF, _ARMS_LAW, _BODY_P, _BODY_R, _ADDRESSES,
+) = range(38)  # fmt: skip
 (
     _N_TABLE, _N_SAMPLES, _NQ, _NV, _NSENSOR, _NSITE, _NU, _NBODY, _N_ROTORS, _FULL, _N_TILT,
     _N_GAP, _N_BLEND, _N_MODES, _N_PAIRS, _END,
@@ -55,6 +55,8 @@ class Views(NamedTuple):
     sensordata: Any
     site_xpos: Any
     site_xmat: Any
+    body_xpos: Any
+    body_xmat: Any
     ctrl: Any
     act: Any
     xfrc: Any
@@ -106,6 +108,8 @@ def open_frame(f: Any) -> Views:
         carray(as_pointer(f[_SENSORS]), f[_NSENSOR], F8),
         carray(as_pointer(f[_SITE_P]), (f[_NSITE], 3), F8),
         carray(as_pointer(f[_SITE_R]), (f[_NSITE], 9), F8),
+        carray(as_pointer(f[_BODY_P]), (f[_NBODY], 3), F8),
+        carray(as_pointer(f[_BODY_R]), (f[_NBODY], 9), F8),
         carray(as_pointer(f[_CTRL]), f[_NU], F8),
         carray(as_pointer(f[_ACT]), f[_NU] - f[_N_ROTORS], F8),
         carray(as_pointer(f[_XFRC]), (f[_NBODY], 6), F8),
@@ -145,7 +149,8 @@ class Frame:
             _BELIEF: belief, _PLANT: plant, _INERTIAL: inertial, _LINK: link, _GUARD: guard,
             _MODEL: model, _KIN: kin, _STIFF: np.zeros_like(kin),
             _SAMPLES: samples, _QPOS: sim.qpos, _QVEL: sim.qvel, _SENSORS: sim.sensordata,
-            _SITE_P: sim.site_xpos, _SITE_R: sim.site_xmat, _CTRL: sim.ctrl,
+            _SITE_P: sim.site_xpos, _SITE_R: sim.site_xmat,
+            _BODY_P: sim.body_xpos, _BODY_R: sim.body_xmat, _CTRL: sim.ctrl,
             _ACT: sim.act, _XFRC: sim.xfrc,
             _B: a.B, _P: a.P, _T_MIN: a.t_min, _T_MAX: a.t_max, _THRUST: thrust,
             _EC_TABLE: np.ascontiguousarray(probe.table, C16),

@@ -26,11 +26,11 @@ from skywright.core.types import (
 from skywright.errors import InputError
 from skywright.models.bimanual import Bar, compute_bar_hands
 from skywright.robots.limbs import SIDES
+from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
+from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
 
 Array = NDArray[np.float64]
 Table = NDArray[Any]
-
-ROW_PERIOD = 0.02  # s, between rows of a generated table
 
 
 class Limits(NamedTuple):
@@ -108,17 +108,6 @@ def require(backend: Backend, needs: frozenset[str], mission: str) -> None:
         )
 
 
-def quintic(u: Array) -> tuple[Array, Array, Array]:
-    """Return s, ds/du, d2s/du2 of the rest-to-rest quintic on u in 0..1."""
-    s = u**3 * (10 - 15 * u + 6 * u**2)
-    return s, 30 * u**2 * (1 - u) ** 2, 60 * u * (1 - u) * (1 - 2 * u)
-
-
-def duration(distance: float, speed: float, acceleration: float) -> float:
-    """Shortest rest-to-rest quintic time (s) within a speed and an acceleration."""
-    return max(1.875 * distance / speed, math.sqrt(5.7735 * distance / acceleration), ROW_PERIOD)
-
-
 class Uav:
     """The platform: take off, go to, hold, land."""
 
@@ -160,10 +149,21 @@ class Uav:
         b.track(table)
 
     def take_off(self, height: float) -> None:
-        """Rise to `height` (m) above the ground, straight up."""
-        p = self.backend.reference["p_WB"].copy()
-        p[2] = height
-        self._move(p, 0.0, least=2.0)
+        """Rise to `height` (m) above the ground: straight up, or first along the link's arc.
+
+        Raises InputError for a height at which a swinging link would not hang free.
+        """
+        arc = self.arc
+        if arc is None:
+            p = self.backend.reference["p_WB"].copy()
+            p[2] = height
+            self._move(p, 0.0, least=2.0)
+            return
+        if height < arc.top:
+            raise InputError(
+                f"take-off to {height:g} m: the link hangs free from {arc.top:.2f} m on"
+            )
+        self._follow_arc(arc, up=True, height=height)
 
     def go_to(self, p: Array, yaw: float) -> None:
         """Fly straight to p (3,) in W with heading `yaw` (rad), the short way round."""
@@ -176,11 +176,46 @@ class Uav:
         self._move(self.backend.reference["p_WB"].copy(), 0.0)
 
     def land(self, ground_height: float) -> None:
-        """Sink to the height of the platform's origin on the ground, a little into it."""
+        """Sink to the height of the platform's origin on the ground, a little into it.
+
+        With a swinging link: down until its end touches, then backward along its arc.
+        """
+        if self.arc is not None:
+            self._follow_arc(self.arc, up=False, height=0.0)
+            return
         p = self.backend.reference["p_WB"].copy()
         p[2] = ground_height - 0.05
         distance = self.backend.reference["p_WB"][2] - p[2]
         self._move(p, 0.0, least=distance / 0.15)
+
+    @property
+    def arc(self) -> LinkArc | None:
+        """The arc of a link that lies on the ground, None without one."""
+        return getattr(self.backend, "arc", None)
+
+    def _follow_arc(self, arc: LinkArc, up: bool, height: float) -> None:
+        """Track arc and vertical as one table; see `vehicle.link_arc`."""
+        b, limits = self.backend, self.backend.limits
+        start = np.array(b.reference)
+        speed, acceleration = limits.speed, limits.acceleration
+        path = plan_take_off(arc, height, speed, acceleration, ROW_PERIOD) if up else plan_landing(
+            arc, float(start["p_WB"][2]), speed, acceleration, ROW_PERIOD
+        )  # fmt: skip
+        ahead = start["R_WB"][:2, 0] / np.linalg.norm(start["R_WB"][:2, 0])
+        table = np.repeat(start[None], len(path.forward), axis=0)
+        table["t"] = ROW_PERIOD * np.arange(len(table))
+        for name in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd"):
+            table[name] = 0.0
+        table["p_WB"][:, :2] += (path.forward - path.forward[0])[:, None] * ahead
+        table["p_WB"][:, 2] = path.height
+        table["q"][:, arc.swing] = path.swing
+        for position, velocity in (("p_WB", "v_WB"), ("v_WB", "a_WB")):
+            table[velocity] = np.gradient(table[position], ROW_PERIOD, axis=0)
+        table["qd"][:, arc.swing] = np.gradient(path.swing, ROW_PERIOD)
+        table["track_tip"], table["dead_zone"] = 0.0, 0.0
+        table["R_WS"], table["active"] = np.eye(3), 1.0
+        _fill_tips(b, table)
+        b.track(table)
 
     def motors(self, on: bool) -> None:
         """Switch the rotors on at the present reference, or off."""

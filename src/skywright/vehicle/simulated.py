@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.control.cascade_gains import fill_cascade
 from skywright.control.registry import Law, load_arms_law
 from skywright.core.streams import build_stream
 from skywright.core.types import BELIEF, SAMPLE
@@ -36,6 +37,7 @@ from skywright.robots.spec import Robot
 from skywright.sim.camera import fill_camera
 from skywright.sim.friction import fill_friction
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
+from skywright.sim.limb_drag import fill_limbs
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
 from skywright.sim.loads import fill_loads
 from skywright.sim.plant import BLOCK, PLANT
@@ -45,6 +47,7 @@ from skywright.sim.wind import count_noise, fill_wind
 from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
 from skywright.vehicle.interface import Limits, Table, Ticked
+from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.tick import (
     mission_tick,
     tick_after_law,
@@ -107,6 +110,7 @@ class SimulatedVehicle:
         self.rotors = build_rotors(robot.rotors)
         self.allocator = build_allocator(self.rotors)
         self.model = build_body_model(robot, world.gravity_mps2)
+        self.arc = compute_link_arc(robot, self.model)
         self.kin = np.zeros(1, KINEMATICS)
         self.thrust = np.zeros(len(self.rotors.thrust_min))
         self.sim = Simulation(self.scene, home_pose(robot, *start, world.bench))
@@ -247,7 +251,12 @@ class SimulatedVehicle:
         names = [model.body(i).name for i in range(1, model.nbody)]
         if body not in names:
             raise InputError(f"no body {body!r} to push; valid: {', '.join(names)}")
-        self.sim.xfrc[model.body(body).id, :3] = f_W
+        index, limbs = model.body(body).id, self.plant[0]["limbs"]
+        for i in range(limbs["n"]):  # the forces on these are written every tick
+            if limbs["body"][i] == index:
+                limbs["given_W"][i] = f_W
+                return
+        self.sim.xfrc[index, :3] = f_W
 
     def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
         """Move the bench that clamps the platform to p_W (3,) m, turned by `yaw` (rad).
@@ -348,6 +357,8 @@ class SimulatedVehicle:
         b["body"]["mass"], b["body"]["gravity"] = mass, self.world.gravity_mps2
         fill_parameters(b, self.robot, self.world, TIMESTEP)
         fill_arms_parameters(b["arms"], self.robot)
+        if self.law.name == "cascade":
+            fill_cascade(b, self.robot, self.world, self.model)
         for field in ("ref", "est"):
             for name in ("R_WB", "R_WT"):
                 b[field][name] = np.eye(3)
@@ -410,6 +421,7 @@ def _build_plant(
     p = robot.platform
     areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
     pl["half_rho_area"] = 0.5 * world.air_density_kg_m3 * areas * dev.drag_factor
+    fill_limbs(pl["limbs"], robot, scene.model, world.air_density_kg_m3)
     fill_wind(
         pl["wind"], world.wind, rotors.position, 1.0 / robot.control.rate_hz,
         build_stream(seed, "wind_start"),

@@ -19,13 +19,16 @@ from skywright.core.rotations import orthonormalise, rot_to_quat
 from skywright.core.types import MAX_JOINTS
 from skywright.estimation.contact_force import estimate_contact_force
 from skywright.estimation.marker import estimate_marker
+from skywright.estimation.wrench import estimate_wrench
 from skywright.inspection.eddy_current import ec_signal
 from skywright.models.allocation import allocate, thrust_to_speed
 from skywright.models.compliant_arms import estimate_joints, fill_arms
+from skywright.models.floating import fill_floating
 from skywright.models.rigid_body import fill_body, fill_kinematics
 from skywright.models.rotors import compute_power
 from skywright.sim.friction import rub
 from skywright.sim.inertial import read_inertial, sense_inertial
+from skywright.sim.limb_drag import drag_limbs
 from skywright.sim.link import receive_measurement, send_command, send_measurement
 from skywright.sim.loads import sample_loads, watch_loads
 from skywright.sim.physics import step_physics
@@ -138,6 +141,9 @@ def before_law(
         fill_arms(b, model, kin, stiff)
         estimate_contact_force(b)
         call_pointer(arms_law, belief)
+    if b.wrench.on:
+        fill_floating(model, kin, b.body, b.wrench)
+        estimate_wrench(b)
 
 
 @njit(cache=True, error_model="numpy")
@@ -168,6 +174,8 @@ def after_law(
     thrust: Array,
     ctrl: Array,
     xfrc: Array,
+    body_xpos: Array,
+    body_xmat: Array,
     pair_friction: Array,
 ) -> None:
     """Check and allocate the command, drive rotors and servos, apply wind and friction."""
@@ -228,10 +236,26 @@ def after_law(
     blow(pl, xfrc)
     if pl.tape.on:
         step_tape(pl.tape, pl.p_WH[pl.tape.hand], pl.f_WH[pl.tape.hand], par.dt, xfrc)
+    if pl.limbs.n > 0:
+        _blow_limbs(pl, par.dt, body_xpos, body_xmat, xfrc)
     rub(pl.friction, pl.s, pl.radius * pl.phi, pl.gap, pair_friction)
     pl.tick += 1
     pl.block += 1
     b.t = pl.tick * par.dt
+
+
+@njit(cache=True, error_model="numpy")
+def _blow_limbs(pl: Record, dt: float, body_xpos: Array, body_xmat: Array, xfrc: Array) -> None:
+    """Wind and downwash on link and arms."""
+    thrust = np.empty(pl.n_rotors)
+    for i in range(pl.n_rotors):
+        thrust[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
+    drag_limbs(
+        pl.limbs, pl.wind.body_W, pl.p_WB, pl.R_WB, pl.rotor_p, thrust, dt, body_xpos, body_xmat,
+        xfrc,
+    )  # fmt: skip
+    for a in range(3):
+        pl.f_wind_W[a] += pl.limbs.f_W[a]
 
 
 @njit(cache=True, error_model="numpy")
@@ -383,7 +407,7 @@ def tick_after_law(frame: Array, n_samples: int) -> tuple[int, int]:
         n_samples += 1
     after_law(
         v.b[0], v.pl[0], v.lk[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl,
-        v.xfrc, v.pair_friction,
+        v.xfrc, v.body_xpos, v.body_xmat, v.pair_friction,
     )  # fmt: skip
     hold_stalled_servos(v.pl[0], v.qpos, v.act, v.ctrl)
     return v.g[0].fired, n_samples
@@ -417,7 +441,7 @@ def mission_tick(frame: Array, n: int, n_steps: int, n_samples: int) -> int:
             n_samples += 1
         after_law(
             v.b[0], v.pl[0], v.lk[0], v.g[0], v.B, v.P, v.t_min, v.t_max, v.full, v.thrust, v.ctrl,
-            v.xfrc, v.pair_friction,
+            v.xfrc, v.body_xpos, v.body_xmat, v.pair_friction,
         )  # fmt: skip
         hold_stalled_servos(v.pl[0], v.qpos, v.act, v.ctrl)
         if v.g[0].fired & NOT_FINITE:

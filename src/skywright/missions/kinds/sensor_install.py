@@ -27,7 +27,7 @@ from skywright.models.rigid_body import build_body_model, posture
 from skywright.models.scene import build_scene
 from skywright.robots.limbs import list_joints
 from skywright.robots.spec import Robot
-from skywright.vehicle.interface import ROW_PERIOD, duration, quintic
+from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
 from skywright.worlds.surface import build_cylinder
 
 if TYPE_CHECKING:

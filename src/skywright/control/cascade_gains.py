@@ -1,0 +1,216 @@
+"""Gains of the cascade, from the bandwidths in the robot file.
+
+- Rate loop: attitude bandwidth times the loop separation. A lead keeps the phase margin in spite of
+  the rotors' lag and of the sampling: k / (s (lead s + 1)) e^(-T s) crosses over near k.
+- A loop that meets a resonance (a link that bends, arms on springs) sees the inertia `I_free` above
+  it, less than `I_eff`. Its gain is limited so that FREE_MARGIN remains there; the axis' attitude
+  and the platform's motion along it are slower by the same factor.
+- Velocity loop: position bandwidth times the separation.
+- A link on a joint without a servo: position, velocity and swing gain follow together from the
+  planar model of platform and link, `place_swing_poles`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.types import BODY, MAX_JOINTS, WRENCH
+from skywright.errors import InputError
+from skywright.models.floating import compute_free_inertia, fill_floating
+from skywright.models.rigid_body import KINEMATICS, fill_body, fill_kinematics, posture
+from skywright.models.rotors import build_rotors
+from skywright.robots.limbs import list_joints
+from skywright.robots.spec import Control, Robot
+from skywright.worlds.spec import World
+
+Array = NDArray[np.float64]
+
+DELAY_TICKS = 1.5  # control ticks from the gyroscope to the rotors: half a sample, hold, computing
+FREE_MARGIN = math.radians(35.0)  # rad, of the rate loop above a resonance
+YAW = 0.4  # of roll and pitch: yaw has little torque (PX4's default weight of yaw, MC_YAW_WEIGHT)
+FASTEST_SWING = 2.0  # poles of the swing over its natural frequency, at most
+
+
+class SwingModel(NamedTuple):
+    """Platform and link in the plane of the swing."""
+
+    mass: float  # kg, whole robot
+    first: float  # kg m, first moment of the link about its joint
+    second: float  # kg m^2, inertia about it
+    gravity: float  # m/s^2
+
+    @property
+    def natural(self) -> float:
+        """Frequency (rad/s) with the platform free to move."""
+        reduced = self.mass * self.second - self.first**2
+        return math.sqrt(self.gravity * self.first * self.mass / reduced)
+
+
+class SwingGains(NamedTuple):
+    """Force over mass against the errors: a = -(position x + velocity v + swing psi')."""
+
+    position: float  # 1/s^2
+    velocity: float  # 1/s
+    swing: float  # m/s
+    poles: Array  # (2,) complex, of the platform's motion and of the swing
+
+
+def compute_lead(k_rate: float, rotor_tau: float, delay: float, margin: float) -> float:
+    """Return the lag (s) that the lead must leave of `rotor_tau` for a phase margin (rad).
+
+    Raises InputError when the delay alone takes the margin.
+    """
+    spare = 0.5 * math.pi - margin - k_rate * delay
+    if spare <= 0.0:
+        raise InputError(
+            f"robot.control: a rate loop of {k_rate:.3g} rad/s (attitude_bandwidth_rad_s times "
+            f"loop_separation) has no phase margin of {math.degrees(margin):.3g} deg at rate_hz; "
+            f"valid: below {(0.5 * math.pi - margin) / delay:.3g} rad/s"
+        )
+    return min(math.tan(spare) / k_rate, rotor_tau)
+
+
+def compute_free_factor(k_rate: float, lead: float, delay: float) -> float:
+    """Return by how much the rate loop's gain may rise until FREE_MARGIN is left."""
+    lo, hi = 0.0, 1e4
+    for _ in range(60):
+        mid = 0.5 * (lo + hi)
+        spare = 0.5 * math.pi - math.atan(lead * mid) - delay * mid - FREE_MARGIN
+        lo, hi = (mid, hi) if spare > 0.0 else (lo, mid)
+    return max(lo * math.hypot(1.0, lead * lo) / k_rate, 1.0)
+
+
+def attitude_lag(s: complex, k_attitude: float, k_rate: float, lead: float) -> complex:
+    """Return attitude over desired attitude of the closed inner loops at `s` (rad/s)."""
+    gain = k_attitude * k_rate
+    return gain / (s * s * (lead * s + 1.0) + k_rate * s + gain)
+
+
+def place_swing_poles(
+    m: SwingModel, lag: Any, k_position: float, k_velocity: float, damping: float
+) -> SwingGains:
+    """Place the poles of platform and swing through the attitude loop's lag.
+
+    Planar model, psi the link's angle in W: m x'' - b psi'' = f, -b x'' + J psi'' + b g psi = 0,
+    f = -lag(s) m (k_x x + k_v v + k_s psi'). Each pole s demands 1 + lag k . z(s) = 0, linear in
+    the gains. Two poles of the platform's motion, s^2 + k_v s + k_v k_x, and two of the swing with
+    `damping`, whose frequency is where no gain on the angle psi itself is needed: a link that is
+    held at an angle then moves the platform nowhere.
+
+    Raises InputError when no such frequency exists.
+    """
+    found = _find_swing(m, lag, k_position, k_velocity, damping)
+    if found is None:
+        dampings = np.linspace(0.02, damping, 50)
+        within = [d for d in dampings if _find_swing(m, lag, k_position, k_velocity, float(d))]
+        most = f"at most {within[-1]:.2f} is" if within else "no damping is"
+        raise InputError(
+            f"robot.control.swing_damping = {damping:g}: {most} within reach of this "
+            "attitude_bandwidth_rad_s and position_bandwidth_rad_s"
+        )
+    return found
+
+
+def _find_swing(
+    m: SwingModel, lag: Any, k_position: float, k_velocity: float, damping: float
+) -> SwingGains | None:
+    """`place_swing_poles` at the frequency that needs no gain on the angle, if there is one."""
+    motion = np.roots([1.0, k_velocity, k_velocity * k_position]).astype(complex)
+    both = [motion[0]] if abs(motion[0].imag) > 1e-9 else list(motion)
+    reduced = m.mass * m.second - m.first**2
+
+    def gains(frequency: float) -> tuple[Array, complex]:
+        swing = frequency * complex(-damping, math.sqrt(1.0 - damping**2))
+        rows: list[Array] = []
+        right: list[float] = []
+        for s in [*both, swing]:
+            angle = m.first / (reduced * s * s + m.mass * m.first * m.gravity)
+            x = (m.second - m.first**2 * m.gravity * angle) / (reduced * s * s)
+            row, value = m.mass * np.array([x, s * x, angle, s * angle]), -1.0 / lag(s)
+            rows.append(row.real)
+            right.append(value.real)
+            if abs(s.imag) > 1e-9:  # a pair of poles: two equations
+                rows.append(row.imag)
+                right.append(value.imag)
+        return np.linalg.solve(np.array(rows), np.array(right)), swing
+
+    grid = m.natural * np.linspace(0.8, FASTEST_SWING, 61)
+    angle_gain = [gains(w)[0][2] for w in grid]
+    changes = [i for i in range(60) if angle_gain[i] * angle_gain[i + 1] <= 0.0]
+    if not changes:
+        return None
+    lo, hi = grid[changes[0]], grid[changes[0] + 1]
+    rising = angle_gain[changes[0]] < 0.0
+    for _ in range(50):
+        mid = 0.5 * (lo + hi)
+        lo, hi = (mid, hi) if (gains(mid)[0][2] < 0.0) == rising else (lo, mid)
+    k, swing = gains(0.5 * (lo + hi))
+    return SwingGains(float(k[0]), float(k[1]), float(k[3]), np.array([motion[0], swing]))
+
+
+def fill_cascade(b: Any, robot: Robot, world: World, model: NDArray[Any]) -> None:
+    """Write the gains and the wrench estimator's parameters into a BELIEF record."""
+    c, par, w = robot.control, b["par"], b["wrench"]
+    q = posture(robot, "working")
+    wrench, body = np.zeros(1, WRENCH), np.zeros(1, BODY)
+    wrench[0]["swing"] = -1
+    for j, limb in enumerate(list_joints(robot)):
+        if limb.servo < 0:
+            wrench[0]["swing"] = j
+    full, k = np.zeros(MAX_JOINTS), np.zeros(1, KINEMATICS)
+    full[: len(q)] = q
+    fill_kinematics(model[0], full, k[0])
+    fill_body(model[0], k[0], body[0])
+    fill_floating(model[0], k[0], body[0], wrench[0])
+    w["on"], w["swing"] = 1, wrench[0]["swing"]
+    inertia = np.diag(wrench[0]["I_eff"])
+    rate, attitude = _fill_rate_loop(par, c, robot, inertia, compute_free_inertia(robot, world, q))
+    # leaning about left moves forward, about forward moves left
+    share = np.array([attitude[1], attitude[0], c.attitude_bandwidth_rad_s])
+    share /= c.attitude_bandwidth_rad_s
+    par["k_position"] = share * c.position_bandwidth_rad_s
+    par["k_velocity"] = share * c.position_bandwidth_rad_s * c.loop_separation
+    par["speed_max"] = c.speed_max_mps
+    par["k_integral"] = c.attitude_integral_rad_s * attitude / c.attitude_bandwidth_rad_s
+    # A level force is answered by leaning: its estimate is one separation below that loop, for the
+    # robot bends and its arms swing on springs, of which its momentum in the rigid model knows
+    # nothing. Thrust answers a vertical force at once.
+    w["bandwidth"] = share * c.attitude_bandwidth_rad_s / [c.loop_separation, c.loop_separation, 1]
+    if w["swing"] < 0:
+        return
+    along = int(abs(wrench[0]["axis"][0]) > 0.5)  # 0: swings forward, 1: to the side
+    turn = 1 - along
+    first = float(np.linalg.norm(wrench[0]["L_s"]))
+    m = SwingModel(
+        float(body[0]["mass"]), first, float(wrench[0]["M_ss"]), float(world.gravity_mps2)
+    )
+    lead = float(par["lead"])
+    gains = place_swing_poles(
+        m,
+        lambda s: attitude_lag(s, float(attitude[turn]), float(rate[turn]), lead),
+        float(par["k_position"][along]),
+        float(par["k_velocity"][along]),
+        c.swing_damping,
+    )
+    par["k_velocity"][along] = gains.velocity
+    par["k_position"][along] = gains.position / gains.velocity
+    par["k_swing"] = gains.swing
+
+
+def _fill_rate_loop(
+    par: Any, c: Control, robot: Robot, inertia: Array, free: Array
+) -> tuple[Array, Array]:
+    """Fill rate and attitude gains; return both (3,) 1/s, over the axes of B."""
+    k_rate = c.attitude_bandwidth_rad_s * c.loop_separation
+    delay, tau = DELAY_TICKS / c.rate_hz, build_rotors(robot.rotors).time_constant
+    lead = compute_lead(k_rate, tau, delay, math.radians(c.phase_margin_deg))
+    par["lead"], par["rotor_tau"] = lead, tau
+    scale = np.minimum(1.0, compute_free_factor(k_rate, lead, delay) * free / inertia)
+    scale[2] *= YAW
+    par["k_rate"] = k_rate * scale
+    par["k_attitude"] = c.attitude_bandwidth_rad_s * scale
+    return np.array(par["k_rate"]), np.array(par["k_attitude"])

@@ -1,0 +1,134 @@
+"""How a platform answers to force and torque while a joint without a servo swings freely.
+
+Generalised velocity (v_B, w_B, q') in B with the mass matrix M; x = (v_B, q') moves as it must and
+w is what the rotors' torque shall turn. Eliminating x,
+
+    t = I_eff w' + h_w - u_w - A (h_x - u_x),   A = M_wx M_xx^-1,   I_eff = M_ww - A M_xw,
+
+with the gravity forces h and all other forces u. Without such a joint I_eff is the inertia about
+the centre of mass and A (h_x - u_x) the lever of the rotors' force, as for any rigid body. With a
+link that swings about y, I_eff is the composite inertia in roll and the bare platform's in pitch.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.core.rotations import cross, mat_vec
+from skywright.models.arm_body import Deviation
+from skywright.models.scene import build_scene
+from skywright.robots.limbs import list_joints
+from skywright.robots.spec import Robot
+from skywright.worlds.spec import World
+
+Array = NDArray[np.float64]
+Record = Any
+
+
+@njit(cache=True, error_model="numpy")
+def fill_floating(m: Record, k: Record, body: Record, w: Record) -> None:
+    """Fill I_eff, A, L_s, M_ws, M_ss and axis of a WRENCH record.
+
+    `k` and `body` come from `fill_kinematics` and `fill_body` at the same joints.
+    """
+    mass, c = body.mass, body.p_BC
+    _fill_swing(m, k, w)
+    y, col = np.empty(3), np.empty(3)
+    d = 1.0
+    if w.swing >= 0:
+        d = w.M_ss
+        for a in range(3):
+            d -= w.L_s[a] * w.L_s[a] / mass
+    for r in range(3):
+        # row r of M_w,v = m [c]x
+        for a in range(3):
+            y[a] = 0.0
+        y[(r + 1) % 3] = -mass * c[(r + 2) % 3]
+        y[(r + 2) % 3] = mass * c[(r + 1) % 3]
+        s = 0.0
+        if w.swing >= 0:
+            s = w.M_ws[r]
+            for a in range(3):
+                s -= y[a] * w.L_s[a] / mass
+            s /= d
+        for a in range(3):
+            w.A[r, a] = (y[a] - s * w.L_s[a]) / mass
+        w.A[r, 3] = s
+    for r in range(3):
+        for a in range(3):
+            col[a] = w.A[r, a]
+        # A M_xw = m A_v [c]x^T + A_s M_ws^T
+        cross(c, col, y)
+        for a in range(3):
+            w.I_eff[r, a] = body.I_B[r, a] - mass * y[a] - w.A[r, 3] * w.M_ws[a]
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_swing(m: Record, k: Record, w: Record) -> None:
+    """Inertial coupling of joint `w.swing` with the platform, summed over all that it carries."""
+    for a in range(3):
+        w.L_s[a], w.M_ws[a], w.axis[a] = 0.0, 0.0, 0.0
+    w.M_ss = 0.0
+    if w.swing < 0:
+        return
+    carried = np.zeros(m.n_links, np.bool_)
+    c, rate, moment, pivot = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(m.n_links):
+        if m.joint[i] == w.swing:
+            carried[i] = True
+            for a in range(3):
+                w.axis[a] = k.R[i, a, m.axis[i]]
+                pivot[a] = k.p[i, a]
+        elif m.parent[i] >= 0:
+            carried[i] = carried[m.parent[i]]
+        if not carried[i]:
+            continue
+        mat_vec(k.R[i], m.com[i], c)
+        for a in range(3):
+            c[a] += k.p[i, a] - pivot[a]
+        cross(w.axis, c, rate)  # velocity of the link's centre at a unit rate
+        for a in range(3):
+            c[a] += pivot[a]
+            w.L_s[a] += m.mass[i] * rate[a]
+        cross(c, rate, moment)
+        for a in range(3):
+            turn = 0.0  # R I R^T axis
+            for n in range(3):
+                along = 0.0
+                for e in range(3):
+                    for f in range(3):
+                        along += m.inertia[i, n, e] * k.R[i, f, e] * w.axis[f]
+                turn += k.R[i, a, n] * along
+            w.M_ws[a] += m.mass[i] * moment[a] + turn
+            w.M_ss += m.mass[i] * rate[a] * rate[a] + turn * w.axis[a]
+
+
+def compute_free_inertia(robot: Robot, world: World, q: Array) -> Array:
+    """Return (3,) kg m^2: inertia about the axes of B that a torque meets above every resonance.
+
+    All joints with a spring, bending links and joints without a servo give way; the rest of the
+    robot follows at rest. What a fast loop sees lies between this and `I_eff`.
+    """
+    scene = build_scene(robot, world, Deviation())
+    model = scene.model
+    data = mujoco.MjData(model)
+    data.qpos[:7] = [0.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0]
+    data.qpos[scene.places.joint_qpos] = q
+    mujoco.mj_forward(model, data)
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    loose = {limb.name for limb in list_joints(robot) if limb.servo < 0}
+    free = [0, 1, 2]
+    for i in range(model.njnt):
+        name = model.joint(i).name
+        if name.endswith((" flex", " lateral")) or name in loose:
+            free.append(int(model.jnt_dofadr[i]))
+    turn = [3, 4, 5]
+    coupling = M[np.ix_(turn, free)]
+    inertia = M[np.ix_(turn, turn)] - coupling @ np.linalg.solve(M[np.ix_(free, free)], coupling.T)
+    return np.asarray(np.diag(inertia))
