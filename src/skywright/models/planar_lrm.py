@@ -498,4 +498,5 @@ def compute_speed_rates(p: PlanarLrm, q: Array, u: Array, f: Array, g: float) ->
     for i in range(8):
         for j in range(24):
             total[i] += rhs[i, j] * s[j]
-    return np.linalg.solve(M, total)
+    rates: Array = np.linalg.solve(M, total)
+    return rates
