@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.planning.motion.cost import displacement_cost
-from skywright.planning.motion.edges import is_edge_free
+from skywright.planning.motion.edges import is_edge_free, is_state_free
 from skywright.planning.motion.rng import State, uniform
 from skywright.planning.motion.space import Record
 
@@ -16,6 +16,8 @@ Ints = NDArray[np.int64]
 
 TREE_SIZE = 2000
 """Nodes a tree may have before the search starts over."""
+REDRAWS = 60
+"""Draws of the other coordinates before a place is given up."""
 STEP = 2.0
 """Longest edge of a tree, in units of cost (6)."""
 
@@ -25,6 +27,21 @@ def draw_coordinates(space: Record, state: State, out: Array) -> None:
     """Draw coordinates uniformly within their limits."""
     for i in range(space.n):
         out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
+
+
+@njit(cache=True, error_model="numpy")
+def draw_free(space: Record, state: State, out: Array, k: Record) -> None:
+    """Draw coordinates that keep all margins, the first one uniformly.
+
+    The first coordinate stays while the others are drawn again. So a place along the way where
+    only few postures fit gets as many samples as an open one, which is what narrow passages need.
+    """
+    draw_coordinates(space, state, out)
+    for _ in range(REDRAWS):
+        if is_state_free(space, out, k):
+            return
+        for i in range(1, space.n):
+            out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
 
 
 @njit(cache=True, error_model="numpy")
@@ -79,7 +96,7 @@ def connect(
         if counts[a] >= TREE_SIZE - 1 or counts[b] >= TREE_SIZE - 64:
             counts[0] = counts[1] = 0
             return 0
-        draw_coordinates(space, state, sample)
+        draw_free(space, state, sample, k)
         if _extend(space, trees[a], parents[a], counts[a], sample, new, k, hits) == 0:
             continue
         counts[a] += 1
