@@ -201,7 +201,7 @@ def is_edge_free_angular(
     far = 0.0
     for j in range(n):
         far = max(far, abs(b[j] - a[j]))
-    count = max(int(math.ceil(far / resolution)), 1)
+    count = max(math.ceil(far / resolution), 1)
     for i in range(1, count + 1):
         for j in range(n):
             k.c[j] = a[j] + i / count * (b[j] - a[j])
