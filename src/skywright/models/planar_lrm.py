@@ -50,7 +50,7 @@ class PlanarLrm(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_equations(p: PlanarLrm, q: Array, M: Array, rhs: Array) -> None:
+def fill_equations(p: PlanarLrm, q: Array, M: Array, rhs: Array) -> None:
     """Fill M (8, 8) and what multiplies (f, squares, products, g) (8, 24)."""
     m_a, m_b, m_u, m_f, i_a, i_b, i_u, i_f, d, l_b, c_b, l_u, c_u, c_f = p
     q5 = q[2]
@@ -471,7 +471,7 @@ def _fill_equations(p: PlanarLrm, q: Array, M: Array, rhs: Array) -> None:
 def fill_matrices(p: PlanarLrm, q: Array, A: Array, B: Array, C: Array, D: Array) -> None:
     """Fill A (8, 6), B (8, 6), C (8, 11) and D (8,) of (3) at q (8,)."""
     M, rhs = np.zeros((8, 8)), np.zeros((8, 24))
-    _fill_equations(p, q, M, rhs)
+    fill_equations(p, q, M, rhs)
     x = np.linalg.solve(M, rhs)
     A[:] = x[:, :6]
     B[:] = x[:, 6:12]
@@ -480,11 +480,8 @@ def fill_matrices(p: PlanarLrm, q: Array, A: Array, B: Array, C: Array, D: Array
 
 
 @njit(cache=True, error_model="numpy")
-def compute_speed_rates(p: PlanarLrm, q: Array, u: Array, f: Array, g: float) -> Array:
-    """Return du/dt (8,) by (3); q, u (8,), f (6,) N and N m, g m/s^2."""
-    M, rhs = np.zeros((8, 8)), np.zeros((8, 24))
-    _fill_equations(p, q, M, rhs)
-    s = np.empty(24)
+def fill_terms(u: Array, f: Array, g: float, s: Array) -> None:
+    """Fill s (24,) with (f, squares, products, g), what the right-hand side multiplies."""
     s[:6] = f
     for i in range(6):
         s[6 + i] = u[2 + i] * u[2 + i]
@@ -494,9 +491,18 @@ def compute_speed_rates(p: PlanarLrm, q: Array, u: Array, f: Array, g: float) ->
         n += 1
     s[22] = u[6] * u[7]
     s[23] = g
+
+
+@njit(cache=True, error_model="numpy")
+def compute_speed_rates(p: PlanarLrm, q: Array, u: Array, f: Array, g: float) -> Array:
+    """Return du/dt (8,) by (3); q, u (8,), f (6,) N and N m, g m/s^2."""
+    M, rhs = np.zeros((8, 8)), np.zeros((8, 24))
+    fill_equations(p, q, M, rhs)
+    s = np.empty(24)
+    fill_terms(u, f, g, s)
     total = np.zeros(8)
     for i in range(8):
         for j in range(24):
             total[i] += rhs[i, j] * s[j]
-    rates: Array = np.linalg.solve(M, total)
-    return rates
+    total[:] = np.linalg.solve(M, total)
+    return total

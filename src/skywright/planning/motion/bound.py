@@ -47,7 +47,7 @@ class Grid(NamedTuple):
 
 def _axis(low: float, high: float, size: float) -> Array:
     count = max(math.ceil((high - low) / size - 1e-9), 1)
-    return low + (np.arange(count) + 0.5) * size
+    return np.asarray(low + (np.arange(count) + 0.5) * size, dtype=np.float64)
 
 
 @njit(cache=True, error_model="numpy")

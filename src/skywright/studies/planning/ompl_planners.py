@@ -119,13 +119,13 @@ def _build(space: Space, informed: bool) -> _Setting:
     information = ob.SpaceInformation(states)
     scratch, ends = build_scratch(space), np.zeros((2, n))
 
-    class Motion(ob.MotionValidator):  # type: ignore[misc, name-defined]
+    class Motion(ob.MotionValidator):
         def checkMotion(self, a: Any, b: Any) -> bool:
             read(a, ends[0])
             read(b, ends[1])
             return bool(_edge(space, ends, scratch))
 
-    class Cost(ob.PathLengthOptimizationObjective):  # type: ignore[misc, name-defined]
+    class Cost(ob.PathLengthOptimizationObjective):
         def motionCost(self, a: Any, b: Any) -> Any:
             read(a, ends[0])
             read(b, ends[1])
