@@ -16,9 +16,9 @@ Ints = NDArray[np.int64]
 
 TREE_SIZE = 2000
 """Nodes a tree may have before the search starts over."""
-REDRAWS = 60
+REDRAWS = 15
 """Draws of the other coordinates before a place is given up."""
-STEP = 2.0
+STEP = 4.0
 """Longest edge of a tree, in units of cost (6)."""
 
 

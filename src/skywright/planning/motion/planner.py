@@ -55,7 +55,7 @@ def _slice(
     while filled < POOL and sizes[filled] > 0:
         filled += 1
     # half the slices look for other ways through; until the first path, all
-    if filled == 0 or uniform(state) < 0.5:
+    if filled == 0 or uniform(state) < 0.2:
         found = connect(
             space, start, goal, state, trees, parents, counts, tries, pool[fresh], k, hits
         )
@@ -76,7 +76,7 @@ def _slice(
         scales[slot] = 0.1
     else:
         # the better a path, the more often it is its turn
-        slot = min(int(filled * uniform(state) ** 2), filled - 1)
+        slot = min(int(filled * uniform(state) ** 3), filled - 1)
         count = improve(
             space, pool[slot], sizes[slot], state, scales[slot : slot + 1], tries, k, work
         )
