@@ -18,6 +18,8 @@ TREE_SIZE = 2000
 """Nodes a tree may have before the search starts over."""
 REDRAWS = 15
 """Draws of the other coordinates before a place is given up."""
+SHORTER = 2
+"""Lengths that are tried of an edge."""
 STEP = 4.0
 """Longest edge of a tree, in units of cost (6)."""
 
@@ -56,10 +58,16 @@ def _extend(
         if d < best:
             best, near = d, i
     share = 1.0 if best <= STEP else STEP / best
-    for j in range(space.n):
-        new[j] = nodes[near, j] + share * (target[j] - nodes[near, j])
-    if not is_edge_free(space, nodes[near], new, k):
+    free = False
+    for _ in range(SHORTER):  # a blocked edge is tried again shorter: part of the way is progress
+        for j in range(space.n):
+            new[j] = nodes[near, j] + share * (target[j] - nodes[near, j])
+        free = is_edge_free(space, nodes[near], new, k)
+        if free:
+            break
         hits[k.blocked] += 1
+        share *= 0.3
+    if not free:
         return 0
     for j in range(space.n):
         nodes[count, j] = new[j]
