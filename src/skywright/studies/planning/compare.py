@@ -5,15 +5,11 @@ All times are processor time of the planning thread: a busy machine slows wall c
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
-import json
 import math
-import pathlib
 import statistics
-import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +28,7 @@ from skywright.planning.motion.transport import (
     build_transport,
 )
 from skywright.robots.loader import load_robot
+from skywright.studies.bench.rows import Row, Session, build_row, build_unmeasured_row
 from skywright.worlds.loader import load_world
 
 Array = NDArray[np.float64]
@@ -40,39 +37,6 @@ SCENARIOS: dict[str, tuple[int | None, float]] = {
     "paper": (None, 0.0),
     **{f"draw{seed}": (seed, difficulty) for seed, difficulty in BENCHMARK},
 }
-
-
-class Row(NamedTuple):
-    """One measured number; None where it could not be measured (`note` says why)."""
-
-    name: str
-    value: float | None
-    unit: str
-    limit: float | None
-    sense: str
-    note: str
-
-    @property
-    def passed(self) -> bool | None:
-        """Whether the limit holds; None without a limit or a value."""
-        if self.limit is None or self.value is None:
-            return None
-        return self.value <= self.limit if self.sense == "<=" else self.value >= self.limit
-
-
-def build_row(
-    name: str, values: float | Sequence[float], unit: str = "", *,
-    limit: float | None = None, sense: str = "<=", note: str = "",
-) -> Row:  # fmt: skip
-    """Build a row from one value or the median of several."""
-    return Row(name, float(np.median(np.atleast_1d(values))), unit, limit, sense, note)
-
-
-def build_unmeasured_row(name: str, why: str) -> Row:
-    """Build the row of a number that does not exist."""
-    return Row(name, None, "", None, "<=", why)
-
-
 EARLY_S, LATE_S = 0.2, 5.0
 RESOLUTION = 1e-3  # m of cost (6), between the samples that look for violated margins
 
@@ -87,18 +51,17 @@ class Effort(NamedTuple):
     success_seeds: int
 
 
-EFFORTS = {
-    "quick": Effort(["paper"], 1, 0.3, 0.3, 2),
-    "default": Effort(["paper", "draw4", "draw7"], 1, 2.0, 5.0, 5),
-    "full": Effort([*SCENARIOS], 5, LATE_S, 30.0, 20),
-}
-
-
-def measure_planners(effort: Effort) -> Iterator[Row]:
-    """Measure all scenarios of an effort, row by row."""
+def measure_planners(session: Session) -> list[Row]:
+    """Measure the scenarios of the session's effort."""
+    effort = session.pick(
+        Effort(["paper"], 1, 0.3, 0.3, 2),
+        Effort(["paper", "draw4", "draw7"], 1, 2.0, 5.0, 5),
+        Effort([*SCENARIOS], 5, LATE_S, 30.0, 20),
+    )
+    rows = []
     for name in effort.scenarios:
-        yield from measure_scenario(name, effort)
-    yield from measure_decoupled([*SCENARIOS], effort.late_s / 5.0)
+        rows += measure_scenario(name, effort)
+    return [*rows, *measure_decoupled(session.pick(["paper"], [*SCENARIOS], [*SCENARIOS]), 0.4)]
 
 
 def build_problem(name: str) -> TransportProblem:
@@ -135,7 +98,7 @@ def measure_scenario(name: str, effort: Effort) -> list[Row]:
                   note=f"of {len(found)} seeds, a path within 1 s"),
     ]  # fmt: skip
     if not first or not math.isfinite(late):
-        return [*rows, build_unmeasured_row(f"{name}_cost", "no path found")]
+        return [*rows, build_unmeasured_row(f"{name}_cost", "no path found", failed=True)]
     reserve = min(sample_reserve(space, build_scratch(space), p.rows, RESOLUTION)[0] for p in ours)
     best = min(ours, key=lambda p: p.cost)
     bound = compute_lower_bound(space, problem.start, problem.goal, choose_slices(best.rows))
@@ -217,29 +180,3 @@ def measure_decoupled(names: Sequence[str], time_s: float) -> list[Row]:
         else:
             rows.append(build_unmeasured_row(f"{name}_joint_over_decoupled", note))
     return rows
-
-
-def main() -> int:
-    """Measure and print a table, and write the rows as JSON where `--out` says."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--effort", choices=EFFORTS, default="default")
-    parser.add_argument("--only", nargs="*", choices=SCENARIOS, help="scenarios")
-    parser.add_argument("--out", type=pathlib.Path, help="JSON file to write")
-    given = parser.parse_args()
-    effort = EFFORTS[given.effort]
-    if given.only:
-        effort = effort._replace(scenarios=given.only)
-    rows = []
-    for row in measure_planners(effort):
-        rows.append(row)
-        value = "-" if row.value is None else f"{row.value:.4g} {row.unit}"
-        verdict = {None: "", True: "met", False: "MISSED"}[row.passed]
-        limit = "" if row.limit is None else f"{row.sense} {row.limit:g}"
-        print(f"{row.name:40s} {value:12s} {limit:8s} {verdict:7s} {row.note}", flush=True)
-    if given.out:
-        given.out.write_text(json.dumps([r._asdict() for r in rows], indent=1) + "\n")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
