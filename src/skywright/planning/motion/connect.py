@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.planning.motion.cost import displacement_cost
-from skywright.planning.motion.edges import is_edge_free
+from skywright.planning.motion.edges import is_edge_free, is_state_free
 from skywright.planning.motion.rng import State, uniform
 from skywright.planning.motion.space import Record
 
@@ -16,7 +16,11 @@ Ints = NDArray[np.int64]
 
 TREE_SIZE = 2000
 """Nodes a tree may have before the search starts over."""
-STEP = 2.0
+REDRAWS = 15
+"""Draws of the other coordinates before a place is given up."""
+SHORTER = 2
+"""Lengths that are tried of an edge."""
+STEP = 4.0
 """Longest edge of a tree, in units of cost (6)."""
 
 
@@ -25,6 +29,21 @@ def draw_coordinates(space: Record, state: State, out: Array) -> None:
     """Draw coordinates uniformly within their limits."""
     for i in range(space.n):
         out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
+
+
+@njit(cache=True, error_model="numpy")
+def draw_free(space: Record, state: State, out: Array, k: Record) -> None:
+    """Draw coordinates that keep all margins, the first one uniformly.
+
+    The first coordinate stays while the others are drawn again. So a place along the way where
+    only few postures fit gets as many samples as an open one, which is what narrow passages need.
+    """
+    draw_coordinates(space, state, out)
+    for _ in range(REDRAWS):
+        if is_state_free(space, out, k):
+            return
+        for i in range(1, space.n):
+            out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
 
 
 @njit(cache=True, error_model="numpy")
@@ -39,10 +58,16 @@ def _extend(
         if d < best:
             best, near = d, i
     share = 1.0 if best <= STEP else STEP / best
-    for j in range(space.n):
-        new[j] = nodes[near, j] + share * (target[j] - nodes[near, j])
-    if not is_edge_free(space, nodes[near], new, k):
+    free = False
+    for _ in range(SHORTER):  # a blocked edge is tried again shorter: part of the way is progress
+        for j in range(space.n):
+            new[j] = nodes[near, j] + share * (target[j] - nodes[near, j])
+        free = is_edge_free(space, nodes[near], new, k)
+        if free:
+            break
         hits[k.blocked] += 1
+        share *= 0.3
+    if not free:
         return 0
     for j in range(space.n):
         nodes[count, j] = new[j]
@@ -79,7 +104,7 @@ def connect(
         if counts[a] >= TREE_SIZE - 1 or counts[b] >= TREE_SIZE - 64:
             counts[0] = counts[1] = 0
             return 0
-        draw_coordinates(space, state, sample)
+        draw_free(space, state, sample, k)
         if _extend(space, trees[a], parents[a], counts[a], sample, new, k, hits) == 0:
             continue
         counts[a] += 1

@@ -5,7 +5,7 @@ cost (6) are dropped before anything is checked, so most of the work goes into e
 
 - shortcut: a straight line between two random points of the path;
 - partial shortcut: the same for the platform alone or for one angle alone, the rest as it was;
-- corner: a corner moves along a random direction, by a step that adapts to success.
+- corners: a stretch of corners moves by the same random step, which adapts to success.
 """
 
 from __future__ import annotations
@@ -25,6 +25,10 @@ MAX_ROWS = 160
 """Rows that a path may have."""
 SAME = 1e-9
 """Rows closer than this in cost are one."""
+CLOSE = 0.05
+"""Corners closer than this are dropped where the path stays free."""
+MOST = 24
+"""Corners beyond which none are added."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -107,7 +111,8 @@ def shortcut(space: Record, path: Array, count: int, state: State, k: Record, wo
     after = 0.0
     for r in range(m + 1):
         after += displacement_cost(space, work[r], work[r + 1])
-    if after > before - 1e-9:
+    # many corners close together hinder each other: a small gain is not worth one more
+    if after > before - (1e-9 if m + 2 <= j - i else 2e-4 * count):
         return count
     for r in range(m + 1):
         if not is_edge_free(space, work[r], work[r + 1], k):
@@ -127,45 +132,80 @@ def shortcut(space: Record, path: Array, count: int, state: State, k: Record, wo
 
 
 @njit(cache=True, error_model="numpy")
-def move_corner(
+def move_corners(
     space: Record, path: Array, count: int, state: State, scale: Array, k: Record, work: Array
 ) -> bool:
-    """Try to move one corner; `scale` (1,) in units of cost adapts. Return whether it moved."""
+    """Try to move a stretch of corners alike; `scale` (1,) in units of cost adapts."""
     if count < 3:
         return False
     n = space.n
     i = 1 + pick(state, count - 2)
-    kind = pick(state, 3)
-    for c in range(n):
-        work[0, c] = path[i, c]
+    j = i
+    if uniform(state) < 0.5:  # a stretch, so that a level or an angle can change as a whole
+        j = 1 + pick(state, count - 2)
+        if j < i:
+            i, j = j, i
+    kind = pick(state, 3 + n)
+    m = j - i + 1
+    for r in range(m):
+        _copy_row(path, i + r, work, 1 + r, n)
+    _copy_row(path, i - 1, work, 0, n)
+    _copy_row(path, j + 1, work, m + 1, n)
     if kind == 0:  # all coordinates
         for c in range(n):
-            work[0, c] += scale[0] * normal(state) / space.weight[c]
+            _shift(work, m, c, scale[0] * normal(state) / space.weight[c])
     elif kind == 1:  # the platform
         for c in range(space.n_move):
-            work[0, c] += scale[0] * normal(state) / space.weight[c]
-    else:  # towards the straight line between the neighbours
-        t = uniform(state)
+            _shift(work, m, c, scale[0] * normal(state) / space.weight[c])
+    elif kind == 2:  # towards the straight line between the neighbours
         share = uniform(state) * min(1.0, 20.0 * scale[0])
+        for r in range(1, m + 1):
+            t = r / (m + 1.0)
+            for c in range(n):
+                chord = work[0, c] + t * (work[m + 1, c] - work[0, c])
+                work[r, c] += share * (chord - work[r, c])
+    else:  # one coordinate
+        c = kind - 3
+        _shift(work, m, c, 2.0 * scale[0] * normal(state) / space.weight[c])
+    before = after = 0.0
+    for r in range(m + 1):
+        before += displacement_cost(space, path[i - 1 + r], path[i + r])
+    for r in range(1, m + 1):
         for c in range(n):
-            chord = path[i - 1, c] + t * (path[i + 1, c] - path[i - 1, c])
-            work[0, c] += share * (chord - work[0, c])
-    for c in range(n):
-        work[0, c] = min(max(work[0, c], space.low[c]), space.high[c])
-    before = displacement_cost(space, path[i - 1], path[i])
-    before += displacement_cost(space, path[i], path[i + 1])
-    after = displacement_cost(space, path[i - 1], work[0])
-    after += displacement_cost(space, work[0], path[i + 1])
+            work[r, c] = min(max(work[r, c], space.low[c]), space.high[c])
+    for r in range(m + 1):
+        after += displacement_cost(space, work[r], work[r + 1])
     if after >= before - 1e-10:
         return False
-    if is_edge_free(space, path[i - 1], work[0], k) and is_edge_free(
-        space, work[0], path[i + 1], k
-    ):
-        _copy_row(work, 0, path, i, n)
-        scale[0] = min(scale[0] * 1.5, 0.5)
-        return True
-    scale[0] = max(scale[0] * 0.93, 1e-5)
-    return False
+    for r in range(m + 1):
+        if not is_edge_free(space, work[r], work[r + 1], k):
+            scale[0] = max(scale[0] * 0.96, 1e-4)
+            return False
+    for r in range(1, m + 1):
+        _copy_row(work, r, path, i - 1 + r, n)
+    scale[0] = min(scale[0] * 1.4, 0.3)
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _shift(rows: Array, m: int, c: int, by: float) -> None:
+    for r in range(1, m + 1):
+        rows[r, c] += by
+
+
+@njit(cache=True, error_model="numpy")
+def thin_out(space: Record, path: Array, count: int, k: Record) -> int:
+    """Drop corners that sit close to the one before, where the path stays free."""
+    i = 1
+    while i < count - 1:
+        near = displacement_cost(space, path[i - 1], path[i]) < CLOSE
+        if near and is_edge_free(space, path[i - 1], path[i + 1], k):
+            for j in range(i, count - 1):
+                _copy_row(path, j + 1, path, j, space.n)
+            count -= 1
+        else:
+            i += 1
+    return count
 
 
 @njit(cache=True, error_model="numpy")
@@ -176,17 +216,19 @@ def improve(
     """Try `tries` moves; return the new number of rows."""
     for _ in range(tries):
         u = uniform(state)
-        if u < 0.25:
+        if u < 0.2:
             count = shortcut(space, path, count, state, k, work)
-        elif u < 0.96:
-            move_corner(space, path, count, state, scale, k, work)
-        elif count < 40:  # a new corner on an edge, for the moves to use
-            i = pick(state, count - 1)
-            for r in range(count, i + 1, -1):
-                _copy_row(path, r - 1, path, r, space.n)
-            _point(path, i, 0.2 + 0.6 * uniform(state), work, 0, space.n)
-            _copy_row(work, 0, path, i + 1, space.n)
-            count += 1
+        elif u < 0.97:
+            move_corners(space, path, count, state, scale, k, work)
+        elif u < 0.985:
+            if count < MOST:  # a new corner on a long edge, for the moves to use
+                i = pick(state, count - 1)
+                if displacement_cost(space, path[i], path[i + 1]) > 4.0 * CLOSE:
+                    for r in range(count, i + 1, -1):
+                        _copy_row(path, r - 1, path, r, space.n)
+                    _point(path, i, 0.2 + 0.6 * uniform(state), work, 0, space.n)
+                    _copy_row(work, 0, path, i + 1, space.n)
+                    count += 1
         else:
-            count = drop_corners(space, path, count, k)
+            count = thin_out(space, path, drop_corners(space, path, count, k), k)
     return count

@@ -231,6 +231,8 @@ def build_space(
         box = box.copy()
         box[Z, 0] = max(box[Z, 0], 0.0)
     pairs = _list_pairs(tree, shapes, scene.world, box)
+    if not cmap[[Y, YAW]].any():
+        pairs = _drop_beside(tree, shapes, scene.world, box, pairs, offset, margin)
     keep = np.array([margin_self if kind == PAIR_SELF else margin for _, _, kind in pairs])
     space = np.zeros(1, SPACE)
     r = space[0]
@@ -363,6 +365,50 @@ def _list_pairs(tree: Tree, s: Shapes, world: Shapes, box: Array) -> list[tuple[
                 if len(between) >= 2:
                     pairs.append((a, b, PAIR_SELF))
     return pairs
+
+
+def _drop_beside(
+    tree: Tree,
+    s: Shapes,
+    world: Shapes,
+    box: Array,
+    pairs: list[tuple[int, int, int]],
+    offset: Array,
+    margin: float,
+) -> list[tuple[int, int, int]]:
+    """Drop pairs that stay apart in y because nothing here ever moves in y.
+
+    Holds where all joints turn about y (or slide across it) and the platform keeps y and yaw.
+    """
+    if offset[YAW] != 0.0:
+        return pairs
+    rots, places = [np.eye(3)], [np.array([0.0, offset[Y], 0.0])]
+    for b in range(1, len(tree.parent)):
+        up = int(tree.parent[b])
+        places.append(places[up] + rots[up] @ tree.pos[b])
+        rots.append(rots[up] @ tree.rot[b])
+        along = abs((rots[b] @ tree.axis[b])[1])
+        if tree.joint[b] >= 0 and abs(along - (1.0 if tree.kind[b] == HINGE else 0.0)) > 1e-9:
+            return pairs
+
+    def reach(shapes: Shapes, i: int, p: Array, rot: Array) -> tuple[float, float]:
+        ends = [(p + rot @ shapes.p0[i])[1], (p + rot @ shapes.p1[i])[1]]
+        more = shapes.radius[i] + np.abs((rot @ shapes.rot[i])[1]) @ shapes.half[i]
+        return min(ends) - more, max(ends) + more
+
+    own = [reach(s, i, places[int(b)], rots[int(b)]) for i, b in enumerate(s.body)]
+    other = [reach(world, i, np.zeros(3), np.eye(3)) for i in range(len(world.body))]
+
+    def meets(pair: tuple[int, int, int]) -> bool:
+        a, b, kind = pair
+        low, high = own[a]
+        if kind == PAIR_LIMIT and b // 2 == Y:
+            return bool(low - box[Y, 0] < margin or box[Y, 1] - high < margin)
+        if kind == PAIR_WORLD:
+            return max(low - other[b][1], other[b][0] - high) < margin
+        return True
+
+    return [pair for pair in pairs if meets(pair)]
 
 
 @njit(cache=True, error_model="numpy")

@@ -11,6 +11,7 @@ from skywright.models.scene import build_scene
 from skywright.studies.bench.flights import load_scan
 from skywright.studies.bench.rows import Row, Session, build_row
 from skywright.studies.bench.timing import interleave, read_clock
+from skywright.studies.planning.compare import measure_planners
 
 LIMIT = 1.0  # s, warm, for a plan of about 110 s of motion
 
@@ -29,11 +30,12 @@ REFUSED = {"underside"}
 
 
 def measure(session: Session) -> list[Row]:
-    """Plan each case with several seeds, then time queries."""
+    """Plan each case with several seeds, time queries, compare motion planners."""
     seeds = session.pick(2, 3, 20)
     plan_mission(load_scan(*CASES["behind_the_pipe"]))  # compiles
     rows = [measure_case(name, seeds) for name in session.pick(["default"], [*CASES], [*CASES])]
-    return [*rows, measure_query(session.pick(2, 10, 30))]
+    query = measure_query(session.pick(2, 10, 30))
+    return [*rows, query, *measure_planners(session)]
 
 
 def measure_case(name: str, seeds: int) -> Row:

@@ -1,0 +1,101 @@
+"""The passive joint's swing along a timed motion, by the planar model of Caballero et al. 2018.
+
+Platform (level) and arms move as planned; the joint moves by its row of (3) with the bearing's
+damping. Swing is the distance from the static equilibrium of the moment's arm posture.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.models.planar_lrm import PlanarLrm, fill_equations, fill_terms
+
+Array = NDArray[np.float64]
+
+STEP = 0.004  # s, of the integration
+SETTLE = 2.0  # s that are watched after the motion's end
+
+
+def add_bar(model: PlanarLrm, mass: float) -> PlanarLrm:
+    """Return the model with half of a bar's mass (kg) at the end of each forearm."""
+    share, end = mass / 2, model.l_u  # both arms' parts are of one length
+    total = model.m_f + share
+    c = (model.m_f * model.c_f + share * end) / total
+    inertia = model.i_f + model.m_f * (c - model.c_f) ** 2 + share * (end - c) ** 2
+    return model._replace(m_f=total, c_f=c, i_f=inertia)
+
+
+def build_swing(
+    model: PlanarLrm, gravity: float, damping: float
+) -> Callable[[Array, Array, Array, Array], float]:
+    """Return the function that `timing.assign_times` asks; coordinates (x, z, shoulders, elbows).
+
+    `damping` (N m s/rad) is the bearing's.
+    """
+
+    def swing(t: Array, c: Array, cd: Array, cdd: Array) -> float:
+        return float(_largest_swing(model, gravity, damping, t, c, cd, cdd))
+
+    return swing
+
+
+@njit(cache=True, error_model="numpy")
+def equilibrium(p: PlanarLrm, shoulder: float, elbow: float) -> float:
+    """Static angle of the passive joint (rad), both arms alike, platform level."""
+    forward = 2.0 * (
+        p.m_u * p.c_u * math.sin(shoulder)
+        + p.m_f * (p.l_u * math.sin(shoulder) + p.c_f * math.sin(shoulder + elbow))
+    )
+    down = p.m_b * p.c_b + 2.0 * (p.m_u + p.m_f) * p.l_b
+    down += 2.0 * (
+        p.m_u * p.c_u * math.cos(shoulder)
+        + p.m_f * (p.l_u * math.cos(shoulder) + p.c_f * math.cos(shoulder + elbow))
+    )
+    return -math.atan2(forward, down)
+
+
+@njit(cache=True, error_model="numpy")
+def compute_passive_rate(
+    p: PlanarLrm, q: Array, u: Array, rates: Array, g: float, damping: float
+) -> float:
+    """du0/dt from its row of (3), all other rates given; no actuator works on it."""
+    M, rhs, terms, none = np.zeros((8, 8)), np.zeros((8, 24)), np.zeros(24), np.zeros(6)
+    fill_equations(p, q, M, rhs)
+    fill_terms(u, none, g, terms)
+    total = -damping * u[3]
+    for j in range(24):
+        total += rhs[3, j] * terms[j]
+    for j in range(8):
+        if j != 3:
+            total -= M[3, j] * rates[j]
+    return total / M[3, 3]
+
+
+@njit(cache=True, error_model="numpy")
+def _largest_swing(
+    p: PlanarLrm, g: float, damping: float, t: Array, c: Array, cd: Array, cdd: Array
+) -> float:
+    q, u, rates = np.zeros(8), np.zeros(8), np.zeros(8)
+    q[3] = equilibrium(p, c[0, 2], c[0, 3])
+    count = int((t[-1] + SETTLE) / STEP)
+    largest, row = 0.0, 0
+    for step in range(count):
+        now = step * STEP
+        while row < t.shape[0] - 2 and t[row + 1] <= now:
+            row += 1
+        moving = now < t[-1]
+        share = (now - t[row]) / max(t[row + 1] - t[row], 1e-9) if moving else 1.0
+        share = min(max(share, 0.0), 1.0)
+        for i, j in ((0, 0), (1, 1), (4, 2), (5, 3), (6, 2), (7, 3)):
+            q[i] = c[row, j] + share * (c[row + 1, j] - c[row, j])
+            u[i] = cd[row, j] + share * (cd[row + 1, j] - cd[row, j]) if moving else 0.0
+            rates[i] = cdd[row, j] + share * (cdd[row + 1, j] - cdd[row, j]) if moving else 0.0
+        u[3] += STEP * compute_passive_rate(p, q, u, rates, g, damping)
+        q[3] += STEP * u[3]
+        largest = max(largest, abs(q[3] - equilibrium(p, q[4], q[5])))
+    return largest

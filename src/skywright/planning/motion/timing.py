@@ -1,0 +1,304 @@
+"""When to be where on a path: the fastest motion within the limits, or one of a given duration.
+
+Corners become parabolas where that keeps all margins (certified), else the motion stops there.
+Along the curve c(s) with c' and c'' known, the limits on speeds and accelerations bound the path
+speed and its change; one pass back and one pass forth over a grid of s give the fastest motion
+(time-optimal path parametrisation: Bobrow et al. 1985; the passes of Pham and Pham, T-RO 2018).
+Tilt and rotors bound the platform's acceleration. The swing of the passive joint is simulated
+along the motion, and time is stretched until it stays within its limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.errors import InfeasibleError
+from skywright.planning.motion.edges import is_edge_free
+from skywright.planning.motion.space import Scratch, Space, build_scratch
+
+Array = NDArray[np.float64]
+
+ROW = 0.02  # s, between the rows of a timed path
+GRID = 0.01  # of the path's length in cost (6), between the points of the grid
+CHORDS = 16  # of a parabola
+STRETCH = 1.05  # of time, while the swing is too large
+
+
+class TimeLimits(NamedTuple):
+    """What a motion may use."""
+
+    speed: float = 1.0  # m/s, platform
+    acceleration: float = 0.8  # m/s^2
+    joint_rate: float = 0.8  # rad/s
+    joint_acceleration: float = 1.5  # rad/s^2
+    tilt: float = math.radians(20.0)  # of the platform
+    thrust: float = math.inf  # N, of all rotors
+    mass: float = 1.0  # kg, of all
+    gravity: float = 9.81  # m/s^2
+    swing: float = math.radians(8.0)  # of the passive joint about its equilibrium
+
+
+class Timed(NamedTuple):
+    """A path with its times."""
+
+    t: Array  # (m,) s, from 0, `ROW` apart; the last step may be shorter
+    c: Array  # (m, n) coordinates
+    cd: Array  # (m, n) a second
+    cdd: Array  # (m, n)
+    swing: float  # rad, largest of the simulated passive joint; 0 without one
+
+    @property
+    def duration(self) -> float:
+        """Length in s."""
+        return float(self.t[-1])
+
+
+def compute_acceleration_limits(limits: TimeLimits) -> tuple[float, float]:
+    """Return (horizontal, vertical) limits (m/s^2) that tilt, rotors and `acceleration` allow.
+
+    The vertical share is fixed first (at most half the acceleration), so that the horizontal one
+    can use tan(tilt) (g - a_z) and the thrust sqrt(a_x^2 + (g + a_z)^2) m.
+    Raises InfeasibleError when the rotors cannot carry the weight.
+    """
+    spare = limits.thrust / limits.mass - limits.gravity
+    if spare <= 0.0:
+        raise InfeasibleError(
+            f"the rotors make {limits.thrust:.1f} N, robot and load weigh "
+            f"{limits.mass * limits.gravity:.1f} N",
+            "thrust",
+        )
+    vertical = min(0.5 * limits.acceleration, 0.5 * spare)
+    by_tilt = math.tan(limits.tilt) * (limits.gravity - vertical)
+    by_rotors = math.inf
+    if math.isfinite(limits.thrust):
+        total = limits.thrust / limits.mass
+        by_rotors = math.sqrt(max(total**2 - (limits.gravity + vertical) ** 2, 0.0))
+    flat = math.sqrt(max(limits.acceleration**2 - vertical**2, 0.0))
+    return min(flat, by_tilt, by_rotors), vertical
+
+
+class Curve(NamedTuple):
+    """Samples of c(s) between which c'' is constant."""
+
+    s: Array  # (k,)
+    c: Array  # (k, n)
+    d: Array  # (k, n) c'
+    dd: Array  # (k - 1, n) c'' in each interval
+    stop: NDArray[np.bool_]  # (k,) the path bends sharply here
+
+
+@njit(cache=True, error_model="numpy")
+def _are_chords_free(space: Space, scratch: Scratch, points: Array) -> bool:
+    for i in range(points.shape[0] - 1):
+        if not is_edge_free(space[0], points[i], points[i + 1], scratch[0]):
+            return False
+    return True
+
+
+def build_curve(space: Space, rows: Array, blend: float = 0.4) -> Curve:
+    """Round the corners of a path; `blend` is the longest half length of a parabola in cost (6).
+
+    A parabola that breaks a margin is halved up to six times; then the corner becomes a stop.
+    """
+    weight = space[0]["weight"][: rows.shape[1]]
+    keep = [0]
+    for i in range(1, len(rows)):
+        if np.linalg.norm((rows[i] - rows[keep[-1]]) * weight) > 1e-6:
+            keep.append(i)
+    rows = rows[keep]
+    if len(rows) < 2:
+        return Curve(
+            np.zeros(1), rows, np.zeros_like(rows), np.zeros((0, rows.shape[1])),
+            np.ones(1, dtype=np.bool_),
+        )  # fmt: skip
+    edges = np.diff(rows, axis=0)
+    lengths = np.linalg.norm(edges * weight, axis=1)
+    units = edges / lengths[:, None]
+    scratch = build_scratch(space)
+    half = np.zeros(len(rows))
+    for i in range(1, len(rows) - 1):
+        b = min(blend, 0.45 * lengths[i - 1], 0.45 * lengths[i])
+        for _ in range(7):
+            if _are_chords_free(space, scratch, _parabola(rows[i], units[i - 1], units[i], b)):
+                half[i] = b
+                break
+            b /= 2
+    s, c, d, dd, stop = [0.0], [rows[0]], [units[0]], [], [True]
+
+    def add(length: float, first: Array, last: Array, pieces: int) -> None:
+        bend = (last - first) / length
+        step = length / pieces
+        for _ in range(pieces):
+            c.append(c[-1] + step * d[-1] + 0.5 * step**2 * bend)
+            d.append(d[-1] + step * bend)
+            dd.append(bend)
+            s.append(s[-1] + step)
+            stop.append(False)
+
+    for i in range(len(edges)):
+        straight = lengths[i] - half[i] - half[i + 1]
+        add(straight, units[i], units[i], max(math.ceil(straight / GRID), 2))
+        if i + 1 < len(edges):
+            if half[i + 1] > 0.0:
+                pieces = max(math.ceil(2 * half[i + 1] / GRID), CHORDS)
+                add(2 * half[i + 1], units[i], units[i + 1], pieces)
+            else:
+                stop[-1] = True
+            d[-1] = units[i + 1]
+    stop[-1] = True
+    return Curve(np.array(s), np.array(c), np.array(d), np.array(dd), np.array(stop))
+
+
+def _parabola(corner: Array, u: Array, v: Array, b: float) -> Array:
+    t = np.linspace(0.0, 1.0, CHORDS + 1)[:, None]
+    return (corner - b * u) * (1 - t) ** 2 + 2 * corner * t * (1 - t) + (corner + b * v) * t**2
+
+
+@njit(cache=True, error_model="numpy")
+def _change_limits(d: Array, dd: Array, x: float, most: Array) -> tuple[float, float]:
+    """Smallest and largest s'' that keep |c'' x + c' s''| <= most, with x = s'^2."""
+    low, high = -1e18, 1e18
+    for j in range(d.shape[0]):
+        a = dd[j] * x
+        if abs(d[j]) < 1e-9:
+            if abs(a) > most[j] * (1.0 + 1e-9):
+                return 1.0, -1.0
+            continue
+        p, q = (-most[j] - a) / d[j], (most[j] - a) / d[j]
+        low, high = max(low, min(p, q)), min(high, max(p, q))
+    return low, high
+
+
+@njit(cache=True, error_model="numpy")
+def _fastest(
+    s: Array, d: Array, dd: Array, stop: NDArray[np.bool_], top: Array, most: Array
+) -> Array:
+    """Return x = s'^2 (k,) of the fastest motion; `top` (k,) bounds x, `most` (n,) |acceleration|.
+
+    An interval's limits hold at both of its ends, with its own c''.
+    """
+    k = s.shape[0]
+    can = np.zeros(k)  # largest x from which one can still stop in time
+    for i in range(k - 2, -1, -1):
+        if stop[i]:
+            continue
+        step = s[i + 1] - s[i]
+        low, high = 0.0, top[i]
+        for trial in range(50):
+            x = high if trial == 0 else 0.5 * (low + high)
+            least, largest = _change_limits(d[i], dd[i], x, most)
+            to = can[i + 1]
+            # s'' brings x to at most `to` at the other end
+            needed = (to - x) / (2.0 * step)
+            fine = least <= largest and least <= needed
+            if fine and x > to:
+                a, b = _change_limits(d[i + 1], dd[i], to, most)
+                fine = a <= needed <= b
+            if fine:
+                low = x
+                if trial == 0:
+                    break
+            else:
+                high = x
+        can[i] = low
+    x = np.zeros(k)
+    for i in range(k - 1):
+        step = s[i + 1] - s[i]
+        _, largest = _change_limits(d[i], dd[i], x[i], most)
+        x[i + 1] = min(can[i + 1], x[i] + 2.0 * step * max(largest, 0.0))
+        for _ in range(60):  # the limits at the other end, where c'' counts with the new speed
+            a, b = _change_limits(d[i + 1], dd[i], x[i + 1], most)
+            change = (x[i + 1] - x[i]) / (2.0 * step)
+            if a <= b and change <= b + 1e-9:
+                break
+            x[i + 1] = 0.5 * (x[i + 1] + x[i]) if x[i + 1] > x[i] else x[i + 1] * 0.97
+    return x
+
+
+def assign_times(
+    space: Space,
+    rows: Array,
+    limits: TimeLimits,
+    *,
+    duration: float | None = None,
+    swing: Callable[[Array, Array, Array, Array], float] | None = None,
+) -> Timed:
+    """Time a path: as fast as the limits allow, or in `duration` s.
+
+    `swing` returns the largest swing (rad) of a motion (t, c, cd, cdd); see
+    `swing.build_swing`. Raises InfeasibleError when `duration` is shorter than the fastest motion.
+    """
+    curve = build_curve(space, rows)
+    n, n_move = rows.shape[1], int(space[0]["n_move"])
+    if len(curve.s) < 2:
+        still = np.zeros((1, n))
+        return Timed(np.zeros(1), rows[:1], still, still, 0.0)
+    flat, vertical = compute_acceleration_limits(limits)
+    most = np.full(n, limits.joint_acceleration)
+    up = space[0]["map"][2, :n] != 0.0
+    most[:n_move] = np.where(
+        up[:n_move], vertical, flat / math.sqrt(max(n_move - int(up.sum()), 1))
+    )
+    speed = np.linalg.norm(curve.d[:, :n_move], axis=1)
+    rate = np.max(np.abs(curve.d[:, n_move:]), axis=1, initial=0.0)
+    with np.errstate(divide="ignore"):
+        top = np.minimum(limits.speed / speed, limits.joint_rate / rate) ** 2
+    bend = np.zeros((len(curve.s), n))
+    bend[:-1] = np.abs(curve.dd)
+    bend[1:] = np.maximum(bend[1:], np.abs(curve.dd))
+    with np.errstate(divide="ignore"):
+        top = np.minimum(top, np.min(np.where(bend > 0, most / bend, np.inf), axis=1))
+    x = _fastest(curve.s, curve.d, curve.dd, curve.stop, top, most)
+    v = np.sqrt(x)
+    at = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(curve.s) / (v[:-1] + v[1:]))])
+    factor = 1.0
+    if duration is not None:
+        if duration < at[-1] - 1e-9:
+            raise InfeasibleError(
+                f"the motion needs {at[-1]:.2f} s, {duration:g} s are given", "duration"
+            )
+        factor = duration / at[-1]
+    for _ in range(200):
+        timed = _sample(curve, x, at, factor)
+        if swing is None:
+            return timed
+        peak = swing(timed.t, timed.c, timed.cd, timed.cdd)
+        timed = timed._replace(swing=peak)
+        if peak <= limits.swing:
+            return timed
+        if duration is not None:
+            raise InfeasibleError(
+                f"in {duration:g} s the passive joint swings by {math.degrees(peak):.1f} deg > "
+                f"{math.degrees(limits.swing):.1f} deg", "swing",
+            )  # fmt: skip
+        factor *= STRETCH
+    raise InfeasibleError("the passive joint swings too far at any speed", "swing")
+
+
+def _sample(curve: Curve, x: Array, at: Array, factor: float) -> Timed:
+    """Rows every `ROW` s of the motion with x = s'^2, all times stretched by `factor`."""
+    t = np.arange(0.0, factor * at[-1], ROW)
+    t = np.append(t[: max(len(t) - 1, 1)] if factor * at[-1] - t[-1] < 1e-9 else t, factor * at[-1])
+    i = np.clip(np.searchsorted(at, t / factor, side="right") - 1, 0, len(at) - 2)
+    since = t / factor - at[i]
+    step = np.diff(curve.s)[i]
+    change = (x[i + 1] - x[i]) / (2.0 * step)  # s''
+    v = np.sqrt(x[i])
+    along = np.clip(v * since + 0.5 * change * since**2, 0.0, step)
+    rate = v + change * since
+    bend = curve.dd[i]
+    d = curve.d[i] + 0.0
+    # after a stop the direction at the grid point is that of the interval behind it
+    c = curve.c[i] + along[:, None] * d + 0.5 * along[:, None] ** 2 * bend
+    slope = d + along[:, None] * bend
+    cd = slope * rate[:, None] / factor
+    cdd = (slope * change[:, None] + bend * rate[:, None] ** 2) / factor**2
+    cd[0] = cd[-1] = 0.0
+    c[-1] = curve.c[-1]
+    return Timed(t, c, cd, cdd, 0.0)

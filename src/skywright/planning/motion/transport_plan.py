@@ -1,0 +1,164 @@
+"""From a transport problem to a plan file's rows: path, times, swing, joints."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.core.streams import build_stream
+from skywright.errors import InfeasibleError, InputError
+from skywright.models.planar import build_planar_lrm
+from skywright.models.scene import build_scene
+from skywright.planning.motion.bound import choose_slices, compute_lower_bound
+from skywright.planning.motion.passages import list_passages
+from skywright.planning.motion.plan_file import PlanFile
+from skywright.planning.motion.planner import Path, plan_path, sample_reserve
+from skywright.planning.motion.space import (
+    JOINT0,
+    PAIR_LIMIT,
+    PAIR_WORLD,
+    Scratch,
+    Space,
+    build_scratch,
+    compute_pose,
+)
+from skywright.planning.motion.swing import add_bar, build_swing
+from skywright.planning.motion.timing import Timed, TimeLimits, assign_times
+from skywright.planning.motion.transport import TransportProblem
+from skywright.robots.spec import Robot
+
+Array = NDArray[np.float64]
+
+RESOLUTION = 1e-3  # of the path in cost (6), between the samples of the reported clearance
+
+
+class TransportPlan(NamedTuple):
+    """A transport's path, its times, and the rows of its plan file."""
+
+    path: Path
+    timed: Timed
+    file: PlanFile
+    clearance_m: float  # smallest distance to anything, the margin included
+    lower_bound: float
+
+
+def build_time_limits(robot: Robot, problem: TransportProblem) -> TimeLimits:
+    """Return the limits that a robot file sets, with the load on board."""
+    c, rotors = robot.control, robot.rotors
+    space = problem.space[0]
+    mass = float(np.sum(space["mass"][: int(space["nb"])]))
+    # the thrust of each rotor is bounded; a lifting force is shared by all of them alike
+    thrust = len(rotors.azimuth_deg) * rotors.thrust_max_n * rotors.thrust_fraction
+    return TimeLimits(
+        speed=c.speed_max_mps, acceleration=c.acceleration_max_mps2,
+        tilt=math.radians(c.tilt_max_deg), thrust=thrust, mass=mass,
+        gravity=problem.world.gravity_mps2,
+    )  # fmt: skip
+
+
+def plan_transport(
+    robot: Robot,
+    problem: TransportProblem,
+    seed: int = 1,
+    time_s: float = 1.0,
+    duration: float | None = None,
+) -> TransportPlan:
+    """Plan and time a transport.
+
+    Raises InputError when an end is blocked, InfeasibleError when no path is found within
+    `time_s`; its message names the narrowest passage.
+    """
+    path = plan_path(
+        problem.space, problem.start, problem.goal, build_stream(seed, "planner"), time_s
+    )
+    if path.blocked >= 0:
+        raise InputError(f"{_name_end(problem)}: {describe_pair(problem, path.blocked)}")
+    if not len(path.rows):
+        raise InfeasibleError(
+            f"no path within {time_s:g} s; {describe_narrowest(problem, path)}", "passage"
+        )
+    model = build_planar_lrm(build_scene(robot, problem.world), robot)
+    pendulum = robot.pendulum
+    assert pendulum is not None
+    swing = build_swing(
+        add_bar(model, problem.transport.bar_mass if problem.transport.bar_length > 0 else 0.0),
+        problem.world.gravity_mps2, pendulum.damping_nms_per_rad,
+    )  # fmt: skip
+    timed = assign_times(
+        problem.space, path.rows, build_time_limits(robot, problem), duration=duration, swing=swing
+    )
+    scratch = build_scratch(problem.space)
+    reserve, _ = sample_reserve(problem.space, scratch, timed.c, RESOLUTION)
+    bound = compute_lower_bound(
+        problem.space, problem.start, problem.goal, choose_slices(path.rows), 0.03
+    )
+    clearance = reserve + problem.transport.margin
+    metrics = {
+        "plan.cost": path.cost, "plan.lower_bound": bound,
+        "plan.first_solution_s": path.first_s, "plan.clearance_min_m": clearance,
+        "plan.swing_max_deg": math.degrees(timed.swing), "plan.duration_s": timed.duration,
+    }  # fmt: skip
+    file = build_plan_file(robot.name, problem, timed, seed, metrics)
+    return TransportPlan(path, timed, file, clearance, bound)
+
+
+def build_plan_file(
+    robot: str, problem: TransportProblem, timed: Timed, seed: int, metrics: dict[str, float]
+) -> PlanFile:
+    """Expand coordinates to platform and joints; the passive joint at its equilibrium."""
+    nj = len(problem.scene.joints)
+    u, du = np.zeros((len(timed.t), JOINT0 + nj)), np.zeros((len(timed.t), JOINT0 + nj))
+    _expand(problem.space, build_scratch(problem.space), timed.c, timed.cd, u, du)
+    acceleration = timed.cdd @ problem.space[0]["map"][:JOINT0, : timed.c.shape[1]].T
+    return PlanFile(
+        robot, problem.world.name, seed, problem.scene.joints, timed.t, u[:, :4], du[:, :4],
+        acceleration, u[:, 4:], du[:, 4:], metrics,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _expand(space: Space, scratch: Scratch, c: Array, cd: Array, u: Array, du: Array) -> None:
+    for i in range(c.shape[0]):
+        compute_pose(space[0], c[i], cd[i], scratch[0])
+        for j in range(u.shape[1]):
+            u[i, j], du[i, j] = scratch[0].u[j], scratch[0].du[j]
+
+
+def _name_end(problem: TransportProblem) -> str:
+    path = plan_path(problem.space, problem.start, problem.start, np.random.default_rng(0), 0.0)
+    return "start" if path.blocked >= 0 else "goal"
+
+
+def describe_pair(problem: TransportProblem, pair: int) -> str:
+    """Say which two things come closer than the margin."""
+    scene = problem.scene
+    a, b, kind = (int(x) for x in problem.space[0]["pairs"][pair])
+    names = [*scene.names, "bar"]
+    margin = float(problem.space[0]["margin"][pair])
+    if kind == PAIR_WORLD:
+        other = scene.world_names[b]
+    elif kind == PAIR_LIMIT:
+        other = "the ground" if b == 4 else f"the area's limit in {'xyz'[b // 2]}"
+    else:
+        other = names[b]
+    return f"{names[a].removesuffix(' shell')} and {other} come closer than {margin:g} m"
+
+
+def describe_narrowest(problem: TransportProblem, path: Path) -> str:
+    """Name the narrowest passage, or without any what was most in the way."""
+    t = problem.transport
+    widths = list_passages(problem.world, problem.space, t.bar_length, t.margin)
+    if widths:
+        w = widths[0]
+        fits = "fits" if w.ratio >= 1.0 else "does not fit"
+        return (
+            f"the narrowest passage is {w.name!r}: {w.opening:.2f} m, of which the {w.what} needs "
+            f"{w.needs:.2f} m with its margins ({fits})"
+        )
+    if path.hits.any():
+        return f"most often in the way: {describe_pair(problem, int(np.argmax(path.hits)))}"
+    return "nothing was in the way"

@@ -1,0 +1,1 @@
+"""Planners compared: ours, the paper's, and OMPL's (a benchmark-only dependency)."""

@@ -1,0 +1,186 @@
+"""The planners: equations (4) to (6), known optima, the lower bound, repeatability, refusals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from skywright.errors import InfeasibleError, InputError
+from skywright.planning.motion.angular import (
+    blocked_by_circle,
+    blocked_by_rectangle,
+    build_angular_map,
+)
+from skywright.planning.motion.bound import choose_slices, compute_lower_bound
+from skywright.planning.motion.cost import displacement_cost, rho_arms, rho_uav, time_cost
+from skywright.planning.motion.decoupled import plan_decoupled
+from skywright.planning.motion.planner import plan_path, sample_reserve
+from skywright.planning.motion.rrt_star import RrtStar, plan_rrt_star
+from skywright.planning.motion.space import build_scratch
+from skywright.planning.motion.transport import Transport, build_scenario, build_transport
+from skywright.planning.motion.transport_plan import plan_transport
+from skywright.robots.loader import load_robot
+from skywright.worlds.loader import load_world
+from skywright.worlds.spec import World
+
+Array = NDArray[np.float64]
+
+ROBOT = load_robot("ars-lrm")[0]
+WORLD = load_world("pipe-structures")[0]
+PAPER = build_transport(ROBOT, WORLD)
+EMPTY = build_transport(ROBOT, World(name="empty", area=WORLD.area))
+configuration = st.tuples(*[st.floats(-3, 3)] * 4).map(np.array)
+
+
+def stream(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+@settings(max_examples=50, deadline=None)
+@given(configuration, configuration, configuration)
+def test_metrics_and_costs_are_those_of_the_paper(a: Array, b: Array, c: Array) -> None:
+    """(4) to (6) written out over both arms' joints; both costs obey the triangle inequality."""
+    space, d = PAPER.space[0], b - a
+    move, arms = math.hypot(d[0], d[1]), np.array([d[2], d[3], d[2], d[3]])
+    assert rho_uav(space, a, b) == pytest.approx(move)
+    assert rho_arms(space, a, b) == pytest.approx(np.max(np.abs(arms)))
+    assert time_cost(space, a, b, 0.5, 0.4) == pytest.approx(
+        max(move / 0.5, np.max(np.abs(arms)) / 0.4)
+    )
+    assert displacement_cost(space, a, b) == pytest.approx(move + 0.1 * np.sum(np.abs(arms)))
+    for cost in (displacement_cost, lambda s, p, q: time_cost(s, p, q, 0.5, 0.4)):
+        assert cost(space, a, c) <= cost(space, a, b) + cost(space, b, c) + 1e-9
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.floats(-1, 1), st.floats(-1, 1), st.floats(0.05, 1.5), st.floats(-3.1, 3.1),
+    st.floats(0.05, 0.5), st.floats(0.05, 0.5),
+)  # fmt: skip
+def test_angular_check_is_the_distance_to_the_obstacle(
+    cx: float, cz: float, length: float, angle: float, hx: float, hz: float
+) -> None:
+    """Figure 5's angular condition holds exactly where segment and obstacle meet."""
+    t = np.linspace(0, length, 4001)
+    points = np.column_stack([t * math.cos(angle), t * math.sin(angle)])
+    away = np.hypot(points[:, 0] - cx, points[:, 1] - cz).min() - hx
+    if abs(away) > 1e-3:
+        assert blocked_by_circle(0.0, 0.0, length, angle, cx, cz, hx) == (away < 0)
+    box = np.maximum(np.abs(points - [cx, cz]) - [hx, hz], -1).max(axis=1).min()
+    if abs(box) > 1e-3:
+        assert blocked_by_rectangle(0.0, 0.0, length, angle, cx, cz, hx, hz) == (box < 0)
+
+
+def test_in_an_empty_area_the_straight_line_is_found() -> None:
+    path = plan_path(EMPTY.space, EMPTY.start, EMPTY.goal, stream(), slices=1)
+    assert len(path.rows) == 2 and path.cost == pytest.approx(9.0)
+    bound = compute_lower_bound(EMPTY.space, EMPTY.start, EMPTY.goal, [3.0, 6.0], 0.1, 0.3)
+    assert bound == pytest.approx(9.0, abs=0.05) and bound <= 9.0
+
+
+def test_around_one_pipe_the_optimum_is_found() -> None:
+    """Without arms' motion the optimum is a tangent, an arc, a tangent; arms make it cheaper."""
+    tubes = {"rack": WORLD.tubes["rack front"]}
+    world = World(name="one", tubes=tubes, area=WORLD.area.model_copy(update={"z_max_m": 8.0}))
+    problem = build_transport(ROBOT, world)
+    path = plan_path(problem.space, problem.start, problem.goal, stream(), slices=2500)
+    bound = compute_lower_bound(
+        problem.space, problem.start, problem.goal, choose_slices(path.rows), 0.03
+    )
+    assert bound <= path.cost <= 1.025 * bound
+
+
+def test_the_paper_s_scenario() -> None:
+    """Every margin holds at 1 mm; the bound is below; joint planning passes, decoupled does not."""
+    path = plan_path(PAPER.space, PAPER.start, PAPER.goal, stream(3), slices=3000)
+    scratch = build_scratch(PAPER.space)
+    reserve, _ = sample_reserve(PAPER.space, scratch, path.rows, 1e-3)
+    assert reserve >= 0.0
+    bound = compute_lower_bound(
+        PAPER.space, PAPER.start, PAPER.goal, choose_slices(path.rows), 0.04
+    )
+    assert 9.0 < bound <= path.cost < 1.05 * bound
+    assert np.all(np.diff(path.history[:, 1]) < 0)  # any-time: only ever cheaper
+    apart = plan_decoupled(PAPER.space, PAPER.start, PAPER.goal, stream(3), 0.5)
+    assert not len(apart.rows) and "arms held" in apart.reason
+    # the bar passes the second structure through its lower gap: below the shelf at 1.6 m
+    near = [row for row in path.rows if abs(row[0] - 6.3) < 1.5]
+    assert all(row[1] - 0.91 < 1.6 for row in near)
+
+
+def test_same_seed_same_path() -> None:
+    one, two, other = (
+        plan_path(PAPER.space, PAPER.start, PAPER.goal, stream(s), slices=60) for s in (1, 1, 2)
+    )
+    assert np.array_equal(one.rows, two.rows) and not np.array_equal(one.rows, other.rows)
+
+
+def test_rrt_star_gets_cheaper_and_keeps_its_books() -> None:
+    """The reported cost is that of the path; more iterations never cost more; edges are free."""
+    world = build_angular_map(PAPER.space)
+    costs = []
+    for iterations in (1500, 4000):
+        result = plan_rrt_star(
+            PAPER.space, world, PAPER.start, PAPER.goal, stream(1), 60.0,
+            RrtStar(certified=True), iterations=iterations,
+        )  # fmt: skip
+        space = PAPER.space[0]
+        total = sum(
+            displacement_cost(space, a, b)
+            for a, b in zip(result.rows[:-1], result.rows[1:], strict=True)
+        )
+        assert result.cost == pytest.approx(total, abs=1e-6)
+        assert sample_reserve(PAPER.space, build_scratch(PAPER.space), result.rows, 5e-3)[0] >= 0.0
+        costs.append(result.cost)
+    assert costs[1] <= costs[0]
+    in_time = plan_rrt_star(
+        PAPER.space, world, PAPER.start, PAPER.goal, stream(1), 60.0,
+        RrtStar(minimise_time=True), iterations=1500,
+    )  # fmt: skip
+    seconds = sum(
+        time_cost(PAPER.space[0], a, b, 0.5, 0.5)
+        for a, b in zip(in_time.rows[:-1], in_time.rows[1:], strict=True)
+    )
+    assert in_time.cost == pytest.approx(seconds, abs=1e-6)
+
+
+def test_narrow_passages_are_found_within_a_second() -> None:
+    for seed in (7, 10):
+        problem = build_transport(ROBOT, build_scenario(WORLD, seed, 0.75))
+        found = [
+            plan_path(problem.space, problem.start, problem.goal, stream(s), slices=400, first=True)
+            for s in range(5)
+        ]
+        assert all(len(p.rows) for p in found)
+
+
+def test_a_bar_longer_than_the_gap_is_refused_with_the_passage_s_name() -> None:
+    problem = build_transport(ROBOT, WORLD, Transport(bar_length=2.4))
+    with pytest.raises(InfeasibleError) as error:
+        plan_transport(ROBOT, problem, time_s=0.3)
+    assert "'lower gap'" in str(error.value) and "2.80 m" in str(error.value)
+    assert "(does not fit)" in str(error.value)
+
+
+def test_the_bound_is_infinite_where_a_slice_is_closed() -> None:
+    """Under a lower ceiling no posture fits over the rack."""
+    low = WORLD.area.model_copy(update={"z_max_m": 2.5})
+    problem = build_transport(ROBOT, WORLD.model_copy(update={"area": low}))
+    bound = compute_lower_bound(problem.space, problem.start, problem.goal, [2.7])
+    assert bound == np.inf
+
+
+def test_blocked_ends_and_wrong_robots_are_told() -> None:
+    start = (2.7, 2.0, 0.0, -math.pi / 2)
+    with pytest.raises(InputError, match=r"start: .* and rack"):
+        plan_transport(ROBOT, build_transport(ROBOT, WORLD, Transport(start=start)))
+    goal = (9.0, 0.9, 0.0, -math.pi / 2)
+    with pytest.raises(InputError, match=r"goal: .* the ground"):
+        plan_transport(ROBOT, build_transport(ROBOT, WORLD, Transport(goal=goal)))
+    with pytest.raises(InputError, match="cannot carry a bar"):
+        build_transport(load_robot("hexarotor")[0], WORLD)

@@ -1,0 +1,165 @@
+"""Times along a path: limits hold, known minimum times, swing; and the plan file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from skywright.errors import InfeasibleError, InputError
+from skywright.models.planar import build_planar_lrm
+from skywright.models.scene import build_scene
+from skywright.planning.motion.plan_file import load_plan_file, write_plan_file
+from skywright.planning.motion.planner import plan_path
+from skywright.planning.motion.swing import add_bar, build_swing, equilibrium
+from skywright.planning.motion.timing import (
+    Timed,
+    TimeLimits,
+    assign_times,
+    compute_acceleration_limits,
+)
+from skywright.planning.motion.transport import Transport, build_transport
+from skywright.planning.motion.transport_plan import TransportPlan, plan_transport
+from skywright.robots.loader import load_robot
+from skywright.worlds.loader import load_world
+from skywright.worlds.spec import World
+
+Array = NDArray[np.float64]
+
+ROBOT = load_robot("ars-lrm")[0]
+WORLD = load_world("pipe-structures")[0]
+EMPTY = build_transport(ROBOT, World(name="empty", area=WORLD.area))
+LIMITS = TimeLimits(speed=1.0, acceleration=0.8, mass=7.0, thrust=118.8)
+
+
+@pytest.fixture(scope="module")
+def plan() -> TransportPlan:
+    return plan_transport(ROBOT, build_transport(ROBOT, WORLD), 2, 1.0)
+
+
+def check_limits(timed: Timed, limits: TimeLimits) -> None:
+    flat, vertical = compute_acceleration_limits(limits)
+    assert np.hypot(timed.cd[:, 0], timed.cd[:, 1]).max() <= limits.speed * (1 + 1e-6)
+    assert np.abs(timed.cd[:, 2:]).max() <= limits.joint_rate * (1 + 1e-6)
+    assert np.abs(timed.cdd[:, 0]).max() <= flat * (1 + 1e-3)
+    assert np.abs(timed.cdd[:, 1]).max() <= vertical * (1 + 1e-3)
+    assert np.abs(timed.cdd[:, 2:]).max() <= limits.joint_acceleration * (1 + 1e-3)
+    tilt = np.abs(np.arctan2(timed.cdd[:, 0], limits.gravity + timed.cdd[:, 1]))
+    assert tilt.max() <= limits.tilt * (1 + 1e-3)
+    thrust = limits.mass * np.hypot(timed.cdd[:, 0], limits.gravity + timed.cdd[:, 1])
+    assert thrust.max() <= limits.thrust * (1 + 1e-3)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0.2, 9.0))
+def test_a_straight_line_takes_the_time_of_a_trapezoid(length: float) -> None:
+    goal = EMPTY.start + np.array([length, 0, 0, 0])
+    timed = assign_times(EMPTY.space, np.array([EMPTY.start, goal]), LIMITS)
+    a, v = compute_acceleration_limits(LIMITS)[0], LIMITS.speed
+    exact = length / v + v / a if length >= v * v / a else 2.0 * math.sqrt(length / a)
+    assert timed.duration == pytest.approx(exact, rel=0.02)
+    check_limits(timed, LIMITS)
+    np.testing.assert_allclose(timed.c[[0, -1]], [EMPTY.start, goal], atol=1e-9)
+
+
+def test_a_path_with_corners_keeps_limits_and_shape() -> None:
+    rows = np.array([[0, 2, 0, -1.5], [2, 2.4, -0.5, -1.2], [4, 1.9, 0.2, -1.5], [6, 2, 0, -1.5]])
+    timed = assign_times(EMPTY.space, rows, LIMITS)
+    check_limits(timed, LIMITS)
+    rates = np.gradient(timed.c, timed.t, axis=0)
+    np.testing.assert_allclose(rates[2:-2], timed.cd[2:-2], atol=0.02)
+    slow = assign_times(EMPTY.space, rows, LIMITS, duration=2 * timed.duration)
+    assert slow.duration == pytest.approx(2 * timed.duration)
+    np.testing.assert_allclose(np.abs(slow.cd).max(0), np.abs(timed.cd).max(0) / 2, rtol=0.02)
+    with pytest.raises(InfeasibleError, match="needs"):
+        assign_times(EMPTY.space, rows, LIMITS, duration=0.5 * timed.duration)
+    with pytest.raises(InfeasibleError, match="weigh"):
+        assign_times(EMPTY.space, rows, LIMITS._replace(thrust=50.0))
+
+
+def test_swing_of_a_steady_acceleration_is_the_pendulum_s() -> None:
+    """Suddenly accelerated, an undamped pendulum swings to twice the angle of the plumb line."""
+    model = add_bar(build_planar_lrm(build_scene(ROBOT, WORLD), ROBOT), 0.3)
+    swing = build_swing(model, 9.81, 0.0)
+    t = np.linspace(0, 3, 151)
+    a = 0.3
+    c = np.tile(EMPTY.start, (len(t), 1))
+    cd, cdd = np.zeros_like(c), np.zeros_like(c)
+    c[:, 0], cd[:, 0], cdd[:, 0] = 0.5 * a * t**2, a * t, a
+    flying = swing(t[:100], c[:100], cd[:100], cdd[:100])
+    assert flying >= 2 * math.atan(a / 9.81) * 0.97
+    still = np.zeros_like(c)
+    assert swing(t, np.tile(EMPTY.start, (len(t), 1)), still, still) < 1e-3
+
+
+def test_both_models_hang_alike() -> None:
+    """The planner's kinematics and the planar model agree on the equilibrium, bar included."""
+    problem = build_transport(ROBOT, WORLD)
+    model = add_bar(build_planar_lrm(build_scene(ROBOT, WORLD), ROBOT), problem.transport.bar_mass)
+    path = plan_path(EMPTY.space, EMPTY.start, EMPTY.goal, np.random.default_rng(0), slices=1)
+    assert len(path.rows)
+    plan = plan_transport(ROBOT, problem, 1, 0.3)
+    for row, c in zip(plan.file.q[::50], plan.timed.c[::50], strict=True):
+        assert row[0] == pytest.approx(equilibrium(model, c[2], c[3]), abs=1e-9)
+
+
+def test_the_plan_of_the_paper_s_scenario_keeps_everything(plan: TransportPlan) -> None:
+    assert plan.clearance_m >= 0.2 - 1e-6  # rounded corners, too
+    assert math.degrees(plan.timed.swing) <= 8.0
+    assert plan.lower_bound <= plan.path.cost
+    assert plan.file.metrics["plan.cost"] == plan.path.cost
+
+
+def test_plan_file_comes_back(plan: TransportPlan, tmp_path: Path) -> None:
+    files = write_plan_file(tmp_path / "carry", plan.file)
+    assert [f.name for f in files] == ["carry.csv", "carry.toml"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["carry.csv", "carry.toml"]
+    again = load_plan_file(tmp_path / "carry.csv", "ars-lrm", plan.file.joints)
+    for name in ("t", "pose", "rate", "acceleration", "q", "qd"):
+        np.testing.assert_allclose(getattr(again, name), getattr(plan.file, name), atol=1e-8)
+    assert again.metrics == plan.file.metrics
+
+
+def test_bad_plan_files_are_refused(plan: TransportPlan, tmp_path: Path) -> None:
+    write_plan_file(tmp_path / "p", plan.file)
+    table, head = (tmp_path / "p.csv").read_text(), (tmp_path / "p.toml").read_text()
+
+    def refusal(table: str, head: str, robot: str | None = None) -> str:
+        (tmp_path / "p.csv").write_text(table)
+        (tmp_path / "p.toml").write_text(head)
+        with pytest.raises(InputError) as error:
+            load_plan_file(tmp_path / "p", robot)
+        assert "\n" not in str(error.value)
+        return str(error.value)
+
+    assert "'ars-lrm', not 'othex'" in refusal(table, head, "othex")
+    lines = table.splitlines()
+    number = lines[5].split(",")
+    number[2] = "nan"
+    assert "line 6, y_m" in refusal("\n".join([*lines[:5], ",".join(number), *lines[6:]]), head)
+    assert "times must grow" in refusal("\n".join([*lines[:9], lines[8], *lines[10:]]), head)
+    assert "rows" in refusal("\n".join(lines[:-3]), head)
+    assert "lacks the column" in refusal(table.replace("vx_mps", "speed", 1), head)
+    assert "values, the header" in refusal("\n".join([*lines[:7], "1,2", *lines[8:]]), head)
+    jump = lines[20].split(",")
+    jump[1] = str(float(jump[1]) + 0.3)
+    assert "rates say" in refusal("\n".join([*lines[:20], ",".join(jump), *lines[21:]]), head)
+    assert "format" in refusal(table, head.replace("format = 1", "format = 9"))
+    assert "plan lacks robot" in refusal(table, head.replace("robot =", "machine ="))
+    assert "cannot be read" in refusal(table, "[plan")
+    (tmp_path / "p.toml").unlink()
+    with pytest.raises(InputError, match="belong together"):
+        load_plan_file(tmp_path / "p")
+
+
+def test_a_lighter_load_swings_less_far_from_the_link() -> None:
+    """The equilibrium with the forearms forward leans back, more so with the bar."""
+    model = build_planar_lrm(build_scene(ROBOT, WORLD), ROBOT)
+    empty, loaded = (equilibrium(add_bar(model, m), 0.0, -math.pi / 2) for m in (0.0, 0.3))
+    assert 0 < empty < loaded < math.radians(10)
+    assert Transport().bar_mass == 0.3
