@@ -19,6 +19,7 @@ from skywright.missions.planning import MissionPlan
 METRICS = {
     "scan": "skywright.evaluation.metrics:compute_scan_metrics",
     "waypoints": "skywright.evaluation.metrics:compute_waypoint_metrics",
+    "excitation": "skywright.evaluation.metrics:compute_waypoint_metrics",
 }
 """Kind of mission -> "module:function"."""
 

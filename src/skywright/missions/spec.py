@@ -47,10 +47,13 @@ class Requirement(Spec):
 KINDS = {
     "scan": "skywright.missions.kinds.scan",
     "waypoints": "skywright.missions.kinds.waypoints",
+    "excitation": "skywright.missions.kinds.excitation",
 }
 """Kind of mission -> its module; a new kind is one more module and one more line."""
 
-TASKS: dict[str, str] = {}
+TASKS: dict[str, str] = {
+    "excitation": "skywright.missions.kinds.excitation:ExcitationMission",
+}
 """Kind of mission -> "module:class" of its spec, where it has a table `mission.task`."""
 
 

@@ -14,6 +14,7 @@ from typing import Any
 KINDS = {
     "scan": "skywright.reports.figures.inspection",
     "waypoints": "skywright.reports.figures.waypoints",
+    "excitation": "skywright.reports.figures.excitation",
 }
 """Kind of mission -> module."""
 
