@@ -22,6 +22,7 @@ METRICS = {
     "scan": "skywright.evaluation.metrics:compute_scan_metrics",
     "sensor-install": "skywright.evaluation.sensor_install:compute_install_metrics",
     "waypoints": "skywright.evaluation.metrics:compute_waypoint_metrics",
+    "excitation": "skywright.evaluation.metrics:compute_waypoint_metrics",
 }
 """Kind of mission -> "module:function"."""
 

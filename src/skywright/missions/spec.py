@@ -51,6 +51,7 @@ KINDS = {
     "waypoints": "skywright.missions.kinds.waypoints",
     "bimanual-bench": "skywright.missions.kinds.bimanual_bench",
     "sensor-install": "skywright.missions.kinds.sensor_install",
+    "excitation": "skywright.missions.kinds.excitation",
 }
 """Kind of mission -> its module; a new kind is one more module and one more line."""
 
@@ -58,6 +59,7 @@ TASKS = {
     "bimanual-bench": "skywright.missions.tasks.bimanual_bench:BimanualBenchMission",
     "impact": "skywright.missions.tasks.impact:ImpactMission",
     "sensor-install": "skywright.missions.tasks.sensor_install:SensorInstallMission",
+    "excitation": "skywright.missions.kinds.excitation:ExcitationMission",
 }
 """Kind of mission -> "module:class" of its spec, where it has a table `mission.task`."""
 

@@ -17,6 +17,7 @@ KINDS = {
     "scan": "skywright.reports.figures.inspection",
     "sensor-install": "skywright.reports.figures.sensor_install",
     "waypoints": "skywright.reports.figures.waypoints",
+    "excitation": "skywright.reports.figures.excitation",
 }
 """Kind of mission -> module."""
 
