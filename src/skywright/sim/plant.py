@@ -24,9 +24,8 @@ from skywright.sim.camera import (
     take_image,
 )
 from skywright.sim.friction import FRICTION
-from skywright.sim.loads import LOADS
-from skywright.sim.tape import TAPE
 from skywright.sim.limb_drag import LIMBS
+from skywright.sim.loads import LOADS
 from skywright.sim.tape import TAPE
 from skywright.sim.wind import FAN, NOISE, WIND
 
