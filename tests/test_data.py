@@ -11,6 +11,7 @@ from skywright.core.keys import iterate_leaves
 from skywright.core.toml_files import iterate_numbers
 from skywright.missions.loader import list_missions, load_description
 from skywright.models.capability import check_can_fly, compute_capability
+from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.sweep import strip_robot
@@ -49,6 +50,8 @@ def applies(robot: Robot, key: str) -> bool:
         return robot.control.law == "cascade"
     if leaf == "drag_coefficient":
         return arm is not None and arm.drag_coefficient > 0.0
+    if leaf in ("torque_bandwidth_rad_s", "deflection_bandwidth_rad_s", "hand_speed_max_mps"):
+        return is_compliant(robot)
     if arm is None or part.startswith("robot.control"):
         return not key.startswith("robot.control.law")
     if part == "robot.arm":
