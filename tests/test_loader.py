@@ -282,7 +282,7 @@ def test_bad_bytes_and_missing_files(tmp_path: Path) -> None:
     path = tmp_path / "m.toml"
     path.write_bytes(b"\xff\xfe[mission]")
     assert "UTF-8" in refusal(path)
-    assert "built-in missions: pipe-weld-scan, waypoints" in refusal("no-such-mission")
+    assert "built-in missions: " in refusal("no-such-mission")
     for odd in ("", "x" * 5000, "a\0b", str(tmp_path)):
         assert "unknown mission" in refusal(odd)
     assert "unknown robot" in refusal(SCAN, robot="no-such-robot")

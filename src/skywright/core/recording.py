@@ -194,7 +194,9 @@ def read_recording(path: Path) -> Recording:
         parts = tuple(map(str, json.loads(info.get("parts", "[]"))))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: has damaged metadata {METADATA!r}") from error
-    if len(joint_names) > MAX_JOINTS or not 0 <= n_rotors <= MAX_ROTORS:
+    known = all(part in PARTS for part in parts)
+    unlisted = any(t.part and t.part not in parts and t.name in contents.messages for t in TOPICS)
+    if not known or unlisted or len(joint_names) > MAX_JOINTS or not 0 <= n_rotors <= MAX_ROTORS:
         raise InputError(f"{path}: has damaged metadata {METADATA!r}")
     samples = _decode_samples(path, contents, joint_names, n_rotors, parts)
     events = [_decode_event(path, raw) for raw in contents.messages.get(messages.EVENTS.name, [])]
