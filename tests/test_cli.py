@@ -303,6 +303,18 @@ def test_check_refuses_a_robot_that_cannot_lift_itself(tmp_path: Path) -> None:
     assert call("run", "mine/mission.toml").exit_code == 2
 
 
+def test_check_reads_what_a_robot_extends(tmp_path: Path) -> None:
+    """A file of differences is valid with its base, and its own mistakes are told as its own."""
+    done = call("check", "bimanual-longreach")
+    assert done.exit_code == 0 and "a valid robot" in done.stdout
+    text = "[robot]\nname = 'mine'\nextends = 'bimanual'\n[robot.platform]\nmass_kg = -1.0\n"
+    (tmp_path / "robot.toml").write_text(text)
+    done = call("check", "robot.toml")
+    assert done.exit_code == 2
+    assert "robot.toml: robot.platform.mass_kg" in done.stderr
+    assert done.stderr.splitlines()[-1] == "robot.toml: 1 problem"
+
+
 def test_check_tells_the_guesses() -> None:
     result = call("check", "othex")
     assert result.exit_code == 0
