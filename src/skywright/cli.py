@@ -571,6 +571,38 @@ def locate(
 
 
 @main.command()
+@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--robot", metavar="R", help="Robot that flew: name or file (a ULog needs it).")
+@click.option("--mass", type=float, metavar="KG", help="What it weighed.  [default: its file's]")
+@click.option("--out", type=click.Path(path_type=Path), help="Page.  [default: identify.html]")
+@_json
+def identify(
+    logs: tuple[Path, ...], robot: str | None, mass: float | None, out: Path | None, as_json: bool
+) -> None:
+    """Fit a robot's parameters to recorded flights.
+
+    LOG is a run's directory, a recording.mcap or a PX4 ULog; several flights of one robot add up.
+    Beside the page a robot file is written (PAGE.toml) that a run takes as --robot.
+    """
+    from skywright.robots.loader import load_robot
+    from skywright.studies.identify.identify import identify as identify_logs
+    from skywright.studies.identify.overrides import build_overrides
+    from skywright.studies.identify.present import print_identification, write_page
+
+    spec = None if robot is None else load_robot(robot)[0]
+    found = identify_logs(logs, spec, mass)
+    overrides = build_overrides(found, robot or found.robot.name)
+    page = _writable(out or Path("identify.html"), (".html",))
+    robot_file = _writable(page.with_suffix(".toml"), (".toml",))
+    write_page(found, overrides, page)
+    robot_file.write_text(overrides, encoding="utf-8")
+    if as_json:
+        _print_json({**found.to_json(), "page": str(page), "robot_file": str(robot_file)})
+    else:
+        print_identification(found, page, robot_file)
+
+
+@main.command()
 @click.argument("directory", metavar="RUN", type=click.Path(path_type=Path))
 @click.option("--no-open", is_flag=True, help="Only print the path.")
 def replay(directory: Path, no_open: bool) -> None:

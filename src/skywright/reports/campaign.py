@@ -41,24 +41,24 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
     keys = list(facts.vary)
     with house_style():
         pictures = [
-            _picture(
+            to_picture(
                 "Where it fails", figures.draw_conditions(rows, keys, verdict),
                 "Each dot is one run, placed by the value that it drew. Its height tells how near "
                 "it came to its tightest limit: from the median of all runs (bottom) to the limit "
                 "(dashed). Failures have a mark of their own; one without such a height (a count "
                 "that was missed, a run that was not completed) sits at the top.",
             ),
-            _picture(
+            to_picture(
                 "The two conditions that matter most", figures.draw_map(rows, keys, verdict),
                 "Brighter dots came nearer to a limit. A region where failures gather is where "
                 "this site is at risk.",
             ),
-            _picture(
+            to_picture(
                 "Room to each limit", figures.draw_headroom(rows, verdict),
                 "Every run on a line for each requirement, between the median of all runs and the "
                 "limit.",
             ),
-            _picture(
+            to_picture(
                 "What drives each metric", figures.draw_sensitivities(keys, verdict),
                 "Per cent of a metric's rank variance that a condition alone explains; an arrow "
                 "up or down where the metric rises or falls with it, none where it acts in both "
@@ -113,7 +113,8 @@ def _list_silent(verdict: Verdict, keys: Sequence[str]) -> list[str]:
     return [key for key in keys if key not in acting]
 
 
-def _picture(title: str, figure: Figure | None, caption: str) -> Picture | None:
+def to_picture(title: str, figure: Figure | None, caption: str) -> Picture | None:
+    """Return a figure as a picture of a page, or None."""
     if figure is None:
         return None
     data = base64.b64encode(render_svg(figure)).decode("ascii")

@@ -1,0 +1,90 @@
+"""Pictures of an identification: measured against predicted, and the confidence intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from skywright.reports.figures.style import BLACK, BLUE, GREY, ORANGE, RED, WIDTH, new_figure
+
+Array = NDArray[np.float64]
+
+NAMES = ("x", "y", "z")
+WINDOW = 12.0  # s of the series that are shown
+
+
+def draw_series(
+    t: Array, held_out: NDArray[np.bool_], measured: Array, predicted: Array, nominal: Array,
+    r_squared: Array, what: str, unit: str,
+) -> Figure:  # fmt: skip
+    """Draw three components (k, 3) around a held-out part; `nominal` is the robot file's."""
+    at = _choose(t, held_out)
+    figure = new_figure(WIDTH, 5.4)
+    axes = figure.subplots(3, 1, sharex=True)
+    for i, ax in enumerate(axes):
+        ax.plot(
+            t[at], nominal[at, i], color=GREY, lw=0.9, ls=":", label="predicted by the robot file"
+        )
+        ax.plot(t[at], measured[at, i], color=BLACK, lw=1.4, label="measured")
+        ax.plot(t[at], predicted[at, i], color=ORANGE, lw=1.1, label="predicted, identified")
+        low, high = np.min(measured[at, i]), np.max(measured[at, i])
+        room = 0.25 * max(high - low, 1e-9)
+        ax.set_ylim(low - room, high + room)
+        ax.set_ylabel(f"{NAMES[i]} ({unit})")
+        ax.set_title(f"{what} {NAMES[i]}, R² {r_squared[i]:.4f} on held-out parts")
+        _shade(ax, t[at], held_out[at])
+    axes[0].legend(loc="upper right", ncols=3)
+    axes[-1].set_xlabel("time (s); shaded parts were held out of the fit")
+    figure.tight_layout()
+    return figure
+
+
+def _choose(t: Array, held_out: NDArray[np.bool_]) -> slice:
+    """Return a window around the first held-out part."""
+    first = int(np.argmax(held_out))
+    begin = int(np.searchsorted(t, t[first] - 0.5 * WINDOW))
+    end = int(np.searchsorted(t, t[begin] + WINDOW))
+    return slice(begin, max(end, begin + 2))
+
+
+def _shade(ax: object, t: Array, held_out: NDArray[np.bool_]) -> None:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], held_out, [False]]).astype(int)))
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        ax.axvspan(t[a], t[min(b, len(t) - 1)], color=BLUE, alpha=0.08, lw=0)  # type: ignore[attr-defined]
+
+
+def draw_scatter(measured: Array, predicted: Array, r_squared: Array) -> Figure:
+    """Draw predicted over measured angular acceleration of the held-out samples (k, 3)."""
+    figure = new_figure(WIDTH, 3.4)
+    for i, ax in enumerate(figure.subplots(1, 3)):
+        ax.plot(measured[:, i], predicted[:, i], ".", color=BLUE, ms=3, alpha=0.6)
+        span = [float(np.min(measured[:, i])), float(np.max(measured[:, i]))]
+        ax.plot(span, span, color=RED, lw=1.0)
+        ax.set_title(f"about {NAMES[i]}: R² {r_squared[i]:.4f}")
+        ax.set_xlabel("measured (rad/s²)")
+        ax.set_ylabel("predicted (rad/s²)")
+    figure.tight_layout()
+    return figure
+
+
+def draw_intervals(
+    names: Sequence[str], values: Array, halves: Array, nominal: Array, scales: Array
+) -> Figure:
+    """Draw estimates with intervals as deviations from the robot file, in parts of `scales`."""
+    figure = new_figure(WIDTH, 0.6 + 0.24 * len(names))
+    ax = figure.subplots()
+    at = np.arange(len(names))[::-1]
+    shift = 100.0 * (values - nominal) / scales
+    ax.errorbar(shift, at, xerr=100.0 * halves / scales, fmt="o", color=BLUE, ms=4, capsize=3)
+    ax.axvline(0.0, color=GREY, lw=1.0)
+    ax.set_yticks(at, names)
+    ax.set_ylim(-0.7, len(names) - 0.3)
+    ax.set_xlabel(
+        "deviation from the robot file (%; centre of mass: of 10 mm, products of inertia: of the "
+        "mean inertia)"
+    )
+    figure.tight_layout()
+    return figure

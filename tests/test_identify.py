@@ -1,0 +1,535 @@
+"""Identification against known truth: signals that obey the model exactly, ULog files, a flight."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from skywright.cli import main
+from skywright.errors import InputError
+from skywright.missions.planning import build_mission_loads
+from skywright.models.rigid_body import build_body_model, compute_body, posture
+from skywright.models.rotors import build_rotors
+from skywright.planning.excitation import Excitation, build_sines, plan_excitation, share_lines
+from skywright.robots.loader import load_robot
+from skywright.robots.spec import Robot
+from skywright.studies.identify.fit import INERTIA_AXES, Fit, fit_parameters
+from skywright.studies.identify.flight_log import FlightLog, load_log
+from skywright.studies.identify.identify import identify
+from skywright.studies.identify.lag import fit_lag
+from skywright.studies.identify.overrides import build_overrides
+from skywright.studies.identify.signals import build_columns
+from skywright.worlds.loader import load_world
+from ulog_file import write_ulog
+
+ROBOT = load_robot("f550-bridge")[0]
+GRAVITY = 9.81
+MASS = 2.6
+GAIN = np.array([0.93, 0.98, 1.02, 0.95, 1.05, 0.99])
+COM = np.array([0.006, -0.004, 0.010])
+KAPPA, DRAG = 0.0145, 1.6e-4
+INERTIA = np.array([0.0560, 0.0620, 0.0740, 0.0006, -0.0035, -0.0004])
+
+
+def _matrix(y: np.ndarray) -> np.ndarray:
+    out = np.empty((3, 3))
+    for value, (i, j) in zip(y, INERTIA_AXES, strict=True):
+        out[i, j] = out[j, i] = value
+    return out
+
+
+def make_log(
+    duration: float = 60.0, rate: float = 200.0, noise: float = 0.0, tilt: float = 0.06,
+    push: float = 0.3, seed: int = 0,
+) -> FlightLog:  # fmt: skip
+    """Signals of a motion and the rotor speeds that the true robot needs for it, exactly.
+
+    Attitude and velocity are sums of sines with derivatives in closed form, so that nothing of
+    the code under test goes into the truth. `tilt` (rad) and `push` (m/s) are amplitudes.
+    """
+    t = np.arange(0.0, duration, 1.0 / rate)
+    rng = np.random.default_rng(seed)
+
+    def sines(size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        out = np.zeros((3, len(t), 3))
+        for axis in range(3):
+            for _ in range(5):
+                w, phase = 2 * math.pi * rng.uniform(0.15, 1.2), rng.uniform(0, 2 * math.pi)
+                a = size / 5
+                out[0, :, axis] += a * np.sin(w * t + phase)
+                out[1, :, axis] += a * w * np.cos(w * t + phase)
+                out[2, :, axis] -= a * w * w * np.sin(w * t + phase)
+        return out[0], out[1], out[2]
+
+    angles, rates, seconds = sines(tilt)
+    v, a, _ = sines(push)
+    (r, p, y), (rd, pd, yd), (rdd, pdd, ydd) = angles.T, rates.T, seconds.T
+    cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
+    R = np.empty((len(t), 3, 3))
+    R[:, 0] = np.column_stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr])
+    R[:, 1] = np.column_stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr])
+    R[:, 2] = np.column_stack([-sp, cp * sr, cp * cr])
+    # Euler rates to body rates, and their derivative
+    w = np.column_stack([rd - sp * yd, cr * pd + sr * cp * yd, -sr * pd + cr * cp * yd])
+    wd = np.column_stack(
+        [
+            rdd - sp * ydd - cp * pd * yd,
+            cr * pdd + sr * cp * ydd - sr * rd * pd + (cr * cp * rd - sr * sp * pd) * yd,
+            -sr * pdd + cr * cp * ydd - cr * rd * pd + (-sr * cp * rd - cr * sp * pd) * yd,
+        ]
+    )
+    s = np.einsum("kji,kj->ki", R, a + [0.0, 0.0, GRAVITY])
+    v_B = np.einsum("kji,kj->ki", R, v)
+    h, I_B = MASS * COM, _matrix(INERTIA)
+    force = MASS * s + np.cross(wd, h) + np.cross(w, np.cross(w, h))
+    torque = wd @ I_B.T + np.cross(w, w @ I_B.T) + np.cross(h, s)
+    rotors = build_rotors(ROBOT.rotors)
+    lever = np.cross(rotors.position, rotors.axis) - KAPPA * rotors.spin[:, None] * rotors.axis
+    B = np.vstack([rotors.axis.T, lever.T]) * GAIN
+    area = np.array(
+        [
+            ROBOT.platform.drag_area_x_m2,
+            ROBOT.platform.drag_area_y_m2,
+            ROBOT.platform.drag_area_z_m2,
+        ]
+    )
+    body = -0.5 * 1.2 * area * np.linalg.norm(v_B, axis=1, keepdims=True) * v_B
+    T = np.full((len(t), 6), MASS * GRAVITY / 6)
+    for _ in range(30):  # drag depends on the speeds that it asks for
+        omega = np.sqrt(np.maximum(T, 0.01) / rotors.k_f)
+        f, m = force - body, torque.copy()
+        for i in range(6):
+            air = v_B + np.cross(w, rotors.position[i])
+            hub = (
+                -DRAG
+                * omega[:, i : i + 1]
+                * (air - (air @ rotors.axis[i])[:, None] * rotors.axis[i])
+            )
+            f, m = f - hub, m - np.cross(rotors.position[i], hub)
+        T = np.linalg.solve(B, np.hstack([f, m]).T).T
+    assert T.min() > 0.2
+    q = posture(ROBOT, "folded")
+    n = (len(t), 3)
+    return FlightLog(
+        name="made", robot=ROBOT, t=t, free=np.ones(len(t), dtype=bool),
+        v_WB=v + 0.2 * noise * rng.standard_normal(n), R_WB=R,
+        w_WB_B=w + noise * rng.standard_normal(n), specific_force_B=None,
+        rotor_speed=np.sqrt(T / rotors.k_f), rotor_command=None, command_is_thrust=False,
+        joints=("shoulder", "elbow"), q=np.tile(q, (len(t), 1)), servo_unit="rad/s",
+        servo_command=np.zeros((len(t), 2)), servo_response=np.zeros((len(t), 2)),
+        gravity=GRAVITY, air_density=1.2,
+    )  # fmt: skip
+
+
+def truth() -> dict[str, float]:
+    out = {f"rotor_gain_{i + 1}": g for i, g in enumerate(GAIN)}
+    out |= {
+        "torque_per_thrust_m": KAPPA,
+        "drag_coefficient_n_per_rads_mps": DRAG,
+        "rotor_delay_s": 0.0,
+    }
+    out |= {f"pose_1.com_{a}_m": c for a, c in zip("xyz", COM, strict=True)}
+    for value, (i, j) in zip(INERTIA, INERTIA_AXES, strict=True):
+        out[f"pose_1.inertia_{'xyz'[i]}{'xyz'[j]}_kgm2"] = value
+    return out
+
+
+def fit(log: FlightLog, mass: float = MASS) -> Fit:
+    return fit_parameters(build_columns(log), log.robot, mass, log.gravity)
+
+
+@pytest.fixture(scope="module")
+def exact() -> Fit:
+    return fit(make_log())
+
+
+def test_exact_signals_give_exact_parameters(exact: Fit) -> None:
+    found = {e.parameter.name: e for e in exact.estimates}
+    for name, value in truth().items():
+        e = found[name]
+        assert e.identified, name
+        assert abs(e.value - value) < 0.004 * e.parameter.scale, name
+    assert np.all(exact.prediction.r_squared(exact.prediction.predicted) > 0.9999)
+    # the robot file, which is wrong here, predicts worse
+    assert np.all(exact.prediction.r_squared(exact.prediction.nominal)[3:] < 0.97)
+
+
+def test_intervals_cover_the_truth() -> None:
+    """Gyroscope noise of 0.02 rad/s: 95 % intervals hold the truth about as often as they say."""
+    inside, count, errors = 0, 0, []
+    for seed in range(6):
+        found = {e.parameter.name: e for e in fit(make_log(40.0, noise=0.02, seed=seed)).estimates}
+        for name, value in truth().items():
+            e = found[name]
+            if e.identified and name != "rotor_delay_s":
+                inside += abs(e.value - value) <= e.half_width
+                count += 1
+        errors += [
+            found[f"pose_1.inertia_{a}_kgm2"].value / value - 1
+            for a, value in zip(("xx", "yy", "zz"), INERTIA[:3], strict=True)
+        ]
+    assert count > 90 and inside / count > 0.88
+    assert np.max(np.abs(errors)) < 0.05 and abs(np.mean(errors)) < 0.01  # noise does not bias it
+
+
+def test_only_ratios_to_the_mass(exact: Fit) -> None:
+    """With a wrong mass everything else is off by the same factor, and nothing else changes."""
+    half = {e.parameter.name: e.value for e in fit(make_log(), mass=MASS / 1.3).estimates}
+    for e in exact.estimates:
+        name = e.parameter.name
+        if name.startswith("rotor_gain") or "inertia" in name:
+            assert half[name] * 1.3 == pytest.approx(e.value, rel=1e-3, abs=1e-5)
+        if "com_" in name:
+            assert half[name] == pytest.approx(e.value, abs=1e-5)
+
+
+def test_what_was_not_excited_is_said() -> None:
+    """A flight that never rolls nor pitches says nothing of those inertias, and does not invent."""
+    log = make_log(40.0, noise=0.01, tilt=1e-4, push=0.2)
+    found = {e.parameter.name: e for e in fit(log).estimates}
+    model = build_body_model(ROBOT)
+    _, _, I_B = compute_body(model, posture(ROBOT, "folded"))
+    for axis, k in (("xx", 0), ("yy", 1), ("zz", 2)):
+        e = found[f"pose_1.inertia_{axis}_kgm2"]
+        assert not e.identified and math.isnan(e.half_width)
+        assert e.value == pytest.approx(I_B[k, k])  # kept at the robot file's
+        assert e.would_be > e.parameter.widest
+
+
+def test_delay_of_the_rotor_signals() -> None:
+    """Speeds that are logged 4 ms too early come out as a delay, and spoil nothing else."""
+    log = make_log(rate=250.0)
+    early = np.roll(log.rotor_speed, -1, axis=0)  # type: ignore[arg-type]
+    early[-1] = early[-2]
+    found = {e.parameter.name: e for e in fit(log._replace(rotor_speed=early)).estimates}
+    assert found["rotor_delay_s"].value == pytest.approx(0.004, abs=2e-4)
+    assert found["pose_1.inertia_xx_kgm2"].value == pytest.approx(INERTIA[0], rel=0.01)
+
+
+def test_lag_of_a_first_order_response() -> None:
+    t = np.arange(0.0, 40.0, 0.01)
+    u = build_sines(t, np.arange(0.1, 1.5, 0.1), 0)
+    y = np.zeros_like(u)
+    tau, gain = 0.07, 0.9
+    for i in range(1, len(t)):
+        y[i] = gain * u[i - 1] + (y[i - 1] - gain * u[i - 1]) * math.exp(-0.01 / tau)
+    lag = fit_lag("servo", "rad/s", t, u, y + 0.02, np.ones(len(t), dtype=bool))
+    assert lag.identified and lag.gain == pytest.approx(gain, abs=0.01)
+    assert lag.lag == pytest.approx(tau + 0.005, abs=0.003)  # the hold of a step adds half of it
+    assert lag.offset == pytest.approx(0.02, abs=0.002) and lag.r_squared > 0.999
+    still = fit_lag("servo", "rad/s", t, 0 * u, 0 * y, np.ones(len(t), dtype=bool))
+    assert not still.identified and "never commanded" in still.reason
+
+
+# --- PX4 ---
+
+
+def ulog_topics(log: FlightLog) -> dict[str, dict[str, np.ndarray]]:
+    """The log as PX4 writes it: NED, FRD, rpm, microseconds from some start."""
+    t = log.t + 12.5
+    to_ned = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    flip = np.array([1.0, -1.0, -1.0])
+    R = to_ned @ log.R_WB * flip
+    w = np.sqrt(np.maximum(1 + R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2], 1e-12)) / 2
+    q = np.column_stack(
+        [w, (R[:, 2, 1] - R[:, 1, 2]) / (4 * w), (R[:, 0, 2] - R[:, 2, 0]) / (4 * w),
+         (R[:, 1, 0] - R[:, 0, 1]) / (4 * w)]
+    )  # fmt: skip
+    v = log.v_WB @ to_ned.T
+    assert log.rotor_speed is not None
+    rpm = log.rotor_speed * 60 / (2 * math.pi)
+    return {
+        "vehicle_angular_velocity": {
+            "timestamp": t, **{f"xyz[{i}]": log.w_WB_B[:, i] * flip[i] for i in range(3)}
+        },
+        "vehicle_attitude": {"timestamp": t, **{f"q[{i}]": q[:, i] for i in range(4)}},
+        "vehicle_local_position": {
+            "timestamp": t, **{n: v[:, i] for i, n in enumerate(("vx", "vy", "vz"))}
+        },
+        "esc_status": {
+            "timestamp": t, **{f"esc[{i}].esc_rpm": rpm[:, i] for i in range(6)}
+        },
+    }  # fmt: skip
+
+
+def rotor_parameters(order: list[int]) -> dict[str, float]:
+    """CA_ROTOR parameters of the robot with its rotors logged in another order."""
+    hubs = build_rotors(ROBOT.rotors).position
+    out: dict[str, float] = {"CA_ROTOR_COUNT": 6}
+    for i, k in enumerate(order):
+        out |= {f"CA_ROTOR{i}_PX": float(hubs[k, 0]), f"CA_ROTOR{i}_PY": float(-hubs[k, 1])}
+    return out
+
+
+@pytest.fixture(scope="module")
+def made() -> FlightLog:
+    return make_log(50.0)
+
+
+def test_ulog_gives_what_its_signals_hold(made: FlightLog, tmp_path: Path) -> None:
+    """The same truth through a ULog in NED and FRD, with the rotors in PX4's own order."""
+    order = [4, 1, 0, 3, 5, 2]
+    topics = ulog_topics(made)
+    speeds = {n: topics["esc_status"][n] for n in topics["esc_status"]}
+    for i, k in enumerate(order):
+        topics["esc_status"][f"esc[{i}].esc_rpm"] = speeds[f"esc[{k}].esc_rpm"].copy()
+    topics["esc_status"] = {
+        "timestamp": speeds["timestamp"],
+        **{f"esc[{i}].esc_rpm": make_rpm(made, k) for i, k in enumerate(order)},
+    }
+    path = write_ulog(tmp_path / "flight.ulg", topics, rotor_parameters(order))
+    log = load_log(path, ROBOT)
+    inside = (log.t > 1) & (log.t < 48)
+    at = np.searchsorted(made.t, log.t[inside] - 1e-6)
+    np.testing.assert_allclose(log.R_WB[inside], made.R_WB[at], atol=3e-3)
+    np.testing.assert_allclose(log.v_WB[inside], made.v_WB[at], atol=1e-2)
+    found = {e.parameter.name: e for e in identify([path], ROBOT, MASS).fit.estimates}
+    for name, value in truth().items():
+        e = found[name]
+        assert e.identified, name
+        assert abs(e.value - value) < 0.02 * e.parameter.scale, name
+
+
+def make_rpm(log: FlightLog, rotor: int) -> np.ndarray:
+    assert log.rotor_speed is not None
+    return log.rotor_speed[:, rotor] * 60 / (2 * math.pi)
+
+
+def test_ulog_with_commands_only(made: FlightLog, tmp_path: Path) -> None:
+    """Without rotor speeds the commands and the lag that fits them best take their place."""
+    topics = ulog_topics(made)
+    del topics["esc_status"]
+    assert made.rotor_speed is not None
+    speed = made.rotor_speed
+    rate = np.gradient(speed, made.t, axis=0)
+    command = speed + 0.03 * rate  # what a first-order lag of 30 ms turns into `speed`
+    u = np.clip(build_rotors(ROBOT.rotors).k_f * command**2 / ROBOT.rotors.thrust_max_n, 0, 1)
+    topics["actuator_motors"] = {
+        "timestamp": made.t + 12.5,
+        **{f"control[{i}]": u[:, i] for i in range(6)},
+    }
+    path = write_ulog(tmp_path / "flight.ulg", topics, {"THR_MDL_FAC": 0.0})
+    result = identify([path], ROBOT, MASS)
+    assert any("30 ms" in note for note in result.notes)
+    found = {e.parameter.name: e for e in result.fit.estimates}
+    for axis, value in zip(("xx", "yy", "zz"), INERTIA[:3], strict=True):
+        assert found[f"pose_1.inertia_{axis}_kgm2"].value == pytest.approx(value, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda topics: topics.pop("vehicle_attitude"), "lacks vehicle_attitude"),
+        (lambda topics: topics.pop("vehicle_local_position"), "neither vehicle_acceleration nor"),
+        (lambda topics: topics.pop("esc_status"), "lacks esc_status"),
+    ],
+)
+def test_ulog_that_lacks_something(change: Any, said: str, made: FlightLog, tmp_path: Path) -> None:
+    topics = ulog_topics(made)
+    change(topics)
+    path = write_ulog(tmp_path / "flight.ulg", topics)
+    with pytest.raises(InputError, match=said):
+        load_log(path, ROBOT)
+
+
+def test_ulog_of_another_robot(made: FlightLog, tmp_path: Path) -> None:
+    path = write_ulog(
+        tmp_path / "flight.ulg", ulog_topics(made), rotor_parameters([0, 1, 2, 3, 4, 4])
+    )
+    with pytest.raises(InputError, match="give the robot that flew"):
+        load_log(path, ROBOT)
+    with pytest.raises(InputError, match="give --robot"):
+        load_log(path)
+
+
+# --- the command line ---
+
+
+def call(*args: str) -> Any:
+    return CliRunner().invoke(main, ["identify", *args])
+
+
+def test_bad_input(tmp_path: Path, made: FlightLog) -> None:
+    (tmp_path / "empty.ulg").write_bytes(b"")
+    (tmp_path / "noise.ulg").write_bytes(bytes(range(256)) * 10)
+    (tmp_path / "noise.mcap").write_bytes(bytes(range(256)) * 10)
+    (tmp_path / "text.txt").write_text("t")
+    good = write_ulog(tmp_path / "good.ulg", ulog_topics(made))
+    cut = tmp_path / "cut.ulg"
+    cut.write_bytes(good.read_bytes()[:4000])
+    f550 = ("--robot", "f550-bridge")
+    cases = [
+        ((str(tmp_path / "none.ulg"), *f550), "no such file"),
+        ((str(tmp_path), *f550), "holds no recording.mcap"),
+        ((str(tmp_path / "empty.ulg"), *f550), "no readable ULog"),
+        ((str(tmp_path / "noise.ulg"), *f550), "no readable ULog"),
+        ((str(tmp_path / "noise.mcap"), *f550), "noise.mcap"),
+        ((str(tmp_path / "text.txt"), *f550), "unknown kind of log"),
+        ((str(cut), *f550), "cut.ulg"),
+        ((str(good),), "give --robot"),
+        ((str(good), "--robot", "none"), "unknown robot"),
+        ((str(good), *f550, "--mass", "-1"), "--mass"),
+        ((str(good), *f550, "--mass", "nan"), "--mass"),
+        ((str(good), *f550, "--mass", "2500"), "weighs 2.5 kg by its file"),
+        ((str(good), *f550, "--out", str(tmp_path / "x.pdf")), "unknown format"),
+        ((), "LOG"),
+    ]
+    for args, said in cases:
+        result = call(*args)
+        assert result.exit_code == 2, (args, result.output)
+        assert said in result.output + result.stderr, (args, result.output, result.stderr)
+        assert "Traceback" not in result.output + result.stderr
+    assert not (tmp_path / "x.pdf").exists()
+
+
+def test_page_json_and_robot_file(made: FlightLog, tmp_path: Path) -> None:
+    """The robot file that comes out flies the identified values, and the page is whole."""
+    path = write_ulog(tmp_path / "flight.ulg", ulog_topics(made))
+    page = tmp_path / "found.html"
+    result = call(
+        str(path), "--robot", "f550-bridge", "--mass", str(MASS), "--json", "--out", str(page)
+    )
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["mass_source"] == "given" and found["r_squared"]["angular_acceleration_x"] > 0.999
+    assert any("servo" in line or "rotors' lag" in line for line in found["not_identified"])
+    text = page.read_text()
+    assert "rotor_gain_1" in text and "http://" not in text.replace("http://www.w3.org", "")
+    robot, sources = load_robot(tmp_path / "found.toml")
+    assert robot.name == "f550-bridge-identified"
+    assert sources["robot.rotors.thrust_coefficient_n_per_rad2s2"].kind == "derived"
+    model = build_body_model(robot)
+    mass, com, I_B = compute_body(model, posture(robot, "folded"))
+    assert mass == pytest.approx(MASS, abs=1e-6)
+    np.testing.assert_allclose(com, COM, atol=3e-4)
+    np.testing.assert_allclose(np.diag(I_B), INERTIA[:3], rtol=0.02)
+    mean = (
+        robot.rotors.thrust_coefficient_n_per_rad2s2 / ROBOT.rotors.thrust_coefficient_n_per_rad2s2
+    )
+    assert mean == pytest.approx(GAIN.mean(), rel=0.003)
+
+
+def test_flights_add_up(made: FlightLog, tmp_path: Path) -> None:
+    """Two halves of a flight tell what the whole does."""
+    parts = []
+    for name, use in (("a", made.t < 25), ("b", made.t >= 25)):
+        topics = {
+            topic: {k: v[use] for k, v in fields.items()}
+            for topic, fields in ulog_topics(made).items()
+        }
+        parts.append(write_ulog(tmp_path / f"{name}.ulg", topics))
+    found = {e.parameter.name: e for e in identify(parts, ROBOT, MASS).fit.estimates}
+    assert len({n.split(".")[0] for n in found if n.startswith("pose_")}) == 1
+    assert found["pose_1.inertia_zz_kgm2"].value == pytest.approx(INERTIA[2], rel=0.02)
+
+
+# --- the excitation itself ---
+
+EXCITATION = Excitation(40.0, math.radians(4), math.radians(12), 0.8, 0.15, 1.2)
+
+
+def plan(robot: Robot) -> Any:
+    world = load_world("open")[0]
+    return plan_excitation(
+        robot, build_mission_loads(robot, world), EXCITATION, np.array([0, 0, 2.0, 0.3]),
+        posture(robot, "folded"), 9.81,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["f550-bridge", "hexarotor", "othex"])
+def test_excitation_is_one_motion(name: str) -> None:
+    """Rest to rest, derivatives consistent, every rotor within its limits."""
+    robot = load_robot(name)[0]
+    motion = plan(robot)
+    rows = motion.rows
+    assert rows is not None and motion.rotor_margin >= 0.0
+    for end in (0, -1):
+        np.testing.assert_allclose(rows["p_WB"][end], [0, 0, 2.0], atol=1e-9)
+        for field in ("v_WB", "a_WB", "w_WB_B"):
+            np.testing.assert_allclose(rows[field][end], 0.0, atol=1e-6)
+    np.testing.assert_allclose(
+        np.gradient(rows["p_WB"], 0.02, axis=0)[2:-2], rows["v_WB"][2:-2], atol=4e-3
+    )
+    np.testing.assert_allclose(
+        np.gradient(rows["v_WB"], 0.02, axis=0)[2:-2], rows["a_WB"][2:-2], atol=2e-2
+    )
+    step = np.einsum("kji,kjl->kil", rows["R_WB"][:-1], rows["R_WB"][1:])
+    turn = np.stack([step[:, 2, 1], step[:, 0, 2], step[:, 1, 0]], axis=1) / 0.02
+    middle = 0.5 * (rows["w_WB_B"][:-1] + rows["w_WB_B"][1:])
+    np.testing.assert_allclose(turn, middle, atol=2e-2)
+    tilt = np.degrees(np.arccos(rows["R_WB"][:, 2, 2]))
+    if name == "hexarotor":
+        assert tilt.max() < 1e-6  # its tilt follows from the acceleration
+    else:
+        assert 1.0 < tilt.max() < 7.0
+
+
+def test_channels_are_orthogonal() -> None:
+    t = np.arange(0.0, 36.0, 0.01)
+    base = EXCITATION._replace(duration=40.0)
+    signals = np.array([build_sines(t, lines, 0) for lines in share_lines(base, 6)])
+    assert np.all(np.abs(signals).max(axis=1) > 0.9) and np.all(np.abs(signals).max(axis=1) < 1.01)
+    correlation = np.corrcoef(signals)
+    assert np.max(np.abs(correlation - np.eye(6))) < 0.02
+
+
+def test_excitation_that_does_not_fit() -> None:
+    """Too heavy to lean at all: told with the rotor that cannot."""
+    data = ROBOT.model_dump()
+    data["platform"]["mass_kg"] = 3.6
+    motion = plan(Robot(**data))
+    assert motion.rows is None and "rotor" in motion.blocked_by and "valid" in motion.blocked_by
+
+
+@pytest.mark.parametrize(
+    ("sets", "said"),
+    [
+        (("mission.task.high_hz=0.2",), "too few frequencies"),
+        (("mission.task.duration_s=8",), "too few frequencies"),
+        (("mission.task.poses=[]",), "poses"),
+        (('mission.task.poses=["up"]',), "folded"),
+        (("mission.task.tilt_deg=-1",), "tilt_deg"),
+        (("mission.task.tilts_deg=1",), "tilt_deg"),
+    ],
+)
+def test_bad_task(sets: tuple[str, ...], said: str) -> None:
+    args = [a for s in sets for a in ("--set", s)]
+    result = CliRunner().invoke(main, ["plan", "excitation", *args])
+    assert result.exit_code == 2 and said in result.stderr, result.stderr
+
+
+@pytest.mark.slow
+def test_a_flight_gives_back_the_plant_s_deviations(tmp_path: Path) -> None:
+    """run and identify: the perturbed plant's gains, mass distribution and lag."""
+    import skywright
+    from skywright.missions.deviation import build_deviation
+
+    sets = [
+        'mission.task.poses=["folded"]',
+        "mission.task.joint_deg=0",
+        "mission.task.duration_s=24",
+    ]
+    d = skywright.load("excitation", sets=sets, seed=3)
+    result = skywright.run(d, out=tmp_path / "shaken")
+    assert result.outcome == "succeeded"
+    mass = 2.5 * (1 + d.plant.mass_error)  # what a scale would say
+    found = identify([tmp_path / "shaken"], None, mass)
+    values = {e.parameter.name: e for e in found.fit.estimates}
+    gain = build_deviation(d.plant, d.robot, 3).rotor_gain
+    for i, g in enumerate(gain):
+        assert values[f"rotor_gain_{i + 1}"].value == pytest.approx(g, abs=0.01)
+    assert values["pose_1.com_x_m"].value == pytest.approx(0.0033, abs=1e-3)
+    # inertia: the platform's is 5 % off, of which arm and gear dilute a part
+    for axis, true in (("xx", 0.0528), ("yy", 0.0606), ("zz", 0.0702)):
+        e = values[f"pose_1.inertia_{axis}_kgm2"]
+        assert e.identified and abs(e.value - true) < max(1.5 * e.half_width, 0.03 * true)
+    assert found.rotor_lag is not None and found.rotor_lag.lag == pytest.approx(0.031, abs=0.002)
+    r2 = found.fit.prediction.r_squared(found.fit.prediction.predicted)
+    assert np.all(r2[3:] > 0.9)
+    assert "extends" in build_overrides(found, "f550-bridge")
