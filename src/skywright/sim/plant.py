@@ -17,9 +17,8 @@ from skywright.core.rotations import cross, exp_so3, mat_mat, mat_t_vec, mat_vec
 from skywright.core.types import MAX_HANDS, MAX_JOINTS, MAX_OBJECTS, MAX_ROTORS
 from skywright.models.rotors import step_rotor_speed
 from skywright.sim.friction import FRICTION
-from skywright.sim.loads import LOADS
-from skywright.sim.tape import TAPE
 from skywright.sim.limb_drag import LIMBS
+from skywright.sim.loads import LOADS
 from skywright.sim.tape import TAPE
 from skywright.sim.wind import FAN, NOISE, WIND
 

@@ -29,7 +29,7 @@ from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.models.scene import build_scene
 from skywright.robots.limbs import list_joints
 from skywright.robots.spec import Robot
-from skywright.vehicle.interface import ROW_PERIOD
+from skywright.vehicle.rest_to_rest import ROW_PERIOD
 
 if TYPE_CHECKING:
     from skywright.missions.supervisor import Supervisor
