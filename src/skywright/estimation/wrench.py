@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.rotations import cross, mat_t_vec, mat_vec, norm
-from skywright.core.types import TASK_FORCE
+from skywright.core.types import TASK_FORCE, TASK_FORCE_POSITION
 
 Record = Any
 
@@ -137,7 +137,7 @@ def _take_hands(b: Record) -> None:
     lever = 0.0
     for h in range(arms.n_hands):
         share = 0.0
-        if b.ref.task[h] >= TASK_FORCE:
+        if b.ref.task[h] == TASK_FORCE or b.ref.task[h] == TASK_FORCE_POSITION:
             asked, felt = norm(b.ref.f_WH[h]), norm(arms.f_WH[h])
             share = min(1.0, TRUSTED * asked / max(felt, 1e-9))
         mat_t_vec(est.R_WB, arms.f_WH[h], f_B)
