@@ -382,6 +382,42 @@ def capability(
         view.print(picture)
 
 
+@main.command()
+@click.argument("robot")
+@click.argument("other", metavar="ROBOT")
+@click.option(
+    "--set", "sets", multiple=True, metavar="KEY=VALUE",
+    help="Change the world, e.g. world.pipe.diameter_m=0.3. May be repeated.",
+)  # fmt: skip
+@click.option("--no-fly", is_flag=True, help="Leave out what needs flights: seconds, not minutes.")
+@click.option("--seeds", type=int, default=2, show_default=True, help="Flights a wind.")
+@click.option("--out", type=click.Path(path_type=Path), help="Page.  [default: compare.html]")
+@_json
+def compare(
+    robot: str, other: str, sets: tuple[str, ...], no_fly: bool, seeds: int, out: Path | None,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Compare two robots with arms: clearance, reach, reactions, impact, accuracy, endurance."""
+    from skywright.studies.compare.compare import compare_robots
+    from skywright.studies.compare.present import print_comparison, tell_step, write_page
+
+    page = _writable(out or Path("compare.html"), (".html",))
+    try:
+        found = compare_robots(
+            robot, other, sets=sets, fly=not no_fly, seeds=seeds,
+            step=None if as_json else tell_step,
+        )  # fmt: skip
+    except InputError:
+        if page.exists() and page.stat().st_size == 0:
+            page.unlink()  # nothing half-written
+        raise
+    write_page(found, page)
+    if as_json:
+        _print_json(found.to_json())
+    else:
+        print_comparison(found, page)
+
+
 @main.command(name="list")
 @click.argument(
     "kind", type=click.Choice(["robots", "worlds", "missions", "claims"]), required=False

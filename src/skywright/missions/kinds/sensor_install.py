@@ -105,13 +105,7 @@ def plan(d: Description) -> MissionPlan:
         home=hover[:3],
     )  # fmt: skip
     query = build_clearance(build_scene(robot, world), with_ground=True)
-    folded = posture(robot, "folded")
-    legs = [
-        ("arms to the operation pose", hover[:3], hover[:3], folded, MARGIN),
-        ("navigate", hover[:3], found.p_far, q, MARGIN),
-        ("navigate", found.p_far, found.p_below, q, MARGIN),
-        ("approach", found.p_below, found.p_near, q, NEAR_MARGIN),
-    ]
+    legs = list_legs(found, posture(robot, "folded"))
     least, blocked = math.inf, None
     for name, a, b, pose, margin in legs:
         distance, what = _check_line(query, a, b, R, pose)
@@ -127,6 +121,16 @@ def plan(d: Description) -> MissionPlan:
         2.0 * 1.875 * length / speed + task.hold_s + task.hover_s, least, math.nan, {}, None,
         0.0, 0.0, found,
     )  # fmt: skip
+
+
+def list_legs(way: InstallPlan, folded: Array) -> list[tuple[str, Array, Array, Array, float]]:
+    """Return the straight flights to the stand-off: (phase, from, to, joints, margin kept)."""
+    return [
+        ("arms to the operation pose", way.home, way.home, folded, MARGIN),
+        ("navigate", way.home, way.p_far, way.q, MARGIN),
+        ("navigate", way.p_far, way.p_below, way.q, MARGIN),
+        ("approach", way.p_below, way.p_near, way.q, NEAR_MARGIN),
+    ]
 
 
 def build_pose(robot: Robot, pose: str, radius: float) -> Array:

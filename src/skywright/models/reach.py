@@ -1,0 +1,201 @@
+"""Where around a pipe a robot's hand can be, with everything else kept clear.
+
+Postures of the left arm are sampled (the right arm is held as the left); for each, the platform is
+placed so that the hand is at the point in question, and the distances are asked for. Any arm works,
+and a passive link hangs where the posture's weight lets it. The platform is level and faces the
+pipe squarely.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.models.compliant_arms import find_hands, find_swing
+from skywright.models.geometry import (
+    FAR,
+    ClearanceCore,
+    ClearanceQuery,
+    build_clearance,
+    compute_self_clearance,
+    query_clearance,
+)
+from skywright.models.rigid_body import build_body_model, posture
+from skywright.models.scene import build_scene
+from skywright.robots.limbs import list_joints
+from skywright.robots.spec import Robot
+from skywright.worlds.spec import World
+from skywright.worlds.surface import build_cylinder
+
+Array = NDArray[np.float64]
+
+POSTURES = 320  # about so many are tried
+PLATFORM_MARGIN = 0.1  # m, kept between platform and world
+ARM_MARGIN = 0.02  # m, kept by what carries the hand
+PLATFORM = ("hub", "propeller", "boom", "leg", "foot", "docking")
+"""Beginnings of the names of what belongs to the platform."""
+
+
+class ReachMap(NamedTuple):
+    """Points around the pipe in its cross-section; x ahead, z up, from the pipe's axis."""
+
+    x: Array  # (n,) m
+    z: Array  # (m,) m
+    reached: NDArray[np.bool_]  # (m, n) by a robot that faces +x
+    inside: NDArray[np.bool_]  # (m, n) within the pipe
+    angle: Array  # (k,) rad, places on the surface, from the side that faces the robot to the top
+    touched: NDArray[np.bool_]  # (k,) from this side
+    radius: float
+
+    @property
+    def surface_share(self) -> float:
+        """Share of the circumference that can be touched, from either side of the pipe."""
+        return float(np.mean(self.touched | self.touched[_mirror(self.angle)]))
+
+    @property
+    def below_share(self) -> float:
+        """Share of the lower half of the surface, likewise."""
+        both = self.touched | self.touched[_mirror(self.angle)]
+        return float(np.mean(both[np.sin(self.angle) < -1e-9]))
+
+    @property
+    def area_below(self) -> float:
+        """Area (m^2) below the pipe's axis that the hand reaches."""
+        cell = (self.x[1] - self.x[0]) * (self.z[1] - self.z[0])
+        return float(np.count_nonzero(self.reached[self.z < 0.0]) * cell)
+
+
+def _mirror(angle: Array) -> NDArray[np.int64]:
+    """Index (k,) of the place on the other side of the pipe."""
+    other = (math.pi - angle) % (2.0 * math.pi)
+    return np.array([int(np.argmin(np.abs(angle - a))) for a in other], dtype=np.int64)
+
+
+def compute_reach(
+    robot: Robot, world: World, *, span: float = 0.8, step: float = 0.05, places: int = 72
+) -> ReachMap:
+    """Map the reach of the left hand around the world's pipe (which it must have)."""
+    assert world.pipe is not None
+    cylinder = build_cylinder(world.pipe)
+    ahead, up = cylinder.R_WP[:, 0], cylinder.R_WP[:, 2]
+    R = rot_z(math.atan2(ahead[1], ahead[0]))
+    query = build_clearance(build_scene(robot, world))
+    q = sample_postures(robot, query)
+    model = build_body_model(robot, world.gravity_mps2)
+    hands = np.array([find_hands(model, row)[0] for row in q])
+    groups = split_query(robot, query)
+    margins = np.array([PLATFORM_MARGIN, ARM_MARGIN, 0.0])
+    ball = robot.probe.tip_radius_m if robot.probe is not None else _ball(robot)
+    axis = np.arange(-span, span + 0.5 * step, step)
+    inside = np.hypot(axis[None], axis[:, None]) < cylinder.radius + ball
+
+    def ask(x: Array, z: Array) -> NDArray[np.bool_]:
+        goals = cylinder.p_WP + x[:, None] * ahead + z[:, None] * up
+        out = np.zeros(len(goals), dtype=np.bool_)
+        _try_goals(groups[0], groups[1], groups[2], margins, goals, R, q, hands, out)
+        return out
+
+    xx, zz = np.meshgrid(axis, axis)
+    reached = np.zeros(xx.shape, dtype=np.bool_)
+    reached[~inside] = ask(xx[~inside], zz[~inside])
+    angle = np.arange(places) * 2.0 * math.pi / places
+    r = cylinder.radius + ball
+    touched = ask(-r * np.cos(angle), r * np.sin(angle))
+    return ReachMap(axis, axis, reached, inside, angle, touched, cylinder.radius)
+
+
+def _ball(robot: Robot) -> float:
+    return robot.arm.hand.radius_m if robot.arm is not None else 0.0
+
+
+def sample_postures(robot: Robot, query: ClearanceQuery) -> Array:
+    """Return postures (n, n_joints) rad that keep clear of propellers and gear, link at rest.
+
+    The joints of an arm that turn about y are sampled on a grid; the others stay as at work.
+    """
+    joints = list_joints(robot)
+    model = build_body_model(robot)
+    base = posture(robot, "working")
+    mine = [j for j, x in enumerate(joints) if x.side == 0 and x.link.axis == "y"]
+    count = max(3, int(POSTURES ** (1.0 / max(len(mine), 1))))
+    grids = [
+        np.radians(np.linspace(joints[j].link.joint_min_deg, joints[j].link.joint_max_deg, count))
+        for j in mine
+    ]
+    partner = {j: _find_partner(robot, j) for j in mine}
+    out = []
+    tries: list[Any] = [base[mine], *itertools.product(*grids)]
+    for angles in tries:
+        q = base.copy()
+        for j, a in zip(mine, angles, strict=True):
+            q[j] = a
+            if partner[j] >= 0:
+                q[partner[j]] = a
+        q = find_swing(model, q)
+        if compute_self_clearance(query, q).distance >= ARM_MARGIN:
+            out.append(q)
+    return np.array(out).reshape(-1, len(base))
+
+
+def _find_partner(robot: Robot, j: int) -> int:
+    """Index of the right arm's joint that mirrors joint `j` of the left; -1 without."""
+    names = [x.name for x in list_joints(robot)]
+    other = names[j].replace("left_", "right_", 1)
+    return names.index(other) if other != names[j] and other in names else -1
+
+
+def split_query(robot: Robot, query: ClearanceQuery) -> tuple[Any, Any, Any]:
+    """Return the queries of platform, of what carries the hands, and of the last links alone.
+
+    Hands may touch, and are in none.
+    """
+    ends = ("tip", "pen", "holder", "hand")
+    last = {
+        [f"{x.name} shell" for x in list_joints(robot) if x.side == side][-1]
+        for side in range(robot.arm.sides if robot.arm is not None else 0)
+    }
+    kind = np.array([_classify(query.names[a], last, ends) for a, _ in query.core.pairs])
+    used = np.arange(len(kind)) < query.core.n_world
+    return tuple(_pick(query.core, used & (kind == k)) for k in range(3))  # type: ignore[return-value]
+
+
+def _classify(name: str, last: set[str], ends: tuple[str, ...]) -> int:
+    if name.startswith(PLATFORM):
+        return 0
+    if name.startswith(ends):
+        return 3
+    return 2 if name in last else 1
+
+
+def _pick(core: ClearanceCore, keep: NDArray[np.bool_]) -> ClearanceCore:
+    pairs = np.ascontiguousarray(core.pairs[keep])
+    return core._replace(pairs=pairs, n_world=len(pairs), probe=np.zeros(len(pairs)))
+
+
+@njit(cache=True, error_model="numpy")
+def _try_goals(
+    platform: ClearanceCore, carrier: ClearanceCore, last: ClearanceCore, margins: Array,
+    goals: Array, R: Array, q: Array, hands: Array, out: Any,
+) -> None:  # fmt: skip
+    """Mark the goals (n, 3) m that some posture reaches with all margins kept."""
+    p = np.empty(3)
+    for g in range(goals.shape[0]):
+        for k in range(q.shape[0]):
+            for a in range(3):
+                p[a] = goals[g, a]
+                for b in range(3):
+                    p[a] -= R[a, b] * hands[k, b]
+            if query_clearance(platform, p, R, q[k], 0.0, FAR)[0] < margins[0]:
+                continue
+            if query_clearance(carrier, p, R, q[k], 0.0, FAR)[0] < margins[1]:
+                continue
+            if query_clearance(last, p, R, q[k], 0.0, FAR)[0] < margins[2]:
+                continue
+            out[g] = True
+            break

@@ -1,0 +1,215 @@
+"""Pictures of a comparison: the robots at the pipe, reach, torque maps, collisions, accuracy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from skywright.evaluation.comparison import Comparison, Side
+from skywright.models.reach import PLATFORM_MARGIN
+from skywright.reports.figures.style import (
+    BLUE,
+    GREY,
+    LIMIT,
+    ORANGE,
+    SKY,
+    WIDTH,
+    draw_limit,
+    new_figure,
+)
+from skywright.reports.outlines import move, outline_robot
+from skywright.worlds.spec import Pipe
+
+COLOURS = (BLUE, ORANGE)
+
+
+def draw_pair(c: Comparison, pipe: Pipe) -> Figure:
+    """Both robots from the side with the hand at the pipe's underside."""
+    figure = new_figure(WIDTH, 4.4)
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    figure.subplots_adjust(left=0.07, right=0.99, top=0.92, bottom=0.11, wspace=0.06)
+    for ax, side, colour in zip(axes, c.sides, COLOURS, strict=True):
+        ax.set_title(side.name)
+        ax.set_aspect("equal")
+        ax.add_patch(Circle((0.0, 0.0), 0.5 * pipe.diameter_m, color=GREY, zorder=3))
+        ax.set_xlabel("ahead of the pipe's axis (m)")
+        if side.way is None:
+            ax.text(0.5, 0.5, "the task is not for this robot", transform=ax.transAxes, ha="center")
+            continue
+        place = side.way.p_contact - [pipe.x_m, pipe.y_m, pipe.z_m]
+        yaw = math.radians(pipe.yaw_deg)
+        back = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+        for part in move(outline_robot(side.robot, side.way.q), place, yaw):
+            x, z = part.points @ back, part.points[:, 2]
+            if part.part == "disc":
+                ax.plot(x, z, color=SKY, lw=2.5, zorder=4)
+            else:
+                ax.plot(x, z, color=colour if part.part == "arm" else "#333333", lw=1.8, zorder=5)
+        least = float(np.min(side.way.propellers))
+        text = f"propellers to pipe: {least:.2f} m" if least > 0.0 else (
+            f"impossible: platform and pipe overlap by {-least:.2f} m")  # fmt: skip
+        ax.text(0.02, 0.03, text, transform=ax.transAxes, color=LIMIT if least <= 0 else "#333333")
+    axes[0].set_ylabel("above the pipe's axis (m)")
+    return figure
+
+
+def draw_clearance(c: Comparison) -> Figure | None:
+    """Distance of propellers and gear to the pipe along the way of sensor-install."""
+    if all(s.way is None for s in c.sides):
+        return None
+    figure = new_figure(WIDTH, 3.2)
+    ax = figure.add_axes((0.07, 0.15, 0.92, 0.75))
+    ax.set_title("Distance to the pipe on the way to the contact")
+    for side, colour in zip(c.sides, COLOURS, strict=True):
+        if side.way is None:
+            continue
+        w = side.way
+        left = w.distance[-1] - w.distance
+        ax.plot(left, w.propellers, color=colour, label=f"{side.name}: propellers, hub")
+        ax.plot(left, w.gear, color=colour, ls="--", label=f"{side.name}: landing gear")
+    ax.invert_xaxis()
+    ax.set_xlabel("way left to the contact (m)")
+    ax.set_ylabel("distance (m); below 0: overlap")
+    draw_limit(ax, PLATFORM_MARGIN, f"margin {PLATFORM_MARGIN:g} m")
+    ax.legend(loc="upper right", ncols=2)
+    return figure
+
+
+def draw_reach(c: Comparison) -> Figure:
+    """Where around the pipe the hand can be."""
+    figure = new_figure(WIDTH, 4.9)
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    figure.subplots_adjust(left=0.07, right=0.99, top=0.93, bottom=0.1, wspace=0.06)
+    for ax, side in zip(axes, c.sides, strict=True):
+        m = side.reach
+        ax.set_aspect("equal")
+        ax.set_xlabel("ahead of the pipe's axis (m)")
+        if m is None:
+            continue
+        ax.set_title(
+            f"{side.name}: {100 * m.surface_share:.0f} % of the circumference, "
+            f"{100 * m.below_share:.0f} % of the underside"
+        )
+        shown = np.where(m.reached, 1.0, 0.0)
+        half = 0.5 * (m.x[1] - m.x[0])
+        extent = (m.x[0] - half, m.x[-1] + half, m.z[0] - half, m.z[-1] + half)
+        ax.imshow(
+            shown, origin="lower", extent=extent, cmap=ListedColormap(["#f3d9d5", "#cfe8dc"]),
+            vmin=0.0, vmax=1.0, interpolation="nearest",
+        )  # fmt: skip
+        ax.add_patch(Circle((0.0, 0.0), m.radius, color=GREY, zorder=3))
+        dots = 1.06 * m.radius * np.column_stack([-np.cos(m.angle), np.sin(m.angle)])
+        for mask, colour in ((m.touched, "#00694d"), (~m.touched, LIMIT)):
+            ax.plot(dots[mask, 0], dots[mask, 1], ".", color=colour, ms=4, zorder=4)
+        ax.grid(False)
+    axes[0].set_ylabel("above the pipe's axis (m)")
+    return figure
+
+
+def draw_reaction(c: Comparison) -> Figure:
+    """Torque on the platform per newton at the hand, over the force's direction."""
+    figure = new_figure(WIDTH, 5.4)
+    grid = figure.add_gridspec(
+        2, 3, width_ratios=[1, 1, 0.04], left=0.07, right=0.93, top=0.94, bottom=0.09,
+        hspace=0.34, wspace=0.08,
+    )  # fmt: skip
+    maps = [s.reaction for s in c.sides]
+    top = max(float(np.nanmax(np.linalg.norm(m.torque, axis=2))) for m in maps if m is not None)
+    image = None
+    for i, (side, m) in enumerate(zip(c.sides, maps, strict=True)):
+        if m is None:
+            continue
+        az, el = np.degrees(m.azimuth), np.degrees(m.elevation)
+        for row, (what, values) in enumerate((
+            ("whole torque", np.linalg.norm(m.torque, axis=2)),
+            ("about pitch only", np.abs(m.torque[..., 1])),
+        )):  # fmt: skip
+            ax = figure.add_subplot(grid[row, i])
+            ax.set_title(f"{side.name}: {what}, at most {np.nanmax(values):.2f} N m/N")
+            image = ax.pcolormesh(
+                az, el, values, vmin=0.0, vmax=top, cmap="viridis", shading="gouraud",
+                rasterized=True,
+            )  # fmt: skip
+            ax.set_xticks(range(0, 361, 90), ["ahead", "left", "back", "right", "ahead"])
+            ax.set_yticks([-90, -45, 0, 45, 90], ["down", "", "level", "", "up"])
+            if i:
+                ax.tick_params(labelleft=False)
+            else:
+                ax.set_ylabel("force on the hand points")
+            ax.grid(False)
+    if image is not None:
+        figure.colorbar(image, cax=figure.add_subplot(grid[:, 2]), label="torque a newton (N m/N)")
+    return figure
+
+
+def draw_collisions(c: Comparison) -> Figure | None:
+    """Peak torque and force on the platform of every collision flown."""
+    bars = [
+        (f"{s.name}\n{x.joints} joints", x.metrics, colour)
+        for s, colour in zip(c.sides, COLOURS, strict=True)
+        for x in reversed(s.collisions) if x.metrics
+    ]  # fmt: skip
+    if not bars:
+        return None
+    figure = new_figure(WIDTH, 3.3)
+    axes = figure.subplots(1, 3)
+    figure.subplots_adjust(left=0.06, right=0.99, top=0.9, bottom=0.2, wspace=0.25)
+    for ax, (key, title) in zip(axes, (
+        ("impact.peak_torque_nm", "Torque on the platform (N m)"),
+        ("impact.peak_force_n", "Force on the platform (N)"),
+        ("impact.recoil_deg", "Tilt afterwards (deg)"),
+    ), strict=True):  # fmt: skip
+        _draw_bars(ax, [(name, m.get(key, math.nan), colour) for name, m, colour in bars])
+        ax.set_title(title)
+    return figure
+
+
+def _draw_bars(ax: Axes, bars: Sequence[tuple[str, float, str]]) -> None:
+    values = [v for _, v, _ in bars]
+    ax.bar(range(len(bars)), values, color=[c for *_, c in bars], width=0.6)
+    ax.set_xticks(range(len(bars)), [n for n, *_ in bars], fontsize=6.5)
+    for i, v in enumerate(values):
+        if math.isfinite(v):
+            ax.text(i, v, f"{v:.2g}", ha="center", va="bottom", fontsize=8)
+    ax.margins(y=0.15)
+    ax.grid(axis="x", visible=False)
+
+
+def draw_accuracy(c: Comparison) -> Figure | None:
+    """Distance of tip and platform from their places against the wind."""
+    if all(s.hover is None for s in c.sides):
+        return None
+    figure = new_figure(WIDTH, 3.2)
+    axes = figure.subplots(1, 2, sharey=True)
+    figure.subplots_adjust(left=0.07, right=0.99, top=0.9, bottom=0.16, wspace=0.06)
+    for side, colour in zip(c.sides, COLOURS, strict=True):
+        if side.hover is None:
+            continue
+        _draw_spread(axes[0], side, side.hover.tip, colour)
+        _draw_spread(axes[1], side, side.hover.platform, colour)
+    for ax, what in zip(axes, ("Tip", "Platform"), strict=True):
+        ax.set_title(f"{what} from its place, rms over 15 s")
+        ax.set_xlabel("mean wind, gusty (m/s)")
+        ax.set_ylim(bottom=0.0)
+    axes[0].set_ylabel("distance (mm)")
+    draw_limit(axes[0], 50.0, "5 cm: what the paper asks for")
+    axes[0].legend(loc="upper left")
+    return figure
+
+
+def _draw_spread(ax: Axes, side: Side, table: np.ndarray, colour: str) -> None:
+    """Mean over the seeds, and each flight as a dot."""
+    assert side.hover is not None
+    wind = side.hover.wind
+    known = np.isfinite(table).any(axis=1)
+    mean = np.array([1e3 * np.nanmean(row) if ok else math.nan
+                     for row, ok in zip(table, known, strict=True)])  # fmt: skip
+    ax.plot(wind, mean, color=colour, label=side.name)
+    for k in range(table.shape[1]):
+        ax.plot(wind, 1e3 * table[:, k], ".", color=colour, ms=5)

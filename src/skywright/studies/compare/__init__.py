@@ -1,0 +1,1 @@
+"""`skywright compare`: two robots side by side."""

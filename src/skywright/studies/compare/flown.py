@@ -1,0 +1,126 @@
+"""What is measured by flying: collisions, and how well the tip keeps its place in wind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.types import TASK_POSITION
+from skywright.errors import SkywrightError
+from skywright.evaluation.comparison import Collision, Hover
+from skywright.evaluation.run import build_vehicle, fly_and_evaluate
+from skywright.missions.loader import load_description
+from skywright.models.compliant_arms import find_hands
+from skywright.models.rigid_body import build_body_model
+from skywright.vehicle.guard import LOST_CONTROL
+from skywright.vehicle.interface import Arms, Uav, WholeBody
+from skywright.vehicle.simulated import SimulatedVehicle
+
+Array = NDArray[np.float64]
+Step = Callable[[str], None]
+
+WINDS = (0.0, 1.0, 2.0, 3.0)  # m/s
+HEIGHT = 2.5  # m
+SETTLE_S, WATCH_S = 8.0, 15.0
+
+
+class _Lost(Exception):
+    """The robot no longer follows its reference."""
+
+
+def fly_collisions(robot: str, stiff: bool, step: Step) -> list[Collision]:
+    """Fly `impact` with springs in the joints and, where there are any, without."""
+    out = []
+    for joints in ("compliant", "stiff") if stiff else ("compliant",):
+        step(f"{robot}: collision, {joints} joints")
+        try:
+            result = fly_and_evaluate(
+                load_description("impact", robot, sets=[f"mission.task.joints={joints}"])
+            )
+        except SkywrightError as error:
+            out.append(Collision(joints, {}, str(error)))
+            continue
+        met = {k: v for k, v in result.metrics.items() if k.startswith("impact.")}
+        out.append(Collision(joints, met, "" if met else result.reason or "nothing was touched"))
+    return out
+
+
+def fly_hover(robot: str, q: Array, seeds: int, step: Step) -> Hover:
+    """Keep the tip in place for a while in gusty wind (Dryden) of growing mean."""
+    tip = np.full((len(WINDS), seeds), np.nan)
+    platform = np.full((len(WINDS), seeds), np.nan)
+    for i, wind in enumerate(WINDS):
+        for seed in range(seeds):
+            step(f"{robot}: hover in {wind:g} m/s, seed {seed + 1}")
+            tip[i, seed], platform[i, seed] = hover_once(robot, q, wind, seed + 1)
+    return Hover(np.array(WINDS), tip, platform)
+
+
+def hover_once(robot: str, q: Array, wind: float, seed: int) -> tuple[float, float]:
+    """Return the rms distance (m) of tip and of platform from their places; NaN: control lost."""
+    sets: dict[str, object] = {}
+    if wind > 0.0:
+        sets = {"world.wind": {"kind": "dryden", "mean_mps": wind, "toward_deg": 45.0}}
+    d = load_description("waypoints", robot, "open", sets, seed)
+    blocks: list[Any] = []
+    vehicle = build_vehicle(d, blocks.append)
+    try:
+        goal, place = _settle(vehicle, q)
+        vehicle.flush()
+        blocks.clear()
+        _wait(vehicle, WATCH_S)
+        vehicle.flush()
+    except (_Lost, SkywrightError):
+        return math.nan, math.nan
+    s = np.concatenate(blocks)
+    at = s["left_p_WH"] if vehicle.plant[0]["positioned"] else s["p_WT"]
+    return _rms(at - goal), _rms(s["p_WB"] - place)
+
+
+def _settle(vehicle: SimulatedVehicle, q: Array) -> tuple[Array, Array]:
+    """Take off, bring the arms to q; returns where tip and platform shall stay (3,) m."""
+    uav, arms = Uav(vehicle), Arms(vehicle)
+    _wait(vehicle, 1.0)
+    uav.motors(True)
+    uav.take_off(HEIGHT)
+    _arrive(vehicle)
+    arms.move_to(q)
+    _arrive(vehicle)
+    model = build_body_model(vehicle.robot, vehicle.world.gravity_mps2)
+    row = np.array(vehicle.reference)
+    place = row["p_WB"].copy()
+    goal = place + row["R_WB"] @ find_hands(model, q)[0]
+    if "hands" in vehicle.offers:  # the arms make up for what the platform does
+        row["t"] = 0.0
+        for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "v_WH"):
+            row[field] = 0.0
+        row["task"][0], row["p_WH"][0] = TASK_POSITION, goal
+        WholeBody(vehicle).track(row[None])
+    _wait(vehicle, SETTLE_S)
+    return goal, place
+
+
+def _arrive(vehicle: SimulatedVehicle) -> None:
+    while not _tick(vehicle).arrived:
+        pass
+
+
+def _wait(vehicle: SimulatedVehicle, seconds: float) -> None:
+    end = vehicle.t + seconds
+    while vehicle.t < end - 1e-9:
+        _tick(vehicle)
+
+
+def _tick(vehicle: SimulatedVehicle) -> Any:
+    ticked = vehicle.tick()
+    if ticked.fired & LOST_CONTROL:
+        raise _Lost
+    return ticked
+
+
+def _rms(error: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

@@ -1,0 +1,202 @@
+"""Comparison of two robots: statics against closed forms, reach, table, page, wrong input."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skywright.core.rotations import rot_z
+from skywright.errors import InputError
+from skywright.evaluation.comparison import Comparison
+from skywright.evaluation.run import collect_versions
+from skywright.missions.kinds.sensor_install import build_pose
+from skywright.missions.loader import load_description
+from skywright.models.compliant_arms import find_hands, find_swing
+from skywright.models.geometry import build_clearance, compute_clearance
+from skywright.models.reach import PLATFORM_MARGIN, compute_reach
+from skywright.models.rigid_body import build_body_model, compute_body
+from skywright.models.scene import build_scene
+from skywright.models.tip_force import Loaded
+from skywright.reports.compare import render_compare_page
+from skywright.robots.loader import load_robot
+from skywright.studies.compare.compare import compare_robots
+from skywright.studies.compare.flown import hover_once
+
+FORCES = st.tuples(*[st.floats(-2.0, 2.0)] * 3).map(np.array)
+
+
+def load_loaded(name: str, gravity: float = 9.81) -> Loaded:
+    robot, _ = load_robot(name)
+    q = build_pose(robot, "L", 0.1)
+    return Loaded(robot, find_swing(build_body_model(robot), q), gravity)
+
+
+STANDARD, LONG = load_loaded("bimanual"), load_loaded("bimanual-longreach")
+
+
+@settings(max_examples=40, deadline=None)
+@given(FORCES)
+def test_rigid_arms_pass_a_force_on_with_its_lever(f: np.ndarray) -> None:
+    found = STANDARD.compute_reaction(f)
+    assert found is not None
+    np.testing.assert_allclose(found.t, np.cross(STANDARD.hand(STANDARD.q)[0], f), atol=1e-12)
+
+
+@settings(max_examples=40, deadline=None)
+@given(FORCES)
+def test_a_passive_joint_passes_no_torque_about_its_axis(f: np.ndarray) -> None:
+    """What is left about pitch is the force on the joint with the joint's own lever."""
+    found = LONG.compute_reaction(f)
+    assert found is not None
+    assert LONG.robot.pendulum is not None and LONG.robot.pendulum.z_m is not None
+    assert found.t[1] == pytest.approx(LONG.robot.pendulum.z_m * f[0], abs=1e-7)
+
+
+@settings(max_examples=20, deadline=None)
+@given(FORCES)
+def test_the_link_rests_where_the_potential_is_stationary(f: np.ndarray) -> None:
+    """Independent of the torques: energy of weight and force, by finite differences."""
+    found = LONG.compute_reaction(f)
+    assert found is not None
+
+    def energy(angle: float) -> float:
+        q = LONG.q.copy()
+        q[0] = angle
+        mass, p_BC, _ = compute_body(LONG.model, q)
+        return float(mass * 9.81 * p_BC[2] - f @ LONG.hand(q)[0])
+
+    at, step = LONG.q[0] + found.swing, 1e-5
+    assert (energy(at + step) - energy(at - step)) / (2 * step) == pytest.approx(0.0, abs=1e-5)
+
+
+def test_springs_give_way_as_their_compliance_says() -> None:
+    """Without weight and within the linear range: J K^-1 J^T f."""
+    arms = load_loaded("bimanual", gravity=1e-9)
+    _, J, _ = arms.hand(arms.q)
+    k = np.array([x.link.flex_stiffness_nm_per_rad for x in arms.joints], dtype=float)
+    for f in 0.01 * np.eye(3):
+        found = arms.compute_recoil(f)
+        assert found is not None
+        np.testing.assert_allclose(found.moved, J @ (J.T @ f / k), atol=2e-3 * 0.01)
+
+
+def test_long_reach_touches_the_underside_and_standard_does_not() -> None:
+    for name, below in (("bimanual", False), ("bimanual-longreach", True)):
+        d = load_description("sensor-install", robot=name)
+        m = compute_reach(d.robot, d.world, step=0.2, places=8)
+        bottom = int(np.argmin(np.abs(m.angle - 1.5 * math.pi)))
+        assert bool(m.touched[bottom]) is below
+        assert m.touched[0] and m.touched[2]  # the side that faces the robot, and the top
+    # the same place by hand: level forearm, hand at the underside, everything else clear
+    d = load_description("sensor-install", robot="bimanual-longreach")
+    q = find_swing(build_body_model(d.robot), build_pose(d.robot, "L", 0.1))
+    goal = np.array([3.0, 0.0, 2.5 - 0.1 - 0.1])
+    p = goal - find_hands(build_body_model(d.robot), q)[0]
+    found = compute_clearance(build_clearance(build_scene(d.robot, d.world)), p, rot_z(0.0), q)
+    assert found.distance > 0.0
+
+
+@pytest.fixture(scope="module")
+def pair() -> Comparison:
+    return compare_robots("bimanual", "bimanual-longreach", fly=False)
+
+
+def test_the_table_has_the_physics(pair: Comparison) -> None:
+    rows = {r.name: r for r in pair.rows}
+    mass = rows["mass_kg"].values
+    assert mass[1] - mass[0] == pytest.approx(0.52)  # the link of the long reach
+    near = rows["clearance.propellers_m"]
+    assert near.values[0] < 0.0 < PLATFORM_MARGIN < near.values[1]
+    assert "no plan" in near.notes[0] and not near.notes[1]
+    # the longer lever about roll against the free joint about pitch
+    assert rows["reaction.pitch_m"].winner == 1 and rows["reaction.roll_m"].winner == 0
+    assert rows["reaction.pitch_m"].values[1] == pytest.approx(0.11, abs=1e-6)
+    assert rows["access.depth_m"].values[1] - rows["access.depth_m"].values[0] > 0.7
+    assert all("impact" not in name and "accuracy" not in name for name in rows)
+
+
+def test_statements_are_judged_by_numbers(pair: Comparison) -> None:
+    told = {(s.about, s.text): s.verdict for s in pair.statements}
+    assert told["long reach", "heavier"] == "holds"
+    assert told["long reach", "larger workspace"] == "holds"
+    assert told["standard", "propellers and landing gear may collide"] == "holds"
+    assert told["long reach", "safer"] == "partly"  # not about roll
+    swapped = compare_robots("bimanual-longreach", "bimanual", fly=False)
+    assert {(s.about, s.text): s.verdict for s in swapped.statements} == told
+    json.dumps(pair.to_json(), allow_nan=False)
+
+
+def test_the_page_is_complete_in_itself(pair: Comparison) -> None:
+    pipe = load_description("sensor-install").world.pipe
+    assert pipe is not None
+    page = render_compare_page(pair, pipe, collect_versions())
+    assert page.count("<img") == 4  # at the pipe, way, reach, torque; nothing was flown
+    assert "http" not in page.replace("http://www.w3.org", "")
+    for text in ("bimanual-longreach", "harder take-off and landing", "--no-fly"):
+        assert text in page
+
+
+def test_robots_without_hands_are_compared_where_it_applies() -> None:
+    found = compare_robots("othex", "f550-bridge", fly=False)
+    rows = {r.name: r for r in found.rows}
+    assert all("does not apply" in n for n in rows["clearance.propellers_m"].notes)
+    assert all("no springs" in n for n in rows["recoil.tip_mm"].notes)
+    assert all(math.isfinite(v) for v in rows["power.endurance_min"].values)
+    assert {s.verdict for s in found.statements} == {"does not apply"}
+
+
+def test_a_calm_hover_keeps_the_tip_near() -> None:
+    robot, _ = load_robot("bimanual")
+    tip, platform = hover_once("bimanual", build_pose(robot, "L", 0.1), 0.0, 1)
+    assert 0.0 < tip < 0.05 and 0.0 < platform < 0.05
+
+
+@pytest.mark.parametrize(
+    ("args", "found"),
+    [
+        (["bimanual", "bimanual"], "same robot"),
+        (["bimanual", "hexarotor"], "no arm"),
+        (["bimanual", "bimanul"], "bimanual"),
+        (["bimanual", "othex", "--set", "robot.mass=1"], "world"),
+        (["bimanual", "othex", "--set", "world.pipe.radius=1"], "radius"),
+        (["bimanual", "othex", "--seeds", "0"], "at least 1"),
+        (["bimanual", "othex", "--out", "page.pdf"], "unknown format"),
+        (["bimanual"], "ROBOT"),
+    ],
+)
+def test_wrong_input_is_told(args: list[str], found: str, tmp_path: Path) -> None:
+    from skywright.cli import main
+
+    code = subprocess_free(main, ["compare", *args], tmp_path)
+    assert code[0] == 2 and found in code[1]
+    assert not list(tmp_path.iterdir())  # nothing half-written
+
+
+def subprocess_free(main: object, args: list[str], folder: Path) -> tuple[int, str]:
+    """Run the command line in this process; returns exit code and stderr."""
+    import contextlib
+    import io
+    import os
+
+    error, here = io.StringIO(), Path.cwd()
+    os.chdir(folder)
+    try:
+        with contextlib.redirect_stderr(error), contextlib.suppress(SystemExit):
+            try:
+                main.main(args)  # type: ignore[attr-defined]
+            except SystemExit as stop:
+                return int(stop.code or 0), error.getvalue()
+    finally:
+        os.chdir(here)
+    return 0, error.getvalue()
+
+
+def test_seeds_and_sets_are_checked_in_python_too() -> None:
+    with pytest.raises(InputError, match="world"):
+        compare_robots("bimanual", "othex", sets=["mission.seed=3"])
