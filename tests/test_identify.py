@@ -163,8 +163,11 @@ def test_exact_signals_give_exact_parameters(exact: Fit) -> None:
 def test_intervals_cover_the_truth() -> None:
     """Gyroscope noise of 0.02 rad/s: 95 % intervals hold the truth about as often as they say."""
     inside, count, errors = 0, 0, []
-    for seed in range(6):
-        found = {e.parameter.name: e for e in fit(make_log(40.0, noise=0.02, seed=seed)).estimates}
+    for seed in range(4):
+        found = {
+            e.parameter.name: e
+            for e in fit(make_log(40.0, rate=100.0, noise=0.02, seed=seed)).estimates
+        }
         for name, value in truth().items():
             e = found[name]
             if e.identified and name != "rotor_delay_s":
@@ -174,7 +177,7 @@ def test_intervals_cover_the_truth() -> None:
             found[f"pose_1.inertia_{a}_kgm2"].value / value - 1
             for a, value in zip(("xx", "yy", "zz"), INERTIA[:3], strict=True)
         ]
-    assert count > 90 and inside / count > 0.88
+    assert count > 60 and inside / count > 0.88
     assert np.max(np.abs(errors)) < 0.05 and abs(np.mean(errors)) < 0.01  # noise does not bias it
 
 
@@ -269,7 +272,7 @@ def rotor_parameters(order: list[int]) -> dict[str, float]:
 
 @pytest.fixture(scope="module")
 def made() -> FlightLog:
-    return make_log(50.0)
+    return make_log(50.0, rate=100.0)
 
 
 def test_ulog_gives_what_its_signals_hold(made: FlightLog, tmp_path: Path) -> None:
@@ -533,3 +536,31 @@ def test_a_flight_gives_back_the_plant_s_deviations(tmp_path: Path) -> None:
     r2 = found.fit.prediction.r_squared(found.fit.prediction.predicted)
     assert np.all(r2[3:] > 0.9)
     assert "extends" in build_overrides(found, "f550-bridge")
+
+
+def test_truth_is_the_plant_s() -> None:
+    """What claims compare with equals MuJoCo's own mass matrix of the perturbed plant."""
+    import mujoco
+
+    from skywright.missions.deviation import build_deviation
+    from skywright.missions.loader import load_description
+    from skywright.models.scene import build_scene
+    from skywright.studies.identify.truth import compute_truth
+
+    d = load_description("excitation", seed=4)
+    pose = posture(d.robot, "working")
+    truth_of, mass = compute_truth(d, pose[None])
+    scene = build_scene(d.robot, d.world, build_deviation(d.plant, d.robot, 4))
+    data = mujoco.MjData(scene.model)
+    data.qpos[3], data.qpos[scene.places.joint_qpos] = 1.0, pose
+    mujoco.mj_forward(scene.model, data)
+    M = np.zeros((scene.model.nv, scene.model.nv))
+    mujoco.mj_fullM(scene.model, data, M)
+    body = scene.places.platform_body
+    assert mass == pytest.approx(float(scene.model.body_subtreemass[body]), rel=1e-9)
+    com = data.subtree_com[body] - data.qpos[:3]
+    found = [truth_of[f"pose_1.com_{a}_m"] for a in "xyz"]
+    np.testing.assert_allclose(found, com, atol=2e-4)  # a link is 4 mm longer in the plant
+    for i, j in INERTIA_AXES:
+        name = f"pose_1.inertia_{'xyz'[i]}{'xyz'[j]}_kgm2"
+        assert truth_of[name] == pytest.approx(M[3 + i, 3 + j], abs=6e-4)

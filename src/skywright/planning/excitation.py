@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.rotations import log_so3, quat_from_rot, rot_from_quat, rot_x, rot_y, rot_z
+from skywright.core.rotations import log_so3, rot_z
 from skywright.core.types import REFERENCE
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip
 from skywright.planning.inverse_dynamics import Loads
@@ -114,7 +114,7 @@ def _build_rows(
         a[:, i] = curve * s2 + 2.0 * slope * s1 + window * s0
     peaks = np.array([e.tilt, e.tilt, e.yaw]) * scale * (np.array([tilts, tilts, True]))
     angles = np.column_stack([window * peaks[i] * build_sines(t, lines[i], 0) for i in range(3)])
-    R = np.array([rot_z(start[3] + y) @ rot_y(b) @ rot_x(r) for r, b, y in angles])
+    R = _from_angles(angles + np.array([0.0, 0.0, start[3]]))
     w, log = np.zeros_like(p), np.zeros(3)
     step = t[1]
     for k in range(1, len(t) - 1):
@@ -136,6 +136,16 @@ def _build_rows(
     rows["R_WT"] = rows["R_WB"] @ R_BT
     rows["v_WT"] = np.gradient(rows["p_WT"], ROW, axis=0)
     return rows
+
+
+def _from_angles(angles: Array) -> Array:
+    """Return Rz(yaw) Ry(pitch) Rx(roll) (n, 3, 3) of rows (roll, pitch, yaw)."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(angles).T, np.sin(angles).T
+    R = np.empty((len(angles), 3, 3))
+    R[:, 0] = np.column_stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr])
+    R[:, 1] = np.column_stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr])
+    R[:, 2] = np.column_stack([-sp, cp * sr, cp * cr])
+    return R
 
 
 def _window(t: Array, duration: float) -> tuple[Array, Array, Array]:
@@ -182,7 +192,7 @@ def _point_along(z: Array, R: Array) -> Array:
     z = z / np.linalg.norm(z)
     y = np.cross(z, R[:, 0])
     y /= np.linalg.norm(y)
-    return rot_from_quat(quat_from_rot(np.column_stack([np.cross(y, z), y, z])))
+    return np.column_stack([np.cross(y, z), y, z])
 
 
 def _rates(R: Array) -> Array:

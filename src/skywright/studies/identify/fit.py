@@ -27,6 +27,7 @@ HELD_OUT = 4  # every so many blocks of HELD_OUT_S is kept for the test
 HELD_OUT_S = 5.0  # s
 ROUNDS = 4  # of weighting
 STEPS = 15  # of Gauss-Newton
+FIRST_NOISE = np.array([0.1, 0.1, 0.1, 0.5, 0.5, 0.5])  # m/s^2, rad/s^2: where weighting starts
 LEAP = 1.0  # largest step of a parameter, in its scale
 
 
@@ -205,7 +206,7 @@ def fit_parameters(columns: Columns, robot: Robot, mass: float, gravity: float) 
     measured = np.hstack([train.s, train.wd])
     free = np.ones(len(x0), dtype=bool)
     gave_up = np.full(len(x0), np.nan)
-    x, noise = x0.copy(), np.array([0.1, 0.1, 0.1, 0.5, 0.5, 0.5])
+    x, noise = x0.copy(), FIRST_NOISE
     while True:
         x, noise = _solve(train, rotors, mass, measured, x0, x, scale, free, noise)
         half = _half_widths(train, rotors, mass, measured, x, scale, free, noise)
@@ -229,6 +230,19 @@ def fit_parameters(columns: Columns, robot: Robot, mass: float, gravity: float) 
     return Fit(estimates, prediction, noise, len(train.t), mass)
 
 
+def compute_misfit(columns: Columns, robot: Robot, mass: float, gravity: float) -> float:
+    """Return how badly the model with all parameters free fits: the sum of the residuals' logs."""
+    parameters = list_parameters(robot, columns.poses, gravity)
+    x0 = np.array([p.nominal for p in parameters])
+    scale = np.array([p.scale for p in parameters])
+    measured = np.hstack([columns.s, columns.wd])
+    free = np.ones(len(x0), dtype=bool)
+    _, noise = _solve(
+        columns, build_rotors(robot.rotors), mass, measured, x0, x0, scale, free, FIRST_NOISE
+    )
+    return float(np.sum(np.log(noise)))
+
+
 def _solve(
     columns: Columns, rotors: RotorSet, mass: float, measured: Array, x0: Array, x: Array,
     scale: Array, free: NDArray[np.bool_], noise: Array,
@@ -247,7 +261,7 @@ def _solve(
             step = np.linalg.lstsq(slope.reshape(-1, len(index)), error, rcond=1e-10)[0]
             x = x.copy()
             x[index] += scale[index] * np.clip(step, -LEAP, LEAP)
-            if np.max(np.abs(step), initial=0.0) < 1e-7:
+            if np.max(np.abs(step), initial=0.0) < 1e-4:  # the next would be its square
                 break
         error = predict(columns, rotors, mass, x) - measured
         fresh = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-6)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +15,26 @@ from numpy.typing import NDArray
 from skywright.core.recording import Recording, read_recording
 from skywright.core.rotations import quat_to_rot
 from skywright.errors import InputError
-from skywright.missions.loader import load_description
+from skywright.missions.loader import Description, load_description
 from skywright.models.allocation import allocate, build_allocator, thrust_to_speed
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import build_rotors
 from skywright.robots.limbs import list_servos
 from skywright.robots.spec import Robot
+from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 TOUCHING = 1e-3  # m, of the probe's spring: more than its slider moves in flight
 SHORTEST = 5.0  # s of free flight below which there is nothing to learn from
+
+
+IDENTIFY_FIELDS = (
+    "t", "phase", "est_q_WB", "est_v_WB", "est_w_WB_B", "rotor_speed", "cmd_f_B", "cmd_t_B", "q",
+    "qd", "cmd_qd", "theta", "cmd_theta", "f_collision", "f_contact", "spring",
+)  # fmt: skip
+"""Fields of SAMPLE that a log is built from."""
 
 
 class FlightLog(NamedTuple):
@@ -86,10 +94,7 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
     text = recording.attachments.get("mission.toml")
     if text is None:
         raise InputError(f"{path}: holds no mission.toml; give the recording that a run wrote")
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "mission.toml"
-        file.write_bytes(text)
-        description = load_description(file)
+    description = parse_description(text)
     robot = robot or description.robot
     s = recording.samples
     if len(s) < 10:
@@ -99,16 +104,39 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
             f"{path}: was flown with {recording.n_rotors} rotors; robot {robot.name!r} has "
             f"{len(robot.rotors.azimuth_deg)}"
         )
-    R = np.array([_rot(q) for q in s["est_q_WB"]])
-    n, rotors = len(recording.joint_names), recording.n_rotors
-    positioned = any(servo.mode == "position" for _, servo in list_servos(robot))
-    free = (s["f_collision"] == 0.0) & ~np.any(s["f_contact"], axis=1) & (s["spring"] < TOUCHING)
     phases = _phase_names(recording, s["t"])
-    free &= ~np.isin(phases, ["start", "take_off", "land"]) & np.all(
-        s["rotor_speed"][:, :rotors] > 1.0, 1
-    )
+    name = path.parent.name or path.name
+    return build_log(name, robot, description.world, s, phases, recording.joint_names)
+
+
+def parse_description(text: bytes) -> Description:
+    """Return the description that a resolved mission.toml holds."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "mission.toml"
+        file.write_bytes(text)
+        return load_description(file)
+
+
+def build_log(
+    name: str,
+    robot: Robot,
+    world: World,
+    s: NDArray[Any],
+    phases: NDArray[np.str_],
+    joints: tuple[str, ...],
+) -> FlightLog:
+    """Build a log from samples (k,) of a run, or what IDENTIFY_FIELDS names of them.
+
+    `phases` (k,) names the phase of each sample.
+    """
+    n, rotors = len(joints), len(robot.rotors.azimuth_deg)
+    positioned = any(servo.mode == "position" for _, servo in list_servos(robot))
+    R = np.array([_rot(q) for q in s["est_q_WB"]])
+    free = (s["f_collision"] == 0.0) & ~np.any(s["f_contact"], axis=1) & (s["spring"] < TOUCHING)
+    free &= ~np.isin(phases, ["start", "take_off", "land"])
+    free &= np.all(s["rotor_speed"][:, :rotors] > 1.0, axis=1)
     return FlightLog(
-        name=path.parent.name or path.name,
+        name=name,
         robot=robot,
         t=s["t"],
         free=free,
@@ -117,15 +145,15 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
         w_WB_B=s["est_w_WB_B"],
         specific_force_B=None,
         rotor_speed=s["rotor_speed"][:, :rotors],
-        rotor_command=_commanded_speeds(robot, s, R, description.world.gravity_mps2, n),
+        rotor_command=_commanded_speeds(robot, s, R, world.gravity_mps2, n),
         command_is_thrust=False,
-        joints=recording.joint_names,
+        joints=joints,
         q=s["q"][:, :n],
         servo_unit="rad" if positioned else "rad/s",
         servo_command=s["cmd_theta" if positioned else "cmd_qd"][:, :n],
         servo_response=s["theta" if positioned else "qd"][:, :n],
-        gravity=description.world.gravity_mps2,
-        air_density=description.world.air_density_kg_m3,
+        gravity=world.gravity_mps2,
+        air_density=world.air_density_kg_m3,
     )
 
 
@@ -146,7 +174,7 @@ def _phase_names(recording: Recording, t: Array) -> NDArray[np.str_]:
     return np.array([name for _, name in starts])[np.clip(at, 0, len(starts) - 1)]
 
 
-def _commanded_speeds(robot: Robot, s: NDArray[np.void], R: Array, gravity: float, n: int) -> Array:
+def _commanded_speeds(robot: Robot, s: NDArray[Any], R: Array, gravity: float, n: int) -> Array:
     """Return the rotor speeds (k, rotors) that the allocation makes of the commanded wrench."""
     a = build_allocator(build_rotors(robot.rotors))
     model = build_body_model(robot, gravity)

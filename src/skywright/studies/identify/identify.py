@@ -14,7 +14,7 @@ from skywright.core.threads import on_one_thread
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.robots.spec import Robot
-from skywright.studies.identify.fit import CONFIDENCE, Estimate, Fit, fit_parameters
+from skywright.studies.identify.fit import CONFIDENCE, Estimate, Fit, compute_misfit, fit_parameters
 from skywright.studies.identify.flight_log import FlightLog, load_log
 from skywright.studies.identify.lag import Lag, fit_rotor_lag, fit_servos
 from skywright.studies.identify.signals import POSE, Columns, build_columns
@@ -156,8 +156,7 @@ def _build_all(logs: list[FlightLog], mass: float) -> tuple[Columns, float | Non
     best: tuple[float, float, Columns] | None = None
     for lag in LAGS:
         columns = _join([build_columns(log, lag) for log in logs])
-        fit = fit_parameters(columns, logs[0].robot, mass, logs[0].gravity)
-        misfit = float(np.sum(np.log(fit.noise)))
+        misfit = compute_misfit(columns, logs[0].robot, mass, logs[0].gravity)
         if best is None or misfit < best[0]:
             best = (misfit, lag, columns)
     assert best is not None

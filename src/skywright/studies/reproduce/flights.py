@@ -20,6 +20,7 @@ from skywright.missions.loader import Description, load_description
 from skywright.missions.planning import MissionPlan, plan_mission
 from skywright.missions.tables import build_retreat
 from skywright.sim.simulation import Snapshot
+from skywright.studies.identify.flight_log import IDENTIFY_FIELDS
 from skywright.studies.reproduce.cache import Record
 from skywright.studies.reproduce.spec import Case
 from skywright.vehicle.interface import Uav, WholeBody
@@ -97,6 +98,9 @@ def _fly_mission(case: Case, description: Description) -> Record:
         "depth_m": result.plan.depth_m,
     }
     arrays = {name: result.samples[name] for name in FIELDS}
+    if description.mission.kind == "excitation":  # kept whole enough to identify from
+        arrays |= {name: result.samples[name] for name in IDENTIFY_FIELDS}
+        info["mission"] = dump_description(description)
     arrays["watched"] = np.array(watcher.rows)
     return Record(info, arrays)
 

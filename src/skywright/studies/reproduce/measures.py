@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skywright.studies.reproduce import measures_arm, measures_locate, measures_scan
+from skywright.studies.reproduce import measures_arm, measures_f550, measures_locate, measures_scan
 from skywright.studies.reproduce.measured import Measured, Records
 
 MEASURES: dict[str, Callable[[Records], Measured]] = {
@@ -24,6 +24,11 @@ MEASURES: dict[str, Callable[[Records], Measured]] = {
     "reduced_displaced": measures_arm.measure_reduced_displaced,
     "stability_map": measures_arm.measure_stability_map,
     "spared_arm": measures_arm.measure_spared_arm,
+    "lateral_force": measures_f550.measure_lateral_force,
+    "hover_tilt": measures_f550.measure_hover_tilt,
+    "payload": measures_f550.measure_payload,
+    "mixer": measures_f550.measure_mixer,
+    "model": measures_f550.measure_model,
     "camera_alignment": measures_locate.measure_alignment,
     "station_outage": measures_locate.measure_outage,
     "station_rejoin": measures_locate.measure_rejoin,
