@@ -32,6 +32,9 @@ Record = Any
 
 JERK_MAX = 3.0
 """m/s^3, of a reference; a larger step is one between two tables."""
+SHIFT = 2  # place of the tip's shift (3,) m in mem.user
+TIP_SHARE = 0.5
+"""Bandwidth of the tip's shift over that of the position loop, which it moves the goal of."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -42,7 +45,7 @@ def step(b: Record) -> None:
     if ref.active < 0.5:
         rest(mem, cmd)
         for i in range(3):
-            mem.lead[i] = 0.0
+            mem.lead[i] = mem.user[SHIFT + i] = 0.0
         return
     f_W, R_des, acc = np.empty(3), np.empty((3, 3)), np.empty(3)
     force_for_motion(b, f_W)
@@ -63,7 +66,8 @@ def force_for_motion(b: Record, f_W: Any) -> None:
     forward[0], forward[1] = x / size, y / size
     left[0], left[1] = -forward[1], forward[0]
     e, v, a = np.empty(3), np.empty(3), np.empty(3)
-    into_axes(forward, left, ref.p_WB, est.p_WB, e)
+    shift_for_tip(b)
+    into_axes(forward, left, ref.p_WB + b.mem.user[SHIFT : SHIFT + 3], est.p_WB, e)
     into_axes(forward, left, ref.v_WB, est.v_WB, v)
     speed = 0.0
     for i in range(3):
@@ -85,6 +89,29 @@ def force_for_motion(b: Record, f_W: Any) -> None:
     size = min(1.0, par.f_integral_max / max(math.sqrt(size), 1e-9))
     for i in range(3):
         f_W[i] = body.mass * (f_W[i] + ref.a_WB[i]) - size * rest_W[i]
+
+
+@njit(cache=True, error_model="numpy")
+def shift_for_tip(b: Record) -> None:
+    """Where the tip shall be tracked, shift the platform by what the tip is off its place in B.
+
+    Wind turns a hanging link and leans the platform; slowly low-passed, the platform gives way so
+    that the tip stays. The tip lags z a / g behind an acceleration a as well: that of the reference
+    is left out, that of the loops closes one with the gain z w^2 / g, a tenth at the position
+    loop's w.
+    """
+    par, mem, ref, est, body = b.par, b.mem, b.ref, b.est, b.body
+    k = 1.0 - math.exp(-TIP_SHARE * par.k_position[2] * par.dt)
+    tip = np.zeros(3)
+    if ref.track_tip > 0.5:
+        mat_vec(est.R_WB, body.p_BT, tip)
+        below = (ref.p_WT[2] - ref.p_WB[2]) / body.gravity
+        for i in range(3):
+            tip[i] = ref.p_WT[i] - ref.p_WB[i] - tip[i]
+            if i < 2:
+                tip[i] += below * ref.a_WB[i]
+    for i in range(3):
+        mem.user[SHIFT + i] += k * (tip[i] - mem.user[SHIFT + i])
 
 
 @njit(cache=True, error_model="numpy")

@@ -17,6 +17,7 @@ from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan
 
 METRICS = {
+    "bar-transport": "skywright.evaluation.bar_transport:compute_transport_metrics",
     "bimanual-bench": "skywright.evaluation.bimanual_bench:compute_bench_metrics",
     "impact": "skywright.evaluation.impact:compute_impact_metrics",
     "scan": "skywright.evaluation.metrics:compute_scan_metrics",

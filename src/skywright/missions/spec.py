@@ -46,6 +46,7 @@ class Requirement(Spec):
 
 
 KINDS = {
+    "bar-transport": "skywright.missions.kinds.bar_transport",
     "impact": "skywright.missions.kinds.impact",
     "scan": "skywright.missions.kinds.scan",
     "waypoints": "skywright.missions.kinds.waypoints",
@@ -56,6 +57,7 @@ KINDS = {
 """Kind of mission -> its module; a new kind is one more module and one more line."""
 
 TASKS = {
+    "bar-transport": "skywright.missions.tasks.bar_transport:BarTransportMission",
     "bimanual-bench": "skywright.missions.tasks.bimanual_bench:BimanualBenchMission",
     "impact": "skywright.missions.tasks.impact:ImpactMission",
     "sensor-install": "skywright.missions.tasks.sensor_install:SensorInstallMission",

@@ -30,6 +30,7 @@ Ints = NDArray[np.int64]
 PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
+CYLINDER = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 
 FAR = 2.0
 """m; beyond this a distance is reported as this value."""
@@ -251,3 +252,18 @@ def describe_pair(query: ClearanceQuery, pair: int) -> str:
         return "nothing"
     a, b = query.core.pairs[pair]
     return f"{query.names[a]} and {query.names[b]}"
+
+
+def compute_area_clearance(query: ClearanceQuery, scene: Scene, limits: Array) -> float:
+    """Return the distance (m) of the robot to the planes `limits` (3, 2) m, at the last query.
+
+    Exact for spheres, capsules and cylinders, whose extent along an axis has a closed form.
+    """
+    geoms, c = scene.places.robot_geoms, query.core
+    z = c.geom_xmat[geoms].reshape(-1, 3, 3)[:, :, 2]
+    kind, size = c.geom_type[geoms], c.geom_size[geoms]
+    half = np.where((kind == SPHERE)[:, None], 0.0, np.abs(z) * size[:, 1:2])
+    flat = (kind == CYLINDER)[:, None]
+    half = half + size[:, :1] * np.where(flat, np.sqrt(np.maximum(1.0 - z * z, 0.0)), 1.0)
+    p = c.geom_xpos[geoms]
+    return float(min(np.min(p - half - limits[:, 0]), np.min(limits[:, 1] - p - half)))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import mat_mat, mat_vec, rot_about, rot_y
 from skywright.core.types import BODY, MAX_HANDS, MAX_JOINTS
+from skywright.models.bar import compute_bar_share
 from skywright.robots.docking import Docking
 from skywright.robots.limbs import Limb, end_of, list_joints, list_limbs, list_servos
 from skywright.robots.spec import Link, Probe, Robot
@@ -236,6 +237,9 @@ def _set_hands(m: Record, robot: Robot, limbs: list[Limb]) -> None:
         m["hand_rot"][side] = tip_rotation(link)
         if side != carried and hand.mass_kg > 0.0:
             _weld(m, i, [(hand.mass_kg, m["hand_offset"][side], hand_inertia(robot))])
+        if robot.arm.bar is not None:
+            mass, inertia = compute_bar_share(robot.arm.bar, robot.arm.separation_m)
+            _weld(m, i, [(mass, m["hand_offset"][side], inertia)])
 
 
 def hand_inertia(robot: Robot) -> Array:

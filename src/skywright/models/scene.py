@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from skywright.core.rotations import quat_from_rot
 from skywright.core.types import MAX_HANDS
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
+from skywright.models.bar_body import BAR, add_bar
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
 from skywright.models.pads import add_gauges, add_pads, has_pads
 from skywright.models.rigid_body import joint_names, posture
@@ -221,6 +222,8 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, dev: Deviation, plant: bool) -
         add_docking(base, gear, 0.7 * p.body_radius_m, kwargs, feet)
     if robot.arm is not None:
         add_arm(spec, base, robot, dev, plant)
+        if robot.arm.bar is not None:
+            add_bar(spec, robot, dev.mass_factor, plant)
 
 
 def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
@@ -238,6 +241,7 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
         "platform",
         *(limb.name for limb in list_limbs(robot)),
         *(["holder"] if robot.probe else []),
+        *([BAR] if robot.arm is not None and robot.arm.bar is not None else []),
     ]:
         _add_contact_sensor(spec, f"collision {body}", body, mujoco.mjtObj.mjOBJ_BODY)
     if robot.probe is not None:

@@ -12,6 +12,7 @@ import importlib
 from typing import Any
 
 KINDS = {
+    "bar-transport": "skywright.reports.figures.bar_transport",
     "bimanual-bench": "skywright.reports.figures.bimanual_bench",
     "impact": "skywright.reports.figures.impact",
     "scan": "skywright.reports.figures.inspection",

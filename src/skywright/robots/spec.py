@@ -15,6 +15,7 @@ from pydantic import Field, field_validator, model_validator
 
 from skywright.core.spec import Fraction, Name, NonNegative, Positive, Spec
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.robots.bar import Bar
 from skywright.robots.camera import Camera
 from skywright.robots.docking import Docking
 from skywright.robots.force_sensor import ForceSensor
@@ -179,7 +180,7 @@ class Hand(Spec):
 
 
 TAKEN = re.compile(
-    r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|(hand|rotor|object)\s?\d*"
+    r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|(hand|rotor|object)\s?\d*"
 )
 """Parts and joints that are there anyway: links have other names."""
 
@@ -205,6 +206,7 @@ class Arm(Spec):
     servos: dict[str, Servo]
     belt: list[list[float]] | None = None
     hand: Hand = Hand()
+    bar: Bar | None = None  # what both hands hold
 
     @model_validator(mode="before")
     @classmethod
@@ -249,6 +251,8 @@ class Arm(Spec):
                     f"{', '.join(before)}"
                 )
             before.append(name)
+        if self.bar is not None and (self.sides == 1 or self.hand.mass_kg == 0.0):
+            raise ValueError("a bar needs two hands: sides = 2 and hand.mass_kg above 0")
         if self.belt is not None:
             n = len(moving)
             if len(self.belt) != n or any(len(row) != n for row in self.belt):

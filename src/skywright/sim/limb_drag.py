@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import cross, mat_t_vec
 from skywright.models.rigid_body import MAX_LINKS, link_direction
+from skywright.robots.bar import Bar
 from skywright.robots.limbs import list_limbs
 from skywright.robots.spec import Robot
 
@@ -73,6 +74,17 @@ def fill_limbs(out: Any, robot: Robot, model: mujoco.MjModel, air_density: float
             out["point"][i, s] = (s + 0.5) * piece * way
         area = 2.0 * link.radius_m * piece
         out["coefficient"][i] = 0.5 * air_density * robot.arm.drag_coefficient * area
+    if robot.arm.bar is not None:
+        _add_bar(out, robot.arm.bar, 0.5 * air_density * robot.arm.drag_coefficient, model)
+
+
+def _add_bar(out: Any, bar: Bar, factor: float, model: mujoco.MjModel) -> None:
+    i, piece = int(out["n"]), bar.length_m / SEGMENTS
+    out["n"], out["body"][i] = i + 1, model.body("bar").id
+    out["along"][i] = [0.0, 1.0, 0.0]
+    for s in range(SEGMENTS):
+        out["point"][i, s] = [0.0, (s + 0.5) * piece - 0.5 * bar.length_m, 0.0]
+    out["coefficient"][i] = factor * bar.diameter_m * piece
 
 
 @njit(cache=True, error_model="numpy")

@@ -60,6 +60,23 @@ def equilibrium(p: PlanarLrm, shoulder: float, elbow: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def compute_period(p: PlanarLrm, shoulder: float, elbow: float, g: float) -> float:
+    """Period (s) of a small swing about the equilibrium while the platform is held."""
+    q, M, rhs, step = np.zeros(8), np.zeros((8, 8)), np.zeros((8, 24)), 1e-4
+    terms, none, torque = np.zeros(24), np.zeros(6), np.zeros(2)
+    q[4] = q[6] = shoulder
+    q[5] = q[7] = elbow
+    rest = equilibrium(p, shoulder, elbow)
+    fill_terms(np.zeros(8), none, g, terms)
+    for i in range(2):
+        q[3] = rest + (2 * i - 1) * step
+        fill_equations(p, q, M, rhs)
+        for j in range(24):
+            torque[i] += rhs[3, j] * terms[j]
+    return 2.0 * math.pi * math.sqrt(M[3, 3] * 2.0 * step / (torque[0] - torque[1]))
+
+
+@njit(cache=True, error_model="numpy")
 def compute_passive_rate(
     p: PlanarLrm, q: Array, u: Array, rates: Array, g: float, damping: float
 ) -> float:

@@ -4,12 +4,15 @@ Corners become parabolas where that keeps all margins (certified), else the moti
 Along the curve c(s) with c' and c'' known, the limits on speeds and accelerations bound the path
 speed and its change; one pass back and one pass forth over a grid of s give the fastest motion
 (time-optimal path parametrisation: Bobrow et al. 1985; the passes of Pham and Pham, T-RO 2018).
-Tilt and rotors bound the platform's acceleration. The swing of the passive joint is simulated
-along the motion, and time is stretched until it stays within its limit.
+Tilt and rotors bound the platform's acceleration. s(t) may then be averaged over a time: averaged
+over one period of the passive joint it leaves no swing behind (an input shaper: Singer and Seering
+1990, here a box instead of impulses), and the path stays what it is. The swing of the passive joint
+is simulated along the motion, and time is stretched until it stays within its limit.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -42,6 +45,7 @@ class TimeLimits(NamedTuple):
     mass: float = 1.0  # kg, of all
     gravity: float = 9.81  # m/s^2
     swing: float = math.radians(8.0)  # of the passive joint about its equilibrium
+    smooth: float = 0.0  # s, over which the motion along the path is averaged
 
 
 class Timed(NamedTuple):
@@ -257,48 +261,99 @@ def assign_times(
     x = _fastest(curve.s, curve.d, curve.dd, curve.stop, top, most)
     v = np.sqrt(x)
     at = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(curve.s) / (v[:-1] + v[1:]))])
+    stretches = int(curve.stop.sum()) - 1
+    least = float(at[-1]) + stretches * limits.smooth
     factor = 1.0
     if duration is not None:
-        if duration < at[-1] - 1e-9:
+        if duration < least - 1e-9:
             raise InfeasibleError(
-                f"the motion needs {at[-1]:.2f} s, {duration:g} s are given", "duration"
+                f"the motion needs {least:.2f} s, {duration:g} s are given", "duration"
             )
-        factor = duration / at[-1]
+        factor = (duration - stretches * limits.smooth) / at[-1]
     for _ in range(200):
-        timed = _sample(curve, x, at, factor)
-        if swing is None:
-            return timed
-        peak = swing(timed.t, timed.c, timed.cd, timed.cdd)
+        timed = _sample(curve, x, at, factor, limits.smooth)
+        # averaging brings speed into bends that the fastest motion takes slowly
+        over = limits.smooth > 0.0 and bool(np.any(np.abs(timed.cdd) > most * (1.0 + 1e-3)))
+        peak = 0.0 if swing is None or over else swing(timed.t, timed.c, timed.cd, timed.cdd)
         timed = timed._replace(swing=peak)
-        if peak <= limits.swing:
+        if not over and peak <= limits.swing:
             return timed
         if duration is not None:
-            raise InfeasibleError(
-                f"in {duration:g} s the passive joint swings by {math.degrees(peak):.1f} deg > "
-                f"{math.degrees(limits.swing):.1f} deg", "swing",
-            )  # fmt: skip
+            what = (
+                f"the accelerations exceed their limits in {duration:g} s"
+                if over
+                else f"in {duration:g} s the passive joint swings by {math.degrees(peak):.1f} deg "
+                f"> {math.degrees(limits.swing):.1f} deg"
+            )
+            raise InfeasibleError(what, "swing")
         factor *= STRETCH
     raise InfeasibleError("the passive joint swings too far at any speed", "swing")
 
 
-def _sample(curve: Curve, x: Array, at: Array, factor: float) -> Timed:
-    """Rows every `ROW` s of the motion with x = s'^2, all times stretched by `factor`."""
-    t = np.arange(0.0, factor * at[-1], ROW)
-    t = np.append(t[: max(len(t) - 1, 1)] if factor * at[-1] - t[-1] < 1e-9 else t, factor * at[-1])
-    i = np.clip(np.searchsorted(at, t / factor, side="right") - 1, 0, len(at) - 2)
-    since = t / factor - at[i]
-    step = np.diff(curve.s)[i]
-    change = (x[i + 1] - x[i]) / (2.0 * step)  # s''
-    v = np.sqrt(x[i])
-    along = np.clip(v * since + 0.5 * change * since**2, 0.0, step)
-    rate = v + change * since
-    bend = curve.dd[i]
-    d = curve.d[i] + 0.0
+class _Stretch(NamedTuple):
+    """s(t) between two stops: knots with s, s', s'' and the integral of s; t from 0."""
+
+    t: Array  # (k,) s
+    s: Array
+    v: Array
+    a: Array  # (k - 1,)
+    area: Array  # (k,)
+
+    def find(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Return s, s', s'' and the integral of s at times t (n,), at rest outside."""
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1)
+        end = self.t[-1]
+        h = np.clip(t, 0.0, end) - self.t[i]
+        inside = (t > 0.0) & (t < end)
+        s = self.s[i] + h * (self.v[i] + 0.5 * h * self.a[i])
+        area = self.area[i] + h * (self.s[i] + h * (self.v[i] / 2 + h * self.a[i] / 6))
+        area += np.minimum(t, 0.0) * self.s[0] + np.maximum(t - end, 0.0) * self.s[-1]
+        v = np.where(inside, self.v[i] + h * self.a[i], 0.0)
+        return s, v, np.where(inside, self.a[i], 0.0), area
+
+
+def _build_stretch(s: Array, x: Array, at: Array, factor: float) -> _Stretch:
+    t, v = factor * (at - at[0]), np.sqrt(x) / factor
+    a = (x[1:] - x[:-1]) / (2.0 * np.diff(s)) / factor**2
+    h = np.diff(t)
+    area = np.cumsum(h * (s[:-1] + h * (v[:-1] / 2 + h * a / 6)))
+    return _Stretch(t, s, v, a, np.concatenate([[0.0], area]))
+
+
+def _sample(curve: Curve, x: Array, at: Array, factor: float, smooth: float) -> Timed:
+    """Rows every `ROW` s of the motion with x = s'^2, stretched by `factor`, then averaged."""
+    stops = np.flatnonzero(curve.stop)
+    stretches = [
+        _build_stretch(curve.s[i : j + 1], x[i : j + 1], at[i : j + 1], factor)
+        for i, j in itertools.pairwise(stops)
+    ]
+    start = np.concatenate([[0.0], np.cumsum([w.t[-1] + smooth for w in stretches])])
+    total = float(start[-1])
+    t = np.arange(0.0, total, ROW)
+    t = np.append(t[: max(len(t) - 1, 1)] if total - t[-1] < 1e-9 else t, total)
+    part = np.clip(np.searchsorted(start, t, side="right") - 1, 0, len(stretches) - 1)
+    s, v, a = np.empty(len(t)), np.empty(len(t)), np.empty(len(t))
+    piece = np.empty(len(t), dtype=np.int64)
+    for k, way in enumerate(stretches):
+        mine = part == k
+        since = t[mine] - start[k]
+        now = way.find(since)
+        if smooth > 0.0:
+            before = way.find(since - smooth)
+            s[mine] = (now[3] - before[3]) / smooth
+            v[mine], a[mine] = (now[0] - before[0]) / smooth, (now[1] - before[1]) / smooth
+        else:
+            s[mine], v[mine], a[mine] = now[:3]
+        first, last = int(stops[k]), int(stops[k + 1])
+        i = np.searchsorted(curve.s, s[mine], side="right") - 1
+        piece[mine] = np.clip(i, first, last - 1)
+    along = np.clip(s - curve.s[piece], 0.0, np.diff(curve.s)[piece])[:, None]
+    d, bend = curve.d[piece], curve.dd[piece]
     # after a stop the direction at the grid point is that of the interval behind it
-    c = curve.c[i] + along[:, None] * d + 0.5 * along[:, None] ** 2 * bend
-    slope = d + along[:, None] * bend
-    cd = slope * rate[:, None] / factor
-    cdd = (slope * change[:, None] + bend * rate[:, None] ** 2) / factor**2
+    c = curve.c[piece] + along * d + 0.5 * along**2 * bend
+    slope = d + along * bend
+    cd = slope * v[:, None]
+    cdd = slope * a[:, None] + bend * v[:, None] ** 2
     cd[0] = cd[-1] = 0.0
     c[-1] = curve.c[-1]
     return Timed(t, c, cd, cdd, 0.0)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from skywright.core.streams import build_stream
 from skywright.errors import InfeasibleError, InputError
 from skywright.models.planar import build_planar_lrm
+from skywright.models.planar_lrm import PlanarLrm
 from skywright.models.scene import build_scene
 from skywright.planning.motion.bound import choose_slices, compute_lower_bound
 from skywright.planning.motion.passages import list_passages
@@ -26,7 +27,7 @@ from skywright.planning.motion.space import (
     build_scratch,
     compute_pose,
 )
-from skywright.planning.motion.swing import add_bar, build_swing
+from skywright.planning.motion.swing import add_bar, build_swing, compute_period
 from skywright.planning.motion.timing import Timed, TimeLimits, assign_times
 from skywright.planning.motion.transport import TransportProblem
 from skywright.robots.spec import Robot
@@ -46,8 +47,19 @@ class TransportPlan(NamedTuple):
     lower_bound: float
 
 
+def build_swing_model(robot: Robot, problem: TransportProblem) -> PlanarLrm:
+    """Return the planar model with the bar in its hands."""
+    model = build_planar_lrm(build_scene(robot, problem.world), robot)
+    t = problem.transport
+    return add_bar(model, t.bar_mass if t.bar_length > 0 else 0.0)
+
+
 def build_time_limits(robot: Robot, problem: TransportProblem) -> TimeLimits:
-    """Return the limits that a robot file sets, with the load on board."""
+    """Return the limits that a robot file sets, with the load on board.
+
+    The motion is averaged over the period of the passive joint at the start, so that no swing is
+    left of it.
+    """
     c, rotors = robot.control, robot.rotors
     space = problem.space[0]
     mass = float(np.sum(space["mass"][: int(space["nb"])]))
@@ -57,6 +69,10 @@ def build_time_limits(robot: Robot, problem: TransportProblem) -> TimeLimits:
         speed=c.speed_max_mps, acceleration=c.acceleration_max_mps2,
         tilt=math.radians(c.tilt_max_deg), thrust=thrust, mass=mass,
         gravity=problem.world.gravity_mps2,
+        smooth=compute_period(
+            build_swing_model(robot, problem), float(problem.start[2]), float(problem.start[3]),
+            problem.world.gravity_mps2,
+        ),
     )  # fmt: skip
 
 
@@ -66,31 +82,37 @@ def plan_transport(
     seed: int = 1,
     time_s: float = 1.0,
     duration: float | None = None,
+    *,
+    slices: int | None = None,
+    limits: TimeLimits | None = None,
 ) -> TransportPlan:
-    """Plan and time a transport.
+    """Plan and time a transport within `limits` (default: `build_time_limits`).
+
+    `slices` ends the search by work instead of by `time_s`: the same plan on every machine.
 
     Raises InputError when an end is blocked, InfeasibleError when no path is found within
     `time_s`; its message names the narrowest passage.
     """
     path = plan_path(
-        problem.space, problem.start, problem.goal, build_stream(seed, "planner"), time_s
-    )
+        problem.space, problem.start, problem.goal, build_stream(seed, "planner"), time_s,
+        slices=slices,
+    )  # fmt: skip
     if path.blocked >= 0:
         raise InputError(f"{_name_end(problem)}: {describe_pair(problem, path.blocked)}")
     if not len(path.rows):
         raise InfeasibleError(
-            f"no path within {time_s:g} s; {describe_narrowest(problem, path)}", "passage"
+            f"no path within {path.plan_s:.3g} s; {describe_narrowest(problem, path)}", "passage"
         )
-    model = build_planar_lrm(build_scene(robot, problem.world), robot)
     pendulum = robot.pendulum
     assert pendulum is not None
     swing = build_swing(
-        add_bar(model, problem.transport.bar_mass if problem.transport.bar_length > 0 else 0.0),
-        problem.world.gravity_mps2, pendulum.damping_nms_per_rad,
+        build_swing_model(robot, problem), problem.world.gravity_mps2,
+        pendulum.damping_nms_per_rad,
     )  # fmt: skip
     timed = assign_times(
-        problem.space, path.rows, build_time_limits(robot, problem), duration=duration, swing=swing
-    )
+        problem.space, path.rows, limits or build_time_limits(robot, problem), duration=duration,
+        swing=swing,
+    )  # fmt: skip
     scratch = build_scratch(problem.space)
     reserve, _ = sample_reserve(problem.space, scratch, timed.c, RESOLUTION)
     bound = compute_lower_bound(

@@ -1,0 +1,28 @@
+"""Mass and inertia of a bar in both hands, and the half that each hand carries."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.robots.bar import Bar
+
+Array = NDArray[np.float64]
+
+
+def compute_bar_inertia(bar: Bar) -> Array:
+    """Return the inertia (3, 3) kg m^2 about the middle: a cylinder along y."""
+    across = bar.mass_kg * (bar.length_m**2 / 12 + bar.diameter_m**2 / 16)
+    return np.diag([across, bar.mass_kg * bar.diameter_m**2 / 8, across])
+
+
+def compute_bar_share(bar: Bar, separation: float) -> tuple[float, Array]:
+    """Return mass (kg) and inertia (3, 3) about the hand of the half that a hand carries.
+
+    The two halves at hands `separation` (m) apart have the bar's mass and inertia while both arms
+    have the same angles.
+    """
+    half = 0.5 * bar.mass_kg
+    lever = 0.5 * separation
+    own = 0.5 * compute_bar_inertia(bar) - half * lever**2 * np.diag([1.0, 0.0, 1.0])
+    return half, own

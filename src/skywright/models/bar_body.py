@@ -1,0 +1,44 @@
+"""A bar in both hands: its body in the scene.
+
+Both grippers are closed around it. The scene fixes the bar to the left hand. In the plant the right
+hand holds it by a soft point constraint (GRIP): lined fingers that give way by some millimetres
+when the two arms do not move quite alike, as they never do. A gripper that slips is not modelled.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from skywright.models.arm_body import ROBOT, WORLD
+from skywright.models.bar import compute_bar_inertia
+from skywright.robots.spec import Robot
+
+BAR = "bar"
+GRIP = [0.02, 1.0]
+"""s and damping ratio of the right hand's grip: about 500 N/m against an arm's end of 0.2 kg."""
+
+
+def add_bar(spec: mujoco.MjSpec, robot: Robot, mass_factor: float, plant: bool) -> None:
+    """Put the robot's bar into its hands."""
+    assert robot.arm is not None and robot.arm.bar is not None
+    bar, y = robot.arm.bar, 0.5 * robot.arm.separation_m
+    body = spec.body("hand0").add_body(name=BAR, pos=[0.0, -y, 0.0])
+    body.mass = bar.mass_kg * mass_factor
+    body.ipos = np.zeros(3)
+    body.inertia = np.diag(compute_bar_inertia(bar)) * mass_factor
+    body.explicitinertial = True
+    half = 0.5 * bar.length_m - 0.5 * bar.diameter_m
+    body.add_geom(
+        name=BAR, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.5 * bar.diameter_m, 0, 0],
+        fromto=[0, -half, 0, 0, half, 0], rgba=[0.2, 0.55, 0.35, 1],
+        contype=ROBOT, conaffinity=WORLD, mass=0.0,
+    )  # fmt: skip
+    if not plant:
+        return
+    grip = spec.add_equality(
+        name="grip", type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=BAR, name2="hand1",
+    )  # fmt: skip
+    grip.solref = GRIP
+    grip.data = np.array([0.0, -y, 0.0, *np.zeros(9)])
