@@ -22,12 +22,16 @@ Record = Any
 
 @njit(cache=True, error_model="numpy")
 def compliance_along(b: Record, h: int, n_W: Any, out: Any) -> None:
-    """Fill out (3,) m/N with C n: how the hand yields, in W, to one newton along n_W."""
+    """Fill out (3,) m with C n_W: how the hand yields, in W, to a force n_W (3,) N.
+
+    Of the joints whose deflection is measured: what is not felt is not controlled. A hand that
+    yields sideways to the noise of a force that only pitch joints feel would wander off.
+    """
     arms = b.arms
     n_B, c_B = np.empty(3), np.zeros(3)
     mat_t_vec(b.est.R_WB, n_W, n_B)
     for j in range(arms.first[h], arms.first[h] + arms.n):
-        if arms.k[j] == 0.0:
+        if arms.k[j] == 0.0 or arms.sensed[j] == 0.0:
             continue
         k = spring_stiffness(arms.k[j], arms.linear[j], arms.hardening[j], arms.deflection[j])
         turn = 0.0
@@ -39,23 +43,46 @@ def compliance_along(b: Record, h: int, n_W: Any, out: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def step_force(b: Record, h: int, f_ref: Any, dr: Any) -> None:
-    """Fill dr (3,) m: w T C n (f_ref - n.f), n the direction of f_ref, within speed_hand.
-
-    Across n nothing is asked: the step along C n leaves the force across as it is.
-    """
-    arms, n = b.arms, np.empty(3)
-    size = norm(f_ref)
-    for a in range(3):
-        n[a] = f_ref[a] / size if size > 0.0 else 0.0
-    compliance_along(b, h, n, dr)
-    gain = arms.ki_force * arms.dt * (size - dot(n, arms.f_WH[h]))
-    length = abs(gain) * norm(dr)
+def _yield_to(b: Record, h: int, error: Any, dr: Any) -> None:
+    """Fill dr (3,) m with w T C error, within speed_hand."""
+    arms = b.arms
+    compliance_along(b, h, error, dr)
+    gain = arms.ki_force * arms.dt
+    length = gain * norm(dr)
     most = arms.speed_hand * arms.dt
     if length > most:
         gain *= most / length
     for a in range(3):
         dr[a] *= gain
+
+
+@njit(cache=True, error_model="numpy")
+def step_force_along(b: Record, h: int, f_ref: Any, dr: Any) -> None:
+    """Fill dr (3,) m: w T C n (|f_ref| - n.f), n the direction of f_ref; f across n stays."""
+    error = np.empty(3)
+    size = norm(f_ref)
+    miss = size - dot(f_ref, b.arms.f_WH[h]) / size if size > 0.0 else 0.0
+    for a in range(3):
+        error[a] = miss * f_ref[a] / size if size > 0.0 else 0.0
+    _yield_to(b, h, error, dr)
+
+
+@njit(cache=True, error_model="numpy")
+def step_force(b: Record, h: int, f_ref: Any, dr: Any) -> None:
+    """Fill dr (3,) m: w T C (f_ref - f), within speed_hand.
+
+    The force across f_ref is led to zero as well. Left alone, it would be an integral without an
+    end: the step for a force along n moves the hand's reference across n too, and an arm at the end
+    of a swinging link then walks away until the hand slips. The printed estimator reads the arm's
+    weight across f_ref: with it only the force along f_ref can be led.
+    """
+    if b.arms.estimator < 0.5:
+        step_force_along(b, h, f_ref, dr)
+        return
+    error = np.empty(3)
+    for a in range(3):
+        error[a] = f_ref[a] - b.arms.f_WH[h, a]
+    _yield_to(b, h, error, dr)
 
 
 @njit(cache=True, error_model="numpy")
@@ -78,7 +105,7 @@ def step_force_position(b: Record, h: int, f_ref: Any, dr: Any) -> None:
     """Fill dr (3,) m with (31): gamma dr_F + (1 - gamma) dr_P."""
     dr_P = np.empty(3)
     gamma = min(max(b.ref.gamma[h], 0.0), 1.0)
-    step_force(b, h, f_ref, dr)
+    step_force_along(b, h, f_ref, dr)
     step_hold_position(b, h, dr_P)
     for a in range(3):
         dr[a] = gamma * dr[a] + (1.0 - gamma) * dr_P[a]

@@ -24,7 +24,7 @@ Record = Any
 
 SINGULAR = 1e-3
 """m, lever below which a direction of force is taken as unobservable."""
-TARE_TIME = 0.2
+TARE_TIME = 0.5
 """s, over which the forces that are called zero are averaged."""
 
 

@@ -15,15 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
-from skywright.core.types import TASK_FORCE, TASK_JOINTS, TASK_POSITION
+from skywright.core.types import BODY, MAX_JOINTS, TASK_FORCE, TASK_POSITION, WRENCH
 from skywright.errors import InputError
 from skywright.missions.flight import Flight
 from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan, find_hover
 from skywright.missions.tasks.sensor_install import SensorInstall, SensorInstallMission
 from skywright.models.compliant_arms import find_hands, find_swing, is_compliant
+from skywright.models.floating import fill_floating
 from skywright.models.geometry import ClearanceQuery, build_clearance, compute_clearance
-from skywright.models.rigid_body import build_body_model, posture
+from skywright.models.rigid_body import (
+    KINEMATICS,
+    build_body_model,
+    fill_body,
+    fill_kinematics,
+    posture,
+)
 from skywright.models.scene import build_scene
 from skywright.robots.limbs import list_joints
 from skywright.robots.spec import Robot
@@ -44,8 +51,10 @@ STEP = 0.05  # m, between clearance checks
 CONTACT_N = 0.3  # N, estimated force at which the hand counts as touching
 SEARCH = 0.1  # m, how far beyond the expected surface the hand looks for it
 RAMP_S, SETTLE_S = 2.0, 4.0  # until the force is judged
-SWING_FORCE = 8.0  # N, most that the push on the link uses
-SWING_WAIT = 6.0  # s, watched after the link was let go
+SWING_FORCE = 6.0  # N, of the push on the link
+SWING_WAIT = 6.0  # s, watched from the link's turning back
+CALM = 0.3  # of the limits of speed and acceleration, near the pipe
+TARE_S = 3.0  # s, over which the force in free air is called zero
 PARK_S = 3.0  # s, of hovering before something is measured
 LOST_S = 1.0  # s without contact before pressing is given up
 STRETCHED_DEG = (-80.0, 0.0, 0.0, -10.0)  # shoulder pitch, roll, yaw, elbow: near the singularity
@@ -64,6 +73,7 @@ class InstallPlan(NamedTuple):
     p_near: Array  # hand at the stand-off
     p_good: Array  # at the contact with the arm in the L pose
     home: Array  # (3,) m, hover
+    swing_rad_s: float  # frequency of the link under a platform at rest, 0 without one
 
 
 def plan(d: Description) -> MissionPlan:
@@ -103,6 +113,7 @@ def plan(d: Description) -> MissionPlan:
         p_near=place(contact - task.stand_off_m * up, q),
         p_good=place(contact, q_good),
         home=hover[:3],
+        swing_rad_s=compute_swing_frequency(model, q, world.gravity_mps2),
     )  # fmt: skip
     query = build_clearance(build_scene(robot, world), with_ground=True)
     legs = list_legs(found, posture(robot, "folded"))
@@ -131,6 +142,19 @@ def list_legs(way: InstallPlan, folded: Array) -> list[tuple[str, Array, Array, 
         ("navigate", way.p_far, way.p_below, way.q, MARGIN),
         ("approach", way.p_below, way.p_near, way.q, NEAR_MARGIN),
     ]
+
+
+def compute_swing_frequency(model: Table, q: Array, gravity: float) -> float:
+    """Return the frequency (rad/s) of the passive first joint with the platform at rest, or 0."""
+    if len(q) == 0 or model[0]["motor_speed_max"][0] > 0.0:
+        return 0.0
+    full, k, body = np.zeros(MAX_JOINTS), np.zeros(1, KINEMATICS), np.zeros(1, BODY)
+    w = np.zeros(1, WRENCH)
+    full[: len(q)] = q
+    fill_kinematics(model[0], full, k[0])
+    fill_body(model[0], k[0], body[0])
+    fill_floating(model[0], k[0], body[0], w[0])
+    return math.sqrt(gravity * float(np.linalg.norm(w[0]["L_s"])) / float(w[0]["M_ss"]))
 
 
 def build_pose(robot: Robot, pose: str, radius: float) -> Array:
@@ -179,22 +203,26 @@ def fly(s: Supervisor) -> Flight:
     s.arms.move_to(way.q)
     s.until_arrived()
     s.begin("navigate")
-    for p in (way.p_far, way.p_below):
-        s.uav.go_to(p, way.yaw)
-        s.until_arrived()
+    s.uav.go_to(way.p_far, way.yaw)
+    s.until_arrived()
     s.wait(PARK_S)
-    hands = s.vehicle.hands
-    target = way.contact - task.approach_below_m * way.normal
+    if task.swing_deg > 0.0 and s.vehicle.hands["swing"] >= 0:
+        _check_swing(s, math.radians(task.swing_deg), way)
+        s.begin("navigate on")
+    s.body.track(_slide_platform(s, way.p_below, CALM))
+    s.until_arrived()
+    s.wait(PARK_S)
+    low = way.contact - task.approach_below_m * way.normal
     if task.hover_s > 0.0:
         s.begin("hover check")
-        s.body.track(_hold_hand(s, target, task))
+        s.body.track(_hold_hand(s, low, task))
         s.wait(task.hover_s)
-    if task.swing_deg > 0.0 and hands["swing"] >= 0:
-        _check_swing(s, math.radians(task.swing_deg), way)
     s.begin("approach")
-    s.body.track(_hold_hand(s, way.contact - task.approach_below_m * way.normal, task))
+    s.body.track(_hold_hand(s, low, task))
     _move_with_hand(s, way.p_near, way.contact - task.stand_off_m * way.normal)
     s.wait(PARK_S)
+    s.arms.tare()
+    s.wait(TARE_S)
     touched = _touch(s, task, way)
     held = touched and _press(s, task, way)
     s.begin("retract")
@@ -204,9 +232,10 @@ def fly(s: Supervisor) -> Flight:
     s.arms.move_to(way.q)
     s.until_arrived()
     s.begin("return")
-    for p in (way.p_far, way.home):
-        s.uav.go_to(p, way.yaw)
-        s.until_arrived()
+    s.body.track(_slide_platform(s, way.p_far, CALM))
+    s.until_arrived()
+    s.uav.go_to(way.home, way.yaw)
+    s.until_arrived()
     if not touched:
         return Flight(False, "the hand found no surface")
     return Flight(held, "" if held else "contact was lost while pressing")
@@ -215,7 +244,7 @@ def fly(s: Supervisor) -> Flight:
 def _row(s: Supervisor) -> Any:
     """A copy of the reference at rest."""
     row = np.array(s.vehicle.reference)
-    row["t"] = 0.0
+    row["t"] = row["tare"] = 0.0
     for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "v_WH"):
         row[field] = 0.0
     return row
@@ -231,44 +260,34 @@ def _hold_hand(s: Supervisor, p: Array, task: SensorInstall) -> Table:
 
 def _move_with_hand(s: Supervisor, p: Array, hand: Array) -> None:
     """Move platform to p and the left hand to `hand` (3,) m at the same time, rest to rest."""
-    start = _row(s)
-    limits = s.vehicle.limits
-    distance = float(np.linalg.norm(p - start["p_WB"]))
-    total = max(duration(distance, 0.3 * limits.speed, 0.5 * limits.acceleration), 1.0)
-    n = max(math.ceil(total / ROW_PERIOD), 1)
-    u = np.linspace(0.0, 1.0, n + 1)
-    shape, ds, dds = quintic(u)
-    table = np.repeat(start[None], n + 1)
-    total = n * ROW_PERIOD
-    table["t"] = u * total
-    delta = p - start["p_WB"]
-    table["p_WB"] += shape[:, None] * delta
-    table["v_WB"] = ds[:, None] * delta / total
-    table["a_WB"] = dds[:, None] * delta / total**2
-    first = start["p_WH"][0].copy()
+    table = _slide_platform(s, p, CALM)
+    first = table["p_WH"][0, 0].copy()
+    shape, _, _ = quintic(table["t"] / table["t"][-1])
     table["p_WH"][:, 0] = first + shape[:, None] * (hand - first)
     s.body.track(table)
     s.until_arrived()
 
 
 def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> None:
-    """Pull the link aside, let it go and watch; a helper's hand on the ground would do the same."""
-    s.begin("pull the link")
-    row = _row(s)
-    row["task"][:] = TASK_JOINTS
-    row["q"][: len(way.q)] = way.q
-    s.body.track(row[None])
+    """Push the link until it will turn back at `angle` (rad); watch from there.
+
+    A push of tenths of a second: a slow pull would show how the platform comes back from having
+    leant against it, not how a swing dies out. Of a pendulum, (q - rest)^2 + (q' / w)^2 is the
+    square of the angle at which it will turn back.
+    """
+    s.begin("push the link")
     swing = int(s.vehicle.hands["swing"])
-    rest, force = float(s.vehicle.estimate["q"][swing]), 0.0
-    back = -rot_z(way.yaw)[:, 0]
-    started = s.vehicle.t
-    while abs(float(s.vehicle.estimate["q"][swing]) - rest) < angle:
-        force = min(force + 0.05, SWING_FORCE)
-        s.vehicle.push("pendulum", force * back)
+    rest, started = float(s.vehicle.estimate["q"][swing]), s.vehicle.t
+    s.vehicle.push("pendulum", -SWING_FORCE * rot_z(way.yaw)[:, 0])
+    away, rate = 0.0, 0.0
+    while math.hypot(away, rate / way.swing_rad_s) < angle and s.vehicle.t < started + SWING_WAIT:
         s.tick()
-        if s.vehicle.t - started > 20.0:
-            break
+        away = float(s.vehicle.estimate["q"][swing]) - rest
+        rate = float(s.vehicle.estimate["qd"][swing])
     s.vehicle.push("pendulum", np.zeros(3))
+    while rate * away > 0.0 and s.vehicle.t < started + SWING_WAIT:
+        s.tick()
+        rate = float(s.vehicle.estimate["qd"][swing])
     s.begin("swing check")
     s.wait(SWING_WAIT)
 
@@ -305,18 +324,19 @@ def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
         return False
     if task.leave_singularity and task.pose == "stretched":
         s.begin("leave singularity")
-        s.body.track(_slide_platform(s, way.p_good))
+        s.body.track(_slide_platform(s, way.p_good, CALM))
         if not _keep(s, float(np.linalg.norm(way.p_good - _row(s)["p_WB"])) / 0.05 + SETTLE_S, way):
             return False
     s.begin("force")
     return _keep(s, task.hold_s, way)
 
 
-def _slide_platform(s: Supervisor, p: Array) -> Table:
-    """Move the platform slowly to p (3,) m; the hands keep their task."""
+def _slide_platform(s: Supervisor, p: Array, share: float) -> Table:
+    """Move the platform to p (3,) m with a share of its limits; the hands keep their task."""
     start = _row(s)
     delta = p - start["p_WB"]
-    total = max(1.875 * float(np.linalg.norm(delta)) / 0.05, 1.0)
+    limits, distance = s.vehicle.limits, float(np.linalg.norm(delta))
+    total = max(duration(distance, share * limits.speed, share * limits.acceleration), 1.0)
     u = np.linspace(0.0, 1.0, max(math.ceil(total / ROW_PERIOD), 1) + 1)
     shape, ds, dds = quintic(u)
     table = np.repeat(start[None], len(u))
