@@ -238,8 +238,14 @@ def is_state_free(space: Record, c: Array, k: Record) -> bool:
     """Whether all margins hold at coordinates c; `k.blocked` names the pair otherwise."""
     k.d[:] = 0.0
     place_shapes(space, c, k.d, k)
-    k.omega[:] = 0.0
-    k.acc[:] = 0.0
+    return is_placed_free(space, k)
+
+
+@njit(cache=True, error_model="numpy")
+def is_placed_free(space: Record, k: Record) -> bool:
+    """Whether all margins hold as the shapes are placed; `k.blocked` names the pair otherwise."""
+    for a in range(space.ns):
+        k.omega[a] = k.acc[a] = 0.0
     for i in range(space.n_pairs):
         if _check_pair(space, k, i, 0.0) < 0:
             k.blocked = i

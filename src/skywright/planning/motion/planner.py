@@ -20,6 +20,7 @@ from skywright.planning.motion.edges import is_state_free, state_clearance
 from skywright.planning.motion.improve import MAX_ROWS, drop_corners, improve, remove_doubles
 from skywright.planning.motion.rng import State, build_state, uniform
 from skywright.planning.motion.space import Record, Scratch, Space, build_scratch
+from skywright.planning.motion.through import compute_places, pass_through
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,7 +46,7 @@ class Path(NamedTuple):
 def _slice(
     spaces: Space, scratch: Scratch, start: Array, goal: Array, state: State, trees: Array,
     parents: Ints, counts: Ints, pool: Array, sizes: Ints, costs: Array, scales: Array,
-    work: Array, hits: Ints, tries: int,
+    work: Array, hits: Ints, tries: int, places: Array, done: int,
 ) -> None:  # fmt: skip
     """One slice of work: go on searching, or improve a path of the pool. The best is number 0."""
     space, k = spaces[0], scratch[0]
@@ -56,9 +57,13 @@ def _slice(
         filled += 1
     # half the slices look for other ways through; until the first path, all
     if filled == 0 or uniform(state) < 0.2:
-        found = connect(
-            space, start, goal, state, trees, parents, counts, tries, pool[fresh], k, hits
-        )
+        # from place to place, or with trees that need no places
+        if places.shape[0] > 0 and (done == 0 or uniform(state) < 0.5):
+            found = pass_through(space, start, goal, places, state, tries, pool[fresh], k, hits)
+        else:
+            found = connect(
+                space, start, goal, state, trees, parents, counts, tries, pool[fresh], k, hits
+            )
         if found == 0:
             return
         found = drop_corners(space, pool[fresh], remove_doubles(space, pool[fresh], found), k)
@@ -143,12 +148,13 @@ def plan_path(
     sizes = np.zeros(POOL + 1, dtype=np.int64)
     costs, scales = np.full(POOL + 1, np.inf), np.full(POOL + 1, 0.1)
     work = np.zeros((MAX_ROWS + 4, n))
+    places = compute_places(space, start, goal)
     history: list[tuple[float, float]] = []
     done, now = 0, 0.0
     while True:
         _slice(
             space, scratch, start, goal, state, trees, parents, counts, pool, sizes, costs,
-            scales, work, hits, 50,
+            scales, work, hits, 50, places, done,
         )  # fmt: skip
         done += 1
         now = clock() - began

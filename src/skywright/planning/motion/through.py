@@ -1,0 +1,230 @@
+"""A first path through narrow places, one place after the other along the way.
+
+Trees that grow from start and goal meet narrow places by chance, and most of their edges end at an
+obstacle. The scene says where those places are: obstacles that stand in line along the first
+coordinate, none further from the next than the platform is long, make one place. What helps there
+is a posture that passes the whole place as it is, so this is what is looked for: a free state
+inside, from which the robot can move straight out on both sides. Such passes are then linked, from
+start to goal, by short motions in the open.
+
+This is the idea of growing local trees where sampling is hard (Strandberg, ICRA 2004) and of local
+planners that turn first and move after (rotate-at-s: Amato et al., WAFR 1998). It is not complete:
+a place that no single posture passes is left to the trees (`connect`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.models.kinematic_tree import BOX
+from skywright.planning.motion.edges import is_edge_free, is_placed_free, place_shapes
+from skywright.planning.motion.rng import State, pick, uniform
+from skywright.planning.motion.space import X, Z, Record, Space
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+DRAWS = 60
+"""States that are tried at one spot of a place."""
+PER_POSTURE = 4
+"""Of them, platform positions that share one posture: only the posture's kinematics are costly."""
+PASSES = 24
+"""Ways through one place that are kept."""
+MAX_PLACES = 24
+AGAIN = 0.2
+"""Share of the draws that look for another way through a place that was reached."""
+
+
+def compute_places(space: Space, start: Array, goal: Array) -> Array:
+    """Return (k, 2) m, where obstacles stand between start and goal along the first coordinate.
+
+    In the order from start to goal; none where that coordinate is not the platform's x.
+    """
+    r = space[0]
+    if float(r["map"][X, 0]) == 0.0 or start[0] == goal[0]:
+        return np.zeros((0, 2))
+    count = int(r["nw"])
+    reach = r["w_radius"][:count] + np.einsum(
+        "ij,ij->i", np.abs(r["w_rot"][:count, X]), r["w_half"][:count]
+    )
+    ends = np.stack([r["w_p0"][:count, X], r["w_p1"][:count, X]])
+    low, high = ends.min(axis=0) - reach, ends.max(axis=0) + reach
+    first, last = sorted((float(start[0]), float(goal[0])))
+    length = 2.0 * float(r["s_half"][0, X])
+    places: list[list[float]] = []
+    for i in np.argsort(low):
+        if high[i] <= first or low[i] >= last:
+            continue
+        if places and low[i] - places[-1][1] < length:
+            places[-1][1] = max(places[-1][1], float(high[i]))
+        else:
+            places.append([float(low[i]), float(high[i])])
+    if len(places) > MAX_PLACES:
+        return np.zeros((0, 2))
+    return np.array(places if goal[0] > start[0] else places[::-1]).reshape(-1, 2)
+
+
+@njit(cache=True, error_model="numpy")
+def _draw_inside(
+    space: Record, state: State, low: float, high: float, out: Array, k: Record
+) -> bool:
+    """Draw a free state with its first coordinate in [low, high]; its shapes stay placed."""
+    out[0] = low + uniform(state) * (high - low)
+    for i in range(space.n):
+        k.d[i] = 0.0
+    for draw in range(DRAWS):
+        if draw % PER_POSTURE == 0:
+            for i in range(1, space.n):
+                out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
+            place_shapes(space, out, k.d, k)
+        else:
+            for i in range(1, space.n_move):
+                to = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
+                _translate(space, i, to - out[i], k)
+                out[i] = to
+        if is_placed_free(space, k):
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _translate(space: Record, i: int, by: float, k: Record) -> None:
+    """Move all shapes along with coordinate i, a translation of the platform."""
+    for axis in range(X, Z + 1):
+        step = space.map[axis, i] * by
+        if step != 0.0:
+            for s in range(space.ns):
+                k.p0[s, axis] += step
+                k.p1[s, axis] += step
+                k.mid[s, axis] += step
+
+
+@njit(cache=True, error_model="numpy")
+def _extent(space: Record, x: float, k: Record) -> tuple[float, float]:
+    """How far (m) the placed robot reaches behind and ahead of x."""
+    behind = ahead = 0.0
+    for s in range(space.ns):
+        r = space.s_radius[s]
+        if space.s_kind[s] == BOX:
+            for i in range(3):
+                r += abs(k.box[s, X, i]) * space.s_half[s, i]
+        behind = max(behind, x - min(k.p0[s, X], k.p1[s, X]) + r)
+        ahead = max(ahead, max(k.p0[s, X], k.p1[s, X]) - x + r)
+    return behind, ahead
+
+
+@njit(cache=True, error_model="numpy")
+def _link(space: Record, a: Array, b: Array, via: Array, k: Record, hits: Ints) -> int:
+    """Join a and b: 1 straight, 2 over `via`, angles first or platform first, 0 not."""
+    if is_edge_free(space, a, b, k):
+        return 1
+    hits[k.blocked] += 1
+    for angles_first in (True, False):
+        for j in range(space.n):
+            via[j] = b[j] if (j >= space.n_move) == angles_first else a[j]
+        if is_edge_free(space, a, via, k) and is_edge_free(space, via, b, k):
+            return 2
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def pass_through(
+    space: Record, start: Array, goal: Array, places: Array, state: State, tries: int, path: Array,
+    k: Record, hits: Ints,
+) -> int:  # fmt: skip
+    """Look for a path through all places with `tries` draws; return its rows in `path`, 0: none.
+
+    `places` are those of `compute_places`. `hits` (pairs,) counts what blocked the edges.
+    """
+    n, count = space.n, places.shape[0]
+    if count == 0:
+        return 0
+    # a pass: entry, state inside, exit; the pass of the place before; the corner of the link
+    ways = np.empty((count, PASSES, 3, n))
+    corner = np.empty((count, PASSES, n))
+    before = np.zeros((count, PASSES), dtype=np.int64)
+    bent = np.zeros((count, PASSES), dtype=np.bool_)
+    filled = np.zeros(count, dtype=np.int64)
+    via = np.empty(n)
+    reached = 0
+    forward = goal[0] > start[0]
+    margin = 0.0
+    for i in range(space.n_pairs):
+        margin = max(margin, space.margin[i])
+    for _ in range(tries):
+        at = reached
+        if reached == count or uniform(state) < AGAIN:
+            at = pick(state, min(reached + 1, count))
+        if filled[at] == PASSES:
+            continue
+        way = ways[at, filled[at]]
+        if not _draw_inside(space, state, places[at, 0], places[at, 1], way[1], k):
+            continue
+        behind, ahead = _extent(space, way[1, 0], k)
+        low, high = places[at, 0] - ahead - margin, places[at, 1] + behind + margin
+        left, right = (at - 1, at + 1) if forward else (at + 1, at - 1)
+        if 0 <= left < count:
+            low = max(low, 0.5 * (places[left, 1] + places[at, 0]))
+        if 0 <= right < count:
+            high = min(high, 0.5 * (places[right, 0] + places[at, 1]))
+        low, high = max(low, space.low[0]), min(high, space.high[0])
+        for j in range(n):
+            way[0, j] = way[2, j] = way[1, j]
+        way[0, 0], way[2, 0] = (low, high) if forward else (high, low)
+        free = is_edge_free(space, way[1], way[0], k) and is_edge_free(space, way[1], way[2], k)
+        if not free:
+            hits[k.blocked] += 1
+            continue
+        got = 0
+        if at == 0:
+            got = _link(space, start, way[0], via, k, hits)
+        else:
+            for other in range(filled[at - 1] - 1, -1, -1):
+                got = _link(space, ways[at - 1, other, 2], way[0], via, k, hits)
+                if got > 0:
+                    before[at, filled[at]] = other
+                    break
+        if got == 0:
+            continue
+        which = filled[at]
+        bent[at, which] = got == 2
+        for j in range(n):
+            corner[at, which, j] = via[j]
+        filled[at] += 1
+        reached = max(reached, at + 1)
+        if at < count - 1:
+            continue
+        got = _link(space, way[2], goal, via, k, hits)
+        if got == 0:
+            continue
+        rows = 2 + (1 if got == 2 else 0)
+        index = which
+        for p in range(count - 1, -1, -1):
+            rows += 4 if bent[p, index] else 3
+            index = before[p, index]
+        if rows > path.shape[0]:
+            return 0
+        _put(path, rows - 1, goal, n)
+        row = rows - 2
+        if got == 2:
+            _put(path, row, via, n)
+            row -= 1
+        for p in range(count - 1, -1, -1):
+            for part in range(2, -1, -1):
+                _put(path, row, ways[p, which, part], n)
+                row -= 1
+            if bent[p, which]:
+                _put(path, row, corner[p, which], n)
+                row -= 1
+            which = before[p, which]
+        _put(path, 0, start, n)
+        return rows
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def _put(path: Array, row: int, c: Array, n: int) -> None:
+    for j in range(n):
+        path[row, j] = c[j]
