@@ -10,6 +10,8 @@ cost (6) are dropped before anything is checked, so most of the work goes into e
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -29,6 +31,12 @@ CLOSE = 0.05
 """Corners closer than this are dropped where the path stays free."""
 MOST = 24
 """Corners beyond which none are added."""
+GAIN = 1e-7
+"""Of cost, below which a move is not worth its check."""
+LARGER = 1.5
+"""Growth of a step that succeeded."""
+SPREAD = 1.0
+"""Of the steps' sizes around the adapted one, in their logarithm."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -145,46 +153,52 @@ def move_corners(
         j = 1 + pick(state, count - 2)
         if j < i:
             i, j = j, i
-    kind = pick(state, 3 + n)
+    kind = uniform(state)
     m = j - i + 1
     for r in range(m):
         _copy_row(path, i + r, work, 1 + r, n)
     _copy_row(path, i - 1, work, 0, n)
     _copy_row(path, j + 1, work, m + 1, n)
-    if kind == 0:  # all coordinates
-        for c in range(n):
-            _shift(work, m, c, scale[0] * normal(state) / space.weight[c])
-    elif kind == 1:  # the platform
-        for c in range(space.n_move):
-            _shift(work, m, c, scale[0] * normal(state) / space.weight[c])
-    elif kind == 2:  # towards the straight line between the neighbours
+    if kind < 0.2:  # towards the straight line between the neighbours
         share = uniform(state) * min(1.0, 20.0 * scale[0])
         for r in range(1, m + 1):
             t = r / (m + 1.0)
             for c in range(n):
                 chord = work[0, c] + t * (work[m + 1, c] - work[0, c])
                 work[r, c] += share * (chord - work[r, c])
-    else:  # one coordinate
-        c = kind - 3
-        _shift(work, m, c, 2.0 * scale[0] * normal(state) / space.weight[c])
-    before = after = 0.0
+    else:
+        # some coordinates: what is gained along a margin, such as height for an angle, needs two
+        # to move together, while a third that moved without need would only cost
+        step = scale[0] * math.exp(SPREAD * normal(state))
+        sure = pick(state, n)
+        for c in range(n):
+            if c == sure or uniform(state) < 0.4:
+                _shift(work, m, c, step * normal(state) / space.weight[c])
+    before = 0.0
     for r in range(m + 1):
         before += displacement_cost(space, path[i - 1 + r], path[i + r])
-    for r in range(1, m + 1):
-        for c in range(n):
-            work[r, c] = min(max(work[r, c], space.low[c]), space.high[c])
-    for r in range(m + 1):
-        after += displacement_cost(space, work[r], work[r + 1])
-    if after >= before - 1e-10:
-        return False
-    for r in range(m + 1):
-        if not is_edge_free(space, work[r], work[r + 1], k):
-            scale[0] = max(scale[0] * 0.96, 1e-4)
-            return False
-    for r in range(1, m + 1):
-        _copy_row(work, r, path, i - 1 + r, n)
-    scale[0] = min(scale[0] * 1.4, 0.3)
-    return True
+    moved = False
+    while True:
+        for r in range(1, m + 1):
+            for c in range(n):
+                work[r, c] = min(max(work[r, c], space.low[c]), space.high[c])
+        after = 0.0
+        for r in range(m + 1):
+            after += displacement_cost(space, work[r], work[r + 1])
+        if after >= before - GAIN:
+            return moved
+        for r in range(m + 1):
+            if not is_edge_free(space, work[r], work[r + 1], k):
+                if not moved:
+                    scale[0] = max(scale[0] * 0.96, 1e-4)
+                return moved
+        scale[0] = min(scale[0] * 1.4, 0.3)
+        before, moved = after, True
+        for r in range(1, m + 1):  # what was good once is tried again, larger
+            for c in range(n):
+                step = work[r, c] - path[i - 1 + r, c]
+                path[i - 1 + r, c] = work[r, c]
+                work[r, c] += LARGER * step
 
 
 @njit(cache=True, error_model="numpy")

@@ -27,6 +27,8 @@ Ints = NDArray[np.int64]
 
 POOL = 6
 """Paths that are kept and improved."""
+SEARCH = 0.15
+"""Share of the slices that look for another path once there is one."""
 
 
 class Path(NamedTuple):
@@ -55,8 +57,8 @@ def _slice(
     filled = 0
     while filled < POOL and sizes[filled] > 0:
         filled += 1
-    # half the slices look for other ways through; until the first path, all
-    if filled == 0 or uniform(state) < 0.2:
+    # some slices look for other ways through; until the first path, all
+    if filled == 0 or uniform(state) < SEARCH:
         # from place to place, or with trees that need no places
         if places.shape[0] > 0 and (done == 0 or uniform(state) < 0.5):
             found = pass_through(space, start, goal, places, state, tries, pool[fresh], k, hits)
@@ -81,7 +83,7 @@ def _slice(
         scales[slot] = 0.1
     else:
         # the better a path, the more often it is its turn
-        slot = min(int(filled * uniform(state) ** 3), filled - 1)
+        slot = min(int(filled * uniform(state) ** 4), filled - 1)
         count = improve(
             space, pool[slot], sizes[slot], state, scales[slot : slot + 1], tries, k, work
         )
