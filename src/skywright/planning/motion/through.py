@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.edges import is_edge_free, is_placed_free, place_shapes
 from skywright.planning.motion.rng import State, pick, uniform
-from skywright.planning.motion.space import X, Z, Record, Space
+from skywright.planning.motion.space import Record, Space, X, Z
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
