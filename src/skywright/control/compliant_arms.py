@@ -11,7 +11,12 @@ from typing import Any
 import numpy as np
 from numba import carray, cfunc, njit
 
-from skywright.control.hand_force import squeeze_force, step_force, step_force_position
+from skywright.control.hand_force import (
+    let_out,
+    squeeze_force,
+    step_force,
+    step_hold_position,
+)
 from skywright.control.hand_motion import (
     move_hand,
     start_hand,
@@ -23,7 +28,6 @@ from skywright.control.joint_loops import hold_joint, step_joint
 from skywright.control.signature import LAW
 from skywright.core.types import (
     TASK_FORCE,
-    TASK_FORCE_POSITION,
     TASK_JOINTS,
     TASK_LOOPS,
     TASK_POSITION,
@@ -33,6 +37,12 @@ from skywright.core.types import (
 from skywright.models.arm_singularity import watch_singularity
 
 Record = Any
+
+
+@njit(cache=True, error_model="numpy")
+def is_force(task: int) -> bool:
+    """Whether a task asks for a force (core/types.py)."""
+    return TASK_FORCE <= task <= TASK_SQUEEZE
 
 
 @njit(cache=True, error_model="numpy")
@@ -46,6 +56,8 @@ def step(b: Record) -> None:
             f_ref[a] = ref.f_WH[h, a]
         if arms.chain:
             watch_singularity(b, h, f_ref)
+        if not is_force(task):
+            let_out(b, h)
         if task == TASK_JOINTS or (task != TASK_LOOPS and arms.chain == 0):
             for j in range(arms.first[h], arms.first[h] + arms.n):
                 hold_joint(b, j, ref.q[j], True)
@@ -61,20 +73,23 @@ def step(b: Record) -> None:
             arms.task_last[h] = task
             continue
         arms.task_last[h] = task
-        if task == TASK_FORCE:
-            step_force(b, h, f_ref, dr)
-        elif task == TASK_FORCE_POSITION:
-            step_force_position(b, h, f_ref, dr)
-        elif task == TASK_SQUEEZE:
-            squeeze_force(b, h, f_ref)
-            step_force_position(b, h, f_ref, dr)
+        if is_force(task):
+            gamma = 1.0
+            dr[:] = 0.0
+            arms.saturated[h] = 0.0
+            if task == TASK_SQUEEZE:
+                squeeze_force(b, h, f_ref)
+            if task != TASK_FORCE:  # (31): gamma dr_F + (1 - gamma) dr_P
+                gamma = min(max(ref.gamma[h], 0.0), 1.0)
+                step_hold_position(b, h, gamma, dr)
+            step_force(b, h, f_ref, gamma)
         elif task == TASK_POSITION:
             step_position(b, h, dr)
         elif task == TASK_VISUAL:
             step_to_marker(b, h, dr)
         else:
             step_velocity(b, h, dr)
-        move_hand(b, h, dr, task < TASK_FORCE or task == TASK_VISUAL)
+        move_hand(b, h, dr, not is_force(task))
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,114 +1,106 @@
-"""Force of a hand through its position, and both together.
+"""Force of a hand through the springs of its joints, and force and position together.
 
-Suarez 2020, figure 17: the error of the force moves the reference that the inverse kinematics take,
-so that the springs stretch until the force is right. The arm's own compliance C = J K^-1 J^T turns
-newtons into metres (the inverse of K_C of (27), which exists at a singularity where K_C does not).
-With the hand held by what it touches, f' = K_C p_ref' in series with the servos' lag: the
-displacement dr = w T C (f_ref - f) makes the force answer at w (models/compliant_arms.py).
+Suarez 2020, figure 17: the error of the force moves the hand's reference, so that the springs
+stretch until the force is right. The arm's own compliance C = J K^-1 J^T turns newtons into metres
+(the inverse of K_C of (27), which exists at a singularity where K_C does not): dr_F = C n e. The
+joints that make this way are those that yield to the force, dtheta = K^-1 J^T n e, and there it is
+commanded, as `ARMS.wind`: each spring is wound and the links stay where they are. The printed way
+through the inverse kinematics moves the hand as far, but at a fixed roll of the shoulder other
+joints make up for what the roll's spring yields, and the arm walks off: a squeeze of 4 N turned the
+yaw by 70 deg.
+
+Held by what it touches, the force follows the shafts: integral of w e, in series with the servos'
+lag. Held position is another matter: a free hand on its springs rings, and an integral loop around
+that is stable below 2 zeta w_n only (models/compliant_arms.py has both bandwidths).
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numba import njit
 
-from skywright.core.rotations import dot, mat_t_vec, mat_vec, norm
-from skywright.models.compliant_arms import spring_stiffness
+from skywright.core.rotations import dot, mat_t_vec, norm
+from skywright.models.compliant_arms import spring_deflection, spring_stiffness
 
 Record = Any
 
+LET_OUT = 0.3  # s, in which a wound spring is let out when another task begins
+
 
 @njit(cache=True, error_model="numpy")
-def compliance_along(b: Record, h: int, n_W: Any, out: Any) -> None:
-    """Fill out (3,) m with C n_W: how the hand yields, in W, to a force n_W (3,) N.
-
-    Of the joints whose deflection is measured: what is not felt is not controlled. A hand that
-    yields sideways to the noise of a force that only pitch joints feel would wander off.
-    """
+def wind_along(b: Record, h: int, n_W: Any, out: Any) -> float:
+    """Fill out (MAX_JOINTS,) rad/N with K^-1 J^T n, n a unit vector in W; returns |C n| (m/N)."""
     arms = b.arms
     n_B, c_B = np.empty(3), np.zeros(3)
     mat_t_vec(b.est.R_WB, n_W, n_B)
     for j in range(arms.first[h], arms.first[h] + arms.n):
-        if arms.k[j] == 0.0 or arms.sensed[j] == 0.0:
+        out[j] = 0.0
+        if arms.k[j] == 0.0:
             continue
         k = spring_stiffness(arms.k[j], arms.linear[j], arms.hardening[j], arms.deflection[j])
-        turn = 0.0
         for a in range(3):
-            turn += arms.J_BP[h, a, j] * n_B[a] / k
+            out[j] += arms.J_BP[h, a, j] * n_B[a] / k
         for a in range(3):
-            c_B[a] += arms.J_BP[h, a, j] * turn
-    mat_vec(b.est.R_WB, c_B, out)
+            c_B[a] += arms.J_BP[h, a, j] * out[j]
+    return norm(c_B)
 
 
 @njit(cache=True, error_model="numpy")
-def _yield_to(b: Record, h: int, error: Any, dr: Any) -> None:
-    """Fill dr (3,) m with w T C error, within speed_hand."""
-    arms = b.arms
-    compliance_along(b, h, error, dr)
-    gain = arms.ki_force * arms.dt
-    length = gain * norm(dr)
-    most = arms.speed_hand * arms.dt
+def step_force(b: Record, h: int, f_ref: Any, gamma: float) -> None:
+    """Wind the springs of hand h by gamma w T K^-1 J^T n (f_ref - n.f), n the direction of f_ref.
+
+    The hand moves within speed_hand. Across n nothing is asked: what is wound along n leaves the
+    force across as it is. A spring is wound up to the servo's stall torque, a shaft leads its
+    link's limits by the spring's deflection at most; what is more is not integrated (anti-windup).
+    """
+    arms, n, share = b.arms, np.empty(3), np.empty(len(b.arms.wind))
+    size = norm(f_ref)
+    for a in range(3):
+        n[a] = f_ref[a] / size if size > 0.0 else 0.0
+    gain = gamma * arms.ki_force * arms.dt * (size - dot(n, arms.f_WH[h]))
+    length, most = abs(gain) * wind_along(b, h, n, share), arms.speed_hand * arms.dt
     if length > most:
         gain *= most / length
-    for a in range(3):
-        dr[a] *= gain
+    for j in range(arms.first[h], arms.first[h] + arms.n):
+        if arms.k[j] == 0.0:
+            continue
+        deflection, led = arms.deflection[j], b.cmd.theta[j] - arms.wind[j]
+        most = spring_deflection(arms.k[j], arms.linear[j], arms.hardening[j], arms.stall[j])
+        lowest = max(-most, arms.q_min[j] + min(deflection, 0.0) - led)
+        highest = min(most, arms.q_max[j] + max(deflection, 0.0) - led)
+        now, wanted = arms.wind[j], arms.wind[j] + gain * share[j]
+        arms.wind[j] = min(max(wanted, min(lowest, now)), max(highest, now))
+        if arms.wind[j] != wanted:
+            arms.saturated[h] = 1.0
 
 
 @njit(cache=True, error_model="numpy")
-def step_force_along(b: Record, h: int, f_ref: Any, dr: Any) -> None:
-    """Fill dr (3,) m: w T C n (|f_ref| - n.f), n the direction of f_ref; f across n stays."""
-    error = np.empty(3)
-    size = norm(f_ref)
-    miss = size - dot(f_ref, b.arms.f_WH[h]) / size if size > 0.0 else 0.0
-    for a in range(3):
-        error[a] = miss * f_ref[a] / size if size > 0.0 else 0.0
-    _yield_to(b, h, error, dr)
+def let_out(b: Record, h: int) -> None:
+    """Let the wound springs of hand h go, in a task that asks for no force."""
+    arms = b.arms
+    share = math.exp(-arms.dt / LET_OUT)
+    for j in range(arms.first[h], arms.first[h] + arms.n):
+        arms.wind[j] *= share
 
 
 @njit(cache=True, error_model="numpy")
-def step_force(b: Record, h: int, f_ref: Any, dr: Any) -> None:
-    """Fill dr (3,) m: w T C (f_ref - f), within speed_hand.
+def step_hold_position(b: Record, h: int, gamma: float, dr: Any) -> None:
+    """Fill dr (3,) m of the position's part in (31): (1 - gamma) w T (p_WH - p) and v_WH T.
 
-    The force across f_ref is led to zero as well. Left alone, it would be an integral without an
-    end: the step for a force along n moves the hand's reference across n too, and an arm at the end
-    of a swinging link then walks away until the hand slips. The printed estimator reads the arm's
-    weight across f_ref: with it only the force along f_ref can be led.
-    """
-    if b.arms.estimator < 0.5:
-        step_force_along(b, h, f_ref, dr)
-        return
-    error = np.empty(3)
-    for a in range(3):
-        error[a] = f_ref[a] - b.arms.f_WH[h, a]
-    _yield_to(b, h, error, dr)
-
-
-@njit(cache=True, error_model="numpy")
-def step_hold_position(b: Record, h: int, dr: Any) -> None:
-    """Fill dr (3,) m of the position's part in (31): towards p_WH from the measured hand.
-
-    The step is w T |e| within speed_hand: it answers as fast as the force does.
+    The goal's own speed v_WH is fed forward: what is held is led as fast as the goal moves, and
+    only what the springs yield to its weight is left to the slow loop.
     """
     arms = b.arms
     for a in range(3):
-        dr[a] = arms.ki_force * arms.dt * (b.ref.p_WH[h, a] - arms.p_WH[h, a])
+        e = b.ref.p_WH[h, a] - arms.p_WH[h, a]
+        dr[a] = ((1.0 - gamma) * arms.ki_hold * e + b.ref.v_WH[h, a]) * arms.dt
     length, most = norm(dr), arms.speed_hand * arms.dt
     if length > most:
         for a in range(3):
             dr[a] *= most / length
-
-
-@njit(cache=True, error_model="numpy")
-def step_force_position(b: Record, h: int, f_ref: Any, dr: Any) -> None:
-    """Fill dr (3,) m with (31): gamma dr_F + (1 - gamma) dr_P."""
-    dr_P = np.empty(3)
-    gamma = min(max(b.ref.gamma[h], 0.0), 1.0)
-    step_force_along(b, h, f_ref, dr)
-    step_hold_position(b, h, dr_P)
-    for a in range(3):
-        dr[a] = gamma * dr[a] + (1.0 - gamma) * dr_P[a]
 
 
 @njit(cache=True, error_model="numpy")

@@ -119,7 +119,8 @@ def move_hand(b: Record, h: int, dr: Any, smooth: bool) -> None:
         arms.upper, arms.fore, p_A, ref.q[first + 1], arms.q_goal[first : first + 4],
         arms.q_min[first : first + 4], arms.q_max[first : first + 4], q, reached,
     )  # fmt: skip
-    arms.saturated[h] = 0.0
+    if smooth:
+        arms.saturated[h] = 0.0
     if status != REACHED:
         arms.saturated[h] = 1.0
         for a in range(3):

@@ -23,7 +23,8 @@ TRIM_MAX = math.radians(4.0)  # rad, of the integral in free air
 def hold_joint(b: Record, j: int, q: float, trim: bool) -> None:
     """Command the shaft so that the output link comes to `q` (rad) against its weight.
 
-    What the spring yields to the weight is fed forward. With `trim`, in free air, the integral of
+    What the spring yields to the weight is fed forward, and what it is wound by for a force
+    (control/hand_force.py). With `trim`, in free air, the integral of
     (21) takes up the rest (play, errors of mass and stiffness) where the deflection is measured.
     """
     arms, shift = b.arms, 0.0
@@ -34,7 +35,7 @@ def hold_joint(b: Record, j: int, q: float, trim: bool) -> None:
             rate = arms.kp_position / arms.servo_tau  # rad/s
             i = arms.i_position[j] + rate * arms.dt * (arms.q_goal[j] - b.est.q[j])
             arms.i_position[j] = min(max(i, -TRIM_MAX), TRIM_MAX)
-        shift += arms.i_position[j]
+        shift += arms.i_position[j] + arms.wind[j]
     b.cmd.theta[j] = arms.q_goal[j] + shift
     arms.theta_ref[j] = b.cmd.theta[j]
 

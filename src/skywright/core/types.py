@@ -289,6 +289,8 @@ ARMS = np.dtype(
         ("kp_position", f8),
         ("ki_position", f8),
         ("ki_force", f8),  # rad/s, of the force loop
+        ("ki_hold", f8),  # rad/s, of the hand's position while it exerts a force
+        ("stall", f8, MAX_JOINTS),  # N m, of the servos
         ("speed_hand", f8),  # m/s, v of (23) where the reference gives none
         ("tare", f8, (MAX_HANDS, 3)),  # N, subtracted from the estimated force, in W
         # state of this tick, filled before the arms' law (models/compliant_arms.py)
@@ -313,7 +315,8 @@ ARMS = np.dtype(
         ("marker_age", f8),  # s, since it was last seen
         # memory of the arms' law
         ("theta_ref", f8, MAX_JOINTS),  # rad, last command
-        ("q_goal", f8, MAX_JOINTS),  # rad, what it would bring the links to in free air
+        ("q_goal", f8, MAX_JOINTS),  # rad, what it would bring the links to in free air, unwound
+        ("wind", f8, MAX_JOINTS),  # rad, by which shafts lead for the force of a hand
         ("w_goal", f8, MAX_JOINTS),  # rad a period, speed of the servos' profiles
         ("i_torque", f8, MAX_JOINTS),  # rad, integral part of (19)
         ("i_position", f8, MAX_JOINTS),  # rad, of (21)

@@ -83,8 +83,9 @@ def fill_arms_parameters(arms: Record, robot: Robot) -> None:
             arms["d"][j] = link.flex_damping_nms_per_rad or 0.0
             arms["sensed"][j] = float(link.deflection_encoder)
             if limb.servo >= 0:
-                play = list_servos(robot)[limb.servo][1].backlash_deg
-                arms["slack"][j] = 0.5 * math.radians(play)
+                drive = list_servos(robot)[limb.servo][1]
+                arms["slack"][j] = 0.5 * math.radians(drive.backlash_deg)
+                arms["stall"][j] = drive.stall_torque_nm
             arms["linear"][j] = math.radians(link.flex_linear_deg or 0.0)
             stop = link.flex_beyond == "stop"
             arms["hardening"][j] = STOP_HARDENING if stop else link.flex_hardening
@@ -145,6 +146,7 @@ def _fill_gains(arms: Record, robot: Robot) -> None:
     arms["kp_position"] = c.deflection_bandwidth_rad_s * lag
     arms["ki_position"] = 0.25 * c.deflection_bandwidth_rad_s**2 * lag
     arms["ki_force"] = (math.pi / 6.0) / (lag + 1.5 * period)
+    arms["ki_hold"] = c.deflection_bandwidth_rad_s
     arms["speed_hand"] = c.hand_speed_max_mps
     arms["estimator"] = float(c.force_estimator == "torque")
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from skywright.core.rotations import quat_from_rot, rot_y, rot_z
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD
+from skywright.models.docking_body import NOSLIP_ITERATIONS
 from skywright.worlds.spec import World
 
 OBJECT = "object "
@@ -18,7 +19,12 @@ BENCH = "bench"
 
 
 def add_things(spec: mujoco.MjSpec, world: World, plant: bool) -> None:
-    """Add the world's movable things; in the nominal scene they stand where the file puts them."""
+    """Add the world's movable things; in the nominal scene they stand where the file puts them.
+
+    MuJoCo's soft friction creeps by millimetres a second under a load; what hands hold would sink.
+    """
+    if world.objects:
+        spec.option.noslip_iterations = NOSLIP_ITERATIONS
     for name, thing in world.objects.items():
         turn = rot_z(math.radians(thing.yaw_deg)) @ rot_y(math.radians(thing.pitch_deg))
         body = spec.worldbody.add_body(

@@ -32,6 +32,9 @@ from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
 Array = NDArray[np.float64]
 Table = NDArray[Any]
 
+LED_SPEED = 0.05
+"""m/s, at which a hand that exerts a force is led to another place."""
+
 
 class Limits(NamedTuple):
     """What the commands may ask for."""
@@ -295,10 +298,12 @@ class Arms:
         at: dict[str, Array] | None = None,
         gamma: float = 0.5,
         ramp_s: float = 0.5,
+        speed: float = LED_SPEED,
     ) -> None:
         """Exert `forces` (N, by hand) along their directions, reached over `ramp_s`: (25)-(28).
 
-        With `at` (m, by hand) the hand is led to that point as well, by (31) with `gamma`.
+        With `at` (m, by hand) the hand is led to that point as well, at no more than `speed` (m/s),
+        by (31) with `gamma`.
         """
         end = self._start()
         for h, f in self._hands(forces):
@@ -306,18 +311,27 @@ class Arms:
             end["task"][h], end["f_WH"][h], end["gamma"][h] = TASK_FORCE, f, 1.0
         for h, p in self._hands(at or {}):
             end["task"][h], end["p_WH"][h], end["gamma"][h] = TASK_FORCE_POSITION, p, gamma
-        self._ramp(end, [h for h, _ in self._hands(forces)], ramp_s)
+        self._ramp(end, [h for h, _ in self._hands(forces)], ramp_s, speed)
 
     def squeeze(
-        self, force: float, p_left: Array, p_right: Array, gamma: float = 0.5, ramp_s: float = 0.5
+        self,
+        force: float,
+        p_left: Array,
+        p_right: Array,
+        gamma: float = 0.5,
+        ramp_s: float = 0.5,
+        speed: float = LED_SPEED,
     ) -> None:
-        """Press the hands towards each other with `force` (N), around two points: (31), (32)."""
+        """Press the hands towards each other with `force` (N), around two points: (31), (32).
+
+        The points are led from where they are to `p_left` and `p_right` at no more than `speed`.
+        """
         end = self._start()
         for h, p in self._hands({"left": p_left, "right": p_right}):
             self._needs_force_sensing(h)
             end["task"][h], end["p_WH"][h], end["gamma"][h] = TASK_SQUEEZE, p, gamma
             end["f_WH"][h] = [force, 0.0, 0.0]
-        self._ramp(end, [0, 1], ramp_s)
+        self._ramp(end, [0, 1], ramp_s, speed)
 
     def bar_to(self, p: Array, n: Array, width: float, speed: float | None = None) -> None:
         """Lead a bar held at `width` (m) to centre p (m) and direction n: (29), (30) inverted."""
@@ -399,11 +413,32 @@ class Arms:
                 "deflection; set deflection_encoder = true on some"
             )
 
-    def _ramp(self, end: Any, hands: list[int], ramp_s: float) -> None:
-        """Track `end` with its forces growing from nothing over `ramp_s`."""
-        table = np.repeat(end[None], 2)
-        table["t"] = [0.0, max(ramp_s, ROW_PERIOD)]
-        table["f_WH"][0, hands] *= 1e-3  # a direction, not yet a force
+    def _ramp(self, end: Any, hands: list[int], ramp_s: float, speed: float) -> None:
+        """Track `end`: its forces grow or fall over `ramp_s`, its points are led at `speed`.
+
+        Both start from what is asked for now, without a force from the hand where it is.
+        """
+        start, state = self.backend.reference, self._state
+        size = {h: float(np.linalg.norm(end["f_WH"][h])) for h in hands}
+        p, f = np.array(end["p_WH"]), np.full(len(end["task"]), 1e-3)  # a direction, not a force
+        for h in hands:
+            if start["task"][h] in (TASK_FORCE_POSITION, TASK_SQUEEZE):
+                p[h] = start["p_WH"][h]
+            elif end["task"][h] != TASK_FORCE:
+                p[h] = state["p_WH"][h]
+            if start["task"][h] in (TASK_FORCE, TASK_FORCE_POSITION, TASK_SQUEEZE):
+                f[h] = np.linalg.norm(start["f_WH"][h]) / max(size[h], 1e-9)
+        way = end["p_WH"] - p
+        led_s = duration(float(np.max(np.linalg.norm(way, axis=1))), speed, 1.0)
+        rows = math.ceil(max(ramp_s, led_s, ROW_PERIOD) / ROW_PERIOD)
+        table = np.repeat(end[None], rows + 1)
+        table["t"] = t = ROW_PERIOD * np.arange(rows + 1)
+        s, ds, _ = quintic(np.minimum(t / led_s, 1.0))
+        for h in hands:
+            table["p_WH"][:, h] = p[h] + s[:, None] * way[h]
+            table["v_WH"][:, h] = ds[:, None] * way[h] / led_s
+            grown = np.minimum(t / max(ramp_s, ROW_PERIOD), 1.0)
+            table["f_WH"][:, h] *= (f[h] + (1.0 - f[h]) * grown)[:, None]
         self.backend.track(table)
 
 

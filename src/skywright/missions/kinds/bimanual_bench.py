@@ -37,6 +37,8 @@ STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
 APART = 0.05  # m, between hand and what it is about to press
 TRAVEL_S = 2.0  # s, from station to station
 SETTLE_S = 2.0
+GRASP_S = 2.0  # s, in which the force of a grasp grows
+LIFT_S = 8.0  # s, for lifting: the springs yield centimetres, which a slow loop makes up for
 PULL = 0.12  # m, how far the hands would pull the plug
 PULL_S = 4.0  # s, for that
 PRELOAD = 0.012  # m, how much nearer than the bar is long the hands go to hold it, each
@@ -134,30 +136,37 @@ def _leave(s: Supervisor, left: Array, right: Array) -> None:
     s.wait(2.0)
 
 
-def _faces(s: Supervisor, name: str) -> tuple[Array, Array]:
-    """Middle of the left and the right face of a thing or obstacle, in W."""
+def _faces(s: Supervisor, name: str, above: float = 0.0) -> tuple[Array, Array]:
+    """Where (left, right) hands press on two faces of a thing or obstacle, in W.
+
+    In the middle, or `above` (m) it. A ball touches with its side: the hand's point, at the end of
+    a forearm that looks forward, stays its radius off and its radius ahead.
+    """
     thing = _way(s).world.objects.get(name) or _way(s).world.obstacles[name]
     half = 0.5 * (thing.size_x_m if thing.size_y_m is None else thing.size_y_m)
-    centre = np.array([thing.x_m, thing.y_m, thing.z_m])
-    return centre + [0.0, half, 0.0], centre - [0.0, half, 0.0]
+    ball = float(np.max(s.vehicle.hands["pad"]))
+    centre = np.array([thing.x_m + ball, thing.y_m, thing.z_m + above])
+    away = np.array([0.0, half + ball, 0.0])
+    return centre + away, centre - away
 
 
 def _squeeze(s: Supervisor, task: BimanualBench) -> str:
-    left, right = _faces(s, "box")
+    # two balls are a hinge: gripped above its centre of mass the box hangs
+    left, right = _faces(s, "box", above=0.25 * _way(s).world.objects["box"].size_z_m)
     s.begin("approach box")
     _approach(s, left, right)
     s.begin("squeeze")
-    s.arms.squeeze(task.squeeze_n, left, right)
-    s.wait(SETTLE_S + 1.0)
+    s.arms.squeeze(task.squeeze_n, left, right, ramp_s=GRASP_S)
+    s.wait(GRASP_S + SETTLE_S)
     up = np.array([0.0, 0.0, task.lift_m])
     s.begin("lift")
-    s.arms.squeeze(task.squeeze_n, left + up, right + up, ramp_s=0.02)
-    s.wait(3.0)
+    s.arms.squeeze(task.squeeze_n, left + up, right + up)
+    s.wait(LIFT_S)
     s.begin("hold box")
     s.wait(task.hold_s)
     s.begin("lower")
-    s.arms.squeeze(task.squeeze_n, left, right, ramp_s=0.02)
-    s.wait(3.0)
+    s.arms.squeeze(task.squeeze_n, left, right)
+    s.wait(LIFT_S)
     _leave(s, left, right)
     return ""
 
