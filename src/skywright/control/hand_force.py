@@ -27,6 +27,8 @@ from skywright.models.compliant_arms import spring_deflection, spring_stiffness
 
 Record = Any
 
+TOUCH = 0.3  # N, under which the hand counts as free
+TOUCH_SPEED = 0.04  # m/s of a free hand on its way to a contact: it arrives with half a newton
 LET_OUT = 0.3  # s, in which a wound spring is let out when another task begins
 
 
@@ -52,7 +54,7 @@ def wind_along(b: Record, h: int, n_W: Any, out: Any) -> float:
 def step_force(b: Record, h: int, f_ref: Any, gamma: float) -> None:
     """Wind the springs of hand h by gamma w T K^-1 J^T n (f_ref - n.f), n the direction of f_ref.
 
-    The hand moves within speed_hand. Across n nothing is asked: what is wound along n leaves the
+    The hand moves within speed_hand, before it touches within TOUCH_SPEED. Across n nothing is asked: what is wound along n leaves the
     force across as it is. A spring is wound up to the servo's stall torque, a shaft leads its
     link's limits by the spring's deflection at most; what is more is not integrated (anti-windup).
     """
@@ -60,8 +62,10 @@ def step_force(b: Record, h: int, f_ref: Any, gamma: float) -> None:
     size = norm(f_ref)
     for a in range(3):
         n[a] = f_ref[a] / size if size > 0.0 else 0.0
-    gain = gamma * arms.ki_force * arms.dt * (size - dot(n, arms.f_WH[h]))
-    length, most = abs(gain) * wind_along(b, h, n, share), arms.speed_hand * arms.dt
+    felt = dot(n, arms.f_WH[h])
+    gain = gamma * arms.ki_force * arms.dt * (size - felt)
+    speed = arms.speed_hand if felt > TOUCH else min(TOUCH_SPEED, arms.speed_hand)
+    length, most = abs(gain) * wind_along(b, h, n, share), speed * arms.dt
     if length > most:
         gain *= most / length
     for j in range(arms.first[h], arms.first[h] + arms.n):

@@ -75,19 +75,27 @@ def _judge_plug(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -
 
 
 def _judge_bar(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
-    """Errors of the bar's true centre and direction at the end of each pose, the worst one."""
+    """Errors of the bar's true centre and direction at the end of each pose, the worst one.
+
+    Goals are counted from where the bar lay when the hands closed around it.
+    """
+    thing = d.world.objects["bar"]
+    held = in_phases(s, phases, "hold bar")
+    if not np.any(held):
+        return {}
+    middle = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])
+    grip = middle[held][-1] - [thing.x_m, thing.y_m, thing.z_m]
     position, direction = [], []
-    for name in ("lift bar", "turn bar", "bar forward"):
-        for k, phase in enumerate(phases):
-            if phase.name != name:
-                continue
-            late = (s["phase"] == k) & (s["t"] > phase.end_s - LAST_S)
-            goal = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])[late]
-            position.append(np.linalg.norm(np.mean(s[f"object{i}_p_WO"][late] - goal, axis=0)))
-            n = (s["left_ref_p_WH"] - s["right_ref_p_WH"])[late][-1]
-            axis = rot_from_quat(s[f"object{i}_q_WO"][late][-1])[:, 1]
-            cosine = abs(float(n @ axis)) / float(np.linalg.norm(n))
-            direction.append(math.degrees(math.acos(min(cosine, 1.0))))
+    for k, phase in enumerate(phases):
+        if phase.name not in ("lift bar", "turn bar", "bar forward"):
+            continue
+        late = (s["phase"] == k) & (s["t"] > phase.end_s - LAST_S)
+        goal = (middle - grip)[late]
+        position.append(np.linalg.norm(np.mean(s[f"object{i}_p_WO"][late] - goal, axis=0)))
+        n = (s["left_ref_p_WH"] - s["right_ref_p_WH"])[late][-1]
+        axis = rot_from_quat(s[f"object{i}_q_WO"][late][-1])[:, 1]
+        cosine = abs(float(n @ axis)) / float(np.linalg.norm(n))
+        direction.append(math.degrees(math.acos(min(cosine, 1.0))))
     if not position:
         return {}
     return {

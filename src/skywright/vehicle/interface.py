@@ -333,10 +333,18 @@ class Arms:
             end["f_WH"][h] = [force, 0.0, 0.0]
         self._ramp(end, [0, 1], ramp_s, speed)
 
-    def bar_to(self, p: Array, n: Array, width: float, speed: float | None = None) -> None:
-        """Lead a bar held at `width` (m) to centre p (m) and direction n: (29), (30) inverted."""
+    def bar_to(
+        self, p: Array, n: Array, width: float, speed: float = LED_SPEED, force: float = 0.0
+    ) -> None:
+        """Lead a bar held at `width` (m) to centre p (m) and direction n: (29), (30) inverted.
+
+        Where hooks do not hold it, hands press with `force` (N) on its ends: (31), (32).
+        """
         left, right = compute_bar_hands(Bar(np.asarray(p), np.asarray(n)), width)
-        self.hands_to({"left": left, "right": right}, speed)
+        if force > 0.0:
+            self.squeeze(force, left, right, speed=speed)
+        else:
+            self.hands_to({"left": left, "right": right}, speed)
 
     def torques(self, hand: str, tau: Array, delta: Array | None = None) -> None:
         """Control the joints of an arm by (22): torque tau (4,) N m where `delta` is 0 (default).

@@ -20,6 +20,7 @@ from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan
 from skywright.missions.tasks.bimanual_bench import BimanualBench, BimanualBenchMission
 from skywright.models.arm_inverse_kinematics import has_arm_chain
+from skywright.models.bimanual import is_unplugged
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import posture
 from skywright.worlds.spec import World
@@ -35,13 +36,16 @@ FLIES = False
 STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
 """m, y of each station in the world `bench`."""
 APART = 0.05  # m, between hand and what it is about to press
+GAP = 0.015  # m, at which the hands stop to press from
+ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of what the hands are pressed on
+GRIP_BELOW = 0.33  # m, hands below the platform's origin at the post
 TRAVEL_S = 2.0  # s, from station to station
 SETTLE_S = 2.0
 GRASP_S = 2.0  # s, in which the force of a grasp grows
 LIFT_S = 8.0  # s, for lifting: the springs yield centimetres, which a slow loop makes up for
 PULL = 0.12  # m, how far the hands would pull the plug
-PULL_S = 4.0  # s, for that
-PRELOAD = 0.012  # m, how much nearer than the bar is long the hands go to hold it, each
+PULL_S = 10.0  # s, in which it must come free
+PULL_SPEED = 0.03  # m/s
 
 
 class BenchPlan(NamedTuple):
@@ -119,19 +123,23 @@ def _travel(s: Supervisor, y: float) -> None:
 
 
 def _approach(s: Supervisor, left: Array, right: Array) -> None:
-    """Hands from outside to two points, a little apart from them at first."""
-    away = np.array([0.0, APART, 0.0])
-    s.arms.hands_to({"left": left + away, "right": right - away})
-    s.wait(4.0)
+    """Hands from outside to two points, a little apart from them at first, elbows out."""
+    away, near = np.array([0.0, APART, 0.0]), np.array([0.0, GAP, 0.0])
+    s.arms.hands_to({"left": left + away, "right": right - away}, roll=ELBOWS_OUT)
+    s.wait(5.0)
     s.arms.tare()
     s.wait(0.5)
-    s.arms.hands_to({"left": left + 0.2 * away, "right": right - 0.2 * away})
-    s.wait(1.5)
+    s.arms.tare(on=False)
+    s.arms.hands_to({"left": left + near, "right": right - near}, speed=PULL_SPEED)
+    s.wait(2.5)
 
 
 def _leave(s: Supervisor, left: Array, right: Array) -> None:
+    """Let the grasp go before the hands part: wound springs would leap."""
     away = np.array([0.0, 2.0 * APART, 0.0])
     s.begin("release")
+    s.arms.squeeze(0.1, left, right, ramp_s=GRASP_S)
+    s.wait(GRASP_S)
     s.arms.hands_to({"left": left + away, "right": right - away})
     s.wait(2.0)
 
@@ -172,67 +180,64 @@ def _squeeze(s: Supervisor, task: BimanualBench) -> str:
 
 
 def _unplug(s: Supervisor, task: BimanualBench) -> str:
-    """(33): the plug is out when the hands are farther than the threshold from the grasp."""
+    """Pull until both hands are farther than the threshold from where they grasped: (33)."""
     left, right = _faces(s, "plug")
     s.begin("approach plug")
     _approach(s, left, right)
     s.begin("grasp plug")
-    s.arms.squeeze(task.squeeze_n, left, right)
-    s.wait(SETTLE_S + 1.0)
+    s.arms.squeeze(task.squeeze_n, left, right, ramp_s=GRASP_S)
+    s.wait(GRASP_S + SETTLE_S)
     grasp = np.array(s.vehicle.hands["p_WH"])
     s.begin("pull")
     start, noticed = s.vehicle.t, False
+    back = np.array([-PULL, 0.0, 0.0])
+    s.arms.squeeze(task.squeeze_n, left + back, right + back, speed=PULL_SPEED)
     while s.vehicle.t - start < PULL_S and not noticed:
-        back = np.array([-PULL * min((s.vehicle.t - start) / PULL_S, 1.0), 0.0, 0.0])
-        s.arms.squeeze(task.squeeze_n, left + back, right + back, ramp_s=0.02)
         s.tick()
-        moved = np.linalg.norm(np.array(s.vehicle.hands["p_WH"]) - grasp, axis=1)
-        noticed = bool(np.all(moved > task.unplug_threshold_m))
+        hands = s.vehicle.hands["p_WH"]
+        noticed = all(is_unplugged(grasp[h], hands[h], task.unplug_threshold_m) for h in (0, 1))
     s.begin("unplugged" if noticed else "stuck")
     here = np.array(s.vehicle.hands["p_WH"])
-    s.arms.squeeze(task.squeeze_n, here[0], here[1], ramp_s=0.02)
+    s.arms.squeeze(task.squeeze_n, here[0], here[1])
     s.wait(SETTLE_S)
     _leave(s, here[0], here[1])
     return "" if noticed else "the plug did not come free"
 
 
 def _lead_bar(s: Supervisor, task: BimanualBench) -> str:
-    left, right = _faces(s, "bar")
-    width = float(np.linalg.norm(left - right)) - 2.0 * PRELOAD
-    centre = 0.5 * (left + right)
+    """Lead a bar between the hands through poses: (29), (30) with (31), (32)."""
+    left, right = _faces(s, "bar", above=0.25 * _way(s).world.objects["bar"].size_z_m)
+    centre, width = 0.5 * (left + right), float(np.linalg.norm(left - right))
     s.begin("approach bar")
     _approach(s, left, right)
     s.begin("hold bar")
-    s.arms.bar_to(centre, np.array([0.0, 1.0, 0.0]), width)
-    s.wait(SETTLE_S)
+    s.arms.squeeze(task.squeeze_n, left, right, ramp_s=GRASP_S)
+    s.wait(GRASP_S + SETTLE_S)
     turn = math.radians(task.bar_turn_deg)
-    poses = [
+    for name, way, angle in (
         ("lift bar", [0.0, 0.0, 0.06], 0.0),
         ("turn bar", [0.0, 0.0, 0.06], turn),
         ("bar forward", [0.03, 0.0, 0.06], 0.0),
-    ]
-    for name, way, angle in poses:
+        ("lower bar", [0.0, 0.0, 0.0], 0.0),
+    ):
         s.begin(name)
         n = np.array([-math.sin(angle), math.cos(angle), 0.0])
-        s.arms.bar_to(centre + way, n, width)
-        s.wait(3.0)
-    s.begin("lower bar")
-    s.arms.bar_to(centre, np.array([0.0, 1.0, 0.0]), width)
-    s.wait(3.0)
+        s.arms.bar_to(centre + way, n, width, force=task.squeeze_n)
+        s.wait(LIFT_S)
     _leave(s, left, right)
     return ""
 
 
 def _feel_drift(s: Supervisor, task: BimanualBench) -> str:
     """Hands pressed on a post stay where they are while the base drifts: their angles tell it."""
-    left, right = _faces(s, "post")
+    bench, post = _way(s).world.bench, _way(s).world.obstacles["post"]
+    assert bench is not None
+    left, right = _faces(s, "post", above=bench.z_m - GRIP_BELOW - post.z_m)
     s.begin("approach post")
     _approach(s, left, right)
     s.begin("grasp post")
-    s.arms.squeeze(task.squeeze_n, left, right)
-    s.wait(SETTLE_S + 1.0)
-    bench = _way(s).world.bench
-    assert bench is not None
+    s.arms.squeeze(task.squeeze_n, left, right, ramp_s=GRASP_S)
+    s.wait(GRASP_S + SETTLE_S)
     s.begin("drift")
     home = np.array([bench.x_m, STATIONS["position-sensor"], bench.z_m])
     start = s.vehicle.t

@@ -18,7 +18,7 @@ class BimanualBench(Spec):
     trials: list[Trial] = Field(
         default=["squeeze", "unplug", "bar", "position-sensor"], min_length=1
     )
-    squeeze_n: float = Field(default=4.0, gt=0, le=15)
+    squeeze_n: float = Field(default=3.5, gt=0, le=15)
     lift_m: float = Field(default=0.05, gt=0, le=0.2)
     hold_s: Positive = 5.0
     unplug_threshold_m: Positive = 0.03  # Delta_th of (33)
