@@ -82,7 +82,7 @@ def step(b: Record) -> None:
             if task != TASK_FORCE:  # (31): gamma dr_F + (1 - gamma) dr_P
                 gamma = min(max(ref.gamma[h], 0.0), 1.0)
                 step_hold_position(b, h, gamma, dr)
-            step_force(b, h, f_ref, gamma)
+            step_force(b, h, f_ref, gamma, task != TASK_FORCE)
         elif task == TASK_POSITION:
             step_position(b, h, dr)
         elif task == TASK_VISUAL:

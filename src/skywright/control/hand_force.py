@@ -33,39 +33,51 @@ LET_OUT = 0.3  # s, in which a wound spring is let out when another task begins
 
 
 @njit(cache=True, error_model="numpy")
-def wind_along(b: Record, h: int, n_W: Any, out: Any) -> float:
-    """Fill out (MAX_JOINTS,) rad/N with K^-1 J^T n, n a unit vector in W; returns |C n| (m/N)."""
+def wind_for(b: Record, h: int, f_W: Any, out: Any) -> float:
+    """Fill out (MAX_JOINTS,) rad with K^-1 J^T f_W, f_W (3,) N; returns |C f_W| (m).
+
+    Of the joints whose deflection is measured: what is not felt is not controlled. A hand that
+    yields sideways to the noise of a force that only pitch joints feel would wander off.
+    """
     arms = b.arms
-    n_B, c_B = np.empty(3), np.zeros(3)
-    mat_t_vec(b.est.R_WB, n_W, n_B)
+    f_B, c_B = np.empty(3), np.zeros(3)
+    mat_t_vec(b.est.R_WB, f_W, f_B)
     for j in range(arms.first[h], arms.first[h] + arms.n):
         out[j] = 0.0
-        if arms.k[j] == 0.0:
+        if arms.k[j] == 0.0 or arms.sensed[j] == 0.0:
             continue
         k = spring_stiffness(arms.k[j], arms.linear[j], arms.hardening[j], arms.deflection[j])
         for a in range(3):
-            out[j] += arms.J_BP[h, a, j] * n_B[a] / k
+            out[j] += arms.J_BP[h, a, j] * f_B[a] / k
         for a in range(3):
             c_B[a] += arms.J_BP[h, a, j] * out[j]
     return norm(c_B)
 
 
 @njit(cache=True, error_model="numpy")
-def step_force(b: Record, h: int, f_ref: Any, gamma: float) -> None:
-    """Wind the springs of hand h by gamma w T K^-1 J^T n (f_ref - n.f), n the direction of f_ref.
+def step_force(b: Record, h: int, f_ref: Any, gamma: float, along: bool) -> None:
+    """Wind the springs of hand h by gamma w T K^-1 J^T (f_ref - f).
 
-    The hand moves within speed_hand, before it touches within TOUCH_SPEED. Across n nothing is asked: what is wound along n leaves the
-    force across as it is. A spring is wound up to the servo's stall torque, a shaft leads its
-    link's limits by the spring's deflection at most; what is more is not integrated (anti-windup).
+    `along`: of the error only the part along f_ref; the force across it stays, as it must where
+    what is held has a weight. Else the force across is led to zero as well: left alone, an arm at
+    the end of a swinging link walks away until the hand slips. The printed estimator reads the
+    arm's weight across f_ref: with it only the force along can be led.
+
+    The hand moves within speed_hand, before it touches within TOUCH_SPEED. A spring is wound up to
+    the servo's stall torque, a shaft leads its link's limits by the spring's deflection at most;
+    what is more is not integrated (anti-windup).
     """
-    arms, n, share = b.arms, np.empty(3), np.empty(len(b.arms.wind))
+    arms, error, share = b.arms, np.zeros(3), np.empty(len(b.arms.wind))
     size = norm(f_ref)
+    felt = dot(f_ref, arms.f_WH[h]) / size if size > 0.0 else 0.0
     for a in range(3):
-        n[a] = f_ref[a] / size if size > 0.0 else 0.0
-    felt = dot(n, arms.f_WH[h])
-    gain = gamma * arms.ki_force * arms.dt * (size - felt)
+        if along or arms.estimator < 0.5:
+            error[a] = (size - felt) * f_ref[a] / size if size > 0.0 else 0.0
+        else:
+            error[a] = f_ref[a] - arms.f_WH[h, a]
+    gain = gamma * arms.ki_force * arms.dt
     speed = arms.speed_hand if felt > TOUCH else min(TOUCH_SPEED, arms.speed_hand)
-    length, most = abs(gain) * wind_along(b, h, n, share), speed * arms.dt
+    length, most = gain * wind_for(b, h, error, share), speed * arms.dt
     if length > most:
         gain *= most / length
     for j in range(arms.first[h], arms.first[h] + arms.n):

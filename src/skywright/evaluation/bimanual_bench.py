@@ -48,18 +48,28 @@ def _judge_box(s: Samples, phases: list[PhaseRecord], i: int, d: Description) ->
         return {}
     thing = d.world.objects["box"]
     box = s[f"object{i}_p_WO"][hold]
-    hands = 0.5 * (s["left_p_WH"] + s["right_p_WH"])[hold]
-    slip = np.linalg.norm((box - hands) - (box - hands)[0], axis=1)
     press = 0.5 * (s["right_f_W"][hold][:, 1] - s["left_f_W"][hold][:, 1])
     return {
         "bench.box_lift_m": float(np.min(box[:, 2])) - thing.z_m,
-        "bench.box_slip_mm": 1e3 * float(np.max(slip)),
+        "bench.box_slip_mm": _compute_slip(s, hold, i),
         "bench.squeeze_n": float(np.mean(press)),
+        "bench.squeeze_error_n": float(np.sqrt(np.mean((press - _squeeze_n(d)) ** 2))),
     }
 
 
+def _squeeze_n(d: Description) -> float:
+    assert isinstance(d.mission, BimanualBenchMission)
+    return d.mission.task.squeeze_n
+
+
+def _compute_slip(s: Samples, held: NDArray[np.bool_], i: int) -> float:
+    """How far (mm) thing i moved from the middle of both hands since the first of these samples."""
+    away = s[f"object{i}_p_WO"][held] - 0.5 * (s["left_p_WH"] + s["right_p_WH"])[held]
+    return 1e3 * float(np.max(np.linalg.norm(away - away[0], axis=1)))
+
+
 def _judge_plug(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
-    """Time from the plug's coming free until the hands noticed it."""
+    """Time from the plug's coming free until the hands noticed it, and whether they kept it."""
     pull = in_phases(s, phases, "pull")
     if not np.any(pull):
         return {}
@@ -67,11 +77,13 @@ def _judge_plug(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -
     way = np.linalg.norm(s[f"object{i}_p_WO"] - [thing.x_m, thing.y_m, thing.z_m], axis=1)
     free = np.flatnonzero(pull & (way > FREE))
     noticed = next((p.start_s for p in phases if p.name == "unplugged"), None)
-    if noticed is None:
+    if noticed is None or not len(free):  # or noticed what did not happen: hands that slip off
         return {}
-    if not len(free):
-        return {"bench.unplug_delay_s": math.inf}  # noticed what did not happen
-    return {"bench.unplug_delay_s": noticed - float(s["t"][free[0]])}
+    out = in_phases(s, phases, "unplugged")
+    return {
+        "bench.unplug_delay_s": noticed - float(s["t"][free[0]]),
+        "bench.plug_slip_mm": _compute_slip(s, out, i),
+    }
 
 
 def _judge_bar(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:

@@ -39,6 +39,7 @@ APART = 0.05  # m, between hand and what it is about to press
 GAP = 0.015  # m, at which the hands stop to press from
 ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of what the hands are pressed on
 GRIP_BELOW = 0.33  # m, hands below the platform's origin at the post
+TRIAL_S = 37.0  # s, about, of one trial
 TRAVEL_S = 2.0  # s, from station to station
 SETTLE_S = 2.0
 GRASP_S = 2.0  # s, in which the force of a grasp grows
@@ -80,8 +81,9 @@ def plan(d: Description) -> MissionPlan:
             raise InputError(f"trial {trial!r} needs [world.objects.{name}] in {world.name!r}")
         if trial == "position-sensor" and "post" not in world.obstacles:
             raise InputError(f"trial {trial!r} needs [world.obstacles.post] in {world.name!r}")
+    total = TRIAL_S * len(d.mission.task.trials)
     return MissionPlan(
-        True, None, 0.0, 20.0 * len(d.mission.task.trials), math.inf, math.nan, {}, None, 0.0, 0.0,
+        True, None, 0.0, total, math.inf, math.nan, {}, None, 0.0, 0.0,
         BenchPlan(world, posture(robot, "folded")),
     )  # fmt: skip
 

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from skywright.core.spec import Positive, Spec
 from skywright.missions.spec import Mission
 
 Trial = Literal["squeeze", "unplug", "bar", "position-sensor"]
+JUDGED_BY: dict[str, tuple[str, ...]] = {
+    "squeeze": ("bench.box_", "bench.squeeze_"),
+    "unplug": ("bench.unplug_", "bench.plug_"),
+    "bar": ("bench.bar_",),
+    "position-sensor": ("bench.drift_",),
+}
+"""Trial -> beginnings of the names of its metrics."""
 
 
 class BimanualBench(Spec):
@@ -31,3 +38,17 @@ class BimanualBenchMission(Mission):
     """A mission with the table `mission.task` of this kind."""
 
     task: BimanualBench = BimanualBench()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _requirements_of_its_trials(cls, data: Any) -> Any:
+        """Ask nothing of trials that are not made."""
+        task = data.get("task") if isinstance(data, dict) else None
+        trials = task.get("trials") if isinstance(task, dict) else None
+        if not isinstance(trials, list) or not isinstance(data.get("requirements"), dict):
+            return data
+        left_out = tuple(
+            name for trial, names in JUDGED_BY.items() if trial not in trials for name in names
+        )
+        kept = {k: v for k, v in data["requirements"].items() if not k.startswith(left_out)}
+        return {**data, "requirements": kept}
