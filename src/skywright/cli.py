@@ -407,9 +407,9 @@ def compare(
             robot, other, sets=sets, fly=not no_fly, seeds=seeds,
             step=None if as_json else tell_step,
         )  # fmt: skip
-    except InputError:
+    except BaseException:
         if page.exists() and page.stat().st_size == 0:
-            page.unlink()  # nothing half-written
+            page.unlink()  # nothing half-written, interrupted or not
         raise
     write_page(found, page)
     if as_json:

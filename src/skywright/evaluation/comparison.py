@@ -31,6 +31,7 @@ class TorqueMap(NamedTuple):
     azimuth: Array  # (n,) rad, from ahead to the left
     elevation: Array  # (m,) rad, up
     torque: Array  # (m, n, 3) m, about x, y, z of B; NaN where a passive link finds no rest
+    swing: Array  # (m, n) rad, by which a passive link turns; likewise
     force: float  # N that it was computed with
 
 
@@ -40,6 +41,15 @@ class Collision(NamedTuple):
     joints: str  # compliant, stiff
     metrics: dict[str, float]
     reason: str  # why there are none
+
+
+class Install(NamedTuple):
+    """The mission sensor-install, flown."""
+
+    metrics: dict[str, float]
+    propellers: float  # m, least distance to the pipe between take-off and landing; NaN: not flown
+    gear: float  # m
+    reason: str  # what went wrong, "" where nothing did
 
 
 class Hover(NamedTuple):
@@ -62,6 +72,7 @@ class Side(NamedTuple):
     reaction: TorqueMap | None
     collisions: list[Collision]
     hover: Hover | None
+    install: Install | None = None
 
 
 class Row(NamedTuple):
@@ -84,6 +95,19 @@ class Row(NamedTuple):
         if abs(a - b) <= 0.02 * max(abs(a), abs(b)):
             return None
         return int((a > b) == (self.better == "low"))
+
+    def write(self, i: int) -> str:
+        """Write a robot's number for people, without its unit; a dash where there is none."""
+        v = self.values[i]
+        if math.isnan(v):
+            return "–"
+        if math.isinf(v):
+            return "∞"
+        if self.name.endswith("_share"):
+            return f"{100.0 * v:.0f} %"
+        if abs(v) < 1.0:
+            return f"{round(v, 3) + 0.0:g}"
+        return f"{v:.3g}" if abs(v) < 1000.0 else f"{v:.0f}"
 
 
 class Statement(NamedTuple):
@@ -146,6 +170,7 @@ def _list_maps(side: Side) -> dict[str, Any]:
             "azimuth_deg": np.degrees(t.azimuth).round(6).tolist(),
             "elevation_deg": np.degrees(t.elevation).round(6).tolist(),
             "torque_per_force_m": rows, "force_n": t.force,
+            "swing_deg": [[_plain(v) for v in row] for row in np.degrees(t.swing)],
         }  # fmt: skip
     if side.way is not None:
         w = side.way

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
@@ -12,7 +11,7 @@ import jinja2
 from matplotlib.figure import Figure
 
 from skywright.errors import InputError
-from skywright.evaluation.comparison import Comparison, Row
+from skywright.evaluation.comparison import Comparison
 from skywright.reports.figures import compare as figures
 from skywright.reports.figures.style import WIDTH, house_style, render_svg
 from skywright.reports.report import Picture
@@ -52,10 +51,16 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
             ),
             _picture(
                 "What a force on a hand does to the platform", figures.draw_reaction(c),
-                "Torque about the platform's centre for each newton on the left hand, over the "
-                "direction of the force, one colour scale. A passive joint lets no torque about "
-                "its own axis through: below, what is left about pitch is the lever between joint "
-                "and centre. About roll the longer lever counts.",
+                "Torque about the platform's centre for each newton on the left hand (N m/N), over "
+                "the direction of the force, one colour scale. The force itself arrives whole, "
+                "with every arm. A passive joint lets no torque about its own axis through: "
+                "below, what is left about pitch is the lever between joint and centre. About roll "
+                "the longer lever counts.",
+            ),
+            _picture(
+                "How far a force turns the passive link", figures.draw_recoil(c),
+                "Angle by which the link turns until its weight balances 2 N on the left hand, "
+                "over the direction of the force; the hand moves with it.",
             ),
             _picture(
                 "Collision with a hand at 0.5 m/s", figures.draw_collisions(c),
@@ -73,26 +78,14 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
     )  # fmt: skip
     return environment.get_template("compare.html.j2").render(
         c=c,
+        zip=zip,
         names=[s.name for s in c.sides],
         descriptions=[s.robot.description for s in c.sides],
         groups=[(name, list(rows)) for name, rows in groupby(c.rows, key=lambda r: r.group)],
         pictures=[p for p in pictures if p],
-        number=write_value,
         style=VERDICTS,
         versions=versions,
     )
-
-
-def write_value(row: Row, i: int) -> str:
-    """Write a robot's number, or a dash."""
-    v = row.values[i]
-    if math.isnan(v):
-        return "–"
-    if math.isinf(v):
-        return "∞"
-    if abs(v) < 5e-4:
-        return "0"
-    return f"{v:.3g}" if abs(v) < 1000 else f"{v:.0f}"
 
 
 def _picture(title: str, figure: Figure | None, caption: str) -> Picture | None:

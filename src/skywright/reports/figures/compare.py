@@ -52,9 +52,12 @@ def draw_pair(c: Comparison, pipe: Pipe) -> Figure:
             else:
                 ax.plot(x, z, color=colour if part.part == "arm" else "#333333", lw=1.8, zorder=5)
         least = float(np.min(side.way.propellers))
-        text = f"propellers to pipe: {least:.2f} m" if least > 0.0 else (
-            f"impossible: platform and pipe overlap by {-least:.2f} m")  # fmt: skip
-        ax.text(0.02, 0.03, text, transform=ax.transAxes, color=LIMIT if least <= 0 else "#333333")
+        text = f"propellers to pipe, least: {least:.2f} m" if least > 0.0 else (
+            f"no way here: rotors or booms and pipe\nwould overlap by {-least:.2f} m")  # fmt: skip
+        ax.text(
+            0.98, 0.98, text, transform=ax.transAxes, ha="right", va="top",
+            color=LIMIT if least <= 0 else "#333333",
+        )  # fmt: skip
     axes[0].set_ylabel("above the pipe's axis (m)")
     return figure
 
@@ -92,11 +95,12 @@ def draw_reach(c: Comparison) -> Figure:
         ax.set_xlabel("ahead of the pipe's axis (m)")
         if m is None:
             continue
-        ax.set_title(
-            f"{side.name}: {100 * m.surface_share:.0f} % of the circumference, "
-            f"{100 * m.below_share:.0f} % of the underside"
-        )
-        shown = np.where(m.reached, 1.0, 0.0)
+        ax.set_title(side.name)
+        ax.text(
+            0.02, 0.97, f"touches {100 * m.surface_share:.0f} % of the circumference,\n"
+            f"{100 * m.below_share:.0f} % of the lower half", transform=ax.transAxes, va="top",
+        )  # fmt: skip
+        shown = np.where(m.inside, math.nan, m.reached)
         half = 0.5 * (m.x[1] - m.x[0])
         extent = (m.x[0] - half, m.x[-1] + half, m.z[0] - half, m.z[-1] + half)
         ax.imshow(
@@ -131,21 +135,47 @@ def draw_reaction(c: Comparison) -> Figure:
             ("about pitch only", np.abs(m.torque[..., 1])),
         )):  # fmt: skip
             ax = figure.add_subplot(grid[row, i])
-            ax.set_title(f"{side.name}: {what}, at most {np.nanmax(values):.2f} N m/N")
+            ax.set_title(f"{side.name}: {what}, up to {np.nanmax(values):.2f}")
             image = ax.pcolormesh(
                 az, el, values, vmin=0.0, vmax=top, cmap="viridis", shading="gouraud",
                 rasterized=True,
             )  # fmt: skip
-            ax.set_xticks(range(0, 361, 90), ["ahead", "left", "back", "right", "ahead"])
-            ax.set_yticks([-90, -45, 0, 45, 90], ["down", "", "level", "", "up"])
+            _name_directions(ax)
             if i:
                 ax.tick_params(labelleft=False)
             else:
                 ax.set_ylabel("force on the hand points")
-            ax.grid(False)
     if image is not None:
         figure.colorbar(image, cax=figure.add_subplot(grid[:, 2]), label="torque a newton (N m/N)")
     return figure
+
+
+def draw_recoil(c: Comparison) -> Figure | None:
+    """Angle of the passive link under the force, over its direction."""
+    sides = [s for s in c.sides if s.robot.pendulum is not None and s.reaction is not None]
+    if not sides:
+        return None
+    figure = new_figure(0.5 * WIDTH * len(sides), 2.9)
+    for i, side in enumerate(sides):
+        m = side.reaction
+        assert m is not None
+        ax = figure.add_subplot(1, len(sides), i + 1)
+        ax.set_title(f"{side.name}, {m.force:g} N")
+        image = ax.pcolormesh(
+            np.degrees(m.azimuth), np.degrees(m.elevation), np.degrees(np.abs(m.swing)),
+            vmin=0.0, cmap="viridis", shading="gouraud", rasterized=True,
+        )  # fmt: skip
+        _name_directions(ax)
+        ax.set_ylabel("force on the hand points")
+        figure.colorbar(image, ax=ax, label="link turns (deg)")
+    figure.tight_layout(pad=0.8)
+    return figure
+
+
+def _name_directions(ax: Axes) -> None:
+    ax.set_xticks(range(0, 361, 90), ["ahead", "left", "back", "right", ""])
+    ax.set_yticks([-90, -45, 0, 45, 90], ["down", "", "level", "", "up"])
+    ax.grid(False)
 
 
 def draw_collisions(c: Comparison) -> Figure | None:

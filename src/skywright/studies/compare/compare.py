@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from skywright.core.keys import parse_assignment
 from skywright.errors import InputError, SkywrightError
-from skywright.evaluation.comparison import Comparison, Side, TorqueMap
+from skywright.evaluation.comparison import Comparison, Install, Side, TorqueMap
 from skywright.missions.kinds.sensor_install import build_pose
 from skywright.missions.loader import Description, load_description
 from skywright.models.capability import check_can_fly, compute_capability
@@ -22,7 +22,7 @@ from skywright.models.tip_force import Loaded, compute_reaction_map
 from skywright.robots.limbs import list_joints
 from skywright.robots.spec import Robot
 from skywright.studies.compare import geometry as shapes
-from skywright.studies.compare.flown import Step, fly_collisions, fly_hover
+from skywright.studies.compare.flown import Step, fly_collisions, fly_hover, fly_install
 from skywright.studies.compare.table import build_rows, judge_statements
 
 Array = NDArray[np.float64]
@@ -30,7 +30,13 @@ Array = NDArray[np.float64]
 MISSION = "sensor-install"
 FORCE = 2.0  # N, at the hand (Suarez 2020, section VI-B)
 AZIMUTH, ELEVATION = np.radians(np.arange(0, 361, 10)), np.radians(np.arange(-90, 91, 10))
-FLOWN = ("impact.", "accuracy.")
+INSTALL = {
+    "install.force_error_n": "force.rms_error_n",
+    "install.tip_mm": "tip.hover_rms_mm",
+    "install.excursion_m": "platform.excursion_m",
+    "install.swing_decay_s": "swing.decay_s",
+}
+"""Row -> metric of sensor-install."""
 
 
 def compare_robots(
@@ -61,8 +67,8 @@ def compare_robots(
     a, b = [measure(d, tell) for d in loaded]
     if fly:
         a, b = [
-            add_flights(side, name, seeds, tell)
-            for side, name in zip((a, b), (first, second), strict=True)
+            add_flights(side, d, name, seeds, tell)
+            for side, d, name in zip((a, b), loaded, (first, second), strict=True)
         ]
     rows = build_rows(a, b)
     world = loaded[0].world
@@ -125,7 +131,7 @@ def work_pose(d: Description) -> Array:
 def measure_force(robot: Robot, q: Array, values: dict[str, float], notes: Any) -> TorqueMap:
     """Add what a force on the hand does, and return its map."""
     arms = Loaded(robot, q)
-    torque, _ = compute_reaction_map(arms, FORCE, AZIMUTH, ELEVATION)
+    torque, swing = compute_reaction_map(arms, FORCE, AZIMUTH, ELEVATION)
     for axis, name in enumerate(("roll", "pitch", "yaw")):
         values[f"reaction.{name}_m"] = float(np.nanmax(np.abs(torque[..., axis])))
     found = [arms.compute_recoil(FORCE * s * way) for way in np.eye(3) for s in (1.0, -1.0)]
@@ -137,12 +143,13 @@ def measure_force(robot: Robot, q: Array, values: dict[str, float], notes: Any) 
             values["recoil.swing_deg"] = math.degrees(max(abs(r.swing) for r in known))
     if not any(x.link.flex_stiffness_nm_per_rad for x in list_joints(robot)):
         notes["recoil.deflection_deg"] = notes["recoil.tip_mm"] = "no springs in its joints"
-    return TorqueMap(AZIMUTH, ELEVATION, torque, FORCE)
+    return TorqueMap(AZIMUTH, ELEVATION, torque, swing, FORCE)
 
 
-def add_flights(side: Side, name: str, seeds: int, step: Step) -> Side:
-    """Fly collisions and hovers, and add what they tell."""
+def add_flights(side: Side, d: Description, name: str, seeds: int, step: Step) -> Side:
+    """Fly sensor-install, collisions and hovers, and add what they tell."""
     values, notes = dict(side.values), dict(side.notes)
+    install = add_install(side, d, step, values, notes)
     stiff = any(x.link.flex_stiffness_nm_per_rad for x in list_joints(side.robot))
     collisions = fly_collisions(name, stiff, step)
     for c in collisions:
@@ -164,4 +171,25 @@ def add_flights(side: Side, name: str, seeds: int, step: Step) -> Side:
         lost = int(np.count_nonzero(np.isnan(row)))
         if lost:
             notes[f"accuracy.{key}_mm"] = f"control was lost in {lost} of {len(row)} flights"
-    return side._replace(values=values, notes=notes, collisions=collisions, hover=hover)
+    return side._replace(
+        values=values, notes=notes, collisions=collisions, hover=hover, install=install
+    )
+
+
+def add_install(
+    side: Side, d: Description, step: Step, values: dict[str, float], notes: dict[str, str]
+) -> Install:
+    """Fly sensor-install where it has a plan; says why a number is missing."""
+    if side.way is None or side.way.blocked_by:
+        found = Install({}, math.nan, math.nan, notes["clearance.propellers_m"])
+    else:
+        found = fly_install(d, step)
+    values["install.propellers_m"], values["install.gear_m"] = found.propellers, found.gear
+    for key, metric in INSTALL.items():
+        values[key] = found.metrics.get(metric, math.nan)
+    for key in ("install.propellers_m", "install.gear_m", *INSTALL):
+        if found.reason and not math.isfinite(values[key]):
+            notes[key] = found.reason
+    if found.reason and found.metrics:
+        notes["install.propellers_m"] = f"the flight failed: {found.reason}"
+    return found

@@ -8,14 +8,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from skywright.core.types import TASK_POSITION
 from skywright.errors import SkywrightError
-from skywright.evaluation.comparison import Collision, Hover
+from skywright.evaluation.comparison import Collision, Hover, Install
+from skywright.evaluation.metrics import in_phases
 from skywright.evaluation.run import build_vehicle, fly_and_evaluate
-from skywright.missions.loader import load_description
+from skywright.missions.loader import Description, load_description
 from skywright.models.compliant_arms import find_hands
 from skywright.models.rigid_body import build_body_model
+from skywright.robots.limbs import list_joints
+from skywright.studies.compare.geometry import PipeDistance
 from skywright.vehicle.guard import LOST_CONTROL
 from skywright.vehicle.interface import Arms, Uav, WholeBody
 from skywright.vehicle.simulated import SimulatedVehicle
@@ -47,6 +51,30 @@ def fly_collisions(robot: str, stiff: bool, step: Step) -> list[Collision]:
         met = {k: v for k, v in result.metrics.items() if k.startswith("impact.")}
         out.append(Collision(joints, met, "" if met else result.reason or "nothing was touched"))
     return out
+
+
+def fly_install(d: Description, step: Step) -> Install:
+    """Fly sensor-install and ask for the distances to the pipe between take-off and landing."""
+    step(f"{d.robot.name}: sensor-install")
+    try:
+        result = fly_and_evaluate(d)
+    except SkywrightError as error:
+        return Install({}, math.nan, math.nan, str(error))
+    met = {k: v for k, v in result.metrics.items() if math.isfinite(v)}
+    failed = [f"{r.name} {r.value:.3g} {r.unit}".strip() for r in result.requirements
+              if not r.passed]  # fmt: skip
+    reason = result.reason or ("not met: " + ", ".join(failed) if failed else "")
+    s = result.samples[~in_phases(result.samples, result.phases, "start", "take_off", "land")]
+    if not len(s):
+        return Install(met, math.nan, math.nan, reason)
+    ask, n = PipeDistance(d), len(list_joints(d.robot))
+    R = Rotation.from_quat(np.roll(s["q_WB"], -1, axis=1)).as_matrix()
+    near = [
+        ask(p, np.ascontiguousarray(r), q)
+        for p, r, q in zip(s["p_WB"][::10], R[::10], s["q"][::10, :n].copy(), strict=True)
+    ]
+    propellers, gear = np.min(near, axis=0)
+    return Install(met, float(propellers), float(gear), reason)
 
 
 def fly_hover(robot: str, q: Array, seeds: int, step: Step) -> Hover:

@@ -13,7 +13,7 @@ from skywright.missions.kinds.sensor_install import InstallPlan, list_legs
 from skywright.missions.loader import Description
 from skywright.missions.planning import plan_mission
 from skywright.models.extents import compute_extents, compute_swing_period
-from skywright.models.geometry import FAR, ClearanceCore, build_clearance, query_clearance
+from skywright.models.geometry import ClearanceCore, build_clearance, query_clearance
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import build_scene
@@ -24,7 +24,28 @@ from skywright.robots.spec import Robot
 Array = NDArray[np.float64]
 
 STEP = 0.02  # m, along the way
+FAR = 10.0  # m, from which on distances are not resolved
 SHAFT = 0.5  # m, width of the narrow place that a hand is lowered into
+
+
+class PipeDistance:
+    """Distances (m) of propellers with hub and booms, and of landing gear, to the world's pipe."""
+
+    def __init__(self, d: Description) -> None:
+        self._query = build_clearance(build_scene(d.robot, d.world))
+        self._groups = (self._pick("propeller", "hub", "boom"), self._pick("leg", "foot"))
+
+    def _pick(self, *starts: str) -> ClearanceCore:
+        core, names = self._query.core, self._query.names
+        keep = [i for i, (a, b) in enumerate(core.pairs[: core.n_world])
+                if names[a].startswith(starts) and names[b] == "pipe"]  # fmt: skip
+        pairs = np.ascontiguousarray(core.pairs[keep])
+        return core._replace(pairs=pairs, n_world=len(pairs), probe=np.zeros(len(pairs)))
+
+    def __call__(self, p_WB: Array, R_WB: Array, q: Array) -> tuple[float, float]:
+        """Ask at a pose of the platform, p (3,) m and R (3, 3), and joints q (n_joints,) rad."""
+        near, gear = (query_clearance(g, p_WB, R_WB, q, 0.0, FAR)[0] for g in self._groups)
+        return near, gear
 
 
 def measure_way(d: Description) -> Way:
@@ -35,16 +56,7 @@ def measure_way(d: Description) -> Way:
     plan = plan_mission(d)
     way = plan.task
     assert isinstance(way, InstallPlan)
-    query = build_clearance(build_scene(d.robot, d.world))
-    names = query.names
-
-    def pick(*starts: str) -> ClearanceCore:
-        keep = [i for i, (a, b) in enumerate(query.core.pairs[: query.core.n_world])
-                if names[a].startswith(starts) and names[b] == "pipe"]  # fmt: skip
-        pairs = np.ascontiguousarray(query.core.pairs[keep])
-        return query.core._replace(pairs=pairs, n_world=len(pairs), probe=np.zeros(len(pairs)))
-
-    groups = (pick("propeller", "hub", "boom"), pick("leg", "foot"))
+    ask = PipeDistance(d)
     R = rot_z(way.yaw)
     p_contact = way.p_near + (way.contact - _hand_below(way, d))
     legs = [(a, b, q) for _, a, b, q, _ in list_legs(way, posture(d.robot, "folded"))]
@@ -54,9 +66,7 @@ def measure_way(d: Description) -> Way:
         length = float(np.linalg.norm(b - a))
         for u in np.linspace(0.0, 1.0, max(math.ceil(length / STEP), 1) + 1):
             p = a + u * (b - a)
-            rows.append([flown + u * length, *(
-                query_clearance(core, p, R, q, 0.0, FAR)[0] for core in groups
-            )])  # fmt: skip
+            rows.append([flown + u * length, *ask(p, R, q)])
         flown += length
     table = np.array(rows)
     return Way(table[:, 0], table[:, 1], table[:, 2], plan.blocked_by or "", way.q, p_contact)

@@ -10,7 +10,7 @@ from rich.text import Text
 from skywright.evaluation.comparison import Comparison
 from skywright.evaluation.run import collect_versions
 from skywright.missions.loader import load_description
-from skywright.reports.compare import write_compare_page, write_value
+from skywright.reports.compare import write_compare_page
 from skywright.reports.terminal import new_console, new_table
 from skywright.studies.compare.compare import MISSION
 
@@ -39,7 +39,7 @@ def print_comparison(c: Comparison, page: Path) -> None:
         if r.group != group:
             group = r.group
             table.add_row(Text(group, "bold"), "", "", "")
-        cells = [Text(write_value(r, i), "green" if r.winner == i else "") for i in (0, 1)]
+        cells = [Text(r.write(i), "green" if r.winner == i else "") for i in (0, 1)]
         table.add_row(f"  {r.title}", *cells, r.unit)
     console.print(table)
     notes = {

@@ -12,14 +12,17 @@ ENTRIES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("clearance.propellers_m", "propellers and hub to the pipe, least on the way", "m", "high"),
         ("clearance.gear_m", "landing gear to the pipe, least on the way", "m", "high"),
     ),
+    "Sensor under a pipe (flown)": (
+        ("install.propellers_m", "propellers and hub to the pipe, least", "m", "high"),
+        ("install.gear_m", "landing gear to the pipe, least", "m", "high"),
+        ("install.force_error_n", "error of 2 N over 5 s, rms", "N", "low"),
+        ("install.tip_mm", "tip from a fixed point over 50 s, rms", "mm", "low"),
+        ("install.excursion_m", "platform gives way under the push", "m", "low"),
+        ("install.swing_decay_s", "swing of 10 deg decays to 1 deg", "s", "low"),
+    ),
     "Reach": (
-        (
-            "reach.surface_share",
-            "share of the pipe's circumference that a hand touches",
-            "",
-            "high",
-        ),
-        ("reach.below_share", "share of its lower half", "", "high"),
+        ("reach.surface_share", "part of the pipe's circumference in reach", "", "high"),
+        ("reach.below_share", "part of its lower half", "", "high"),
         ("reach.area_below_m2", "area below the pipe's axis that a hand reaches", "m2", "high"),
         ("access.depth_m", "depth of a hand in a shaft 0.5 m wide", "m", "high"),
         ("access.rotor_diameters", "rotors above the hand, in propeller diameters", "", "high"),
@@ -125,12 +128,8 @@ def _judge(
         return Statement(who, text, "not measured", reasons, names)
     verdict = "holds" if len(for_it) == len(told) else "partly" if for_it else "does not hold"
     parts = [
-        f"{r.title} {_number(r.values[0])} and {_number(r.values[1])} {r.unit}".rstrip()
+        f"{r.title} {r.write(0)} and {r.write(1)} {r.unit}".rstrip()
         + ("" if r in for_it else " (against it)" if r in told else "")
         for r in rows if any(math.isfinite(v) for v in r.values)
     ]  # fmt: skip
     return Statement(who, text, verdict, "; ".join(parts), names)
-
-
-def _number(x: float) -> str:
-    return f"{x:.3g}" if math.isfinite(x) else "none"
