@@ -135,9 +135,9 @@ def test_band_and_moving_mean():
 # --- claims files and verdicts -----------------------------------------------------------------
 
 
-def test_the_built_in_claims_are_complete():
-    assert "tognon-2018" in list_papers()
-    file = load_claims("tognon-2018")
+@pytest.mark.parametrize("paper", list_papers())
+def test_the_built_in_claims_are_complete(paper):
+    file = load_claims(paper)
     assert {c.measure for c in file.claims} <= set(MEASURES)
     used = {case for c in file.claims for case in c.cases.values()}
     assert set(file.cases) - used <= {"exact"}

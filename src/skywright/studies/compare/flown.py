@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,14 @@ SETTLE_S, WATCH_S = 8.0, 15.0
 
 class _Lost(Exception):
     """The robot no longer follows its reference."""
+
+
+class Still(NamedTuple):
+    """A hover: rms distances from their places (NaN: control was lost), and the springs' mean."""
+
+    tip: float  # m
+    platform: float  # m
+    deflection: Array  # (n_joints,) rad
 
 
 def fly_collisions(robot: str, stiff: bool, step: Step) -> list[Collision]:
@@ -90,9 +98,15 @@ def fly_hover(robot: str, q: Array, seeds: int, step: Step) -> Hover:
 
 def hover_once(robot: str, q: Array, wind: float, seed: int) -> tuple[float, float]:
     """Return the rms distance (m) of tip and of platform from their places; NaN: control lost."""
-    sets: dict[str, object] = {}
+    found = hover_in(robot, q, wind, seed, {})
+    return found.tip, found.platform
+
+
+def hover_in(robot: str, q: Array, wind: float, seed: int, sets: dict[str, object]) -> Still:
+    """Hover once in gusty wind of a mean (m/s), with the joints at q (n_joints,) rad."""
     if wind > 0.0:
-        sets = {"world.wind": {"kind": "dryden", "mean_mps": wind, "toward_deg": 45.0}}
+        sets = {**sets, "world.wind": {"kind": "dryden", "mean_mps": wind, "toward_deg": 45.0}}
+    lost = Still(math.nan, math.nan, np.full(len(q), math.nan))
     d = load_description("waypoints", robot, "open", sets, seed)
     blocks: list[Any] = []
     vehicle = build_vehicle(d, blocks.append)
@@ -103,10 +117,11 @@ def hover_once(robot: str, q: Array, wind: float, seed: int) -> tuple[float, flo
         _wait(vehicle, WATCH_S)
         vehicle.flush()
     except (_Lost, SkywrightError):
-        return math.nan, math.nan
+        return lost
     s = np.concatenate(blocks)
     at = s["left_p_WH"] if vehicle.plant[0]["positioned"] else s["p_WT"]
-    return _rms(at - goal), _rms(s["p_WB"] - place)
+    wound = s["deflection"][:, : len(q)].mean(axis=0)
+    return Still(_rms(at - goal), _rms(s["p_WB"] - place), wound)
 
 
 def _settle(vehicle: SimulatedVehicle, q: Array) -> tuple[Array, Array]:

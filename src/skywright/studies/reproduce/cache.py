@@ -28,6 +28,12 @@ PACKAGES = (
 )  # fmt: skip
 """Packages whose source decides what a flight gives; reports and the command line do not."""
 
+FLIGHTS = (
+    "studies/reproduce/flights.py", "studies/reproduce/flights_arms.py",
+    "studies/force_estimators.py", "studies/compare/flown.py",
+)  # fmt: skip
+"""What is done with them, beside this file."""
+
 KEEP = 3
 """Versions of the source whose flights are kept."""
 
@@ -48,9 +54,9 @@ def default_folder() -> Path:
 @lru_cache(maxsize=1)
 def hash_source() -> str:
     """Hash of the source and of the versions that decide a flight."""
-    root = Path(__file__).parents[2]  # the package
+    root = Path(__file__).resolve().parents[2]  # the package
     files = [p for name in PACKAGES for p in sorted((root / name).rglob("*.py"))]
-    files.append(Path(__file__).with_name("flights.py"))
+    files += [root / name for name in FLIGHTS]
     digest = hashlib.sha256(json.dumps(collect_versions(), sort_keys=True).encode())
     for path in files:
         digest.update(path.relative_to(root).as_posix().encode())

@@ -19,8 +19,10 @@ from skywright.missions.dump import dump_description
 from skywright.missions.loader import Description, load_description
 from skywright.missions.planning import MissionPlan, plan_mission
 from skywright.missions.tables import build_retreat
+from skywright.models.compliant_arms import is_compliant
 from skywright.sim.simulation import Snapshot
 from skywright.studies.identify.flight_log import IDENTIFY_FIELDS
+from skywright.studies.reproduce import flights_arms
 from skywright.studies.reproduce.cache import Record
 from skywright.studies.reproduce.spec import Case
 from skywright.vehicle.interface import Uav, WholeBody
@@ -34,6 +36,12 @@ FIELDS = (
 )  # fmt: skip
 """Fields of SAMPLE that are kept."""
 
+ARM_FIELDS = (
+    "q", "deflection", "left_p_WH", "left_ref_p_WH", "left_f_W", "left_est_f_W", "load_t_peak",
+    "load_f_peak", "pad_f_peak",
+)  # fmt: skip
+"""Likewise of compliant arms."""
+
 TAP = (1.0, 0.0, 1.0)  # N, on the probe's holder, for one mission tick (20 ms)
 RING = 3.0  # s, watched after the tap
 LEFT = 0.5  # m, from the reference: the platform has left
@@ -42,20 +50,18 @@ WATCH = 2.0  # s, after a bump
 
 def build_description(case: Case, seed: int) -> Description:
     """The description that a case flies with one seed."""
-    return load_description(case.mission, sets=case.sets, seed=seed)
+    return load_description(case.mission, case.robot or None, sets=case.sets, seed=seed)
 
 
 def describe_content(case: Case, description: Description) -> str:
     """Everything that says what is flown."""
-    doing = case.model_dump(include={"kind", "gain", "gains", "speeds_mps"})
+    doing = case.model_dump(exclude={"mission", "robot", "sets", "seeds", "needs"})
     return json.dumps(doing, sort_keys=True) + dump_description(description)
 
 
 def fly_case(case: Case, description: Description) -> Record:
     """Fly one seed of a case. Raises as `skywright.run` does."""
-    return {"mission": _fly_mission, "tap": _fly_taps, "bump": _fly_bumps}[case.kind](
-        case, description
-    )
+    return FLIGHTS[case.kind](case, description)
 
 
 class _Watcher:
@@ -97,7 +103,8 @@ def _fly_mission(case: Case, description: Description) -> Record:
         "plan_s": result.plan.plan_s,
         "depth_m": result.plan.depth_m,
     }
-    arrays = {name: result.samples[name] for name in FIELDS}
+    fields = (*FIELDS, *ARM_FIELDS) if is_compliant(description.robot) else FIELDS
+    arrays = {name: result.samples[name] for name in fields}
     if description.mission.kind == "excitation":  # kept whole enough to identify from
         arrays |= {name: result.samples[name] for name in IDENTIFY_FIELDS}
         info["mission"] = dump_description(description)
@@ -232,3 +239,14 @@ def _fly_bumps(case: Case, description: Description) -> Record:
         {"speeds": case.speeds_mps, "distance": distance},
         {"torque": padded, "force": np.array(forces)},
     )
+
+
+FLIGHTS = {
+    "mission": _fly_mission,
+    "tap": _fly_taps,
+    "bump": _fly_bumps,
+    "press": flights_arms.fly_press,
+    "hover": flights_arms.fly_hover,
+    "lean": flights_arms.fly_lean,
+}
+"""Kind of a case -> what flies it."""

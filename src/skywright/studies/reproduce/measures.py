@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skywright.studies.reproduce import measures_arm, measures_f550, measures_locate, measures_scan
+from skywright.studies.reproduce import (
+    measures_arm,
+    measures_bimanual,
+    measures_bimanual_flown,
+    measures_f550,
+    measures_locate,
+    measures_scan,
+    measures_table3,
+)
 from skywright.studies.reproduce.measured import Measured, Records
 
 MEASURES: dict[str, Callable[[Records], Measured]] = {
@@ -29,6 +37,27 @@ MEASURES: dict[str, Callable[[Records], Measured]] = {
     "payload": measures_f550.measure_payload,
     "mixer": measures_f550.measure_mixer,
     "model": measures_f550.measure_model,
+    "separation": measures_bimanual.measure_separation,
+    "underside": measures_bimanual.measure_underside,
+    "reaction": measures_bimanual.measure_reaction,
+    "stiffness": measures_bimanual.measure_stiffness,
+    "arm_motion": measures_bimanual.measure_arm_motion,
+    "direction": measures_bimanual.measure_direction,
+    "recoil": measures_bimanual.measure_recoil,
+    "shoulder": measures_bimanual.measure_shoulder,
+    "controllability": measures_table3.measure_controllability,
+    "narrow_access": measures_table3.measure_narrow_access,
+    "ground_effect": measures_table3.measure_ground_effect,
+    "weight": measures_table3.measure_weight,
+    "take_off": measures_table3.measure_take_off,
+    "press": measures_bimanual_flown.measure_press,
+    "lean": measures_bimanual_flown.measure_lean,
+    "impact": measures_bimanual_flown.measure_impact,
+    "accuracy": measures_bimanual_flown.measure_accuracy,
+    "install": measures_bimanual_flown.measure_install,
+    "swing": measures_bimanual_flown.measure_swing,
+    "stretched": measures_bimanual_flown.measure_stretched,
+    "downwash": measures_bimanual_flown.measure_downwash,
     "camera_alignment": measures_locate.measure_alignment,
     "station_outage": measures_locate.measure_outage,
     "station_rejoin": measures_locate.measure_rejoin,

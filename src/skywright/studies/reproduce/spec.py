@@ -32,8 +32,9 @@ class Paper(_Strict):
 class Case(_Strict):
     """A flight, or a family of flights, that claims may share."""
 
-    kind: Literal["mission", "tap", "bump"] = "mission"
+    kind: Literal["mission", "tap", "bump", "press", "hover", "lean"] = "mission"
     mission: str = "pipe-weld-scan"
+    robot: str = ""  # default: the mission's
     sets: dict[str, Any] = {}
     seeds: list[int] = Field(default=[1], min_length=1)
     needs: str = ""  # told where the flight is refused
@@ -42,6 +43,13 @@ class Case(_Strict):
     gains: list[float] = []
     # bump: the last touch, at each of these mean speeds
     speeds_mps: list[float] = []
+    # press: a hand against a box, platform clamped, with the estimator that `sets` choose
+    pose: Literal["L", "stretched"] = "L"
+    direction: Literal["up", "forward"] = "up"
+    # hover: the tip kept in place, at each of these mean winds (gusty)
+    winds_mps: list[float] = []
+    # lean: pulls back on the left hand, platform clamped, link free, one after the other
+    forces_n: list[float] = []
 
     @model_validator(mode="after")
     def _complete(self) -> Case:
@@ -49,6 +57,10 @@ class Case(_Strict):
             raise ValueError("kind = 'tap' needs gains")
         if self.kind == "bump" and not self.speeds_mps:
             raise ValueError("kind = 'bump' needs speeds_mps")
+        if self.kind == "hover" and not self.winds_mps:
+            raise ValueError("kind = 'hover' needs winds_mps")
+        if self.kind == "lean" and not self.forces_n:
+            raise ValueError("kind = 'lean' needs forces_n")
         return self
 
 

@@ -1,0 +1,71 @@
+"""Measures of the claims of Suarez 2020 that need no flight, against closed forms."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skywright
+from skywright.studies.reproduce.cache import FLIGHTS, Record
+from skywright.studies.reproduce.flights import FLIGHTS as KINDS
+from skywright.studies.reproduce.measures import MEASURES
+from skywright.studies.reproduce.measures_bimanual import load_arms
+from skywright.studies.reproduce.measures_bimanual_flown import measure_lean
+from skywright.studies.reproduce.spec import judge, load_claims
+
+FILE = load_claims("suarez-2020")
+
+
+@pytest.mark.parametrize(
+    "measure", ["reaction", "recoil", "direction", "shoulder", "stiffness", "arm_motion"]
+)
+def test_every_number_that_a_claim_tells_is_measured(measure: str) -> None:
+    found = MEASURES[measure]({})
+    for claim in (c for c in FILE.claims if c.measure == measure):
+        told = re.findall(r"{(\w+)", claim.why.reproduced + claim.why.contradicted)
+        assert {*told, *(t.quantity for t in claim.tests)} <= set(found.values), claim.id
+        assert judge(claim, found.values).name in ("reproduced", "contradicted")
+    assert found.figure is not None and all(math.isfinite(v) for v in found.values.values())
+
+
+def test_reaction_has_the_levers_of_the_geometry() -> None:
+    v = MEASURES["reaction"]({}).values
+    p = load_arms("bimanual").hand(load_arms("bimanual").q)[0]
+    assert v["near_pitch_nm"] == pytest.approx(2.0 * -p[2])
+    assert v["far_pitch_nm"] == pytest.approx(2.0 * v["hinge_m"])
+    assert v["shoulder_nm"] == pytest.approx(2.0 * 0.25, rel=1e-3)  # upper arm hangs: its length
+    # weight and push meet at the joint: their resultant's line is near the link's
+    assert v["whole_deg"] < v["change_deg"]
+
+
+def test_stiffness_along_the_straight_arm_grows_with_the_square_of_the_bend() -> None:
+    """The lever of the elbow along the arm is sin(bend / 2) of it: K goes with 1 / bend^2."""
+    v = MEASURES["stiffness"]({}).values
+    assert v["straight_n_per_m"] / v["ten_n_per_m"] == pytest.approx(100.0, rel=0.02)
+
+
+def test_the_links_angle_tells_the_force_that_turned_it() -> None:
+    arms = load_arms("bimanual-longreach")
+    forces, rows = [0.0, 1.0, 2.0, 3.0], []
+    for f in forces:
+        found = arms.compute_reaction(np.array([-f, 0.0, 0.0]))
+        assert found is not None
+        q = arms.q.copy()
+        q[0] += found.swing
+        rows.append(q)
+    record = Record({"forces_n": forces}, {"q": np.array(rows)})
+    v = measure_lean({"pull": [record]}).values
+    assert v["error_n"] < 1e-6 and v["angle_error_deg"] < 1e-6
+    rows[2][0] += math.radians(1.0)  # about 18 N of weight at 0.8 m below the joint
+    v = measure_lean({"pull": [Record({"forces_n": forces}, {"q": np.array(rows)})]}).values
+    assert 0.15 < v["error_n"] < 0.35
+
+
+def test_what_decides_a_flight_is_in_its_cache_key() -> None:
+    root = Path(skywright.__file__).parent
+    assert all((root / name).is_file() for name in FLIGHTS)
+    assert {case.kind for case in FILE.cases.values()} <= set(KINDS)
