@@ -297,8 +297,19 @@ class _BenchCommand(click.Command):
     "--out", type=click.Path(path_type=Path),
     help="Folder of results.  [default without NAME: benchmarks/results]",
 )  # fmt: skip
+@click.option(
+    "--workers", type=click.IntRange(min=1), default=1, show_default=True,
+    help="Processes that compare motion planners, by processor time.",
+)  # fmt: skip
+@click.option(
+    "--resume", type=click.Path(path_type=Path),
+    help="Folder that keeps finished comparisons; a second call goes on there.",
+)  # fmt: skip
 @_json
-def bench(names: tuple[str, ...], quick: bool, full: bool, out: Path | None, as_json: bool) -> int:
+def bench(
+    names: tuple[str, ...], quick: bool, full: bool, out: Path | None, workers: int,
+    resume: Path | None, as_json: bool,
+) -> int:  # fmt: skip
     """Measure what things cost, as ratios side by side.
 
     A missed limit is told, not an error: timings depend on the machine and on who else uses it.
@@ -310,7 +321,7 @@ def bench(names: tuple[str, ...], quick: bool, full: bool, out: Path | None, as_
         raise InputError("--quick and --full: choose one")
     report = run_benchmarks(
         names, effort="quick" if quick else "full" if full else "default", out=out,
-        watcher=Tables(quiet=as_json),
+        watcher=Tables(quiet=as_json), workers=workers, resume=resume,
     )  # fmt: skip
     if as_json:
         _print_json(report.to_json())

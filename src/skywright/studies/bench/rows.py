@@ -24,6 +24,10 @@ class Session(NamedTuple):
     effort: Effort
     scratch: Path
     """An empty folder that is removed at the end."""
+    workers: int = 1
+    """Processes that a benchmark may share its work among; those that time one process do not."""
+    resume: Path | None = None
+    """Folder that keeps finished parts of long benchmarks."""
 
     def pick(self, quick: T, default: T, full: T) -> T:
         """Choose by effort."""

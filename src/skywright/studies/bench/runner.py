@@ -87,18 +87,24 @@ def run_benchmarks(
     effort: Effort = "default",
     out: Path | None = None,
     watcher: Watcher | None = None,
+    workers: int = 1,
+    resume: Path | None = None,
 ) -> Report:
     """Measure the named benchmarks, or those that are measured by default.
 
     A measurement of all default benchmarks is written into `benchmarks/results`; one of named
     benchmarks or a quick one only where `out` (a folder) is given. An interrupted call returns what
     it has; a benchmark that fails becomes a row that says why, and the others go on.
+    `workers` processes share what can be shared (the comparison of planners, by processor time);
+    `resume` is a folder that keeps its finished parts, so that a second call goes on.
     Raises InputError for an unknown name or a folder that cannot be written, before the start.
     """
     chosen = choose_benchmarks(names, effort == "full")
     folder = RESULTS if out is None and not names and effort != "quick" else out
     if folder is not None:
         check_folder(folder)
+    if resume is not None:
+        check_folder(resume, "--resume")
     watcher = watcher or _Silent()
     load_before, begin = read_load(), time.perf_counter()
     when = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
@@ -115,7 +121,7 @@ def run_benchmarks(
                 watcher.begin(name, BENCHMARKS[name].description)
                 path = Path(scratch) / name
                 path.mkdir()
-                found, well = _measure(name, Session(effort, path))
+                found, well = _measure(name, Session(effort, path, workers, resume))
                 rows += found
                 (done if well else failed).append(name)
                 watcher.end(name, found)
@@ -153,7 +159,7 @@ def _compile() -> None:
     fly_to_hover(load_scan())
 
 
-def check_folder(folder: Path) -> None:
+def check_folder(folder: Path, option: str = "--out") -> None:
     """Refuse a folder that cannot be written before the work begins."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -161,7 +167,7 @@ def check_folder(folder: Path) -> None:
             pass
     except OSError as error:
         why = error.strerror or error
-        raise InputError(f"--out {folder}: results cannot be written there: {why}") from None
+        raise InputError(f"{option} {folder}: results cannot be written there: {why}") from None
 
 
 def write_report(report: Report, folder: Path) -> Path:
