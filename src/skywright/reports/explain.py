@@ -153,10 +153,12 @@ def list_timing(result: RunResult) -> list[Row]:
     rows = [
         Row("planning time", f"{plan.plan_s:.2f} s"),
         Row("planned duration", f"{plan.duration_s:.1f} s", "without take-off, waits and landing"),
-        Row("smallest planned clearance", f"{format_value(plan.min_clearance_m)} m"),
-        Row("smallest planned rotor margin", f"{100 * plan.min_rotor_margin:.0f} %",
-            "of the usable thrust range"),
-    ]  # fmt: skip
+    ]
+    if math.isfinite(plan.min_clearance_m):
+        rows.append(Row("smallest planned clearance", f"{format_value(plan.min_clearance_m)} m"))
+    if math.isfinite(plan.min_rotor_margin):
+        rows.append(Row("smallest planned rotor margin", f"{100 * plan.min_rotor_margin:.0f} %",
+                        "of the usable thrust range"))  # fmt: skip
     if result.plan.push_force_n > 0.0:
         rows.append(Row("planned push", f"{format_value(plan.push_force_n)} N",
                         f"desired tip {1e3 * plan.depth_m:.0f} mm inside the surface"))  # fmt: skip

@@ -39,6 +39,10 @@ _PARTS: dict[str, tuple[str, float]] = {
 }  # fmt: skip
 
 
+WORK = ("force", "inspect", "carry", "transport")
+"""Phases in which missions without a scan do what they came for."""
+
+
 def unroll_points(result: RunResult, p_W: Array) -> tuple[Array, Array]:
     """Unrolled coordinates (s, c), each (n,) m, of points (n, 3) in W near the pipe."""
     pipe = result.description.world.pipe
@@ -139,20 +143,17 @@ def _outline_world(result: RunResult) -> list[Outline]:
 
 
 def _outline_robots(result: RunResult) -> list[tuple[list[Outline], float]]:
-    """Where the robot started, and in the middle of its scan (or at its way-points)."""
+    """Where the robot started, and in the middle of its work (or at its first way-point)."""
     robot, s = result.description.robot, result.samples
     n = len(posture(robot, "folded"))
     out = [(_place(result, s[0], s["q"][0][:n]), 0.35)]
-    scan = select_scan(result)
-    if len(scan):
-        row = scan[len(scan) // 2]
+    work = select_scan(result)
+    if not len(work):
+        spans = [p for p in result.phases if p.name in WORK or p.name.startswith("hold")]
+        work = s[(s["t"] >= spans[0].start_s) & (s["t"] < spans[0].end_s)] if spans else s[:0]
+    if len(work):
+        row = work[len(work) // 2]
         out.append((_place(result, row, row["q"][:n]), 1.0))
-    elif result.description.mission.waypoints:
-        holds = [p for p in result.phases if p.name.startswith("hold")]
-        for p in holds[:1]:
-            i = int(np.searchsorted(s["t"], p.end_s - 0.02))
-            row = s[min(i, len(s) - 1)]
-            out.append((_place(result, row, row["q"][:n]), 1.0))
     return out
 
 

@@ -80,13 +80,13 @@ def draw_contact_series(result: RunResult) -> Figure | None:
         return None
     samples = result.samples
     s = samples[(samples["t"] >= window[0]) & (samples["t"] <= window[1])]
-    if len(s) < 2:
-        return None
+    along, out = compute_tip_errors(s)
+    if np.count_nonzero(np.isfinite(along)) < 2:
+        return None  # a hand at work, not a probe: its kind draws that
     t = s["t"]
     figure = new_figure(WIDTH, 11.6)
     strip, axes = stack_panels(figure, 7)
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
-    along, out = compute_tip_errors(s)
     _draw_tangential(axes[0], t, along, result)
     _draw_normal(axes[1], t, out, result)
     _draw_gap(axes[2], t, s, result)

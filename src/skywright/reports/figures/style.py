@@ -6,6 +6,7 @@ Colours are those of Okabe and Ito (2008), which colour-blind readers can tell a
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -39,6 +40,8 @@ WIDTH = 9.6
 MAX_COLUMNS = 500
 """Time bins a line is thinned to; each keeps its smallest and largest value."""
 
+NAME_WIDTH = 16
+"""Letters of a slanted phase name on one line."""
 MANY = 300
 """Points from which a cloud is drawn as a picture."""
 
@@ -190,8 +193,10 @@ def shade_phases(strip: Axes, axes: Sequence[Axes], spans: Sequence[Span]) -> No
     for span, x in zip(spans, at, strict=True):
         wide = (span.end - span.start) > 0.014 * (end - start) * len(span.name)
         x = 0.5 * (span.start + span.end) if wide else x
+        # a long slanted name on two lines, or its end would be cut off
+        name = span.name if wide else "\n".join(textwrap.wrap(span.name, NAME_WIDTH))
         strip.text(
-            x, 1.35, span.name, fontsize=7.5, color="#444444", rotation=0 if wide else 40,
+            x, 1.35, name, fontsize=7.5, color="#444444", rotation=0 if wide else 40,
             ha="center" if wide else "left", va="bottom", rotation_mode="anchor",
         )  # fmt: skip
 
