@@ -194,7 +194,11 @@ def shade_phases(strip: Axes, axes: Sequence[Axes], spans: Sequence[Span]) -> No
         wide = (span.end - span.start) > 0.014 * (end - start) * len(span.name)
         x = 0.5 * (span.start + span.end) if wide else x
         # a long slanted name on two lines, or its end would be cut off
-        name = span.name if wide else "\n".join(textwrap.wrap(span.name, NAME_WIDTH))
+        name = (
+            span.name
+            if wide
+            else "\n".join(textwrap.wrap(span.name, NAME_WIDTH, break_long_words=False))
+        )
         strip.text(
             x, 1.35, name, fontsize=7.5, color="#444444", rotation=0 if wide else 40,
             ha="center" if wide else "left", va="bottom", rotation_mode="anchor",
