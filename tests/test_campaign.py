@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -15,12 +16,14 @@ from pathlib import Path
 import pytest
 
 import skywright
+from skywright.core.recording import RecordingWriter
 from skywright.errors import InputError
 from skywright.evaluation.rows import Row
 from skywright.evaluation.run import fly_and_evaluate
+from skywright.studies.campaign import campaign as campaign_module
 from skywright.studies.campaign.campaign import choose_folder, run_campaign
 from skywright.studies.campaign.local import choose_workers, count_cores
-from skywright.studies.campaign.runner import TIMING_METRICS
+from skywright.studies.campaign.runner import TIMING_METRICS, Task, fly_row
 from skywright.studies.campaign.spec import (
     Campaign,
     build_campaign,
@@ -366,6 +369,55 @@ def test_a_full_disk_ends_it_with_one_line_and_keeps_the_rows(
     again = Store(Path("c"), build_identity(build()))
     assert strip(list(again.rows.values())) == strip(rows[:2])
     again.close()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_what_a_full_disk_left_in_the_buffer_does_not_hide_the_reason(
+    flown: tuple[Path, list[Row]], hop: Path
+) -> None:
+    store = Store(Path("c"), build_identity(build()))
+    store._file.close()
+    store._file = Path("/dev/full").open("ab")  # noqa: SIM115
+    with pytest.raises(InputError, match="No space left"):
+        store.append(flown[1][0])
+    store.close()  # its flush fails a second time
+
+
+def test_a_run_that_cannot_be_recorded_is_no_row(
+    hop: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its conditions are not to blame: it is flown again when there is room."""
+    campaign = build()
+
+    def task(folder: Path) -> Task:
+        return Task(draw_run(campaign, 0), load_run(campaign, draw_run(campaign, 0)), "", "all",
+                    str(folder))  # fmt: skip
+
+    Path("file").write_text("")
+    row = fly_row(task(Path("file") / "runs"))  # no folder can be made there
+    assert row.outcome == "interrupted" and "cannot create" in row.reason
+
+    def append(self: RecordingWriter, samples: object) -> None:
+        with self._writing():
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(RecordingWriter, "append", append)
+    row = fly_row(task(Path("runs")))
+    assert row.outcome == "interrupted" and "No space left" in row.reason
+    assert not list(Path("runs").iterdir())  # room for the rows of the others
+
+    monkeypatch.setattr(campaign_module, "fly_local", lambda *args, **more: iter([row]))
+    with pytest.raises(InputError, match=r"run 0 could not be recorded.*same command continues"):
+        run_campaign(campaign, 1, out=Path("c"), record="all", workers=1)
+    assert Path("c/runs.jsonl").read_bytes() == b""
+
+
+def test_another_law_behind_the_same_name_is_another_campaign(hop: Path) -> None:
+    law = "mission.law=choice('killer.py:step','thrust_vectoring')"
+    Store(Path("c"), build_identity(build(law))).close()
+    Path("killer.py").write_text(KILLER + "\n")
+    with pytest.raises(InputError, match="the file of a control law"):
+        run_campaign(build(law), 1, out=Path("c"))
 
 
 def test_a_damaged_journal_is_told_with_its_line(flown: tuple[Path, list[Row]], hop: Path) -> None:

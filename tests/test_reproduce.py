@@ -14,9 +14,10 @@ from skywright.errors import InputError, SimulationError
 from skywright.studies.reproduce import cache as cache_module
 from skywright.studies.reproduce import elastic, runner
 from skywright.studies.reproduce.cache import Cache, Record
+from skywright.studies.reproduce.flights import build_description, describe_content
 from skywright.studies.reproduce.measures import MEASURES
 from skywright.studies.reproduce.series import band_rms, ring_growth, smooth
-from skywright.studies.reproduce.spec import Claim, list_papers, load_claims
+from skywright.studies.reproduce.spec import Case, Claim, list_papers, load_claims
 from skywright.studies.reproduce.spec import judge as judge_claim
 
 PAPER = """
@@ -199,6 +200,26 @@ def test_unknown_papers_and_claims_are_told(paper):
         runner.reproduce(str(paper), cache=None, only=["levle"])
 
 
+def test_claims_are_found_in_all_papers():
+    assert runner.check_papers(None) == {name: [] for name in list_papers()}
+    found = runner.check_papers(None, ["touch-down", "sanchez-cuevas-2020/payload"])
+    assert found == {"sanchez-cuevas-2020": ["payload"], "tognon-2018": ["touch-down"]}
+    with pytest.raises(InputError, match=r"unknown claim 'touch-dwon'; valid: .*touch-down"):
+        runner.check_papers(None, ["touch-dwon"])
+    with pytest.raises(InputError, match=r"unknown paper 'tognon'; valid: .*tognon-2018"):
+        runner.check_papers(None, ["tognon/touch-down"])
+
+
+@pytest.mark.parametrize("words", [["nobody-2018"], ["tognon-2018", "--claim", "nothing"]])
+def test_a_name_that_does_not_exist_leaves_no_page(words, tmp_path, monkeypatch):
+    from skywright.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as caught:
+        main(["reproduce", *words])
+    assert caught.value.code == 2 and not list(tmp_path.iterdir())
+
+
 # --- the runner and its cache ------------------------------------------------------------------
 
 
@@ -250,6 +271,28 @@ def test_a_flight_that_fails_costs_only_its_claims(paper, tmp_path):
     report = runner.reproduce(str(paper), cache=tmp_path, fly=fly)
     assert "it needs a second camera" in report.claims[1].explanation
     assert "rate_hz" in report.claims[1].explanation  # its neighbours
+
+
+def test_a_fault_of_the_program_costs_only_its_claims(paper, tmp_path):
+    def fly(case, description):
+        if description.world.mocap.rate_hz < 50:
+            raise ZeroDivisionError("division by zero")
+        return scan_record(3.0)
+
+    good, bad = runner.reproduce(str(paper), cache=tmp_path, fly=fly).claims
+    assert good.verdict == "reproduced" and bad.verdict == "not_comparable"
+    assert "ZeroDivisionError: division by zero (test_reproduce.py:" in bad.explanation
+
+
+def test_another_law_behind_the_same_name_is_flown_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    law = tmp_path / "law.py"
+    case = Case(sets={"mission.law": "law.py:step"})
+    contents = set()
+    for text in ("def step(*_): pass", "def step(*_): return"):
+        law.write_text(text)
+        contents.add(describe_content(case, build_description(case, 1)))
+    assert len(contents) == 2
 
 
 def test_a_damaged_or_unwritable_cache_costs_nothing_but_time(tmp_path):

@@ -260,9 +260,14 @@ def reproduce(
     """
     from skywright.studies.reproduce.cache import default_folder
     from skywright.studies.reproduce.present import Bar, print_reports, write_page
-    from skywright.studies.reproduce.runner import reproduce_papers
+    from skywright.studies.reproduce.runner import check_papers, reproduce_papers
 
-    page = _writable(out or Path("claims.html"), (".html",))
+    page = out or Path("claims.html")
+    check_papers(paper, only)  # nothing is written for a name that does not exist
+    fresh = not page.exists()
+    page = _writable(page, (".html",))
+    if fresh:
+        page.unlink()  # it can be written; an interrupt leaves no empty page
     reports = reproduce_papers(
         paper, cache=cache or default_folder(), only=only, steps=None if as_json else Bar()
     )

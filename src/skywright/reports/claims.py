@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -56,9 +57,14 @@ Parts = Sequence[tuple[Heading, Sequence[ClaimRow]]]
 
 def write_claims_page(path: Path, parts: Parts, versions: Mapping[str, str]) -> None:
     """Write claims.html. Raises InputError when it cannot be written."""
-    try:
-        path.write_text(render_claims_page(parts, versions), encoding="utf-8")
+    text = render_claims_page(parts, versions)
+    partial = path.with_name(path.name + ".partial")
+    try:  # under another name first: a full disk leaves an earlier page whole
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
     except OSError as error:
+        with suppress(OSError):
+            partial.unlink()
         raise InputError(f"cannot write {path}: {error.strerror or error}") from None
 
 

@@ -15,7 +15,7 @@ from skywright.evaluation.warm_up import is_compiled
 from skywright.models.capability import check_can_fly
 from skywright.studies.campaign.local import choose_workers, count_cores, fly_local
 from skywright.studies.campaign.progress import CampaignProgress
-from skywright.studies.campaign.runner import RECORD, Task
+from skywright.studies.campaign.runner import INTERRUPTED, RECORD, Task
 from skywright.studies.campaign.spec import (
     Campaign,
     build_identity,
@@ -117,6 +117,11 @@ def run_campaign(
             tasks = _iterate_tasks(campaign, missing, record, folder)
             with closing(_fly(tasks, count, ray)) as rows:
                 for row in rows:
+                    if row.outcome == INTERRUPTED:
+                        raise InputError(
+                            f"run {row.run} could not be recorded: {row.reason}; {len(store.rows)} "
+                            "finished runs are kept, the same command continues"
+                        )
                     store.append(row)
                     bar.on_row(row)
         except KeyboardInterrupt:

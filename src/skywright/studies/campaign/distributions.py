@@ -84,9 +84,10 @@ def parse_variation(text: str) -> Variation:
     label = f"--vary {key}"
     call = _CALL.fullmatch(right)
     if call is None:
+        fixed = "" if "(" in right else f"; a fixed value is given by --set {key}={right.strip()}"
         raise InputError(
-            f"{label}: {right.strip()!r} is no distribution; valid: {', '.join(FORMS.values())}; "
-            f"a fixed value is given by --set {key}={right.strip()}"
+            f"{label}: {right.strip()!r} is no distribution; valid: {', '.join(FORMS.values())}"
+            + fixed
         )
     name, inside = call.groups()
     if name not in FORMS:

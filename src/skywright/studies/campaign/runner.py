@@ -16,6 +16,9 @@ from skywright.studies.campaign.spec import Draw
 RECORD = ("none", "failed", "all")
 """Runs of which the directory with the recording is kept."""
 
+INTERRUPTED = "interrupted"
+"""Outcome of a run that was cut short from outside; it is flown again, and never a row."""
+
 TIMING_METRICS = ("plan.wall_s",)
 """Metrics that depend on the machine; a row keeps them apart, so that it is repeatable."""
 
@@ -34,7 +37,10 @@ class Task(NamedTuple):
 
 
 def fly_row(task: Task) -> Row:
-    """Fly one run. Whatever goes wrong becomes a row with its reason; never raises."""
+    """Fly one run. Whatever goes wrong becomes a row with its reason; never raises.
+
+    A run whose directory could not be written is `interrupted`: no result of the campaign.
+    """
     if task.refused:
         return build_failed_row(task, "refused", task.refused)
     try:
@@ -46,6 +52,8 @@ def fly_row(task: Task) -> Row:
             if task.record == "failed" and result.outcome != "succeeded":
                 _record(task.description, folder)  # the same again: runs are repeatable
         return _build_row(task, result)
+    except _UnrecordedError as error:
+        return build_failed_row(task, INTERRUPTED, str(error))
     except InfeasibleError as error:
         return build_failed_row(task, "infeasible", error.blocked_by)
     except InputError as error:
@@ -67,13 +75,32 @@ def build_failed_row(task: Task, outcome: str, reason: str) -> Row:
     )  # fmt: skip
 
 
+class _UnrecordedError(Exception):
+    """A run directory could not be written."""
+
+
 def _record(description: Description, folder: Path) -> RunResult:
-    """Fly with a run directory; what an interrupted campaign left half-written is replaced."""
+    """Fly with a run directory; what an interrupted campaign left half-written is replaced.
+
+    Raises _UnrecordedError when the disk does not take it; nothing of it stays then.
+    """
     import shutil
 
-    for old in (folder, folder.with_name(folder.name + ".partial")):
+    partial = folder.with_name(folder.name + ".partial")
+    for old in (folder, partial):
         shutil.rmtree(old, ignore_errors=True)
-    return run_mission(description, out=folder)
+    try:
+        result = run_mission(description, out=folder)
+        if result.outcome != "interrupted":
+            return result
+        why = result.reason
+    except (OSError, InputError) as error:
+        disk = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
+        if not disk and not partial.exists():
+            raise  # the description is wrong: nothing was opened
+        why = str(error)
+    shutil.rmtree(partial, ignore_errors=True)
+    raise _UnrecordedError(why)
 
 
 def _build_row(task: Task, result: RunResult) -> Row:

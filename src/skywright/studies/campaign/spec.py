@@ -156,18 +156,29 @@ def build_identity(campaign: Campaign) -> dict[str, Any]:
         "values": hashlib.sha256(
             repr([(v.key, v.kind, v.values) for v in campaign.variations]).encode()
         ).hexdigest()[:16],
-        "law": _hash_law(campaign.base),
+        "law": _hash_laws(campaign),
         "description": hashlib.sha256(text.encode()).hexdigest()[:16],
         "versions": collect_code_versions(),
     }
 
 
-def _hash_law(base: Description) -> str | None:
-    """Return the hash of a user's law file: with another law the rows are others."""
-    law = base.mission.law or base.robot.control.law
-    if law is None or ".py:" not in law:
-        return None
-    return hashlib.sha256(Path(law.rpartition(":")[0]).read_bytes()).hexdigest()[:16]
+def _hash_laws(campaign: Campaign) -> str | None:
+    """Return the hash of the user's law files, fixed or varied, and of robots and worlds varied.
+
+    With other files the rows are others; what is fixed of robot and world is in the description.
+    """
+    base = campaign.base
+    names = [base.mission.law or base.robot.control.law or ""]
+    names += [v for x in campaign.variations for v in x.values if isinstance(v, str)]
+    digest, found = hashlib.sha256(), False
+    for name in dict.fromkeys(n for n in names if n):
+        file = name.rpartition(":")[0] if ".py:" in name else name
+        for path in (Path(campaign.mission).parent / file, Path(file)):
+            for one in sorted(path.glob("*.toml")) if path.is_dir() else [path]:
+                if one.is_file():
+                    digest.update(one.as_posix().encode() + b"\0" + one.read_bytes())
+                    found = True
+    return digest.hexdigest()[:16] if found else None
 
 
 @lru_cache(maxsize=1)

@@ -11,6 +11,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -26,7 +27,7 @@ PAGE = "campaign.html"
 _CHANGED = {
     "description": "the mission's files",
     "values": "the values of a CSV file",
-    "law": "the file of the control law",
+    "law": "the file of a control law, or of a robot or world that varies",
 }
 """Parts of an identity that are hashes, in words."""
 
@@ -81,10 +82,8 @@ class Store:
 
     def close(self) -> None:
         """Release the folder."""
-        try:
+        with suppress(OSError):  # what could not be written was told when it was appended
             self._file.close()
-        except OSError:  # what could not be written was told when it was appended
-            os.close(self._file.fileno())
 
     def _explain(self, name: str, error: OSError) -> str:
         return (

@@ -1,8 +1,8 @@
 """Flights cached by content: the same flight of the same code is flown once.
 
 The key is the resolved description, what is done with it, and everything that decides the result:
-the source of the packages that fly, and the versions of MuJoCo, numba and NumPy. A damaged entry is
-flown again; a full or read-only disk costs the cache, not the result.
+the source of the packages that fly, a user's law, and the versions of MuJoCo, numba, NumPy and
+SciPy. A damaged entry is flown again; a full or read-only disk costs the cache, not the result.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import os
 import shutil
 import zipfile
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -57,7 +58,8 @@ def hash_source() -> str:
     root = Path(__file__).resolve().parents[2]  # the package
     files = [p for name in PACKAGES for p in sorted((root / name).rglob("*.py"))]
     files += [root / name for name in FLIGHTS]
-    digest = hashlib.sha256(json.dumps(collect_versions(), sort_keys=True).encode())
+    versions = {**collect_versions(), "scipy": version("scipy")}
+    digest = hashlib.sha256(json.dumps(versions, sort_keys=True).encode())
     for path in files:
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(path.read_bytes())

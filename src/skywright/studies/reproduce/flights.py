@@ -5,8 +5,10 @@ All start from ordinary descriptions; what is kept of a flight is small enough t
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,6 +58,9 @@ def build_description(case: Case, seed: int) -> Description:
 def describe_content(case: Case, description: Description) -> str:
     """Everything that says what is flown."""
     doing = case.model_dump(exclude={"mission", "robot", "sets", "seeds", "needs"})
+    law = description.mission.law or description.robot.control.law or ""
+    if ".py:" in law:  # a user's file is not part of the source that the cache hashes
+        doing["law"] = hashlib.sha256(Path(law.rpartition(":")[0]).read_bytes()).hexdigest()
     return json.dumps(doing, sort_keys=True) + dump_description(description)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -124,10 +126,35 @@ def reproduce_papers(
     steps: Steps | None = None,
 ) -> list[Report]:
     """`reproduce` for one paper, or for all of them; `only` may name claims as PAPER/CLAIM."""
-    names = [paper] if paper is not None else list_papers()
-    if paper is None and only:
-        names = sorted({name.split("/")[0] for name in only if "/" in name}) or names
-    return [reproduce(name, cache=cache, only=only, steps=steps) for name in names]
+    chosen = check_papers(paper, only)
+    return [reproduce(name, cache=cache, only=ids, steps=steps) for name, ids in chosen.items()]
+
+
+def check_papers(paper: str | None, only: Sequence[str] = ()) -> dict[str, list[str]]:
+    """Papers to measure, each with the claims asked for (none: all of them).
+
+    Without a paper a claim's bare name is looked for in all papers. Raises InputError for unknown
+    papers or claims.
+    """
+    if paper is not None:
+        _choose(load_claims(paper), only)
+        return {paper: list(only)}
+    files = {name: load_claims(name) for name in list_papers()}
+    if not only:
+        return {name: [] for name in files}
+    out: dict[str, list[str]] = {}
+    for asked in only:
+        where, slash, bare = asked.rpartition("/")
+        if slash and where not in files:
+            raise InputError(f"unknown paper {where!r}; valid: {neighbours(where, files)}")
+        found = [n for n in files if not slash or n == where]
+        found = [n for n in found if bare in [c.id for c in files[n].claims]]
+        if not found:
+            valid = [f"{n}/{c.id}" for n in files for c in files[n].claims]
+            raise InputError(f"unknown claim {asked!r}; valid: {neighbours(asked, valid)}")
+        for name in found:
+            out.setdefault(name, []).append(bare)
+    return {name: out[name] for name in files if name in out}
 
 
 def reproduce(
@@ -159,7 +186,7 @@ def reproduce(
                 continue
             try:
                 record, cached = _get(file.cases[name], seed, store, steps, name, fly)
-            except SkywrightError as error:
+            except Exception as error:  # one broken flight must not lose the others' claims
                 failed[name] = _refusal(name, file.cases[name], error)
                 continue
             counts[cached] += 1
@@ -204,9 +231,19 @@ def _get(
     return record, False
 
 
-def _refusal(name: str, case: Case, error: SkywrightError) -> str:
+def _refusal(name: str, case: Case, error: Exception) -> str:
     needs = f" (it needs {case.needs})" if case.needs and isinstance(error, InputError) else ""
-    return f"the flight {name!r} could not be flown{needs}: {error}"
+    return f"the flight {name!r} could not be flown{needs}: {_tell(error)}"
+
+
+def _tell(error: Exception) -> str:
+    """An error in words; a fault of the program with its place."""
+    if isinstance(error, SkywrightError):
+        return str(error)
+    if os.environ.get("SKYWRIGHT_DEBUG"):
+        raise error
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno})"
 
 
 def _measure(
@@ -218,8 +255,8 @@ def _measure(
         roles: Records = {role: records[case] for role, case in claim.cases.items()}
         try:
             measured = MEASURES[claim.measure](roles)
-        except SkywrightError as error:
-            trouble = f"could not be measured: {error}"
+        except Exception as error:
+            trouble = f"could not be measured: {_tell(error)}"
     verdict = judge(claim, measured.values)
     tests = [
         CriterionResult(test, measured.values.get(test.quantity), passed)
