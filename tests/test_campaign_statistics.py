@@ -201,3 +201,25 @@ def test_page_answers_in_its_first_line(
     for row in rows:
         assert (f"--seed {row.seed}" in page) == (not row.succeeded or row is rows[0])
     assert page.count("<figure>") >= (4 if len(rows) == 60 else 1)
+
+
+def test_of_many_conditions_those_that_act_are_drawn() -> None:
+    """A condition that decides is not left out of the picture because it was named last."""
+    from skywright.reports.figures.campaign import MAX_PANELS, draw_conditions
+
+    keys = [f"world.idle{i}" for i in range(MAX_PANELS + 3)] + ["world.wind.mean_mps"]
+    rng = np.random.default_rng(4)
+    rows = []
+    for i in range(60):
+        varied = {key: float(rng.random()) for key in keys}
+        error = varied["world.wind.mean_mps"]
+        metrics = {"error": error}
+        failed = ("error",) if error > 0.8 else ()
+        outcome = "failed" if failed else "succeeded"
+        rows.append(
+            Row(i, i, outcome, "error" if failed else "", failed, "", varied, metrics, {}, 1, "")
+        )
+    requirements = {"error": Requirement(limit=0.8)}
+    figure = draw_conditions(rows, keys, build_verdict(rows, keys, requirements, 0.9))
+    assert figure is not None and len(figure.axes) == MAX_PANELS
+    assert "world.wind.mean_mps" in [ax.get_xlabel() for ax in figure.axes]

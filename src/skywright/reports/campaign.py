@@ -46,7 +46,9 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
                 "Each dot is one run, placed by the value that it drew. Its height tells how near "
                 "it came to its tightest limit: from the median of all runs (bottom) to the limit "
                 "(dashed). Failures have a mark of their own; one without such a height (a count "
-                "that was missed, a run that was not completed) sits at the top.",
+                "that was missed, a run that was not completed) sits at the top."
+                + (f" The {figures.MAX_PANELS} of {len(keys)} conditions that act most are drawn."
+                   if len(keys) > figures.MAX_PANELS else ""),
             ),
             to_picture(
                 "The two conditions that matter most", figures.draw_map(rows, keys, verdict),

@@ -35,10 +35,14 @@ MAX_PANELS = 12
 
 
 def draw_conditions(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figure | None:
-    """One panel a varied key: how near every run came to its tightest limit; failures marked."""
+    """One panel a varied key: how near every run came to its tightest limit; failures marked.
+
+    Of more than MAX_PANELS keys those that act most are drawn, in the order in which they came.
+    """
     if not keys:
         return None
-    keys = keys[:MAX_PANELS]
+    shown = set(rank_keys(keys, verdict)[:MAX_PANELS])
+    keys = [key for key in keys if key in shown]
     columns = min(len(keys), 3)
     lines = math.ceil(len(keys) / columns)
     figure = new_figure(WIDTH, 0.75 + 2.1 * lines)
@@ -73,9 +77,9 @@ def draw_conditions(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) 
 
 def draw_map(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figure | None:
     """Draw the two keys that matter most: every run, coloured by how near it came to a limit."""
-    chosen = _choose_pair(rows, keys, verdict)
-    if chosen is None:
+    if len(keys) < 2:
         return None
+    chosen = rank_keys(keys, verdict)[:2]
     figure = new_figure(6.6, 4.6)
     ax = figure.add_axes((0.12, 0.12, 0.7, 0.76))
     use = _compute_use(rows, verdict)
@@ -196,12 +200,8 @@ def _choose_styles(verdict: Verdict) -> dict[str, tuple[str, str]]:
     }
 
 
-def _choose_pair(
-    rows: Sequence[Row], keys: Sequence[str], verdict: Verdict
-) -> tuple[str, str] | None:
-    """The two keys that act most on the limits, the one that separates the failures first."""
-    if len(keys) < 2:
-        return None
+def rank_keys(keys: Sequence[str], verdict: Verdict) -> list[str]:
+    """Keys by how much they act on the limits, those that separate failures first."""
     share = {k: 0.0 for k in keys}
     for s in verdict.sensitivities:
         if s.metric == LIMIT_USE and s.significant:
@@ -209,8 +209,8 @@ def _choose_pair(
     for group in reversed(verdict.failures):
         if group.key:
             share[group.key] += 1.0
-    ranked = sorted(keys, key=lambda k: -share[k])
-    return ranked[0], ranked[1]
+    others = {s.key for s in verdict.sensitivities if s.significant}  # on some metric
+    return sorted(keys, key=lambda k: (-share[k], k not in others))
 
 
 def _place(rows: Sequence[Row], key: str) -> tuple[Array, list[str]]:
