@@ -1,4 +1,4 @@
-"""The benchmarks by name: a module with `measure(session) -> list[Row]`, and one line here."""
+"""The benchmarks by name: a function `measure(session) -> list[Row]`, and one entry here."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ class Benchmark(NamedTuple):
     description: str
     by_default: bool = True
     """Whether it is measured when no name is given; `--full` measures all."""
+    function: str = "measure"
 
 
 BENCHMARKS = {
@@ -36,6 +37,24 @@ BENCHMARKS = {
     "sensors": Benchmark(HERE + "sensors", "cost of sensors, link, wind and friction"),
     "contacts": Benchmark(HERE + "contacts", "growth of cost with contacts"),
     "robots": Benchmark(HERE + "robots", "growth of cost with the number of robots"),
+    "consistency": Benchmark(
+        HERE + "evidence",
+        "is the filter as sure as it should be (NEES)",
+        False,
+        "measure_consistency",
+    ),
+    "estimators": Benchmark(
+        HERE + "evidence",
+        "errors of each estimator, conditions good and bad",
+        False,
+        "measure_estimators",
+    ),
+    "margins": Benchmark(
+        HERE + "evidence", "margins of the weld scan's loops", False, "measure_margins"
+    ),
+    "force": Benchmark(
+        HERE + "evidence", "force estimators of a compliant arm", False, "measure_force"
+    ),
 }
 
 
@@ -55,7 +74,8 @@ def choose_benchmarks(names: Sequence[str], full: bool) -> list[str]:
 
 def load_benchmark(name: str) -> Callable[[Session], list[Row]]:
     """Import a benchmark and return its `measure`."""
-    measure: Callable[[Session], list[Row]] = importlib.import_module(
-        BENCHMARKS[name].module
-    ).measure
+    entry = BENCHMARKS[name]
+    measure: Callable[[Session], list[Row]] = getattr(
+        importlib.import_module(entry.module), entry.function
+    )
     return measure
