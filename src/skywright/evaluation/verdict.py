@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skywright.evaluation.names import MEANINGS
 from skywright.evaluation.rows import (
     CONFIDENCE,
     FailureGroup,
@@ -128,6 +129,11 @@ def _count_more_runs(succeeded: int, runs: int, target: float) -> int:
     return 0
 
 
+def _in_words(name: str) -> str:
+    """A metric's name and what it means."""
+    return f"{name} ({MEANINGS[name][1]})" if name in MEANINGS else name
+
+
 def _describe_limit(
     failures: Sequence[FailureGroup],
     headroom: Sequence[Headroom],
@@ -136,7 +142,9 @@ def _describe_limit(
 ) -> str:
     if failures:
         worst = failures[0]
-        text = f"Limited by {worst.requirement} ({len(worst.runs)} of {failed} failed runs)"
+        text = (
+            f"Limited by {_in_words(worst.requirement)} ({len(worst.runs)} of {failed} failed runs)"
+        )
         if worst.key:
             a, b = worst.inside
             c, d = worst.whole
@@ -147,7 +155,7 @@ def _describe_limit(
         return "No requirement came near its limit."
     h = open_ended[0]
     unit = f" {h.unit}" if h.unit else ""
-    text = f"Nearest to its limit: {h.name}, worst {h.worst:.3g} of {h.limit:.3g}{unit}"
+    text = f"Nearest to its limit: {_in_words(h.name)}, worst {h.worst:.3g} of {h.limit:.3g}{unit}"
     drivers = [s for s in sensitivities if s.metric == h.name and s.significant]
     if drivers:
         s = max(drivers, key=lambda s: max(s.share, s.rho**2 if math.isfinite(s.rho) else 0.0))
