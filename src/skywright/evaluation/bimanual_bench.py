@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.rotations import rot_from_quat
 from skywright.evaluation.metrics import in_phases
 from skywright.missions.flight import PhaseRecord
-from skywright.missions.kinds.bimanual_bench import STATIONS
 from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan
 from skywright.missions.tasks.bimanual_bench import BimanualBenchMission
+from skywright.models.drawing import rotate_vectors
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
@@ -86,52 +85,75 @@ def _judge_plug(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -
     }
 
 
-def _judge_bar(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
-    """Errors of the bar's true centre and direction at the end of each pose, the worst one.
+class BarErrors(NamedTuple):
+    """Of every sample: distance (n,) m of the bar's centre, angle (n,) rad of its direction."""
 
-    Goals are counted from where the bar lay when the hands closed around it.
+    position: Array
+    direction: Array
+
+
+def compute_bar_errors(s: Samples, phases: list[PhaseRecord], d: Description) -> BarErrors | None:
+    """Compare the bar with the pose asked for, (29) and (30); None where no hands closed around it.
+
+    Poses are counted from where the bar lay when they did.
     """
-    thing = d.world.objects["bar"]
     held = in_phases(s, phases, "hold bar")
     if not np.any(held):
-        return {}
+        return None
+    thing, i = d.world.objects["bar"], list(d.world.objects).index("bar")
     middle = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])
-    grip = middle[held][-1] - [thing.x_m, thing.y_m, thing.z_m]
-    position, direction = [], []
+    goal = middle - (middle[held][-1] - [thing.x_m, thing.y_m, thing.z_m])
+    n = s["left_ref_p_WH"] - s["right_ref_p_WH"]
+    n = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
+    axis = rotate_vectors(s[f"object{i}_q_WO"], np.tile([0.0, 1.0, 0.0], (len(s), 1)))
+    cosine = np.abs(np.sum(n * axis, axis=1))
+    return BarErrors(
+        np.linalg.norm(s[f"object{i}_p_WO"] - goal, axis=1), np.arccos(np.clip(cosine, 0.0, 1.0))
+    )
+
+
+def _judge_bar(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
+    """Worst errors of the bar's true centre and direction at the end of each pose."""
+    found = compute_bar_errors(s, phases, d)
+    late = np.zeros(len(s), dtype=bool)
     for k, phase in enumerate(phases):
-        if phase.name not in ("lift bar", "turn bar", "bar forward"):
-            continue
-        late = (s["phase"] == k) & (s["t"] > phase.end_s - LAST_S)
-        goal = (middle - grip)[late]
-        position.append(np.linalg.norm(np.mean(s[f"object{i}_p_WO"][late] - goal, axis=0)))
-        n = (s["left_ref_p_WH"] - s["right_ref_p_WH"])[late][-1]
-        axis = rot_from_quat(s[f"object{i}_q_WO"][late][-1])[:, 1]
-        cosine = abs(float(n @ axis)) / float(np.linalg.norm(n))
-        direction.append(math.degrees(math.acos(min(cosine, 1.0))))
-    if not position:
+        if phase.name in ("lift bar", "turn bar", "bar forward"):
+            late |= (s["phase"] == k) & (s["t"] > phase.end_s - LAST_S)
+    if found is None or not np.any(late):
         return {}
     return {
-        "bench.bar_position_mm": 1e3 * float(max(position)),
-        "bench.bar_direction_deg": float(max(direction)),
+        "bench.bar_position_mm": 1e3 * float(np.max(found.position[late])),
+        "bench.bar_direction_deg": math.degrees(float(np.max(found.direction[late]))),
     }
 
 
-def _judge_drift(s: Samples, phases: list[PhaseRecord], d: Description) -> dict[str, float]:
-    """The base's drift as the arms' angles tell it, against the truth.
+class Drift(NamedTuple):
+    """Way (n, 3) m of the base while it drifted: as the arms felt it, and the true one."""
+
+    felt: Array
+    true: Array
+
+
+def compute_drift(s: Samples, phases: list[PhaseRecord], d: Description) -> Drift | None:
+    """Return the base's drift as the arms' angles tell it, and the true one.
 
     What the hands hold does not move, so the base has moved by minus the hands' estimated motion
     in its own frame. The estimate in W contains the estimated base: it is taken out again.
     """
     moving = in_phases(s, phases, "drift")
-    if not np.any(moving):
-        return {}
-    assert d.world.bench is not None
-    home = np.array([d.world.bench.x_m, STATIONS["position-sensor"], d.world.bench.z_m])
+    if not np.any(moving) or d.world.bench is None:
+        return None
     in_base = 0.5 * (s["left_est_p_WH"] + s["right_est_p_WH"])[moving] - s["est_p_WB"][moving]
-    felt = in_base[0] - in_base
-    true = s["p_WB"][moving] - home
-    error = felt - (true - true[0])
+    true = s["p_WB"][moving]
+    return Drift(in_base[0] - in_base, true - true[0])
+
+
+def _judge_drift(s: Samples, phases: list[PhaseRecord], d: Description) -> dict[str, float]:
+    found = compute_drift(s, phases, d)
+    if found is None:
+        return {}
+    error = found.felt - found.true
     return {
         "bench.drift_error_mm": 1e3 * float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
-        "bench.drift_rms_mm": 1e3 * float(np.sqrt(np.mean(np.sum(true**2, axis=1)))),
+        "bench.drift_rms_mm": 1e3 * float(np.sqrt(np.mean(np.sum(found.true**2, axis=1)))),
     }

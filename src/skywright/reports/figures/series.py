@@ -106,9 +106,9 @@ def draw_contact_series(result: RunResult) -> Figure | None:
 
 
 def draw_flight_series(result: RunResult) -> Figure | None:
-    """Position, attitude, estimate, rotor loads and power over the whole run."""
+    """Position, attitude, estimate, rotor loads and power over the whole run, where it flew."""
     s = result.samples
-    if len(s) < 2:
+    if len(s) < 2 or not np.any(s["rotor_thrust"]):
         return None
     t = s["t"]
     figure = new_figure(WIDTH, 9.4)

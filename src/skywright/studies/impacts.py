@@ -1,0 +1,103 @@
+"""What a collision does to the platform: `python -m skywright.studies.impacts`.
+
+Suarez 2020, table 3, calls the compliant and the long-reach arm the safer ones without a number.
+Flies `impact` with stiff joints, compliant joints, at the end of the passive link, and with that
+link itself, at several speeds and seeds, and prints the table of docs/papers/suarez-2020.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from skywright.evaluation.run import fly_and_evaluate
+from skywright.missions.loader import load_description
+
+VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "hand, stiff joints": ("bimanual", ("mission.task.joints=stiff",)),
+    "hand, compliant joints": ("bimanual", ()),
+    "hand, passive link": ("bimanual-longreach", ()),
+    "the passive link itself": ("bimanual-longreach", ("mission.task.part=link",)),
+}
+"""What hits -> robot and settings of the mission."""
+SPEEDS = (0.3, 0.5, 0.7, 1.0)  # m/s
+COLUMNS = {
+    "impact.contact_force_n": "pad N",
+    "impact.impulse_ns": "impulse N s",
+    "impact.peak_force_n": "platform N",
+    "impact.peak_torque_nm": "platform N m",
+    "impact.recoil_deg": "tilt deg",
+    "impact.swing_deg": "link deg",
+    "impact.deflection_deg": "spring deg",
+}
+"""Metric -> head of its column."""
+
+
+class Row(NamedTuple):
+    """One variant at one speed: the mean and the largest of each metric over the flights."""
+
+    variant: str
+    speed_mps: float
+    flights: int
+    touched: int
+    met: int  # flights that met every requirement
+    mean: dict[str, float]
+    largest: dict[str, float]
+
+
+def measure(variant: str, speed: float, seeds: Sequence[int]) -> Row:
+    """Fly into the pad once a seed."""
+    robot, sets = VARIANTS[variant]
+    found, met = [], 0
+    for seed in seeds:
+        settings = [*sets, f"mission.task.speed_mps={speed:g}"]
+        run = fly_and_evaluate(load_description("impact", robot, sets=settings, seed=seed))
+        met += run.outcome == "succeeded"
+        if "impact.impulse_ns" in run.metrics:
+            found.append(run.metrics)
+    have = [c for c in COLUMNS if found and all(c in m for m in found)]
+    values = {c: [m[c] for m in found] for c in have}
+    return Row(
+        variant, speed, len(seeds), len(found), met,
+        {c: float(np.mean(v)) for c, v in values.items()},
+        {c: float(np.max(v)) for c, v in values.items()},
+    )  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="skywright.studies.impacts")
+    parser.add_argument("--seeds", type=int, default=3, help="flights a row")
+    parser.add_argument("--speeds", type=float, nargs="+", default=SPEEDS, help="m/s")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args(arguments)
+    if options.seeds < 1:
+        parser.error("--seeds must be at least 1")
+    seeds = range(1, options.seeds + 1)
+    head = [f"{title:>12}" for title in COLUMNS.values()]
+    if not options.json:
+        print(f"Means over {options.seeds} seeds; met: flights within the mission's requirements")
+        print(f"{'what hits':<24} {'m/s':>4} {''.join(head)}  met")
+    rows = []
+    for variant in VARIANTS:
+        for speed in options.speeds:
+            row = measure(variant, speed, seeds)
+            rows.append(row)
+            if options.json:
+                continue
+            cells = [f"{row.mean[c]:12.2f}" if c in row.mean else f"{'-':>12}" for c in COLUMNS]
+            print(
+                f"{variant:<24} {speed:4.1f} {''.join(cells)}  {row.met}/{row.flights}", flush=True
+            )
+    if options.json:
+        print(json.dumps({"rows": [row._asdict() for row in rows]}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
