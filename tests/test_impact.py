@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from skywright.errors import InputError
+from skywright.evaluation.impact import find_opening
 from skywright.evaluation.run import RunResult, build_vehicle, fly_and_evaluate
 from skywright.missions.dump import dump_description
 from skywright.missions.loader import load_description
 from skywright.missions.planning import plan_mission
 from skywright.models.arm_body import Deviation
 from skywright.models.pads import PAD, locate_pad
+from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import Scene, build_scene
 from skywright.robots.limbs import list_limbs
 from skywright.robots.loader import load_robot
@@ -122,12 +124,25 @@ def test_springs_and_the_passive_joint_spare_the_platform() -> None:
     assert torque[0] > 2.0 * torque[1] > 4.0 * torque[2]
     for r in (stiff, soft, far):
         assert r.metrics["impact.speed_error_mps"] < 0.05
+        # the collision gives what it stops, at most twice that; the pressing after it is not of it
+        carried = 0.5 * compute_body(build_body_model(r.description.robot), np.zeros(9))[0]
+        assert 0.0 < r.metrics["impact.impulse_ns"] < 2.0 * carried
         # 1 kHz: no sample of the recording (100 Hz) exceeds the peak, and one comes near it
         landing = next(p.start_s for p in r.phases if p.name == "land")  # loads of its own
         s = r.samples[(r.samples["pad_touch_s"] > 0.0) & (r.samples["t"] < landing)]
         sampled = float(np.max(np.linalg.norm(s["load_t_B"], axis=1)))
         assert 0.3 * r.metrics["impact.peak_torque_nm"] < sampled
         assert sampled <= r.metrics["impact.peak_torque_nm"] + 1e-9
+
+
+def test_a_contact_ends_where_it_stays_open() -> None:
+    s = np.zeros(40, dtype=[("t", float), ("pad_f_peak", float)])
+    s["t"] = 0.01 * np.arange(40)
+    s["pad_f_peak"][:30] = 5.0
+    s["pad_f_peak"][8:11] = 0.0  # a bounce is no end
+    s["pad_f_peak"][16:24] = 0.2
+    assert find_opening(s) == 16
+    assert find_opening(s[:14]) == 13  # never let go: the last sample
 
 
 def test_stiff_joints_fail_for_the_right_reason() -> None:

@@ -19,6 +19,7 @@ from skywright.models.drawing import rotate_vectors
 Array = NDArray[np.float64]
 
 FELT = 0.5  # N on the pad that counts as contact
+OPEN_S = 0.05  # s without a force after which a contact counts as over
 BEFORE_S = 0.05  # s over which the speed before the contact is taken
 
 
@@ -40,14 +41,15 @@ def compute_impact_metrics(
     s = samples[near & (samples["t"] >= t0)]
     soon = s[s["t"] <= t0 + RECOIL_S]
     before = samples[max(first - 1, 0)]
+    opened = find_opening(s)
     out = {
         "impact.speed_mps": speed,
         "impact.speed_error_mps": abs(speed - mission.task.speed_mps),
         "impact.peak_force_n": float(np.max(s["load_f_peak"])),
         "impact.peak_torque_nm": float(np.max(s["load_t_peak"])),
         "impact.contact_force_n": float(np.max(s["pad_f_peak"])),
-        "impact.contact_s": float(s["pad_touch_s"][-1]),
-        "impact.impulse_ns": float(np.linalg.norm(s["pad_impulse_W"][-1])),
+        "impact.contact_s": float(s["pad_touch_s"][opened]),
+        "impact.impulse_ns": float(np.linalg.norm(s["pad_impulse_W"][opened])),
         "impact.recoil_deg": math.degrees(float(np.max(compute_tilt(soon, before)))),
         "impact.yaw_deg": math.degrees(float(np.max(np.abs(compute_turn(soon, before))))),
         "impact.overrun_m": float(np.max((soon["p_WB"] - before["p_WB"]) @ way.ahead)),
@@ -83,6 +85,21 @@ def find_contact(samples: NDArray[Any], near: NDArray[np.bool_]) -> int | None:
     """Return the index of the first sample with contact, or None."""
     felt = np.flatnonzero(near & (samples["pad_f_peak"] > FELT))
     return int(felt[0]) if len(felt) else None
+
+
+def find_opening(s: NDArray[Any]) -> int:
+    """Return the index of the first sample after which the pad feels nothing for OPEN_S.
+
+    What comes later is no part of the collision: the flight law takes the pad for a disturbance
+    and presses on it for a second, which gives many times the robot's momentum. The last sample
+    where the pad is never let go.
+    """
+    away = s["pad_f_peak"] <= FELT
+    count = max(round(OPEN_S / float(s["t"][1] - s["t"][0])), 1) if len(s) > 1 else 1
+    for i in range(len(s) - count + 1):
+        if np.all(away[i : i + count]):
+            return i
+    return len(s) - 1
 
 
 def compute_speed(samples: NDArray[Any], first: int, way: ImpactPlan, part: str) -> float:
