@@ -176,6 +176,54 @@ def test_torque_loop_settles_on_its_reference_without_the_integral():
     assert torque == pytest.approx(-0.6, abs=1.5 * lsb + hard * k * math.radians(0.35))
 
 
+def test_position_loop_brings_the_output_link_back():
+    """(20)-(22), delta = 1: a weight winds the springs, the output links return to their place."""
+    b = Bench()
+    b.arms.torques("left", np.zeros(4), np.ones(4))
+    b.wait(2.0)
+    before = b.wait(0.5)
+    b.v.push("hand0", np.array([0.0, 0.0, -1.0]))
+    sagged = b.wait(1.0)
+    b.wait(10.0)
+    after = b.wait(0.5)
+
+    def change(rows, field):
+        mean = [part[field][:, [0, 3]].mean(axis=0) for part in (before, rows)]
+        return np.degrees(mean[1] - mean[0])
+
+    assert np.all(np.abs(change(sagged, "q")) > 2.0)
+    assert np.all(np.abs(change(after, "deflection")) > 2.0)  # the weight is still there
+    assert np.all(np.abs(change(after, "q")) < 1.5)  # commands and readings of 0.33 deg
+
+
+def test_integrals_stop_where_a_limit_holds_the_command():
+    """4 N m that nothing resists drive the elbow to its end: the integral of (19) does not grow."""
+    b = Bench()
+    delta = np.array([1.0, 1.0, 1.0, 0.0])
+    b.arms.torques("left", np.array([0.0, 0.0, 0.0, -4.0]), delta)
+    b.wait(2.0)
+    wound = float(b.arms_state["i_torque"][3])
+    b.wait(2.0)
+    arms = b.arms_state
+    growth = float(arms["ki_torque"] / arms["k"][3] * 4.0 * 2.0)  # rad, unbounded
+    assert abs(float(arms["i_torque"][3]) - wound) < 0.02 * growth
+
+
+def test_a_force_that_nothing_resists_ends_at_the_limits():
+    """Without a contact the springs are wound no further than shafts may lead their links."""
+    b = Bench()
+    b.arms.push({"left": UP})
+    b.wait(12.0)
+    wound = b.arms_state["wind"].copy()
+    assert b.arms_state["saturated"][0] == 1.0
+    b.wait(2.0)
+    assert np.max(np.abs(b.arms_state["wind"] - wound)) < math.radians(3.0)
+    b.arms.hands_to({"left": HAND})  # the springs are let out, nothing leaps
+    b.wait(6.0)
+    assert np.max(np.abs(b.arms_state["wind"])) < 1e-3
+    assert np.linalg.norm(b.wait(0.5)["left_p_WH"].mean(axis=0) - HAND) < 0.01
+
+
 def test_position_and_force_together():
     """(31): the hand slides along the ceiling to its goal while it presses."""
     b = Bench(boxes=CEILING, sets=["robot.arm.hand.friction=0.1"])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from skywright.errors import InputError
-from skywright.evaluation.impact import find_opening
+from skywright.evaluation.impact import find_end
 from skywright.evaluation.run import RunResult, build_vehicle, fly_and_evaluate
 from skywright.missions.dump import dump_description
 from skywright.missions.loader import load_description
@@ -135,14 +135,17 @@ def test_springs_and_the_passive_joint_spare_the_platform() -> None:
         assert sampled <= r.metrics["impact.peak_torque_nm"] + 1e-9
 
 
-def test_a_contact_ends_where_it_stays_open() -> None:
-    s = np.zeros(40, dtype=[("t", float), ("pad_f_peak", float)])
-    s["t"] = 0.01 * np.arange(40)
+def test_a_collision_ends_where_the_pad_is_let_go_or_the_platform_stands() -> None:
+    s = np.zeros(40, dtype=[("t", float), ("pad_f_peak", float), ("v_WB", float, 3)])
+    s["t"], ahead = 0.01 * np.arange(40), np.array([0.0, 1.0, 0.0])
+    s["v_WB"][:, 1] = 0.5
     s["pad_f_peak"][:30] = 5.0
     s["pad_f_peak"][8:11] = 0.0  # a bounce is no end
     s["pad_f_peak"][16:24] = 0.2
-    assert find_opening(s) == 16
-    assert find_opening(s[:14]) == 13  # never let go: the last sample
+    assert find_end(s, ahead) == 16
+    assert find_end(s[:14], ahead) == 13  # neither: the last sample
+    s["v_WB"][12:, 1] = -0.1
+    assert find_end(s, ahead) == 12
 
 
 def test_stiff_joints_fail_for_the_right_reason() -> None:

@@ -24,7 +24,7 @@ from skywright.control.hand_motion import (
     step_to_marker,
     step_velocity,
 )
-from skywright.control.joint_loops import hold_joint, step_joint
+from skywright.control.joint_loops import follow_shafts, hold_joint, step_joint
 from skywright.control.signature import LAW
 from skywright.core.types import (
     TASK_FORCE,
@@ -50,6 +50,7 @@ def step(b: Record) -> None:
     """Fill `cmd.theta` for the tasks in `ref.task`."""
     arms, ref = b.arms, b.ref
     dr, f_ref = np.zeros(3), np.zeros(3)
+    follow_shafts(b)
     for h in range(arms.n_hands):
         task = int(ref.task[h])
         for a in range(3):

@@ -1,8 +1,12 @@
 """Loops of one compliant joint: torque and output position with the switch delta.
 
 Suarez 2020, (14)-(22). The servo's shaft theta answers its reference with the lag T_s, (17), so
-that (22), which adds to the measured theta, integrates once by itself; the printed I terms
-integrate again. They are stopped while a limit holds the command back.
+that (22), which adds to theta, integrates once by itself; the printed I terms integrate again. They
+are stopped while a limit holds the command back.
+
+theta is that of (17), not the servo's reading: with a resolution of 0.33 deg, a command of the
+reading plus K_p q_e rounds to the reading again for errors below 6 deg, and a zero of the encoder
+that is off by 0.4 deg makes the joint run until K_p q_e stands against it, 16 deg away.
 """
 
 from __future__ import annotations
@@ -16,7 +20,19 @@ from skywright.models.compliant_arms import joint_deflection, joint_torque
 
 Record = Any
 
+SHAFT_TRUST = math.radians(2.0)
+"""rad, that the model of a shaft may be off its reading: zero and resolution; more is a stall."""
 TRIM_MAX = math.radians(4.0)  # rad, of the integral in free air
+
+
+@njit(cache=True, error_model="numpy")
+def follow_shafts(b: Record) -> None:
+    """Advance the shafts by one period as (17) says of the last commands."""
+    arms, meas = b.arms, b.meas
+    share = 1.0 - math.exp(-arms.dt / arms.servo_tau)
+    for j in range(len(arms.shaft)):
+        shaft = arms.shaft[j] + share * (arms.theta_ref[j] - arms.shaft[j])
+        arms.shaft[j] = min(max(shaft, meas.q[j] - SHAFT_TRUST), meas.q[j] + SHAFT_TRUST)
 
 
 @njit(cache=True, error_model="numpy")
@@ -44,7 +60,7 @@ def hold_joint(b: Record, j: int, q: float, trim: bool) -> None:
 def step_joint(b: Record, j: int, delta: float, q_ref: float, tau_ref: float) -> None:
     """Command joint j by (22): output position `q_ref` (rad) where delta = 1, torque where 0."""
     arms = b.arms
-    theta = b.meas.q[j]
+    theta = arms.shaft[j]
     k = arms.k[j]
     if k == 0.0:  # no spring: the link is the shaft
         hold_joint(b, j, q_ref, False)
@@ -52,7 +68,7 @@ def step_joint(b: Record, j: int, delta: float, q_ref: float, tau_ref: float) ->
     dtheta = arms.deflection[j]  # (14)
     tau = joint_torque(arms, j, dtheta)  # (15)
     tau_e = tau_ref - tau  # (18)
-    q_e = q_ref - (theta - dtheta)  # (20)
+    q_e = q_ref - (b.meas.q[j] - dtheta)  # (20)
     i_tau = arms.i_torque[j] + (1.0 - delta) * arms.ki_torque / k * tau_e * arms.dt
     i_p = arms.i_position[j] + delta * arms.ki_position * q_e * arms.dt
     dtheta_tau = arms.kp_torque / k * tau_e + i_tau  # (19)

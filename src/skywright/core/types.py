@@ -315,6 +315,7 @@ ARMS = np.dtype(
         ("marker_age", f8),  # s, since it was last seen
         # memory of the arms' law
         ("theta_ref", f8, MAX_JOINTS),  # rad, last command
+        ("shaft", f8, MAX_JOINTS),  # rad, shafts as (17) says of the commands
         ("q_goal", f8, MAX_JOINTS),  # rad, what it would bring the links to in free air, unwound
         ("wind", f8, MAX_JOINTS),  # rad, by which shafts lead for the force of a hand
         ("w_goal", f8, MAX_JOINTS),  # rad a period, speed of the servos' profiles

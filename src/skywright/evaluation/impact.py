@@ -41,15 +41,15 @@ def compute_impact_metrics(
     s = samples[near & (samples["t"] >= t0)]
     soon = s[s["t"] <= t0 + RECOIL_S]
     before = samples[max(first - 1, 0)]
-    opened = find_opening(s)
+    end = find_end(s, way.ahead)
     out = {
         "impact.speed_mps": speed,
         "impact.speed_error_mps": abs(speed - mission.task.speed_mps),
         "impact.peak_force_n": float(np.max(s["load_f_peak"])),
         "impact.peak_torque_nm": float(np.max(s["load_t_peak"])),
-        "impact.contact_force_n": float(np.max(s["pad_f_peak"])),
-        "impact.contact_s": float(s["pad_touch_s"][opened]),
-        "impact.impulse_ns": float(np.linalg.norm(s["pad_impulse_W"][opened])),
+        "impact.contact_force_n": float(np.max(s["pad_f_peak"][: end + 1])),
+        "impact.contact_s": float(s["pad_touch_s"][end]),
+        "impact.impulse_ns": float(np.linalg.norm(s["pad_impulse_W"][end])),
         "impact.recoil_deg": math.degrees(float(np.max(compute_tilt(soon, before)))),
         "impact.yaw_deg": math.degrees(float(np.max(np.abs(compute_turn(soon, before))))),
         "impact.overrun_m": float(np.max((soon["p_WB"] - before["p_WB"]) @ way.ahead)),
@@ -87,17 +87,17 @@ def find_contact(samples: NDArray[Any], near: NDArray[np.bool_]) -> int | None:
     return int(felt[0]) if len(felt) else None
 
 
-def find_opening(s: NDArray[Any]) -> int:
-    """Return the index of the first sample after which the pad feels nothing for OPEN_S.
+def find_end(s: NDArray[Any], ahead: Array) -> int:
+    """Return the index of the sample where the collision is over.
 
-    What comes later is no part of the collision: the flight law takes the pad for a disturbance
-    and presses on it for a second, which gives many times the robot's momentum. The last sample
-    where the pad is never let go.
+    That is where the platform has come to rest along `ahead`, or the pad feels nothing for OPEN_S.
+    What comes later is no part of it: the flight law takes the pad for a disturbance and presses on
+    it for a second, which gives many times the robot's momentum.
     """
     away = s["pad_f_peak"] <= FELT
     count = max(round(OPEN_S / float(s["t"][1] - s["t"][0])), 1) if len(s) > 1 else 1
     for i in range(len(s) - count + 1):
-        if np.all(away[i : i + count]):
+        if float(s["v_WB"][i] @ ahead) <= 0.0 or np.all(away[i : i + count]):
             return i
     return len(s) - 1
 

@@ -25,7 +25,7 @@ VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "the passive link itself": ("bimanual-longreach", ("mission.task.part=link",)),
 }
 """What hits -> robot and settings of the mission."""
-SPEEDS = (0.3, 0.5, 0.7, 1.0)  # m/s
+SPEEDS = (0.3, 0.5, 1.0)  # m/s
 COLUMNS = {
     "impact.contact_force_n": "pad N",
     "impact.impulse_ns": "impulse N s",
