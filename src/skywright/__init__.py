@@ -85,11 +85,13 @@ def run(
     view: bool = False,
     progress: bool = False,
     report: bool = True,
+    records: str | os.PathLike[str] | None = None,
 ) -> RunResult:
     """Plan, fly and evaluate a mission; writes the run's directory (`result.directory`).
 
     `out` is the directory (default: the next free `runs/<mission>-N`). `view` shows the run live in
-    the browser, `progress` a bar on stderr, `report` writes `report.html` and `replay.html`.
+    the browser, `progress` a bar on stderr, `report` writes `report.html` and `replay.html`;
+    `records` is an SQLite file to which contact measurements are added.
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
     """
@@ -115,6 +117,7 @@ def run(
         out=None if out is None else Path(out),
         observers=observers,
         write_report=_write_pages if report else None,
+        records=None if records is None else Path(records),
     )
 
 

@@ -138,9 +138,15 @@ def main() -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Directory of the run.")
 @_json
 @click.option("--view", is_flag=True, help="Watch the run live in the browser.")
+@click.option(
+    "--records",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Store contact measurements there (SQLite), with those of other flights.",
+)
 def run(
     mission: str, robot: str | None, world: str | None, sets: tuple[str, ...], seed: int | None,
-    out: Path | None, as_json: bool, view: bool,
+    out: Path | None, as_json: bool, view: bool, records: Path | None,
 ) -> int:  # fmt: skip
     """Plan, fly and evaluate a mission.
 
@@ -149,7 +155,7 @@ def run(
     import skywright
 
     description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
-    result = skywright.run(description, out=out, view=view, progress=not as_json)
+    result = skywright.run(description, out=out, view=view, progress=not as_json, records=records)
     if as_json:
         _print_json({**result.to_json(), "directory": str(result.directory)})
     else:
@@ -652,6 +658,65 @@ def identify(
         _print_json({**found.to_json(), "page": str(page), "robot_file": str(robot_file)})
     else:
         print_identification(found, page, robot_file)
+
+
+@main.command("records")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--structure", metavar="NAME", help="Of this structure (world) only.")
+@click.option("--spot", metavar="NAME", help="Of this spot only.")
+@click.option("--at", metavar="X,Y", help="History of a point (m in the structure's frame).")
+@click.option(
+    "--radius",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=0.05,
+    show_default=True,
+    metavar="M",
+    help="What still counts as that point.",
+)
+@click.option("--csv", "table", type=click.Path(path_type=Path), help="Write them as CSV.")
+@click.option("--geojson", type=click.Path(path_type=Path), help="Write them as GeoJSON.")
+@click.option("--origin", metavar="LON,LAT[,HEIGHT]", help="Where the world's origin lies.")
+@_json
+def records_(
+    file: Path, structure: str | None, spot: str | None, at: str | None, radius: float,
+    table: Path | None, geojson: Path | None, origin: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """List contact measurements of many flights, and export them.
+
+    FILE is what `skywright run --records FILE` wrote.
+    """
+    from skywright.evaluation.records import RecordStore
+    from skywright.evaluation.records_export import parse_origin, write_csv, write_geojson
+    from skywright.models.docked_map import parse_condition
+
+    point = parse_condition(contact=at, named="at").contact
+    if geojson is not None and origin is None:
+        raise InputError(
+            "--geojson needs --origin LON,LAT: GeoJSON holds longitude and latitude, the records "
+            "metres from the world's origin"
+        )
+    place = None if origin is None else parse_origin(origin)
+    store = RecordStore(file)
+    try:
+        for name, value in (("structure", structure), ("spot", spot)):
+            known = store.list_names(name)
+            if value is not None and value not in known:
+                raise InputError(
+                    f"{file}: no {name} {value!r}; there are: {', '.join(known) or '-'}"
+                )
+        found = store.find(structure=structure, spot=spot, at=point, radius=radius)
+    finally:
+        store.close()
+    if table is not None:
+        write_csv(found, _writable(table, (".csv",)))
+    if geojson is not None and place is not None:
+        write_geojson(found, place, _writable(geojson, (".geojson", ".json")))
+    if as_json:
+        _print_json({"records": [r._asdict() for r in found]})
+    else:
+        from skywright.reports.terminal_records import print_records
+
+        print_records(found, file)
 
 
 @main.command()

@@ -21,6 +21,7 @@ LAWS = {
     "push_and_slide": "skywright.control.push_and_slide",
     "thrust_vectoring": "skywright.control.thrust_vectoring",
     "cascade": "skywright.control.cascade",
+    "backstepping": "skywright.control.backstepping",
     # the alternatives that Tognon 2018 argues against
     "joint_space": "skywright.control.joint_space",
     "inverse_kinematics": "skywright.control.inverse_kinematics",
@@ -30,7 +31,7 @@ ARMS_LAWS = {
     "compliant": "skywright.control.compliant_arms",
 }
 """Laws of arms with position servos: `step_c` reads ref and arms and fills cmd.theta."""
-FULLY_ACTUATED = {"push_and_slide", "joint_space", "inverse_kinematics", "tip_pd"}
+FULLY_ACTUATED = {"backstepping", "push_and_slide", "joint_space", "inverse_kinematics", "tip_pd"}
 
 
 class Law(NamedTuple):

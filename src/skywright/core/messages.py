@@ -72,6 +72,13 @@ geometry_msgs/Vector3 pad_force     # N, contact force on the pads, in map
 float64 pad_force_peak              # N
 geometry_msgs/Vector3 pad_impulse   # N s, given to the pads so far, in map
 float64 pad_time                    # s, in contact so far""",
+    "skywright_msgs/Press": """\
+std_msgs/Header header
+float64 measured                    # N, as the probe's force sensor says
+float64 reference                   # N
+float64 pressing                    # 1 while the arm controls the force
+float64 docked                      # 1 while the docking feet shall rest on the structure
+geometry_msgs/Vector3 docking_force # N, of the structure on the feet, in map""",
     "skywright_msgs/Complex": """\
 float64 re
 float64 im""",
@@ -132,8 +139,9 @@ def _joints(name: str, **fields: str) -> Topic:
     return Topic(name, "sensor_msgs/JointState", "", fields, lengths)
 
 
-PARTS = ("hands", "objects", "loads")
-"""What not every robot or world has: compliant arms with hands, movable things, gauges."""
+PARTS = ("hands", "objects", "loads", "force")
+"""What not every robot or world has: compliant arms with hands, movable things, gauges, a force
+sensor."""
 
 
 def _hand(side: str) -> list[Topic]:
@@ -239,6 +247,19 @@ TOPICS = (
             "pad_time": "pad_touch_s",
         },
         part="loads",
+    ),
+    Topic(
+        "/probe/press",
+        "skywright_msgs/Press",
+        TIP,
+        {
+            "measured": "force_meas",
+            "reference": "ref_force",
+            "pressing": "pressing",
+            "docked": "docked",
+            "docking_force": "f_docking_W",
+        },
+        part="force",
     ),
     Topic(
         "/tf",

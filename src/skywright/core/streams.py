@@ -8,7 +8,7 @@ STREAMS = (
     "plant", "gyro", "mocap", "dropout", "probe", "texture", "planner",
     "wind", "wind_start", "friction", "accelerometer", "vibration", "outlier", "link",
     "deflection", "scenario",
-    "station", "camera", "range_finder",
+    "station", "camera", "range_finder", "force",
 )  # fmt: skip
 """Append only: a stream's place in this list is part of what a seed means."""
 

@@ -51,6 +51,13 @@ REFERENCE = np.dtype(
         ("tau", f8, MAX_JOINTS),  # N m, torque that a joint's spring shall carry (18)
         ("delta", f8, MAX_JOINTS),  # (22): 1 output position `q`, 0 torque `tau`
         ("tare", f8),  # 1: the estimated contact forces of now are called zero
+        # pressing with a probe that measures its force (control/backstepping.py)
+        ("press", f8),  # 1: the arm controls the force, 0: its joints
+        ("force", f8),  # N, that the tip shall exert along the probe's axis
+        ("docked", f8),  # 1: feet rest on the structure, so the platform's integrals rest
+        ("f_feet_B", f8, 3),  # N, planned force of the structure on the docking feet, in B
+        ("t_feet_B", f8, 3),  # N m, about the origin of B
+        ("mode", f8),  # MODE_ below
     ]
 )
 """A row of a plan: what a control law may be asked to follow. Rows are interpolated linearly."""
@@ -64,6 +71,10 @@ REFERENCE = np.dtype(
 both (31); both, with the force |f_WH| towards the other hand (32); the joint loops (14)-(22); a
 straight line to the marker, with `p_WH` the hand's place in the marker's frame M."""
 
+MODE_POSE, MODE_STANDARD = 0, 1
+"""`REFERENCE.mode` of a fully actuated platform: position and attitude each follow their own
+reference (the paper's "command position" and "command angle"), or only attitude and height do."""
+
 ESTIMATE = np.dtype(
     [
         ("t", f8),
@@ -76,7 +87,8 @@ ESTIMATE = np.dtype(
         ("p_WT", f8, 3),
         ("v_WT", f8, 3),
         ("R_WT", f8, (3, 3)),
-        ("f_ext_W", f8, 3),  # N, estimated external force on the robot (wind, contact, model error)
+        ("f_ext_W", f8, 3),  # N, estimated external force (wind, contact, error of the model)
+        ("f_tip", f8),  # N, of the tip on what it touches, along the probe
     ]
 )
 """What a control law may see of the world."""
@@ -137,6 +149,12 @@ PARAMETERS = np.dtype(
         ("lead", f8),  # s, what is left of the rotors' lag
         ("rotor_tau", f8),  # s, believed rotor lag
         ("speed_max", f8),  # m/s, asked for by the position loop
+        # backstepping (control/backstepping.py)
+        ("k_p", f8, 3),  # k_1, k_2 (1/s) and lambda (1/s^2) of the position
+        ("k_R", f8, 3),  # the same of the attitude
+        ("k_force", f8),  # 1/s, of the arm's force loop
+        ("spring", f8),  # N/m, of a probe with a force sensor; 0: none
+        ("slider", f8),  # kg, of the bar between the probe's spring and its tip
         ("user", f8, 32),  # for laws named by file
     ]
 )
@@ -177,6 +195,7 @@ MEASUREMENT = np.dtype(
         ("R_BM", f8, (3, 3)),
         ("p_WM", f8, 3),  # m, the marker by motion capture, new with mocap_fresh
         ("R_WM", f8, (3, 3)),
+        ("force", f8),  # N, of the probe's force sensor
     ]
 )
 """What the sensors say this tick."""
@@ -451,6 +470,12 @@ SAMPLE = np.dtype(
         ("pad_f_peak", f8),  # N
         ("pad_impulse_W", f8, 3),  # N s, so far
         ("pad_touch_s", f8),  # s in contact so far
+        # probe with a force sensor, docking gear
+        ("force_meas", f8),  # N, as the sensor says, less the slider's weight
+        ("ref_force", f8),  # N
+        ("pressing", f8),  # 1: the arm controls the force
+        ("docked", f8),  # 1: the feet shall rest on the structure
+        ("f_docking_W", f8, 3),  # N, force of the structure on the docking feet
         # movable things of the world
         *[(f"object{i}_{n}", f8, k) for i in range(MAX_OBJECTS) for n, k in _POSE],
     ]

@@ -18,6 +18,9 @@ from skywright.missions.planning import MissionPlan
 
 METRICS = {
     "bar-transport": "skywright.evaluation.bar_transport:compute_transport_metrics",
+    "arm-test-bench": "skywright.evaluation.bridge_contact:compute_bench_metrics",
+    "flight-modes": "skywright.evaluation.flight_modes:compute_modes_metrics",
+    "bridge-contact": "skywright.evaluation.bridge_contact:compute_contact_metrics",
     "bimanual-bench": "skywright.evaluation.bimanual_bench:compute_bench_metrics",
     "impact": "skywright.evaluation.impact:compute_impact_metrics",
     "scan": "skywright.evaluation.metrics:compute_scan_metrics",

@@ -30,12 +30,13 @@ from skywright.evaluation.directory import (
 )
 from skywright.evaluation.kinds import compute_kind_metrics
 from skywright.evaluation.metrics import compute_common_metrics
+from skywright.evaluation.records import RecordStore
 from skywright.evaluation.requirements import Verdict, check_requirement_names, judge
 from skywright.evaluation.warm_up import is_compiled, start_warm_up
 from skywright.inspection.weld import WeldResult
 from skywright.missions.deviation import build_deviation
 from skywright.missions.dump import dump_description
-from skywright.missions.flight import Flight, PhaseRecord
+from skywright.missions.flight import Flight, Measurement, PhaseRecord
 from skywright.missions.loader import Description, load_description
 from skywright.missions.planning import MissionPlan, plan_mission
 from skywright.missions.supervisor import Supervisor
@@ -107,23 +108,31 @@ def run_mission(
     out: Path | None = None,
     observers: Sequence[Observer] = (),
     write_report: Callable[[RunResult], None] | None = None,
+    records: Path | None = None,
 ) -> RunResult:
     """Plan, fly and evaluate a mission, and write its run directory.
 
-    `write_report` is called with the result while the directory is still NAME.partial.
+    `write_report` is called with the result while the directory is still NAME.partial. `records`
+    is the file (SQLite) in which contact measurements are stored as soon as they are finished.
     Raises InputError (nothing was started), InfeasibleError (no plan exists). A diverged or
     interrupted run is returned with that outcome; its directory stays NAME.partial.
     """
     start = time.perf_counter()
     plan, vehicle = _prepare(description)  # a bad law is told before anything is written
+    store = None if records is None else RecordStore(records, create=True)
     final, partial = open_directory(out, description.mission.name)
     (partial / "mission.toml").write_text(dump_description(description), encoding="utf-8")
     write_unfinished(partial)
     try:
         for observer in observers:
             observer.on_plan(plan, description)
-        samples, phases, flight, outcome = _fly(description, plan, vehicle, partial, observers)
+        keep = None if store is None else _start_records(store, description, final)
+        samples, phases, flight, outcome = _fly(
+            description, plan, vehicle, partial, observers, keep
+        )
     finally:
+        if store is not None:
+            store.close()
         for observer in observers:
             observer.close()
     result = _evaluate(description, plan, samples, phases, flight, outcome, partial)
@@ -237,6 +246,7 @@ def _fly(
     vehicle: SimulatedVehicle,
     partial: Path | None,
     observers: Sequence[Observer],
+    on_measurement: Callable[[Measurement], None] | None = None,
 ) -> tuple[NDArray[Any], list[PhaseRecord], Flight, str]:
     """Fly the mission, recording as it goes; returns samples, phases, flight and outcome.
 
@@ -277,8 +287,9 @@ def _fly(
             writer.event(vehicle.t, f"phase {name}")
 
     supervisor = Supervisor(
-        vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick
-    )
+        vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
+        on_measurement,
+    )  # fmt: skip
     outcome, flight = "", Flight(False, "")
     try:
         flight = supervisor.fly()
@@ -299,6 +310,17 @@ def _fly(
         outcome, flight = "interrupted", Flight(False, str(error))
     samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
     return samples, supervisor.phases, flight, outcome
+
+
+def _start_records(
+    store: RecordStore, d: Description, directory: Path
+) -> Callable[[Measurement], None]:
+    """Store the flight; returns what stores a measurement of it."""
+    flight, started = store.add_flight(
+        structure=d.world.name, mission=d.mission.name, robot=d.robot.name, seed=d.mission.seed,
+        run=str(directory),
+    )  # fmt: skip
+    return lambda m: store.add(flight, started, m)
 
 
 def _evaluate(

@@ -53,11 +53,17 @@ KINDS = {
     "bimanual-bench": "skywright.missions.kinds.bimanual_bench",
     "sensor-install": "skywright.missions.kinds.sensor_install",
     "excitation": "skywright.missions.kinds.excitation",
+    "bridge-contact": "skywright.missions.kinds.bridge_contact",
+    "arm-test-bench": "skywright.missions.kinds.arm_test_bench",
+    "flight-modes": "skywright.missions.kinds.flight_modes",
 }
 """Kind of mission -> its module; a new kind is one more module and one more line."""
 
 TASKS = {
     "bar-transport": "skywright.missions.tasks.bar_transport:BarTransportMission",
+    "bridge-contact": "skywright.missions.tasks.bridge_contact:BridgeContactMission",
+    "arm-test-bench": "skywright.missions.kinds.arm_test_bench:ArmTestBenchMission",
+    "flight-modes": "skywright.missions.kinds.flight_modes:FlightModesMission",
     "bimanual-bench": "skywright.missions.tasks.bimanual_bench:BimanualBenchMission",
     "impact": "skywright.missions.tasks.impact:ImpactMission",
     "sensor-install": "skywright.missions.tasks.sensor_install:SensorInstallMission",

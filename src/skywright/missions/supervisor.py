@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.missions.flight import Flight, PhaseRecord
+from skywright.missions.flight import Flight, Measurement, PhaseRecord
 from skywright.missions.planning import MissionPlan
 from skywright.missions.registry import load_kind
 from skywright.missions.spec import Mission
@@ -36,12 +36,18 @@ class Supervisor:
         ground_height: float,
         on_phase: Callable[[int, str], None] | None = None,
         on_tick: Callable[[float, str], None] | None = None,
+        on_measurement: Callable[[Measurement], None] | None = None,
     ) -> None:
-        """`ground_height` (m): of the platform's origin when it stands on its feet."""
+        """`ground_height` (m): of the platform's origin when it stands on its feet.
+
+        `on_measurement` is called with each contact measurement as soon as it is finished.
+        """
         self.vehicle, self.mission, self.plan = vehicle, mission, plan
         self.ground_height = ground_height
         self.phases: list[PhaseRecord] = []
         self._on_phase, self._on_tick = on_phase, on_tick
+        self._on_measurement = on_measurement
+        self.measurements: list[Measurement] = []
         self._open: tuple[str, float] | None = None
         self.uav, self.arms = Uav(vehicle), Arms(vehicle)
         self.body, self.probe = WholeBody(vehicle), Probe(vehicle)
@@ -121,6 +127,12 @@ class Supervisor:
             f"control was lost in {phase} at t = {self.vehicle.t:.1f} s: {error:.2f} m from the "
             f"reference, tilted {tilt:.0f} deg"
         )
+
+    def report(self, measurement: Measurement) -> None:
+        """Keep a finished measurement and hand it on."""
+        self.measurements.append(measurement)
+        if self._on_measurement is not None:
+            self._on_measurement(measurement)
 
     def begin(self, name: str) -> None:
         """End the open phase and start the phase `name`."""

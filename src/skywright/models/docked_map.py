@@ -43,6 +43,8 @@ def parse_condition(
     wind: float = 0.0,
     wind_toward: float | None = None,
     contact: str | None = None,
+    *,
+    named: str = "contact",
 ) -> Condition:
     """Build a condition from degrees, m/s and "X,Y"; raises InputError for what is out of range."""
     for flag, value in (("slope-toward", slope_toward), ("wind-toward", wind_toward)):
@@ -59,7 +61,7 @@ def parse_condition(
         except ValueError:
             x = y = math.nan
         if not (math.isfinite(x) and math.isfinite(y)):
-            raise InputError(f"--contact {contact!r}: give two numbers X,Y in m, e.g. 0.2,0")
+            raise InputError(f"--{named} {contact!r}: give two numbers X,Y in m, e.g. 0.2,0")
         point = (x, y)
     return Condition(
         math.radians(slope),

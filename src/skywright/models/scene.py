@@ -23,6 +23,7 @@ from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_fo
 from skywright.models.pads import add_gauges, add_pads, has_pads
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
+from skywright.models.structure_body import add_structure, list_structure
 from skywright.models.things import OBJECT, add_bench, add_things
 from skywright.robots.limbs import list_limbs
 from skywright.robots.spec import Robot
@@ -127,6 +128,7 @@ def _add_world(spec: mujoco.MjSpec, world: World) -> None:
                     size=[SUPPORT_RADIUS, half, 0], pos=[p[0], p[1], half],
                     rgba=[0.35, 0.37, 0.4, 1], **kwargs,
                 )  # fmt: skip
+    add_structure(spec, world, pipe)
     for name, tube in get_structures(world).tubes.items():
         body.add_geom(
             name=f"tube {name}", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -235,6 +237,13 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
         # soft enough that sliding does not chatter (about 70 Hz with the stiff default)
         pair.solref = [0.008, 0.5]
         pair.solimp = [0.9, 0.9, 0.001, 0.5, 2.0]
+        _add_contact_sensor(spec, "touch force", "tip", mujoco.mjtObj.mjOBJ_GEOM)
+    if world.structure is not None and robot.probe is not None:
+        mu = max(world.structure.friction, 1e-4)
+        for name in list_structure(spec):
+            pair = spec.add_pair(name=f"touch {name}", geomname1="tip", geomname2=name, condim=3)
+            pair.friction = [mu, mu, 0.005, 0.0001, 0.0001]
+            pair.solref, pair.solimp = [0.008, 0.5], [0.9, 0.9, 0.001, 0.5, 2.0]
         _add_contact_sensor(spec, "touch force", "tip", mujoco.mjtObj.mjOBJ_GEOM)
     # contact sensors of whole bodies; the gear has its own body, so landing is no collision
     for body in [

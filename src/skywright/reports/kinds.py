@@ -19,6 +19,9 @@ KINDS = {
     "sensor-install": "skywright.reports.figures.sensor_install",
     "waypoints": "skywright.reports.figures.waypoints",
     "excitation": "skywright.reports.figures.excitation",
+    "bridge-contact": "skywright.reports.figures.bridge_contact",
+    "arm-test-bench": "skywright.reports.figures.bridge_contact",
+    "flight-modes": "skywright.reports.figures.flight_modes",
 }
 """Kind of mission -> module."""
 

@@ -15,6 +15,7 @@ from skywright.models.rotors import build_rotors
 from skywright.robots.limbs import end_of, list_limbs
 from skywright.robots.spec import Robot
 from skywright.worlds.spec import Box, Pipe
+from skywright.worlds.structure import PLANE, Structure, build_surface, locate_point
 from skywright.worlds.surface import build_cylinder
 
 Array = NDArray[np.float64]
@@ -115,3 +116,22 @@ def outline_box(box: Box) -> list[Outline]:
     low, high = turned - [0, 0, z], turned + [0, 0, z]
     edges = [Outline(np.array([a, b]), "box") for a, b in zip(low[:4], high[:4], strict=True)]
     return [Outline(low, "box", True), Outline(high, "box", True), *edges]
+
+
+def outline_structure(structure: Structure) -> list[Outline]:
+    """Edges of the inspected surface, and of the plate behind it."""
+    surface = build_surface(structure)
+    half_x, half_y = 0.5 * structure.length_m, 0.5 * structure.width_m
+    if surface.shape != PLANE:  # a quarter of the turn to each side of the frame's origin
+        turn = 0.5 * math.pi * surface.radius
+        half_x, half_y = (half_x, turn) if surface.along == 0 else (turn, half_y)
+    u = np.linspace(-1.0, 1.0, 25)
+    edges = [np.column_stack([half_x * u, np.full(25, s * half_y)]) for s in (-1.0, 1.0)]
+    edges += [np.column_stack([np.full(25, s * half_x), half_y * u]) for s in (-1.0, 1.0)]
+    out = []
+    for edge in edges:
+        line = np.array([locate_point(surface, place)[0] for place in edge])
+        out.append(Outline(line, "box"))
+        if surface.shape == PLANE:
+            out.append(Outline(line - structure.thickness_m * surface.R_WS[:, 2], "box"))
+    return out

@@ -24,6 +24,7 @@ from skywright.reports.outlines import (
     outline_box,
     outline_pipe,
     outline_robot,
+    outline_structure,
     surface_curve,
 )
 from skywright.reports.show_robot import draw_robot, pad_joints
@@ -81,6 +82,8 @@ def _world_parts(world: World) -> list[Outline]:
     for tube in get_structures(world).tubes.values():
         ends = [[tube.x_m, tube.y_m, tube.z_m], [tube.to_x_m, tube.to_y_m, tube.to_z_m]]
         parts.append(Outline(np.array(ends), "post"))
+    if world.structure is not None:
+        parts += outline_structure(world.structure)
     for box in world.obstacles.values():
         parts += outline_box(box)
     return parts
@@ -147,7 +150,7 @@ def draw_world(world: World) -> Figure:
     columns = 2 if world.pipe is None else 3
     figure, axes = _figure(columns, _title(world.name, world.description), 5.2 * columns)
     _draw_scene(axes[:2], world, [])
-    if world.pipe is None and not world.obstacles:
+    if world.pipe is None and world.structure is None and not world.obstacles:
         axes[0].text(0.5, 0.5, "nothing but flat ground", transform=axes[0].transAxes, ha="center")
         for ax in axes:
             ax.plot([-3, 3], [-1, 3], alpha=0)  # some room to look at

@@ -179,6 +179,14 @@ def describe_world(world: World) -> list[Section]:
         w = world.weld
         angle = f"{w.angle_deg:g} deg from the circumference"
         rows.append(("weld", f"{angle}, offset {w.offset_m:g} m"))
+    if world.structure is not None:
+        s = world.structure
+        curved = "" if s.radius_m is None else f" of {s.radius_m:g} m radius"
+        place = f"({s.x_m:g}, {s.y_m:g}, {s.z_m:g}) m"
+        rows.append(("structure", f"{s.shape}{curved} that faces {s.facing}, at {place}"))
+        if s.slope_deg:
+            rows.append(("slope", f"{s.slope_deg:g} deg toward {s.slope_toward_deg:g} deg"))
+        rows.append(("friction of the tip", f"{s.friction:g}"))
     for name, box in world.obstacles.items():
         size = f"{box.size_x_m:g} x {box.size_y_m:g} x {box.size_z_m:g} m"
         rows.append((f"obstacle {name}", f"{size} at ({box.x_m:g}, {box.y_m:g}, {box.z_m:g}) m"))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import cross, exp_so3, mat_mat, mat_t_vec, mat_vec, quat_to_rot
 from skywright.core.types import MAX_HANDS, MAX_JOINTS, MAX_OBJECTS, MAX_ROTORS
+from skywright.models.force_sensor import FORCE_SENSOR, measure_force
 from skywright.models.rotors import step_rotor_speed
 from skywright.sim.camera import (
     CAMERA,
@@ -26,6 +27,7 @@ from skywright.sim.camera import (
 from skywright.sim.friction import FRICTION
 from skywright.sim.limb_drag import LIMBS
 from skywright.sim.loads import LOADS
+from skywright.sim.surface_effects import SURFACE, find_gains, measure_surface
 from skywright.sim.tape import TAPE
 from skywright.sim.wind import FAN, NOISE, WIND
 
@@ -148,6 +150,15 @@ PLANT = np.dtype(
         ("f_WH", f8, (MAX_HANDS, 3)),  # N, force that each hand exerts
         ("tape", TAPE),
         ("loads", LOADS),
+        # structure, force sensor, docking gear
+        ("surface", SURFACE),
+        ("force_on", i8),  # 1: the probe has a force sensor
+        ("force_sensor", FORCE_SENSOR),
+        ("force_spring", f8),  # N/m
+        ("force_preload", f8),  # N
+        ("noise_force", f8, BLOCK),
+        ("docking_force", i8),  # address of the feet's contact sensor, -1: none
+        ("f_docking_W", f8, 3),  # N, force of the structure on the feet
     ]
 )
 
@@ -175,7 +186,12 @@ def observe(
     pl.gap = 1e3
     if pl.has_pipe and pl.tip_site >= 0:
         _observe_surface(pl)
+    if pl.surface.on and pl.tip_site >= 0:
+        _observe_structure(pl)
     pl.gap_max = max(pl.gap_max, pl.gap)
+    if pl.docking_force >= 0:
+        for i in range(3):
+            pl.f_docking_W[i] = -sensordata[pl.docking_force + i]
     if pl.tip_force >= 0:
         for i in range(3):
             pl.f_contact[i] = -sensordata[pl.tip_force + i]  # MuJoCo: force of the tip on the pipe
@@ -214,6 +230,19 @@ def _observe_surface(pl: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def _observe_structure(pl: Record) -> None:
+    """Gap of the tip's sphere to the structure, tilt of the probe, normal."""
+    centre = np.empty(3)
+    for i in range(3):
+        centre[i] = pl.p_WT[i] - pl.tip_radius * pl.R_WT[i, 2]
+    pl.gap = measure_surface(pl.surface, centre, pl.normal) - pl.tip_radius
+    c = 0.0
+    for i in range(3):
+        c -= pl.normal[i] * pl.R_WT[i, 2]
+    pl.tilt = math.acos(min(max(c, -1.0), 1.0))
+
+
+@njit(cache=True, error_model="numpy")
 def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
     """Joint encoders, and motion capture with rate, latency, noise, drop-outs and artefacts."""
     k = pl.block
@@ -225,6 +254,9 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
         raw = qpos[pl.joint_qpos[j]] + pl.enc_offset[j]
         meas.q[j] = lsb * math.floor(raw / lsb + 0.5)
         meas.qd[j] = qvel[pl.joint_dof[j]]
+    if pl.force_on:  # the potentiometer reads the spring's travel
+        spring = pl.force_preload - pl.force_spring * qpos[pl.slider_qpos]
+        meas.force = measure_force(pl.force_sensor, spring, pl.noise_force[k])
     if t >= pl.mocap_next - 1e-9:
         pl.mocap_next += pl.mocap_period
         if pl.noise_drop[k] >= pl.mocap_dropout:
@@ -340,6 +372,10 @@ def actuate(pl: Record, rotor_speed: Array, motor_speed: Array, dt: float, ctrl:
     step_rotor_speed(pl.rotor_speed, rotor_speed, pl.n_rotors, dt, pl.rotor_tau)
     for i in range(pl.n_rotors):
         ctrl[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
+    if pl.surface.effects:
+        find_gains(pl.surface, pl.p_WB, pl.R_WB, pl.rotor_p, pl.rotor_axis, pl.n_rotors)
+        for i in range(pl.n_rotors):
+            ctrl[i] *= pl.surface.gain[i]
     if not pl.positioned:
         for j in range(pl.n_joints):
             if pl.joint_servo[j] >= 0:

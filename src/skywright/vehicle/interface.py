@@ -28,6 +28,7 @@ from skywright.models.bimanual import Bar, compute_bar_hands
 from skywright.robots.limbs import SIDES
 from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
+from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 Table = NDArray[Any]
@@ -58,6 +59,8 @@ class Backend(Protocol):
     offers: frozenset[str]
     limits: Limits
     n_joints: int
+    model: Any  # BODY_MODEL of the robot as believed
+    world: World
 
     @property
     def t(self) -> float:
@@ -78,6 +81,14 @@ class Backend(Protocol):
     @property
     def fix_age(self) -> float:
         """Time (s) since the robot was last localised from outside."""
+
+    @property
+    def force(self) -> float:
+        """Force (N) that the probe's sensor reads now; 0 without one."""
+
+    @property
+    def pose_std(self) -> float:
+        """Standard deviation (m) of the platform's place as the estimator says; NaN unknown."""
 
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.control.backstepping_gains import fill_backstepping
 from skywright.control.cascade_gains import fill_cascade
 from skywright.control.registry import Law, load_arms_law
 from skywright.core.streams import build_stream
@@ -23,6 +24,7 @@ from skywright.inspection.eddy_current import Instrument, build_probe_signal
 from skywright.models.allocation import build_allocator
 from skywright.models.arm_body import Deviation, compute_servo_gains, compute_servo_lag
 from skywright.models.compliant_arms import fill_arms_parameters, is_compliant
+from skywright.models.force_sensor import build_force_sensor
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,
@@ -42,6 +44,7 @@ from skywright.sim.link import LINK_BLOCK, build_link, draw_link
 from skywright.sim.loads import fill_loads
 from skywright.sim.plant import BLOCK, PLANT
 from skywright.sim.simulation import Simulation
+from skywright.sim.surface_effects import fill_surface
 from skywright.sim.tape import fill_tape
 from skywright.sim.wind import count_noise, fill_wind
 from skywright.vehicle.frame import Frame
@@ -127,7 +130,7 @@ class SimulatedVehicle:
         self.plant = _build_plant(robot, world, self.scene, deviation, seed)
         names = (
             "gyro", "accelerometer", "vibration", "mocap", "dropout", "outlier", "probe", "wind",
-            "link", "deflection", "camera",
+            "link", "deflection", "camera", "force",
         )  # fmt: skip
         self._streams = {n: build_stream(seed, n) for n in names}
         self.inertial = build_inertial(robot, world.gravity_mps2, TIMESTEP, self._streams)
@@ -167,6 +170,7 @@ class SimulatedVehicle:
         pl = self.plant[0]
         have = {
             "hands": pl["positioned"], "objects": pl["n_objects"], "loads": pl["loads"]["on"],
+            "force": pl["force_on"],
         }  # fmt: skip
         return [name for name, on in have.items() if on]
 
@@ -194,6 +198,18 @@ class SimulatedVehicle:
     def fix_age(self) -> float:
         """Time (s) since motion capture was last seen."""
         return self.t - float(self.guard[0]["last_fix"])
+
+    @property
+    def force(self) -> float:
+        """Force (N) of the tip at the last control tick, by the probe's sensor."""
+        return float(self.belief[0]["est"]["f_tip"])
+
+    @property
+    def pose_std(self) -> float:
+        """Largest standard deviation (m) of the filter's position; NaN with another estimator."""
+        if self.estimator.name != "filter":
+            return math.nan
+        return math.sqrt(float(np.max(np.diag(self.belief[0]["flt"]["P"])[:3])))
 
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""
@@ -332,6 +348,8 @@ class SimulatedVehicle:
             )
         if pl["camera"]["marker"]:
             pl["noise_camera"] = self._streams["camera"].standard_normal(pl["noise_camera"].shape)
+        if pl["force_on"]:
+            pl["noise_force"] = self._streams["force"].standard_normal(BLOCK)
         pl["noise_ec"] = self._streams["probe"].standard_normal((BLOCK, 2))
         if self.world.wind.gusty:
             n = count_noise(self.world.wind, len(self.rotors.thrust_min))
@@ -355,10 +373,15 @@ class SimulatedVehicle:
         par["belt"], par["belt_inv"] = self.model[0]["belt"], self.model[0]["belt_inv"]
         par["motor_speed_max"] = self.model[0]["motor_speed_max"]
         b["body"]["mass"], b["body"]["gravity"] = mass, self.world.gravity_mps2
+        if self.robot.force_sensor is not None and self.robot.probe is not None:
+            par["spring"] = self.robot.probe.spring_n_per_m
+            par["slider"] = self.robot.probe.slider_mass_kg
         fill_parameters(b, self.robot, self.world, TIMESTEP)
         fill_arms_parameters(b["arms"], self.robot)
         if self.law.name == "cascade":
             fill_cascade(b, self.robot, self.world, self.model)
+        if self.law.name == "backstepping":
+            fill_backstepping(par, self.robot)
         for field in ("ref", "est"):
             for name in ("R_WB", "R_WT"):
                 b[field][name] = np.eye(3)
@@ -468,6 +491,13 @@ def _build_plant(
         fill_friction(pl["friction"], world.pipe, build_stream(seed, "friction"))
     if robot.probe is not None:
         pl["tip_radius"] = robot.probe.tip_radius_m
+        if robot.force_sensor is not None:
+            pl["force_on"] = 1
+            pl["force_sensor"] = build_force_sensor(robot.force_sensor)[0]
+            pl["force_spring"] = robot.probe.spring_n_per_m
+            pl["force_preload"] = robot.probe.spring_preload_n
+    pl["docking_force"] = index.sensor_docking
+    fill_surface(pl["surface"], world, robot.rotors.propeller_radius_m)
     return out
 
 

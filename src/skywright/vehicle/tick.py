@@ -19,6 +19,7 @@ from skywright.core.rotations import orthonormalise, rot_to_quat
 from skywright.core.types import MAX_JOINTS
 from skywright.estimation.contact_force import estimate_contact_force
 from skywright.estimation.marker import estimate_marker
+from skywright.estimation.tip_force import estimate_tip_force
 from skywright.estimation.wrench import estimate_wrench
 from skywright.inspection.eddy_current import ec_signal
 from skywright.models.allocation import allocate, thrust_to_speed
@@ -85,6 +86,11 @@ def interpolate_reference(b: Record, table: Array) -> None:
         ref.q[j] = w * lo.q[j] + u * hi.q[j]
         ref.qd[j] = w * lo.qd[j] + u * hi.qd[j]
     ref.tare = lo.tare
+    ref.press, ref.docked, ref.mode = lo.press, lo.docked, lo.mode
+    ref.force = w * lo.force + u * hi.force
+    for a in range(3):
+        ref.f_feet_B[a] = w * lo.f_feet_B[a] + u * hi.f_feet_B[a]
+        ref.t_feet_B[a] = w * lo.t_feet_B[a] + u * hi.t_feet_B[a]
     for j in range(MAX_JOINTS):
         ref.tau[j], ref.delta[j] = w * lo.tau[j] + u * hi.tau[j], lo.delta[j]
     for h in range(b.arms.n_hands):
@@ -134,6 +140,8 @@ def before_law(
     call_pointer(estimator, belief)
     if g.truth_estimator:
         _take_truth(b, pl)
+    if b.par.spring > 0.0:
+        estimate_tip_force(b)
     interpolate_reference(b, table)
     if b.arms.on:
         estimate_marker(b)
@@ -299,6 +307,11 @@ def take_sample(
     _sample_objects(pl, qpos, row)
     if pl.loads.on:
         sample_loads(pl.loads, row)
+    if pl.force_on:
+        row.force_meas, row.ref_force = est.f_tip, ref.force
+        row.pressing, row.docked = ref.press, ref.docked
+        for a in range(3):
+            row.f_docking_W[a] = pl.f_docking_W[a]
     thrust = np.zeros(pl.n_rotors)
     for i in range(pl.n_rotors):
         thrust[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 from skywright.core.types import MAX_OBJECTS
+from skywright.worlds.structure import Structure
 from skywright.worlds.things import Bench, Marker, Pad, Thing
 
 
@@ -231,6 +232,7 @@ class World(Spec):
     gravity_mps2: Positive = 9.81
     air_density_kg_m3: Positive = 1.2
     pipe: Pipe | None = None
+    structure: Structure | None = None
     weld: Weld | None = None
     obstacles: dict[str, Box] = {}
     tubes: dict[str, Tube] = {}
@@ -272,6 +274,8 @@ class World(Spec):
     def _weld_needs_pipe(self) -> World:
         if self.weld is not None and self.pipe is None:
             raise ValueError("a weld needs a pipe")
+        if self.structure is not None and self.pipe is not None:
+            raise ValueError("a world has a pipe or a structure to touch, not both")
         if self.pipe is not None:
             bottom = self.pipe.z_m - self.pipe.diameter_m / 2
             if bottom < 0:

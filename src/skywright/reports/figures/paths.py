@@ -23,7 +23,14 @@ from skywright.reports.figures.style import (
     new_figure,
     new_map,
 )
-from skywright.reports.outlines import Outline, move, outline_box, outline_pipe, outline_robot
+from skywright.reports.outlines import (
+    Outline,
+    move,
+    outline_box,
+    outline_pipe,
+    outline_robot,
+    outline_structure,
+)
 from skywright.worlds.surface import build_cylinder
 
 if TYPE_CHECKING:
@@ -137,6 +144,8 @@ def draw_flight_path(result: RunResult) -> Figure | None:
 def _outline_world(result: RunResult) -> list[Outline]:
     world = result.description.world
     parts = outline_pipe(world.pipe) if world.pipe is not None else []
+    if world.structure is not None:
+        parts += outline_structure(world.structure)
     for box in world.obstacles.values():
         parts += outline_box(box)
     return parts

@@ -76,7 +76,7 @@ def find_limit(result: RunResult, name: str) -> float | None:
 def draw_contact_series(result: RunResult) -> Figure | None:
     """Tip error, gap, tilt, force, attitude and rotor loads while the probe is at the surface."""
     window = find_contact_window(result)
-    if window is None:
+    if window is None or result.description.world.structure is not None:  # has its own pictures
         return None
     samples = result.samples
     s = samples[(samples["t"] >= window[0]) & (samples["t"] <= window[1])]

@@ -1,0 +1,85 @@
+"""Rest-to-rest moves of platform, arm and contact forces together, as one reference table."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import exp_so3, log_so3
+from skywright.models.rigid_body import compute_tip
+from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
+
+Array = NDArray[np.float64]
+Table = NDArray[Any]
+
+TURN_SPEED, TURN_ACCELERATION = 0.3, 0.6  # rad/s, rad/s^2, of the platform's attitude
+JOINT_SPEED, JOINT_ACCELERATION = 0.8, 2.0  # rad/s, rad/s^2
+
+
+def set_rest(row: Any) -> Any:
+    """Return a copy of a REFERENCE row that stands still, its time 0."""
+    row = np.array(row)
+    for field in ("t", "v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "track_tip", "dead_zone"):
+        row[field] = 0.0
+    row["R_WS"] = np.eye(3)
+    return row
+
+
+def build_move(
+    model: NDArray[Any],
+    n_joints: int,
+    start: Any,
+    end: Any,
+    *,
+    speed: float,
+    acceleration: float = 0.5,
+    least: float = 0.0,
+) -> Table:
+    """Move from one REFERENCE row to another in at least `least` s.
+
+    Position on a straight line at up to `speed` (m/s), attitude about one axis, joints in step.
+    Forces (`force`, `f_feet_B`, `t_feet_B`) follow linearly in time. Flags (press, docked, mode)
+    are those of `end` from the beginning. `model` is the robot's BODY_MODEL.
+    """
+    start, end = set_rest(start), set_rest(end)
+    delta = end["p_WB"] - start["p_WB"]
+    turn = np.empty(3)
+    log_so3(np.ascontiguousarray(start["R_WB"].T @ end["R_WB"]), turn)  # in the moving frame
+    angle, joints = float(np.linalg.norm(turn)), end["q"] - start["q"]
+    total = max(
+        duration(float(np.linalg.norm(delta)), speed, acceleration),
+        duration(angle, TURN_SPEED, TURN_ACCELERATION),
+        duration(float(np.max(np.abs(joints))), JOINT_SPEED, JOINT_ACCELERATION),
+        least,
+    )
+    n = max(math.ceil(total / ROW_PERIOD), 1)
+    total = n * ROW_PERIOD
+    u = np.linspace(0.0, 1.0, n + 1)
+    s, ds, dds = quintic(u)
+    table = np.repeat(end[None], n + 1)
+    table["t"] = u * total
+    table["p_WB"] = start["p_WB"] + s[:, None] * delta
+    table["v_WB"] = ds[:, None] * delta / total
+    table["a_WB"] = dds[:, None] * delta / total**2
+    table["w_WB_B"] = ds[:, None] * turn / total
+    table["wd_WB_B"] = dds[:, None] * turn / total**2
+    table["q"] = start["q"] + s[:, None] * joints
+    table["qd"] = ds[:, None] * joints / total
+    rotation = np.empty((3, 3))
+    tip, R_BT = compute_tip(model, start["q"][:n_joints])
+    moving = bool(np.any(joints))
+    for i in range(n + 1):
+        exp_so3(s[i] * turn, rotation)
+        table["R_WB"][i] = start["R_WB"] @ rotation
+        if moving:
+            tip, R_BT = compute_tip(model, table["q"][i, :n_joints])
+        table["p_WT"][i] = table["p_WB"][i] + table["R_WB"][i] @ tip
+        table["R_WT"][i] = table["R_WB"][i] @ R_BT
+    table["v_WT"] = np.gradient(table["p_WT"], ROW_PERIOD, axis=0)
+    for field in ("f_feet_B", "t_feet_B"):
+        table[field] = start[field] + u[:, None] * (end[field] - start[field])
+    table["force"] = start["force"] + u * (end["force"] - start["force"])
+    return table

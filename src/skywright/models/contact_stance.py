@@ -1,0 +1,114 @@
+"""Arm poses in which a flying robot presses on a ceiling or on a wall, and what it can press."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from skywright.errors import InputError
+from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
+from skywright.models.rotors import build_rotors
+from skywright.models.statics import build_layout, compute_ray, wrench_at
+from skywright.robots.spec import Robot
+
+Array = NDArray[np.float64]
+
+LEAN_MAX = math.radians(20.0)
+"""Largest angle of the probe to the surface's normal: friction of 0.36 holds the tip."""
+TOLERANCE = 1e-3  # m
+RESERVE = 0.035
+"""m, of reach that may be given up for an arm that moves its tip along the probe with ease."""
+BESIDE_FEET = 0.02
+"""m, of reach that is given up where docking feet stand beside the tip: what is left keeps the feet
+15 mm off the surface, and the arm has 20 mm of its own."""
+GRID = 91
+
+
+class ContactStance(NamedTuple):
+    """The arm with its tip where it shall touch."""
+
+    q: Array  # (n,) rad
+    tip: Array  # (3,) m in B
+    axis: Array  # (3,) of the probe, in B
+    lean: float  # rad, from the direction that was asked for
+
+
+def find_tip_pose(model: NDArray[Any], start: Array, target: Array) -> Array:
+    """Return the joints (n,) rad that bring the tip to `target` (m in B; NaN: any value).
+
+    Raises InputError when the tip stays more than TOLERANCE away.
+    """
+    n, known = len(start), np.isfinite(target)
+    low, high = model[0]["q_min"][:n], model[0]["q_max"][:n]
+
+    def residual(q: Array) -> Array:
+        return np.asarray((compute_tip(model, q)[0] - target)[known])
+
+    q = np.asarray(
+        least_squares(residual, np.clip(start, low + 1e-6, high - 1e-6), bounds=(low, high)).x
+    )
+    if float(np.linalg.norm(residual(q))) > TOLERANCE:
+        asked = ", ".join(f"{x:.3f}" if k else "any" for x, k in zip(target, known, strict=True))
+        raise InputError(f"the arm does not reach ({asked}) m from the platform's centre")
+    return q
+
+
+def find_free_stance(robot: Robot, facing: str) -> ContactStance:
+    """Return the pose for pressing up ("down": the surface faces down) or ahead ("side").
+
+    On a grid of the joints, the probe leaning at most LEAN_MAX. Beside docking feet: BESIDE_FEET
+    short of the farthest reach, with the least lean. Else within RESERVE of the farthest reach
+    where the joints move the tip along the probe best: the farthest itself is a singularity.
+
+    Raises InputError for a robot without a probe or one that cannot point it there.
+    """
+    if robot.arm is None or robot.probe is None:
+        raise InputError(f"robot {robot.name!r} has nothing to press with: it needs a probe")
+    model = build_body_model(robot)
+    n = len(posture(robot, "working"))
+    toward = np.array([0.0, 0.0, 1.0]) if facing == "down" else np.array([1.0, 0.0, 0.0])
+    margin = math.radians(2.0)
+    grids = [
+        np.linspace(model[0]["q_min"][j] + margin, model[0]["q_max"][j] - margin, GRID)
+        for j in range(n)
+    ]
+    found: list[tuple[float, ContactStance]] = []
+    for q in np.array(np.meshgrid(*grids)).reshape(n, -1).T:
+        tip, R = compute_tip(model, q)
+        lean = math.acos(min(max(float(R[:, 2] @ toward), -1.0), 1.0))
+        if lean <= LEAN_MAX:
+            found.append((float(tip @ toward), ContactStance(q, tip, np.array(R[:, 2]), lean)))
+    if not found:
+        raise InputError(f"the arm of {robot.name!r} cannot point its probe {facing}wards")
+    farthest = max(reach for reach, _ in found)
+    if facing == "down" and robot.docking is not None:
+        top = farthest - BESIDE_FEET
+        near = [stance for reach, stance in found if top - 0.005 <= reach <= top]
+        return min(near or [stance for _, stance in found], key=lambda stance: stance.lean)
+    near = [stance for reach, stance in found if reach >= farthest - RESERVE]
+    return max(near, key=lambda stance: _compute_lever(model, stance))
+
+
+def _compute_lever(model: NDArray[Any], stance: ContactStance) -> float:
+    """Return the speed (m/s) of the tip along the probe for a unit speed of the joints."""
+    n, step = len(stance.q), 1e-6
+    J = np.empty((3, n))
+    for j in range(n):
+        moved = stance.q.copy()
+        moved[j] += step
+        J[:, j] = (compute_tip(model, moved)[0] - stance.tip) / step
+    return 1.0 / max(float(np.linalg.norm(np.linalg.pinv(J, rcond=1e-6) @ stance.axis)), 1e-9)
+
+
+def compute_flying_press(robot: Robot, stance: ContactStance, R_WB: Array, gravity: float) -> float:
+    """Return the largest press (N) along the probe of a robot that hovers at R_WB; NaN: none."""
+    layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
+    mass, p_BC, _ = compute_body(build_body_model(robot, gravity), stance.q)
+    hold = wrench_at(mass * gravity * R_WB[2], p_BC)
+    press = wrench_at(stance.axis, stance.tip)
+    ray = compute_ray(layout, hold, press)
+    return float(ray.hi) if ray.hi >= max(ray.lo, 0.0) else math.nan

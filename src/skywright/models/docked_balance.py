@@ -1,0 +1,124 @@
+"""How a docked robot shall share its load between rotors and feet while it presses.
+
+`models/docked.py` asks for the most that a foot could be made to carry. A pose with stiff rotors
+and soft feet leaves no such choice: the gear is rigid and its feet are equal springs, so their
+normal forces lie on a plane over the contact points. Here the share is found under that condition,
+each foot loaded, friction well inside its cone, and the rotors as far from their limits as can be:
+
+    maximise s   subject to   B T + W_feet + F w_tip + w_weight + w_drag = 0,
+                              t_min + s r <= T <= t_max - s r,  N_i = c_0 + c_1 x_i + c_2 y_i
+
+What the law feeds forward is W_feet; it follows the press linearly between two such solutions,
+because every condition is linear.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from skywright.models.docked import DockedRobot, Stance
+from skywright.models.statics import wrench_at
+
+F8 = NDArray[np.float64]
+
+SIDES = 16
+FRICTION_SHARE = (0.25, 0.5, 0.7, 0.95)
+"""Share of a foot's friction that may be used: the least that leaves the rotors MARGIN is taken,
+for what is left holds gusts and errors of the model."""
+MARGIN = 0.05
+
+
+class DockedBalance(NamedTuple):
+    """One balance of rotors, feet and press; frame B, about its origin."""
+
+    f_feet: F8  # (3,) N, of the structure on the feet
+    t_feet: F8  # (3,) N m
+    thrust: F8  # (n,) N
+    foot_load: F8  # (feet,) N, normal
+    foot_friction: F8  # (feet,) tangential over normal force
+    margin: float  # least distance of a rotor from its limits, over its range
+
+
+def compute_docked_balance(
+    docked: DockedRobot,
+    stance: Stance,
+    press: float,
+    *,
+    R_WB: F8,
+    foot_load: float | None = None,
+    drag_B: F8 | None = None,
+) -> DockedBalance | None:
+    """Find the balance at a press (N), or None where there is none.
+
+    `R_WB` (3, 3) is the docked attitude, `foot_load` (N) the least load of each foot (default: the
+    docking gear's), `drag_B` (6,) a wrench that acts besides.
+    """
+    up_B = R_WB[2]
+    load = wrench_at(-stance.mass * docked.gravity * up_B, stance.p_BC)
+    load = load + press * wrench_at(np.array([0.0, 0.0, -1.0]), stance.tip)
+    if drag_B is not None:
+        load = load + drag_B
+    least = docked.docking.foot_load_n if foot_load is None else foot_load
+    best: DockedBalance | None = None
+    for share in FRICTION_SHARE:
+        found = _solve(docked, load, least, share)
+        if found is not None and found.margin >= MARGIN:
+            return found
+        if found is not None and (best is None or found.margin > best.margin + 1e-6):
+            best = found
+    return best
+
+
+def _solve(docked: DockedRobot, load: F8, least: float, share: float) -> DockedBalance | None:
+    """Solve over (thrusts n, plane of normals 3, tangential 2 a foot, margin)."""
+    layout, feet = docked.layout, docked.feet
+    n, m = len(layout.t_max), len(feet)
+    size = n + 3 + 2 * m + 1
+    plane = np.column_stack([np.ones(m), feet[:, 0], feet[:, 1]])
+    balance = np.zeros((6, size))
+    balance[:, :n] = layout.B
+    for i, foot in enumerate(feet):
+        balance[:, n : n + 3] += np.outer(wrench_at(np.array([0.0, 0.0, -1.0]), foot), plane[i])
+        for k in range(2):
+            balance[:, n + 3 + 2 * i + k] = wrench_at(np.eye(3)[k], foot)
+    rows, limits = [], []
+    turn = 2.0 * math.pi * np.arange(SIDES) / SIDES
+    hold = share * docked.docking.friction * math.cos(math.pi / SIDES)
+    for i in range(m):
+        row = np.zeros(size)
+        row[n : n + 3] = -plane[i]
+        rows.append(row)
+        limits.append(-least)
+        for a in turn:
+            row = np.zeros(size)
+            row[n : n + 3] = -hold * plane[i]
+            row[n + 3 + 2 * i : n + 5 + 2 * i] = [math.cos(a), math.sin(a)]
+            rows.append(row)
+            limits.append(0.0)
+    reach = layout.t_max - layout.t_min
+    for i in range(n):
+        for sign, limit in ((1.0, layout.t_max[i]), (-1.0, -layout.t_min[i])):
+            row = np.zeros(size)
+            row[i], row[-1] = sign, reach[i]
+            rows.append(row)
+            limits.append(limit)
+    cost = np.zeros(size)
+    cost[-1] = -1.0
+    bounds = [(None, None)] * (size - 1) + [(0.0, 0.5)]
+    found = linprog(
+        cost, A_ub=np.array(rows), b_ub=np.array(limits), A_eq=balance, b_eq=-load, bounds=bounds,
+        method="highs",
+    )  # fmt: skip
+    if found.status != 0:
+        return None
+    x = np.asarray(found.x)
+    normal = plane @ x[n : n + 3]
+    sideways = x[n + 3 : n + 3 + 2 * m].reshape(m, 2)
+    wrench = balance[:, n:-1] @ x[n:-1]
+    ratio = np.linalg.norm(sideways, axis=1) / np.maximum(normal, 1e-12)
+    return DockedBalance(wrench[:3], wrench[3:], x[:n], normal, ratio, float(x[-1]))

@@ -1,0 +1,93 @@
+"""The backstepping law: its PID identity, Lyapunov's derivative, the contact model (24)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skywright.control.backstepping import backstep, find_contact_wrench
+from skywright.control.backstepping_gains import compute_backstepping_gains
+from skywright.core.types import BELIEF
+from skywright.errors import InputError
+from skywright.models.rigid_body import build_body_model, compute_tip
+from skywright.robots.loader import load_robot
+
+GAIN = st.floats(0.1, 20.0)
+NUMBER = st.floats(-3.0, 3.0)
+
+
+@given(k1=GAIN, k2=GAIN, lam=GAIN, e=NUMBER, de=NUMBER, chi=NUMBER)
+def test_backstepping_is_a_pid(
+    k1: float, k2: float, lam: float, e: float, de: float, chi: float
+) -> None:
+    """x'' = (1 + lambda + k1 k2) e + (k1 + k2) e' + k2 lambda int e."""
+    pid = (1 + lam + k1 * k2) * e + (k1 + k2) * de + k2 * lam * chi
+    size = 1 + abs(e) * k1**2 + abs(pid) + lam * k1 * abs(chi) + k1 * k2 * abs(e)
+    assert backstep(e, de, chi, k1, k2, lam) == pytest.approx(pid, abs=1e-12 * size + 1e-9)
+
+
+def test_the_law_makes_lyapunov_fall() -> None:
+    """V = z1^2/2 + lambda chi^2/2 + z2^2/2 has V' = -k1 z1^2 - k2 z2^2 on the closed loop.
+
+    With the printed signs, K = 1 - lambda^2 + k (28), it does not (E004-2).
+    """
+    k1, k2, lam, z1, chi, z1_dot = sp.symbols("k1 k2 lam z1 chi z1_dot", real=True)
+    z2 = z1_dot + lam * chi + k1 * z1
+
+    def fall(command: sp.Expr) -> sp.Expr:
+        z1_ddot = -command  # x_d'' - x''
+        z2_dot = z1_ddot + lam * z1 + k1 * z1_dot
+        return sp.expand(z1 * z1_dot + lam * chi * z1 + z2 * z2_dot)
+
+    wanted = -k1 * z1**2 - k2 * z2**2
+    ours = (1 - k1**2 + lam) * z1 + (k1 + k2) * z2 - k1 * lam * chi
+    printed = (1 - lam**2 + k1) * z1 + (k1 + k2) * z2 - k1 * lam * chi
+    assert sp.simplify(fall(ours) - wanted) == 0
+    assert sp.simplify(fall(printed) - wanted) != 0
+
+
+@given(w=st.floats(1.5, 15.0), zeta=st.floats(1.0, 1.5), part=st.floats(0.01, 0.15))
+def test_gains_make_the_pid_of_their_bandwidths(w: float, zeta: float, part: float) -> None:
+    k1, k2, lam = compute_backstepping_gains(w, zeta, part * w)
+    assert min(k1, k2, lam) > 0
+    assert 1 + lam + k1 * k2 == pytest.approx(w * w)
+    assert k1 + k2 == pytest.approx(2 * zeta * w)
+    assert k2 * lam == pytest.approx(part * w**3)
+    roots = np.roots([1.0, 2 * zeta * w, w * w, part * w**3])
+    assert np.all(roots.real < 0)
+
+
+def test_gains_that_do_not_exist_are_told() -> None:
+    with pytest.raises(InputError, match="damping"):
+        compute_backstepping_gains(10.0, 0.3, 0.1)
+
+
+@given(g1=st.floats(-1.7, 1.7), g2=st.floats(0.4, 2.7), force=st.floats(0.0, 16.0))
+def test_the_contact_wrench_is_equation_24(g1: float, g2: float, force: float) -> None:
+    """(24) with the sign of its L1 term mended (E004-6), about the arm's base."""
+    robot, _ = load_robot("f550-bridge")
+    model = build_body_model(robot)
+    q = np.array([g1 - math.pi / 2, -g2])
+    p_BT, R_BT = compute_tip(model, q)
+    b = np.zeros(1, BELIEF).view(np.recarray)
+    b["ref"]["press"], b["est"]["f_tip"] = 1.0, force
+    b["body"]["p_BT"], b["body"]["R_BT"] = p_BT, R_BT
+    b["est"]["R_WB"] = np.eye(3)
+    f, t = np.zeros(3), np.zeros(3)
+    find_contact_wrench(b[0], f, t)
+    L1, base = 0.25, np.array([0.05, 0.0, 0.05])  # the shoulder
+    assert f == pytest.approx([-force * math.sin(g1 - g2), 0.0, -force * math.cos(g1 - g2)])
+    # about the shoulder: of the paper's t_y what its d (base to centre of mass) does not make
+    about = t - np.cross(base, f)
+    assert about[1] == pytest.approx(force * L1 * math.sin(g2), abs=1e-9)
+    # virtual work: row 7 of (24), what the shoulder's servo feels, is the same
+    step = 1e-6
+    lever = (compute_tip(model, q + [step, 0])[0] - compute_tip(model, q - [step, 0])[0]) / (
+        2 * step
+    )
+    assert f @ lever == pytest.approx(about[1], abs=1e-6)

@@ -1,0 +1,155 @@
+"""Contact missions: docked under a deck, in flight at a wall, on the bench, and the modes."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skywright.errors import InputError
+from skywright.evaluation.records import RecordStore
+from skywright.evaluation.run import RunResult, fly_and_evaluate, run_mission
+from skywright.missions.loader import load_description
+from skywright.missions.planning import plan_mission
+from skywright.models.docked import build_docked, find_stance
+from skywright.models.docked_balance import compute_docked_balance
+from skywright.models.statics import wrench_at
+from skywright.robots.loader import load_robot
+
+SHORT = {
+    "mission.task.forces_n": [2.0, 8.0], "mission.task.settle_s": 2.0, "mission.task.hold_s": 1.0,
+    "mission.task.without_gear": False, "mission.task.stand_off_m": 0.2,
+}  # fmt: skip
+
+
+@functools.cache
+def fly(mission: str, *sets: tuple[str, Any]) -> RunResult:
+    lists = {key: list(v) if isinstance(v, tuple) else v for key, v in sets}
+    return fly_and_evaluate(load_description(mission, sets=lists))
+
+
+def test_docked_the_force_is_held_and_the_robot_stays(tmp_path: Any) -> None:
+    d = load_description("bridge-contact", sets=SHORT)
+    result = run_mission(d, out=tmp_path / "run", records=tmp_path / "r.db")
+    assert result.outcome == "succeeded", result.reason
+    assert result.metrics["force.rms_error_n"] < 0.1  # a third of what is required
+    assert result.metrics["dock.wander_mm"] < 2.0
+    assert 0.0 < result.metrics["dock.touch_speed_mps"] < 0.1
+    store = RecordStore(tmp_path / "r.db")
+    found = store.find(at=(0.0, 0.0), radius=0.01)
+    store.close()
+    assert [r.force_des_n for r in found] == [2.0, 8.0]
+    assert all(abs(r.force_n - r.force_des_n) < 0.1 and r.how == "docked" for r in found)
+    assert all(abs(r.up_m - 3.0) < 0.02 for r in found)
+
+
+def test_newton_holds_while_docked() -> None:
+    """Feet, tip, rotors and weight are in balance in the recording."""
+    result = fly("bridge-contact", *((k, tuple(v) if isinstance(v, list) else v)
+                                     for k, v in SHORT.items()))  # fmt: skip
+    s = result.samples
+    held = np.isin(s["phase"], [i for i, p in enumerate(result.phases) if p.name == "hold 8 N"])
+    s = s[held]
+    assert len(s) > 50
+    pressed = s["f_docking_W"][:, 2] + s["f_contact"][:, 2]
+    robot = result.description.robot
+    mass = 2.5 * 1.03
+    tilt = math.cos(math.radians(20.0)) ** 2
+    gains = 1.0 - 0.03
+    up = s["rotor_thrust"][:, : len(robot.rotors.azimuth_deg)].sum(axis=1) * tilt * gains
+    rest = up + pressed - mass * 9.81
+    assert abs(float(np.mean(rest))) < 0.5  # rotors differ by 2 % each
+
+
+@pytest.mark.parametrize(
+    ("sets", "told"),
+    [
+        ({"mission.task.forces_n": [9.0]}, "95% of the 8.66 N"),
+        ({"world.structure.slope_deg": 10.0, "mission.task.forces_n": [6.0]}, "80%"),
+        ({"world.structure.slope_deg": 40.0, "mission.task.forces_n": [1.0]}, "cannot stay"),
+        ({"mission.task.dock": False, "world.structure.slope_deg": 12.0,
+          "mission.task.forces_n": [1.0]}, "tilt"),
+        ({"mission.task.stand_off_m": 2.5}, "above the ground"),
+        ({"mission.task.spots": [{"y_m": 1.6}]}, "come within"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_done_is_refused_before_take_off(sets: dict[str, Any], told: str) -> None:
+    plan = plan_mission(load_description("bridge-contact", sets=sets))
+    assert not plan.feasible and told in str(plan.blocked_by), plan.blocked_by
+
+
+@pytest.mark.parametrize(
+    ("sets", "told"),
+    [
+        ({"mission.law": "push_and_slide"}, "backstepping"),
+        ({"mission.task.spots": [{"x_m": 9.0}]}, "beside the structure"),
+        ({"world.structure.facing": "side"}, "dock=false"),
+    ],
+)
+def test_what_is_missing_is_told(sets: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        plan_mission(load_description("bridge-contact", sets=sets))
+
+
+def test_robots_and_worlds_that_cannot_are_told() -> None:
+    with pytest.raises(InputError, match="force_sensor"):
+        plan_mission(load_description("bridge-contact", robot="othex"))
+    with pytest.raises(InputError, match="no structure"):
+        plan_mission(load_description("bridge-contact", world="open"))
+    with pytest.raises(InputError, match=r"0\.2 to 16 N"):
+        load_description("bridge-contact", sets={"mission.task.forces_n": [0.0]})
+
+
+@pytest.mark.parametrize("press", [0.0, 4.0, 8.0])
+def test_the_docked_balance_is_one(press: float) -> None:
+    """Forces and torques add up, feet are loaded as equal springs of a rigid frame would be."""
+    robot, _ = load_robot("f550-bridge")
+    docked = build_docked(robot)
+    stance = find_stance(docked)
+    found = compute_docked_balance(docked, stance, press, R_WB=np.eye(3))
+    assert found is not None
+    total = docked.layout.B @ found.thrust
+    total += wrench_at(-stance.mass * 9.81 * np.array([0.0, 0.0, 1.0]), stance.p_BC)
+    total += press * wrench_at(np.array([0.0, 0.0, -1.0]), stance.tip)
+    total += np.concatenate([found.f_feet, found.t_feet])
+    assert total == pytest.approx(np.zeros(6), abs=1e-6)
+    plane = np.column_stack([np.ones(4), docked.feet[:, :2]])
+    fit, *_ = np.linalg.lstsq(plane, found.foot_load, rcond=None)
+    assert plane @ fit == pytest.approx(found.foot_load, abs=1e-9)
+    assert np.all(found.foot_load >= docked.docking.foot_load_n - 1e-9)
+    assert np.all(found.foot_friction <= docked.docking.friction)
+
+
+def test_the_bench_presses_its_staircase() -> None:
+    result = fly("arm-test-bench", ("mission.task.hold_s", 1.0))
+    assert result.outcome == "succeeded", result.metrics
+    names = [p.name for p in result.phases]
+    assert names[:3] == ["start", "rest", "inspection position"]
+    q = np.degrees(result.samples["q"][result.samples["phase"] == 2][-1][:2])
+    assert q == pytest.approx([61.0 - 90.0, -55.0], abs=1.0)  # but for the encoders' zero
+    assert float(np.max(result.samples["rotor_speed"])) == 0.0
+
+
+def test_the_platform_tilts_in_place_and_moves_level() -> None:
+    m = fly("flight-modes").metrics
+    assert m["modes.position_error_mm"] < 50.0
+    assert m["modes.translate_tilt_deg"] < 2.0
+    assert m["modes.tilt_deg"] > 8.0
+    assert m["modes.standard_drift_m"] > 10 * m["modes.position_error_mm"] / 1e3
+
+
+def test_a_tilt_beyond_the_limit_is_refused() -> None:
+    plan = plan_mission(load_description("flight-modes", sets={"mission.task.tilt_deg": 15.0}))
+    assert not plan.feasible and "10.0 deg" in str(plan.blocked_by)
+    with pytest.raises(InputError, match="backstepping"):
+        plan_mission(load_description("flight-modes", sets={"mission.law": "tip_pd"}))
+
+
+def test_a_wall_is_pressed_and_slid_along_in_flight() -> None:
+    result = fly("wall-contact", ("mission.task.forces_n", (2.0,)), ("mission.task.hold_s", 1.0))
+    assert result.outcome == "succeeded", (result.reason, result.metrics)
+    assert result.metrics["slide.length_m"] > 0.5
+    assert result.metrics["free.rms_error_n"] < 0.5
