@@ -154,6 +154,17 @@ def test_robots_without_hands_are_compared_where_it_applies() -> None:
     assert {s.verdict for s in found.statements} == {"does not apply"}
 
 
+def test_variants_of_one_robot_are_told_apart(tmp_path: Path) -> None:
+    file = tmp_path / "robot.toml"
+    file.write_text(
+        '[robot]\nname = "bimanual"\nextends = "bimanual"\n[robot.platform]\nmass_kg = 6.0\n'
+    )
+    found = compare_robots("bimanual", str(file), fly=False)
+    mass = next(r for r in found.rows if r.name == "mass_kg").values
+    assert mass[1] - mass[0] > 0.5
+    assert list(found.to_json()["maps"]) == ["bimanual", str(file)]
+
+
 def test_a_calm_hover_keeps_the_tip_near() -> None:
     robot, _ = load_robot("bimanual")
     tip, platform = hover_once("bimanual", build_pose(robot, "L", 0.1), 0.0, 1)

@@ -33,7 +33,7 @@ from skywright.reports.figures.style import Span, clip_phases, thin, write_png
 from skywright.reports.progress import Progress
 from skywright.reports.render import Camera, Item, render_scene
 from skywright.reports.report import FIGURES, render_report, write_report
-from skywright.studies.pictures import PICTURES, ROBOTS
+from skywright.studies.pictures import COMPARED, PICTURES, ROBOTS
 
 SHORT = (
     "mission.scan.passes=2", "mission.scan.pass_length_m=0.04", "mission.scan.arc_deg=10",
@@ -321,7 +321,7 @@ def test_numbers_are_short(value: object, text: str) -> None:
 def test_pictures_of_the_docs_are_made_by_the_command(repository: Path) -> None:
     pages = [repository / "README.md", *(repository / "docs").rglob("*.md")]
     text = "".join(p.read_text(encoding="utf-8") for p in pages)
-    for name in (*PICTURES, *ROBOTS):
+    for name in (*PICTURES, *ROBOTS, *COMPARED):
         assert f"images/{name}" in text, f"{name} is made but nowhere shown"
         assert (repository / "docs/images" / name).is_file()
     assert {figure for _, figure in PICTURES.values()} <= set(FIGURES)

@@ -182,6 +182,8 @@ def test_verdicts_follow_from_the_values():
     [
         ("probe_tilt", "probe_tlit", "unknown measure 'probe_tlit'; valid: .*probe_tilt"),
         ('scan = "one"', 'scan = "onne"', "names the case 'onne'; valid: .*one"),
+        ("[cases.one]", '[cases.one]\nkind = "hover"', "'hover' needs winds_mps"),
+        ("[cases.one]", '[cases.one]\nkind = "lean"', "'lean' needs forces_n"),
         ('sense = "<="', 'sense = "~"', r"tests\.0\.sense"),
         ('where = "I"', 'were = "I"', r"claims\.0\.(where|were)"),
         ('id = "steep"', 'id = "level"', "two claims are called 'level'"),

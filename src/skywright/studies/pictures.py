@@ -16,10 +16,12 @@ from skywright.evaluation.run import RunResult, run_mission
 from skywright.missions.loader import load_description
 from skywright.models.capability import compute_capability
 from skywright.reports.capability import write_capability_figure
-from skywright.reports.figures.style import write_png
+from skywright.reports.figures.compare import draw_pair, draw_reach, draw_reaction
+from skywright.reports.figures.style import house_style, write_png
 from skywright.reports.progress import Progress, announce_compilation
 from skywright.reports.report import FIGURES
 from skywright.robots.loader import load_robot
+from skywright.studies.compare.compare import MISSION, compare_robots
 
 PICTURES: dict[str, tuple[str, str]] = {
     "weld-scan.png": ("pipe-weld-scan", "hero"),
@@ -30,6 +32,11 @@ PICTURES: dict[str, tuple[str, str]] = {
 
 ROBOTS = {"capability-othex.png": "othex"}
 """File -> robot whose capability it shows."""
+
+PAIR = ("bimanual", "bimanual-longreach")
+"""Robots whose comparison is shown."""
+
+COMPARED = ("compare-pair.png", "compare-reach.png", "compare-reaction.png")
 
 
 def write_pictures(folder: Path, say: Callable[[str], None] = print) -> list[Path]:
@@ -45,6 +52,15 @@ def write_pictures(folder: Path, say: Callable[[str], None] = print) -> list[Pat
                 out = Path(scratch) / mission
                 runs[mission] = run_mission(description, out=out, observers=[Progress()])
             written.append(write_png(FIGURES[figure], runs[mission], folder / name))
+            say(str(written[-1]))
+    pair = compare_robots(*PAIR, fly=False)
+    pipe = load_description(MISSION).world.pipe
+    assert pipe is not None
+    with house_style():
+        drawn = (draw_pair(pair, pipe), draw_reach(pair), draw_reaction(pair))
+        for name, figure in zip(COMPARED, drawn, strict=True):
+            figure.savefig(folder / name, dpi=110, metadata={"Software": None})
+            written.append(folder / name)
             say(str(written[-1]))
     for name, robot in ROBOTS.items():
         spec, _ = load_robot(robot)

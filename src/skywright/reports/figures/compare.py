@@ -58,6 +58,8 @@ def draw_pair(c: Comparison, pipe: Pipe) -> Figure:
             0.98, 0.98, text, transform=ax.transAxes, ha="right", va="top",
             color=LIMIT if least <= 0 else "#333333",
         )  # fmt: skip
+    low, high = axes[0].get_ylim()
+    axes[0].set_ylim(low, high + 0.15 * (high - low))  # room for the text
     axes[0].set_ylabel("above the pipe's axis (m)")
     return figure
 

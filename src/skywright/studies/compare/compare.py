@@ -65,6 +65,8 @@ def compare_robots(
         raise InputError("the comparison needs world.pipe")
     tell: Step = step or (lambda text: None)
     a, b = [measure(d, tell) for d in loaded]
+    if a.name == b.name:  # files that describe variants of one robot
+        a, b = a._replace(name=first), b._replace(name=second)
     if fly:
         a, b = [
             add_flights(side, d, name, seeds, tell)
@@ -191,5 +193,5 @@ def add_install(
         if found.reason and not math.isfinite(values[key]):
             notes[key] = found.reason
     if found.reason and found.metrics:
-        notes["install.propellers_m"] = f"the flight failed: {found.reason}"
+        notes["install.propellers_m"] = found.reason
     return found

@@ -69,9 +69,9 @@ def fly_install(d: Description, step: Step) -> Install:
     except SkywrightError as error:
         return Install({}, math.nan, math.nan, str(error))
     met = {k: v for k, v in result.metrics.items() if math.isfinite(v)}
-    failed = [f"{r.name} {r.value:.3g} {r.unit}".strip() for r in result.requirements
-              if not r.passed]  # fmt: skip
-    reason = result.reason or ("not met: " + ", ".join(failed) if failed else "")
+    missed = [f"{r.name} {_write(r.value)} {r.unit}".strip()
+              for r in result.requirements if not r.passed]  # fmt: skip
+    reason = result.reason or ("flown, but not met: " + ", ".join(missed) if missed else "")
     s = result.samples[~in_phases(result.samples, result.phases, "start", "take_off", "land")]
     if not len(s):
         return Install(met, math.nan, math.nan, reason)
@@ -167,3 +167,7 @@ def _tick(vehicle: SimulatedVehicle) -> Any:
 
 def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+
+
+def _write(value: float | None) -> str:
+    return "not measured" if value is None else f"{value:.3g}"

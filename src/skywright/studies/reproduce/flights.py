@@ -39,8 +39,9 @@ FIELDS = (
 """Fields of SAMPLE that are kept."""
 
 ARM_FIELDS = (
-    "q", "deflection", "left_p_WH", "left_ref_p_WH", "left_f_W", "left_est_f_W", "load_t_peak",
-    "load_f_peak", "pad_f_peak",
+    "q", "deflection", "est_p_WB", "load_t_peak", "load_f_peak", "pad_f_peak",
+    *(f"{side}_{n}" for side in ("left", "right")
+      for n in ("p_WH", "ref_p_WH", "est_p_WH", "f_W", "est_f_W")),
 )  # fmt: skip
 """Likewise of compliant arms."""
 
@@ -108,7 +109,12 @@ def _fly_mission(case: Case, description: Description) -> Record:
         "plan_s": result.plan.plan_s,
         "depth_m": result.plan.depth_m,
     }
-    fields = (*FIELDS, *ARM_FIELDS) if is_compliant(description.robot) else FIELDS
+    fields = list(FIELDS)
+    if is_compliant(description.robot):
+        fields += ARM_FIELDS
+        objects = list(description.world.objects)
+        fields += [f"object{i}_p_WO" for i in range(len(objects))]
+        info |= {"objects": objects, "task": description.mission.model_dump().get("task", {})}
     arrays = {name: result.samples[name] for name in fields}
     if description.mission.kind == "excitation":  # kept whole enough to identify from
         arrays |= {name: result.samples[name] for name in IDENTIFY_FIELDS}

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from skywright.studies.reproduce import (
     measures_arm,
+    measures_bench,
     measures_bimanual,
     measures_bimanual_flown,
     measures_f550,
@@ -54,6 +55,10 @@ MEASURES: dict[str, Callable[[Records], Measured]] = {
     "lean": measures_bimanual_flown.measure_lean,
     "impact": measures_bimanual_flown.measure_impact,
     "accuracy": measures_bimanual_flown.measure_accuracy,
+    "bench_squeeze": measures_bench.measure_squeeze,
+    "bench_unplug": measures_bench.measure_unplug,
+    "bench_bar": measures_bench.measure_bar,
+    "bench_sensor": measures_bench.measure_sensor,
     "install": measures_bimanual_flown.measure_install,
     "swing": measures_bimanual_flown.measure_swing,
     "stretched": measures_bimanual_flown.measure_stretched,
