@@ -58,8 +58,8 @@ def write_pictures(folder: Path, say: Callable[[str], None] = print) -> list[Pat
     assert pipe is not None
     with house_style():
         drawn = (draw_pair(pair, pipe), draw_reach(pair), draw_reaction(pair))
-        for name, figure in zip(COMPARED, drawn, strict=True):
-            figure.savefig(folder / name, dpi=110, metadata={"Software": None})
+        for name, drawing in zip(COMPARED, drawn, strict=True):
+            drawing.savefig(folder / name, dpi=110, metadata={"Software": None})
             written.append(folder / name)
             say(str(written[-1]))
     for name, robot in ROBOTS.items():
