@@ -60,7 +60,11 @@ def _slice(
     # some slices look for other ways through; until the first path, all
     if filled == 0 or uniform(state) < SEARCH:
         # from place to place, or with trees that need no places
-        if places.shape[0] > 0 and (done == 0 or uniform(state) < 0.5):
+        if done == 0:  # the straight line, and nothing else
+            found = connect(
+                space, start, goal, state, trees, parents, counts, 0, pool[fresh], k, hits
+            )
+        elif places.shape[0] > 0 and (done == 1 or uniform(state) < 0.5):
             found = pass_through(space, start, goal, places, state, tries, pool[fresh], k, hits)
         else:
             found = connect(

@@ -164,6 +164,8 @@ class Coordinate(NamedTuple):
     drives: tuple[str, ...]
     low: float
     high: float
+    gains: tuple[float, ...] = ()
+    """How far each moves for one unit of the coordinate; empty: 1."""
 
 
 class Carried(NamedTuple):
@@ -205,14 +207,17 @@ def build_space(
             raise InputError(
                 f"coordinate {c.name}: its limits cross, {c.low:g} is not below {c.high:g}"
             )
-        for name in c.drives:
-            cmap[_row(rows, name), i] = 1.0
+        for name, gain in zip(c.drives, c.gains or (1.0,) * len(c.drives), strict=True):
+            cmap[_row(rows, name), i] = gain
     moves = [any(r in (X, Y, Z) for r in np.flatnonzero(cmap[:, i])) for i in range(n)]
     n_move = sum(moves)
     if not all(moves[:n_move]):
         raise InputError("coordinates: translations come before angles")
     weight = np.array(
-        [p1 if m else p2 * len(c.drives) for m, c in zip(moves, coordinates, strict=True)]
+        [
+            p1 if m else p2 * sum(abs(gain) for gain in c.gains or (1.0,) * len(c.drives))
+            for m, c in zip(moves, coordinates, strict=True)
+        ]
     )
     tree, shapes, names = scene.tree, scene.robot, list(scene.names)
     if carried is not None:

@@ -20,8 +20,6 @@ from skywright.planning.motion.plan_file import PlanFile
 from skywright.planning.motion.planner import Path, plan_path, sample_reserve
 from skywright.planning.motion.space import (
     JOINT0,
-    PAIR_LIMIT,
-    PAIR_WORLD,
     Scratch,
     Space,
     build_scratch,
@@ -29,6 +27,7 @@ from skywright.planning.motion.space import (
 )
 from skywright.planning.motion.swing import add_bar, build_swing, compute_period
 from skywright.planning.motion.timing import Timed, TimeLimits, assign_times
+from skywright.planning.motion.transit import describe_pair
 from skywright.planning.motion.transport import TransportProblem
 from skywright.robots.spec import Robot
 
@@ -98,7 +97,8 @@ def plan_transport(
         slices=slices,
     )  # fmt: skip
     if path.blocked >= 0:
-        raise InputError(f"{_name_end(problem)}: {describe_pair(problem, path.blocked)}")
+        what = describe_pair(problem.space, problem.scene, path.blocked)
+        raise InputError(f"{_name_end(problem)}: {what}")
     if not len(path.rows):
         raise InfeasibleError(
             f"no path within {path.plan_s:.3g} s; {describe_narrowest(problem, path)}", "passage"
@@ -155,21 +155,6 @@ def _name_end(problem: TransportProblem) -> str:
     return "start" if path.blocked >= 0 else "goal"
 
 
-def describe_pair(problem: TransportProblem, pair: int) -> str:
-    """Say which two things come closer than the margin."""
-    scene = problem.scene
-    a, b, kind = (int(x) for x in problem.space[0]["pairs"][pair])
-    names = [*scene.names, "bar"]
-    margin = float(problem.space[0]["margin"][pair])
-    if kind == PAIR_WORLD:
-        other = scene.world_names[b]
-    elif kind == PAIR_LIMIT:
-        other = "the ground" if b == 4 else f"the area's limit in {'xyz'[b // 2]}"
-    else:
-        other = names[b]
-    return f"{names[a].removesuffix(' shell')} and {other} come closer than {margin:g} m"
-
-
 def describe_narrowest(problem: TransportProblem, path: Path) -> str:
     """Name the narrowest passage, or without any what was most in the way."""
     t = problem.transport
@@ -182,5 +167,6 @@ def describe_narrowest(problem: TransportProblem, path: Path) -> str:
             f"{w.needs:.2f} m with its margins ({fits})"
         )
     if path.hits.any():
-        return f"most often in the way: {describe_pair(problem, int(np.argmax(path.hits)))}"
+        often = describe_pair(problem.space, problem.scene, int(np.argmax(path.hits)))
+        return f"most often in the way: {often}"
     return "nothing was in the way"

@@ -1,0 +1,238 @@
+"""Free flight in three dimensions between two configurations, platform and arms together.
+
+One planner for the ways of all missions: the scene that is simulated is its only source, so any
+robot and world will do. The platform moves in x, y, z and yaw; the arms move from the posture at
+the start to the one at the goal in step (one more coordinate). Where no way is found so, every
+joint gets a coordinate of its own.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skywright.models.kinematic_tree import PlanningScene
+from skywright.planning.motion.cost import path_cost
+from skywright.planning.motion.edges import pair_distance, place_shapes
+from skywright.planning.motion.improve import drop_corners
+from skywright.planning.motion.planner import Path, plan_path, sample_reserve
+from skywright.planning.motion.space import (
+    JOINT0,
+    PAIR_LIMIT,
+    PAIR_SELF,
+    PAIR_WORLD,
+    YAW,
+    Coordinate,
+    Scratch,
+    Space,
+    build_scratch,
+    build_space,
+)
+
+Array = NDArray[np.float64]
+
+ROOM = 2.0
+"""m around start, goal and obstacles that a way may use."""
+SLICES = 24
+"""Slices of work, after which the cheapest way counts; not by the clock, so it repeats."""
+STEP = 0.01  # m of cost (6), between the samples of the reported clearance
+STILL = 1e-6  # rad, below which a joint does not move
+CORNER = 0.8
+EXCUSED = -1e3  # m, margin of a pair that is not judged
+
+
+class Configuration(NamedTuple):
+    """Where the robot is: the platform level, joints at rest."""
+
+    p_WB: Array  # (3,) m
+    yaw: float
+    q: Array  # (nj,) rad; a passive joint's value is not used, it hangs
+
+
+class Transit(NamedTuple):
+    """Way-points from start to goal, straight between each other, or what is in the way."""
+
+    p_WB: Array  # (m, 3) m; empty: none
+    yaw: Array  # (m,) rad, unwrapped
+    q: Array  # (m, nj) rad
+    cost: float  # of (6)
+    clearance: float  # m, smallest distance to anything on the way
+    blocked_by: str | None
+    plan_s: float
+
+
+def plan_transit(
+    scene: PlanningScene,
+    start: Configuration,
+    goal: Configuration,
+    rng: np.random.Generator,
+    margin: float = 0.1,
+    *,
+    wanted: float = 0.0,
+    passive: str | None = None,
+    low_z: float = 0.0,
+    slices: int = SLICES,
+) -> Transit:
+    """Plan from `start` to `goal`, `margin` (m) from world and ground, no lower than `low_z` (m).
+
+    Where there is room for `wanted` (m) or half of it, that is kept, but for the corners: one that
+    `CORNER` of it can do without is dropped, since a flight slows down at each.
+    `passive` names a joint without a motor: it hangs in its static equilibrium. The same `rng`
+    gives the same way on every machine. Never raises for an impossible way: `blocked_by` says
+    what is in it.
+    """
+    began = time.perf_counter()
+    turn = math.remainder(goal.yaw - start.yaw, 2.0 * math.pi)
+    goal = goal._replace(yaw=start.yaw + turn)
+    driven = [j for j, name in enumerate(scene.joints) if name != passive]
+    moving = [j for j in driven if abs(goal.q[j] - start.q[j]) > STILL]
+    for keep in sorted({max(wanted, margin), max(wanted / 2, margin), margin}, reverse=True):
+        space, ends = _build_blend(scene, start, goal, moving, keep, passive, low_z)
+        path = _search(space, ends, rng, slices)
+        if len(path.rows):
+            path = _thin(space, path, max(margin, CORNER * keep))
+            break
+    if path.blocked < 0 and not len(path.rows) and driven:
+        space, ends = _build_free(scene, start, goal, driven, margin, passive, low_z)
+        path = _search(space, ends, rng, slices)
+    blocked_by: str | None = None
+    if path.blocked >= 0:
+        at_start = plan_path(space, ends[0], ends[0], rng, slices=1).blocked >= 0
+        what = describe_pair(space, scene, path.blocked)
+        blocked_by = f"{'start' if at_start else 'goal'}: {what}"
+    elif not len(path.rows):
+        often = describe_pair(space, scene, int(np.argmax(path.hits)))
+        blocked_by = f"no way found; most often in the way: {often}"
+    n = path.rows.shape[1]
+    u = space[0]["offset"] + path.rows @ space[0]["map"][:, :n].T
+    return Transit(
+        u[:, :3], u[:, YAW], u[:, JOINT0 : JOINT0 + len(scene.joints)], path.cost,
+        _clearance(space, path.rows), blocked_by, time.perf_counter() - began,
+    )  # fmt: skip
+
+
+def _search(space: Space, ends: Array, rng: np.random.Generator, slices: int) -> Path:
+    path = plan_path(space, ends[0], ends[1], rng, slices=1)
+    if path.blocked >= 0 or len(path.rows) == 2:
+        return path  # the straight line is the cheapest way
+    return plan_path(space, ends[0], ends[1], rng, slices=slices)
+
+
+def _thin(space: Space, path: Path, margin: float) -> Path:
+    """Drop the corners that `margin` (m) can do without."""
+    looser = space.copy()
+    kept = space[0]["margin"]
+    own = (space[0]["pairs"][:, 2] == PAIR_SELF) | (kept == EXCUSED)
+    looser[0]["margin"] = np.where(own, kept, np.minimum(kept, margin))
+    rows = path.rows.copy()
+    count, cost = _drop_corners(looser, build_scratch(space), rows)
+    return path._replace(rows=rows[:count], cost=float(cost))
+
+
+@njit(cache=True, error_model="numpy")
+def _drop_corners(space: Space, scratch: Scratch, rows: Array) -> tuple[int, float]:
+    count = drop_corners(space[0], rows, rows.shape[0], scratch[0])
+    return count, path_cost(space[0], rows, count)
+
+
+def _build_blend(
+    scene: PlanningScene, start: Configuration, goal: Configuration, moving: list[int],
+    margin: float, passive: str | None, low_z: float,
+) -> tuple[Space, Array]:  # fmt: skip
+    """The space whose one coordinate of the arms leads from the start's posture to the goal's."""
+    coordinates = _platform(scene, start, goal, low_z)
+    ends = [[*start.p_WB, start.yaw], [*goal.p_WB, goal.yaw]]
+    if moving:
+        names = tuple(scene.joints[j] for j in moving)
+        gains = tuple(float(goal.q[j] - start.q[j]) for j in moving)
+        coordinates.append(Coordinate("arms", names, 0.0, 1.0, gains))
+        ends[0].append(0.0)
+        ends[1].append(1.0)
+    fixed = {name: float(start.q[j]) for j, name in enumerate(scene.joints)}
+    return _finish(scene, coordinates, fixed, np.array(ends), margin, passive)
+
+
+def _build_free(
+    scene: PlanningScene, start: Configuration, goal: Configuration, driven: list[int],
+    margin: float, passive: str | None, low_z: float,
+) -> tuple[Space, Array]:  # fmt: skip
+    """The space in which every joint with a motor moves by itself."""
+    coordinates = _platform(scene, start, goal, low_z)
+    for j in driven:
+        low = min(float(scene.q_min[j]), float(start.q[j]), float(goal.q[j])) - STILL
+        high = max(float(scene.q_max[j]), float(start.q[j]), float(goal.q[j])) + STILL
+        coordinates.append(Coordinate(scene.joints[j], (scene.joints[j],), low, high))
+    ends = np.array([[*c.p_WB, c.yaw, *np.asarray(c.q)[driven]] for c in (start, goal)])
+    return _finish(scene, coordinates, {}, ends, margin, passive)
+
+
+def _platform(
+    scene: PlanningScene, start: Configuration, goal: Configuration, low_z: float
+) -> list[Coordinate]:
+    w = scene.world
+    reach = w.radius[:, None] + np.einsum("nij,nj->ni", np.abs(w.rot), w.half)
+    points = np.vstack(
+        [start.p_WB, goal.p_WB, w.p0 - reach, w.p1 - reach, w.p0 + reach, w.p1 + reach]
+    )
+    low, high = points.min(axis=0) - ROOM, points.max(axis=0) + ROOM
+    low[2] = max(low[2], min(low_z, float(start.p_WB[2]), float(goal.p_WB[2])))
+    out = [Coordinate("xyz"[i], ("xyz"[i],), float(low[i]), float(high[i])) for i in range(3)]
+    yaws = sorted((start.yaw, goal.yaw))
+    return [*out, Coordinate("yaw", ("yaw",), yaws[0] - math.pi, yaws[1] + math.pi)]
+
+
+def _finish(
+    scene: PlanningScene, coordinates: list[Coordinate], fixed: dict[str, float], ends: Array,
+    margin: float, passive: str | None,
+) -> tuple[Space, Array]:  # fmt: skip
+    """Build the space; parts of the robot that are close at an end may be close on the way.
+
+    The platform is one box here, into which an arm may well be folded.
+    """
+    space = build_space(scene, coordinates, fixed, margin=margin, passive=passive)
+    for end in ends:
+        close = _find_close(space, build_scratch(space), end)
+        space[0]["margin"][np.flatnonzero(close)] = EXCUSED
+    return space, ends
+
+
+@njit(cache=True, error_model="numpy")
+def _find_close(spaces: Space, scratch: Scratch, c: Array) -> Array:
+    space, k = spaces[0], scratch[0]
+    k.d[:] = 0.0
+    place_shapes(space, c, k.d, k)
+    out = np.zeros(space.n_pairs)
+    for i in range(space.n_pairs):
+        if space.pairs[i, 2] == PAIR_SELF and pair_distance(space, k, i) < space.margin[i]:
+            out[i] = 1.0
+    return out
+
+
+def _clearance(space: Space, rows: Array) -> float:
+    """Smallest distance (m) to anything but the robot itself; NaN without a path."""
+    if not len(rows):
+        return math.nan
+    bare = space.copy()
+    own = space[0]["pairs"][:, 2] == PAIR_SELF
+    bare[0]["margin"] = np.where(own, EXCUSED, 0.0)
+    distance, pair = sample_reserve(bare, build_scratch(bare), rows, STEP)
+    return float(distance) if pair >= 0 else math.inf
+
+
+def describe_pair(space: Space, scene: PlanningScene, pair: int) -> str:
+    """Say which two things come closer than their margin."""
+    a, b, kind = (int(x) for x in space[0]["pairs"][pair])
+    names = [*scene.names, "bar"]  # what is carried comes last
+    margin = float(space[0]["margin"][pair])
+    if kind == PAIR_WORLD:
+        other = scene.world_names[b]
+    elif kind == PAIR_LIMIT:
+        other = "the ground" if b == 4 else f"the area's limit in {'xyz'[b // 2]}"
+    else:
+        other = names[b]
+    return f"{names[a].removesuffix(' shell')} and {other} come closer than {margin:g} m"
