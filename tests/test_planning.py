@@ -337,7 +337,26 @@ def test_waypoint_inside_an_obstacle_is_refused() -> None:
     world = d.world.model_copy(update={"obstacles": {"crate": crate}})
     found = plan_mission(d._replace(world=world))
     assert not found.feasible and found.blocked_by is not None
-    assert found.blocked_by.startswith("way-point 2: clearance of") and "crate" in found.blocked_by
+    assert found.blocked_by.startswith("way-point 2: goal: ") and "crate" in found.blocked_by
+
+
+def test_waypoints_lead_around_what_is_in_the_way() -> None:
+    """A crate on the straight line between two way-points: the flight goes around it and rests."""
+    d = load_description("waypoints")
+    straight = plan_mission(d)
+    a, b = d.mission.waypoints[:2]
+    crate = Box(
+        x_m=(a.x_m + b.x_m) / 2, y_m=(a.y_m + b.y_m) / 2, z_m=1.0,
+        size_x_m=0.2, size_y_m=0.2, size_z_m=2.0,
+    )  # fmt: skip
+    found = plan_mission(d._replace(world=d.world.model_copy(update={"obstacles": {"c": crate}})))
+    assert found.feasible, found.blocked_by
+    assert found.min_clearance_m >= 0.05 and found.duration_s > straight.duration_s
+    rows = found.segments["waypoint 2"]
+    np.testing.assert_allclose(rows[-1]["p_WB"], [b.x_m, b.y_m, b.z_m], atol=1e-9)
+    assert np.all(np.diff(rows["t"]) > 0) and np.linalg.norm(rows[-1]["v_WB"]) < 1e-9
+    again = plan_mission(d._replace(world=d.world.model_copy(update={"obstacles": {"c": crate}})))
+    assert np.array_equal(again.segments["waypoint 2"], rows)  # same seed, same way
 
 
 # other robots ------------------------------------------------------------------------------------

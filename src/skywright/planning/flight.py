@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
-from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.inverse_kinematics import State, build_state, wrap
 from skywright.planning.local_planner import ROW, Edge, plan_free_edge
-from skywright.planning.motion.transit import Configuration, Transit, plan_transit
+from skywright.planning.motion.transit import Transit
 from skywright.planning.patterns import TimeLaw, build_time_law
 from skywright.planning.problem import Failure, Limits, Problem
+from skywright.planning.transit import plan_transit
 
 Array = NDArray[np.float64]
 
@@ -38,35 +38,48 @@ def build_rest(edge: Edge, at: int, duration: float) -> Edge:
 
 
 def plan_flight(
-    prob: Problem, scene: PlanningScene, a: Array, b: Array, q: Array, rng: np.random.Generator
-) -> tuple[list[Edge], Failure | str | None]:
-    """Fly from pose a to pose b (4,), arm at `q` at both ends, resting at each way-point.
+    prob: Problem, a: Array, b: Array, q: Array, rng: np.random.Generator
+) -> tuple[list[Edge], Failure | None, int]:
+    """Fly from pose a to pose b (4,), arm held at `q`, resting at each way-point.
 
-    Keeps as much room as there is, since a robot drifts while it flies. Returns the edges and what
-    blocks them.
+    Keeps as much room as there is, since a robot drifts while it flies. Returns the edges, what
+    blocks them, and the number of nodes of the search trees.
     """
-    lim = prob.limits
-    start, goal = Configuration(a[:3], float(a[3]), q), Configuration(b[:3], float(b[3]), q)
-    transit = plan_transit(
-        scene, start, goal, rng, lim.margin_transit, wanted=lim.margin_wanted, low_z=lim.ground
-    )
-    if transit.blocked_by is not None:
-        return [], transit.blocked_by
-    return plan_legs(prob, transit, 0.98 * lim.margin_transit)
-
-
-def plan_legs(
-    prob: Problem, transit: Transit, margin: float
-) -> tuple[list[Edge], Failure | str | None]:
-    """Fly a transit's way-points with a rest at each, checked like every other motion."""
+    lim, nodes = prob.limits, 0
+    for margin in (lim.margin_wanted, 0.5 * lim.margin_wanted, lim.margin_transit):
+        transit = plan_transit(prob, a, b, q, max(margin, lim.margin_transit), rng)
+        nodes += transit.nodes
+        if transit.failure is None:
+            break
+    if transit.failure is not None:
+        return [], transit.failure, nodes
     edges: list[Edge] = []
-    state = build_state(transit.p_WB[0], rot_z(float(transit.yaw[0])), transit.q[0])
-    for p, yaw, q in zip(transit.p_WB[1:], transit.yaw[1:], transit.q[1:], strict=True):
-        law = build_transit_law(state, np.array([*p, yaw]), prob.limits)
-        fold = build_time_law(
-            float(np.abs(q - state.q[: len(q)]).max(initial=0.0)), prob.limits.joint_rate,
-            prob.limits.joint_acceleration,
-        )  # fmt: skip
+    state = build_state(transit.poses[0, :3], rot_z(transit.poses[0, 3]), q)
+    for pose in transit.poses[1:]:
+        law = build_transit_law(state, pose, lim)
+        edge = plan_free_edge(
+            prob, state, pose[:3], rot_z(pose[3]), state.q, law, 0.98 * lim.margin_transit
+        )
+        if edge.failure is not None:
+            return [], edge.failure, nodes
+        edges.append(edge)
+        state = build_state(pose[:3], rot_z(pose[3]), q)
+    return edges, None, nodes
+
+
+def plan_legs(prob: Problem, way: Transit, margin: float) -> tuple[list[Edge], Failure | None]:
+    """Fly the way-points of a transit, platform and arms in step, with a rest at each.
+
+    Every leg is checked like all other motions (rotors, motors, tilt, `margin` m). Returns the
+    edges and what blocks them.
+    """
+    edges: list[Edge] = []
+    lim = prob.limits
+    state = build_state(way.p_WB[0], rot_z(float(way.yaw[0])), way.q[0])
+    for p, yaw, q in zip(way.p_WB[1:], way.yaw[1:], way.q[1:], strict=True):
+        law = build_transit_law(state, np.array([*p, yaw]), lim)
+        turn = float(np.abs(q - state.q[: len(q)]).max(initial=0.0))
+        fold = build_time_law(turn, lim.joint_rate, lim.joint_acceleration)
         if fold.duration > law.duration:
             law = fold
         edge = plan_free_edge(prob, state, p, rot_z(float(yaw)), q, law, margin)

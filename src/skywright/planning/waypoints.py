@@ -1,4 +1,4 @@
-"""Way-point flights: straight lines from rest to rest, checked like every other motion."""
+"""Way-point flights from rest to rest: straight where that is free, else around what is there."""
 
 from __future__ import annotations
 
@@ -11,14 +11,19 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.models.geometry import ClearanceQuery
-from skywright.planning.flight import build_rest, build_transit_law
+from skywright.models.kinematic_tree import PlanningScene
+from skywright.planning.flight import build_rest, build_transit_law, plan_legs
 from skywright.planning.inverse_dynamics import Loads
 from skywright.planning.inverse_kinematics import build_state
 from skywright.planning.local_planner import Edge, join_edges, plan_free_edge
-from skywright.planning.problem import Limits, build_problem, describe_failure
+from skywright.planning.motion.transit import Configuration, plan_transit
+from skywright.planning.problem import CLEARANCE, Limits, build_problem, describe_failure
 from skywright.worlds.surface import Cylinder
 
 Array = NDArray[np.float64]
+
+INSIDE = 0.98
+"""Of the margin of a way around: the legs are checked with the rest, at instants."""
 
 
 class WaypointPlan(NamedTuple):
@@ -43,11 +48,15 @@ def plan_waypoints(
     poses: Array,
     holds: Array,
     q_folded: Array,
+    scene: PlanningScene,
+    rng: np.random.Generator,
     joints: tuple[str, ...] = (),
+    passive: str | None = None,
 ) -> WaypointPlan:
-    """Plan straight flights from `start` (4,) through `poses` (n, 4), holding `holds` (n,) s.
+    """Plan flights from `start` (4,) through `poses` (n, 4), holding `holds` (n,) s.
 
-    Poses are (x, y, z, yaw). The arm stays at `q_folded`. The margin in transit applies.
+    Poses are (x, y, z, yaw). The arm is at `q_folded` at each. The margin in transit applies; a
+    way around keeps more where there is room. `passive` names a joint without a motor.
     """
     began = time.perf_counter()
     prob = build_problem(model, loads, query, cylinder, limits, 0.0)
@@ -60,12 +69,25 @@ def plan_waypoints(
         edge = plan_free_edge(
             prob, state, pose[:3], rot_z(pose[3]), state.q, law, limits.margin_transit
         )
-        if edge.failure is not None:
-            blocked = f"way-point {i + 1}: {describe_failure(edge.failure, query, joints)}"
-            break
         edges: list[Edge] = [edge]
+        failure = edge.failure
+        if failure is not None and failure.code == CLEARANCE:
+            yaw = math.atan2(state.R[1, 0], state.R[0, 0])
+            way = plan_transit(
+                scene, Configuration(state.p, yaw, q_folded),
+                Configuration(pose[:3], float(pose[3]), q_folded), rng,
+                limits.margin_transit / INSIDE, wanted=limits.margin_wanted, passive=passive,
+                low_z=limits.ground,
+            )  # fmt: skip
+            if way.blocked_by is not None:
+                blocked = f"way-point {i + 1}: {way.blocked_by}"
+                break
+            edges, failure = plan_legs(prob, way, limits.margin_transit)
+        if failure is not None:
+            blocked = f"way-point {i + 1}: {describe_failure(failure, query, joints)}"
+            break
         if hold > 0.0:
-            edges.append(build_rest(edge, -1, hold))
+            edges.append(build_rest(edges[-1], -1, hold))
         rows, trace = join_edges(edges)
         segments[f"waypoint {i + 1}"] = rows
         clearance = min(clearance, float(trace["clearance"].min()))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skywright.core.rotations import rot_z
+from skywright.core.streams import build_stream
 from skywright.missions.flight import Flight
 from skywright.missions.loader import Description
 from skywright.missions.planning import (
@@ -17,6 +18,7 @@ from skywright.missions.planning import (
     find_hover,
 )
 from skywright.models.geometry import build_clearance
+from skywright.models.kinematic_tree import build_planning_scene
 from skywright.models.rigid_body import build_body_model, joint_names, posture
 from skywright.models.scene import build_scene
 from skywright.planning.waypoints import plan_waypoints
@@ -38,10 +40,12 @@ def plan(d: Description) -> MissionPlan:
     )
     poses = np.array([[w.x_m, w.y_m, w.z_m, math.radians(w.yaw_deg)] for w in d.mission.waypoints])
     holds = np.array([w.hold_s for w in d.mission.waypoints])
+    scene = build_scene(robot, world)
     found = plan_waypoints(
-        model, build_mission_loads(robot, world), build_clearance(build_scene(robot, world)),
-        cylinder, build_limits(robot), find_hover(d), poses, holds, posture(robot, "folded"),
-        tuple(joint_names(robot)),
+        model, build_mission_loads(robot, world), build_clearance(scene), cylinder,
+        build_limits(robot), find_hover(d), poses, holds, posture(robot, "folded"),
+        build_planning_scene(scene, robot), build_stream(d.mission.seed, "planner"),
+        tuple(joint_names(robot)), "pendulum" if robot.pendulum is not None else None,
     )  # fmt: skip
     return MissionPlan(
         found.feasible, found.blocked_by, found.plan_s, found.duration_s, found.min_clearance_m,

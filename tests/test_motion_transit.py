@@ -1,0 +1,90 @@
+"""Transits in three dimensions: any robot, any scene, platform and arms together."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skywright.core.rotations import rot_z
+from skywright.missions.loader import load_description
+from skywright.models.geometry import build_clearance, compute_clearance
+from skywright.models.kinematic_tree import build_planning_scene
+from skywright.models.rigid_body import posture
+from skywright.models.scene import build_scene
+from skywright.planning.motion.transit import Configuration, Transit, plan_transit
+
+SCAN = load_description("pipe-weld-scan")
+BUILT = build_scene(SCAN.robot, SCAN.world)
+SCENE, QUERY = build_planning_scene(BUILT, SCAN.robot), build_clearance(BUILT)
+FOLDED, WORKING = posture(SCAN.robot, "folded"), posture(SCAN.robot, "working")
+
+
+def stream(seed: int = 1) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def measure(way: Transit, step: float = 0.02) -> float:
+    """Smallest distance on the way by MuJoCo's own geometry, which planning does not use."""
+    least = math.inf
+    for i in range(len(way.p_WB) - 1):
+        length = float(np.linalg.norm(way.p_WB[i + 1] - way.p_WB[i])) + 0.1
+        for u in np.linspace(0.0, 1.0, math.ceil(length / step) + 1):
+            p, yaw, q = ((1 - u) * x[i] + u * x[i + 1] for x in (way.p_WB, way.yaw, way.q))
+            least = min(least, compute_clearance(QUERY, p, rot_z(float(yaw)), q).distance)
+    return least
+
+
+def test_straight_where_nothing_is_in_the_way() -> None:
+    """Platform and arms arrive together; the cost is (6) of the line."""
+    a = Configuration(np.array([0.0, 0.0, 1.2]), 0.0, FOLDED)
+    b = Configuration(np.array([0.6, 0.0, 1.4]), 0.0, WORKING)
+    way = plan_transit(SCENE, a, b, stream())
+    assert way.blocked_by is None and len(way.p_WB) == 2
+    turned = float(np.sum(np.abs(WORKING - FOLDED)))
+    assert way.cost == pytest.approx(math.hypot(0.6, 0.2) + 0.1 * turned)
+    np.testing.assert_allclose(way.q, [FOLDED, WORKING], atol=1e-9)
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.floats(-0.5, 0.5), st.floats(1.2, 1.8), st.floats(-math.pi, math.pi), st.integers(0, 99))
+def test_around_the_pipe_every_margin_holds(y: float, z: float, yaw: float, seed: int) -> None:
+    """From before the pipe to behind it, arms unfolding: measured by another geometry."""
+    a = Configuration(np.array([0.0, 0.0, 1.2]), 0.0, FOLDED)
+    b = Configuration(np.array([3.9, y, z]), yaw, WORKING)
+    way = plan_transit(SCENE, a, b, stream(seed), 0.1, wanted=0.2)
+    assert way.blocked_by is None and len(way.p_WB) > 2
+    assert way.clearance >= 0.1 - 1e-9
+    assert measure(way) >= way.clearance - 1e-6  # the planner's shapes enclose the scene's
+    assert np.linalg.norm(way.p_WB[-1] - b.p_WB) < 1e-9
+    assert math.remainder(way.yaw[-1] - yaw, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_blocked_ends_are_named() -> None:
+    free = Configuration(np.array([0.0, 0.0, 1.2]), 0.0, FOLDED)
+    inside = Configuration(np.array([2.0, 0.0, 1.5]), 0.0, FOLDED)
+    low = Configuration(np.array([0.0, 0.0, 0.05]), 0.0, FOLDED)
+    into = plan_transit(SCENE, free, inside, stream())
+    assert into.blocked_by is not None and into.blocked_by.startswith("goal: ")
+    assert "pipe" in into.blocked_by and not len(into.p_WB)
+    out_of = plan_transit(SCENE, inside, free, stream())
+    assert out_of.blocked_by is not None and out_of.blocked_by.startswith("start: ")
+    ground = plan_transit(SCENE, free, low, stream())
+    assert ground.blocked_by is not None and "the ground" in ground.blocked_by
+
+
+def test_long_reach_dual_arm_unfolds_on_its_way() -> None:
+    """Nine joints, one of them passive, to below the pipe where a sensor is installed."""
+    d = load_description("sensor-install")
+    scene = build_planning_scene(build_scene(d.robot, d.world), d.robot)
+    folded, working = posture(d.robot, "folded"), posture(d.robot, "working")
+    a = Configuration(np.array([0.0, 0.0, 2.2]), 0.0, folded)
+    b = Configuration(np.array([5.5, 0.0, 2.6]), 1.0, working)
+    way = plan_transit(scene, a, b, stream(), 0.1, passive="pendulum")
+    assert way.blocked_by is None and way.clearance >= 0.1 - 1e-9
+    np.testing.assert_allclose(way.q[-1][1:], working[1:], atol=1e-9)
+    same = plan_transit(scene, a, b, stream(), 0.1, passive="pendulum")
+    assert np.array_equal(way.p_WB, same.p_WB)
