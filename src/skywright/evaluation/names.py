@@ -78,7 +78,10 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "impact.peak_torque_nm": ("N m", "likewise the torque about the platform's centre"),
     "impact.contact_s": ("s", "time in contact until the contact opens or the platform stands"),
     "impact.contact_force_n": ("N", "largest force on the pad in that time (at 1 kHz)"),
-    "impact.impulse_ns": ("N s", "momentum given to the pad in that time"),
+    "impact.impulse_ns": (
+        "N s",
+        "momentum given to the pad in that time, what the rotors push included",
+    ),
     "impact.recoil_deg": ("deg", "how far the platform tilts from its attitude before, within 1 s"),
     "impact.yaw_deg": ("deg", "how far its heading turns within 1 s"),
     "impact.swing_deg": ("deg", "how far the passive link turns within 1 s"),

@@ -60,12 +60,12 @@ def draw_impact(result: RunResult) -> Figure | None:
         fit_y(
             axes[2], 0.0, float(np.max(s["load_t_peak"])), float(np.min(s["load_t_B"])), limit.limit
         )
-    axes[2].legend(loc="upper right", ncols=2)
+    axes[2].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)
     axes[3].set_title("Recoil")
     axes[3].set_ylabel("angle (deg)")
     _draw_recoil(axes[3], t, s, before, result)
     axes[3].set_xlabel("time since the contact (s)")
-    axes[3].legend(loc="upper left", ncols=4)
+    axes[3].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4)
     return figure
 
 
