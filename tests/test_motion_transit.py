@@ -10,12 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skywright.core.rotations import rot_z
+from skywright.errors import InputError
 from skywright.missions.loader import load_description
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.kinematic_tree import build_planning_scene
 from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
+from skywright.planning.motion.space import Coordinate, build_space
 from skywright.planning.motion.transit import Configuration, Transit, plan_transit
+from skywright.worlds.spec import Box
 
 SCAN = load_description("pipe-weld-scan")
 BUILT = build_scene(SCAN.robot, SCAN.world)
@@ -88,3 +91,30 @@ def test_long_reach_dual_arm_unfolds_on_its_way() -> None:
     np.testing.assert_allclose(way.q[-1][1:], working[1:], atol=1e-9)
     same = plan_transit(scene, a, b, stream(), 0.1, passive="pendulum")
     assert np.array_equal(way.p_WB, same.p_WB)
+
+
+def test_crossing_limits_and_unknown_coordinates_are_refused() -> None:
+    crossed = [Coordinate("x", ("x",), 2.0, 1.0)]
+    with pytest.raises(InputError, match="coordinate x: its limits cross, 2 is not below 1"):
+        build_space(SCENE, crossed, {}, margin=0.1)
+    with pytest.raises(InputError, match="unknown coordinate or joint 'elbow'; valid: x, y, z"):
+        build_space(SCENE, [Coordinate("a", ("elbow",), 0.0, 1.0)], {}, margin=0.1)
+
+
+def test_where_there_is_no_way_the_search_ends_and_names_what_is_in_it() -> None:
+    """A goal in a shaft of four walls that nothing as wide as the robot can enter."""
+    walls = {
+        name: Box(x_m=3.9 + x, y_m=y, z_m=2.0, size_x_m=sx, size_y_m=sy, size_z_m=4.0)
+        for name, x, y, sx, sy in (
+            ("wall 1", -1.5, 0.0, 0.1, 3.1), ("wall 2", 1.5, 0.0, 0.1, 3.1),
+            ("wall 3", 0.0, -1.5, 3.1, 0.1), ("wall 4", 0.0, 1.5, 3.1, 0.1),
+        )
+    }  # fmt: skip
+    walls["lid"] = Box(x_m=3.9, y_m=0.0, z_m=4.0, size_x_m=3.1, size_y_m=3.1, size_z_m=0.1)
+    world = SCAN.world.model_copy(update={"obstacles": walls})
+    scene = build_planning_scene(build_scene(SCAN.robot, world), SCAN.robot)
+    a = Configuration(np.array([0.0, 0.0, 1.2]), 0.0, FOLDED)
+    b = Configuration(np.array([3.9, 0.0, 1.4]), 0.0, FOLDED)
+    way = plan_transit(scene, a, b, stream(), slices=4)
+    assert way.blocked_by is not None and not len(way.p_WB) and math.isnan(way.clearance)
+    assert way.blocked_by.startswith("no way found") and "come closer than" in way.blocked_by

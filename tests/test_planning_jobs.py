@@ -14,7 +14,7 @@ from skywright.studies.planning import jobs
 from skywright.studies.planning.compare import build_decoupled_rows, build_rows
 from skywright.studies.planning.jobs import HIGH, OURS, SUCCESS, Effort, Job, list_jobs, run_jobs
 
-EFFORT = Effort(("paper",), ("paper", HIGH), 2, 0.1, 0.1, 2, 0.1)
+EFFORT = Effort(("paper",), ("paper", HIGH), 1, 0.1, 0.1, 2, 0.1)
 
 
 def test_kept_parts_are_used_and_stale_ones_are_not(
