@@ -64,5 +64,5 @@ def find_file(
     shown = text if len(text) <= 80 else text[:77] + "..."
     raise InputError(
         f"unknown {kind} {shown!r}: no built-in name and no file; "
-        f"built-in {kind}s: {neighbours(text, names)}"
+        f"built-in {kind}s: {neighbours(text, names, count=20)}"
     )
