@@ -46,5 +46,6 @@ def compute_modes_metrics(
         out["modes.track_error_mm"] = 1e3 * float(np.max(off[move]))
     free = in_phases(samples, phases, "standard stabilisation")
     if np.any(free):
-        out["modes.standard_drift_m"] = float(np.max(off[free]))
+        level = samples["p_WB"][free, :2]
+        out["modes.standard_drift_m"] = float(np.max(np.linalg.norm(level - level[0], axis=1)))
     return out, None

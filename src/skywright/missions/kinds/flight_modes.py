@@ -38,10 +38,15 @@ CALM_FRACTION, WINDY_FRACTION = 0.85, 0.7
 """Of the computed hover tilt that is asked for; the rest is for gusts and errors of the model."""
 
 
+LEAST_TILT = math.radians(9.4)
+"""In calm air, where the limit allows: 9 deg and the 0.4 deg that the attitude loop stays behind
+while its integral learns the torque of the new attitude."""
+
+
 class ModesTask(Spec):
     """How far each mode goes."""
 
-    tilt_deg: float | None = Field(default=None, gt=0, le=30)  # default: CALM or WINDY_FRACTION
+    tilt_deg: float | None = Field(default=None, gt=0, le=30)  # default: see plan()
     distance_m: float = Field(default=1.0, gt=0, le=20)
     standard_tilt_deg: float = Field(default=2.0, gt=0, le=15)
     standard_s: float = Field(default=0.5, gt=0, le=3)  # tilted; it drifts meanwhile
@@ -59,6 +64,7 @@ class ModesPlan(NamedTuple):
 
     tilt: float  # rad
     limit: float  # rad, computed hover tilt
+    calm: bool
 
 
 def plan(d: Description) -> MissionPlan:
@@ -73,8 +79,10 @@ def plan(d: Description) -> MissionPlan:
         )
     task = d.mission.task
     limit = compute_hover_tilt(d.robot, posture(d.robot, "folded"), d.world.gravity_mps2)
-    fraction = CALM_FRACTION if d.world.wind.kind == "none" else WINDY_FRACTION
-    tilt = fraction * limit if task.tilt_deg is None else math.radians(task.tilt_deg)
+    calm = d.world.wind.kind == "none"
+    tilt = max(CALM_FRACTION * limit, min(LEAST_TILT, limit)) if calm else WINDY_FRACTION * limit
+    if task.tilt_deg is not None:
+        tilt = math.radians(task.tilt_deg)
     blocked = None
     if not tilt <= limit:
         blocked = (
@@ -83,12 +91,12 @@ def plan(d: Description) -> MissionPlan:
         )
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began, 60.0, math.nan, math.nan, {}, None,
-        0.0, 0.0, ModesPlan(tilt, limit),
+        0.0, 0.0, ModesPlan(tilt, limit, calm),
     )  # fmt: skip
 
 
 def fly(s: Supervisor) -> Flight:
-    """Standard stabilisation, command position, command angle."""
+    """Standard stabilisation (in calm air), command position, command angle."""
     way, mission, vehicle = s.plan.task, s.mission, s.vehicle
     assert isinstance(way, ModesPlan) and isinstance(mission, FlightModesMission)
     task = mission.task
@@ -105,21 +113,22 @@ def fly(s: Supervisor) -> Flight:
         s.body.track(move)
         s.until_arrived()
 
-    go("standard stabilisation", home, level, MODE_STANDARD)
-    s.wait(1.0)
-    for sign in (1.0, -1.0, 0.0):
-        tilted = turn_about(level, 1, sign * math.radians(task.standard_tilt_deg))
-        go(None, home, tilted, MODE_STANDARD)
-        s.wait(task.standard_s)
-    drifted = np.array(vehicle.estimate["p_WB"])
-    drifted[2] = home[2]
-    s.begin("take over")  # where it is now
-    row = set_rest(vehicle.reference)
-    row["p_WB"], row["R_WB"], row["mode"] = drifted, level, MODE_POSE
-    s.body.track(row[None])
-    s.wait(3.0)
-    go(None, home, level)
-    s.wait(task.hold_s)
+    if s.plan.task.calm:  # a wind would carry it off at once: that is what the mode lacks
+        go("standard stabilisation", home, level, MODE_STANDARD)
+        s.wait(1.0)
+        for sign in (1.0, -1.0, 0.0):
+            tilted = turn_about(level, 1, sign * math.radians(task.standard_tilt_deg))
+            go(None, home, tilted, MODE_STANDARD)
+            s.wait(task.standard_s)
+        drifted = np.array(vehicle.estimate["p_WB"])
+        drifted[2] = home[2]
+        s.begin("take over")  # where it is now
+        row = set_rest(vehicle.reference)
+        row["p_WB"], row["R_WB"], row["mode"] = drifted, level, MODE_POSE
+        s.body.track(row[None])
+        s.wait(3.0)
+        go(None, home, level)
+        s.wait(task.hold_s)
     for axis in (0, 1):
         go("command position", home + task.distance_m * level[:, axis], level)
         s.wait(task.hold_s)
