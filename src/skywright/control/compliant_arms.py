@@ -49,14 +49,15 @@ def is_force(task: int) -> bool:
 def step(b: Record) -> None:
     """Fill `cmd.theta` for the tasks in `ref.task`."""
     arms, ref = b.arms, b.ref
-    dr, f_ref = np.zeros(3), np.zeros(3)
+    dr, f_ref, zero = np.zeros(3), np.zeros(3), np.zeros(3)
     follow_shafts(b)
     for h in range(arms.n_hands):
         task = int(ref.task[h])
         for a in range(3):
             f_ref[a] = ref.f_WH[h, a]
         if arms.chain:
-            watch_singularity(b, h, f_ref)
+            # a force is led in all of the arm's plane: what counts is the worst direction there
+            watch_singularity(b, h, zero if task == TASK_FORCE else f_ref)
         if not is_force(task):
             let_out(b, h)
         if task == TASK_JOINTS or (task != TASK_LOOPS and arms.chain == 0):

@@ -124,16 +124,19 @@ def _take_hands(b: Record) -> None:
     free air the springs carry the arm's inertia, and near a stretched arm their reading means
     little. f_rest takes what this leaves out.
 
+    Slowed down to `bandwidth[0]`: while friction holds a hand, the link bounces on the springs of
+    the arm (2.2 Hz under a wide pipe). The rotors answer a level force by leaning, at that frequency more
+    than a quarter turn late: what cancels a steady reaction would drive the bouncing.
+
     Suarez 2020, section VI-C: at rest the moment of the link's weight about its joint balances the
     level force at the hands.
     """
     w, arms, est = b.wrench, b.arms, b.est
-    f_B, t_B = np.empty(3), np.empty(3)
-    for a in range(3):
-        w.f_hands_W[a], w.t_hands_B[a] = 0.0, 0.0
-    w.s_hands, w.f_swing = 0.0, 0.0
+    w.f_swing = 0.0
     if arms.on == 0:
         return
+    f_B, t_B, moment = np.empty(3), np.empty(3), np.zeros(3)
+    force, about_swing = np.zeros(3), 0.0
     lever = 0.0
     for h in range(arms.n_hands):
         share = 0.0
@@ -145,13 +148,18 @@ def _take_hands(b: Record) -> None:
             f_B[a] *= share
         cross(arms.p_BH[h], f_B, t_B)
         for a in range(3):
-            w.f_hands_W[a] -= share * arms.f_WH[h, a]
-            w.t_hands_B[a] -= t_B[a]
+            force[a] -= share * arms.f_WH[h, a]
+            moment[a] -= t_B[a]
             if w.swing >= 0:
-                w.s_hands -= arms.J_BH[h, a, w.swing] * f_B[a]
+                about_swing -= arms.J_BH[h, a, w.swing] * f_B[a]
         if w.swing >= 0:
             mat_vec(est.R_WB, arms.J_BH[h, :, w.swing], t_B)
             lever += t_B[0] * est.R_WB[0, 0] + t_B[1] * est.R_WB[1, 0]
+    blend = -math.expm1(-w.bandwidth[0] * b.par.dt)
+    for a in range(3):
+        w.f_hands_W[a] += blend * (force[a] - w.f_hands_W[a])
+        w.t_hands_B[a] += blend * (moment[a] - w.t_hands_B[a])
+    w.s_hands += blend * (about_swing - w.s_hands)
     lever /= max(arms.n_hands, 1)
     if w.swing >= 0 and abs(lever) > HANGING:
         up = 0.0  # moment of the weight: -L_s . g

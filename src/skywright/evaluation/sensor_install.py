@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 
 SWING_DECAYED = math.radians(1.0)
 BEFORE_S = 2.0  # s before the touch: where the platform stood
-TENSION = 0.05  # N, pull that shows the tape at work
 PRESSING = 0.02  # N
 
 
@@ -66,8 +65,9 @@ def compute_install_metrics(
         out["platform.excursion_m"] = float(
             np.max(np.linalg.norm(way_off[pressed] - steady, axis=1))
         )
-    out.update(_judge_tape(samples["t"], normal, description))
     flown = ~in_phases(samples, phases, "start", "take_off", "land")
+    flown = ~in_phases(samples, phases, "start", "take_off", "land")
+    out.update(_judge_tape(samples[flown], normal[flown], way, description))
     hits = (samples["f_collision"] > 0.0) & flown
     out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
     return out, None
@@ -82,19 +82,25 @@ def _judge_swing(t: Array, q: Array) -> dict[str, float]:
     return out
 
 
-def _judge_tape(t: Array, normal: Array, description: Description) -> dict[str, float]:
-    """Bond from the pressing that was recorded, and which side gave way in the end."""
+def _judge_tape(
+    samples: NDArray[Any], normal: Array, way: InstallPlan, description: Description
+) -> dict[str, float]:
+    """Bond from the pressing that was recorded, and whether the hand then came off without it."""
     tape = description.world.tape
     if tape is None:
         return {}
+    t = samples["t"]
     dt = np.diff(t, append=t[-1])
     impulse = float(np.sum(np.where(normal > PRESSING, normal * dt, 0.0)))
     bond = tape.strength_n * (1.0 - math.exp(-impulse / tape.press_n_s))
     last = np.flatnonzero(normal > PRESSING)
-    pulled = bool(len(last)) and bool(np.any(normal[last[-1] :] < -TENSION))
+    left = False
+    if len(last):  # farther than the tape stretches
+        height = samples["left_p_WH"][last[-1] :] @ way.normal
+        left = height[0] - float(np.min(height)) > tape.strength_n / tape.stiffness_n_per_m
     return {
         "sensor.bond_n": bond,
-        "sensor.installed": float(pulled and bond >= tape.release_n),
+        "sensor.installed": float(left and bond >= tape.release_n),
     }
 
 

@@ -42,13 +42,23 @@ def is_compliant(robot: Robot) -> bool:
     return any(servo.mode == "position" for _, servo in list_servos(robot))
 
 
+def count_command_ticks(robot: Robot) -> int:
+    """Return the control ticks between commands to position servos, nearest to their period.
+
+    Of two counts that are equally near it is the longer one (24 ms rather than 16 ms of the 20 ms
+    asked for at 125 Hz): a servo takes no command before the last one's period is over.
+    """
+    period = list_servos(robot)[0][1].command_period_s * robot.control.rate_hz
+    return max(math.floor(period + 0.5 + 1e-9), 1)
+
+
 def fill_arms_parameters(arms: Record, robot: Robot) -> None:
     """Write the parameters of an ARMS record from the robot's description."""
     if not is_compliant(robot):
         return
     assert robot.arm is not None
     joints, servo = list_joints(robot), list_servos(robot)[0][1]
-    arms["on"], arms["dt"] = 1, servo.command_period_s
+    arms["on"], arms["dt"] = 1, count_command_ticks(robot) / robot.control.rate_hz
     arms["n_hands"], arms["swing"] = robot.arm.sides, -1
     arms["servo_tau"], arms["speed_max"] = servo.position_time_constant_s, servo.no_load_speed_rad_s
     arms["chain"] = int(has_arm_chain(robot))

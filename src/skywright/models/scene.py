@@ -223,6 +223,8 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, dev: Deviation, plant: bool) -
         feet = {"contype": FEET, "conaffinity": WORLD}
         add_docking(base, gear, 0.7 * p.body_radius_m, kwargs, feet)
     if robot.arm is not None:
+        if robot.arm.hand.mass_kg > 0.0:  # a hand that friction holds does not creep, as a soft one
+            spec.option.noslip_iterations = NOSLIP_ITERATIONS
         add_arm(spec, base, robot, dev, plant)
         if robot.arm.bar is not None:
             add_bar(spec, robot, dev.mass_factor, plant)

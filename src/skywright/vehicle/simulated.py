@@ -23,7 +23,11 @@ from skywright.estimation.registry import fill_parameters, load_estimator
 from skywright.inspection.eddy_current import Instrument, build_probe_signal
 from skywright.models.allocation import build_allocator
 from skywright.models.arm_body import Deviation, compute_servo_gains, compute_servo_lag
-from skywright.models.compliant_arms import fill_arms_parameters, is_compliant
+from skywright.models.compliant_arms import (
+    count_command_ticks,
+    fill_arms_parameters,
+    is_compliant,
+)
 from skywright.models.force_sensor import build_force_sensor
 from skywright.models.rigid_body import (
     KINEMATICS,
@@ -50,7 +54,7 @@ from skywright.sim.wind import count_noise, fill_wind
 from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
 from skywright.vehicle.interface import Limits, Table, Ticked
-from skywright.vehicle.link_arc import compute_link_arc
+from skywright.vehicle.link_arc import LinkArc, compute_link_arc
 from skywright.vehicle.tick import (
     mission_tick,
     tick_after_law,
@@ -380,6 +384,8 @@ class SimulatedVehicle:
         fill_arms_parameters(b["arms"], self.robot)
         if self.law.name == "cascade":
             fill_cascade(b, self.robot, self.world, self.model)
+            if self.arc is not None:
+                self._check_balance(par, self.arc)
         if self.law.name == "backstepping":
             fill_backstepping(par, self.robot)
         for field in ("ref", "est"):
@@ -387,6 +393,22 @@ class SimulatedVehicle:
                 b[field][name] = np.eye(3)
         b["ref"]["R_WS"] = np.eye(3)
         return out
+
+    def _check_balance(self, par: Any, arc: LinkArc) -> None:
+        """Raise InputError where the roll loop is too slow for the take-off along the arc.
+
+        On the end of its link the robot is an inverted pendulum sideways, which falls at
+        sqrt(g / h): the attitude has to answer faster.
+        """
+        _, com, _ = compute_body(self.model, posture(self.robot, "working"))
+        falls = math.sqrt(self.world.gravity_mps2 / (arc.top + com[2]))
+        if par["k_attitude"][0] < falls:
+            raise InputError(
+                f"robot.control: at rate_hz = {self.robot.control.rate_hz:g} and world.link.delay_s "
+                f"= {self.world.link.delay_s:g} the roll loop reaches {par['k_attitude'][0]:.2f} "
+                f"rad/s; to take off on the end of its link {self.robot.name!r} needs "
+                f"{falls:.2f} rad/s: raise rate_hz or lower delay_s"
+            )
 
     def _build_guard(self, truth: bool) -> NDArray[Any]:
         out = np.zeros(1, GUARD)
@@ -503,10 +525,10 @@ def _build_plant(
 
 def _fill_position_servos(pl: Any, robot: Robot, world: World, scene: Scene, seed: int) -> None:
     """Servos that take angles, springs with their encoders, and hands."""
-    index, dt = scene.places, 1.0 / robot.control.rate_hz
+    index = scene.places
     servos, joints = list_servos(robot), list_joints(robot)
     pl["positioned"] = 1
-    pl["servo_every"] = max(round(servos[0][1].command_period_s / dt), 1)
+    pl["servo_every"] = count_command_ticks(robot)
     pl["deflection_slot"] = -1
     pl["flex_qpos"] = -1
     for j, limb in enumerate(joints):

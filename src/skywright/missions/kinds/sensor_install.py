@@ -46,17 +46,21 @@ Table = NDArray[Any]
 NEEDS = frozenset({"uav", "hands"})
 
 MARGIN = 0.1  # m, kept from everything on the way
+BEHIND = 0.17  # m, from the pipe's surface to the axis of what carries the arms
 NEAR_MARGIN = 0.02  # m, kept by what does not touch while the hand presses
 STEP = 0.05  # m, between clearance checks
 CONTACT_N = 0.3  # N, estimated force at which the hand counts as touching
+CONTACT_S = 0.1  # s, for which it has to be felt
 SEARCH = 0.1  # m, how far beyond the expected surface the hand looks for it
-RAMP_S, SETTLE_S = 2.0, 4.0  # until the force is judged
+RAMP_S, SETTLE_S = 3.0, 4.0  # until the force is judged
 SWING_FORCE = 6.0  # N, of the push on the link
 SWING_WAIT = 6.0  # s, watched from the link's turning back
 CALM = 0.3  # of the limits of speed and acceleration, near the pipe
+SLOW = 0.05  # of them, while the hand presses
 TARE_S = 3.0  # s, over which the force in free air is called zero
 PARK_S = 3.0  # s, of hovering before something is measured
 LOST_S = 1.0  # s without contact before pressing is given up
+RISE = math.radians(15.0)  # of the forearm towards the hand: it must not touch beside the hand
 STRETCHED_DEG = (-80.0, 0.0, 0.0, -10.0)  # shoulder pitch, roll, yaw, elbow: near the singularity
 
 
@@ -71,8 +75,8 @@ class InstallPlan(NamedTuple):
     p_far: Array  # (3,) m, platform behind and below
     p_below: Array  # below the pipe
     p_near: Array  # hand at the stand-off
-    p_good: Array  # at the contact with the arm in the L pose
     home: Array  # (3,) m, hover
+    folded: Array  # (n_joints,) rad
     swing_rad_s: float  # frequency of the link under a platform at rest, 0 without one
 
 
@@ -94,29 +98,28 @@ def plan(d: Description) -> MissionPlan:
     yaw = math.atan2(ahead[1], ahead[0])
     up = cylinder.R_WP[:, 2]
     contact = cylinder.p_WP - cylinder.radius * up
-    q_good = build_pose(robot, "L", cylinder.radius)
-    q = q_good if task.pose == "L" else build_pose(robot, task.pose, cylinder.radius)
     model = build_body_model(robot, world.gravity_mps2)
-    q, q_good = find_swing(model, q), find_swing(model, q_good)
+    q = find_swing(model, build_pose(robot, task.pose, cylinder.radius))
+    q_good = find_swing(model, build_pose(robot, "L", cylinder.radius))
     R = rot_z(yaw)
 
-    def place(hand: Array, pose: Array) -> Array:
-        return hand - R @ find_hands(model, pose)[0]
+    def place(hand: Array) -> Array:
+        return hand - R @ find_hands(model, q)[0]
 
     low = contact - task.approach_below_m * up
-    p_below = place(low, q)
+    p_below = place(low)
     hover = find_hover(d)
     found = InstallPlan(
         contact, yaw, up, q, q_good,
         p_far=p_below - (robot.platform.diameter_m + 0.5) * R[:, 0],
         p_below=p_below,
-        p_near=place(contact - task.stand_off_m * up, q),
-        p_good=place(contact, q_good),
+        p_near=place(contact - task.stand_off_m * up),
         home=hover[:3],
+        folded=posture(robot, "folded"),
         swing_rad_s=compute_swing_frequency(model, q, world.gravity_mps2),
     )  # fmt: skip
     query = build_clearance(build_scene(robot, world), with_ground=True)
-    legs = list_legs(found, posture(robot, "folded"))
+    legs = list_legs(found)
     least, blocked = math.inf, None
     for name, a, b, pose, margin in legs:
         distance, what = _check_line(query, a, b, R, pose)
@@ -134,10 +137,10 @@ def plan(d: Description) -> MissionPlan:
     )  # fmt: skip
 
 
-def list_legs(way: InstallPlan, folded: Array) -> list[tuple[str, Array, Array, Array, float]]:
+def list_legs(way: InstallPlan) -> list[tuple[str, Array, Array, Array, float]]:
     """Return the straight flights to the stand-off: (phase, from, to, joints, margin kept)."""
     return [
-        ("arms to the operation pose", way.home, way.home, folded, MARGIN),
+        ("arms to the operation pose", way.home, way.home, way.folded, MARGIN),
         ("navigate", way.home, way.p_far, way.q, MARGIN),
         ("navigate", way.p_far, way.p_below, way.q, MARGIN),
         ("approach", way.p_below, way.p_near, way.q, NEAR_MARGIN),
@@ -160,16 +163,16 @@ def compute_swing_frequency(model: Table, q: Array, gravity: float) -> float:
 def build_pose(robot: Robot, pose: str, radius: float) -> Array:
     """Return q (n_joints,) rad of the operation pose, the right arm held as the left.
 
-    L: forearm level. The upper arm hangs, or leans forward as far as the pipe's radius asks, so
-    that what carries the arms stays clear of the pipe.
+    L: the forearm rises a little towards the hand. The upper arm hangs, or leans forward as far as
+    the pipe's radius asks, so that what carries the arms stays clear of the pipe.
     """
     assert robot.arm is not None
     joints = list_joints(robot)
     q = posture(robot, "working")
     upper = max(limb.link.length_m for limb in joints if limb.side == 0)
-    fore = [limb.link.length_m for limb in joints if limb.side == 0][-1]
-    lean = math.asin(min(max((radius + 0.15 - fore) / upper, 0.0), 0.9))
-    angles = np.array([-lean, 0.0, 0.0, lean - math.pi / 2])
+    fore = math.cos(RISE) * [limb.link.length_m for limb in joints if limb.side == 0][-1]
+    lean = math.asin(min(max((radius + BEHIND - fore) / upper, 0.0), 0.9))
+    angles = np.array([-lean, 0.0, 0.0, lean - RISE - math.pi / 2])
     if pose == "stretched":
         angles = np.radians(STRETCHED_DEG)
     for side in range(robot.arm.sides):
@@ -200,8 +203,12 @@ def fly(s: Supervisor) -> Flight:
     task, way = s.mission.task, s.plan.task
     assert isinstance(way, InstallPlan)
     s.begin("arms to operation pose")
-    s.arms.move_to(way.q)
+    s.arms.move_to(way.q_good)
     s.until_arrived()
+    _tare(s)
+    if task.pose != "L":
+        s.arms.move_to(way.q)
+        s.until_arrived()
     s.begin("navigate")
     s.uav.go_to(way.p_far, way.yaw)
     s.until_arrived()
@@ -221,8 +228,8 @@ def fly(s: Supervisor) -> Flight:
     s.body.track(_hold_hand(s, low, task))
     _move_with_hand(s, way.p_near, way.contact - task.stand_off_m * way.normal)
     s.wait(PARK_S)
-    s.arms.tare()
-    s.wait(TARE_S)
+    if task.pose == "L":
+        _tare(s)
     touched = _touch(s, task, way)
     held = touched and _press(s, task, way)
     s.begin("retract")
@@ -235,6 +242,8 @@ def fly(s: Supervisor) -> Flight:
     s.body.track(_slide_platform(s, way.p_far, CALM))
     s.until_arrived()
     s.uav.go_to(way.home, way.yaw)
+    s.until_arrived()
+    s.arms.move_to(way.folded)
     s.until_arrived()
     if not touched:
         return Flight(False, "the hand found no surface")
@@ -302,9 +311,12 @@ def _touch(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     row["p_WH"][0] = goal
     s.body.track(row[None])
     patience = (task.stand_off_m + SEARCH) / 0.02 + 3.0
+    free = start
     while s.vehicle.t - start < patience:
-        s.tick()
-        if float(s.vehicle.hands["f_WH"][0] @ way.normal) > CONTACT_N:
+        t = s.tick().t
+        if float(s.vehicle.hands["f_WH"][0] @ way.normal) < CONTACT_N:
+            free = t
+        elif t - free > CONTACT_S - 1e-9:
             s.end("done")
             return True
     s.end("failed")
@@ -312,7 +324,11 @@ def _touch(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
 
 
 def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
-    """Ramp the force up, settle, hold it; returns whether contact was kept to the end."""
+    """Ramp the force up, settle, hold it; returns whether contact was kept to the end.
+
+    With `leave_singularity` a stretched arm is answered: the platform moves to where the elbow
+    comes to a right angle, while the hand goes on pressing.
+    """
     row = _row(s)
     row["task"][0], row["p_WH"][0] = TASK_FORCE, s.vehicle.hands["p_WH"][0]
     table = np.repeat(row[None], 2)
@@ -320,15 +336,31 @@ def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     table["f_WH"][0, 0], table["f_WH"][1, 0] = CONTACT_N * way.normal, task.force_n * way.normal
     s.begin("press")
     s.body.track(table)
+    if task.leave_singularity:
+        s.tick()
+        shift = s.arms.platform_shift("left")
+        if np.any(shift != 0.0):
+            s.begin("leave singularity")
+            away = _slide_platform(s, row["p_WB"] + shift, SLOW)
+            away["f_WH"][:, 0] = np.linspace(table["f_WH"][0, 0], table["f_WH"][1, 0], len(away))
+            s.body.track(away)
+            s.until_arrived()
+            table = away[-1:].copy()
+            table["t"] = 0.0
+            s.begin("press")
+            s.body.track(table)
     if not _keep(s, RAMP_S + SETTLE_S, way):
         return False
-    if task.leave_singularity and task.pose == "stretched":
-        s.begin("leave singularity")
-        s.body.track(_slide_platform(s, way.p_good, CALM))
-        if not _keep(s, float(np.linalg.norm(way.p_good - _row(s)["p_WB"])) / 0.05 + SETTLE_S, way):
-            return False
     s.begin("force")
     return _keep(s, task.hold_s, way)
+
+
+def _tare(s: Supervisor) -> None:
+    """Call the force in free air zero, in a good pose: stretched, little torque is much force."""
+    s.wait(1.0)
+    s.arms.tare()
+    s.wait(TARE_S)
+    s.arms.tare(False)
 
 
 def _slide_platform(s: Supervisor, p: Array, share: float) -> Table:
