@@ -125,11 +125,8 @@ def _take_hands(b: Record) -> None:
     little. f_rest takes what this leaves out.
 
     Slowed down to `bandwidth[0]`: while friction holds a hand, the link bounces on the springs of
-    the arm (2.2 Hz under a wide pipe). The rotors answer a level force by leaning, at that frequency more
-    than a quarter turn late: what cancels a steady reaction would drive the bouncing.
-
-    Suarez 2020, section VI-C: at rest the moment of the link's weight about its joint balances the
-    level force at the hands.
+    the arm (2.2 Hz under a wide pipe). The rotors answer a level force by leaning, at that
+    frequency more than a quarter turn late: what cancels a steady reaction would drive the bounce.
     """
     w, arms, est = b.wrench, b.arms, b.est
     w.f_swing = 0.0

@@ -402,12 +402,13 @@ class SimulatedVehicle:
         """
         _, com, _ = compute_body(self.model, posture(self.robot, "working"))
         falls = math.sqrt(self.world.gravity_mps2 / (arc.top + com[2]))
-        if par["k_attitude"][0] < falls:
+        found, rate = float(par["k_attitude"][0]), self.robot.control.rate_hz
+        if found < falls:
             raise InputError(
-                f"robot.control: at rate_hz = {self.robot.control.rate_hz:g} and world.link.delay_s "
-                f"= {self.world.link.delay_s:g} the roll loop reaches {par['k_attitude'][0]:.2f} "
-                f"rad/s; to take off on the end of its link {self.robot.name!r} needs "
-                f"{falls:.2f} rad/s: raise rate_hz or lower delay_s"
+                f"robot.control: at rate_hz = {rate:g} and world.link.delay_s = "
+                f"{self.world.link.delay_s:g} the roll loop reaches {found:.2f} rad/s; to take off "
+                f"on the end of its link {self.robot.name!r} needs {falls:.2f} rad/s: raise "
+                "rate_hz or lower delay_s"
             )
 
     def _build_guard(self, truth: bool) -> NDArray[Any]:

@@ -75,6 +75,7 @@ class InstallPlan(NamedTuple):
     p_far: Array  # (3,) m, platform behind and below
     p_below: Array  # below the pipe
     p_near: Array  # hand at the stand-off
+    hover_hand: Array  # (3,) m, the left hand in the good pose at p_far
     home: Array  # (3,) m, hover
     folded: Array  # (n_joints,) rad
     swing_rad_s: float  # frequency of the link under a platform at rest, 0 without one
@@ -108,12 +109,14 @@ def plan(d: Description) -> MissionPlan:
 
     low = contact - task.approach_below_m * up
     p_below = place(low)
+    p_far = p_below - (robot.platform.diameter_m + 0.5) * R[:, 0]
     hover = find_hover(d)
     found = InstallPlan(
         contact, yaw, up, q, q_good,
-        p_far=p_below - (robot.platform.diameter_m + 0.5) * R[:, 0],
+        p_far=p_far,
         p_below=p_below,
         p_near=place(contact - task.stand_off_m * up),
+        hover_hand=p_far + R @ find_hands(model, q_good)[0],
         home=hover[:3],
         folded=posture(robot, "folded"),
         swing_rad_s=compute_swing_frequency(model, q, world.gravity_mps2),
@@ -141,8 +144,8 @@ def list_legs(way: InstallPlan) -> list[tuple[str, Array, Array, Array, float]]:
     """Return the straight flights to the stand-off: (phase, from, to, joints, margin kept)."""
     return [
         ("arms to the operation pose", way.home, way.home, way.folded, MARGIN),
-        ("navigate", way.home, way.p_far, way.q, MARGIN),
-        ("navigate", way.p_far, way.p_below, way.q, MARGIN),
+        ("navigate", way.home, way.p_far, way.q_good, MARGIN),
+        ("navigate on", way.p_far, way.p_below, way.q, MARGIN),
         ("approach", way.p_below, way.p_near, way.q, NEAR_MARGIN),
     ]
 
@@ -206,24 +209,23 @@ def fly(s: Supervisor) -> Flight:
     s.arms.move_to(way.q_good)
     s.until_arrived()
     _tare(s)
-    if task.pose != "L":
-        s.arms.move_to(way.q)
-        s.until_arrived()
     s.begin("navigate")
     s.uav.go_to(way.p_far, way.yaw)
     s.until_arrived()
     s.wait(PARK_S)
     if task.swing_deg > 0.0 and s.vehicle.hands["swing"] >= 0:
         _check_swing(s, math.radians(task.swing_deg), way)
-        s.begin("navigate on")
+    if task.hover_s > 0.0:
+        s.begin("hover check")
+        s.body.track(_hold_hand(s, way.hover_hand, task))
+        s.wait(task.hover_s)
+    s.begin("navigate on")
+    s.arms.move_to(way.q)
+    s.until_arrived()
     s.body.track(_slide_platform(s, way.p_below, CALM))
     s.until_arrived()
     s.wait(PARK_S)
     low = way.contact - task.approach_below_m * way.normal
-    if task.hover_s > 0.0:
-        s.begin("hover check")
-        s.body.track(_hold_hand(s, low, task))
-        s.wait(task.hover_s)
     s.begin("approach")
     s.body.track(_hold_hand(s, low, task))
     _move_with_hand(s, way.p_near, way.contact - task.stand_off_m * way.normal)
