@@ -61,7 +61,7 @@ TARE_S = 3.0  # s, over which the force in free air is called zero
 PARK_S = 3.0  # s, of hovering before something is measured
 LOST_S = 1.0  # s without contact before pressing is given up
 RISE = math.radians(15.0)  # of the forearm towards the hand: it must not touch beside the hand
-STRETCHED_DEG = (-80.0, 0.0, 0.0, -10.0)  # shoulder pitch, roll, yaw, elbow: near the singularity
+STRETCHED_DEG = (-80.0, 0.0, 0.0, -20.0)  # shoulder pitch, roll, yaw, elbow: near the singularity
 
 
 class InstallPlan(NamedTuple):
