@@ -1,0 +1,92 @@
+"""sensor-install: a short flight on its requirements, and what it is made of."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skywright.errors import InputError
+from skywright.evaluation.run import build_vehicle, fly_and_evaluate
+from skywright.missions.kinds.sensor_install import (
+    BEHIND,
+    RISE,
+    build_pose,
+    compute_swing_frequency,
+    plan,
+)
+from skywright.missions.loader import load_description
+from skywright.models.compliant_arms import count_command_ticks, find_hands
+from skywright.models.rigid_body import build_body_model
+from skywright.robots.limbs import list_joints
+
+DESCRIPTION = load_description("sensor-install")
+CHECKS_OFF = ["mission.task.hover_s=0", "mission.task.swing_deg=0"]
+
+
+def test_the_sensor_is_pressed_on_with_2_n_and_stays() -> None:
+    result = fly_and_evaluate(load_description("sensor-install", sets=CHECKS_OFF, seed=4))
+    m = result.metrics
+    names = [p.name for p in result.phases]
+    nine = [
+        "take_off", "arms to operation pose", "navigate", "approach", "touch", "force", "retract",
+        "return", "land",
+    ]  # fmt: skip
+    assert [n for n in names if n in nine] == nine
+    assert all(p.outcome == "done" for p in result.phases)
+    assert m["force.mean_error_n"] < 0.1 and m["force.rms_error_n"] < 0.15
+    assert m["platform.excursion_m"] < 0.03
+    assert m["contact.collisions"] == 0.0 and m["contact.lost_s"] == 0.0
+    assert m["sensor.installed"] == 1.0
+    # the force across the push is led to zero: the hand does not walk off
+    t, hold = result.samples["t"], result.phases[names.index("force")]
+    rows = result.samples[(t >= hold.start_s) & (t < hold.end_s)]
+    assert np.max(np.abs(rows["left_f_W"][:, 0])) < 0.5
+    assert np.ptp(rows["left_p_WH"][:, 0]) < 0.005
+
+
+@given(radius=st.floats(0.05, 0.2))
+def test_the_forearm_rises_to_the_hand_and_the_arms_stay_behind_the_pipe(radius: float) -> None:
+    q = build_pose(DESCRIPTION.robot, "L", radius)
+    mine = [j for j, limb in enumerate(list_joints(DESCRIPTION.robot)) if limb.side == 0]
+    pitch, elbow = q[mine[0]], q[mine[-1]]
+    assert pitch + elbow == pytest.approx(-math.pi / 2 - RISE)
+    q[0] = 0.0
+    model = build_body_model(DESCRIPTION.robot)
+    assert find_hands(model, q)[0][0] > min(radius + BEHIND, 0.24) - 1e-9
+
+
+def test_every_pipe_of_the_range_has_a_way() -> None:
+    for diameter in (0.1, 0.4):
+        for height in (2.2, 3.5):
+            sets = [f"world.pipe.diameter_m={diameter}", f"world.pipe.z_m={height}"]
+            assert plan(load_description("sensor-install", sets=sets)).feasible
+
+
+def test_the_swing_frequency_is_that_of_the_hanging_link() -> None:
+    """Against the mass matrix: the pinned pendulum's w^2 = m g l / I."""
+    d = DESCRIPTION
+    model = build_body_model(d.robot)
+    q = build_pose(d.robot, "L", 0.1)
+    slow, fast = (compute_swing_frequency(model, q, g) for g in (9.81, 4.0 * 9.81))
+    assert 2.5 < slow < 4.0 and fast == pytest.approx(2.0 * slow)
+    other = load_description("waypoints", robot="bimanual").robot
+    assert compute_swing_frequency(build_body_model(other), q[1:], 9.81) == 0.0
+
+
+@given(rate=st.sampled_from([100.0, 125.0, 200.0, 250.0, 500.0, 1000.0]))
+def test_the_servos_period_is_the_nearest_and_of_two_the_longer(rate: float) -> None:
+    control = DESCRIPTION.robot.control.model_copy(update={"rate_hz": rate})
+    n = count_command_ticks(DESCRIPTION.robot.model_copy(update={"control": control}))
+    misses = {k: abs(k / rate - 0.02) for k in range(1, 30)}
+    assert misses[n] == pytest.approx(min(misses.values()))
+    assert misses[n + 1] > misses[n] + 1e-9
+
+
+@pytest.mark.parametrize("late", ["world.link.delay_s=0.01", "robot.control.rate_hz=125"])
+def test_a_roll_loop_too_slow_to_balance_on_the_link_is_refused(late: str) -> None:
+    with pytest.raises(InputError, match=r"to take off on the end of its link .* needs 3\.2"):
+        build_vehicle(load_description("sensor-install", sets=[late]), lambda _: None)
