@@ -33,7 +33,7 @@ Record = Any
 JERK_MAX = 3.0
 """m/s^3, of a reference; a larger step is one between two tables."""
 SHIFT = 2  # place of the tip's shift (3,) m in mem.user
-TIP_SHARE = 0.5
+TIP_SHARE = 1.0
 """Bandwidth of the tip's shift over that of the position loop, which it moves the goal of."""
 
 
@@ -96,20 +96,17 @@ def shift_for_tip(b: Record) -> None:
     """Where the tip shall be tracked, shift the platform by what the tip is off its place in B.
 
     Wind turns a hanging link and leans the platform; slowly low-passed, the platform gives way so
-    that the tip stays. The tip lags z a / g behind an acceleration a as well: that of the reference
-    is left out, that of the loops closes one with the gain z w^2 / g, a tenth at the position
-    loop's w.
+    that the tip stays. The tip lags z a / g behind an acceleration a as well: the reference's p_WB
+    leads its p_WT by that, and that of the loops closes one with the gain z w^2 / g, a tenth at the
+    position loop's w.
     """
     par, mem, ref, est, body = b.par, b.mem, b.ref, b.est, b.body
     k = 1.0 - math.exp(-TIP_SHARE * par.k_position[2] * par.dt)
     tip = np.zeros(3)
     if ref.track_tip > 0.5:
         mat_vec(est.R_WB, body.p_BT, tip)
-        below = (ref.p_WT[2] - ref.p_WB[2]) / body.gravity
         for i in range(3):
             tip[i] = ref.p_WT[i] - ref.p_WB[i] - tip[i]
-            if i < 2:
-                tip[i] += below * ref.a_WB[i]
     for i in range(3):
         mem.user[SHIFT + i] += k * (tip[i] - mem.user[SHIFT + i])
 
@@ -146,6 +143,8 @@ def damp_swing(b: Record, forward: Any, left: Any, a: Any) -> None:
     # a link that turns about the axis moves its end backward: along z x axis
     a[0] -= par.k_swing * rate * (forward[0] * axis[1] - forward[1] * axis[0])
     a[1] -= par.k_swing * rate * (left[0] * axis[1] - left[1] * axis[0])
+    a[0] += (forward[0] * jerk[0] + forward[1] * jerk[1]) / par.k_attitude[1]
+    a[1] += (left[0] * jerk[0] + left[1] * jerk[1]) / par.k_attitude[0]
 
 
 @njit(cache=True, error_model="numpy")

@@ -75,6 +75,9 @@ class Supervisor:
         self.until_arrived()
         self.wait(1.0)
         flight = kind.fly(self)
+        if not getattr(kind, "LANDS", True):
+            self.end("done")
+            return flight
         self.begin("land")
         self.uav.land(self.ground_height)
         self.until_arrived()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,19 +10,28 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.core.types import REFERENCE
-from skywright.models.compliant_arms import find_hands
+from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.rigid_body import compute_tip
 from skywright.planning.motion.plan_file import PlanFile
+from skywright.vehicle.rest_to_rest import ROW_PERIOD
 
+Array = NDArray[np.float64]
 Table = NDArray[Any]
+
+LEAD_S = 1.0  # s, over which an acceleration is rounded
 
 
 def build_plan_table(plan: PlanFile, model: NDArray[Any]) -> Table:
     """Return REFERENCE rows of a plan for the robot of `model` (1,) BODY_MODEL.
 
     The position loop is closed at the tip (`track_tip`): what wind makes the tip hang away from
-    the plan, the platform gives way to.
+    the plan, the platform gives way to. With a passive joint what hangs on it lags z a / g behind
+    an acceleration a, and the platform leans by as much: `p_WB` leads the plan by that, and the
+    table is longer by LEAD_S, half of it at rest at either end.
     """
+    swings = len(plan.joints) > 0 and find_swing(model, np.ones(len(plan.joints)))[0] != 1.0
+    if swings:
+        plan = _extend(plan)
     table = np.zeros(len(plan.t), REFERENCE)
     n = len(plan.joints)
     table["t"], table["p_WB"] = plan.t, plan.pose[:, :3]
@@ -37,4 +47,36 @@ def build_plan_table(plan: PlanFile, model: NDArray[Any]) -> Table:
         row["p_WH"][: len(hands)] = row["p_WB"] + hands @ R.T
     if len(table) > 1:
         table["v_WT"] = np.gradient(table["p_WT"], plan.t, axis=0)
+    if swings:
+        _lead(table, float(model[0]["gravity"]))
     return table
+
+
+def _extend(plan: PlanFile) -> PlanFile:
+    """Rows every ROW_PERIOD, at rest for half of LEAD_S before and after the plan."""
+    half = round(0.5 * LEAD_S / ROW_PERIOD)
+    n = math.ceil(plan.t[-1] / ROW_PERIOD - 1e-9) + 2 * half + 1
+    t = ROW_PERIOD * (np.arange(n) - half)
+
+    def take(columns: Array, still: bool) -> Array:
+        ends = {"left": 0.0, "right": 0.0} if still else {}
+        return np.column_stack([np.interp(t, plan.t, c, **ends) for c in columns.T])
+
+    return plan._replace(
+        t=t - t[0], pose=take(plan.pose, False), rate=take(plan.rate, True),
+        acceleration=take(plan.acceleration, True), q=take(plan.q, False), qd=take(plan.qd, True),
+    )  # fmt: skip
+
+
+def _lead(table: Table, gravity: float) -> None:
+    """Move the platform ahead by what the tip will lag; the acceleration is rounded for that."""
+    half = round(0.5 * LEAD_S / ROW_PERIOD)
+    kernel = np.hanning(2 * half + 1)
+    kernel /= kernel.sum()
+    below = (table["p_WB"][:, 2] - table["p_WT"][:, 2]) / gravity
+    for axis in (0, 1):
+        lead = below * np.convolve(table["a_WB"][:, axis], kernel, mode="same")
+        rate = np.gradient(lead, ROW_PERIOD)
+        table["p_WB"][:, axis] += lead
+        table["v_WB"][:, axis] += rate
+        table["a_WB"][:, axis] += np.gradient(rate, ROW_PERIOD)

@@ -2,7 +2,7 @@
 
 Platform and arms are planned together and the plan is flown as it is. The robot takes off with the
 bar in its hands (a person put it there and the grippers closed), hovers where the plan begins,
-carries, and lands with it behind the structures.
+carries, and hovers at the goal, where the mission ends: handing the bar over is not part of it.
 """
 
 from __future__ import annotations
@@ -10,9 +10,6 @@ from __future__ import annotations
 import math
 import time
 from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from skywright.errors import InfeasibleError, InputError
 from skywright.missions.flight import Flight
@@ -33,9 +30,8 @@ from skywright.vehicle.plan_table import build_plan_table
 if TYPE_CHECKING:
     from skywright.missions.supervisor import Supervisor
 
-Array = NDArray[np.float64]
-
 NEEDS = frozenset({"uav", "arms", "whole_body"})
+LANDS = False
 
 STEADY_S = 4.0  # s, of hovering before the bar is carried: wind and weight are felt out
 SETTLE_S = 3.0  # s, at the goal
@@ -45,7 +41,6 @@ class TransportFlight(NamedTuple):
     """What the mission keeps of its plan."""
 
     file: PlanFile
-    folded: Array  # (n_joints,) rad, arms in the posture for landing
 
 
 def plan(d: Description) -> MissionPlan:
@@ -71,7 +66,7 @@ def plan(d: Description) -> MissionPlan:
     return MissionPlan(
         True, None, time.perf_counter() - began, found.timed.duration, found.clearance_m, math.nan,
         {"transport": table}, None, 0.0, 0.0,
-        TransportFlight(found.file, posture(d.robot, "folded")),
+        TransportFlight(found.file),
     )  # fmt: skip
 
 
@@ -117,7 +112,7 @@ def build_problem(d: Description) -> TransportProblem:
 
 
 def fly(s: Supervisor) -> Flight:
-    """Take the plan's first pose, carry, settle, take the posture for landing."""
+    """Take the plan's first pose, carry, settle."""
     table = s.plan.segments["transport"]
     n = s.vehicle.n_joints
     s.begin("start pose")
@@ -130,10 +125,4 @@ def fly(s: Supervisor) -> Flight:
     s.until_arrived()
     s.begin("settle")
     s.wait(SETTLE_S)
-    s.begin("fold arms")
-    s.uav.hold()
-    s.until_arrived()
-    s.arms.move_to(s.plan.task.folded)
-    s.until_arrived()
-    s.wait(1.0)
     return Flight(True, "")
