@@ -26,6 +26,7 @@ from skywright.core.rotations import (
     mat_t_mat,
     mat_t_vec,
     mat_vec,
+    norm,
 )
 
 Record = Any
@@ -33,8 +34,8 @@ Record = Any
 JERK_MAX = 3.0
 """m/s^3, of a reference; a larger step is one between two tables."""
 SHIFT = 2  # place of the tip's shift (3,) m in mem.user
-TIP_SHARE = 1.0
-"""Bandwidth of the tip's shift over that of the position loop, which it moves the goal of."""
+SHIFT_BANDWIDTH = 3.0
+"""rad/s, of that shift; the estimates that it is made of are of 2 to 3 rad/s themselves."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -66,9 +67,13 @@ def force_for_motion(b: Record, f_W: Any) -> None:
     forward[0], forward[1] = x / size, y / size
     left[0], left[1] = -forward[1], forward[0]
     e, v, a = np.empty(3), np.empty(3), np.empty(3)
-    shift_for_tip(b)
-    into_axes(forward, left, ref.p_WB + b.mem.user[SHIFT : SHIFT + 3], est.p_WB, e)
-    into_axes(forward, left, ref.v_WB, est.v_WB, v)
+    shift, rate = np.empty(3), np.empty(3)
+    shift_for_tip(b, shift, rate)
+    for i in range(3):
+        shift[i] += ref.p_WB[i]
+        rate[i] += ref.v_WB[i]
+    into_axes(forward, left, shift, est.p_WB, e)
+    into_axes(forward, left, rate, est.v_WB, v)
     speed = 0.0
     for i in range(3):
         e[i] *= par.k_position[i]
@@ -92,23 +97,37 @@ def force_for_motion(b: Record, f_W: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def shift_for_tip(b: Record) -> None:
-    """Where the tip shall be tracked, shift the platform by what the tip is off its place in B.
+def shift_for_tip(b: Record, shift: Any, rate: Any) -> None:
+    """Fill shift (3,) m and rate (3,) m/s: the platform gives way so that the tip stays.
 
-    Wind turns a hanging link and leans the platform; slowly low-passed, the platform gives way so
-    that the tip stays. The tip lags z a / g behind an acceleration a as well: the reference's p_WB
-    leads its p_WT by that, and that of the loops closes one with the gain z w^2 / g, a tenth at the
-    position loop's w.
+    Only where the reference tracks the tip. The estimated torque s about a link's joint turns it by
+    s / (m l g) from where it hangs; the estimated force f leans the platform by f / (m g). Both
+    come from external forces alone, so no loop closes over what the platform's own motion does to
+    the link; low-passed twice they do not see what the model leaves out of it.
     """
-    par, mem, ref, est, body = b.par, b.mem, b.ref, b.est, b.body
-    k = 1.0 - math.exp(-TIP_SHARE * par.k_position[2] * par.dt)
-    tip = np.zeros(3)
+    mem, ref, est, body, w = b.mem, b.ref, b.est, b.body, b.wrench
+    goal, axis, vec = np.zeros(3), np.zeros(3), np.empty(3)
     if ref.track_tip > 0.5:
-        mat_vec(est.R_WB, body.p_BT, tip)
-        for i in range(3):
-            tip[i] = ref.p_WT[i] - ref.p_WB[i] - tip[i]
+        along, joint = 0.0, body.p_BT[2]
+        if w.swing >= 0:
+            mat_vec(est.R_WB, w.axis, axis)
+            turn = w.s_slow / (max(norm(w.L_s), 1e-6) * body.gravity)
+            mat_vec(est.R_WB, body.J_BT[:, w.swing], vec)
+            for i in range(2):
+                goal[i] = -turn * vec[i]
+                along += axis[i] * (w.f_hands_W[i] + w.f_rest_W[i])
+            joint = b.arms.p_BA[2]
+        for i in range(2):  # what hangs on the joint leans with the platform only along its axis
+            across = w.f_hands_W[i] + w.f_rest_W[i] - along * axis[i]
+            goal[i] += (along * axis[i] * body.p_BT[2] + across * joint) / (
+                body.mass * body.gravity
+            )
+    k = -math.expm1(-SHIFT_BANDWIDTH * b.par.dt)
     for i in range(3):
-        mem.user[SHIFT + i] += k * (tip[i] - mem.user[SHIFT + i])
+        rate[i] = k * (goal[i] - mem.user[SHIFT + i])
+        mem.user[SHIFT + i] += rate[i]
+        rate[i] /= b.par.dt
+        shift[i] = mem.user[SHIFT + i]
 
 
 @njit(cache=True, error_model="numpy")
