@@ -133,8 +133,11 @@ def main() -> None:
 
 
 @main.command()
-@click.argument("mission")
+@click.argument("mission", required=False)
 @_layers
+@click.option(
+    "--plan", "plan_file", type=click.Path(), help="Fly this plan file (NAME.csv with NAME.toml)."
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Directory of the run.")
 @_json
 @click.option("--view", is_flag=True, help="Watch the run live in the browser.")
@@ -145,16 +148,26 @@ def main() -> None:
     help="Store contact measurements there (SQLite), with those of other flights.",
 )
 def run(
-    mission: str, robot: str | None, world: str | None, sets: tuple[str, ...], seed: int | None,
-    out: Path | None, as_json: bool, view: bool, records: Path | None,
+    mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
+    seed: int | None, plan_file: str | None, out: Path | None, as_json: bool, view: bool,
+    records: Path | None,
 ) -> int:  # fmt: skip
     """Plan, fly and evaluate a mission.
 
-    MISSION is a built-in name, a file, or a finished run's directory (which repeats it).
+    MISSION is a built-in name, a file, or a finished run's directory (which repeats it). With
+    --plan it may be left out: the plan is then flown by itself, with the robot and in the world
+    that it names.
     """
     import skywright
 
-    description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
+    if plan_file is not None:
+        from skywright.missions.plan_flight import load_plan_description
+
+        description = load_plan_description(plan_file, mission, robot, world, sets, seed)
+    elif mission is None:
+        raise click.UsageError("Missing argument 'MISSION' (or --plan FILE).")
+    else:
+        description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
     result = skywright.run(description, out=out, view=view, progress=not as_json, records=records)
     if as_json:
         _print_json({**result.to_json(), "directory": str(result.directory)})
@@ -168,16 +181,29 @@ def run(
 @main.command()
 @click.argument("mission")
 @_layers
+@click.option("--out", type=click.Path(path_type=Path), help="Write a plan file (.csv and .toml).")
 @_json
 def plan(
     mission: str, robot: str | None, world: str | None, sets: tuple[str, ...], seed: int | None,
-    as_json: bool,
+    out: Path | None, as_json: bool,
 ) -> int:  # fmt: skip
     """Plan MISSION without flying it."""
     import skywright
 
     description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
+    if out is not None and out.suffix not in (".csv", ".toml"):
+        raise InputError(f"{out}: a plan file is called NAME.csv or NAME.toml")
     found = skywright.plan(description)
+    if out is not None and found.feasible:
+        from skywright.planning.motion.plan_file import write_plan_file
+
+        file = getattr(found.task, "file", None)
+        if file is None:
+            raise InputError(
+                f"mission {description.mission.name!r} has no plan file to write; missions of the "
+                "kind bar-transport do"
+            )
+        write_plan_file(out, file)
     if as_json:
         _print_json(found.to_json())
     else:

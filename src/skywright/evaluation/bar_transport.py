@@ -1,4 +1,4 @@
-"""Metrics of the kind "bar-transport": the carried bar against its plan and its surroundings."""
+"""Metrics of a flight along a plan file: robot and carried bar against plan and surroundings."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_from_quat
 from skywright.evaluation.metrics import in_phases
 from skywright.missions.flight import PhaseRecord
-from skywright.missions.kinds.bar_transport import TransportFlight
 from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan
 from skywright.models.geometry import build_clearance, compute_area_clearance, compute_clearance
 from skywright.models.scene import build_scene
+from skywright.planning.motion.plan_file import PlanFile
 from skywright.robots.spec import Robot
 from skywright.worlds.scenario import get_structures
 from skywright.worlds.spec import World
@@ -23,16 +23,17 @@ from skywright.worlds.spec import World
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
 
-CARRYING = ("transport", "settle")
+CARRYING = ("transport", "plan", "settle")
 
 
 def compute_transport_metrics(
     samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
 ) -> tuple[dict[str, float], None]:
-    """Judge the phases in which the bar is carried along the plan."""
+    """Judge the phases in which the plan is followed."""
     out: dict[str, float] = {}
-    if isinstance(plan.task, TransportFlight):
-        out |= plan.task.file.metrics
+    file = getattr(plan.task, "file", None)
+    if isinstance(file, PlanFile):
+        out |= file.metrics
     mask = in_phases(samples, phases, *CARRYING)
     if not np.any(mask):
         return out, None
@@ -50,14 +51,20 @@ def compute_transport_metrics(
     out["tip.tracking_rms_m"] = float(np.sqrt(np.mean(tip**2)))
     off = np.linalg.norm(s["p_WB"] - s["ref_p_WB"], axis=1)
     out["platform.tracking_max_m"] = float(np.max(off))
-    swing = np.degrees(compute_swing(s))
-    out["swing.max_deg"] = float(np.max(np.abs(swing)))
-    out["swing.rms_deg"] = float(np.sqrt(np.mean(swing**2)))
+    if description.robot.pendulum is not None:
+        swing = np.degrees(compute_swing(s))
+        out["swing.max_deg"] = float(np.max(np.abs(swing)))
+        out["swing.rms_deg"] = float(np.sqrt(np.mean(swing**2)))
     return out, None
 
 
 def compute_tip_errors(s: Samples) -> Array:
-    """Return the bar's middle, between the hands, less where the plan has it: (n, 3) m in W."""
+    """Return the bar's middle, between two hands, less where the plan has it: (n, 3) m in W.
+
+    Without two hands the tip's.
+    """
+    if not np.any(s["right_ref_p_WH"]):
+        return np.asarray(s["p_WT"] - s["ref_p_WT"])
     true = 0.5 * (s["left_p_WH"] + s["right_p_WH"])
     wanted = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])
     return np.asarray(true - wanted)

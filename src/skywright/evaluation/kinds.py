@@ -22,6 +22,7 @@ METRICS = {
     "flight-modes": "skywright.evaluation.flight_modes:compute_modes_metrics",
     "bridge-contact": "skywright.evaluation.bridge_contact:compute_contact_metrics",
     "bimanual-bench": "skywright.evaluation.bimanual_bench:compute_bench_metrics",
+    "follow-plan": "skywright.evaluation.bar_transport:compute_transport_metrics",
     "impact": "skywright.evaluation.impact:compute_impact_metrics",
     "scan": "skywright.evaluation.metrics:compute_scan_metrics",
     "sensor-install": "skywright.evaluation.sensor_install:compute_install_metrics",

@@ -44,6 +44,7 @@ from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
 from skywright.models.rigid_body import joint_names
 from skywright.models.rotors import build_rotors
+from skywright.planning.motion.plan_file import PlanFile, write_plan_file
 from skywright.robots.spec import Robot
 from skywright.vehicle.simulated import SimulatedVehicle
 
@@ -123,6 +124,9 @@ def run_mission(
     final, partial = open_directory(out, description.mission.name)
     (partial / "mission.toml").write_text(dump_description(description), encoding="utf-8")
     write_unfinished(partial)
+    file = getattr(plan.task, "file", None)
+    if isinstance(file, PlanFile):
+        write_plan_file(partial / "plan", file)
     try:
         for observer in observers:
             observer.on_plan(plan, description)

@@ -56,6 +56,7 @@ KINDS = {
     "bridge-contact": "skywright.missions.kinds.bridge_contact",
     "arm-test-bench": "skywright.missions.kinds.arm_test_bench",
     "flight-modes": "skywright.missions.kinds.flight_modes",
+    "follow-plan": "skywright.missions.kinds.follow_plan",
 }
 """Kind of mission -> its module; a new kind is one more module and one more line."""
 
@@ -65,6 +66,7 @@ TASKS = {
     "arm-test-bench": "skywright.missions.kinds.arm_test_bench:ArmTestBenchMission",
     "flight-modes": "skywright.missions.kinds.flight_modes:FlightModesMission",
     "bimanual-bench": "skywright.missions.tasks.bimanual_bench:BimanualBenchMission",
+    "follow-plan": "skywright.missions.tasks.follow_plan:FollowPlanMission",
     "impact": "skywright.missions.tasks.impact:ImpactMission",
     "sensor-install": "skywright.missions.tasks.sensor_install:SensorInstallMission",
     "excitation": "skywright.missions.kinds.excitation:ExcitationMission",

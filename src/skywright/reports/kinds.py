@@ -14,6 +14,7 @@ from typing import Any
 KINDS = {
     "bar-transport": "skywright.reports.figures.bar_transport",
     "bimanual-bench": "skywright.reports.figures.bimanual_bench",
+    "follow-plan": "skywright.reports.figures.waypoints",
     "impact": "skywright.reports.figures.impact",
     "scan": "skywright.reports.figures.inspection",
     "sensor-install": "skywright.reports.figures.sensor_install",

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from skywright.errors import InfeasibleError, InputError
 from skywright.missions.flight import Flight
 from skywright.missions.loader import Description
+from skywright.missions.plan_flight import find_closest, load_checked_plan
 from skywright.missions.planning import MissionPlan
 from skywright.missions.tasks.bar_transport import BarTransportMission
 from skywright.models.rigid_body import build_body_model, posture
@@ -52,6 +53,8 @@ def plan(d: Description) -> MissionPlan:
         swing=math.radians(d.mission.task.swing_plan_deg)
     )
     task, bare = d.mission.task, drop_bar(d.robot)
+    if task.plan_file:
+        return _take_plan(d, load_checked_plan(task.plan_file, d), began)
     try:
         found = plan_transport(
             bare, problem, d.mission.seed, duration=task.duration_s, slices=task.planner_slices,
@@ -62,11 +65,17 @@ def plan(d: Description) -> MissionPlan:
         return MissionPlan(
             False, str(error), spent, math.nan, math.nan, math.nan, {}, None, 0.0, 0.0
         )  # fmt: skip
-    table = build_plan_table(found.file, build_body_model(d.robot, d.world.gravity_mps2))
+    return _take_plan(d, found.file, began)
+
+
+def _take_plan(d: Description, file: PlanFile, began: float) -> MissionPlan:
+    """Make the mission's plan of a plan file; one that touches something is refused."""
+    clearance, what = find_closest(file, d)
+    table = build_plan_table(file, build_body_model(d.robot, d.world.gravity_mps2))
     return MissionPlan(
-        True, None, time.perf_counter() - began, found.timed.duration, found.clearance_m, math.nan,
-        {"transport": table}, None, 0.0, 0.0,
-        TransportFlight(found.file),
+        clearance > 0.0, None if clearance > 0.0 else f"the plan: {what} touch",
+        time.perf_counter() - began, float(file.t[-1]), clearance, math.nan,
+        {"transport": table}, None, 0.0, 0.0, TransportFlight(file),
     )  # fmt: skip
 
 

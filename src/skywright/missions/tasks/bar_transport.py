@@ -26,6 +26,7 @@ class BarTransport(Spec):
     p2: Positive = 0.1
     planner_slices: int = Field(default=1000, ge=1, le=1_000_000)  # of work, about a second
     swing_plan_deg: Positive = 2.5  # of the passive joint about its equilibrium, as planned
+    plan_file: str = ""  # fly this plan instead of planning
     duration_s: Positive | None = None  # of the carrying; default: the shortest
 
 

@@ -1,0 +1,52 @@
+"""Draw the conditions of the transport's campaign: `python benchmarks/transport_conditions.py`.
+
+Writes a table for `skywright campaign bar-transport --vary FILE.csv`: random pipe structures of any
+difficulty, and a wind of 3 m/s with Dryden turbulence from any direction. The runs' seeds, which
+draw sensors, gusts and the planner's samples, are the campaign's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+SPEED = 3.0  # m/s
+
+
+def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
+    """Draw all rows."""
+    rng = np.random.default_rng(seed)
+    return [
+        {
+            "world.scenario_seed": int(rng.integers(100, 1_000_000)),  # none of the benchmark's
+            "world.difficulty": round(rng.uniform(), 3),
+            "world.wind.kind": "dryden",
+            "world.wind.mean_mps": SPEED,
+            "world.wind.toward_deg": round(rng.uniform(-180.0, 180.0), 1),
+        }
+        for _ in range(rows)
+    ]
+
+
+def main() -> None:
+    """Write the table."""
+    parser = argparse.ArgumentParser(description="Draw the conditions of the transport's campaign.")
+    parser.add_argument("--rows", type=int, default=30)
+    parser.add_argument("--seed", type=int, default=1)
+    default = Path(__file__).with_name("transport-conditions.csv")
+    parser.add_argument("--out", type=Path, default=default)
+    a = parser.parse_args()
+    table = draw_table(a.rows, a.seed)
+    with a.out.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(table[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table)
+    print(a.out)
+
+
+if __name__ == "__main__":
+    main()
