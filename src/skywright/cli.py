@@ -203,6 +203,7 @@ def plan(
                 f"mission {description.mission.name!r} has no plan file to write; missions of the "
                 "kind bar-transport do"
             )
+        _folder(out.parent).mkdir(parents=True, exist_ok=True)
         write_plan_file(out, file)
     if as_json:
         _print_json(found.to_json())
