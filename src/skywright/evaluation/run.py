@@ -39,6 +39,7 @@ from skywright.missions.dump import dump_description
 from skywright.missions.flight import Flight, Measurement, PhaseRecord
 from skywright.missions.loader import Description, load_description
 from skywright.missions.planning import MissionPlan, plan_mission
+from skywright.missions.registry import load_kind
 from skywright.missions.supervisor import Supervisor
 from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
@@ -47,6 +48,7 @@ from skywright.models.rotors import build_rotors
 from skywright.planning.motion.plan_file import PlanFile, write_plan_file
 from skywright.robots.spec import Robot
 from skywright.vehicle.simulated import SimulatedVehicle
+from skywright.worlds.things import Bench
 
 FLUSH_S = 1.0  # simulated seconds between writes of the recording
 
@@ -200,9 +202,13 @@ def build_vehicle(
             f"control law {name!r} needs a fully actuated platform; the rotors of "
             f"{d.robot.name!r} make no lateral force: use 'thrust_vectoring'"
         )
+    world = d.world
+    if getattr(load_kind(mission.kind), "HELD", False):  # in the air, where the flight begins
+        place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
+        world = world.model_copy(update={"bench": place})
     return SimulatedVehicle(
         d.robot,
-        d.world,
+        world,
         law,
         seed=mission.seed,
         deviation=build_deviation(d.plant, d.robot, mission.seed),

@@ -76,7 +76,7 @@ def plan_mission(description: Description) -> MissionPlan:
         plan = plan_it(description)  # the first call in a process may have spent its time compiling
     if not getattr(kind, "FLIES", True):
         return plan
-    if plan.feasible:
+    if plan.feasible and not getattr(kind, "HELD", False):
         blocked = _find_blocked_climb(description)
         if blocked is not None:
             plan = plan._replace(feasible=False, blocked_by=blocked)

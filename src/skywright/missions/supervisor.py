@@ -19,6 +19,7 @@ from skywright.vehicle.interface import Arms, Backend, Probe, Uav, WholeBody, re
 Table = NDArray[Any]
 
 SPIN_UP = 1.0  # s, motors off on the ground while the estimator settles
+RELEASE = 3.0  # s, after the robot was let go in the air
 
 
 class LostControl(Exception):
@@ -69,11 +70,16 @@ class Supervisor:
             return flight
         self.begin("start")
         self.wait(SPIN_UP)
-        self.begin("take_off")
         self.uav.motors(True)
-        self.uav.take_off(self.mission.hover_height_m)
-        self.until_arrived()
-        self.wait(1.0)
+        if getattr(kind, "HELD", False):
+            self.begin("release")
+            self.vehicle.release()
+            self.wait(RELEASE)
+        else:
+            self.begin("take_off")
+            self.uav.take_off(self.mission.hover_height_m)
+            self.until_arrived()
+            self.wait(1.0)
         flight = kind.fly(self)
         if not getattr(kind, "LANDS", True):
             self.end("done")

@@ -105,6 +105,9 @@ class Backend(Protocol):
     def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
         """Move the fixture that clamps the platform (a simulation with `world.bench` can)."""
 
+    def release(self) -> None:
+        """Let go a robot that is held in the air (a simulation with `world.bench` can)."""
+
     def zero_gauges(self) -> None:
         """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
 

@@ -38,6 +38,7 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, Scene, build_scene, home_pose
+from skywright.models.things import BENCH
 from skywright.robots.limbs import list_joints, list_servos
 from skywright.robots.spec import Robot
 from skywright.sim.camera import fill_camera
@@ -287,6 +288,15 @@ class SimulatedVehicle:
             raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
         self.sim.data.mocap_pos[0] = p_W
         self.sim.data.mocap_quat[0] = [math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]
+
+    def release(self) -> None:
+        """Open the clamp that holds the platform; it stays open.
+
+        Raises InputError where the world has none.
+        """
+        if self.world.bench is None:
+            raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
+        self.sim.data.eq_active[self.scene.model.equality(BENCH).id] = 0
 
     def zero_gauges(self) -> None:
         """Count the wrench on the platform from now on (a simulation of a world with pads can)."""

@@ -1,8 +1,8 @@
 """Carry a long bar through pipe structures with both hands (Caballero et al. 2018).
 
-Platform and arms are planned together and the plan is flown as it is. The robot takes off with the
-bar in its hands (a person put it there and the grippers closed), hovers where the plan begins,
-carries, and hovers at the goal, where the mission ends: handing the bar over is not part of it.
+Platform and arms are planned together and the plan is flown as it is. The flight begins in the
+air: the robot is held where the plan begins, the bar in its closed grippers, and let go. It ends
+hovering at the goal: neither take-off and landing nor handing the bar over is part of it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from skywright.missions.supervisor import Supervisor
 
 NEEDS = frozenset({"uav", "arms", "whole_body"})
-LANDS = False
+HELD, LANDS = True, False
 
 STEADY_S = 4.0  # s, of hovering before the bar is carried: wind and weight are felt out
 SETTLE_S = 3.0  # s, at the goal
