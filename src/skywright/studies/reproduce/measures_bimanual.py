@@ -44,15 +44,14 @@ def load_sides() -> tuple[Side, Side]:
 
 
 def load_arms(name: str, elbow: float | None = None) -> Loaded:
-    """The arms at work (forearm level), or with the elbow at an angle (rad) and level between."""
+    """The arms in L (upper arm hangs, forearm level), or with the elbow at an angle (rad)."""
     robot, _ = load_robot(name)
     q = build_pose(robot, "L", RADIUS)
-    if elbow is not None:
-        for j, limb in enumerate(list_joints(robot)):
-            if limb.name.endswith("elbow_pitch"):
-                q[j] = elbow
-            elif limb.name.endswith("shoulder_pitch"):  # the hand's height stays that of "L"
-                q[j] = -0.5 * math.pi - 0.5 * elbow
+    for j, limb in enumerate(list_joints(robot)):  # the paper's L; the mission's leans
+        if limb.name.endswith("elbow_pitch"):
+            q[j] = -0.5 * math.pi if elbow is None else elbow
+        elif limb.name.endswith("shoulder_pitch"):
+            q[j] = 0.0 if elbow is None else -0.5 * math.pi - 0.5 * elbow
     return Loaded(robot, find_swing(build_body_model(robot), q))
 
 
