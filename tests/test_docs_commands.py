@@ -130,7 +130,7 @@ def test_command_of_the_docs(command: Command, folder: Path) -> None:
     assert program is not None, f"{command.page}: only skywright and python are run: {command.line}"
     out = subprocess.run(
         [*program, *words[1:]],
-        cwd=folder, capture_output=True, text=True, timeout=120, check=False,
+        cwd=folder, capture_output=True, text=True, timeout=600, check=False,
         env={**os.environ, "COLUMNS": "100"},
     )  # fmt: skip
     assert out.returncode == command.exit_code, (

@@ -61,7 +61,8 @@ def test_around_the_pipe_every_margin_holds(y: float, z: float, yaw: float, seed
     way = plan_transit(SCENE, a, b, stream(seed), 0.1, wanted=0.2)
     assert way.blocked_by is None and len(way.p_WB) > 2
     assert way.clearance >= 0.1 - 1e-9
-    assert measure(way) >= way.clearance - 1e-6  # the planner's shapes enclose the scene's
+    # the planner's shapes enclose the scene's; MuJoCo's distances are good to some 10 um
+    assert measure(way) >= way.clearance - 1e-4
     assert np.linalg.norm(way.p_WB[-1] - b.p_WB) < 1e-9
     assert math.remainder(way.yaw[-1] - yaw, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
