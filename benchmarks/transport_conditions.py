@@ -7,12 +7,10 @@ draw sensors, gusts and the planner's samples, are the campaign's.
 
 from __future__ import annotations
 
-import argparse
-import csv
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from conditions_table import write_table
 
 SPEED = 3.0  # m/s
 
@@ -32,21 +30,5 @@ def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
     ]
 
 
-def main() -> None:
-    """Write the table."""
-    parser = argparse.ArgumentParser(description="Draw the conditions of the transport's campaign.")
-    parser.add_argument("--rows", type=int, default=30)
-    parser.add_argument("--seed", type=int, default=1)
-    default = Path(__file__).with_name("transport-conditions.csv")
-    parser.add_argument("--out", type=Path, default=default)
-    a = parser.parse_args()
-    table = draw_table(a.rows, a.seed)
-    with a.out.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(table[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(table)
-    print(a.out)
-
-
 if __name__ == "__main__":
-    main()
+    write_table(draw_table, "bar-transport", 30, "transport-conditions.csv")

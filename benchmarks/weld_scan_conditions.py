@@ -9,14 +9,12 @@ Ranges could not say that: the limit depends on the kind, the direction, the pla
 
 from __future__ import annotations
 
-import argparse
-import csv
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from conditions_table import write_table
 
 from skywright.missions.limits import find_exceeded_push, find_exceeded_wind
 from skywright.missions.loader import load_description
@@ -97,21 +95,5 @@ def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
     return out
 
 
-def main() -> None:
-    """Write the table."""
-    parser = argparse.ArgumentParser(description="Draw the conditions of the weld scan's campaign.")
-    parser.add_argument("--rows", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    default = Path(__file__).with_name("weld-scan-conditions.csv")
-    parser.add_argument("--out", type=Path, default=default)
-    a = parser.parse_args()
-    table = draw_table(a.rows, a.seed)
-    with a.out.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(table[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(table)
-    print(a.out)
-
-
 if __name__ == "__main__":
-    main()
+    write_table(draw_table, "pipe-weld-scan", 200, "weld-scan-conditions.csv")

@@ -28,6 +28,9 @@ OUT = Path(__file__).parent / "reference" / "keys.md"
 
 # Longest suffix first: the unit is part of the key.
 UNITS = {
+    "_deg_per_min": "°/min",
+    "_m_per_sqrt_m": "m/√m",
+    "_m_per_sqrt_s": "m/√s",
     "_n_per_rad2s2": "N/(rad/s)²",
     "_n_per_count": "N/count",
     "_ns_per_m": "N s/m",

@@ -19,7 +19,8 @@ fi
 if command -v uv >/dev/null 2>&1; then
     [ -e "$venv" ] || uv venv --quiet --python '>=3.11,<3.14' "$venv" ||
         fail "uv found no Python 3.11 to 3.13: run 'uv python install 3.12', then make again"
-    uv pip install --quiet --python "$venv/bin/python" --require-hashes -r requirements.lock
+    uv pip install --quiet --compile-bytecode --python "$venv/bin/python" --require-hashes \
+        -r requirements.lock
     uv pip install --quiet --python "$venv/bin/python" --no-deps --no-build-isolation -e .
     exit 0
 fi

@@ -165,6 +165,7 @@ def test_a_csv_alone_varies_all_its_columns(tmp_path: Path) -> None:
         ("a,\n1,2\n", "empty or a repeated"),
         ("a,b\n1\n", "line 2: 1 cells"),
         ("a,b\n1,2\n3,\n", "line 3: column 'b' has no value"),
+        ("a,b\n1,2\n3,{x=1}\n", "line 3: column 'b' has no value"),
         ("a,b\n1,nan\n", "line 2: b is nan"),
         ("a,c\n1,2\n", "no column 'b'; valid: a, c"),
     ],
@@ -230,3 +231,13 @@ def test_the_command_of_a_run_loads_the_same_description() -> None:
     assert again[:4] == mine[:4]
     assert mine.mission.seed == one.seed == seed
     assert math.isclose(mine.world.pipe.diameter_m, one.varied["world.pipe.diameter_m"], rel_tol=0)  # type: ignore[union-attr, arg-type]
+
+
+def test_a_cell_may_be_a_list(tmp_path):
+    """It is written into the run's command as it stands and read as a list when the run flies."""
+    path = tmp_path / "forces.csv"
+    path.write_text('mission.task.forces_n\n"[1.5, 2.5]"\n"[3]"\n', encoding="utf-8")
+    campaign = build_campaign("bridge-contact", [str(path)])
+    forces = [load_run(campaign, draw_run(campaign, i)).mission.task.forces_n for i in (0, 1)]
+    assert forces == [[1.5, 2.5], [3.0]]
+    assert draw_run(campaign, 0).varied["mission.task.forces_n"] == "[1.5, 2.5]"

@@ -20,7 +20,7 @@ from skywright.models.bimanual import (
     estimate_platform,
     is_unplugged,
 )
-from skywright.models.compliant_arms import spring_deflection, spring_torque
+from skywright.models.compliant_arms import find_hands, spring_deflection, spring_torque
 from skywright.studies.force_estimators import measure
 
 HAND = np.array([0.25, 0.15, HEIGHT - 0.11 - 0.25])  # left, in the L pose
@@ -111,13 +111,50 @@ def test_a_hand_goes_straight_and_stays_where_it_was_sent():
         np.testing.assert_allclose(moved, [0.0, 0.03, 0.0], atol=0.008)
 
 
+def test_a_hand_comes_to_rest_where_its_lead_ends_out_of_reach():
+    """The way in the servos' lag, 13 mm at 0.15 m/s, is more than a bent arm has left here."""
+    b = Bench()
+    shoulder = np.array([0.0, 0.15, HEIGHT - 0.11])
+    goal = shoulder + 0.495 * np.array([math.cos(0.3), 0.0, -math.sin(0.3)])
+    b.arms.hands_to({"left": goal}, speed=0.15)
+    rows = b.wait(6.0)
+    np.testing.assert_allclose(b.arms_state["p_ref"][0], goal, atol=1e-9)
+    assert np.linalg.norm(rows["left_p_WH"][-50:].mean(axis=0) - goal) < 0.006
+
+
+def test_an_arm_at_its_limit_is_held_against_its_weight():
+    """The shaft leads the output link by the spring's deflection, beyond the link's limit."""
+    pose = np.tile(np.radians([-88.0, 0.0, 0.0, 0.0]), 2)
+    rows = Bench(q=pose).wait(3.0)
+    assert np.degrees(rows["theta"][-1, 0]) < -98.0
+    assert np.degrees(rows["q"][-50:, 0].mean()) == pytest.approx(-88.0, abs=0.8)
+
+
+@pytest.mark.parametrize(("zero", "longer"), [(0.0, 0.0), (0.4, 0.0), (0.4, 0.004)])
+def test_a_hand_is_off_by_zeros_and_lengths_and_by_nothing_else(zero, longer):
+    """With the long reach, whose link of 0.8 m makes 6 mm of 0.4 deg."""
+    sets = [f"plant.joint_offset_error_deg={zero}", f"plant.link_length_error_m={longer}"]
+    b = Bench("bimanual-longreach", sets)
+    model, n = b.v.model, b.v.n_joints
+    nominal = np.concatenate([[0.0], np.tile(L_POSE, 2)])
+    b.arms.hands_to({"left": find_hands(model, nominal)[0] + [0.0, 0.0, HEIGHT]})
+    rows = b.wait(8.0)[-300:]
+    q = rows["q"][:, :n].mean(axis=0)
+    believed, real = (find_hands(model, x)[0] for x in (q + math.radians(zero), q))
+    real[2] -= longer  # the upper arm hangs
+    off = (rows["left_p_WH"] - rows["left_est_p_WH"]).mean(axis=0)
+    expected = real - believed
+    np.testing.assert_allclose(off[[0, 2]], expected[[0, 2]], atol=0.0015)
+    assert np.linalg.norm(expected) >= 1.1 * math.radians(zero)  # levers of link and arm
+
+
 def test_a_goal_out_of_reach_is_noticed_and_does_not_wind_up():
     b = Bench()
     b.arms.hands_to({"left": HAND + [0.6, 0.0, 0.0]}, speed=0.15)
     b.wait(3.0)
     assert b.arms_state["saturated"][0] == 1.0
     shoulder = np.array([0.0, 0.15, HEIGHT - 0.11])
-    assert np.linalg.norm(b.arms_state["p_ref"][0] - shoulder) <= 0.5 + 1e-9
+    assert np.linalg.norm(b.arms_state["p_ref"][0] - shoulder) <= 0.5 + 1e-4  # the clamp gives way
     b.arms.hands_to({"left": HAND}, speed=0.15)
     rows = b.wait(4.0)
     assert b.arms_state["saturated"][0] == 0.0

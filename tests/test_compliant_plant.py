@@ -51,6 +51,7 @@ def undamped(name: str) -> Scene:
     m.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     m.opt.integrator, m.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 2e-4
     m.dof_damping[:], m.dof_frictionloss[:], m.jnt_limited[:] = 0.0, 0.0, 0
+    m.tendon_limited[:] = 0
     m.actuator_gainprm[:], m.actuator_biasprm[:] = 0.0, 0.0
     return scene
 

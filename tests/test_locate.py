@@ -21,7 +21,7 @@ from skywright.estimation.localisation.trajectory_file import (
 from skywright.reports.locate import FILES, render_locate_page
 from skywright.studies.locate import reach
 from skywright.studies.locate.demo import STATION_CLOCK, write_demo
-from skywright.studies.locate.flights import build_inspection_path, simulate_flight
+from skywright.vehicle.sensor_flight import build_inspection_path, simulate_flight
 
 
 def call(*args: str) -> tuple[int, str, str]:

@@ -29,7 +29,7 @@ from skywright.estimation.localisation.frame_alignment import (
 )
 from skywright.estimation.localisation.time_alignment import estimate_offset
 from skywright.estimation.localisation.trajectory import Trajectory
-from skywright.studies.locate.flights import (
+from skywright.vehicle.sensor_flight import (
     PRISM,
     CameraErrors,
     build_inspection_path,
@@ -238,10 +238,7 @@ def test_standing_still_tells_no_delay():
 # --- all at once --------------------------------------------------------------------------------
 
 
-OPTIMISTIC = pytest.mark.xfail(reason="states a scale 5.5 sigma off; cause not yet understood")
-
-
-@pytest.mark.parametrize("seed", [1, 2, pytest.param(3, marks=OPTIMISTIC)])
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_calibration_of_a_flight_is_as_good_as_it_says(seed):
     path = build_inspection_path(seed, duration=60.0, speed=0.7)
     flight = simulate_flight(path, seed, errors=CameraErrors(yaw_rate_deg_per_min=0.0),
@@ -255,6 +252,17 @@ def test_calibration_of_a_flight_is_as_good_as_it_says(seed):
     assert c.noise.station == pytest.approx(0.0017, rel=0.2)
     assert c.noise.per_sqrt_m == pytest.approx(0.015, rel=0.35)
     assert c.p_BP[:2] == pytest.approx(PRISM[:2], abs=0.06)
+
+
+def test_drift_of_the_camera_does_not_bias_the_scale():
+    """It is in the regressor: plain least squares is 1 % low here, five standard deviations."""
+    off = []
+    for seed in range(4, 12):
+        path = build_inspection_path(seed, duration=60.0, speed=0.7)
+        flight = simulate_flight(path, seed, errors=CameraErrors(yaw_rate_deg_per_min=0.0))
+        c = calibrate(flight.station, flight.camera, 0.0, fixed_time=True, p_BP=PRISM)
+        off.append(c.frame.scale * flight.errors.scale - 1.0)
+    assert abs(np.mean(off)) < 0.004
 
 
 def test_gross_errors_and_a_wrong_start_do_not_matter():

@@ -16,7 +16,7 @@ from skywright.sim.range_finder import (
 )
 from skywright.sim.total_station import StationPrecision
 from skywright.sim.tracking_camera import CameraErrors
-from skywright.studies.locate.flights import Path, build_inspection_path, simulate_flight
+from skywright.vehicle.sensor_flight import Path, build_inspection_path, simulate_flight
 
 EXACT = CameraErrors(
     scale=1.0, walk_m_per_sqrt_m=0.0, yaw_rate_deg_per_min=0.0, noise_std_m=0.0, jump_std_m=0.0

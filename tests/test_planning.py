@@ -275,7 +275,7 @@ def test_plans_over_the_promised_range(sets: tuple[str, ...]) -> None:
         (("world.pipe.diameter_m=0.05",), "mm apart"),
         (("mission.scan.pass_length_m=0.6",), "reach"),
         (("mission.scan.depth_m=0.2",), "pipe too thin"),
-        (("mission.start_x_m=1.9", "mission.hover_height_m=1.5"), "hub and pipe"),
+        (("mission.start_x_m=1.9", "mission.hover_height_m=1.5"), "platform and pipe"),
         (('mission.scan.side="underside"',), "support"),  # propellers between the posts
         (("world.pipe.z_m=0.5",), "ground"),
         (

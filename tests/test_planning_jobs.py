@@ -11,6 +11,7 @@ import pytest
 from skywright.errors import InputError
 from skywright.studies.bench.runner import run_benchmarks
 from skywright.studies.planning import jobs
+from skywright.studies.planning.__main__ import draw_found
 from skywright.studies.planning.compare import build_decoupled_rows, build_rows
 from skywright.studies.planning.jobs import HIGH, OURS, SUCCESS, Effort, Job, list_jobs, run_jobs
 
@@ -45,7 +46,13 @@ def test_two_processes_find_what_one_finds() -> None:
     rows = {row.name: row for row in build_rows("paper", EFFORT, found)}
     assert rows["paper_success_1s"].value == 1.0 and rows["paper_reserve_mm"].passed
     assert all(math.isfinite(c) for c in found[Job("paper", OURS)]["late"])
-    assert "not installed" in rows["paper_over_ompl"].note
+    assert rows["paper_over_ompl"].value is None and "paper_over_ompl_rrtstar" not in rows
+    # what the processes found is drawn, with the lower bound
+    figure = draw_found(found)
+    assert [a.get_title(loc="left") for a in figure.axes] == ["paper"]
+    assert {t.get_text() for t in figure.axes[0].get_legend().get_texts()} == {
+        "default planner", "RRT* of the paper",
+    }  # fmt: skip
     apart = {row.name: row for row in build_decoupled_rows(EFFORT, found)}
     assert apart["paper_joint_over_decoupled"].value is None
     assert "arms held" in apart["paper_joint_over_decoupled"].note

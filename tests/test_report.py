@@ -25,7 +25,7 @@ from skywright.evaluation.requirements import judge
 from skywright.evaluation.run import RunResult, run_mission
 from skywright.evaluation.warm_up import is_cached
 from skywright.missions.loader import load_description
-from skywright.reports import report
+from skywright.reports import page
 from skywright.reports.explain import format_value, list_assumptions
 from skywright.reports.figures import series
 from skywright.reports.figures.paths import join_angles
@@ -58,7 +58,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
 @pytest.fixture
 def text_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are drawn but not written as SVG, which is most of a report's time."""
-    monkeypatch.setattr(report, "render_svg", lambda figure: b"<svg/>")
+    monkeypatch.setattr(page, "render_svg", lambda figure: b"<svg/>")
 
 
 class _Page(HTMLParser):

@@ -181,7 +181,7 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
     bare = {
         # fractions, ratios and factors
         "thrust_fraction", "range_noise_fraction", "figure_of_merit", "motor_efficiency",
-        "usable_fraction", "belt",
+        "usable_fraction", "belt", "scale",
         "flex_damping_ratio", "spring_damping_ratio", "position_damping", "attitude_damping",
         "flex_hardening", "lateral_damping_ratio",
         "drag_coefficient", "loop_separation", "swing_damping",

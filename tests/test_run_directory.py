@@ -12,6 +12,7 @@ import time
 import pytest
 
 import skywright
+from skywright.core import interrupt
 from skywright.errors import InputError
 from skywright.evaluation.run import run_mission
 from skywright.missions.loader import load_description
@@ -97,3 +98,12 @@ def test_a_report_that_cannot_be_written_leaves_the_run_partial(tmp_path):
         "interrupted"
     )
     assert skywright.evaluate(tmp_path / "r.partial").outcome == "interrupted"
+
+
+def test_an_interrupt_that_a_callback_swallowed_is_not_lost(monkeypatch):
+    monkeypatch.setattr(interrupt, "_noted", False)
+    with pytest.raises(KeyboardInterrupt):
+        interrupt._interrupt(signal.SIGINT, None)  # as in a callback from C, which forgets it
+    with pytest.raises(KeyboardInterrupt):
+        interrupt.check_interrupt()
+    interrupt.check_interrupt()  # once is enough

@@ -9,19 +9,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skywright.core.rotations import rot_z
 from skywright.errors import InputError
 from skywright.evaluation.run import build_vehicle, fly_and_evaluate
 from skywright.missions.kinds.sensor_install import (
     BEHIND,
+    MARGIN,
     RISE,
     build_pose,
     compute_swing_frequency,
     plan,
 )
-from skywright.missions.loader import load_description
+from skywright.missions.loader import Description, load_description
+from skywright.missions.ways import check_line
 from skywright.models.compliant_arms import count_command_ticks, find_hands
+from skywright.models.geometry import build_clearance
 from skywright.models.rigid_body import build_body_model
+from skywright.models.scene import build_scene
 from skywright.robots.limbs import list_joints
+from skywright.worlds.spec import Box
 
 DESCRIPTION = load_description("sensor-install")
 CHECKS_OFF = ["mission.task.hover_s=0", "mission.task.swing_deg=0"]
@@ -48,6 +54,23 @@ def test_the_sensor_is_pressed_on_with_2_n_and_stays() -> None:
     assert np.ptp(rows["left_p_WH"][:, 0]) < 0.005
 
 
+@pytest.mark.parametrize("leave", [True, False])
+def test_stretched_the_force_fails_unless_the_platform_leaves(leave: bool) -> None:
+    """Suarez 2020's second trial, right after arriving, without a hover that lets all settle."""
+    sets = [
+        *CHECKS_OFF,
+        "mission.task.pose=stretched",
+        f"mission.task.leave_singularity={str(leave).lower()}",
+    ]
+    m = fly_and_evaluate(load_description("sensor-install", sets=sets, seed=2)).metrics
+    assert m["contact.collisions"] == 0.0
+    if leave:
+        assert m["force.mean_error_n"] < 0.1 and m["force.rms_error_n"] < 0.15
+        assert m["platform.excursion_m"] < 0.03
+    else:
+        assert m["force.rms_error_n"] > 0.3
+
+
 @given(radius=st.floats(0.05, 0.2))
 def test_the_forearm_rises_to_the_hand_and_the_arms_stay_behind_the_pipe(radius: float) -> None:
     q = build_pose(DESCRIPTION.robot, "L", radius)
@@ -64,6 +87,30 @@ def test_every_pipe_of_the_range_has_a_way() -> None:
         for height in (2.2, 3.5):
             sets = [f"world.pipe.diameter_m={diameter}", f"world.pipe.z_m={height}"]
             assert plan(load_description("sensor-install", sets=sets)).feasible
+
+
+def test_what_is_in_the_way_is_flown_around_or_named() -> None:
+    """A lamp that hangs on the way to the pipe; a crate that leaves no room at the start."""
+    way = plan(DESCRIPTION).task
+    assert len(way.to_far.p_WB) == 2 == len(way.to_below.p_WB)  # straight where that is free
+
+    def put(p: np.ndarray, size: float) -> Description:
+        x, y, z = (float(v) for v in p)
+        box = Box(x_m=x, y_m=y, z_m=z, size_x_m=size, size_y_m=size, size_z_m=size)
+        world = DESCRIPTION.world.model_copy(update={"obstacles": {"lamp": box}})
+        return DESCRIPTION._replace(world=world)
+
+    d = put((way.p_far + way.p_below) / 2 + [0.0, 0.0, 0.15], 0.08)
+    found = plan(d)
+    there = found.task.to_below
+    assert found.feasible and len(there.p_WB) > 2
+    np.testing.assert_allclose(there.p_WB[[0, -1]], [way.p_far, way.p_below], atol=1e-9)
+    query = build_clearance(build_scene(d.robot, d.world), with_ground=True)
+    for a, b, yaw, q in zip(there.p_WB, there.p_WB[1:], there.yaw[1:], there.q[1:], strict=False):
+        room, _ = check_line(query, a, b, rot_z(yaw), q)  # by other code than the planner's
+        assert room > MARGIN - 0.005
+    refused = plan(put(way.home, 0.3))
+    assert not refused.feasible and "start: platform and obstacle lamp" in str(refused.blocked_by)
 
 
 def test_the_swing_frequency_is_that_of_the_hanging_link() -> None:
@@ -90,3 +137,24 @@ def test_the_servos_period_is_the_nearest_and_of_two_the_longer(rate: float) -> 
 def test_a_roll_loop_too_slow_to_balance_on_the_link_is_refused(late: str) -> None:
     with pytest.raises(InputError, match=r"to take off on the end of its link .* needs 3\.2"):
         build_vehicle(load_description("sensor-install", sets=[late]), lambda _: None)
+
+
+@pytest.mark.parametrize(
+    ("key", "told"),
+    [
+        ("mission.task.hover_s=1e9", "at most 3600"),
+        ("mission.task.hand_speed_mps=9", "at most 0.5"),
+        ("mission.task.pose=bent", "'stretched'"),
+        ("robot.pendulum.z_m=1e9", "at most 100"),
+        ("robot.pendulum.length_m=1e-9", "at least 1e-06"),
+        ("robot.pendulum.parent=gear", "no parent"),
+        ("robot.pendulum.flex_stiffness_nm_per_rad=100", "no spring"),
+        ("robot.control.position_bandwidth_rad_s=1e-9", "at least 0.001"),
+        ("robot.arm.elbow_pitch_servo.command_period_s=9", "at most 1"),
+        ("world.tape.hand=third", "'right'"),
+    ],
+)
+def test_sizes_that_no_robot_has_are_refused(key: str, told: str) -> None:
+    """Some would end in an array of gigabytes, or in MuJoCo's own error."""
+    with pytest.raises(InputError, match=told):
+        load_description("sensor-install", sets=[key])

@@ -17,8 +17,10 @@ verb needs is imported when it is called.
 from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from skywright.core.compiled_code import drop_stale_code
 from skywright.errors import InfeasibleError, InputError, SimulationError, SkywrightError
 
 if TYPE_CHECKING:
@@ -32,6 +34,8 @@ try:
     __version__ = version("skywright")
 except PackageNotFoundError:  # run from a source tree that was never installed
     __version__ = "0+unknown"
+
+drop_stale_code(Path(__file__).parent)  # before anything compiled is loaded
 
 __all__ = [
     "InfeasibleError",
@@ -95,11 +99,12 @@ def run(
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
     """
-    from pathlib import Path
-
+    from skywright.evaluation.directory import check_free
     from skywright.evaluation.run import Observer, run_mission
 
     description = _as_description(description)
+    if out is not None:
+        check_free(Path(out))  # before anyone waits for a plan
     observers: list[Observer] = []
     if progress:
         from skywright.models.capability import check_can_fly
@@ -135,8 +140,6 @@ def evaluate(directory: str | os.PathLike[str]) -> RunResult:
 
     Raises InputError when the directory holds no run.
     """
-    from pathlib import Path
-
     from skywright.evaluation.run import evaluate_directory
 
     return evaluate_directory(Path(directory))

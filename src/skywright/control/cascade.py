@@ -59,7 +59,23 @@ def step(b: Record) -> None:
 @njit(cache=True, error_model="numpy")
 def force_for_motion(b: Record, f_W: Any) -> None:
     """Position and velocity loop, swing damping and feed-forward: the rotors' force f_W (3,) N."""
-    par, ref, est, body, w = b.par, b.ref, b.est, b.body, b.wrench
+    body, w = b.body, b.wrench
+    acceleration_for_motion(b, f_W)
+    f_W[2] += body.gravity
+    rest_W = np.empty(3)
+    size = 0.0
+    for i in range(3):
+        rest_W[i] = w.f_hands_W[i] + w.f_rest_W[i]
+        size += rest_W[i] * rest_W[i]
+    size = min(1.0, b.par.f_integral_max / max(math.sqrt(size), 1e-9))
+    for i in range(3):
+        f_W[i] = body.mass * f_W[i] - size * rest_W[i]
+
+
+@njit(cache=True, error_model="numpy")
+def acceleration_for_motion(b: Record, a_W: Any) -> None:
+    """Acceleration a_W (3,) m/s^2 that the loops ask of the platform, the reference's included."""
+    par, ref, est, w = b.par, b.ref, b.est, b.wrench
     # axes of the platform, level: forward, left, up
     forward, left = np.empty(2), np.empty(2)
     x, y = est.R_WB[0, 0], est.R_WB[1, 0]
@@ -83,17 +99,9 @@ def force_for_motion(b: Record, f_W: Any) -> None:
         a[i] = par.k_velocity[i] * (scale * e[i] + v[i])
     if w.swing >= 0:
         damp_swing(b, forward, left, a)
-    f_W[0] = forward[0] * a[0] + left[0] * a[1]
-    f_W[1] = forward[1] * a[0] + left[1] * a[1]
-    f_W[2] = a[2] + body.gravity
-    rest_W = np.empty(3)
-    size = 0.0
-    for i in range(3):
-        rest_W[i] = w.f_hands_W[i] + w.f_rest_W[i]
-        size += rest_W[i] * rest_W[i]
-    size = min(1.0, par.f_integral_max / max(math.sqrt(size), 1e-9))
-    for i in range(3):
-        f_W[i] = body.mass * (f_W[i] + ref.a_WB[i]) - size * rest_W[i]
+    a_W[0] = forward[0] * a[0] + left[0] * a[1] + ref.a_WB[0]
+    a_W[1] = forward[1] * a[0] + left[1] * a[1] + ref.a_WB[1]
+    a_W[2] = a[2] + ref.a_WB[2]
 
 
 @njit(cache=True, error_model="numpy")

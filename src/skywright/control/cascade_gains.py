@@ -32,7 +32,8 @@ Array = NDArray[np.float64]
 DELAY_TICKS = 1.5  # control ticks from the gyroscope to the rotors: half a sample, hold, computing
 FREE_MARGIN = math.radians(35.0)  # rad, of the rate loop above a resonance
 YAW = 0.4  # of roll and pitch: yaw has little torque (PX4's default weight of yaw, MC_YAW_WEIGHT)
-FASTEST_SWING = 2.0  # poles of the swing over its natural frequency, at most
+SLOWEST_SWING, FASTEST_SWING = 0.8, 2.0  # poles of the swing over its natural frequency
+SLOWEST_HUNG = 0.3  # with the platform held, a link swings slower than with one that gives way
 
 
 class SwingModel(NamedTuple):
@@ -48,6 +49,11 @@ class SwingModel(NamedTuple):
         """Frequency (rad/s) with the platform free to move."""
         reduced = self.mass * self.second - self.first**2
         return math.sqrt(self.gravity * self.first * self.mass / reduced)
+
+    @property
+    def pull(self) -> float:
+        """Force of the link on a platform that stands, over the mass, an angle (m/s^2)."""
+        return self.gravity * self.first**2 / (self.mass * self.second)
 
 
 class SwingGains(NamedTuple):
@@ -91,22 +97,25 @@ def attitude_lag(s: complex, k_attitude: float, k_rate: float, lead: float) -> c
 
 
 def place_swing_poles(
-    m: SwingModel, lag: Any, k_position: float, k_velocity: float, damping: float
-) -> SwingGains:
+    m: SwingModel, lag: Any, k_position: float, k_velocity: float, damping: float,
+    angle: float = 0.0,
+) -> SwingGains:  # fmt: skip
     """Place the poles of platform and swing through the attitude loop's lag.
 
     Planar model, psi the link's angle in W: m x'' - b psi'' = f, -b x'' + J psi'' + b g psi = 0,
     f = -lag(s) m (k_x x + k_v v + k_s psi'). Each pole s demands 1 + lag k . z(s) = 0, linear in
     the gains. Two poles of the platform's motion, s^2 + k_v s + k_v k_x, and two of the swing with
-    `damping`, whose frequency is where no gain on the angle psi itself is needed: a link that is
-    held at an angle then moves the platform nowhere.
+    `damping`, whose frequency is where the gain on the angle psi itself is `angle` (m/s^2): with
+    zero a link that is held at an angle moves the platform nowhere.
 
     Raises InputError when no such frequency exists.
     """
-    found = _find_swing(m, lag, k_position, k_velocity, damping)
+    found = _find_swing(m, lag, k_position, k_velocity, damping, angle)
     if found is None:
         dampings = np.linspace(0.02, damping, 50)
-        within = [d for d in dampings if _find_swing(m, lag, k_position, k_velocity, float(d))]
+        within = [
+            d for d in dampings if _find_swing(m, lag, k_position, k_velocity, float(d), angle)
+        ]
         most = f"at most {within[-1]:.2f} is" if within else "no damping is"
         raise InputError(
             f"robot.control.swing_damping = {damping:g}: {most} within reach of this "
@@ -116,9 +125,9 @@ def place_swing_poles(
 
 
 def _find_swing(
-    m: SwingModel, lag: Any, k_position: float, k_velocity: float, damping: float
+    m: SwingModel, lag: Any, k_position: float, k_velocity: float, damping: float, wanted: float
 ) -> SwingGains | None:
-    """`place_swing_poles` at the frequency that needs no gain on the angle, if there is one."""
+    """`place_swing_poles` at the frequency that needs the gain `wanted` on the angle, if any."""
     motion = np.roots([1.0, k_velocity, k_velocity * k_position]).astype(complex)
     both = [motion[0]] if abs(motion[0].imag) > 1e-9 else list(motion)
     reduced = m.mass * m.second - m.first**2
@@ -138,8 +147,9 @@ def _find_swing(
                 right.append(value.imag)
         return np.linalg.solve(np.array(rows), np.array(right)), swing
 
-    grid = m.natural * np.linspace(0.8, FASTEST_SWING, 61)
-    angle_gain = [gains(w)[0][2] for w in grid]
+    slowest = SLOWEST_SWING if wanted == 0.0 else SLOWEST_HUNG
+    grid = m.natural * np.linspace(slowest, FASTEST_SWING, 61)
+    angle_gain = [gains(w)[0][2] - wanted for w in grid]
     changes = [i for i in range(60) if angle_gain[i] * angle_gain[i + 1] <= 0.0]
     if not changes:
         return None
@@ -147,13 +157,19 @@ def _find_swing(
     rising = angle_gain[changes[0]] < 0.0
     for _ in range(50):
         mid = 0.5 * (lo + hi)
-        lo, hi = (mid, hi) if (gains(mid)[0][2] < 0.0) == rising else (lo, mid)
+        lo, hi = (mid, hi) if (gains(mid)[0][2] < wanted) == rising else (lo, mid)
     k, swing = gains(0.5 * (lo + hi))
     return SwingGains(float(k[0]), float(k[1]), float(k[3]), np.array([motion[0], swing]))
 
 
-def fill_cascade(b: Any, robot: Robot, world: World, model: NDArray[Any]) -> None:
-    """Write the gains and the wrench estimator's parameters into a BELIEF record."""
+def fill_cascade(
+    b: Any, robot: Robot, world: World, model: NDArray[Any], inverted: bool = False
+) -> None:
+    """Write the gains and the wrench estimator's parameters into a BELIEF record.
+
+    `inverted`: for control/model_inversion.py, whose gains act on what the platform weighs beside
+    a free link, and which adds the link's pull: in this model a gain of -b^2 g / (m J) on psi.
+    """
     c, par, w = robot.control, b["par"], b["wrench"]
     q = posture(robot, "working")
     wrench, body = np.zeros(1, WRENCH), np.zeros(1, BODY)
@@ -196,7 +212,13 @@ def fill_cascade(b: Any, robot: Robot, world: World, model: NDArray[Any]) -> Non
         float(par["k_position"][along]),
         float(par["k_velocity"][along]),
         c.swing_damping,
+        -m.pull if inverted else 0.0,
     )
+    if inverted:
+        beside = 1.0 - m.pull / m.gravity  # mass that the platform feels, over the whole
+        gains = SwingGains(
+            gains.position / beside, gains.velocity / beside, gains.swing / beside, gains.poles
+        )
     par["k_velocity"][along] = gains.velocity
     par["k_position"][along] = gains.position / gains.velocity
     par["k_swing"] = gains.swing

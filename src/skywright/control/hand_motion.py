@@ -109,16 +109,21 @@ def move_hand(b: Record, h: int, dr: Any, smooth: bool) -> None:
     lead = np.zeros(3)
     if smooth:
         _lead(b, h, p_B, lead)
-    for a in range(3):
-        vec[a] = p_B[a] + lead[a] - arms.p_BA[a]
-    mat_t_vec(arms.R_BA, vec, p_A)
-    for a in range(3):
-        p_A[a] -= arms.p_BS[h, a]
-    q, reached = np.empty(4), np.empty(3)
-    status = solve_arm(
-        arms.upper, arms.fore, p_A, ref.q[first + 1], arms.q_goal[first : first + 4],
-        arms.q_min[first : first + 4], arms.q_max[first : first + 4], q, reached,
-    )  # fmt: skip
+    q, reached, status = np.empty(4), np.empty(3), -1
+    for attempt in range(2):
+        if attempt == 1:  # a lead that ends out of reach is no reason to give p_ref up
+            lead[:] = 0.0
+        for a in range(3):
+            vec[a] = p_B[a] + lead[a] - arms.p_BA[a]
+        mat_t_vec(arms.R_BA, vec, p_A)
+        for a in range(3):
+            p_A[a] -= arms.p_BS[h, a]
+        status = solve_arm(
+            arms.upper, arms.fore, p_A, ref.q[first + 1], arms.q_goal[first : first + 4],
+            arms.q_min[first : first + 4], arms.q_max[first : first + 4], q, reached,
+        )  # fmt: skip
+        if status == REACHED or not smooth:
+            break
     if smooth:
         arms.saturated[h] = 0.0
     if status != REACHED:

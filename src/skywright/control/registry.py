@@ -22,6 +22,7 @@ LAWS = {
     "thrust_vectoring": "skywright.control.thrust_vectoring",
     "cascade": "skywright.control.cascade",
     "backstepping": "skywright.control.backstepping",
+    "model_inversion": "skywright.control.model_inversion",
     # the alternatives that Tognon 2018 argues against
     "joint_space": "skywright.control.joint_space",
     "inverse_kinematics": "skywright.control.inverse_kinematics",
@@ -32,6 +33,10 @@ ARMS_LAWS = {
 }
 """Laws of arms with position servos: `step_c` reads ref and arms and fills cmd.theta."""
 FULLY_ACTUATED = {"backstepping", "push_and_slide", "joint_space", "inverse_kinematics", "tip_pd"}
+
+
+CASCADED = {"cascade", "model_inversion"}
+"""Laws of a platform that leans, with the gains of control/cascade_gains.py."""
 
 
 class Law(NamedTuple):

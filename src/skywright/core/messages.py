@@ -79,6 +79,10 @@ float64 reference                   # N
 float64 pressing                    # 1 while the arm controls the force
 float64 docked                      # 1 while the docking feet shall rest on the structure
 geometry_msgs/Vector3 docking_force # N, of the structure on the feet, in map""",
+    "skywright_msgs/Localisation": """\
+std_msgs/Header header
+float64 fix_age                     # s, since the total station's newest sample that was used
+float64 position_std                # m, largest of the estimated position's axes""",
     "skywright_msgs/Complex": """\
 float64 re
 float64 im""",
@@ -139,9 +143,9 @@ def _joints(name: str, **fields: str) -> Topic:
     return Topic(name, "sensor_msgs/JointState", "", fields, lengths)
 
 
-PARTS = ("hands", "objects", "loads", "force")
+PARTS = ("hands", "objects", "loads", "force", "localisation")
 """What not every robot or world has: compliant arms with hands, movable things, gauges, a force
-sensor."""
+sensor, localisation without motion capture."""
 
 
 def _hand(side: str) -> list[Topic]:
@@ -260,6 +264,13 @@ TOPICS = (
             "docking_force": "f_docking_W",
         },
         part="force",
+    ),
+    Topic(
+        "/estimate/localisation",
+        "skywright_msgs/Localisation",
+        MAP,
+        {"fix_age": "fix_age", "position_std": "pose_std"},
+        part="localisation",
     ),
     Topic(
         "/tf",

@@ -11,6 +11,9 @@ NonNegative = Annotated[float, Field(ge=0)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_. -]{0,63}$")]
 """Names become folder names: letters, digits, space, and ._- after the first character."""
 Coordinate = Annotated[float, Field(ge=-1000, le=1000)]  # m
+Length = Annotated[float, Field(ge=1e-6, le=100)]  # m, of a part
+Offset = Annotated[float, Field(ge=-100, le=100)]  # m, of a part from another
+Bandwidth = Annotated[float, Field(ge=1e-3, le=1000)]  # rad/s
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 SourceKind = Literal["paper", "derived", "datasheet", "assumed", "set"]

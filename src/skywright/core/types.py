@@ -48,6 +48,7 @@ REFERENCE = np.dtype(
         ("v_WH", f8, (MAX_HANDS, 3)),  # m/s
         ("f_WH", f8, (MAX_HANDS, 3)),  # N, force that the hand shall exert on what it touches
         ("gamma", f8, MAX_HANDS),  # weight of force over position in Suarez 2020 (31)
+        ("load", f8, MAX_HANDS),  # N, weight that hangs on each hand, fed forward
         ("tau", f8, MAX_JOINTS),  # N m, torque that a joint's spring shall carry (18)
         ("delta", f8, MAX_JOINTS),  # (22): 1 output position `q`, 0 torque `tau`
         ("tare", f8),  # 1: the estimated contact forces of now are called zero
@@ -196,6 +197,19 @@ MEASUREMENT = np.dtype(
         ("p_WM", f8, 3),  # m, the marker by motion capture, new with mocap_fresh
         ("R_WM", f8, (3, 3)),
         ("force", f8),  # N, of the probe's force sensor
+        # without motion capture (world.localisation)
+        ("fix_fresh", f8),  # 1 when new this tick: where a point of the robot was (`flt.p_BF`,
+        #                     `fus.p_BP`), by satellites or a total station
+        ("fix_t", f8),  # s, for which it holds, by the clock of what measured
+        ("fix_p", f8, 3),  # m, in W
+        ("fix_heading", f8),  # rad, of B's x axis, by satellites
+        ("odo_fresh", f8),  # 1: new; tracking camera, in its own frame C
+        ("odo_t", f8),
+        ("odo_p", f8, 3),
+        ("odo_R", f8, (3, 3)),
+        ("range_fresh", f8),  # 1: new; distance below the robot
+        ("range_t", f8),
+        ("range", f8),  # m
     ]
 )
 """What the sensors say this tick."""
@@ -229,6 +243,9 @@ FILTER = np.dtype(
         ("p_bg", f8),
         ("r_p", f8),  # m^2, motion capture
         ("r_R", f8),  # rad^2
+        ("p_BF", f8, 3),  # m, the point that fixes are of
+        ("r_fix", f8, 3),  # m^2, of a fix
+        ("r_heading", f8),  # rad^2, of its heading; 0: it has none
         ("vibration_v", f8),  # (m/s)^2, shaking of the unit on its mount
         ("vibration_R", f8),  # rad^2
         ("q_c", f8),  # m^2/s, walk of the tip's correction
@@ -272,6 +289,62 @@ FILTER = np.dtype(
 )
 """Parameters and memory of the error-state Kalman filter."""
 
+N_FUSION = 24
+PENDING = 128
+"""Samples of a sensor that may wait for the horizon."""
+
+FUSION = np.dtype(
+    [
+        # parameters
+        ("lag", f8),  # s, how far the horizon is behind
+        ("p_BP", f8, 3),  # m, prism
+        ("R_WC", f8, (3, 3)),  # frame and scale of the camera as calibrated
+        ("scale", f8),  # m of a unit of the camera
+        ("clock", f8),  # s, station's clock ahead of the robot's, as calibrated
+        ("r_fix", f8),  # m^2
+        ("r_odo", f8),  # m^2
+        ("r_odo_R", f8),  # rad^2
+        ("r_range", f8),  # m^2
+        ("q_walk_m", f8),  # m^2 a metre of path, of the camera's drift
+        ("q_walk_s", f8),  # m^2/s
+        ("q_yaw", f8),  # rad^2/s, of the camera's frame
+        ("q_tilt", f8),
+        ("q_scale", f8),  # 1/s
+        ("std_0", f8, 4),  # at the start: tilt, heading (rad), scale, clock (s)
+        ("bias_0", f8),  # m, of the range finder
+        # state beyond FILTER's, at its horizon
+        ("drift", f8, 3),  # m, of the aligned camera
+        ("T", f8, (3, 3)),  # rotation of the aligned camera against the truth
+        ("growth", f8),  # log of its scale against the truth
+        ("range_bias", f8),  # m
+        ("delay", f8),  # s, station's clock beyond `clock`
+        ("P", f8, (N_FUSION, N_FUSION)),
+        # samples that wait
+        ("fix_n", i8),  # received, modulo PENDING the place of the next one
+        ("fix_used", i8),
+        ("fix_t", f8, PENDING),
+        ("fix_p", f8, (PENDING, 3)),
+        ("odo_n", i8),
+        ("odo_used", i8),
+        ("odo_t", f8, PENDING),
+        ("odo_p", f8, (PENDING, 3)),
+        ("odo_R", f8, (PENDING, 3, 3)),
+        ("range_n", i8),
+        ("range_used", i8),
+        ("range_t", f8, PENDING),
+        ("range", f8, PENDING),
+        # what became of them
+        ("last_fix", f8),  # s, stamp of the newest fix that was fused
+        ("fixes", i8),
+        ("rejected", i8),
+        ("rejected_row", i8),
+        ("late", i8),  # came after the horizon had passed
+        ("jumps", i8),  # of the camera
+    ]
+)
+"""Total station, tracking camera and range finder beside the inertial unit
+(estimation/station_camera.py)."""
+
 ARMS = np.dtype(
     [
         # parameters
@@ -294,11 +367,7 @@ ARMS = np.dtype(
         ("speed_max", f8),  # rad/s, of the servos
         ("upper", f8),  # m, upper arm
         ("fore", f8),  # m, forearm with the hand
-        (
-            "pad",
-            f8,
-            MAX_HANDS,
-        ),  # m, from the hand's end back to its ball's centre
+        ("pad", f8, MAX_HANDS),  # m, from the hand's end back to its ball's centre
         ("marker_mocap", f8),  # 1: the marker is measured by motion capture, not by a camera
         ("p_BS", f8, (MAX_HANDS, 3)),  # m, shoulders, in B (where a passive link carries them:
         #                                in the frame of that link)
@@ -387,6 +456,7 @@ BELIEF = np.dtype(
         ("meas", MEASUREMENT),
         ("obs", OBSERVER),
         ("flt", FILTER),
+        ("fus", FUSION),
         ("est", ESTIMATE),
         ("body", BODY),
         ("arms", ARMS),
@@ -476,6 +546,9 @@ SAMPLE = np.dtype(
         ("pressing", f8),  # 1: the arm controls the force
         ("docked", f8),  # 1: the feet shall rest on the structure
         ("f_docking_W", f8, 3),  # N, force of the structure on the docking feet
+        # localisation without motion capture
+        ("fix_age", f8),  # s, since the newest fix of the total station that was used
+        ("pose_std", f8),  # m, largest of the estimated position's axes
         # movable things of the world
         *[(f"object{i}_{n}", f8, k) for i in range(MAX_OBJECTS) for n, k in _POSE],
     ]

@@ -1,4 +1,6 @@
-"""Error-state Kalman filter of inertial unit and motion capture on SO(3), at a delayed horizon.
+"""Error-state Kalman filter of inertial unit and external localisation, at a delayed horizon.
+
+External localisation is motion capture (`fuse`), or fixes of a point (estimation/position_fix.py).
 
 State: position p and velocity v of the inertial unit in W, attitude R_WB, gyroscope bias b_g and
 accelerometer bias b_a in B. The error is (dp, dv, dtheta, db_g, db_a), 15 numbers, with the
@@ -33,6 +35,7 @@ from skywright.core.rotations import (
 )
 from skywright.core.signature import ON_BELIEF
 from skywright.core.types import IMU_HISTORY
+from skywright.estimation.position_fix import fuse_fix, move_to_fix, start_from_fix
 from skywright.estimation.strapdown import (
     BA_,
     BG_,
@@ -53,6 +56,7 @@ COVARIANCE_STEP = 10  # IMU samples: R turns by 0.01 rad in it at 1 rad/s
 GATE = 22.46  # chi-square of 6 at 99.9 %
 RESTART_AFTER = 10  # rejected samples in a row that agree with each other
 AGREE_P, AGREE_R = 0.1, 0.2  # m, rad: how far two good samples may be apart
+AGREE_SIGMAS = 4.0  # of two fixes, on top
 SPEED_START = 0.3  # m/s, 1 sigma when the filter starts
 HOLD_ACCEL, HOLD_RATE = 1.0, 0.2  # m/s^2, rad/s: 1 sigma of what a lost inertial sample hid
 
@@ -156,7 +160,7 @@ def fuse(flt: Record, meas: Record) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def _receive(flt: Record, meas: Record) -> None:
+def receive_inertial(flt: Record, meas: Record) -> None:
     """Append this tick's inertial samples; a gap (packets lost) is bridged by holding the first."""
     missing = int((meas.t - flt.t) / flt.h + 0.5) - meas.imu_n
     flt.t = meas.t
@@ -247,7 +251,37 @@ def _use_mocap(b: Record) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_estimate(b: Record) -> None:
+def _use_fix(b: Record) -> bool:
+    """Bring the horizon to the time of a fix and fuse it; False when nothing changed."""
+    flt, meas = b.flt, b.meas
+    n = flt.n - int((meas.t - meas.fix_t) / flt.h + 0.5)
+    if n > flt.n or n < flt.n_f or n <= flt.n - IMU_HISTORY:
+        return False
+    far = spread = 0.0
+    for i in range(3):
+        far += (meas.fix_p[i] - flt.last_p[i]) ** 2
+        spread += flt.r_fix[i]
+        flt.last_p[i] = meas.fix_p[i]
+    agrees = far < AGREE_P**2 + AGREE_SIGMAS**2 * spread
+    if flt.ready < 2.0:
+        if flt.ready == 1.0 and agrees:
+            start_from_fix(flt, meas, n, b.body.gravity, SPEED_START)
+        flt.ready = max(flt.ready, 1.0)
+        return flt.ready == 2.0
+    advance(flt, n, b.body.gravity)
+    if fuse_fix(flt, meas):
+        flt.fused += 1
+        flt.rejected_row = 0
+    else:
+        flt.rejected += 1
+        flt.rejected_row = flt.rejected_row + 1 if agrees else 1
+        if flt.rejected_row >= RESTART_AFTER:
+            move_to_fix(flt, meas, SPEED_START, HOLD_RATE)
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def fill_estimate(b: Record) -> None:
     """Platform pose and velocity at B from the state at the inertial unit, brought to now."""
     flt, est, meas = b.flt, b.est, b.meas
     w, lever, turn = np.empty(3), np.empty(3), np.empty(3)
@@ -279,7 +313,7 @@ def _fill_estimate(b: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _estimate_force(b: Record, dv: Array, span: float) -> None:
+def estimate_force(b: Record, dv: Array, span: float) -> None:
     """External force: measured specific force times mass, less what the rotors make; low-passed.
 
     `dv` is the integral of the specific force in W over `span` seconds.
@@ -306,11 +340,12 @@ def step(b: Record) -> None:
     est.t = b.t
     before = flt.n
     if meas.imu_n > 0:
-        _receive(flt, meas)
+        receive_inertial(flt, meas)
         for n in range(before, flt.n):
             for i in range(3):
                 flt.p_BT[n & MASK, i] = b.body.p_BT[i]
     changed = meas.mocap_fresh > 0.0 and _use_mocap(b)
+    changed = changed or (meas.fix_fresh > 0.0 and _use_fix(b))
     if flt.ready < 2.0:
         return
     if flt.n - flt.n_f > IMU_HISTORY // 2:  # nothing to fuse for long: keep up with the ring
@@ -327,8 +362,8 @@ def step(b: Record) -> None:
         before = max(before, flt.n_f)
     if before < flt.n:
         integrate(flt, before, flt.n, gravity, flt.p, flt.v, flt.R, dv, turn)
-        _estimate_force(b, dv, flt.h * (flt.n - before))
-    _fill_estimate(b)
+        estimate_force(b, dv, flt.h * (flt.n - before))
+    fill_estimate(b)
     fill_tip(b, flt.c_B)
 
 

@@ -1,7 +1,7 @@
 """Strapdown integration of inertial samples, and the covariance that goes with it.
 
 The error is (dp, dv, dtheta, db_g, db_a) with the attitude's in W (estimation/error_state.py). Its
-F has four blocks off the diagonal, so F P F' is shears of block rows (`_shear`), one a block,
+F has four blocks off the diagonal, so F P F' is shears of block rows (`shear`), one a block,
 instead of two dense 15 x 15 products.
 """
 
@@ -70,11 +70,11 @@ def integrate(
 
 
 @njit(cache=True, error_model="numpy")
-def _shear(P: Array, i: int, j: int, M: Array) -> None:
+def shear(P: Array, i: int, j: int, M: Array) -> None:
     """P <- S P S' with S = I + M in block (i, j): x_i += M x_j."""
     for r in range(3):
         m0, m1, m2 = M[r, 0], M[r, 1], M[r, 2]
-        for c in range(N_STATE):
+        for c in range(P.shape[1]):
             P[i + r, c] += m0 * P[j, c] + m1 * P[j + 1, c] + m2 * P[j + 2, c]
     for r in range(3):
         x, y, z = P[i + r, j], P[i + r, j + 1], P[i + r, j + 2]
@@ -87,7 +87,7 @@ def _shear(P: Array, i: int, j: int, M: Array) -> None:
 def _drift(P: Array, dt: float) -> None:
     """P <- S P S' with x_p += dt x_v."""
     for r in range(3):
-        for c in range(N_STATE):
+        for c in range(P.shape[1]):
             P[r, c] += dt * P[3 + r, c]
     for r in range(3):
         for c in range(3):
@@ -98,7 +98,7 @@ def _drift(P: Array, dt: float) -> None:
 @njit(cache=True, error_model="numpy")
 def _mirror(P: Array, i: int) -> None:
     """Copy block row `i` to block column `i`."""
-    for c in range(N_STATE):
+    for c in range(P.shape[1]):
         for r in range(3):
             P[c, i + r] = P[i + r, c]
 
@@ -107,18 +107,19 @@ def _mirror(P: Array, i: int) -> None:
 def propagate_covariance(flt: Record, P: Array, dv: Array, turn: Array, dt: float) -> None:
     """Advance `P` by `dt`: dp' = dv, dv' = -[R f] dtheta - R db_a, dtheta' = -R db_g, plus noise.
 
-    Half of the drift before and half after makes the step exact to second order.
+    Half of the drift before and half after makes the step exact to second order. Rows of `P`
+    beyond the 15 belong to states that stay as they are.
     """
     M = np.zeros((3, 3))
     M[0, 1], M[0, 2], M[1, 2] = dv[2], -dv[1], dv[0]
     M[1, 0], M[2, 0], M[2, 1] = -dv[2], dv[1], -dv[0]
     _drift(P, 0.5 * dt)
-    _shear(P, V_, R_, M)
+    shear(P, V_, R_, M)
     for i in range(3):
         for j in range(3):
             M[i, j] = -turn[i, j]
-    _shear(P, V_, BA_, M)
-    _shear(P, R_, BG_, M)
+    shear(P, V_, BA_, M)
+    shear(P, R_, BG_, M)
     _drift(P, 0.5 * dt)
     for i in range(3):
         P[V_ + i, V_ + i] += dt * flt.q_v

@@ -122,7 +122,7 @@ def _take_hands(b: Record) -> None:
 
     A hand's force counts while the reference asks it to press, and up to twice what is asked: in
     free air the springs carry the arm's inertia, and near a stretched arm their reading means
-    little. f_rest takes what this leaves out.
+    little. f_rest takes what this leaves out. A load that is said to hang on a hand counts in full.
 
     Slowed down to `bandwidth[0]`: while friction holds a hand, the link bounces on the springs of
     the arm (2.2 Hz under a wide pipe). The rotors answer a level force by leaning, at that
@@ -132,7 +132,7 @@ def _take_hands(b: Record) -> None:
     w.f_swing = 0.0
     if arms.on == 0:
         return
-    f_B, t_B, moment = np.empty(3), np.empty(3), np.zeros(3)
+    f_W, f_B, t_B, moment = np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
     force, about_swing = np.zeros(3), 0.0
     lever = 0.0
     for h in range(arms.n_hands):
@@ -140,12 +140,13 @@ def _take_hands(b: Record) -> None:
         if b.ref.task[h] == TASK_FORCE or b.ref.task[h] == TASK_FORCE_POSITION:
             asked, felt = norm(b.ref.f_WH[h]), norm(arms.f_WH[h])
             share = min(1.0, TRUSTED * asked / max(felt, 1e-9))
-        mat_t_vec(est.R_WB, arms.f_WH[h], f_B)
         for a in range(3):
-            f_B[a] *= share
+            f_W[a] = share * arms.f_WH[h, a]
+        f_W[2] += b.ref.load[h]
+        mat_t_vec(est.R_WB, f_W, f_B)
         cross(arms.p_BH[h], f_B, t_B)
         for a in range(3):
-            force[a] -= share * arms.f_WH[h, a]
+            force[a] -= f_W[a]
             moment[a] -= t_B[a]
             if w.swing >= 0:
                 about_swing -= arms.J_BH[h, a, w.swing] * f_B[a]

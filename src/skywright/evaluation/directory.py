@@ -36,17 +36,11 @@ def open_directory(out: Path | None, name: str) -> tuple[Path, Path]:
     try:
         if out is None:
             out = _find_free(Path("runs") / name)
-        if out.name.endswith(SUFFIX):
-            raise InputError(f"{out}: a finished run must not be called *{SUFFIX}")
+        check_free(out)
         partial = out.with_name(out.name + SUFFIX)
-        if out.exists():
-            raise InputError(f"{out} exists already; give another --out or remove it")
         partial.mkdir(parents=True)
     except FileExistsError as error:
-        raise InputError(
-            f"{out}{SUFFIX} exists already (an interrupted run, or one that still runs); "
-            "remove it or give another --out"
-        ) from error
+        raise _taken(out) from error
     except (OSError, ValueError) as error:
         raise InputError(
             f"cannot create {str(out)[:80]!r}: {getattr(error, 'strerror', None) or error}"
@@ -54,6 +48,26 @@ def open_directory(out: Path | None, name: str) -> tuple[Path, Path]:
     if not os.access(partial, os.W_OK):
         raise InputError(f"cannot write into {partial}")
     return out, partial
+
+
+def check_free(out: Path) -> None:
+    """Refuse a name that is taken; `open_directory` asks again. Raises InputError."""
+    if out.name.endswith(SUFFIX):
+        raise InputError(f"{out}: a finished run must not be called *{SUFFIX}")
+    try:
+        if out.exists():
+            raise InputError(f"{out} exists already; give another --out or remove it")
+        if out.with_name(out.name + SUFFIX).exists():
+            raise _taken(out)
+    except (OSError, ValueError):
+        return  # a name that cannot be: told where the directory is made
+
+
+def _taken(out: Path | None) -> InputError:
+    return InputError(
+        f"{out}{SUFFIX} exists already (an interrupted run, or one that still runs); "
+        "remove it or give another --out"
+    )
 
 
 def _find_free(base: Path) -> Path:

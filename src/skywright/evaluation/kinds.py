@@ -26,6 +26,7 @@ METRICS = {
     "impact": "skywright.evaluation.impact:compute_impact_metrics",
     "scan": "skywright.evaluation.metrics:compute_scan_metrics",
     "sensor-install": "skywright.evaluation.sensor_install:compute_install_metrics",
+    "tool-install": "skywright.evaluation.tool_install:compute_tool_metrics",
     "waypoints": "skywright.evaluation.metrics:compute_waypoint_metrics",
     "excitation": "skywright.evaluation.metrics:compute_waypoint_metrics",
 }

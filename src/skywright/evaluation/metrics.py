@@ -28,6 +28,8 @@ LIFT_OFF_THRESHOLD = 15.0  # instrument units, Tognon 2018 section VII
 WELD_THRESHOLD = 1.4
 OFF_SURFACE = 1e-4
 """m, gap above which the tip counts as off the surface; below lies the soft contact model."""
+OUTAGE = 0.6
+"""s without a sample of the total station that count as an outage."""
 HOP_S = 0.05
 """s, a shorter time off the surface is a hop: in gusts it is counted, but is no lost contact."""
 
@@ -58,6 +60,22 @@ def compute_common_metrics(samples: Samples, phases: list[PhaseRecord]) -> dict[
     }
     if len(error):
         out["estimate.position_rms_mm"] = 1e3 * float(np.sqrt(np.mean(error**2)))
+        out["estimate.position_max_mm"] = 1e3 * float(np.max(error))
+        out.update(_judge_localisation(samples[flying], error, dt[flying]))
+    return out
+
+
+def _judge_localisation(s: Samples, error: Array, dt: Array) -> dict[str, float]:
+    """How a flight without motion capture bears outages of its total station."""
+    if not np.any(s["pose_std"] > 0.0):
+        return {}
+    away = s["fix_age"] > OUTAGE
+    out = {
+        "estimate.outage_s": float(np.sum(dt[away])),
+        "estimate.sigmas": float(np.sqrt(np.mean((error / s["pose_std"]) ** 2) / 3.0)),
+    }
+    if np.any(away):
+        out["estimate.outage_max_mm"] = 1e3 * float(np.max(error[away]))
     return out
 
 

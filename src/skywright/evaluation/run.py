@@ -230,13 +230,18 @@ def _prepare(description: Description) -> tuple[MissionPlan, SimulatedVehicle]:
     check_can_fly(description.robot, description.world.gravity_mps2)
     check_requirement_names(description.mission)
     warm_up = None if is_compiled() else start_warm_up()
-    plan = plan_mission(description)
-    if warm_up is not None:
-        plan = plan_mission(description)  # the first time compiled; its planning time says nothing
-    if not plan.feasible:
-        raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
-    if warm_up is not None:
-        warm_up.wait()
+    try:
+        plan = plan_mission(description)
+        if warm_up is not None:
+            plan = plan_mission(description)  # the first one compiled: its time says nothing
+        if not plan.feasible:
+            raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
+        if warm_up is not None:
+            warm_up.wait()
+    except BaseException:
+        if warm_up is not None:
+            warm_up.terminate()  # what it compiled so far is kept
+        raise
     return plan, build_vehicle(description)
 
 

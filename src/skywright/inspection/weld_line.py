@@ -143,12 +143,6 @@ def estimate_weld_line(s: Array, c: Array, v_s: Array, v_c: Array, std: Array) -
     )
 
 
-def line_offset(line: WeldLine) -> float:
-    """s (m) where the line meets c = 0 (NaN for a line along the axis)."""
-    cosine = math.cos(line.angle)
-    return line.s - line.c * math.sin(line.angle) / cosine if cosine > 1e-9 else math.nan
-
-
 def compute_line_error(line: WeldLine, weld: Weld) -> tuple[float, float]:
     """(offset, angle) errors (m, rad) of an estimated line against the true weld.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import exp_so3, log_so3
 from skywright.models.rigid_body import compute_tip
-from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
+from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration
 
 Array = NDArray[np.float64]
 Table = NDArray[Any]
@@ -55,23 +54,15 @@ def build_move(
         duration(float(np.max(np.abs(joints))), JOINT_SPEED, JOINT_ACCELERATION),
         least,
     )
-    n = max(math.ceil(total / ROW_PERIOD), 1)
-    total = n * ROW_PERIOD
-    u = np.linspace(0.0, 1.0, n + 1)
-    s, ds, dds = quintic(u)
-    table = np.repeat(end[None], n + 1)
-    table["t"] = u * total
-    table["p_WB"] = start["p_WB"] + s[:, None] * delta
-    table["v_WB"] = ds[:, None] * delta / total
-    table["a_WB"] = dds[:, None] * delta / total**2
-    table["w_WB_B"] = ds[:, None] * turn / total
-    table["wd_WB_B"] = dds[:, None] * turn / total**2
+    table, u, s, ds, dds = build_straight(start, end, delta, total)
+    table["w_WB_B"] = ds[:, None] * turn
+    table["wd_WB_B"] = dds[:, None] * turn
     table["q"] = start["q"] + s[:, None] * joints
-    table["qd"] = ds[:, None] * joints / total
+    table["qd"] = ds[:, None] * joints
     rotation = np.empty((3, 3))
     tip, R_BT = compute_tip(model, start["q"][:n_joints])
     moving = bool(np.any(joints))
-    for i in range(n + 1):
+    for i in range(len(table)):
         exp_so3(s[i] * turn, rotation)
         table["R_WB"][i] = start["R_WB"] @ rotation
         if moving:

@@ -52,6 +52,7 @@ KINDS = {
     "waypoints": "skywright.missions.kinds.waypoints",
     "bimanual-bench": "skywright.missions.kinds.bimanual_bench",
     "sensor-install": "skywright.missions.kinds.sensor_install",
+    "tool-install": "skywright.missions.kinds.tool_install",
     "excitation": "skywright.missions.kinds.excitation",
     "bridge-contact": "skywright.missions.kinds.bridge_contact",
     "arm-test-bench": "skywright.missions.kinds.arm_test_bench",
@@ -69,6 +70,7 @@ TASKS = {
     "follow-plan": "skywright.missions.tasks.follow_plan:FollowPlanMission",
     "impact": "skywright.missions.tasks.impact:ImpactMission",
     "sensor-install": "skywright.missions.tasks.sensor_install:SensorInstallMission",
+    "tool-install": "skywright.missions.tasks.tool_install:ToolInstallMission",
     "excitation": "skywright.missions.kinds.excitation:ExcitationMission",
 }
 """Kind of mission -> "module:class" of its spec, where it has a table `mission.task`."""

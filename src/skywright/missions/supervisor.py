@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.interrupt import check_interrupt
 from skywright.missions.flight import Flight, Measurement, PhaseRecord
 from skywright.missions.planning import MissionPlan
 from skywright.missions.registry import load_kind
@@ -114,6 +115,7 @@ class Supervisor:
 
     def tick(self, guards: int = 0) -> Any:
         """Run one mission tick; raises LostControl when there is nothing left to command."""
+        check_interrupt()
         ticked = self.vehicle.tick(guards)
         if ticked.fired & LOST_CONTROL:
             raise LostControl(self._explain_lost_control())
@@ -128,7 +130,7 @@ class Supervisor:
         if age > FIX_AGE_MAX:
             return (
                 f"control was lost in {self._open[0] if self._open else 'the flight'} at t = "
-                f"{self.vehicle.t:.1f} s: no motion capture for {age:.1f} s"
+                f"{self.vehicle.t:.1f} s: nothing told where it is for {age:.1f} s"
             )
         tilt = math.degrees(math.acos(min(max(float(est["R_WB"][2, 2]), -1.0), 1.0)))
         phase = self._open[0] if self._open else "the flight"

@@ -113,12 +113,8 @@ def _add_link_joints(
     joint = body.add_joint(name=name, axis=axis, type=SLIDE if slide else HINGE)
     if not plant:
         return
-    if not slide:  # mechanical stops, a little beyond what the controllers may use
-        joint.limited = LIMITED
-        joint.range = [
-            math.radians(link.joint_min_deg) - STOP_SLACK,
-            math.radians(link.joint_max_deg) + STOP_SLACK,
-        ]
+    if not slide and not _is_soft(link):
+        joint.limited, joint.range = LIMITED, _stops(link)
     if link.passive:
         _set_coefficient(joint, "damping", link.damping_nms_per_rad)
         joint.frictionloss = link.friction_nm
@@ -148,6 +144,19 @@ def _add_link_joints(
         _set_coefficient(bend, "damping", damping)
 
 
+def _is_soft(link: Link) -> bool:
+    """Whether a joint's spring gives way by degrees: then shaft and output link differ by them."""
+    return link.flex_stiffness_nm_per_rad is not None and link.flex_linear_deg is not None
+
+
+def _stops(link: Link) -> list[float]:
+    """Mechanical stops (rad) of a link, a little beyond what the controllers may use."""
+    return [
+        math.radians(link.joint_min_deg) - STOP_SLACK,
+        math.radians(link.joint_max_deg) + STOP_SLACK,
+    ]
+
+
 def _backlash(robot: Robot, limb: Limb) -> float:
     """Backlash (rad) of a link's servo."""
     if limb.servo < 0:
@@ -161,6 +170,11 @@ def _add_springs(spec: mujoco.MjSpec, robot: Robot, limb: Limb) -> None:
     k, slack = link.flex_stiffness_nm_per_rad, 0.5 * _backlash(robot, limb)
     if k is None:
         return
+    if _is_soft(link):
+        # what stops is the output link, in its frame; the servo's shaft turns on by the deflection
+        tendon = spec.add_tendon(name=f"{limb.name} stop", limited=LIMITED, range=_stops(link))
+        tendon.wrap_joint(limb.name, 1.0)
+        tendon.wrap_joint(f"{limb.name} flex", 1.0)
     if slack > 0.0:  # the gear's play in series with the spring: no torque within it
         tendon = spec.add_tendon(name=f"{limb.name} spring")
         tendon.wrap_joint(f"{limb.name} flex", 1.0)

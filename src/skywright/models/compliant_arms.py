@@ -234,6 +234,22 @@ def estimate_joints(b: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def _add_load(b: Record, k: Record) -> None:
+    """Add what a weight that hangs on the hands asks of the joints to `t_gravity`: J^T f.
+
+    All that knows the arms' own weight (feed-forward, estimates of deflection and force) then knows
+    the load's.
+    """
+    arms = b.arms
+    for h in range(arms.n_hands):
+        if b.ref.load[h] == 0.0:
+            continue
+        for j in range(arms.first[h], arms.first[h] + arms.n):
+            for a in range(3):  # row z of R_WB: what is up, in B
+                arms.t_gravity[j] += k.J_BH[h, a, j] * b.est.R_WB[2, a] * b.ref.load[h]
+
+
+@njit(cache=True, error_model="numpy")
 def fill_arms(b: Record, m: Record, k: Record, stiff: Record) -> None:
     """Fill the arms' state of this tick: gravity torques, deflections, hands; every arms' tick.
 
@@ -244,12 +260,13 @@ def fill_arms(b: Record, m: Record, k: Record, stiff: Record) -> None:
     g_W[2] = -m.gravity
     mat_t_vec(est.R_WB, g_W, g_B)
     fill_gravity_torque(m, k, g_B, arms.t_gravity)
+    fill_hands(m, k)
+    _add_load(b, k)
     shafts = np.empty(MAX_JOINTS)
     for j in range(MAX_JOINTS):
         if arms.k[j] > 0.0 and arms.sensed[j] == 0.0:
             arms.deflection[j] = joint_deflection(arms, j, arms.t_gravity[j])
         shafts[j] = est.q[j] + arms.deflection[j]
-    fill_hands(m, k)
     fill_kinematics(m, shafts, stiff)
     fill_hands(m, stiff)
     vec, spin, rate = np.empty(3), np.empty(3), np.empty(3)

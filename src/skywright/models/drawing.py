@@ -90,7 +90,7 @@ def _build_part(scene: Scene, robot: Robot, world: World, body: int) -> Part:
     if body == scene.places.platform_body:
         motion = "free"
     elif name.startswith(OBJECT):
-        motion, joint = "object", list(world.objects).index(name.removeprefix(OBJECT))
+        motion, joint = "object", world.things.index(name.removeprefix(OBJECT))
     elif name == "slider":  # rigid in the nominal scene; a recording tells its compression
         motion, axis = "spring", np.array([-1.0, 0.0, 0.0])
     elif count:

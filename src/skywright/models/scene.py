@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_from_rot
 from skywright.core.types import MAX_HANDS
+from skywright.errors import InputError
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
 from skywright.models.bar_body import BAR, add_bar
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
@@ -25,6 +26,7 @@ from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.structure_body import add_structure, list_structure
 from skywright.models.things import OBJECT, add_bench, add_things
+from skywright.models.tool_body import TOOL, add_tool
 from skywright.robots.limbs import list_limbs
 from skywright.robots.spec import Robot
 from skywright.worlds.scenario import get_structures
@@ -71,7 +73,11 @@ class Scene(NamedTuple):
 
 def build_scene(robot: Robot, world: World, deviation: Deviation | None = None) -> Scene:
     """Compile the nominal model, or with `deviation` the plant."""
-    model = build_spec(robot, world, deviation).compile()
+    try:
+        model = build_spec(robot, world, deviation).compile()
+    except ValueError as error:  # sizes that no other check knows, in MuJoCo's words
+        what = " ".join(str(error).split())
+        raise InputError(f"robot {robot.name!r} in world {world.name!r}: {what}") from None
     if robot.docking is not None:
         set_foot_stiffness(model, robot.docking)
     return Scene(model, _build_index(model, robot, deviation is not None), len(joint_names(robot)))
@@ -86,6 +92,8 @@ def build_spec(robot: Robot, world: World, deviation: Deviation | None = None) -
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0's sparse factorisation is faulty
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    # with a handful of contacts finding their islands costs more than it saves
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
     spec.option.gravity = [0.0, 0.0, -world.gravity_mps2]
     spec.compiler.degree = False
     spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
@@ -93,6 +101,7 @@ def build_spec(robot: Robot, world: World, deviation: Deviation | None = None) -
     plant = deviation is not None
     _add_robot(spec, robot, deviation or Deviation(), plant)
     add_things(spec, world, plant)
+    add_tool(spec, world, OBJECT + TOOL, plant)
     add_pads(spec, world, plant)
     if plant and has_pads(world):
         add_gauges(spec, robot)

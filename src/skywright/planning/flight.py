@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.inverse_kinematics import State, build_state, wrap
 from skywright.planning.local_planner import ROW, Edge, plan_free_edge
-from skywright.planning.motion.transit import Transit
+from skywright.planning.motion.transit import Configuration, Transit, plan_transit
 from skywright.planning.patterns import TimeLaw, build_time_law
 from skywright.planning.problem import Failure, Limits, Problem
-from skywright.planning.transit import plan_transit
 
 Array = NDArray[np.float64]
 
@@ -38,33 +38,21 @@ def build_rest(edge: Edge, at: int, duration: float) -> Edge:
 
 
 def plan_flight(
-    prob: Problem, a: Array, b: Array, q: Array, rng: np.random.Generator
-) -> tuple[list[Edge], Failure | None, int]:
-    """Fly from pose a to pose b (4,), arm held at `q`, resting at each way-point.
+    prob: Problem, scene: PlanningScene, a: Array, b: Array, q: Array, rng: np.random.Generator
+) -> tuple[list[Edge], Failure | str | None]:
+    """Fly from pose a to pose b (4,), arm at `q` at both ends, resting at each way-point.
 
-    Keeps as much room as there is, since a robot drifts while it flies. Returns the edges, what
-    blocks them, and the number of nodes of the search trees.
+    Keeps as much room as there is, since a robot drifts while it flies. Returns the edges and what
+    blocks them.
     """
-    lim, nodes = prob.limits, 0
-    for margin in (lim.margin_wanted, 0.5 * lim.margin_wanted, lim.margin_transit):
-        transit = plan_transit(prob, a, b, q, max(margin, lim.margin_transit), rng)
-        nodes += transit.nodes
-        if transit.failure is None:
-            break
-    if transit.failure is not None:
-        return [], transit.failure, nodes
-    edges: list[Edge] = []
-    state = build_state(transit.poses[0, :3], rot_z(transit.poses[0, 3]), q)
-    for pose in transit.poses[1:]:
-        law = build_transit_law(state, pose, lim)
-        edge = plan_free_edge(
-            prob, state, pose[:3], rot_z(pose[3]), state.q, law, 0.98 * lim.margin_transit
-        )
-        if edge.failure is not None:
-            return [], edge.failure, nodes
-        edges.append(edge)
-        state = build_state(pose[:3], rot_z(pose[3]), q)
-    return edges, None, nodes
+    lim = prob.limits
+    start, goal = Configuration(a[:3], float(a[3]), q), Configuration(b[:3], float(b[3]), q)
+    way = plan_transit(
+        scene, start, goal, rng, lim.margin_transit, wanted=lim.margin_wanted, low_z=lim.ground
+    )
+    if way.blocked_by is not None:
+        return [], way.blocked_by
+    return plan_legs(prob, way, 0.98 * lim.margin_transit)
 
 
 def plan_legs(prob: Problem, way: Transit, margin: float) -> tuple[list[Edge], Failure | None]:

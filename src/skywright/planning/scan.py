@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.models.geometry import ClearanceQuery
+from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.configurations import Candidates, resting
 from skywright.planning.flight import build_rest, plan_flight
 from skywright.planning.inverse_dynamics import Loads
@@ -50,7 +51,6 @@ class Statistics(NamedTuple):
     edges: int
     failed_edges: int
     attempts: int
-    transit_nodes: int
 
 
 class ScanPlan(NamedTuple):
@@ -73,6 +73,7 @@ def plan_scan(
     model: NDArray[Any],
     loads: Loads,
     query: ClearanceQuery,
+    scene: PlanningScene,
     cylinder: Cylinder,
     task: ScanTask,
     limits: Limits,
@@ -93,8 +94,8 @@ def plan_scan(
     """
     began = time.perf_counter()
     search = Search(
-        build_problem(model, loads, query, cylinder, limits, push_force), query, task, joints,
-        np.asarray(q_working, dtype=float), rng, began + time_limit,
+        build_problem(model, loads, query, cylinder, limits, push_force), query, scene, task,
+        joints, np.asarray(q_working, dtype=float), rng, began + time_limit,
     )  # fmt: skip
     segments: dict[str, list[Edge]] = {}
     path = np.zeros((0, 2))
@@ -109,9 +110,7 @@ def plan_scan(
     joined = {name: join_edges(edges) for name, edges in segments.items()}
     rows = {name: r for name, (r, _) in joined.items()}
     traces = {name: t for name, (_, t) in joined.items()}
-    statistics = Statistics(
-        search.configurations, search.edges, search.failed, search.attempts, search.nodes
-    )
+    statistics = Statistics(search.configurations, search.edges, search.failed, search.attempts)
     return ScanPlan(
         feasible=blocked is None,
         blocked_by=blocked,
@@ -264,8 +263,7 @@ def _arrive(
     if touch.failure is not None:
         return {}, search.explain(touch.failure)
     gate_pose = np.array([*front.p, yaw])
-    approach, failure, nodes = plan_flight(prob, start, gate_pose, q_folded, search.rng)
-    search.nodes += nodes
+    approach, failure = plan_flight(prob, search.scene, start, gate_pose, q_folded, search.rng)
     if failure is not None:
         return {}, search.explain(failure)
     return {"approach": approach, "unfold": [unfold], "close_in": [close], "touch": [touch]}, ""
@@ -301,8 +299,9 @@ def _depart(
     )  # fmt: skip
     if fold.failure is not None:
         return {}, search.explain(fold.failure)
-    way, failure, nodes = plan_flight(prob, np.array([*folded.p, yaw]), home, q_folded, search.rng)
-    search.nodes += nodes
+    way, failure = plan_flight(
+        prob, search.scene, np.array([*folded.p, yaw]), home, q_folded, search.rng
+    )
     if failure is not None:
         return {}, search.explain(failure)
     return {"leave": [lift, back], "fold": [fold], "return": way}, ""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.models.geometry import ClearanceQuery
+from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.configurations import (
     Candidates,
     compute_headings,
@@ -69,15 +70,16 @@ class Search:
     """One planning call: problem, sampled postures, random numbers and counters."""
 
     def __init__(
-        self, prob: Problem, query: ClearanceQuery, task: ScanTask, joints: tuple[str, ...],
-        q_working: Array, rng: np.random.Generator, deadline: float,
+        self, prob: Problem, query: ClearanceQuery, scene: PlanningScene, task: ScanTask,
+        joints: tuple[str, ...], q_working: Array, rng: np.random.Generator, deadline: float,
     ) -> None:  # fmt: skip
-        self.prob, self.query, self.task, self.joints = prob, query, task, joints
+        self.prob, self.query, self.scene, self.task = prob, query, scene, task
+        self.joints = joints
         self.q_working, self.rng, self.deadline = q_working, rng, deadline
         nj = int(prob.model[0]["n_joints"])
         grid = sample_postures(prob, halton(SAMPLES, nj)) if nj else np.zeros((1, 0))
         self.postures = np.vstack([q_working[None, :nj], grid]) if nj else grid
-        self.configurations = self.edges = self.failed = self.attempts = self.nodes = 0
+        self.configurations = self.edges = self.failed = self.attempts = 0
 
     def late(self) -> bool:
         return time.perf_counter() > self.deadline
@@ -215,6 +217,8 @@ class Search:
                     return [*way, Slide(last, point, b)]
         return []
 
-    def explain(self, failure: Failure) -> str:
-        """Return the sentence of a failure."""
+    def explain(self, failure: Failure | str) -> str:
+        """Return the sentence of a failure; what is one already stays."""
+        if isinstance(failure, str):
+            return failure
         return describe_failure(failure, self.query, self.joints)

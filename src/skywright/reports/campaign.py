@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import jinja2
-from matplotlib.figure import Figure
-
 from skywright.evaluation.rows import CONFIDENCE, Row, Value
 from skywright.evaluation.verdict import LIMIT_USE, Verdict
 from skywright.reports.figures import campaign as figures
-from skywright.reports.figures.style import WIDTH, house_style, render_svg
-from skywright.reports.report import Picture
+from skywright.reports.figures.style import house_style
+from skywright.reports.page import build_picture, render_page
 
 MANY_FAILURES = 200
 """Failed runs that the page lists; the others are in results.parquet."""
@@ -41,7 +37,7 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
     keys = list(facts.vary)
     with house_style():
         pictures = [
-            to_picture(
+            build_picture(
                 "Where it fails", figures.draw_conditions(rows, keys, verdict),
                 "Each dot is one run, placed by the value that it drew. Its height tells how near "
                 "it came to its tightest limit: from the median of all runs (bottom) to the limit "
@@ -50,17 +46,17 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
                 + (f" The {figures.MAX_PANELS} of {len(keys)} conditions that act most are drawn."
                    if len(keys) > figures.MAX_PANELS else ""),
             ),
-            to_picture(
+            build_picture(
                 "The two conditions that matter most", figures.draw_map(rows, keys, verdict),
                 "Brighter dots came nearer to a limit. A region where failures gather is where "
                 "this site is at risk.",
             ),
-            to_picture(
+            build_picture(
                 "Room to each limit", figures.draw_headroom(rows, verdict),
                 "Every run on a line for each requirement, between the median of all runs and the "
                 "limit.",
             ),
-            to_picture(
+            build_picture(
                 "What drives each metric", figures.draw_sensitivities(keys, verdict),
                 "Per cent of a metric's rank variance that a condition alone explains; an arrow "
                 "up or down where the metric rises or falls with it, none where it acts in both "
@@ -68,7 +64,8 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
                 f"false findings). “{LIMIT_USE}” is the height in the first picture.",
             ),
         ]  # fmt: skip
-    page = _template().render(
+    page = render_page(
+        "campaign.html.j2",
         verdict=verdict,
         facts=facts,
         pictures=[p for p in pictures if p],
@@ -113,23 +110,3 @@ def _list_silent(verdict: Verdict, keys: Sequence[str]) -> list[str]:
         return []
     acting = {s.key for s in verdict.sensitivities if s.significant}
     return [key for key in keys if key not in acting]
-
-
-def to_picture(title: str, figure: Figure | None, caption: str) -> Picture | None:
-    """Return a figure as a picture of a page, or None."""
-    if figure is None:
-        return None
-    data = base64.b64encode(render_svg(figure)).decode("ascii")
-    width = float(figure.get_size_inches()[0]) / WIDTH
-    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width)
-
-
-def _template() -> jinja2.Template:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("skywright.reports"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return environment.get_template("campaign.html.j2")

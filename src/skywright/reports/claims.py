@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-import jinja2
-
-from skywright.errors import InputError
 from skywright.reports.figures.claims import ClaimFigure, draw_claim
 from skywright.reports.figures.style import WIDTH, house_style, render_svg
+from skywright.reports.page import render_page, write_page
 
 
 class CriterionRow(NamedTuple):
@@ -57,26 +54,14 @@ Parts = Sequence[tuple[Heading, Sequence[ClaimRow]]]
 
 def write_claims_page(path: Path, parts: Parts, versions: Mapping[str, str]) -> None:
     """Write claims.html. Raises InputError when it cannot be written."""
-    text = render_claims_page(parts, versions)
-    partial = path.with_name(path.name + ".partial")
-    try:  # under another name first: a full disk leaves an earlier page whole
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            partial.unlink()
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+    write_page(path, render_claims_page(parts, versions))
 
 
 def render_claims_page(parts: Parts, versions: Mapping[str, str]) -> str:
     """Return the page; everything that it shows is inside it."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("skywright.reports"), autoescape=True, trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
     with house_style():
         papers = [{**h._asdict(), "claims": [_fill(row) for row in rows]} for h, rows in parts]
-    return environment.get_template("claims.html.j2").render(papers=papers, versions=versions)
+    return render_page("claims.html.j2", papers=papers, versions=versions)
 
 
 def _fill(row: ClaimRow) -> dict[str, object]:

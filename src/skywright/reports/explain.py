@@ -13,7 +13,7 @@ from skywright.reports.kinds import load_figures
 from skywright.reports.summary import (
     describe_inertial,
     describe_link,
-    describe_mocap,
+    describe_localisation,
     describe_wind,
 )
 
@@ -138,7 +138,7 @@ def list_conditions(result: RunResult) -> list[Row]:
         Row("observer bandwidth", f"{c.observer_bandwidth_rad_s:g} rad/s"),
         Row("control rate", f"{c.rate_hz:g} Hz"),
         *(Row(*line) for line in describe_inertial(d.robot.sensors)),
-        Row("motion capture", *describe_mocap(w.mocap)),
+        Row(*describe_localisation(w)),
         Row("link", *describe_link(w.link)),
         Row("wind", *describe_wind(w.wind)),
         Row("way of running", m.mode),

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.reports.campaign import to_picture
 from skywright.reports.figures import identify as figures
 from skywright.reports.figures.style import house_style
+from skywright.reports.page import build_picture, render_page
 
 Array = NDArray[np.float64]
 
@@ -70,7 +69,7 @@ def write_identify_page(page: IdentifyPage, path: Path) -> None:
     p = page
     with house_style():
         pictures = [
-            to_picture(
+            build_picture(
                 "Angular acceleration, measured and predicted",
                 figures.draw_series(
                     p.t, p.held_out, p.measured[:, 3:], p.predicted[:, 3:], p.nominal[:, 3:],
@@ -79,14 +78,14 @@ def write_identify_page(page: IdentifyPage, path: Path) -> None:
                 "A window around a part that the fit did not see. The dotted line is what the "
                 "robot file would have predicted.",
             ),
-            to_picture(
+            build_picture(
                 "Predicted over measured, held-out parts",
                 figures.draw_scatter(
                     p.measured[p.held_out, 3:], p.predicted[p.held_out, 3:], p.r_squared[3:]
                 ),
                 "Angular acceleration about the three axes of the body; on the line both agree.",
             ),
-            to_picture(
+            build_picture(
                 "Specific force, measured and predicted",
                 figures.draw_series(
                     p.t, p.held_out, p.measured[:, :3], p.predicted[:, :3], p.nominal[:, :3],
@@ -98,7 +97,7 @@ def write_identify_page(page: IdentifyPage, path: Path) -> None:
         if p.parameters:
             rows = list(p.parameters)
             pictures.append(
-                to_picture(
+                build_picture(
                     "How far the robot is from its file",
                     figures.draw_intervals(
                         [r.name for r in rows],
@@ -111,11 +110,7 @@ def write_identify_page(page: IdentifyPage, path: Path) -> None:
                     "reach zero, the robot differs from its file.",
                 )
             )
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("skywright.reports"),
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
-    text = environment.get_template("identify.html.j2").render(
-        page=p, pictures=[x for x in pictures if x], axes=("x", "y", "z")
+    text = render_page(
+        "identify.html.j2", page=p, pictures=[x for x in pictures if x], axes=("x", "y", "z")
     )
     path.write_text(text, encoding="utf-8")

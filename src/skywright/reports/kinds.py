@@ -9,7 +9,10 @@ A kind's module has
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from skywright.missions.loader import Description
 
 KINDS = {
     "bar-transport": "skywright.reports.figures.bar_transport",
@@ -18,6 +21,7 @@ KINDS = {
     "impact": "skywright.reports.figures.impact",
     "scan": "skywright.reports.figures.inspection",
     "sensor-install": "skywright.reports.figures.sensor_install",
+    "tool-install": "skywright.reports.figures.tool_install",
     "waypoints": "skywright.reports.figures.waypoints",
     "excitation": "skywright.reports.figures.excitation",
     "bridge-contact": "skywright.reports.figures.bridge_contact",
@@ -30,6 +34,12 @@ KINDS = {
 def load_figures(kind: str) -> Any:
     """Return the module that draws a kind of mission."""
     return importlib.import_module(KINDS[kind])
+
+
+def find_task(description: Description) -> Any:
+    """Return the task of a mission, a table of its kind."""
+    mission: Any = description.mission
+    return mission.task
 
 
 def list_figures() -> dict[str, Any]:

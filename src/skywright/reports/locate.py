@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 from collections.abc import Sequence
@@ -10,17 +9,15 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
-import jinja2
 import numpy as np
-from matplotlib.figure import Figure
 
 from skywright.errors import InputError
 from skywright.estimation.localisation.locate import Fusion, LocateReport
 from skywright.estimation.localisation.trajectory_error import TrajectoryError
 from skywright.estimation.localisation.trajectory_file import format_table, format_tum
 from skywright.reports.figures import locate as figures
-from skywright.reports.figures.style import WIDTH, house_style, render_svg
-from skywright.reports.report import Picture
+from skywright.reports.figures.style import house_style
+from skywright.reports.page import Picture, build_picture, render_page
 from skywright.reports.terminal import format_number
 
 FILES = ("trajectory.csv", "trajectory.tum", "locate.json", "locate.html")
@@ -70,15 +67,12 @@ def render_locate_page(report: LocateReport) -> str:
     """Return the page; everything that it shows is inside it."""
     with house_style():
         sections = _build_sections(report)
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("skywright.reports"), autoescape=True, trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
     try:
         installed = version("skywright")
     except PackageNotFoundError:
         installed = "of an unknown version"
-    return environment.get_template("locate.html.j2").render(
+    return render_page(
+        "locate.html.j2",
         title=report.trajectory.name, headline=build_headline(report), intro=_introduce(report),
         notes=report.notes, sections=sections, version=installed,
     )  # fmt: skip
@@ -132,8 +126,8 @@ def _build_sections(report: LocateReport) -> list[Section]:
     if report.errors:
         sections.append(_section_errors(report))
     sections.append(Section("Where it went", pictures=[
-        _picture("Where it went", figures.draw_paths(report), "The path from above and from the "
-                 "side."
+        build_picture("Where it went", figures.draw_paths(report),
+                      "The path from above and from the side."
                  + (" Where the aligned camera leaves the others, it has drifted."
                     if report.fusion is not None else "")),
     ]))  # fmt: skip
@@ -152,7 +146,7 @@ def _section_errors(report: LocateReport) -> Section:
     }.get("" if first.frame is None else first.frame.method, "as they are, without alignment")
     picture = figures.draw_errors(report)
     pictures = [] if picture is None else [
-        _picture("Errors", picture, "Distance from the reference; red bands: the station was "
+        build_picture("Errors", picture, "Distance from the reference; red bands: the station was "
                  "away.")]  # fmt: skip
     return Section(
         "Errors against the reference",
@@ -186,7 +180,7 @@ def _section_fusion(f: Fusion) -> list[Section]:
         [[f"{o.start - f.events.t[0]:.1f} s", f"{o.end - f.events.t[0]:.1f} s",
           f"{o.end - o.start:.1f} s", *(format_length(v) for v in (o.fused, o.paper, o.camera))]
          for o in f.outages],
-        [_picture("Coordinates", figures.draw_coordinates(f), "Red bands: no station.")],
+        [build_picture("Coordinates", figures.draw_coordinates(f), "Red bands: no station.")],
     )  # fmt: skip
     clocks = figures.draw_clocks(f)
     alignment = Section(
@@ -206,8 +200,8 @@ def _section_fusion(f: Fusion) -> list[Section]:
             ["the paper's twelve numbers: shear", f"{100 * c.paper.shear:.1f} %", ""],
         ],
         [] if clocks is None else [
-            _picture("Clocks", clocks, "Speed is the same in every frame: where the speeds of both "
-                     "agree, the clocks do. The line is the refined offset.")],
+            build_picture("Clocks", clocks, "Speed is the same in every frame: where the speeds of "
+                          "both agree, the clocks do. The line is the refined offset.")],
     )  # fmt: skip
     camera = Section(
         "What the camera did",
@@ -220,7 +214,7 @@ def _section_fusion(f: Fusion) -> list[Section]:
             ["drift per square root of a second", format_length(c.noise.per_sqrt_s)],
             ["drift per square root of a metre", format_length(c.noise.per_sqrt_m)],
         ],
-        [_picture("Camera", figures.draw_camera(f), "")],
+        [build_picture("Camera", figures.draw_camera(f), "")],
     )  # fmt: skip
     parts = [outages, alignment, camera]
     if f.pose is not None:
@@ -245,9 +239,3 @@ def _section_frame(f: Fusion) -> Section:
         "cases.",
         ["point", "x", "y", "z", "statistic", "found from", ""], rows,
     )  # fmt: skip
-
-
-def _picture(title: str, figure: Figure, caption: str) -> Picture:
-    data = base64.b64encode(render_svg(figure)).decode("ascii")
-    width = float(figure.get_size_inches()[0]) / WIDTH
-    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width)

@@ -14,7 +14,7 @@ from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinem
 from skywright.models.rotors import build_rotors
 from skywright.robots.limbs import end_of, list_limbs
 from skywright.robots.spec import Robot
-from skywright.worlds.spec import Box, Pipe
+from skywright.worlds.spec import Box, Pipe, Tube
 from skywright.worlds.structure import PLANE, Structure, build_surface, locate_point
 from skywright.worlds.surface import build_cylinder
 
@@ -105,6 +105,21 @@ def surface_curve(pipe: Pipe, s: Array | float, phi: Array | float) -> Array:
     s, phi = np.broadcast_arrays(np.asarray(s, float), np.asarray(phi, float))
     local = np.column_stack([-cyl.radius * np.cos(phi), s, cyl.radius * np.sin(phi)])
     return np.asarray(local @ cyl.R_WP.T + cyl.p_WP)
+
+
+def outline_tube(tube: Tube) -> list[Outline]:
+    """Both ends of a structure's pipe and a few lines along it, in W."""
+    start = np.array([tube.x_m, tube.y_m, tube.z_m])
+    way = np.array([tube.to_x_m, tube.to_y_m, tube.to_z_m]) - start
+    axis = way / tube.length_m
+    across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    across /= np.linalg.norm(across)
+    phi = np.linspace(0.0, 2.0 * math.pi, 25)[:, None]
+    ring = start + 0.5 * tube.diameter_m * (
+        np.cos(phi) * across + np.sin(phi) * np.cross(axis, across)
+    )
+    lines = [Outline(np.array([p, p + way]), "pipe") for p in ring[:-1]]
+    return [Outline(ring, "pipe"), Outline(ring + way, "pipe"), *lines]
 
 
 def outline_box(box: Box) -> list[Outline]:

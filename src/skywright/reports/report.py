@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable
-from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-import jinja2
 from matplotlib.figure import Figure
 
 from skywright.errors import InputError
 from skywright.evaluation.names import MEANINGS
 from skywright.reports import explain
 from skywright.reports.figures import paths, plan, series
-from skywright.reports.figures.style import WIDTH, house_style, render_svg
+from skywright.reports.figures.style import house_style
 from skywright.reports.kinds import list_figures, load_figures
+from skywright.reports.page import Picture, build_picture, render_page
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -39,15 +37,6 @@ FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
 """Every figure by name; each is None where a run has nothing to show."""
 
 
-class Picture(NamedTuple):
-    """A figure of the page."""
-
-    title: str
-    data: str  # data: URI
-    caption: str
-    width: float  # share of the page
-
-
 def write_report(result: RunResult) -> None:
     """Write report.html into the run's directory. Raises InputError when it cannot be written."""
     path = result.directory / "report.html"
@@ -65,12 +54,13 @@ def render_report(result: RunResult) -> str:
     with house_style():
         task = _draw_task(result)
         motion = _draw_motion(result)
-        planning = _picture(
+        planning = build_picture(
             "Clearance and rotor margin of the plan", plan.draw_plan(result),
             "Both must stay above zero. The planner refuses a path that comes closer than its "
             "margins.",
         )  # fmt: skip
-    return _template().render(
+    return render_page(
+        "report.html.j2",
         result=result,
         d=result.description,
         kind=kind,
@@ -97,28 +87,28 @@ def _draw_task(result: RunResult) -> list[Picture | None]:
     """What belongs to the mission's kind."""
     module = load_figures(result.description.mission.kind)
     return [
-        _picture(title, module.FIGURES[name](result), caption)
+        build_picture(title, module.FIGURES[name](result), caption)
         for name, (title, caption) in module.CAPTIONS.items()
     ]
 
 
 def _draw_motion(result: RunResult) -> list[Picture | None]:
     return [
-        _picture(
+        build_picture(
             "Tip path", paths.draw_tip_path(result),
             "The probe should follow the wide green line; the thin blue line is where it "
             "really went.",
         ),
-        _picture(
+        build_picture(
             "Flight path", paths.draw_flight_path(result),
             "Robot and world drawn to scale, the robot at its start (pale) and at work.",
         ),
-        _picture(
+        build_picture(
             "While the probe is at the surface", series.draw_contact_series(result),
             "Grey and white bands are phases, named on top. Dashed red lines are limits, "
             "dotted green ones what is expected.",
         ),
-        _picture(
+        build_picture(
             "The whole flight", series.draw_flight_series(result),
             "Bands are phases. While pushing, the platform stands off its reference on "
             "purpose: the reference lies inside the surface."
@@ -126,23 +116,3 @@ def _draw_motion(result: RunResult) -> list[Picture | None]:
             else "Bands are phases. Dashed red lines are limits.",
         ),
     ]  # fmt: skip
-
-
-def _picture(title: str, figure: Figure | None, caption: str) -> Picture | None:
-    if figure is None:
-        return None
-    data = base64.b64encode(render_svg(figure)).decode("ascii")
-    width = float(figure.get_size_inches()[0]) / WIDTH
-    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width)
-
-
-@lru_cache(maxsize=1)
-def _template() -> jinja2.Template:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("skywright.reports"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return environment.get_template("report.html.j2")

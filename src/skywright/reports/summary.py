@@ -20,6 +20,8 @@ from skywright.models.force_resolution import compute_force_resolution
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.robots.limbs import list_limbs, list_servos
 from skywright.robots.spec import Robot, Sensors
+from skywright.worlds.gnss import Gnss
+from skywright.worlds.localisation import TotalStation
 from skywright.worlds.spec import Link, Mocap, Wind, World
 from skywright.worlds.wind import compute_dryden_scales
 
@@ -142,6 +144,41 @@ def describe_mocap(mocap: Mocap) -> tuple[str, str]:
     return f"{mocap.rate_hz:g} Hz", note
 
 
+def describe_gnss(gnss: Gnss) -> tuple[str, str]:
+    """Return kind and rate, and delay, white and slow errors and those of the heading in words."""
+    e = gnss.errors
+
+    def length(x: float) -> str:
+        return f"{x:g} m" if x >= 0.1 else f"{1e3 * x:g} mm"
+
+    note = f"delay {1e3 * gnss.latency_s:g} ms, noise {length(e.noise_level_m)} level and "
+    note += f"{length(e.noise_up_m)} up, drift {length(e.drift_level_m)} and "
+    note += f"{length(e.drift_up_m)} over {e.drift_time_s:g} s, heading {e.heading_noise_deg:g} deg"
+    note += f" and {e.heading_error_deg:g} deg for good"
+    if gnss.dropout_fraction > 0.0:
+        note += f", {gnss.dropout_fraction:.2g} of the fixes missing"
+    return f"{gnss.fix} at {gnss.rate_hz:g} Hz", note
+
+
+def describe_total_station(station: TotalStation) -> tuple[str, str]:
+    """Return rate, and place, delay and noise of a total station in words."""
+    s = station
+    note = f"at ({s.x_m:g}, {s.y_m:g}, {s.z_m:g}) m, delay {1e3 * s.latency_mean_s:g} ms, noise "
+    note += f"{1e3 * s.range_noise_m:g} mm along and {1e3 * s.pointing_noise_m:g} mm across"
+    for start, stop in s.blocked_s:
+        note += f", blocked from {start:g} to {stop:g} s"
+    return f"{s.rate_mean_hz:g} Hz", note + "; with the robot's tracking camera"
+
+
+def describe_localisation(world: World) -> tuple[str, str, str]:
+    """Return name, kind or rate, and errors of what tells the robot where it is."""
+    if world.localisation == "gnss":
+        return "satellite navigation", *describe_gnss(world.gnss)
+    if world.localisation == "total-station":
+        return "total station", *describe_total_station(world.total_station)
+    return "motion capture", *describe_mocap(world.mocap)
+
+
 def describe_link(link: Link) -> tuple[str, str]:
     """Return the link between robot and controller in words."""
     if link.delay_s == link.jitter_s == link.loss_fraction == 0.0:
@@ -191,7 +228,8 @@ def describe_world(world: World) -> list[Section]:
         size = f"{box.size_x_m:g} x {box.size_y_m:g} x {box.size_z_m:g} m"
         rows.append((f"obstacle {name}", f"{size} at ({box.x_m:g}, {box.y_m:g}, {box.z_m:g}) m"))
     rows.append(("wind", ": ".join(filter(None, describe_wind(world.wind)))))
-    rows.append(("motion capture", ", ".join(describe_mocap(world.mocap))))
+    name, *said = describe_localisation(world)
+    rows.append((name, ", ".join(said)))
     rows.append(("link", ": ".join(describe_link(world.link))))
     return [Section("World", rows)]
 

@@ -13,12 +13,22 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from skywright.core.spec import Fraction, Name, NonNegative, Positive, Spec
+from skywright.core.spec import (
+    Bandwidth,
+    Fraction,
+    Length,
+    Name,
+    NonNegative,
+    Offset,
+    Positive,
+    Spec,
+)
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 from skywright.robots.bar import Bar
 from skywright.robots.camera import Camera
 from skywright.robots.docking import Docking
 from skywright.robots.force_sensor import ForceSensor
+from skywright.robots.localisation import Prism, RangeFinder, TrackingCamera
 
 
 class Platform(Spec):
@@ -106,19 +116,19 @@ class Link(Spec):
     """
 
     parent: str | None = None  # link name, or "platform"; default: the link before it
-    x_m: float | None = None
-    y_m: float | None = None
-    z_m: float | None = None
+    x_m: Offset | None = None
+    y_m: Offset | None = None
+    z_m: Offset | None = None
     joint: Literal["hinge", "slide", "fixed"] = "hinge"
     axis: Literal["x", "y", "z"] = "y"
     along: Literal["x", "-z"] = "x"  # the link's direction in its frame: forward, or hanging
     passive: bool = False  # no servo: swings freely
     damping_nms_per_rad: NonNegative = 0.0  # of a passive joint's bearing
     friction_nm: NonNegative = 0.0
-    length_m: Positive
+    length_m: Length
     mass_kg: Positive
-    com_m: float | None = None  # along the link; default: the middle
-    radius_m: Positive = 0.015  # collision capsule
+    com_m: Offset | None = None  # along the link; default: the middle
+    radius_m: Length = 0.015  # collision capsule
     joint_min_deg: float = -180.0
     joint_max_deg: float = 180.0
     folded_deg: float = 0.0  # in free flight and on the ground
@@ -160,22 +170,22 @@ class Servo(Spec):
     stall_torque_nm: Positive
     no_load_speed_rad_s: Positive
     velocity_time_constant_s: Positive = 0.03
-    position_time_constant_s: Positive = 0.05  # T_s of Suarez 2020 (17)
-    command_period_s: Positive = 0.02  # mode "position": between commands and encoder readings
-    resolution_deg: NonNegative = 0.0  # of a commanded angle
-    backlash_deg: NonNegative = 0.0  # of the gear, seen at the output
+    position_time_constant_s: float = Field(default=0.05, ge=0.005, le=2)  # T_s: Suarez 2020 (17)
+    command_period_s: float = Field(default=0.02, ge=0.001, le=1)  # mode "position"; and readings
+    resolution_deg: float = Field(default=0.0, ge=0, le=30)  # of a commanded angle
+    backlash_deg: float = Field(default=0.0, ge=0, le=30)  # of the gear, seen at the output
     armature_kgm2: Positive = 0.005  # rotor inertia through the gear
-    encoder_counts: int = Field(default=4096, ge=16)
+    encoder_counts: int = Field(default=4096, ge=16, le=2**24)
 
 
 class Hand(Spec):
     """What an arm without a probe ends in: a ball (or pad) at the tip, or a hook."""
 
     kind: Literal["ball", "hook"] = "ball"
-    length_m: NonNegative = 0.0  # from the link's end to the tip
+    length_m: float = Field(default=0.0, ge=0, le=100)  # from the link's end to the tip
     mass_kg: NonNegative = 0.0
-    radius_m: Positive = 0.012  # of the ball
-    hook_length_m: Positive = 0.05  # of the hook's cross bar, forward
+    radius_m: Length = 0.012  # of the ball
+    hook_length_m: Length = 0.05  # of the hook's cross bar, forward
     friction: NonNegative = 0.5
 
 
@@ -195,13 +205,13 @@ class Arm(Spec):
 
     inline_tables: ClassVar[tuple[str, ...]] = ("links", "servos")
 
-    mount_x_m: float = 0.0
-    mount_y_m: float = 0.0
-    mount_z_m: float = 0.0
+    mount_x_m: Offset = 0.0
+    mount_y_m: Offset = 0.0
+    mount_z_m: Offset = 0.0
     sides: Literal[1, 2] = 1
     encoders: Literal["both", "left"] = "both"  # which arms have the links' deflection encoders
-    separation_m: Positive = 0.3
-    drag_coefficient: NonNegative = 0.0  # of the links, cylinders in wind and downwash; 0: none
+    separation_m: Length = 0.3
+    drag_coefficient: float = Field(default=0.0, ge=0, le=10)  # of the links, as cylinders; 0: none
     links: dict[str, Link]
     servos: dict[str, Servo]
     belt: list[list[float]] | None = None
@@ -306,6 +316,9 @@ class Sensors(Spec):
     imu_x_m: float = 0.0  # place of the inertial unit in B
     imu_y_m: float = 0.0
     imu_z_m: float = 0.0
+    antenna_x_m: float = 0.0  # place of the satellite receiver's antenna in B
+    antenna_y_m: float = 0.0
+    antenna_z_m: float = 0.1
 
 
 CONTROL_RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)  # Hz
@@ -316,17 +329,17 @@ class Control(Spec):
 
     law: str | None = None  # registry name or "file.py:function"; the mission may override
     arms_law: str | None = None  # of arms with position servos
-    position_bandwidth_rad_s: Positive = 3.0
+    position_bandwidth_rad_s: Bandwidth = 3.0
     position_damping: Positive = 1.0
     position_integral_rad_s: NonNegative = 0.3
-    attitude_bandwidth_rad_s: Positive = 9.0
+    attitude_bandwidth_rad_s: Bandwidth = 9.0
     attitude_damping: Positive = 1.0
     attitude_integral_rad_s: NonNegative = 0.5
     arm_bandwidth_rad_s: NonNegative = 3.0
     # of arms with position servos
-    torque_bandwidth_rad_s: Positive = 10.0  # of a joint's torque loop, link held
-    deflection_bandwidth_rad_s: Positive = 0.5  # of a joint's output position loop
-    hand_speed_max_mps: Positive = 0.15
+    torque_bandwidth_rad_s: Bandwidth = 10.0  # of a joint's torque loop, link held
+    deflection_bandwidth_rad_s: Bandwidth = 0.5  # of a joint's output position loop
+    hand_speed_max_mps: float = Field(default=0.15, gt=0, le=2)
     force_estimator: Literal["torque", "cartesian"] = "torque"  # Suarez 2020 (26): "cartesian"
     friction_feed_forward: NonNegative = 0.0  # believed friction of the surface; 0: none
     tilt_max_deg: Positive = 25.0
@@ -365,12 +378,21 @@ class Robot(Spec):
     docking: Docking | None = None
     sensors: Sensors = Sensors()
     camera: Camera | None = None
+    prism: Prism | None = None  # localisation by a total station: prism, camera, range finder
+    tracking_camera: TrackingCamera | None = None
+    range_finder: RangeFinder | None = None
     control: Control = Control()
 
     @field_validator("pendulum")
     @classmethod
     def _pendulum_hangs(cls, link: Link | None) -> Link | None:
-        return link if link is None else link.model_copy(update={"passive": True, "along": "-z"})
+        if link is None:
+            return None
+        if link.parent is not None:
+            raise ValueError("a pendulum hangs from the platform: it has no parent")
+        if link.flex_stiffness_nm_per_rad is not None:
+            raise ValueError("flex_stiffness_nm_per_rad: a passive joint has no spring to a servo")
+        return link.model_copy(update={"passive": True, "along": "-z"})
 
     @model_validator(mode="after")
     def _pendulum_needs_arm(self) -> Robot:

@@ -59,7 +59,7 @@ def fill_camera(record: Record, robot: Robot, world: World, object_qpos: Array) 
         record["p_OM"] = record["p_WM"] = [m.x_m, m.y_m, m.z_m]
         record["R_OM"] = record["R_WM"] = m.rotation
         if m.on is not None:
-            record["object_qpos"] = object_qpos[list(world.objects).index(m.on)]
+            record["object_qpos"] = object_qpos[world.things.index(m.on)]
     if robot.camera is not None:
         c: Camera = robot.camera
         record["on"] = 1

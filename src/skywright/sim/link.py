@@ -77,7 +77,8 @@ def send_measurement(lk: Record, t: float) -> None:
 def receive_measurement(lk: Record, t: float, meas: Record) -> None:
     """Merge what has arrived by `t` into `meas`: the newest state, all inertial samples."""
     meas.imu_n = 0
-    meas.mocap_fresh = 0.0
+    meas.mocap_fresh = meas.fix_fresh = meas.odo_fresh = meas.range_fresh = 0.0
+    meas.marker_fresh = 0.0
     while lk.up_tail != lk.up_head and lk.up_arrival[lk.up_tail] <= t + 1e-9:
         _merge(lk.up[lk.up_tail], meas)
         lk.up_tail = (lk.up_tail + 1) % DEPTH
@@ -103,6 +104,8 @@ def _merge(new: Record, meas: Record) -> None:
             meas.imu_n = n + 1
     if new.mocap_fresh > 0.0:
         _copy_mocap(new, meas)
+    meas.force = new.force
+    _copy_others(new, meas)
 
 
 @njit(cache=True, error_model="numpy")
@@ -110,8 +113,10 @@ def _copy_mocap(a: Record, b: Record) -> None:
     b.mocap_fresh, b.mocap_t, b.mocap_period = a.mocap_fresh, a.mocap_t, a.mocap_period
     for i in range(3):
         b.p_WB[i], b.p_WT[i], b.axis_W[i] = a.p_WB[i], a.p_WT[i], a.axis_W[i]
+        b.p_WM[i] = a.p_WM[i]
         for j in range(3):
             b.R_WB[i, j] = a.R_WB[i, j]
+            b.R_WM[i, j] = a.R_WM[i, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -123,6 +128,32 @@ def _copy_measurement(a: Record, b: Record) -> None:
         for i in range(3):
             b.imu_gyro[k, i], b.imu_accel[k, i] = a.imu_gyro[k, i], a.imu_accel[k, i]
     _copy_mocap(a, b)
+    b.force = a.force
+    b.fix_fresh = b.odo_fresh = b.range_fresh = b.marker_fresh = 0.0
+    _copy_others(a, b)
+
+
+@njit(cache=True, error_model="numpy")
+def _copy_others(a: Record, b: Record) -> None:
+    """Copy what is new; of several packets that arrive together the last of each sensor stays."""
+    if a.fix_fresh > 0.0:
+        b.fix_fresh, b.fix_t, b.fix_heading = 1.0, a.fix_t, a.fix_heading
+        for i in range(3):
+            b.fix_p[i] = a.fix_p[i]
+    if a.odo_fresh > 0.0:
+        b.odo_fresh, b.odo_t = 1.0, a.odo_t
+        for i in range(3):
+            b.odo_p[i] = a.odo_p[i]
+            for j in range(3):
+                b.odo_R[i, j] = a.odo_R[i, j]
+    if a.marker_fresh > 0.0:
+        b.marker_fresh = 1.0
+        for i in range(3):
+            b.p_BM[i] = a.p_BM[i]
+            for j in range(3):
+                b.R_BM[i, j] = a.R_BM[i, j]
+    if a.range_fresh > 0.0:
+        b.range_fresh, b.range_t, b.range = 1.0, a.range_t, a.range
 
 
 @njit(cache=True, error_model="numpy")

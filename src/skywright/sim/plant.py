@@ -25,8 +25,10 @@ from skywright.sim.camera import (
     take_image,
 )
 from skywright.sim.friction import FRICTION
+from skywright.sim.gnss import GNSS, GNSS_NOISE, sense_gnss
 from skywright.sim.limb_drag import LIMBS
 from skywright.sim.loads import LOADS
+from skywright.sim.localisation import LOCALISATION, sense_localisation
 from skywright.sim.surface_effects import SURFACE, find_gains, measure_surface
 from skywright.sim.tape import TAPE
 from skywright.sim.wind import FAN, NOISE, WIND
@@ -120,6 +122,9 @@ PLANT = np.dtype(
         ("noise_outlier", f8, (BLOCK, 9)),  # uniform
         ("noise_drop", f8, BLOCK),  # uniform
         ("noise_ec", f8, (BLOCK, 2)),
+        ("gnss", GNSS),
+        ("noise_gnss", f8, (BLOCK, GNSS_NOISE)),
+        ("localisation", LOCALISATION),  # instead of motion capture
         ("camera", CAMERA),
         ("noise_camera", f8, (BLOCK, CAMERA_NOISE)),
         # surface and tip
@@ -244,7 +249,10 @@ def _observe_structure(pl: Record) -> None:
 
 @njit(cache=True, error_model="numpy")
 def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
-    """Joint encoders, and motion capture with rate, latency, noise, drop-outs and artefacts."""
+    """Joint encoders, force sensor, and what localises the robot.
+
+    Motion capture comes with rate, latency, noise, drop-outs and artefacts.
+    """
     k = pl.block
     meas.t = t
     if pl.positioned:
@@ -257,7 +265,11 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
     if pl.force_on:  # the potentiometer reads the spring's travel
         spring = pl.force_preload - pl.force_spring * qpos[pl.slider_qpos]
         meas.force = measure_force(pl.force_sensor, spring, pl.noise_force[k])
-    if t >= pl.mocap_next - 1e-9:
+    if pl.gnss.on:
+        sense_gnss(pl.gnss, t, pl.p_WB, pl.R_WB, pl.noise_gnss[k], pl.noise_drop[k], meas)
+    elif pl.localisation.on:
+        sense_localisation(pl.localisation, t, pl.p_WB, pl.R_WB, meas)
+    elif t >= pl.mocap_next - 1e-9:
         pl.mocap_next += pl.mocap_period
         if pl.noise_drop[k] >= pl.mocap_dropout:
             _expose(pl, t, k)
@@ -372,7 +384,7 @@ def actuate(pl: Record, rotor_speed: Array, motor_speed: Array, dt: float, ctrl:
     step_rotor_speed(pl.rotor_speed, rotor_speed, pl.n_rotors, dt, pl.rotor_tau)
     for i in range(pl.n_rotors):
         ctrl[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]
-    if pl.surface.effects:
+    if pl.surface.on:
         find_gains(pl.surface, pl.p_WB, pl.R_WB, pl.rotor_p, pl.rotor_axis, pl.n_rotors)
         for i in range(pl.n_rotors):
             ctrl[i] *= pl.surface.gain[i]

@@ -29,8 +29,7 @@ FARTHEST = 8.0  # radii, beyond which a surface is not felt
 
 SURFACE = np.dtype(
     [
-        ("on", np.int64),  # 1: there is a structure
-        ("effects", np.int64),  # 1: rotors feel ground and structure
+        ("on", np.int64),  # 1: there is a structure; rotors feel it and the ground
         ("p_WS", np.float64, 3),
         ("R_WS", np.float64, (3, 3)),
         ("shape", np.int64),
@@ -50,7 +49,7 @@ def fill_surface(s: Any, world: World, disc: float) -> None:
     if world.structure is None:
         return
     found = build_surface(world.structure)
-    s["on"], s["effects"] = 1, 1
+    s["on"] = 1
     s["p_WS"], s["R_WS"], s["shape"] = found.p_WS, found.R_WS, found.shape
     s["radius"], s["along"], s["disc"] = found.radius, found.along, disc
     s["half"] = [0.5 * world.structure.length_m, 0.5 * world.structure.width_m]

@@ -27,7 +27,7 @@ from skywright.errors import InputError
 from skywright.models.bimanual import Bar, compute_bar_hands
 from skywright.robots.limbs import SIDES
 from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
-from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
+from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration, quintic
 from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
@@ -61,6 +61,7 @@ class Backend(Protocol):
     n_joints: int
     model: Any  # BODY_MODEL of the robot as believed
     world: World
+    arc: LinkArc | None  # of a link that lies on the ground at the start
 
     @property
     def t(self) -> float:
@@ -140,23 +141,15 @@ class Uav:
             duration(abs(yaw_change), 0.8, 1.0),
             least,
         )
-        n = max(math.ceil(total / ROW_PERIOD), 1)
-        total = n * ROW_PERIOD
-        u = np.linspace(0.0, 1.0, n + 1)
-        s, ds, dds = quintic(u)
-        table = np.repeat(start[None], n + 1)
-        table["t"] = u * total
-        table["p_WB"] = start["p_WB"] + s[:, None] * delta
-        table["v_WB"] = ds[:, None] * delta / total
-        table["a_WB"] = dds[:, None] * delta / total**2
+        table, _, s, ds, dds = build_straight(start, start, delta, total)
         yaw = s * yaw_change
-        c, sn, z, o = np.cos(yaw), np.sin(yaw), np.zeros(n + 1), np.ones(n + 1)
+        c, sn, z, o = np.cos(yaw), np.sin(yaw), np.zeros(len(s)), np.ones(len(s))
         turn = np.stack([c, -sn, z, sn, c, z, z, z, o], axis=1).reshape(-1, 3, 3)
         table["R_WB"] = turn @ start["R_WB"]
         table["w_WB_B"] = 0.0
         table["wd_WB_B"] = 0.0
-        table["w_WB_B"][:, 2] = ds * yaw_change / total
-        table["wd_WB_B"][:, 2] = dds * yaw_change / total**2
+        table["w_WB_B"][:, 2] = ds * yaw_change
+        table["wd_WB_B"][:, 2] = dds * yaw_change
         table["qd"] = 0.0
         table["track_tip"] = 0.0
         table["dead_zone"] = 0.0
@@ -208,7 +201,7 @@ class Uav:
     @property
     def arc(self) -> LinkArc | None:
         """The arc of a link that lies on the ground, None without one."""
-        return getattr(self.backend, "arc", None)
+        return self.backend.arc
 
     def _follow_arc(self, arc: LinkArc, up: bool, height: float) -> None:
         """Track arc and vertical as one table; see `vehicle.link_arc`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,3 +22,30 @@ def quintic(u: Array) -> tuple[Array, Array, Array]:
 def duration(distance: float, speed: float, acceleration: float) -> float:
     """Shortest rest-to-rest quintic time (s) within a speed and an acceleration."""
     return max(1.875 * distance / speed, math.sqrt(5.7735 * distance / acceleration), ROW_PERIOD)
+
+
+class Straight(NamedTuple):
+    """A rest-to-rest move along a straight line."""
+
+    table: NDArray[Any]  # (n,) of REFERENCE: time, p_WB, v_WB, a_WB filled, the rest as given
+    u: Array  # (n,) share of the time
+    s: Array  # (n,) share of the way, then its rates (1/s, 1/s^2)
+    ds: Array
+    dds: Array
+
+
+def build_straight(start: Any, end: Any, delta: Array, total: float) -> Straight:
+    """Move the REFERENCE row `start` by `delta` (3,) in `total` s or just above.
+
+    Rows are copies of `end` but for time and position.
+    """
+    n = max(math.ceil(total / ROW_PERIOD), 1)
+    total = n * ROW_PERIOD
+    u = np.linspace(0.0, 1.0, n + 1)
+    s, ds, dds = quintic(u)
+    table = np.repeat(end[None], n + 1)
+    table["t"] = u * total
+    table["p_WB"] = start["p_WB"] + s[:, None] * delta
+    table["v_WB"] = ds[:, None] * delta / total
+    table["a_WB"] = dds[:, None] * delta / total**2
+    return Straight(table, u, s, ds / total, dds / total**2)

@@ -15,11 +15,17 @@ from numpy.typing import NDArray
 
 from skywright.control.backstepping_gains import fill_backstepping
 from skywright.control.cascade_gains import fill_cascade
-from skywright.control.registry import Law, load_arms_law
+from skywright.control.registry import CASCADED, Law, load_arms_law
+from skywright.core.rotations import quat_to_rot
 from skywright.core.streams import build_stream
 from skywright.core.types import BELIEF, SAMPLE
 from skywright.errors import InputError, SimulationError
-from skywright.estimation.registry import fill_parameters, load_estimator
+from skywright.estimation.localisation.calibration import Calibration
+from skywright.estimation.registry import (
+    check_localisation,
+    fill_parameters,
+    load_estimator,
+)
 from skywright.inspection.eddy_current import Instrument, build_probe_signal
 from skywright.models.allocation import build_allocator
 from skywright.models.arm_body import Deviation, compute_servo_gains, compute_servo_lag
@@ -43,10 +49,12 @@ from skywright.robots.limbs import list_joints, list_servos
 from skywright.robots.spec import Robot
 from skywright.sim.camera import fill_camera
 from skywright.sim.friction import fill_friction
+from skywright.sim.gnss import GNSS_NOISE, fill_gnss
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
 from skywright.sim.limb_drag import fill_limbs
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
 from skywright.sim.loads import fill_loads
+from skywright.sim.localisation import Sight, draw_localisation
 from skywright.sim.plant import BLOCK, PLANT
 from skywright.sim.simulation import Simulation
 from skywright.sim.surface_effects import fill_surface
@@ -56,6 +64,7 @@ from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
 from skywright.vehicle.interface import Limits, Table, Ticked
 from skywright.vehicle.link_arc import LinkArc, compute_link_arc
+from skywright.vehicle.localisation import prepare_localisation
 from skywright.vehicle.tick import (
     mission_tick,
     tick_after_law,
@@ -72,6 +81,7 @@ MISSION_TICK = 0.02  # s
 SAMPLE_RATE = 100.0  # Hz
 SAMPLES = 256  # rows between deliveries
 SAMPLES_A_TICK = 16  # more than one mission tick can write
+SETTLE = 2.0  # s in which the estimator starts
 LIFT_OFF_THRESHOLD = 15.0  # instrument units (Tognon 2018, section VII)
 
 
@@ -94,6 +104,7 @@ class SimulatedVehicle:
         on_samples: Callable[[NDArray[Any]], None] | None = None,
     ) -> None:
         """`start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant."""
+        check_localisation(estimator, robot, world)
         self.robot, self.world, self.law = robot, world, law
         self.interactive = interactive or law.compiled is None
         rate = robot.control.rate_hz
@@ -135,13 +146,22 @@ class SimulatedVehicle:
         self.plant = _build_plant(robot, world, self.scene, deviation, seed)
         names = (
             "gyro", "accelerometer", "vibration", "mocap", "dropout", "outlier", "probe", "wind",
-            "link", "deflection", "camera", "force",
+            "link", "deflection", "camera", "force", "gnss", "station", "range_finder",
         )  # fmt: skip
         self._streams = {n: build_stream(seed, n) for n in names}
+        fill_gnss(self.plant[0]["gnss"], robot, world, self._streams["gnss"])
         self.inertial = build_inertial(robot, world.gravity_mps2, TIMESTEP, self._streams)
         self.link = build_link(world.link)
         self.link_on = bool(self.link[0]["on"])
-        self.estimator = load_estimator(estimator)
+        self.estimator = load_estimator(estimator, world.localisation)
+        self._sight: Sight | None = None
+        self._body_R = np.eye(3)
+        self.calibration: Calibration | None = None
+        if world.localisation == "total-station":
+            self._sight = Sight(self.sim, int(self.plant[0]["platform"]))
+            self.calibration = prepare_localisation(
+                self.plant[0], self.belief[0]["fus"], robot, world, seed, self._streams
+            )
         arms_law = load_arms_law(robot.control.arms_law or "compliant")
         self.guard = self._build_guard(estimator == "truth")
         pipe = world.pipe or Pipe()  # without a pipe the signal is never asked for
@@ -167,7 +187,9 @@ class SimulatedVehicle:
         self._set_home_reference(p, start[2], q)
         self.track(self._table)
 
-    # --- Backend -----------------------------------------------------------------------------
+        # --- Backend -----------------------------------------------------------------------------
+        if self._sight is not None:
+            self._check_sight()
 
     @property
     def parts(self) -> list[str]:
@@ -175,7 +197,7 @@ class SimulatedVehicle:
         pl = self.plant[0]
         have = {
             "hands": pl["positioned"], "objects": pl["n_objects"], "loads": pl["loads"]["on"],
-            "force": pl["force_on"],
+            "force": pl["force_on"], "localisation": pl["localisation"]["on"],
         }  # fmt: skip
         return [name for name, on in have.items() if on]
 
@@ -201,7 +223,7 @@ class SimulatedVehicle:
 
     @property
     def fix_age(self) -> float:
-        """Time (s) since motion capture was last seen."""
+        """Time (s) since the robot was last told where it is."""
         return self.t - float(self.guard[0]["last_fix"])
 
     @property
@@ -235,6 +257,8 @@ class SimulatedVehicle:
             draw_inertial(self.inertial[0], self.robot, self._streams)
         if self.link_on and self._link_index[0] + self.n_ticks > LINK_BLOCK:
             draw_link(self.link[0], self._streams["link"])
+        if self._sight is not None:
+            self._look(self._sight)
         written = self._tick_interactive() if self.interactive else self._tick_fast()
         self._written = written
         if written > SAMPLES - SAMPLES_A_TICK:
@@ -348,6 +372,37 @@ class SimulatedVehicle:
 
     # --- set-up ------------------------------------------------------------------------------
 
+    def _check_sight(self) -> None:
+        """Raise InputError where the station does not see the robot that stands at its start."""
+        assert self._sight is not None
+        self._look(self._sight)
+        station = self.world.total_station
+        for start, stop in station.blocked_s:
+            if start < SETTLE and stop > 0.0:
+                raise InputError(
+                    f"world.total_station.blocked_s holds [{start:g}, {stop:g}]: the station must "
+                    f"see the robot for {SETTLE:g} s before it takes off"
+                )
+        if not self.plant[0]["localisation"]["visible"]:
+            raise InputError(
+                f"world.total_station at ({station.x_m:g}, {station.y_m:g}, {station.z_m:g}) m "
+                "does not see the prism of the robot where it stands before take-off: move the "
+                "station, or what is in between"
+            )
+
+    def _look(self, sight: Sight) -> None:
+        """Find what the station and the range finder see in this mission tick."""
+        loc, t, R = self.plant[0]["localisation"], self.t, self._body_R
+        draw_localisation(loc, self._streams, self.n_ticks)
+        p = self.sim.qpos[:3]
+        quat_to_rot(self.sim.qpos[3:7], R)
+        station = loc["station"]
+        hidden = any(start <= t < stop for start, stop in self.world.total_station.blocked_s)
+        prism = p + R @ station["p_BP"]
+        loc["visible"] = int(not hidden and sight.sees(station["p_WS"], prism))
+        if loc["ranges"]:
+            loc["distance"] = sight.measure(np.array(p), -R[:, 2])
+
     def _draw_noise(self) -> None:
         """Fill the noise block, one stream a sensor; lasts for BLOCK control ticks."""
         pl = self.plant[0]
@@ -356,6 +411,8 @@ class SimulatedVehicle:
         pl["noise_drop"] = self._streams["dropout"].random(BLOCK)
         if self.world.mocap.outlier_fraction > 0.0:
             pl["noise_outlier"] = self._streams["outlier"].random((BLOCK, 9))
+        if pl["gnss"]["on"]:
+            pl["noise_gnss"] = self._streams["gnss"].standard_normal((BLOCK, GNSS_NOISE))
         if pl["positioned"]:
             pl["noise_deflection"] = self._streams["deflection"].standard_normal(
                 pl["noise_deflection"].shape
@@ -392,8 +449,9 @@ class SimulatedVehicle:
             par["slider"] = self.robot.probe.slider_mass_kg
         fill_parameters(b, self.robot, self.world, TIMESTEP)
         fill_arms_parameters(b["arms"], self.robot)
-        if self.law.name == "cascade":
-            fill_cascade(b, self.robot, self.world, self.model)
+        if self.law.name in CASCADED:
+            inverted = self.law.name == "model_inversion"
+            fill_cascade(b, self.robot, self.world, self.model, inverted)
             if self.arc is not None:
                 self._check_balance(par, self.arc)
         if self.law.name == "backstepping":

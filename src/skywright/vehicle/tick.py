@@ -94,6 +94,7 @@ def interpolate_reference(b: Record, table: Array) -> None:
     for j in range(MAX_JOINTS):
         ref.tau[j], ref.delta[j] = w * lo.tau[j] + u * hi.tau[j], lo.delta[j]
     for h in range(b.arms.n_hands):
+        ref.load[h] = w * lo.load[h] + u * hi.load[h]
         ref.task[h], ref.gamma[h] = lo.task[h], lo.gamma[h]
         for a in range(3):
             ref.p_WH[h, a] = w * lo.p_WH[h, a] + u * hi.p_WH[h, a]
@@ -207,7 +208,7 @@ def after_law(
             g.fired |= LOST_CONTROL
         if b.t - g.last_fix > FIX_AGE_MAX:
             g.fired |= LOST_CONTROL
-    if b.meas.mocap_fresh > 0.0:
+    if b.meas.mocap_fresh + b.meas.fix_fresh + b.meas.odo_fresh > 0.0:
         g.last_fix = b.t
     if b.ref.active < 0.5:
         for i in range(thrust.shape[0]):
@@ -312,6 +313,9 @@ def take_sample(
         row.pressing, row.docked = ref.press, ref.docked
         for a in range(3):
             row.f_docking_W[a] = pl.f_docking_W[a]
+    if pl.localisation.on:
+        row.fix_age = b.t - b.fus.last_fix
+        row.pose_std = math.sqrt(max(b.fus.P[0, 0], b.fus.P[1, 1], b.fus.P[2, 2]))
     thrust = np.zeros(pl.n_rotors)
     for i in range(pl.n_rotors):
         thrust[i] = pl.k_f * pl.rotor_speed[i] * pl.rotor_speed[i]

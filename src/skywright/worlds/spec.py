@@ -9,8 +9,11 @@ from pydantic import Field, model_validator
 
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 from skywright.core.types import MAX_OBJECTS
+from skywright.worlds.gnss import Gnss
+from skywright.worlds.localisation import TotalStation
 from skywright.worlds.structure import Structure
 from skywright.worlds.things import Bench, Marker, Pad, Thing
+from skywright.worlds.tool import Tool
 
 
 class Pipe(Spec):
@@ -242,10 +245,14 @@ class World(Spec):
     difficulty: Fraction = 0.5  # of a drawn scenario: narrower, and three structures above 0.5
     tape: Tape | None = None
     objects: dict[str, Thing] = Field(default={}, max_length=MAX_OBJECTS)
+    tool: Tool | None = None
     bench: Bench | None = None
     marker: Marker | None = None
     wind: Wind = Wind()
+    localisation: Literal["mocap", "gnss", "total-station"] = "mocap"  # tells the robot its place
     mocap: Mocap = Mocap()
+    gnss: Gnss = Gnss()
+    total_station: TotalStation = TotalStation()
     link: Link = Link()
 
     @model_validator(mode="after")
@@ -262,11 +269,29 @@ class World(Spec):
                     raise ValueError(f"passages.{name} ends at the ceiling: give an area")
         return self
 
+    @property
+    def things(self) -> list[str]:
+        """Names of everything that moves, in the order of the scene; the tool comes last."""
+        return [*self.objects, *(["tool"] if self.tool is not None else [])]
+
+    @model_validator(mode="after")
+    def _tool_stands_on_an_obstacle(self) -> World:
+        if self.tool is None:
+            return self
+        if self.tool.on not in self.obstacles:
+            valid = ", ".join(self.obstacles) or "none, the world has no obstacles"
+            raise ValueError(f"tool.on is {self.tool.on!r}; valid: {valid}")
+        if "tool" in self.objects or len(self.objects) >= MAX_OBJECTS:
+            raise ValueError(
+                f"beside a tool there is room for {MAX_OBJECTS - 1} objects, none named 'tool'"
+            )
+        return self
+
     @model_validator(mode="after")
     def _marker_sits_on_a_thing(self) -> World:
         on = self.marker.on if self.marker is not None else None
-        if on is not None and on not in self.objects:
-            valid = ", ".join(self.objects) or "none, the world has no objects"
+        if on is not None and on not in self.things:
+            valid = ", ".join(self.things) or "none, the world has no objects"
             raise ValueError(f"marker.on is {on!r}; valid: {valid}")
         return self
 

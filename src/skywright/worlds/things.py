@@ -75,7 +75,7 @@ class Marker(Spec):
     z_m: Coordinate
     yaw_deg: float = 0.0
     pitch_deg: float = 0.0
-    on: str | None = None  # a name in world.objects: the place is then in that thing's frame
+    on: str | None = None  # an object, or "tool": the place is then in that thing's frame
 
     @property
     def rotation(self) -> NDArray[np.float64]:

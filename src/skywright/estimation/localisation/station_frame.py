@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from skywright.errors import InputError
@@ -191,8 +190,3 @@ def _detectable(redundancy: float, std: float, significance: float) -> float:
 
     shift = float(norm.isf(significance / 2.0) + norm.isf(0.2))
     return shift * std / math.sqrt(redundancy)
-
-
-def rotation_angle(a: Array, b: Array) -> float:
-    """Angle (rad) between two rotation matrices."""
-    return float(Rotation.from_matrix(a @ b.T).magnitude())

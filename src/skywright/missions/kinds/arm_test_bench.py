@@ -10,7 +10,7 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from skywright.core.spec import NonNegative, Spec
 from skywright.errors import InputError
@@ -19,6 +19,7 @@ from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan
 from skywright.missions.pressing import Presser, check_can_press
 from skywright.missions.spec import Mission
+from skywright.missions.tasks.bridge_contact import PressForces
 from skywright.models.rigid_body import build_body_model, compute_tip
 from skywright.worlds.structure import build_surface, find_place
 
@@ -37,18 +38,10 @@ class BenchTask(Spec):
 
     rest_deg: list[float] = Field(default=[95.0, 152.0], min_length=2, max_length=2)
     inspection_deg: list[float] = Field(default=[61.0, 55.0], min_length=2, max_length=2)
-    forces_n: list[float] = Field(default=[2.0, 4.0, 6.0, 8.0], min_length=1, max_length=50)
+    forces_n: PressForces = [2.0, 4.0, 6.0, 8.0]
     ramp_s: float = Field(default=1.0, ge=0.1, le=60)
     settle_s: NonNegative = 3.0
     hold_s: float = Field(default=4.0, ge=0.2, le=600)
-
-    @field_validator("forces_n")
-    @classmethod
-    def _forces_press(cls, forces: list[float]) -> list[float]:
-        for force in forces:
-            if not 0.2 <= force <= 16.0:
-                raise ValueError(f"a force of {force:g} N; valid: 0.2 to 16 N each")
-        return forces
 
 
 class ArmTestBenchMission(Mission):

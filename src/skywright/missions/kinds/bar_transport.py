@@ -27,6 +27,8 @@ from skywright.planning.motion.transport_plan import (
 from skywright.robots.limbs import list_joints
 from skywright.robots.spec import Robot
 from skywright.vehicle.plan_table import build_plan_table
+from skywright.worlds.scenario import get_structures
+from skywright.worlds.spec import World
 
 if TYPE_CHECKING:
     from skywright.missions.supervisor import Supervisor
@@ -103,6 +105,7 @@ def build_problem(d: Description) -> TransportProblem:
             "the transport is planned in the plane y = 0: mission.start_y_m and "
             f"mission.start_yaw_deg must be 0, not {m.start_y_m:g} and {m.start_yaw_deg:g}"
         )
+    _check_localisation(world, task.margin_m)
     pose = posture(robot, "working")[1:3]
     if task.bar_length_m > 0.0 and robot.arm is not None:
         least = robot.arm.separation_m
@@ -118,6 +121,23 @@ def build_problem(d: Description) -> TransportProblem:
         bar_mass=task.bar_mass_kg, p1=task.p1, p2=task.p2,
     )  # fmt: skip
     return build_transport(drop_bar(robot), world, transport)
+
+
+def _check_localisation(world: World, margin: float) -> None:
+    """Raise InputError where the robot would not know well enough how far the pipes are.
+
+    Two sigma of the fixes may use up half of the margin; the other half is for following the plan.
+    """
+    if world.localisation != "gnss" or not (get_structures(world).tubes or world.obstacles):
+        return
+    error = world.gnss.position_error_m
+    if 2.0 * error > 0.5 * margin:
+        raise InputError(
+            f"world.gnss.fix = {world.gnss.fix!r}: its fixes are {error:.2f} m (1 sigma) from the "
+            f"truth, and {2.0 * error:.2f} m (2 sigma) do not fit into half of the plan's margin, "
+            f"mission.task.margin_m = {margin:g}; valid: at most {0.25 * margin:.3f} m (1 sigma), "
+            "such as that of 'rtk', or world.localisation = 'mocap'"
+        )
 
 
 def fly(s: Supervisor) -> Flight:

@@ -21,6 +21,7 @@ from skywright.missions.planning import (
 )
 from skywright.missions.tables import build_retreat, cut_table, lift_table, reverse_table
 from skywright.models.geometry import build_clearance
+from skywright.models.kinematic_tree import build_planning_scene
 from skywright.models.rigid_body import build_body_model, compute_body, joint_names, posture
 from skywright.models.scene import build_scene
 from skywright.planning.patterns import SIDES, build_pattern
@@ -73,7 +74,8 @@ def plan(d: Description) -> MissionPlan:
         stand_off=scan.stand_off_m,
     )  # fmt: skip
     loads = build_mission_loads(robot, world)
-    query = build_clearance(build_scene(robot, world))
+    built = build_scene(robot, world)
+    query, scene = build_clearance(built), build_planning_scene(built, robot)
     hover = find_hover(d)
     began = time.perf_counter()
     if not loads.full:
@@ -85,7 +87,7 @@ def plan(d: Description) -> MissionPlan:
             False, blocked, 0.0, math.nan, math.nan, math.nan, {}, None, depth, force
         )
     found = plan_scan(
-        model, loads, query, cylinder, task, build_limits(robot), force, hover, hover,
+        model, loads, query, scene, cylinder, task, build_limits(robot), force, hover, hover,
         posture(robot, "folded"), posture(robot, "working"),
         build_stream(d.mission.seed, "planner"),
         tuple(joint_names(robot)), d.mission.planner_time_s,

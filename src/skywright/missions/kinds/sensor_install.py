@@ -15,15 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.core.streams import build_stream
 from skywright.core.types import BODY, MAX_JOINTS, TASK_FORCE, TASK_POSITION, WRENCH
 from skywright.errors import InputError
 from skywright.missions.flight import Flight
 from skywright.missions.loader import Description
-from skywright.missions.planning import MissionPlan, find_hover
+from skywright.missions.planning import MissionPlan, build_limits, find_hover
 from skywright.missions.tasks.sensor_install import SensorInstall, SensorInstallMission
+from skywright.missions.ways import (
+    Way,
+    build_surroundings,
+    check_line,
+    copy_row,
+    differs,
+    fly_way,
+    plan_way,
+    reverse_way,
+    slide_platform,
+)
 from skywright.models.compliant_arms import find_hands, find_swing, is_compliant
 from skywright.models.floating import fill_floating
-from skywright.models.geometry import ClearanceQuery, build_clearance, compute_clearance
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,
@@ -31,10 +42,10 @@ from skywright.models.rigid_body import (
     fill_kinematics,
     posture,
 )
-from skywright.models.scene import build_scene
+from skywright.planning.motion.transit import Configuration
 from skywright.robots.limbs import list_joints
 from skywright.robots.spec import Robot
-from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
+from skywright.vehicle.rest_to_rest import quintic
 from skywright.worlds.surface import build_cylinder
 
 if TYPE_CHECKING:
@@ -48,7 +59,6 @@ NEEDS = frozenset({"uav", "hands"})
 MARGIN = 0.1  # m, kept from everything on the way
 BEHIND = 0.17  # m, from the pipe's surface to the axis of what carries the arms
 NEAR_MARGIN = 0.02  # m, kept by what does not touch while the hand presses
-STEP = 0.05  # m, between clearance checks
 CONTACT_N = 0.3  # N, estimated force at which the hand counts as touching
 CONTACT_S = 0.1  # s, for which it has to be felt
 SEARCH = 0.1  # m, how far beyond the expected surface the hand looks for it
@@ -59,6 +69,8 @@ CALM = 0.3  # of the limits of speed and acceleration, near the pipe
 SLOW = 0.05  # of them, while the hand presses
 TARE_S = 3.0  # s, over which the force in free air is called zero
 PARK_S = 3.0  # s, of hovering before something is measured
+WATCH_S = 2.0  # s, over which the hand's place is averaged: a period of the link
+CORRECTION_MAX = 0.06  # m, of the platform for a hand that is not where it was planned
 LOST_S = 1.0  # s without contact before pressing is given up
 RISE = math.radians(15.0)  # of the forearm towards the hand: it must not touch beside the hand
 STRETCHED_DEG = (-80.0, 0.0, 0.0, -20.0)  # shoulder pitch, roll, yaw, elbow: near the singularity
@@ -79,10 +91,12 @@ class InstallPlan(NamedTuple):
     home: Array  # (3,) m, hover
     folded: Array  # (n_joints,) rad
     swing_rad_s: float  # frequency of the link under a platform at rest, 0 without one
+    to_far: Way  # from home
+    to_below: Way  # from p_far
 
 
 def plan(d: Description) -> MissionPlan:
-    """Place the robot for the contact and check the straight lines there and back."""
+    """Place the robot for the contact and find the ways there and back."""
     robot, world = d.robot, d.world
     assert isinstance(d.mission, SensorInstallMission)
     task = d.mission.task
@@ -111,6 +125,12 @@ def plan(d: Description) -> MissionPlan:
     p_below = place(low)
     p_far = p_below - (robot.platform.diameter_m + 0.5) * R[:, 0]
     hover = find_hover(d)
+    around = build_surroundings(robot, world, model, build_limits(robot).ground, MARGIN)
+    rng = build_stream(d.mission.seed, "planner")
+    home = Configuration(hover[:3], float(hover[3]), q_good)
+    to_far, room_far, no_far = plan_way(around, home, Configuration(p_far, yaw, q_good), rng)
+    far, below = Configuration(p_far, yaw, q), Configuration(p_below, yaw, q)
+    to_below, room_below, no_below = plan_way(around, far, below, rng)
     found = InstallPlan(
         contact, yaw, up, q, q_good,
         p_far=p_far,
@@ -120,12 +140,15 @@ def plan(d: Description) -> MissionPlan:
         home=hover[:3],
         folded=posture(robot, "folded"),
         swing_rad_s=compute_swing_frequency(model, q, world.gravity_mps2),
+        to_far=to_far,
+        to_below=to_below,
     )  # fmt: skip
-    query = build_clearance(build_scene(robot, world), with_ground=True)
     legs = list_legs(found)
-    least, blocked = math.inf, None
-    for name, a, b, pose, margin in legs:
-        distance, what = _check_line(query, a, b, R, pose)
+    least, blocked = min(room_far, room_below), None
+    if no_far is not None or no_below is not None:
+        blocked = f"navigate: {no_far}" if no_far is not None else f"navigate on: {no_below}"
+    for name, a, b, pose, margin in (legs[0], legs[-1]):
+        distance, what = check_line(around.query, a, b, R, pose)
         least = min(least, distance)
         if distance < margin and blocked is None:
             blocked = (
@@ -142,12 +165,11 @@ def plan(d: Description) -> MissionPlan:
 
 def list_legs(way: InstallPlan) -> list[tuple[str, Array, Array, Array, float]]:
     """Return the straight flights to the stand-off: (phase, from, to, joints, margin kept)."""
-    return [
-        ("arms to the operation pose", way.home, way.home, way.folded, MARGIN),
-        ("navigate", way.home, way.p_far, way.q_good, MARGIN),
-        ("navigate on", way.p_far, way.p_below, way.q, MARGIN),
-        ("approach", way.p_below, way.p_near, way.q, NEAR_MARGIN),
-    ]
+    legs = [("arms to the operation pose", way.home, way.home, way.folded, MARGIN)]
+    for name, there in (("navigate", way.to_far), ("navigate on", way.to_below)):
+        corners = zip(there.p_WB, there.p_WB[1:], there.q[1:], strict=False)
+        legs += [(name, a, b, q, MARGIN) for a, b, q in corners]
+    return [*legs, ("approach", way.p_below, way.p_near, way.q, NEAR_MARGIN)]
 
 
 def compute_swing_frequency(model: Table, q: Array, gravity: float) -> float:
@@ -189,17 +211,6 @@ def build_pose(robot: Robot, pose: str, radius: float) -> Array:
     return q
 
 
-def _check_line(query: ClearanceQuery, a: Array, b: Array, R: Array, q: Array) -> tuple[float, str]:
-    """Least distance (m) along a straight flight, and between what."""
-    least, what = math.inf, ""
-    for u in np.linspace(0.0, 1.0, max(math.ceil(float(np.linalg.norm(b - a)) / STEP), 1) + 1):
-        found = compute_clearance(query, a + u * (b - a), R, q)
-        if found.distance < least:
-            least = found.distance
-            what = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
-    return least, what
-
-
 def fly(s: Supervisor) -> Flight:
     """Fly the phases between take-off and landing."""
     assert isinstance(s.mission, SensorInstallMission)
@@ -210,8 +221,7 @@ def fly(s: Supervisor) -> Flight:
     s.until_arrived()
     _tare(s)
     s.begin("navigate")
-    s.uav.go_to(way.p_far, way.yaw)
-    s.until_arrived()
+    fly_way(s, way.to_far, 1.0)
     s.wait(PARK_S)
     if task.swing_deg > 0.0 and s.vehicle.hands["swing"] >= 0:
         _check_swing(s, math.radians(task.swing_deg), way)
@@ -222,13 +232,13 @@ def fly(s: Supervisor) -> Flight:
     s.begin("navigate on")
     s.arms.move_to(way.q)
     s.until_arrived()
-    s.body.track(_slide_platform(s, way.p_below, CALM))
-    s.until_arrived()
+    fly_way(s, way.to_below, CALM)
     s.wait(PARK_S)
-    low = way.contact - task.approach_below_m * way.normal
+    here = _watch_hand(s)
+    correction = _limit(way.contact - task.approach_below_m * way.normal - here, CORRECTION_MAX)
     s.begin("approach")
-    s.body.track(_hold_hand(s, low, task))
-    _move_with_hand(s, way.p_near, way.contact - task.stand_off_m * way.normal)
+    s.body.track(_hold_hand(s, here, task))
+    _move_with_hand(s, way.p_near + correction, way.contact - task.stand_off_m * way.normal)
     s.wait(PARK_S)
     if task.pose == "L":
         _tare(s)
@@ -241,10 +251,11 @@ def fly(s: Supervisor) -> Flight:
     s.arms.move_to(way.q)
     s.until_arrived()
     s.begin("return")
-    s.body.track(_slide_platform(s, way.p_far, CALM))
-    s.until_arrived()
-    s.uav.go_to(way.home, way.yaw)
-    s.until_arrived()
+    fly_way(s, reverse_way(way.to_below), CALM)
+    if differs(s, way.q_good):
+        s.arms.move_to(way.q_good)
+        s.until_arrived()
+    fly_way(s, reverse_way(way.to_far), 1.0)
     s.arms.move_to(way.folded)
     s.until_arrived()
     if not touched:
@@ -252,26 +263,35 @@ def fly(s: Supervisor) -> Flight:
     return Flight(held, "" if held else "contact was lost while pressing")
 
 
-def _row(s: Supervisor) -> Any:
-    """A copy of the reference at rest."""
-    row = np.array(s.vehicle.reference)
-    row["t"] = row["tare"] = 0.0
-    for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "v_WH"):
-        row[field] = 0.0
-    return row
-
-
 def _hold_hand(s: Supervisor, p: Array, task: SensorInstall) -> Table:
     """The platform stays; the left hand goes straight to p (3,) m and keeps it."""
-    row = _row(s)
+    row = copy_row(s)
     row["task"][0], row["p_WH"][0] = TASK_POSITION, p
     row["v_WH"][0] = [task.hand_speed_mps, 0.0, 0.0]
     return row[None]
 
 
+def _watch_hand(s: Supervisor) -> Array:
+    """Where the left hand is (3,) m, in the mean over a swing of the link.
+
+    The link hangs, and the springs give way, a little other than planned, and what the hand is off
+    the platform has to move: 20 deg of bend in the elbow of a stretched arm are 8 mm of reach.
+    """
+    seen, end = [], s.vehicle.t + WATCH_S
+    while s.vehicle.t < end - 1e-9:
+        s.tick()
+        seen.append(s.vehicle.hands["p_WH"][0])
+    mean: Array = np.mean(seen, axis=0)
+    return mean
+
+
+def _limit(vector: Array, most: float) -> Array:
+    return vector * min(1.0, most / max(float(np.linalg.norm(vector)), 1e-9))
+
+
 def _move_with_hand(s: Supervisor, p: Array, hand: Array) -> None:
     """Move platform to p and the left hand to `hand` (3,) m at the same time, rest to rest."""
-    table = _slide_platform(s, p, CALM)
+    table = slide_platform(s, p, CALM)
     first = table["p_WH"][0, 0].copy()
     shape, _, _ = quintic(table["t"] / table["t"][-1])
     table["p_WH"][:, 0] = first + shape[:, None] * (hand - first)
@@ -308,7 +328,7 @@ def _touch(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     s.begin("touch")
     start = s.vehicle.t
     goal = way.contact + SEARCH * way.normal
-    row = _row(s)
+    row = copy_row(s)
     row["task"][0], row["v_WH"][0] = TASK_POSITION, [0.02, 0.0, 0.0]
     row["p_WH"][0] = goal
     s.body.track(row[None])
@@ -331,7 +351,7 @@ def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     With `leave_singularity` a stretched arm is answered: the platform moves to where the elbow
     comes to a right angle, while the hand goes on pressing.
     """
-    row = _row(s)
+    row = copy_row(s)
     row["task"][0], row["p_WH"][0] = TASK_FORCE, s.vehicle.hands["p_WH"][0]
     table = np.repeat(row[None], 2)
     table["t"] = [0.0, RAMP_S]
@@ -343,7 +363,7 @@ def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
         shift = s.arms.platform_shift("left")
         if np.any(shift != 0.0):
             s.begin("leave singularity")
-            away = _slide_platform(s, row["p_WB"] + shift, SLOW)
+            away = slide_platform(s, row["p_WB"] + shift, SLOW)
             away["f_WH"][:, 0] = np.linspace(table["f_WH"][0, 0], table["f_WH"][1, 0], len(away))
             s.body.track(away)
             s.until_arrived()
@@ -363,22 +383,6 @@ def _tare(s: Supervisor) -> None:
     s.arms.tare()
     s.wait(TARE_S)
     s.arms.tare(False)
-
-
-def _slide_platform(s: Supervisor, p: Array, share: float) -> Table:
-    """Move the platform to p (3,) m with a share of its limits; the hands keep their task."""
-    start = _row(s)
-    delta = p - start["p_WB"]
-    limits, distance = s.vehicle.limits, float(np.linalg.norm(delta))
-    total = max(duration(distance, share * limits.speed, share * limits.acceleration), 1.0)
-    u = np.linspace(0.0, 1.0, max(math.ceil(total / ROW_PERIOD), 1) + 1)
-    shape, ds, dds = quintic(u)
-    table = np.repeat(start[None], len(u))
-    table["t"] = u * total
-    table["p_WB"] += shape[:, None] * delta
-    table["v_WB"] = ds[:, None] * delta / total
-    table["a_WB"] = dds[:, None] * delta / total**2
-    return table
 
 
 def _keep(s: Supervisor, seconds: float, way: InstallPlan) -> bool:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from skywright.core.spec import Positive, Spec
+from skywright.core.spec import Spec
 from skywright.missions.spec import Mission
 
 Trial = Literal["squeeze", "unplug", "bar", "position-sensor"]
@@ -27,11 +27,11 @@ class BimanualBench(Spec):
     )
     squeeze_n: float = Field(default=3.5, gt=0, le=15)
     lift_m: float = Field(default=0.05, gt=0, le=0.2)
-    hold_s: Positive = 5.0
-    unplug_threshold_m: Positive = 0.03  # Delta_th of (33)
+    hold_s: float = Field(default=5.0, gt=0, le=600)
+    unplug_threshold_m: float = Field(default=0.03, gt=0, le=1)  # Delta_th of (33)
     bar_turn_deg: float = Field(default=10.0, ge=0, le=30)
     drift_m: float = Field(default=0.02, ge=0, le=0.05)  # of the base, peak, while it is measured
-    drift_period_s: Positive = 6.0
+    drift_period_s: float = Field(default=6.0, ge=0.5, le=600)
 
 
 class BimanualBenchMission(Mission):

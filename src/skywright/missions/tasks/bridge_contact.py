@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
-from pydantic import Field, field_validator
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
 
 from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
 from skywright.missions.spec import Mission
+
+
+def _check_forces(forces: list[float]) -> list[float]:
+    for force in forces:
+        if not 0.2 <= force <= 16.0:
+            raise ValueError(f"a force of {force:g} N; valid: 0.2 to 16 N each")
+    return forces
+
+
+PressForces = Annotated[
+    list[float], Field(min_length=1, max_length=50), AfterValidator(_check_forces)
+]
+"""N, the forces that a mission presses with, one after the other."""
 
 
 class Spot(Spec):
@@ -25,7 +40,7 @@ class BridgeContact(Spec):
     dock: bool = True  # rest the docking gear against the surface, which must face down
     without_gear: bool = True  # then press once more in flight, for the numbers beside
     spots: list[Spot] = Field(default=[Spot()], min_length=1, max_length=100)
-    forces_n: list[float] = Field(default=[2.0, 4.0, 6.0, 8.0], min_length=1, max_length=50)
+    forces_n: PressForces = [2.0, 4.0, 6.0, 8.0]
     ramp_s: float = Field(default=1.5, ge=0.1, le=60)
     settle_s: NonNegative = 2.0
     hold_s: float = Field(default=3.0, ge=0.2, le=600)
@@ -36,14 +51,6 @@ class BridgeContact(Spec):
     slide_m: Coordinate = 0.0  # along the structure under force, in flight; 0: left out
     slide_force_n: Positive = 2.0
     slide_speed_mps: float = Field(default=0.05, ge=0.005, le=0.5)
-
-    @field_validator("forces_n")
-    @classmethod
-    def _forces_press(cls, forces: list[float]) -> list[float]:
-        for force in forces:
-            if not 0.2 <= force <= 16.0:
-                raise ValueError(f"a force of {force:g} N; valid: 0.2 to 16 N each")
-        return forces
 
 
 class BridgeContactMission(Mission):

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from skywright.core.spec import NonNegative, Positive, Spec
+from skywright.core.spec import Spec
 from skywright.missions.spec import Mission
 
 
@@ -23,8 +23,10 @@ class SensorInstall(Spec):
     leave_singularity: bool = False  # the platform moves so that the arm returns to a good pose
     stand_off_m: float = Field(default=0.05, gt=0, le=0.3)  # hand below the pipe before touching
     approach_below_m: float = Field(default=0.25, gt=0, le=1)  # hand below the pipe on the way in
-    hand_speed_mps: Positive = 0.05
-    hover_s: NonNegative = 50.0  # the hand tracks a fixed point for so long; 0: left out
+    hand_speed_mps: float = Field(default=0.05, gt=0, le=0.5)
+    hover_s: float = Field(
+        default=50.0, ge=0, le=3600
+    )  # the hand tracks a fixed point for so long; 0: left out
     swing_deg: float = Field(default=10.0, ge=0, le=30)  # the link is let go from here; 0: left out
 
 

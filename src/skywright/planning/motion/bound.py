@@ -23,14 +23,8 @@ from numpy.typing import NDArray
 
 from skywright.errors import InputError
 from skywright.planning.motion.edges import pair_distance, place_shapes
-from skywright.planning.motion.space import (
-    JOINT0,
-    PAIR_SELF,
-    Record,
-    Scratch,
-    Space,
-    build_scratch,
-)
+from skywright.planning.motion.pairs import PAIR_SELF
+from skywright.planning.motion.space import JOINT0, Record, Scratch, Space, build_scratch
 
 Array = NDArray[np.float64]
 

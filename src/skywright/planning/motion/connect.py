@@ -91,12 +91,6 @@ def connect(
             trees[0, 0, j], trees[1, 0, j] = start[j], goal[j]
         parents[0, 0] = parents[1, 0] = -1
         counts[0] = counts[1] = 1
-        if is_edge_free(space, start, goal, k):
-            for j in range(n):
-                path[0, j], path[1, j] = start[j], goal[j]
-            counts[0] = 0
-            return 2
-        hits[k.blocked] += 1
     sample, new = np.empty(n), np.empty(n)
     for _ in range(tries):
         a = 0 if counts[0] <= counts[1] else 1

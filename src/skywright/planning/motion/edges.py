@@ -21,15 +21,9 @@ from numpy.typing import NDArray
 from skywright.core.rotations import cross, mat_mat, mat_vec
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.distance import box_box, segment_box, segment_segment
-from skywright.planning.motion.space import (
-    JOINT0,
-    PAIR_LIMIT,
-    PAIR_SELF,
-    PAIR_WORLD,
-    YAW,
-    Record,
-    compute_pose,
-)
+from skywright.planning.motion.kinematics import compute_pose
+from skywright.planning.motion.pairs import PAIR_LIMIT, PAIR_SELF, PAIR_WORLD
+from skywright.planning.motion.space import JOINT0, YAW, Record
 
 Array = NDArray[np.float64]
 

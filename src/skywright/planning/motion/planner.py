@@ -15,8 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.planning.motion.connect import TREE_SIZE, connect
-from skywright.planning.motion.cost import path_cost
-from skywright.planning.motion.edges import is_state_free, state_clearance
+from skywright.planning.motion.cost import displacement_cost, path_cost
+from skywright.planning.motion.edges import is_edge_free, is_state_free, state_clearance
 from skywright.planning.motion.improve import MAX_ROWS, drop_corners, improve, remove_doubles
 from skywright.planning.motion.rng import State, build_state, uniform
 from skywright.planning.motion.space import Record, Scratch, Space, build_scratch
@@ -60,11 +60,7 @@ def _slice(
     # some slices look for other ways through; until the first path, all
     if filled == 0 or uniform(state) < SEARCH:
         # from place to place, or with trees that need no places
-        if done == 0:  # the straight line, and nothing else
-            found = connect(
-                space, start, goal, state, trees, parents, counts, 0, pool[fresh], k, hits
-            )
-        elif places.shape[0] > 0 and (done == 1 or uniform(state) < 0.5):
+        if places.shape[0] > 0 and (done == 0 or uniform(state) < 0.5):
             found = pass_through(space, start, goal, places, state, tries, pool[fresh], k, hits)
         else:
             found = connect(
@@ -135,17 +131,21 @@ def plan_path(
 
     `slices` ends the search after that many slices of work instead of by the clock, so that the
     same `rng` gives the same path on every machine. `clock` measures all times (a benchmark on a
-    busy machine takes the thread's processor time).
+    busy machine takes the thread's processor time). The straight line, where free, is the
+    cheapest path and ends the search at once.
     """
     n = int(space["n"][0])
     scratch = build_scratch(space)
     start, goal = np.array(start, dtype=float), np.array(goal, dtype=float)
     hits = np.zeros(int(space["n_pairs"][0]), dtype=np.int64)
     began = clock()
-    for end in (start, goal):
-        if not check_state(space, end, scratch):
-            pair = int(scratch[0]["blocked"])
-            return Path(np.zeros((0, n)), np.inf, np.nan, np.inf, 0.0, np.zeros((0, 2)), hits, pair)
+    blocked, straight, cost = _check_ends(space, start, goal, scratch)
+    if blocked >= 0:
+        return Path(np.zeros((0, n)), np.inf, np.nan, np.inf, 0.0, np.zeros((0, 2)), hits, blocked)
+    if straight:
+        rows, now = np.array([start, goal]), clock() - began
+        return Path(rows, cost, now, cost, now, np.array([[now, cost]]), hits, -1)
+    hits[int(scratch[0]["blocked"])] += 1
     state = build_state(rng)
     trees = np.empty((2, TREE_SIZE, n))
     parents = np.empty((2, TREE_SIZE), dtype=np.int64)
@@ -175,6 +175,18 @@ def plan_path(
         rows, float(costs[0]), history[0][0] if history else np.nan,
         history[0][1] if history else np.inf, now, np.array(history).reshape(-1, 2), hits, -1,
     )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _check_ends(
+    spaces: Space, start: Array, goal: Array, scratch: Scratch
+) -> tuple[int, bool, float]:
+    """Return (pair that blocks an end or -1, whether the straight line is free, its cost)."""
+    space, k = spaces[0], scratch[0]
+    cost = displacement_cost(space, start, goal)
+    if not (is_state_free(space, start, k) and is_state_free(space, goal, k)):
+        return k.blocked, False, cost
+    return -1, is_edge_free(space, start, goal, k), cost
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,12 +20,10 @@ from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.motion.cost import path_cost
 from skywright.planning.motion.edges import pair_distance, place_shapes
 from skywright.planning.motion.improve import drop_corners
-from skywright.planning.motion.planner import Path, plan_path, sample_reserve
+from skywright.planning.motion.pairs import PAIR_LIMIT, PAIR_SELF, PAIR_WORLD
+from skywright.planning.motion.planner import Path, check_state, plan_path, sample_reserve
 from skywright.planning.motion.space import (
     JOINT0,
-    PAIR_LIMIT,
-    PAIR_SELF,
-    PAIR_WORLD,
     YAW,
     Coordinate,
     Scratch,
@@ -93,51 +91,53 @@ def plan_transit(
     moving = [j for j in driven if abs(goal.q[j] - start.q[j]) > STILL]
     for keep in sorted({max(wanted, margin), max(wanted / 2, margin), margin}, reverse=True):
         space, ends = _build_blend(scene, start, goal, moving, keep, passive, low_z)
-        path = _search(space, ends, rng, slices)
+        path = plan_path(space, ends[0], ends[1], rng, slices=slices)
         if len(path.rows):
-            path = _thin(space, path, max(margin, CORNER * keep))
             break
     if path.blocked < 0 and not len(path.rows) and driven:
+        keep = margin
         space, ends = _build_free(scene, start, goal, driven, margin, passive, low_z)
-        path = _search(space, ends, rng, slices)
+        path = plan_path(space, ends[0], ends[1], rng, slices=slices)
     blocked_by: str | None = None
     if path.blocked >= 0:
-        at_start = plan_path(space, ends[0], ends[0], rng, slices=1).blocked >= 0
+        at_start = not check_state(space, ends[0], build_scratch(space))
         what = describe_pair(space, scene, path.blocked)
         blocked_by = f"{'start' if at_start else 'goal'}: {what}"
     elif not len(path.rows):
         often = describe_pair(space, scene, int(np.argmax(path.hits)))
         blocked_by = f"no way found; most often in the way: {often}"
-    n = path.rows.shape[1]
-    u = space[0]["offset"] + path.rows @ space[0]["map"][:, :n].T
+    rows, cost, clearance = _finish(space, path, max(margin, CORNER * keep))
+    u = space[0]["offset"] + rows @ space[0]["map"][:, : rows.shape[1]].T
     return Transit(
-        u[:, :3], u[:, YAW], u[:, JOINT0 : JOINT0 + len(scene.joints)], path.cost,
-        _clearance(space, path.rows), blocked_by, time.perf_counter() - began,
+        u[:, :3], u[:, YAW], u[:, JOINT0 : JOINT0 + len(scene.joints)], cost, clearance,
+        blocked_by, time.perf_counter() - began,
     )  # fmt: skip
 
 
-def _search(space: Space, ends: Array, rng: np.random.Generator, slices: int) -> Path:
-    path = plan_path(space, ends[0], ends[1], rng, slices=1)
-    if path.blocked >= 0 or len(path.rows) == 2:
-        return path  # the straight line is the cheapest way
-    return plan_path(space, ends[0], ends[1], rng, slices=slices)
+def _finish(space: Space, path: Path, margin: float) -> tuple[Array, float, float]:
+    """Drop the corners that `margin` (m) can do without; return rows, cost and clearance (m).
 
-
-def _thin(space: Space, path: Path, margin: float) -> Path:
-    """Drop the corners that `margin` (m) can do without."""
-    looser = space.copy()
+    The clearance is the smallest distance to anything but the robot itself; NaN without a path.
+    """
+    if not len(path.rows):
+        return path.rows, math.inf, math.nan
+    looser, bare = space.copy(), space.copy()
     kept = space[0]["margin"]
-    own = (space[0]["pairs"][:, 2] == PAIR_SELF) | (kept == EXCUSED)
-    looser[0]["margin"] = np.where(own, kept, np.minimum(kept, margin))
+    own = space[0]["pairs"][:, 2] == PAIR_SELF
+    looser[0]["margin"] = np.where(own | (kept == EXCUSED), kept, np.minimum(kept, margin))
+    bare[0]["margin"] = np.where(own, EXCUSED, 0.0)
     rows = path.rows.copy()
-    count, cost = _drop_corners(looser, build_scratch(space), rows)
-    return path._replace(rows=rows[:count], cost=float(cost))
+    count, cost, distance, pair = _drop_and_measure(looser, bare, build_scratch(space), rows)
+    return rows[:count], float(cost), float(distance) if pair >= 0 else math.inf
 
 
 @njit(cache=True, error_model="numpy")
-def _drop_corners(space: Space, scratch: Scratch, rows: Array) -> tuple[int, float]:
-    count = drop_corners(space[0], rows, rows.shape[0], scratch[0])
-    return count, path_cost(space[0], rows, count)
+def _drop_and_measure(
+    looser: Space, bare: Space, scratch: Scratch, rows: Array
+) -> tuple[int, float, float, int]:
+    count = drop_corners(looser[0], rows, rows.shape[0], scratch[0])
+    distance, pair = sample_reserve(bare, scratch, rows[:count], STEP)
+    return count, path_cost(looser[0], rows, count), distance, pair
 
 
 def _build_blend(
@@ -154,7 +154,7 @@ def _build_blend(
         ends[0].append(0.0)
         ends[1].append(1.0)
     fixed = {name: float(start.q[j]) for j, name in enumerate(scene.joints)}
-    return _finish(scene, coordinates, fixed, np.array(ends), margin, passive)
+    return _excuse_ends(scene, coordinates, fixed, np.array(ends), margin, passive)
 
 
 def _build_free(
@@ -168,7 +168,7 @@ def _build_free(
         high = max(float(scene.q_max[j]), float(start.q[j]), float(goal.q[j])) + STILL
         coordinates.append(Coordinate(scene.joints[j], (scene.joints[j],), low, high))
     ends = np.array([[*c.p_WB, c.yaw, *np.asarray(c.q)[driven]] for c in (start, goal)])
-    return _finish(scene, coordinates, {}, ends, margin, passive)
+    return _excuse_ends(scene, coordinates, {}, ends, margin, passive)
 
 
 def _platform(
@@ -186,7 +186,7 @@ def _platform(
     return [*out, Coordinate("yaw", ("yaw",), yaws[0] - math.pi, yaws[1] + math.pi)]
 
 
-def _finish(
+def _excuse_ends(
     scene: PlanningScene, coordinates: list[Coordinate], fixed: dict[str, float], ends: Array,
     margin: float, passive: str | None,
 ) -> tuple[Space, Array]:  # fmt: skip
@@ -211,17 +211,6 @@ def _find_close(spaces: Space, scratch: Scratch, c: Array) -> Array:
         if space.pairs[i, 2] == PAIR_SELF and pair_distance(space, k, i) < space.margin[i]:
             out[i] = 1.0
     return out
-
-
-def _clearance(space: Space, rows: Array) -> float:
-    """Smallest distance (m) to anything but the robot itself; NaN without a path."""
-    if not len(rows):
-        return math.nan
-    bare = space.copy()
-    own = space[0]["pairs"][:, 2] == PAIR_SELF
-    bare[0]["margin"] = np.where(own, EXCUSED, 0.0)
-    distance, pair = sample_reserve(bare, build_scratch(bare), rows, STEP)
-    return float(distance) if pair >= 0 else math.inf
 
 
 def describe_pair(space: Space, scene: PlanningScene, pair: int) -> str:

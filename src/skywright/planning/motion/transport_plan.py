@@ -15,16 +15,11 @@ from skywright.models.planar import build_planar_lrm
 from skywright.models.planar_lrm import PlanarLrm
 from skywright.models.scene import build_scene
 from skywright.planning.motion.bound import choose_slices, compute_lower_bound
+from skywright.planning.motion.kinematics import compute_pose
 from skywright.planning.motion.passages import list_passages
 from skywright.planning.motion.plan_file import PlanFile
 from skywright.planning.motion.planner import Path, plan_path, sample_reserve
-from skywright.planning.motion.space import (
-    JOINT0,
-    Scratch,
-    Space,
-    build_scratch,
-    compute_pose,
-)
+from skywright.planning.motion.space import JOINT0, Scratch, Space, build_scratch
 from skywright.planning.motion.swing import add_bar, build_swing, compute_period
 from skywright.planning.motion.timing import Timed, TimeLimits, assign_times
 from skywright.planning.motion.transit import describe_pair

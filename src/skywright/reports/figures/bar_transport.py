@@ -32,6 +32,7 @@ from skywright.reports.figures.style import (
     draw_line,
     new_figure,
 )
+from skywright.reports.kinds import find_task
 from skywright.reports.outlines import outline_robot
 from skywright.worlds.scenario import get_structures
 
@@ -42,6 +43,7 @@ Array = NDArray[np.float64]
 Samples = NDArray[Any]
 
 SNAPSHOTS = 6
+LEAST_SPAN_DEG = 5.0  # of an axis of angles
 PLANNED = {"color": BLACK, "lw": 1.0, "ls": (0, (4, 2))}
 
 
@@ -55,9 +57,15 @@ def draw_snapshots(result: RunResult) -> Figure | None:
     x0, x1, z1, y1 = -1.5, 10.5, 3.6, 3.0
     if area is not None:
         x0, x1, z1, y1 = area.x_min_m, area.x_max_m, area.z_max_m, area.y_max_m
-    figure = new_figure(WIDTH, 6.4)
-    side, above = figure.subplots(2, 1, sharex=True, height_ratios=[z1, 2 * y1])
-    figure.subplots_adjust(left=0.06, right=0.985, top=0.955, bottom=0.08, hspace=0.15)
+    # both views to one scale, one above the other
+    high = max([z1, *(max(t.z_m, t.to_z_m) for t in get_structures(world).tubes.values())])
+    spans = [(x0 - 0.3, x1 + 0.3), (-0.15, high + 0.3), (-y1 - 0.3, y1 + 0.3)]
+    wide, tall, deep = (b - a for a, b in spans)
+    inch = 0.93 * WIDTH / wide
+    height = inch * (tall + deep) + 1.5
+    figure = new_figure(WIDTH, height)
+    side = figure.add_axes((0.06, (0.6 + inch * deep + 0.6) / height, 0.93, inch * tall / height))
+    above = figure.add_axes((0.06, 0.6 / height, 0.93, inch * deep / height))
     side.set_title("From the side: start 0, goal f; grey: platform and bar on their way")
     above.set_title("From above")
     bar = _bar_ends(s, result)
@@ -69,6 +77,8 @@ def draw_snapshots(result: RunResult) -> Figure | None:
             low = 0.0 if a == 2 else area.y_min_m
             size = (x1 - x0, (z1 if a == 2 else y1) - low)
             ax.add_patch(Rectangle((x0, low), *size, fill=False, color=LIMIT, ls="--", lw=0.9))
+        ax.set_xlim(*spans[0])
+        ax.set_ylim(*spans[1 if a == 2 else 2])
         ax.set_aspect("equal")
         ax.set_ylabel("zy"[a == 1] + " (m)")
     above.set_xlabel("x (m)")
@@ -120,13 +130,21 @@ def draw_histories(result: RunResult) -> Figure | None:
         draw_line(ax, t, y, color=BLUE, label="flown")
         draw_line(ax, t, plan, **PLANNED, label="planned")
     for ax, j in ((axes[2, 0], 3), (axes[2, 1], 4)):
-        draw_line(ax, t, q[:, j], color=PURPLE, label="right")
+        draw_line(ax, t, q[:, j], color=PURPLE, ls=":", label="flown, right arm")
+    axes[2, 0].legend(loc="best")
+    for ax in axes[1:3].flat:  # a tenth of a degree is no motion
+        low, high = ax.get_ylim()
+        if high - low < LEAST_SPAN_DEG:
+            middle = 0.5 * (low + high)
+            ax.set_ylim(middle - 0.5 * LEAST_SPAN_DEG, middle + 0.5 * LEAST_SPAN_DEG)
     axes[0, 0].legend(loc="upper left")
     axes[3, 0].set_title("Bar's middle from the plan, and swing")
     axes[3, 0].set_ylabel("cm, deg")
     tip = 100.0 * np.linalg.norm(compute_tip_errors(s), axis=1)
     draw_line(axes[3, 0], t, tip, color=GREEN, label="distance (cm)")
     draw_line(axes[3, 0], t, np.degrees(compute_swing(s)), color=ORANGE, label="swing (deg)")
+    low, high = axes[3, 0].get_ylim()
+    axes[3, 0].set_ylim(low, high + 0.25 * (high - low))
     axes[3, 0].legend(loc="upper left", ncols=2)
     axes[3, 1].set_title("Clearance of robot and bar")
     axes[3, 1].set_ylabel("m")
@@ -198,7 +216,7 @@ CAPTIONS = {
     "transport_snapshots": (
         "The flight",
         "Blue: platform; orange: link and arms; green: bar; yellow: pipes; dashed red: the area "
-        "that nothing may leave.",
+        "that nothing may leave. Posts that stand in the way from the side stand beside it.",
     ),
     "transport_histories": (
         "Flown and planned",
@@ -210,7 +228,7 @@ CAPTIONS = {
 def describe(result: RunResult) -> str:
     """Say what was carried where."""
     d = result.description
-    task = getattr(d.mission, "task")  # noqa: B009
+    task = find_task(d)
     what = f"a bar of {task.bar_length_m:g} m and {task.bar_mass_kg:g} kg"
     if task.bar_length_m == 0.0:
         what = "nothing"

@@ -25,6 +25,7 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
+from skywright.reports.kinds import find_task
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -67,7 +68,7 @@ def draw_squeeze(result: RunResult) -> Figure | None:
     if begun is None:
         return None
     figure, axes, s = begun
-    wanted = float(getattr(result.description.mission, "task").squeeze_n)  # noqa: B009
+    wanted = float(find_task(result.description).squeeze_n)
     for (side, color), sign in zip(SIDES, (-1.0, 1.0), strict=True):
         true = sign * s[f"{side}_f_W"][:, 1]
         draw_line(axes[0], s["t"], true, color=color, label=f"{side}, true")
@@ -96,7 +97,7 @@ def draw_unplug(result: RunResult) -> Figure | None:
     if begun is None:
         return None
     figure, axes, s = begun
-    task: Any = getattr(result.description.mission, "task")  # noqa: B009
+    task = find_task(result.description)
     ways = []
     for side, color in SIDES:
         way = 1e3 * np.linalg.norm(s[f"{side}_est_p_WH"] - s[f"{side}_est_p_WH"][0], axis=1)
@@ -222,6 +223,6 @@ def describe(result: RunResult) -> str:
         "bench.drift_error_mm": ("felt the drift of its base to {:.1f} mm", 1.0),
     }
     said = [text.format(scale * found[k]) for k, (text, scale) in parts.items() if k in found]
-    trials = ", ".join(getattr(d.mission, "task").trials)  # noqa: B009
+    trials = ", ".join(find_task(d).trials)
     start = f"{d.robot.name} in world {d.world.name} tried {trials}"
     return start + (": its two hands " + "; ".join(said) if said else "")

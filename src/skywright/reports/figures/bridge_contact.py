@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.evaluation.bridge_contact import compute_press, select_phases
+from skywright.reports.figures.localisation import CAPTION, draw_localisation
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -140,6 +141,7 @@ FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
     "contact-flight": draw_approach,
     "contact-force": draw_force,
     "contact-errors": draw_measurements,
+    "contact-localisation": draw_localisation,
 }
 CAPTIONS = {
     "contact-force": (
@@ -152,6 +154,7 @@ CAPTIONS = {
         "How well each force was held",
         "Points are means, bars reach from the smallest to the largest error of a measurement.",
     ),
+    "contact-localisation": CAPTION,
     "contact-flight": (
         "The flight",
         "Position and attitude follow references of their own: the platform moves without tilting "

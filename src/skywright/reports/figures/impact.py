@@ -23,6 +23,7 @@ from skywright.reports.figures.style import (
     fit_y,
     new_figure,
 )
+from skywright.reports.kinds import find_task
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -99,7 +100,7 @@ def describe(result: RunResult) -> str:
     torque = result.metrics.get("impact.peak_torque_nm")
     if torque is None:
         return did + "never touched the pad"
-    task: Any = getattr(d.mission, "task")  # noqa: B009
+    task = find_task(d)
     part = "hand" if task.part == "arm" else "passive link"
     joints = "" if task.part == "link" else f", {task.joints} joints"
     speed = result.metrics["impact.speed_mps"]

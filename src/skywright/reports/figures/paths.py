@@ -30,7 +30,9 @@ from skywright.reports.outlines import (
     outline_pipe,
     outline_robot,
     outline_structure,
+    outline_tube,
 )
+from skywright.worlds.scenario import get_structures
 from skywright.worlds.surface import build_cylinder
 
 if TYPE_CHECKING:
@@ -148,6 +150,8 @@ def _outline_world(result: RunResult) -> list[Outline]:
         parts += outline_structure(world.structure)
     for box in world.obstacles.values():
         parts += outline_box(box)
+    for tube in get_structures(world).tubes.values():
+        parts += outline_tube(tube)
     return parts
 
 

@@ -25,6 +25,7 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
+from skywright.reports.kinds import find_task
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -38,7 +39,7 @@ def draw_force(result: RunResult) -> Figure | None:
     used = in_phases(s, result.phases, *FORCE_PHASES)
     if not np.any(used):
         return None
-    way, task = result.plan.task, getattr(result.description.mission, "task")  # noqa: B009
+    way, task = result.plan.task, find_task(result.description)
     t0, t1 = float(s["t"][used][0]), float(s["t"][used][-1])
     s = s[(s["t"] >= t0) & (s["t"] <= t1)]
     t = s["t"]

@@ -11,9 +11,12 @@ from skywright.errors import InfeasibleError, SimulationError
 from skywright.evaluation.run import build_vehicle
 from skywright.missions.loader import Description, load_description
 from skywright.missions.planning import plan_mission
+from skywright.missions.supervisor import Supervisor
+from skywright.models.rigid_body import posture
+from skywright.robots.limbs import SIDES
 from skywright.sim.simulation import Snapshot
 from skywright.studies.bench.timing import read_clock
-from skywright.vehicle.interface import Uav, WholeBody
+from skywright.vehicle.interface import Arms, Uav, WholeBody
 from skywright.vehicle.simulated import MISSION_TICK, SimulatedVehicle
 
 Array = NDArray[np.float64]
@@ -78,6 +81,58 @@ def fly_to_hover(description: Description) -> SimulatedVehicle:
     while not vehicle.tick().arrived:
         pass
     return vehicle
+
+
+def fly_with_hands(robot: str) -> SimulatedVehicle:
+    """Hover with the arms at work, both hands keeping their places."""
+    vehicle = fly_to_hover(load_description("waypoints", robot=robot))
+    arms = Arms(vehicle)
+    arms.move_to(posture(vehicle.robot, "working"))
+    while not vehicle.tick().arrived:
+        pass
+    arms.hands_to({side: vehicle.hands["p_WH"][h].copy() for h, side in enumerate(SIDES)})
+    run_ticks(vehicle, count_ticks(2.0))
+    return vehicle
+
+
+def fly_with_bar() -> SimulatedVehicle:
+    """Carry the bar of the transport: held in the air, let go, some seconds on its way."""
+    description = load_description("bar-transport", sets={"mission.task.planner_slices": 50})
+    plan, vehicle = plan_mission(description), build_vehicle(description)
+    run_ticks(vehicle, count_ticks(1.0))
+    Uav(vehicle).motors(True)
+    vehicle.release()
+    run_ticks(vehicle, count_ticks(3.0))
+    WholeBody(vehicle).track(plan.segments["transport"])
+    run_ticks(vehicle, count_ticks(3.0))
+    return vehicle
+
+
+class _Docked(Exception):
+    """The flight is where its stretch begins."""
+
+
+def fly_docked(*sets: str) -> SimulatedVehicle:
+    """Fly the bridge's inspection until the docked robot holds its first force.
+
+    Raises InfeasibleError when it has no plan, SimulationError where it does not get that far.
+    """
+    description = load_description("bridge-contact", sets=sets)
+    plan = plan_mission(description)
+    if not plan.feasible:
+        raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
+    vehicle = build_vehicle(description)
+
+    def stop(index: int, name: str) -> None:
+        if name.startswith("hold"):
+            raise _Docked
+
+    height = vehicle.robot.platform.gear_height_m
+    try:
+        flight = Supervisor(vehicle, description.mission, plan, height, stop).fly()
+    except _Docked:
+        return vehicle
+    raise SimulationError(f"the robot did not dock: {flight.reason}")
 
 
 def run_ticks(vehicle: SimulatedVehicle, ticks: int) -> float:

@@ -1,21 +1,27 @@
 """The closed loop over bare `mj_step`.
 
-The same stretch of a scan in contact is flown with sensors, estimation, control and recording in
-both ways of running, and stepped by MuJoCo alone with what the flight applied (left alone the
-robot would fall off the pipe, which is cheaper to simulate).
+The same stretch is flown with sensors, estimation, control and recording in both ways of running,
+and stepped by MuJoCo alone with what the flight applied (left alone the robot would fall, which is
+cheaper to simulate). The scan is flown in contact, the F550 docked, the two-arm robots in the air:
+there MuJoCo has least to do, so the ratio is at its worst.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from skywright.core.recording import RecordingWriter
 from skywright.models.rigid_body import joint_names
 from skywright.studies.bench.flights import (
     FULL_STRENGTH,
     count_ticks,
+    fly_docked,
     fly_into_contact,
+    fly_with_bar,
+    fly_with_hands,
     load_scan,
     record_applied,
     run_ticks,
@@ -26,31 +32,60 @@ from skywright.studies.bench.timing import compute_ratios, interleave
 from skywright.vehicle.simulated import SimulatedVehicle
 
 LIMITS = {"fast": 1.5, "interactive": 2.2}
-CASES = {"": (), "full_strength_": FULL_STRENGTH}
-NOTES = {
-    "": "contact scan, sensors at 1 kHz, filter, recording",
-    "full_strength_": "with gusts, link, artefacts, varying friction",
+
+
+class Case(NamedTuple):
+    """A flight that is timed."""
+
+    fly: Callable[[], SimulatedVehicle]
+    """Flies to where the stretch begins."""
+    note: str
+
+
+CASES = {
+    "": Case(
+        lambda: fly_into_contact(load_scan()),
+        "contact scan, sensors at 1 kHz, filter, recording",
+    ),
+    "full_strength_": Case(
+        lambda: fly_into_contact(load_scan(*FULL_STRENGTH)),
+        "with gusts, link, artefacts, varying friction",
+    ),
+    "docked_": Case(
+        lambda: fly_docked(),
+        "f550-bridge docked, pressing; total station, tracking camera, range finder",
+    ),
+    "docked_mocap_": Case(
+        lambda: fly_docked("world.localisation=mocap"), "the same with motion capture"
+    ),
+    "two_arms_": Case(
+        lambda: fly_with_hands("bimanual"), "bimanual, both hands keep their places in the air"
+    ),
+    "long_reach_": Case(
+        lambda: fly_with_hands("bimanual-longreach"), "the same with bimanual-longreach"
+    ),
+    "transport_": Case(fly_with_bar, "ars-lrm carries a bar of 2 m between pipes"),
 }
 
 
 def measure(session: Session) -> list[Row]:
-    """Measure both ways of running, of the plain scan and with every disturbance on."""
+    """Measure both ways of running, of the scan and of two-arm robots."""
     return [
         row
-        for name, sets in CASES.items()
-        for row in measure_case(name, sets, session.scratch, session.pick(2, 20, 100))
+        for name, case in CASES.items()
+        for row in measure_case(name, case, session.scratch, session.pick(2, 20, 100))
     ]
 
 
-def measure_case(name: str, sets: tuple[str, ...], folder: Path, rounds: int) -> list[Row]:
+def measure_case(name: str, case: Case, folder: Path, rounds: int) -> list[Row]:
     """Measure one case; a round is 1 s of simulated time of each way."""
-    description = load_scan(*sets)
-    vehicle = fly_into_contact(description)
+    vehicle = case.fly()
     ticks = count_ticks(1.0)
-    robot = description.robot
+    robot = vehicle.robot
     with RecordingWriter(
-        folder / f"{name}loop.mcap", joint_names(robot), len(robot.rotors.azimuth_deg)
-    ) as writer:
+        folder / f"{name}loop.mcap", joint_names(robot), len(robot.rotors.azimuth_deg),
+        vehicle.parts,
+    ) as writer:  # fmt: skip
         vehicle.on_samples = writer.append
         times = interleave(
             {
@@ -64,7 +99,7 @@ def measure_case(name: str, sets: tuple[str, ...], folder: Path, rounds: int) ->
     rows = [
         build_row(
             f"{name}{way}_over_bare", compute_ratios(times[way], times["bare"]), limit=limit,
-            note=f"{way} way; {NOTES[name]}",
+            note=f"{way} way; {case.note}",
         )
         for way, limit in LIMITS.items()
     ]  # fmt: skip

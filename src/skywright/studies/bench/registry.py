@@ -36,6 +36,7 @@ BENCHMARKS = {
     "scan": Benchmark(HERE + "scan", "growth of cost with the length of a scan"),
     "sensors": Benchmark(HERE + "sensors", "cost of sensors, link, wind and friction"),
     "contacts": Benchmark(HERE + "contacts", "growth of cost with contacts"),
+    "locate": Benchmark(HERE + "locate", "calibration and filter of total station and camera"),
     "robots": Benchmark(HERE + "robots", "growth of cost with the number of robots"),
     "consistency": Benchmark(
         HERE + "evidence",

@@ -7,6 +7,7 @@ The copying alone is timed too and taken off.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -15,18 +16,22 @@ import numpy as np
 from numba import carray, cfunc, njit
 from numpy.typing import NDArray
 
-from skywright.control.registry import ARMS_LAWS, LAWS, load_arms_law, load_law
+from skywright.control.registry import ARMS_LAWS, CASCADED, LAWS, load_arms_law, load_law
 from skywright.core.pointers import call_pointer
 from skywright.core.signature import ON_BELIEF
 from skywright.core.types import BELIEF
 from skywright.errors import SimulationError
+from skywright.estimation.contact_force import estimate_contact_force
 from skywright.estimation.registry import ESTIMATORS, load_estimator
-from skywright.missions.loader import load_description
+from skywright.estimation.wrench import estimate_wrench
+from skywright.models.compliant_arms import fill_arms
+from skywright.models.floating import fill_floating
+from skywright.models.rigid_body import KINEMATICS, fill_kinematics
 from skywright.sim.inertial import read_inertial, sense_inertial
 from skywright.studies.bench.flights import (
     count_ticks,
     fly_into_contact,
-    fly_to_hover,
+    fly_with_hands,
     load_scan,
     record_applied,
     run_ticks,
@@ -96,7 +101,7 @@ def measure(session: Session) -> list[Row]:
     for name in estimators:
         address = load_estimator(name).compiled.address
         cases[name] = partial(_time, address, beliefs, ESTIMATOR_INPUTS)
-    laws = [name for name in LAWS if name != "cascade"]  # that one needs its own robot's gains
+    laws = [name for name in LAWS if name not in CASCADED]  # they need their own robot's gains
     for name in laws:
         cases[name] = partial(_time, load_law(name).compiled.address, beliefs, LAW_INPUTS)
     times = interleave(cases, session.pick(2, 15, 40))
@@ -105,39 +110,77 @@ def measure(session: Session) -> list[Row]:
         rows += _build_rows(name, f"estimator {name}", times, n, "idle_estimator")
     for name in laws:
         rows += _build_rows(name, f"law {name}", times, n, "idle_law")
-    rows += measure_arms_laws(ticks, session.pick(2, 15, 40))
+    rows += measure_arms(ticks, session.pick(2, 15, 40))
     per_tick = [1e6 * t / n for t in times["bare"]]
     note = f"mj_step alone, {vehicle.n_steps} steps of 1 ms"
     return [*rows, build_row("bare_tick_us", per_tick, "us", note=note)]
 
 
-def measure_arms_laws(ticks: int, rounds: int) -> list[Row]:
-    """Measure the laws of a robot with position servos in its arms while it hovers."""
-    vehicle = fly_to_hover(load_description("waypoints", robot="bimanual"))
+def measure_arms(ticks: int, rounds: int) -> list[Row]:
+    """Measure what a long-reach robot with two compliant arms adds to a tick, both hands busy."""
+    vehicle = fly_with_hands("bimanual-longreach")
     beliefs = record_beliefs(vehicle, ticks)
     every = int(vehicle.plant[0]["servo_every"])
-    addresses = {"idle": idle_c.address}
-    addresses |= {name: load_arms_law(name).compiled.address for name in ARMS_LAWS}
-    times = interleave(
-        {n: partial(_time, a, beliefs, ARMS_INPUTS) for n, a in addresses.items()}, rounds
+    cases = {
+        "idle_arms": partial(_time, idle_c.address, beliefs, ARMS_INPUTS),
+        "idle_law": partial(_time, idle_c.address, beliefs, LAW_INPUTS),
+    } | {
+        name: partial(_time, load_law(name).compiled.address, beliefs, LAW_INPUTS)
+        for name in CASCADED
+    }
+    laws = {
+        f"arms_{name}": partial(_time, load_arms_law(name).compiled.address, beliefs, ARMS_INPUTS)
+        for name in ARMS_LAWS
+    }
+    estimators = {
+        name: partial(_time_arms_estimator, vehicle, beliefs, part)
+        for name, part in (("idle_estimator", 0), ("arms_estimator", 1), ("wrench_estimator", 2))
+    }
+    times = interleave(cases | laws | estimators, rounds)
+    call = f"two arms, a call: every {every} ticks"
+    told = (
+        {name: ("idle_arms", f"arms' law {name[5:]}, {call}") for name in laws}
+        | {
+            "arms_estimator": ("idle_estimator", f"hands and their forces, {call}"),
+            "wrench_estimator": (
+                "idle_estimator",
+                "forces on a robot with a swinging link, a tick",
+            ),
+        }
+        | {name: ("idle_law", f"law {name}, a tick") for name in CASCADED}
     )
     rows = []
-    for name in ARMS_LAWS:
-        net = [t - i for t, i in zip(times[name], times["idle"], strict=True)]
+    for name, (idle, note) in told.items():
+        net = [t - i for t, i in zip(times[name], times[idle], strict=True)]
         calls = [1e6 * t / (len(beliefs) - 1) for t in net]
-        note = f"arms' law {name}, two arms, a call: every {every} ticks"
-        rows.append(build_row(f"arms_{name}_us", calls, "us", note=note))
-    assert vehicle.law.name == "cascade" and vehicle.law.compiled is not None
-    addresses = {"idle_law": idle_c.address, "cascade": vehicle.law.compiled.address}
-    times = interleave(
-        {n: partial(_time, a, beliefs, LAW_INPUTS) for n, a in addresses.items()}, rounds
-    )
-    calls = [
-        1e6 * (t - i) / (len(beliefs) - 1)
-        for t, i in zip(times["cascade"], times["idle_law"], strict=True)
-    ]
-    rows.append(build_row("cascade_us", calls, "us", note="law cascade, two arms, a tick"))
+        rows.append(build_row(f"{name}_us", calls, "us", note=note))
     return rows
+
+
+@njit(cache=True, error_model="numpy")
+def replay_arms_estimator(beliefs: Any, model: Any, kin: Any, stiff: Any, part: int) -> None:
+    """Estimate once for each belief; part 0: kinematics only, 1: hands as well, 2: wrench."""
+    for k in range(1, beliefs.shape[0]):
+        b = beliefs[k]
+        fill_kinematics(model[0], b.est.q, kin[0])
+        if part == 1:
+            fill_arms(b, model[0], kin[0], stiff[0])
+            estimate_contact_force(b)
+        elif part == 2:
+            fill_floating(model[0], kin[0], b.body, b.wrench)
+            estimate_wrench(b)
+
+
+def _time_arms_estimator(vehicle: SimulatedVehicle, beliefs: NDArray[Any], part: int) -> float:
+    """Seconds of the estimators of hands (part 1) or wrench (2), the best of a few."""
+    kin, stiff = np.zeros(1, KINEMATICS), np.zeros(1, KINEMATICS)
+    best = math.inf
+    for _ in range(BEST_OF):
+        work = beliefs.copy()
+        begin = read_clock()
+        replay_arms_estimator(work, vehicle.model, kin, stiff, part)
+        best = min(best, read_clock() - begin)
+    return best
 
 
 def record_beliefs(vehicle: SimulatedVehicle, ticks: int) -> NDArray[Any]:

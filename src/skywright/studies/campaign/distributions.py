@@ -179,7 +179,7 @@ def _load_column(inside: str, key: str, label: str) -> tuple[Value, ...]:
 
 
 def load_columns(path: Path, label: str) -> dict[str, tuple[Value, ...]]:
-    """Read a CSV file with a header: column name -> cells, each a number, true/false or text.
+    """Read a CSV file with a header: column name -> cells, each a number, true/false, text or list.
 
     Raises InputError naming the line of a missing, surplus, empty or NaN cell.
     """
@@ -203,7 +203,9 @@ def load_columns(path: Path, label: str) -> dict[str, tuple[Value, ...]]:
             )
         for name, cell in zip(header, row, strict=True):
             value = parse_value(cell.strip())
-            if isinstance(value, list | dict) or value == "":
+            if isinstance(value, list):  # stays as it is written until a run takes it
+                value = cell.strip()
+            if isinstance(value, dict) or value == "":
                 raise InputError(f"{label}: {path}, line {number}: column {name!r} has no value")
             if (isinstance(value, float) and not math.isfinite(value)) or (
                 isinstance(value, str) and value.lower() in ("nan", "inf", "na", "null")

@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from skywright.core.toml_files import parse_value
 from skywright.errors import InputError
 from skywright.missions.dump import dump_description
 from skywright.missions.loader import Description, load_description, split_assignments
@@ -84,9 +85,15 @@ def draw_run(campaign: Campaign, run: int) -> Draw:
     return Draw(run, draw_seed(campaign.seed, run), varied)
 
 
+def _read_list(value: Value) -> object:
+    """The list that a cell of a table writes, or the value itself."""
+    return parse_value(value) if isinstance(value, str) and value.startswith("[") else value
+
+
 def load_run(campaign: Campaign, one: Draw) -> Description:
     """Load the description of one run. Raises InputError when its values do not go together."""
-    sets = {**dict(split_assignments(campaign.sets)), **one.varied}
+    drawn = {key: _read_list(value) for key, value in one.varied.items()}
+    sets = {**dict(split_assignments(campaign.sets)), **drawn}
     return load_description(campaign.mission, campaign.robot, campaign.world, sets, one.seed)
 
 
@@ -187,10 +194,12 @@ def collect_code_versions() -> dict[str, str]:
     digest = hashlib.sha256()
     root = Path(__file__).parents[2]
     # what computes a row; pages, pictures and the command line may change
-    unrelated = {"reports", "ground", "studies", "cli.py", "__main__.py"}
+    unrelated = {"reports", "ground", "studies", "cli", "__main__.py"}
+    drawing = {f"studies/campaign/{name}.py" for name in ("distributions", "runner", "spec")}
     for path in sorted(root.rglob("*")):
         name = path.relative_to(root)
-        if path.suffix in (".py", ".toml") and name.parts[0] not in unrelated:
+        related = name.parts[0] not in unrelated or name.as_posix() in drawing
+        if path.suffix in (".py", ".toml") and related:
             digest.update(name.as_posix().encode() + b"\0" + path.read_bytes())
     names = ("mujoco", "numba", "numpy", "scipy")
     return {"code": digest.hexdigest()[:16], **{name: version(name) for name in names}}

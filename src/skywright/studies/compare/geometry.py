@@ -18,6 +18,7 @@ from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import build_scene
 from skywright.models.statics import UP, build_layout, wrench_at
+from skywright.reports.kinds import find_task
 from skywright.robots.limbs import list_joints
 from skywright.robots.spec import Robot
 
@@ -74,7 +75,7 @@ def measure_way(d: Description) -> Way:
 
 def _hand_below(way: InstallPlan, d: Description) -> Array:
     """Where the hand is at the stand-off (3,) m."""
-    task = d.mission.task  # type: ignore[attr-defined]
+    task = find_task(d)
     return np.asarray(way.contact - task.stand_off_m * way.normal)
 
 

@@ -8,7 +8,7 @@ from skywright.core.streams import build_stream
 from skywright.errors import InputError
 from skywright.estimation.localisation.trajectory_file import format_table, format_tum
 from skywright.sim.tracking_camera import CameraErrors
-from skywright.studies.locate.flights import (
+from skywright.vehicle.sensor_flight import (
     Flight,
     build_inspection_path,
     simulate_flight,

@@ -21,9 +21,8 @@ from skywright.estimation.localisation.drift_floor import compute_drift_floor
 from skywright.estimation.localisation.fusion import Events, fuse, fuse_as_printed
 from skywright.estimation.localisation.station_frame import StationPose, estimate_station_pose
 from skywright.estimation.localisation.time_alignment import estimate_offset
-from skywright.estimation.localisation.trajectory import Trajectory
 from skywright.sim.tracking_camera import CameraErrors
-from skywright.studies.locate.flights import (
+from skywright.vehicle.sensor_flight import (
     Flight,
     build_inspection_path,
     build_path,
@@ -321,9 +320,3 @@ def _inspect(seed: int, p_WS: Array, R_WS: Array) -> Array:
     seen = e.fused.p[stay].mean(axis=0)
     was = e.truth[stay].mean(axis=0)  # W
     return np.asarray(seen + R_WS.T @ (INSPECTED - was))
-
-
-def build_example(seed: int = 1) -> tuple[Estimates, Trajectory]:
-    """The flight of the paper's figure 12, processed, and its truth as a trajectory."""
-    e = process(fly_outage(seed))
-    return e, Trajectory("truth", e.flight.truth.t, e.flight.p_WP)

@@ -25,24 +25,42 @@ from skywright.studies.planning.jobs import (
 
 LATE_S = 5.0
 
+EVERYWHERE = (*SCENARIOS, HIGH)
+QUICK = Effort(("paper",), ("paper",), 1, 0.3, 0.3, 2, 0.4)
+DEFAULT = Effort(("paper", "draw4", "draw7"), EVERYWHERE, 1, 2.0, 5.0, 5, 0.4)
+FULL = Effort((*SCENARIOS,), EVERYWHERE, 5, LATE_S, 30.0, 20, 1.0)
+
+KEPT = "planning-{}"
+"""Folder of the parts of an effort, below that of `--resume`."""
+
 Found = dict[Job, dict[str, Any]]
 
 
 def measure_planners(session: Session) -> list[Row]:
     """Measure the scenarios of the session's effort."""
-    everywhere = (*SCENARIOS, HIGH)
-    effort = session.pick(
-        Effort(("paper",), ("paper",), 1, 0.3, 0.3, 2, 0.4),
-        Effort(("paper", "draw4", "draw7"), everywhere, 1, 2.0, 5.0, 5, 0.4),
-        Effort((*SCENARIOS,), everywhere, 5, LATE_S, 30.0, 20, 1.0),
-    )
-    with_ompl = importlib.util.find_spec("ompl") is not None
-    keep = None if session.resume is None else session.resume / f"planning-{session.effort}"
-    found = run_jobs(list_jobs(effort, with_ompl), effort, session.workers, keep)
+    effort = session.pick(QUICK, DEFAULT, FULL)
+    keep = None if session.resume is None else session.resume / KEPT.format(session.effort)
+    found = run_jobs(list_jobs(effort, has_ompl()), effort, session.workers, keep)
     rows = []
     for name in effort.scenarios:
         rows += build_rows(name, effort, found)
     return rows + build_decoupled_rows(effort, found)
+
+
+def build_kept_rows(effort: Effort, found: Found) -> list[Row]:
+    """Rows of the scenarios of which both of our own jobs are there, and of decoupled planning."""
+    rows = []
+    for name in effort.scenarios:
+        if Job(name, OURS) in found and Job(name, SUCCESS) in found:
+            rows += build_rows(name, effort, found)
+    if all(Job(name, DECOUPLED) in found for name in effort.decoupled):
+        rows += build_decoupled_rows(effort, found)
+    return rows
+
+
+def has_ompl() -> bool:
+    """Whether the package ompl (extra dev) is installed."""
+    return importlib.util.find_spec("ompl") is not None
 
 
 def build_rows(name: str, effort: Effort, found: Found) -> list[Row]:
@@ -65,21 +83,24 @@ def build_rows(name: str, effort: Effort, found: Found) -> list[Row]:
                   note="smallest clearance beyond the margins, at 1 mm resolution"),
         build_row(f"{name}_gap_to_lower_bound_percent", 100.0 * (late / bound - 1.0), "%",
                   limit=2.0 if name == "paper" else None, note=f"bound {bound:.4f}"),
-        _compare(
-            f"{name}_over_paper_rrt_star", late, found[Job(name, PAPER)]["cost"], 1.0,
-            f"both after {effort.late_s:g} s, both with certified edges",
-        ),
     ]  # fmt: skip
-    if Job(name, OMPL[0]) not in found:
-        why = "the package ompl is not installed (extra dev)"
-        return [*rows, build_unmeasured_row(f"{name}_over_ompl", why)]
-    for planner in OMPL[:2]:
-        costs = found[Job(name, planner)]["cost"]
-        note = f"ours after {EARLY_S:g} s, theirs after {effort.star_s:g} s"
-        rows.append(_compare(f"{name}_over_ompl_{planner.lower()}", early, costs, 1.0, note))
-    note = f"both after {effort.late_s:g} s; theirs restarted and simplified until then"
-    costs, limit = found[Job(name, OMPL[2])]["cost"], 0.99 if name == "paper" else 1.0
-    return [*rows, _compare(f"{name}_over_ompl_rrtconnect", late, costs, limit, note)]
+    if not any(Job(name, planner) in found for planner in OMPL):
+        why = "not measured yet" if has_ompl() else "the package ompl is not installed (extra dev)"
+        rows.append(build_unmeasured_row(f"{name}_over_ompl", why))
+    both = f"both after {effort.late_s:g} s"
+    quickly = f"ours after {EARLY_S:g} s, theirs after {effort.star_s:g} s"
+    simplified = 0.99 if name == "paper" else 1.0
+    for row, planner, own, limit, note in (
+        ("paper_rrt_star", PAPER, late, 1.0, f"{both}, both with certified edges"),
+        ("ompl_rrtstar", OMPL[0], early, 1.0, quickly),
+        ("ompl_informedrrtstar", OMPL[1], early, 1.0, quickly),
+        ("ompl_rrtconnect", OMPL[2], late, simplified,
+         f"{both}; theirs restarted and simplified until then"),
+    ):  # fmt: skip
+        if Job(name, planner) in found:
+            costs = found[Job(name, planner)]["cost"]
+            rows.append(_compare(f"{name}_over_{row}", own, costs, limit, note))
+    return rows
 
 
 def _compare(row: str, ours: float, theirs: list[float], limit: float, note: str) -> Row:

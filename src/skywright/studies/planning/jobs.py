@@ -10,8 +10,9 @@ import hashlib
 import json
 import math
 import multiprocessing
+import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -47,6 +48,8 @@ HIGH = "paper_high"
 """The paper's scenario without its ceiling: what planning platform and arms apart can solve."""
 HIGH_M = 6.0  # m, of the area there
 EARLY_S = 0.2
+CURVE_S = tuple(1e-3 * 10.0 ** (k / 10) for k in range(46))  # 1 ms to 32 s
+"""When the cost of the best path is kept, for the plot of cost against time."""
 RESOLUTION = 1e-3  # m of cost (6), between the samples that look for violated margins
 OURS, SUCCESS, PAPER, DECOUPLED = "ours", "success", "paper_rrt_star", "decoupled"
 OMPL = ("RRTstar", "InformedRRTstar", "RRTConnect")
@@ -59,7 +62,7 @@ class Effort(NamedTuple):
     decoupled: tuple[str, ...]
     seeds: int
     late_s: float
-    star_s: float  # of OMPL's RRT* and Informed RRT*
+    star_s: float  # of OMPL's RRT* and Informed RRT*, and of the paper's on its own scenario
     success_seeds: int
     decoupled_s: float
 
@@ -72,9 +75,9 @@ class Job(NamedTuple):
 
 
 def list_jobs(effort: Effort, with_ompl: bool) -> list[Job]:
-    """All jobs of an effort, the longest first so that no process waits for one at the end."""
+    """All jobs of an effort, scenario by scenario, the longest first of each."""
     kinds = [*(OMPL if with_ompl else ()), OURS, PAPER, SUCCESS]
-    jobs = [Job(name, what) for what in kinds for name in effort.scenarios]
+    jobs = [Job(name, what) for name in effort.scenarios for what in kinds]
     return [*jobs, *(Job(name, DECOUPLED) for name in effort.decoupled)]
 
 
@@ -93,6 +96,10 @@ def build_problem(name: str) -> TransportProblem:
 def cost_at(history: Array | Sequence[tuple[float, float]], when: float) -> float:
     """Cost of the best path that was known at a time (s); inf before the first."""
     return min((float(c) for t, c in history if t <= when), default=math.inf)
+
+
+def _curve(history: Array | Sequence[tuple[float, float]], end_s: float) -> list[float]:
+    return [cost_at(history, t) for t in CURVE_S if t <= end_s]
 
 
 def _plan(problem: TransportProblem, seed: int, time_s: float) -> PlannedPath:
@@ -115,6 +122,7 @@ def run_job(job: Job, effort: Effort) -> dict[str, Any]:
             "early": [cost_at(p.history, EARLY_S) for p in paths],
             "late": [p.cost for p in paths],
             "first_s": [p.first_s for p in paths],
+            "curve": [_curve(p.history, effort.late_s) for p in paths],
         }
         if math.isfinite(best.cost):
             found["reserve"] = [
@@ -128,14 +136,18 @@ def run_job(job: Job, effort: Effort) -> dict[str, Any]:
         return {"cost": [p.cost for p in paths], "first_s": [p.first_s for p in paths]}
     if job.what == PAPER:
         world, settings = build_angular_map(space), RrtStar(certified=True)
+        end_s = effort.star_s if job.scenario == "paper" else effort.late_s
         stars = [
             plan_rrt_star(
-                space, world, start, goal, np.random.default_rng(seed), effort.late_s, settings,
+                space, world, start, goal, np.random.default_rng(seed), end_s, settings,
                 clock=time.thread_time,
             )
             for seed in range(effort.seeds)
         ]  # fmt: skip
-        return {"cost": [s.cost for s in stars]}
+        return {
+            "cost": [cost_at(s.history, effort.late_s) for s in stars],
+            "curve": [_curve(s.history, end_s) for s in stars],
+        }
     if job.what == DECOUPLED:
         _plan(problem, 0, 0.05)
         seeds, clock, seconds = range(effort.seeds), time.thread_time, effort.decoupled_s
@@ -150,13 +162,17 @@ def run_job(job: Job, effort: Effort) -> dict[str, Any]:
         }
     from skywright.studies.planning.ompl_planners import run_connect, run_planner
 
+    end_s = effort.late_s if job.what == "RRTConnect" else effort.star_s
     traces = [
-        run_connect(space, start, goal, effort.late_s)
+        run_connect(space, start, goal, end_s)
         if job.what == "RRTConnect"
-        else run_planner(job.what, space, start, goal, effort.star_s)
+        else run_planner(job.what, space, start, goal, CURVE_S[10:], end_s)
         for _ in range(effort.seeds)
     ]
-    return {"cost": [cost_at(t.history, math.inf) for t in traces]}
+    return {
+        "cost": [cost_at(t.history, math.inf) for t in traces],
+        "curve": [_curve(t.history, end_s) for t in traces],
+    }
 
 
 def run_jobs(
@@ -167,7 +183,7 @@ def run_jobs(
     With `keep` every finished job is written into that folder, and one that is there already, of
     the same source and effort, is not run again: an interrupted comparison goes on.
     """
-    found = {} if keep is None else dict(_load_kept(jobs, effort, keep))
+    found = {} if keep is None else dict(load_kept(jobs, effort, keep))
     left = [job for job in jobs if job not in found]
     for job, result in _run(left, effort, workers):
         found[job] = result
@@ -195,26 +211,44 @@ def _run(jobs: Sequence[Job], effort: Effort, workers: int) -> Iterator[tuple[Jo
             raise
 
 
-def _stamp(effort: Effort) -> dict[str, Any]:
+def _list_sources(what: str) -> list[Path]:
+    """The source files of the planner that a job runs."""
+    folder, own = Path(planner.__file__).parent, Path(__file__).parent
+    planners = {PAPER: ("rrt_star",), DECOUPLED: ("decoupled",), **dict.fromkeys(OMPL, ())}
+    left = [folder / f"{name}.py" for name in planners.get(what, ("planner", "bound"))]
+    left += [own / "ompl_planners.py"] if what in OMPL else []
+    found: set[Path] = set()
+    while left:
+        file = left.pop()
+        found.add(file)
+        names = re.findall(r"from skywright\.planning\.motion\.(\w+) import", file.read_text())
+        left += [f for f in (folder / f"{name}.py" for name in names) if f not in found]
+    return sorted(found)
+
+
+def _stamp(job: Job, effort: Effort) -> dict[str, Any]:
+    """What a kept result depends on: the effort, the planner's source, the problem."""
     numbers = effort._asdict()
     del numbers["scenarios"], numbers["decoupled"]
-    source = hashlib.sha256()
-    for file in sorted(Path(planner.__file__).parent.glob("*.py")):
+    source, problem = hashlib.sha256(), build_problem(job.scenario)
+    for file in _list_sources(job.what):
         source.update(file.read_bytes())
+    for part in (problem.space, np.asarray(problem.start), np.asarray(problem.goal)):
+        source.update(part.tobytes())
     return {"source": source.hexdigest()[:16], "effort": numbers}
 
 
-def _load_kept(
-    jobs: Sequence[Job], effort: Effort, keep: Path
+def load_kept(
+    jobs: Iterable[Job], effort: Effort, keep: Path
 ) -> Iterator[tuple[Job, dict[str, Any]]]:
-    stamp = _stamp(effort)
+    """Yield what `run_jobs` has kept in a folder and what is still true."""
     for job in jobs:
         path = keep / f"{job.scenario}-{job.what}.json"
         try:
             kept = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             continue
-        if isinstance(kept, dict) and kept.get("stamp") == stamp and "found" in kept:
+        if isinstance(kept, dict) and "found" in kept and kept.get("stamp") == _stamp(job, effort):
             yield job, kept["found"]
 
 
@@ -222,5 +256,5 @@ def _write_kept(job: Job, effort: Effort, keep: Path, found: dict[str, Any]) -> 
     keep.mkdir(parents=True, exist_ok=True)
     path = keep / f"{job.scenario}-{job.what}.json"
     partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps({"stamp": _stamp(effort), "found": found}), encoding="utf-8")
+    partial.write_text(json.dumps({"stamp": _stamp(job, effort), "found": found}), encoding="utf-8")
     partial.replace(path)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 class Trace(NamedTuple):
     """What a planner had found when."""
 
-    first_s: float  # until the first path; of an optimising planner, until it was stopped
+    first_s: float  # until the first path; of an optimising planner, until the first look at one
     history: list[tuple[float, float]]  # time s, cost of (6), improving
     rows: Array  # (m, n) of the last path; empty: none
 
@@ -169,11 +169,13 @@ def run_planner(
     space: Space,
     start: Array,
     goal: Array,
+    looks_s: Sequence[float],
     time_s: float,
     rewire: float | None = None,
 ) -> Trace:
-    """Run an optimising planner for `time_s` of processor time.
+    """Run an optimising planner for `time_s` of processor time, looked at after each of `looks_s`.
 
+    Between two looks it goes on with what it has; no planner tells its path while it works.
     `rewire` is its rewire factor. OMPL's default tries about a thousand neighbours of every node
     in four dimensions, as its proof of optimality asks; fewer may find better paths in practice.
     """
@@ -187,13 +189,19 @@ def run_planner(
     if rewire is not None:
         planner.setRewireFactor(rewire)
     planner.setup()
-    began = time.thread_time()
-    planner.solve(ob.PlannerTerminationCondition(_clock_after(began + time_s)))
-    now = time.thread_time() - began
-    if not problem.hasExactSolution():
-        return Trace(math.nan, [], np.zeros((0, len(start))))
-    rows = _rows(problem.getSolutionPath(), setting.read, len(start))
-    return Trace(now, [(now, measure_cost(space, rows))], rows)
+    spent, rows = 0.0, np.zeros((0, len(start)))
+    history: list[tuple[float, float]] = []
+    for look in [*(t for t in looks_s if t < time_s), time_s]:
+        began = time.thread_time()
+        planner.solve(ob.PlannerTerminationCondition(_clock_after(began + look - spent)))
+        spent += time.thread_time() - began
+        if not problem.hasExactSolution():
+            continue
+        rows = _rows(problem.getSolutionPath(), setting.read, len(start))
+        cost = measure_cost(space, rows)
+        if not history or cost < history[-1][1]:
+            history.append((spent, cost))
+    return Trace(history[0][0] if history else math.nan, history, rows)
 
 
 def _clock_after(until: float) -> Callable[[], bool]:

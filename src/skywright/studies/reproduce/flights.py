@@ -45,6 +45,12 @@ ARM_FIELDS = (
 )  # fmt: skip
 """Likewise of compliant arms."""
 
+CONTACT_FIELDS = (
+    "q", "est_p_WB", "force_meas", "ref_force", "pressing", "docked", "f_contact", "f_docking_W",
+    "fix_age", "pose_std",
+)  # fmt: skip
+"""Likewise of missions that press with a force sensor, and of flight modes."""
+
 TAP = (1.0, 0.0, 1.0)  # N, on the probe's holder, for one mission tick (20 ms)
 RING = 3.0  # s, watched after the tap
 LEFT = 0.5  # m, from the reference: the platform has left
@@ -115,6 +121,8 @@ def _fly_mission(case: Case, description: Description) -> Record:
         objects = list(description.world.objects)
         fields += [f"object{i}_p_WO" for i in range(len(objects))]
         info |= {"objects": objects, "task": description.mission.model_dump().get("task", {})}
+    elif description.robot.force_sensor is not None:
+        fields += CONTACT_FIELDS
     arrays = {name: result.samples[name] for name in fields}
     if description.mission.kind == "excitation":  # kept whole enough to identify from
         arrays |= {name: result.samples[name] for name in IDENTIFY_FIELDS}

@@ -9,10 +9,13 @@ from skywright.studies.reproduce import (
     measures_bench,
     measures_bimanual,
     measures_bimanual_flown,
+    measures_contact,
     measures_f550,
     measures_locate,
+    measures_motion,
     measures_scan,
     measures_table3,
+    measures_transport,
 )
 from skywright.studies.reproduce.measured import Measured, Records
 
@@ -38,6 +41,12 @@ MEASURES: dict[str, Callable[[Records], Measured]] = {
     "payload": measures_f550.measure_payload,
     "mixer": measures_f550.measure_mixer,
     "model": measures_f550.measure_model,
+    "sensor_calibration": measures_contact.measure_sensor_calibration,
+    "arm_bench": measures_contact.measure_bench,
+    "flight_modes": measures_contact.measure_modes,
+    "inspection": measures_contact.measure_inspection,
+    "docking_gear": measures_contact.measure_gear,
+    "flight_localisation": measures_contact.measure_flight_localisation,
     "separation": measures_bimanual.measure_separation,
     "underside": measures_bimanual.measure_underside,
     "reaction": measures_bimanual.measure_reaction,
@@ -69,4 +78,10 @@ MEASURES: dict[str, Callable[[Records], Measured]] = {
     "nominal_localisation": measures_locate.measure_nominal,
     "climb": measures_locate.measure_climb,
     "revisit": measures_locate.measure_revisit,
+    "follow": measures_transport.measure_follow,
+    "similar": measures_transport.measure_similar,
+    "free_joint": measures_transport.measure_free_joint,
+    "joint_planning": measures_motion.measure_joint_planning,
+    "lower_gap": measures_motion.measure_lower_gap,
+    "optimality": measures_motion.measure_optimality,
 }

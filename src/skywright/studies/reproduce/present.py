@@ -47,9 +47,11 @@ def write_paper_value(result: CriterionResult) -> str:
 def count_verdicts(report: Report) -> str:
     """One sentence with the numbers of verdicts."""
     counts = {name: sum(c.verdict == name for c in report.claims) for name in STYLES}
+    lost = sum(bool(c.trouble) for c in report.claims)
     return (
         f"{counts['reproduced']} of {len(report.claims)} claims reproduced, "
-        f"{counts['contradicted']} contradicted, {counts['not_comparable']} not comparable."
+        f"{counts['contradicted']} contradicted, {counts['not_comparable']} not comparable"
+        + (f" ({lost} of these could not be measured)." if lost else ".")
     )
 
 

@@ -137,6 +137,35 @@ def simulate_flight(
     ).as_matrix()  # fmt: skip
     ts = build_total_station(station_at, prism, precision)
     cam = build_tracking_camera(R_CW, errors)
+    seen = record_flight(
+        path, ts, cam, station_rng, camera_rng, blocked=blocked, arrival_stamps=arrival_stamps,
+        station_clock=station_clock, camera_clock=camera_clock,
+    )  # fmt: skip
+    return Flight(path, seen.station, seen.camera, seen.delay, R_CW, errors, np.asarray(prism))
+
+
+class Seen(NamedTuple):
+    """What station and camera recorded."""
+
+    station: Trajectory
+    camera: Trajectory
+    delay: float  # s: station's stamp - true time, in the mean
+
+
+def record_flight(
+    path: Path,
+    station: NDArray[Any],
+    camera: NDArray[Any],
+    station_rng: np.random.Generator,
+    camera_rng: np.random.Generator,
+    *,
+    blocked: tuple[tuple[float, float], ...] = (),
+    arrival_stamps: bool = False,
+    station_clock: float = 0.0,
+    camera_clock: float = 0.0,
+) -> Seen:
+    """Fly a path past (1,) arrays of TOTAL_STATION and TRACKING_CAMERA; see `simulate_flight`."""
+    ts, cam = station, camera
     n = len(path.t)
     visible = np.ones(n, dtype=np.bool_)
     for start, stop in blocked:
@@ -152,14 +181,13 @@ def simulate_flight(
     s = station_rows[np.isfinite(station_rows[:, 0])]
     c = camera_rows[np.isfinite(camera_rows[:, 0])]
     stamps = (s[:, 1] if arrival_stamps else s[:, 0]) + station_clock
-    delay = float(np.mean(stamps - s[:, 0])) if len(s) else 0.0
     keep = np.concatenate([[True], np.diff(stamps) > 0])
     q = Rotation.from_matrix(c[:, 4:].reshape(-1, 3, 3)).as_quat()
-    return Flight(
-        path, Trajectory("station", stamps[keep], s[keep, 2:]),
+    return Seen(
+        Trajectory("station", stamps[keep], s[keep, 2:]),
         Trajectory("camera", c[:, 0] + camera_clock, c[:, 1:4], np.roll(q, 1, axis=1)),
-        delay, R_CW, errors, np.asarray(prism),
-    )  # fmt: skip
+        float(np.mean(stamps - s[:, 0])) if len(s) else 0.0,
+    )
 
 
 @njit(cache=True, error_model="numpy")

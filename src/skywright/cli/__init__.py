@@ -1,0 +1,37 @@
+"""The command line: the only place that wires everything together.
+
+Heavy modules are imported inside the commands, so that `skywright --help` answers at once.
+Exit codes: 0 all requirements met, 1 a requirement failed, no plan exists or the run was
+interrupted, 2 the input is wrong and nothing was started, 3 the simulation failed.
+"""
+
+from __future__ import annotations
+
+import click
+
+from skywright.cli import data, describe, evidence, fly
+from skywright.cli.group import Group
+
+
+@click.group(
+    cls=Group,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    no_args_is_help=True,
+)
+@click.version_option(package_name="skywright", message="skywright %(version)s")
+def main() -> None:
+    """Simulate, plan, control and fly multirotors with arms that touch things.
+
+    \b
+    skywright run pipe-weld-scan         fly the main job and map a weld
+    skywright list robots                what is there
+    skywright new robot my-robot         start your own
+    """
+
+
+for command in (
+    fly.run, fly.plan, fly.campaign, evidence.reproduce, evidence.bench, describe.capability,
+    describe.compare, describe.list_, describe.show, data.weld, data.locate, data.identify,
+    data.records_, fly.replay, describe.new, describe.check,
+):  # fmt: skip
+    main.add_command(command)

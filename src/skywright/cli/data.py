@@ -1,0 +1,217 @@
+"""Commands that read what instruments and flights recorded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from skywright.cli.options import as_json_option, check_folder, check_writable, print_json
+from skywright.errors import InputError
+
+
+@click.command()
+@click.argument("data", metavar="DATA.csv", type=click.Path(path_type=Path))
+@click.option("--calibrate", metavar="T0:T1", help="Approach from air to contact, seconds.")
+@click.option(
+    "--calibration", type=click.Path(path_type=Path), help="Calibration file of an earlier scan."
+)
+@click.option("--surface", type=click.Path(path_type=Path), help="Cylinder, else it is fitted.")
+@click.option("--lift-off", type=float, help="Contact threshold in the instrument's units.")
+@click.option("--weld", "weld_threshold", type=float, help="Weld threshold, instrument's units.")
+@click.option("--out", type=click.Path(path_type=Path), help="Map (.png or .svg).")
+@as_json_option
+def weld(
+    data: Path, calibrate: str | None, calibration: Path | None, surface: Path | None,
+    lift_off: float | None, weld_threshold: float | None, out: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Find a weld in an instrument's data.
+
+    DATA.csv has the columns t_s, re, im, x_m, y_m, z_m in any order.
+    """
+    from skywright.inspection.weld_data import process_file
+
+    report = process_file(
+        data,
+        calibrate=calibrate,
+        calibration_file=calibration,
+        lift_off_threshold=lift_off,
+        weld_threshold=weld_threshold,
+        surface_file=surface,
+    )
+    if out is not None or not as_json:
+        from skywright.reports.weld_map import write_weld_map
+
+        picture = check_writable(out or Path(f"{data.stem}-weld.png"))
+        write_weld_map(report, picture)
+    if as_json:
+        print_json(report.to_json())
+    else:
+        from skywright.reports.terminal import print_weld
+
+        print_weld(report, picture)
+
+
+@click.command()
+@click.argument("data", nargs=-1, metavar="DATA...")
+@click.option("--station", metavar="FILE", help="The total station's, where it cannot be told.")
+@click.option("--camera", metavar="FILE", help="The camera's, the same.")
+@click.option("--reference", metavar="FILE", help="What the result is judged by.")
+@click.option(
+    "--align",
+    default="similarity",
+    show_default=True,
+    help="Frames: similarity, rigid, level, or affine (the paper's twelve numbers).",
+)
+@click.option("--calibrate", metavar="T0:T1", help="Align on this part only, seconds.")
+@click.option("--time-offset", type=float, help="Camera's clock minus station's, seconds.")
+@click.option("--prism", metavar="X,Y,Z", help="Prism in the camera's frame, metres.")
+@click.option(
+    "--frame",
+    nargs=2,
+    metavar="KNOWN MEASURED",
+    type=click.Path(path_type=Path),
+    help="Terrain points: places from before, and as the station sees them now.",
+)
+@click.option(
+    "--compare",
+    default="rigid",
+    show_default=True,
+    help="Alignment to the reference: rigid, similarity, none.",
+)
+@click.option("--reference-offset", type=float, help="Reference's clock minus the result's.")
+@click.option("--demo", is_flag=True, help="Write the files of a simulated flight, and use them.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: locate-NAME]")
+@as_json_option
+def locate(
+    data: tuple[str, ...], station: str | None, camera: str | None, reference: str | None,
+    align: str, calibrate: str | None, time_offset: float | None, prism: str | None,
+    frame: tuple[Path, Path] | None, compare: str, reference_offset: float | None, demo: bool,
+    out: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Fuse a total station with a tracking camera, or judge a trajectory.
+
+    DATA: the station's and the camera's recording, or one trajectory with --reference. TUM, EuRoC,
+    CSV with a header, or MCAP as FILE:TOPIC.
+    """
+    from skywright.estimation.localisation.locate import locate as locate_files
+
+    if demo:
+        from skywright.studies.locate.demo import write_demo
+
+        if data or station or camera or reference:
+            raise InputError("--demo brings its own files; give either it or DATA")
+        out = out or Path("locate-demo")
+        files = write_demo(check_folder(out))
+        data, reference, compare = (str(files[0]), str(files[1])), str(files[2]), "none"
+    if out is not None:
+        check_folder(out)
+    report = locate_files(
+        list(data), station=station, camera=camera, reference=reference, align=align,
+        span=calibrate, time_offset=time_offset, prism=prism, frame=frame, compare=compare,
+        reference_offset=reference_offset,
+    )  # fmt: skip
+    if out is not None or not as_json:
+        from skywright.reports.locate import write_locate
+
+        named = Path((station or (data or (camera or "",))[0]).partition(":/")[0]).stem
+        out = out or Path(f"locate-{named}")
+        write_locate(report, check_folder(out))
+    if as_json:
+        print_json({**report.to_json(), "directory": None if out is None else str(out)})
+    else:
+        from skywright.reports.terminal_locate import print_locate
+
+        assert out is not None
+        print_locate(report, out)
+
+
+@click.command()
+@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--robot", metavar="R", help="Robot that flew: name or file (a ULog needs it).")
+@click.option("--mass", type=float, metavar="KG", help="What it weighed.  [default: its file's]")
+@click.option("--out", type=click.Path(path_type=Path), help="Page.  [default: identify.html]")
+@as_json_option
+def identify(
+    logs: tuple[Path, ...], robot: str | None, mass: float | None, out: Path | None, as_json: bool
+) -> None:
+    """Fit a robot's parameters to recorded flights.
+
+    LOG is a run's directory, a recording.mcap or a PX4 ULog; several flights of one robot add up.
+    Beside the page a robot file is written (PAGE.toml) that a run takes as --robot.
+    """
+    from skywright.robots.loader import load_robot
+    from skywright.studies.identify.identify import identify as identify_logs
+    from skywright.studies.identify.overrides import build_overrides
+    from skywright.studies.identify.present import print_identification, write_page
+
+    spec = None if robot is None else load_robot(robot)[0]
+    found = identify_logs(logs, spec, mass)
+    overrides = build_overrides(found, robot or found.robot.name)
+    page = check_writable(out or Path("identify.html"), (".html",))
+    robot_file = check_writable(page.with_suffix(".toml"), (".toml",))
+    write_page(found, overrides, page)
+    robot_file.write_text(overrides, encoding="utf-8")
+    if as_json:
+        print_json({**found.to_json(), "page": str(page), "robot_file": str(robot_file)})
+    else:
+        print_identification(found, page, robot_file)
+
+
+@click.command("records")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--structure", metavar="NAME", help="Of this structure (world) only.")
+@click.option("--spot", metavar="NAME", help="Of this spot only.")
+@click.option("--at", metavar="X,Y", help="History of a point (m in the structure's frame).")
+@click.option(
+    "--radius",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=0.05,
+    show_default=True,
+    metavar="M",
+    help="What still counts as that point.",
+)
+@click.option("--csv", "table", type=click.Path(path_type=Path), help="Write them as CSV.")
+@click.option("--geojson", type=click.Path(path_type=Path), help="Write them as GeoJSON.")
+@click.option("--origin", metavar="LON,LAT[,HEIGHT]", help="Where the world's origin lies.")
+@as_json_option
+def records_(
+    file: Path, structure: str | None, spot: str | None, at: str | None, radius: float,
+    table: Path | None, geojson: Path | None, origin: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """List contact measurements of many flights, and export them.
+
+    FILE is what `skywright run --records FILE` wrote.
+    """
+    from skywright.evaluation.records import RecordStore
+    from skywright.evaluation.records_export import parse_origin, write_csv, write_geojson
+    from skywright.models.docked_map import parse_condition
+
+    point = parse_condition(contact=at, named="at").contact
+    if geojson is not None and origin is None:
+        raise InputError(
+            "--geojson needs --origin LON,LAT: GeoJSON holds longitude and latitude, the records "
+            "metres from the world's origin"
+        )
+    place = None if origin is None else parse_origin(origin)
+    store = RecordStore(file)
+    try:
+        for name, value in (("structure", structure), ("spot", spot)):
+            known = store.list_names(name)
+            if value is not None and value not in known:
+                raise InputError(
+                    f"{file}: no {name} {value!r}; there are: {', '.join(known) or '-'}"
+                )
+        found = store.find(structure=structure, spot=spot, at=point, radius=radius)
+    finally:
+        store.close()
+    if table is not None:
+        write_csv(found, check_writable(table, (".csv",)))
+    if geojson is not None and place is not None:
+        write_geojson(found, place, check_writable(geojson, (".geojson", ".json")))
+    if as_json:
+        print_json({"records": [r._asdict() for r in found]})
+    else:
+        from skywright.reports.terminal_records import print_records
+
+        print_records(found, file)

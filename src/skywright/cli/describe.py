@@ -1,0 +1,223 @@
+"""Commands about robots, worlds and missions: what is there, what it can do, one of your own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from skywright.cli.options import as_json_option, check_writable, print_json
+from skywright.errors import InputError
+
+if TYPE_CHECKING:
+    from skywright.missions.lookup import Subject
+
+
+@click.command()
+@click.argument("robot")
+@click.option("--set", "sets", multiple=True, metavar="KEY=VALUE", help="Change a robot's value.")
+@click.option(
+    "--posture", type=click.Choice(["extended", "folded", "worst"]),
+    help="Posture of the arm.  [default: extended]",
+)  # fmt: skip
+@click.option("--bare", is_flag=True, help="The platform without arm and docking gear.")
+@click.option("--sweep", type=click.Choice(["tilt"]), help="Limits against the rotors' tilt.")
+@click.option("--docked", is_flag=True, help="Force that the arm can press while docked.")
+@click.option("--slope", type=float, metavar="DEG", help="Docked: slope of the surface.")
+@click.option(
+    "--slope-toward", type=float, metavar="DEG",
+    help="Docked: where it rises, 0 ahead, 90 to the left.  [default: the worst]",
+)  # fmt: skip
+@click.option("--wind", type=float, metavar="MPS", help="Docked: wind.")
+@click.option(
+    "--wind-toward", type=float, metavar="DEG", help="Docked: where it blows.  [default: the worst]"
+)
+@click.option(
+    "--contact", metavar="X,Y",
+    help="Docked: contact point, metres ahead and left of the centre.  [default: at work]",
+)  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path), help="Picture (.png or .svg).")
+@as_json_option
+def capability(
+    robot: str, sets: tuple[str, ...], posture: str | None, bare: bool, sweep: str | None,
+    docked: bool, out: Path | None, as_json: bool, **condition: Any,
+) -> None:  # fmt: skip
+    """Compute what ROBOT can do: force, tilt, wind, payload, power."""
+    from skywright.core.keys import parse_assignment
+    from skywright.models.docked_map import parse_condition
+    from skywright.models.sweep import strip_robot
+    from skywright.reports import capability_views as views
+    from skywright.robots.loader import load_robot
+
+    given = {name: value for name, value in condition.items() if value is not None}
+    if given and not docked:
+        flag = next(iter(given)).replace("_", "-")
+        raise InputError(f"--{flag} is a condition of --docked: give both")
+    if docked and (sweep or posture):
+        raise InputError(f"--docked and --{'sweep' if sweep else 'posture'} exclude each other")
+    asked = parse_condition(**given)
+    spec, _ = load_robot(robot, [parse_assignment(text) for text in sets])
+    if bare:
+        spec = strip_robot(spec)
+    if docked:
+        view = views.view_docked(spec, asked)
+    elif sweep:
+        view = views.view_sweep(spec, posture or "extended")
+    else:
+        view = views.view_limits(spec, posture or "extended")
+    if out is not None or not as_json:
+        picture = check_writable(out or Path(f"capability-{view.name}.png"))
+        view.write_figure(picture)
+    if as_json:
+        print_json(view.to_json())
+    else:
+        view.print(picture)
+
+
+@click.command()
+@click.argument("robot")
+@click.argument("other", metavar="ROBOT")
+@click.option(
+    "--set", "sets", multiple=True, metavar="KEY=VALUE",
+    help="Change the world, e.g. world.pipe.diameter_m=0.3. May be repeated.",
+)  # fmt: skip
+@click.option("--no-fly", is_flag=True, help="Leave out what needs flights: seconds, not minutes.")
+@click.option("--seeds", type=int, default=2, show_default=True, help="Flights a wind.")
+@click.option("--out", type=click.Path(path_type=Path), help="Page.  [default: compare.html]")
+@as_json_option
+def compare(
+    robot: str, other: str, sets: tuple[str, ...], no_fly: bool, seeds: int, out: Path | None,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Compare two robots with arms: clearance, reach, reactions, impact, accuracy, endurance."""
+    from skywright.studies.compare.compare import compare_robots
+    from skywright.studies.compare.present import print_comparison, tell_step, write_page
+
+    page = check_writable(out or Path("compare.html"), (".html",))
+    try:
+        found = compare_robots(
+            robot, other, sets=sets, fly=not no_fly, seeds=seeds,
+            step=None if as_json else tell_step,
+        )  # fmt: skip
+        write_page(found, page)
+    except BaseException:
+        if page.exists() and page.stat().st_size == 0:
+            page.unlink()  # nothing half-written, interrupted or not
+        raise
+    if as_json:
+        print_json(found.to_json())
+    else:
+        print_comparison(found, page)
+
+
+@click.command(name="list")
+@click.argument(
+    "kind", type=click.Choice(["robots", "worlds", "missions", "claims"]), required=False
+)
+@as_json_option
+def list_(kind: str | None, as_json: bool) -> None:
+    """List robots, worlds, missions or claims."""
+    from skywright.missions.loader import list_missions
+    from skywright.robots.loader import list_robots
+    from skywright.worlds.loader import list_worlds
+
+    listings = {"robots": list_robots, "worlds": list_worlds, "missions": list_missions}
+    found = {name: call() for name, call in listings.items() if kind in (None, name)}
+    if kind in (None, "claims"):  # their specs are heavy: imported only where asked for
+        from skywright.studies.reproduce.spec import list_claims
+
+        found["claims"] = list_claims()
+    if as_json:
+        print_json({name: [e._asdict() for e in entries] for name, entries in found.items()})
+        return
+    for name, entries in found.items():
+        if kind is None:
+            click.echo(f"{name}:")
+        width = max(len(e.name) for e in entries)
+        for entry in entries:
+            click.echo(f"{'  ' if kind is None else ''}{entry.name:{width}}  {entry.description}")
+
+
+@click.command()
+@click.argument("name", metavar="ROBOT|WORLD|MISSION")
+@click.option("--out", type=click.Path(path_type=Path), help="Picture (.png or .svg).")
+@click.option("--urdf", type=click.Path(path_type=Path), help="Write the robot as URDF instead.")
+@as_json_option
+def show(name: str, out: Path | None, urdf: Path | None, as_json: bool) -> None:
+    """Summary and picture of a robot, world or mission.
+
+    With --urdf the robot (a mission's too) is written for other tools.
+    """
+    from skywright.missions.lookup import find_any
+    from skywright.reports.summary import build_summary
+
+    subject = find_any(name)
+    if urdf is not None:
+        _write_urdf(subject, urdf)
+    summary = build_summary(subject)._replace(urdf=None if urdf is None else str(urdf))
+    if out is not None or not (as_json or urdf is not None):
+        from skywright.reports.show import write_show_figure
+
+        picture = check_writable(out or Path(f"show-{summary.name}.png"))
+        write_show_figure(subject, picture)
+        summary = summary._replace(picture=str(picture))
+    if as_json:
+        print_json(summary.to_json())
+    else:
+        from skywright.reports.terminal import print_summary
+
+        print_summary(summary)
+
+
+def _write_urdf(subject: Subject, path: Path) -> None:
+    from skywright.models.urdf import build_urdf
+
+    mission = subject.description
+    robot = subject.robot if mission is None else mission.robot
+    if robot is None:
+        raise InputError(
+            f"--urdf: {subject.label!r} is a {subject.kind}; give a robot, or a mission with one"
+        )
+    text = build_urdf(robot)
+    check_writable(path, (".urdf", ".xml")).write_text(text, encoding="utf-8")
+
+
+@click.group(no_args_is_help=True)
+def new() -> None:
+    """Start your own from a commented template."""
+
+
+@new.command(name="robot")
+@click.argument("name")
+def new_robot(name: str) -> None:
+    """Write NAME/robot.toml and NAME/mission.toml: a quadrotor that flies, ready to change."""
+    from skywright.missions.template import write_robot_template
+
+    folder = write_robot_template(Path(name))
+    click.echo(f"{folder / 'robot.toml'}    every key with a comment")
+    click.echo(f"{folder / 'mission.toml'}  four way-points")
+    click.echo(f"next: skywright check {folder}, skywright show {folder}, skywright run {folder}")
+
+
+@click.command()
+@click.argument("file", metavar="FILE")
+@as_json_option
+def check(file: str, as_json: bool) -> int:
+    """List every problem and guess of a description FILE."""
+    from skywright.missions.check import check_file
+
+    report = check_file(file)
+    if as_json:
+        print_json(report._asdict())
+        return 0 if report.valid else 2
+    for line in report.problems:
+        click.echo(line, err=True)
+    for line in report.notes:
+        click.echo(line)
+    if report.valid:
+        click.echo(f"{report.label}: a valid {report.kind}")
+        return 0
+    count = len(report.problems)
+    click.echo(f"{report.label}: {count} problem{'s' if count != 1 else ''}", err=True)
+    return 2

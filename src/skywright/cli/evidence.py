@@ -1,0 +1,105 @@
+"""Commands that measure what the project states: `reproduce`, `bench`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from skywright.cli.options import as_json_option, check_writable, print_json
+from skywright.errors import InputError
+
+
+@click.command()
+@click.argument("paper", required=False)
+@click.option("--claim", "only", multiple=True, metavar="ID", help="Only this claim. Repeatable.")
+@click.option(
+    "--cache", type=click.Path(path_type=Path), help="Folder of flights.  [default: user's cache]"
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Page.  [default: claims.html]")
+@as_json_option
+def reproduce(
+    paper: str | None, only: tuple[str, ...], cache: Path | None, out: Path | None, as_json: bool
+) -> int:
+    """Measure the claims of PAPER, or of all papers.
+
+    Flights are kept, so that a second time takes seconds. Contradictions are results: exit 1 means
+    that a claim could not be measured.
+    """
+    from skywright.studies.reproduce.cache import default_folder
+    from skywright.studies.reproduce.present import Bar, print_reports, write_page
+    from skywright.studies.reproduce.runner import check_papers, reproduce_papers
+
+    page = out or Path("claims.html")
+    check_papers(paper, only)  # nothing is written for a name that does not exist
+    fresh = not page.exists()
+    page = check_writable(page, (".html",))
+    if fresh:
+        page.unlink()  # it can be written; an interrupt leaves no empty page
+    reports = reproduce_papers(
+        paper, cache=cache or default_folder(), only=only, steps=None if as_json else Bar()
+    )
+    write_page(reports, page)
+    if as_json:
+        print_json({"claims": [c for r in reports for c in r.to_json()["claims"]]})
+    else:
+        print_reports(reports, page)
+    return max(r.exit_code for r in reports)
+
+
+class _BenchCommand(click.Command):
+    """Help that lists the benchmarks, which are a registry of their own."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        from skywright.studies.bench.registry import BENCHMARKS
+
+        with formatter.section("Benchmarks"):
+            formatter.write_dl(
+                [
+                    (name, b.description + ("" if b.by_default else "  (by name, or with --full)"))
+                    for name, b in BENCHMARKS.items()
+                ]
+            )
+
+
+@click.command(cls=_BenchCommand)
+@click.argument("names", metavar="[NAME]...", nargs=-1)
+@click.option("--quick", is_flag=True, help="See that everything works: few repetitions.")
+@click.option("--full", is_flag=True, help="Every benchmark with many repetitions.")
+@click.option(
+    "--out", type=click.Path(path_type=Path),
+    help="Folder of results.  [default without NAME: benchmarks/results]",
+)  # fmt: skip
+@click.option(
+    "--workers", type=click.IntRange(min=1), default=1, show_default=True,
+    help="Processes that compare motion planners, by processor time.",
+)  # fmt: skip
+@click.option(
+    "--resume", type=click.Path(path_type=Path),
+    help="Folder that keeps finished comparisons; a second call goes on there.",
+)  # fmt: skip
+@as_json_option
+def bench(
+    names: tuple[str, ...], quick: bool, full: bool, out: Path | None, workers: int,
+    resume: Path | None, as_json: bool,
+) -> int:  # fmt: skip
+    """Measure what things cost, as ratios side by side.
+
+    A missed limit is told, not an error: timings depend on the machine and on who else uses it.
+    """
+    from skywright.studies.bench.present import Tables, print_end
+    from skywright.studies.bench.runner import run_benchmarks
+
+    if quick and full:
+        raise InputError("--quick and --full: choose one")
+    report = run_benchmarks(
+        names, effort="quick" if quick else "full" if full else "default", out=out,
+        watcher=Tables(quiet=as_json), workers=workers, resume=resume,
+    )  # fmt: skip
+    if as_json:
+        print_json(report.to_json())
+    else:
+        print_end(report)
+    if report.interrupted:
+        click.echo("skywright: interrupted; what was measured is kept", err=True)
+    return report.exit_code

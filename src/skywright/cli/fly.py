@@ -1,0 +1,170 @@
+"""Commands that plan and fly: `run`, `plan`, `campaign`, `replay`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from skywright.cli.options import as_json_option, check_folder, layers, print_json
+from skywright.errors import InputError
+
+
+@click.command()
+@click.argument("mission", required=False)
+@layers
+@click.option(
+    "--plan", "plan_file", type=click.Path(), help="Fly this plan file (NAME.csv with NAME.toml)."
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Directory of the run.")
+@as_json_option
+@click.option("--view", is_flag=True, help="Watch the run live in the browser.")
+@click.option(
+    "--records",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Store contact measurements there (SQLite), with those of other flights.",
+)
+def run(
+    mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
+    seed: int | None, plan_file: str | None, out: Path | None, as_json: bool, view: bool,
+    records: Path | None,
+) -> int:  # fmt: skip
+    """Plan, fly and evaluate a mission.
+
+    MISSION is a built-in name, a file, or a finished run's directory (which repeats it). With
+    --plan it may be left out: the plan is then flown by itself, with the robot and in the world
+    that it names.
+    """
+    import skywright
+
+    if plan_file is not None:
+        from skywright.missions.plan_flight import load_plan_description
+
+        description = load_plan_description(plan_file, mission, robot, world, sets, seed)
+    elif mission is None:
+        raise click.UsageError("Missing argument 'MISSION' (or --plan FILE).")
+    else:
+        description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
+    result = skywright.run(description, out=out, view=view, progress=not as_json, records=records)
+    if as_json:
+        print_json({**result.to_json(), "directory": str(result.directory)})
+    else:
+        from skywright.reports.terminal import print_result
+
+        print_result(result)
+    return int(result.exit_code)
+
+
+@click.command()
+@click.argument("mission")
+@layers
+@click.option("--out", type=click.Path(path_type=Path), help="Write a plan file (.csv and .toml).")
+@as_json_option
+def plan(
+    mission: str, robot: str | None, world: str | None, sets: tuple[str, ...], seed: int | None,
+    out: Path | None, as_json: bool,
+) -> int:  # fmt: skip
+    """Plan MISSION without flying it."""
+    import skywright
+
+    description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
+    if out is not None and out.suffix not in (".csv", ".toml"):
+        raise InputError(f"{out}: a plan file is called NAME.csv or NAME.toml")
+    found = skywright.plan(description)
+    if out is not None and found.feasible:
+        from skywright.planning.motion.plan_file import write_plan_file
+
+        file = getattr(found.task, "file", None)
+        if file is None:
+            raise InputError(
+                f"mission {description.mission.name!r} has no plan file to write; missions of the "
+                "kind bar-transport do"
+            )
+        check_folder(out.parent).mkdir(parents=True, exist_ok=True)
+        write_plan_file(out, file)
+    if as_json:
+        print_json(found.to_json())
+    else:
+        from skywright.reports.terminal import print_plan
+
+        print_plan(found)
+    return 0 if found.feasible else 1
+
+
+@click.command()
+@click.argument("mission")
+@click.option("--runs", type=int, required=True, help="Number of runs.")
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="KEY=DIST",
+    help="uniform(a,b), normal(m,s), loguniform(a,b), choice(a,b,...), csv(FILE); or a CSV FILE "
+    "whose columns are keys. May be repeated.",
+)
+@layers
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; the same campaign continues.")
+@click.option("--workers", type=int, help="Processes on this machine.  [default: all cores]")
+@click.option("--ray", metavar="local|ADDRESS", help="Fly on a Ray cluster (extra 'cluster').")
+@click.option(
+    "--record",
+    type=click.Choice(["none", "failed", "all"]),
+    default="none",
+    show_default=True,
+    help="Run directories to keep, under FOLDER/runs.",
+)
+@click.option(
+    "--target",
+    type=float,
+    default=0.9,
+    show_default=True,
+    help="Success rate that must be shown for a GO.",
+)
+@as_json_option
+def campaign(
+    mission: str, runs: int, vary: tuple[str, ...], robot: str | None, world: str | None,
+    sets: tuple[str, ...], seed: int | None, out: Path | None, workers: int | None,
+    ray: str | None, record: str, target: float, as_json: bool,
+) -> int:  # fmt: skip
+    """Fly MISSION many times under varied conditions: go or no-go.
+
+    An interrupted campaign is continued by the same command.
+    """
+    from skywright.studies.campaign.campaign import run_campaign
+    from skywright.studies.campaign.spec import build_campaign
+
+    if runs < 1:
+        raise InputError(f"--runs {runs}: at least 1 is needed")
+    plan = build_campaign(mission, vary, robot=robot, world=world, sets=sets, seed=seed)
+    result = run_campaign(
+        plan, runs, out=out, workers=workers, ray=ray, record=record, target=target,
+        progress=not as_json,
+    )  # fmt: skip
+    if as_json:
+        print_json(result.to_json())
+    else:
+        from skywright.reports.terminal import print_campaign
+
+        print_campaign(result.verdict, result.folder)
+    if result.interrupted:
+        done = result.verdict.runs
+        message = f"interrupted after {done} of {runs} runs; the same command continues"
+        click.echo(f"skywright: {message}", err=True)
+    return int(result.exit_code)
+
+
+@click.command()
+@click.argument("directory", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--no-open", is_flag=True, help="Only print the path.")
+def replay(directory: Path, no_open: bool) -> None:
+    """Open a run's 3-D replay in the browser."""
+    page = directory if directory.suffix == ".html" else directory / "replay.html"
+    if not directory.exists():
+        raise InputError(f"{directory}: no such run; give the directory that a run wrote")
+    if not page.is_file():
+        raise InputError(f"{directory}: holds no replay.html; give the directory of a finished run")
+    click.echo(str(page))
+    if not no_open:
+        import webbrowser
+
+        webbrowser.open(page.resolve().as_uri())

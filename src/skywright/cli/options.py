@@ -1,0 +1,65 @@
+"""What commands share: options, output, and files that can be written."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from skywright.errors import InputError
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def layers(command: F) -> F:
+    """Options that choose and change the layers of a description."""
+    for option in (
+        click.option("--seed", type=click.IntRange(min=0), help="Seed of every random draw."),
+        click.option(
+            "--set", "sets", multiple=True, metavar="KEY=VALUE",
+            help="Change any value, e.g. world.pipe.diameter_m=0.3. May be repeated.",
+        ),
+        click.option("--world", metavar="W", help="World instead of the mission's: name or file."),
+        click.option("--robot", metavar="R", help="Robot instead of the mission's: name or file."),
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+as_json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object, nothing else."
+)
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON object; NaN is our own mistake."""
+    click.echo(json.dumps(value, indent=2, allow_nan=False))
+
+
+def check_writable(path: Path, formats: tuple[str, ...] = (".png", ".svg")) -> Path:
+    """Refuse a picture or page that cannot be written before the work begins."""
+    if path.suffix.lower() not in formats:
+        raise InputError(f"{path}: unknown format; valid: {', '.join(formats)}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("ab"):
+            pass
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def check_folder(path: Path) -> Path:
+    """Refuse a folder that cannot be written before the work begins; nothing is made yet."""
+    there = path.absolute()
+    while not there.exists():
+        there = there.parent
+    if not there.is_dir():
+        raise InputError(f"{path}: no folder can be made there: {there} is a file")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: cannot be written: {there} is not writable")
+    return path

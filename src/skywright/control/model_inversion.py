@@ -1,0 +1,116 @@
+"""Distributed model inversion for a platform whose arms hang on a passive link (Caballero 2018).
+
+The paper shows a block diagram (figure 4) and says that the laws "make use of nonlinear strategies
+based on model inversion"; it prints no equation and no gain. This is such a law for the model (3),
+one part a subsystem, each inverting the rows of the model that it commands:
+
+- platform: loops on position and velocity ask for u1', u3' (and the same across the plane). With
+  the platform so accelerated the passive row of (3) tells how the free link will turn,
+
+      M_ss q'' = L_s . (g - v') + s_ext,
+
+  and the translational rows what force that takes, the link's reaction included:
+
+      f = m (v' - g) + L_s q'' + L_s' q' - f_ext.
+
+  The platform then moves as if nothing hung on it: mass m - |L_s|^2 / M_ss, no pull of the swing.
+- attitude: the thrust points along f, and the rotational rows give the torque for the angular
+  acceleration that the loops ask for, the joint free (the same inversion as the cascade's).
+- passive joint: no motor. The platform damps it: part of v' is against the link's rate.
+- arms: their servos hold angles; the arms' law inverts the statics of the joints.
+
+Rows are inverted one after the other, the translational ones at the attitude of now: attitude
+follows within a tenth of a second. Accelerations of the arm joints are left to the estimated
+external force; a transport moves them at some tenths of rad/s.
+
+Against the cascade, which leaves the link's pull to the poles that its gains place: the same gains
+mean less force, for they act on the smaller mass, and the pull of a swinging link, which brings
+platform and link back together, is cancelled. See docs/papers/caballero-2018.md for both in gusts.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import carray, cfunc, njit
+
+from skywright.control.cascade import (
+    SHIFT,
+    acceleration_for_motion,
+    angular_acceleration,
+    torque_for_turn,
+)
+from skywright.control.pid import arm_velocity, rest
+from skywright.control.signature import LAW
+from skywright.control.thrust_vectoring import aim_thrust
+from skywright.core.rotations import cross, mat_t_vec, mat_vec
+
+Record = Any
+
+
+@njit(cache=True, error_model="numpy")
+def step(b: Record) -> None:
+    """Fill `cmd.f_B` = (0, 0, T), `cmd.t_B` and `cmd.qd`."""
+    par, mem, ref, est, body, cmd = b.par, b.mem, b.ref, b.est, b.body, b.cmd
+    arm_velocity(par, ref, est, body, cmd.qd)
+    if ref.active < 0.5:
+        rest(mem, cmd)
+        for i in range(3):
+            mem.lead[i] = mem.user[SHIFT + i] = 0.0
+        return
+    a_W, f_W, R_des, turn = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
+    acceleration_for_motion(b, a_W)
+    invert_translation(b, a_W, f_W)
+    cmd.f_B[0], cmd.f_B[1] = 0.0, 0.0
+    cmd.f_B[2] = aim_thrust(par, ref, est, body, f_W, R_des)
+    angular_acceleration(b, R_des, turn)
+    torque_for_turn(b, turn)
+
+
+@njit(cache=True, error_model="numpy")
+def invert_translation(b: Record, a_W: Any, f_W: Any) -> None:
+    """Rotors' force f_W (3,) N with which the platform accelerates with a_W (3,) m/s^2.
+
+    At constant attitude; the passive joint turns freely, all other joints stand.
+    """
+    body, w = b.body, b.wrench
+    f_ext, size = np.empty(3), 0.0
+    for i in range(3):
+        f_ext[i] = w.f_hands_W[i] + w.f_rest_W[i]
+        size += f_ext[i] * f_ext[i]
+    size = min(1.0, b.par.f_integral_max / max(math.sqrt(size), 1e-9))
+    for i in range(3):
+        f_W[i] = body.mass * a_W[i] - size * f_ext[i]
+    f_W[2] += body.mass * body.gravity
+    if w.swing < 0:
+        return
+    fall, fall_B, pull, pull_W = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(3):
+        fall[i] = -a_W[i]
+    fall[2] -= body.gravity
+    mat_t_vec(b.est.R_WB, fall, fall_B)
+    acc, rate = w.s_hands + w.s_rest, b.est.qd[w.swing]
+    for i in range(3):
+        acc += w.L_s[i] * fall_B[i]
+        rate += w.axis[i] * b.est.w_WB_B[i]
+    acc /= w.M_ss
+    cross(w.axis, w.L_s, pull)  # d L_s / dq
+    for i in range(3):
+        pull[i] = w.L_s[i] * acc + pull[i] * rate * rate
+    mat_vec(b.est.R_WB, pull, pull_W)
+    for i in range(3):
+        f_W[i] += pull_W[i]
+
+
+@njit(cache=True, error_model="numpy")
+def step_belief(belief: Any) -> None:
+    """`step` on a (1,) array of BELIEF."""
+    step(belief[0])
+
+
+@cfunc(LAW, cache=True)
+def step_c(belief: Any) -> None:
+    """`step` behind the one signature of all laws."""
+    step(carray(belief, 1)[0])

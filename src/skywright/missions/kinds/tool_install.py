@@ -1,0 +1,416 @@
+"""Put an inspection tool onto a pipe and take it back (Suarez 2020, section VI-A), on its own.
+
+The paper's twelve phases; what the paper leaves to a human operator, the installation, is done by
+tracking the tool. All places follow from tool, bench, pipe and robot: the pose of the arms from
+the landing gear, which the handle has to clear, the platform's places from the tool's.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_y, rot_z
+from skywright.core.streams import build_stream
+from skywright.errors import InputError
+from skywright.missions.flight import Flight
+from skywright.missions.loader import Description
+from skywright.missions.planning import MissionPlan, find_hover
+from skywright.missions.tasks.tool_install import ToolInstall, ToolInstallMission
+from skywright.missions.tool_handling import (
+    DROP,
+    LIFT,
+    LOW,
+    STEADY_S,
+    Grip,
+    Place,
+    find_platform,
+    find_tool,
+    lead_hands,
+    measure_tool,
+    move_platform,
+    put_down,
+    take_up,
+)
+from skywright.models.arm_inverse_kinematics import build_arm_chain, compute_arm_ik, has_arm_chain
+from skywright.models.compliant_arms import find_hands, is_compliant
+from skywright.models.geometry import build_clearance, compute_clearance
+from skywright.models.kinematic_tree import build_planning_scene
+from skywright.models.rigid_body import build_body_model, posture
+from skywright.models.scene import build_scene
+from skywright.models.tool_body import find_tool_clearance, find_tool_place
+from skywright.planning.motion.transit import Configuration, plan_transit
+from skywright.robots.spec import Robot
+from skywright.worlds.spec import World
+from skywright.worlds.surface import build_cylinder
+from skywright.worlds.tool import Tool, compute_diameters, compute_seat
+
+if TYPE_CHECKING:
+    from skywright.missions.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+
+NEEDS = frozenset({"uav", "hands"})
+
+FORE = math.radians(65.0)
+"""Of the forearm from straight down, handle in the cradle: forearm and hook both slope towards it,
+by 30 and 60 deg, and stay so while the springs yield by up to 20 deg."""
+CLEAR = 0.09  # m, from the landing gear to the handle's axis
+BACK = 0.35  # m, behind the tool, where the platform comes from and goes to
+ABOVE = 0.10  # m, of a tool over its place before it is lowered
+MARGIN = 0.1  # m, kept on the way by the robot, and by the tool above bench and pipe
+TOOL_MARGIN = 0.04  # m, kept by the carried tool from anything else
+NEAR_MARGIN = 0.02  # m, kept while the hands work
+WIDE = 0.1  # m, wanted on the way
+CALM_SPEED, CARRY_ACCELERATION = 0.4, 0.2  # m/s, m/s^2, with the tool: it swings by a / g, 1.2 deg
+NEAR_SPEED = 0.15  # m/s, of the platform beside tool, bench and pipe
+HANDLING_S = 140.0  # s, about, of taking up, putting down, take-off and landing
+ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
+HAND_ROOM = 0.03  # m, from a hand's hook to handle's end and box
+STEEPEST_DEG = 3.0  # of the pipe: on more the hanging tool is not in line with it
+
+
+class ToolPlan(NamedTuple):
+    """Where things and robot will be, as known before take-off."""
+
+    grip: Grip
+    folded: Array  # (n_joints,) rad
+    bench: Place  # of the tool
+    seat: Place
+    home: Array  # (4,) m, rad
+    to_bench: Array  # (n, 4) way-points: m, rad
+    to_pipe: Array
+    most_n: float  # weight that may be lifted
+
+
+def plan(d: Description) -> MissionPlan:
+    """Find poses and ways; what cannot be is told."""
+    robot, world, mission = d.robot, d.world, d.mission
+    assert isinstance(mission, ToolInstallMission)
+    began, task = time.perf_counter(), mission.task
+    _check_input(robot, world, task)
+    assert world.tool is not None and world.pipe is not None
+    grip = build_grip(robot, world.tool, world.gravity_mps2)
+    bench, seat = find_places(world, task)
+    hover, empty = find_hover(d), np.zeros((0, 4))
+    found = ToolPlan(
+        grip, posture(robot, "folded"), bench, seat, hover, empty, empty,
+        ROOM * task.payload_max_kg * world.gravity_mps2,
+    )  # fmt: skip
+    blocked = _find_misfit(robot, world, task) or _find_blocked_work(robot, world, found)
+    least = math.inf
+    if blocked is None:
+        found, blocked, least = _plan_ways(d, found)
+    length = sum(
+        float(np.sum(np.linalg.norm(np.diff(way[:, :3], axis=0), axis=1)))
+        for way in (found.to_bench, found.to_pipe)
+    )
+    return MissionPlan(
+        blocked is None, blocked, time.perf_counter() - began,
+        HANDLING_S + task.wait_s + task.hover_s + 2.0 * 1.875 * length / CALM_SPEED, least,
+        math.nan, {}, None, 0.0, 0.0, found,
+    )  # fmt: skip
+
+
+def _plan_ways(d: Description, found: ToolPlan) -> tuple[ToolPlan, str | None, float]:
+    """Plan to the bench with empty hands, and from there to the pipe with the tool.
+
+    The planner knows the robot; with the tool it may not go lower than the tool allows, and the
+    tool's own distances are looked at afterwards.
+    """
+    robot, world, grip = d.robot, d.world, found.grip
+    assert world.pipe is not None and world.tool is not None
+    full = build_scene(robot, world)
+    bare = build_scene(robot, world.model_copy(update={"tool": None, "marker": None}))
+    at_bench, at_pipe = find_platform(grip, found.bench), find_platform(grip, found.seat)
+    rng = build_stream(d.mission.seed, "planner")
+    under = world.obstacles[world.tool.on]
+    top = max(world.pipe.z_m + 0.5 * world.pipe.diameter_m, under.z_m + 0.5 * under.size_z_m)
+    hangs = at_bench[2] - found.bench.p_WO[2] + world.tool.foot_height_m  # below the platform
+    low = max(top + MARGIN + hangs, at_bench[2] + LIFT, at_pipe[2] + ABOVE)
+    ways = []
+    least = math.inf
+    for name, scene, a, yaw_a, b, yaw_b, q, low_z in (
+        ("to the bench", full, found.home[:3], float(found.home[3]),
+         _behind(at_bench, found.bench.yaw), found.bench.yaw, grip.q_low, 0.0),
+        ("to the pipe", bare, np.array([*at_bench[:2], low]), found.bench.yaw,
+         np.array([*at_pipe[:2], low]), found.seat.yaw, grip.q, low),
+    ):  # fmt: skip
+        way = plan_transit(
+            build_planning_scene(scene, robot), Configuration(a, yaw_a, q),
+            Configuration(b, yaw_b, q), rng, MARGIN, wanted=WIDE, low_z=low_z,
+        )  # fmt: skip
+        if way.blocked_by is not None:
+            return found, f"{name}: {way.blocked_by}", math.nan
+        least = min(least, way.clearance)
+        ways.append(np.column_stack([way.p_WB, way.yaw]))
+    found = found._replace(to_bench=ways[0], to_pipe=ways[1])
+    carried = np.vstack([[*at_bench + [0.0, 0.0, LIFT], found.bench.yaw], ways[1],
+                         [*at_pipe + [0.0, 0.0, ABOVE], found.seat.yaw]])  # fmt: skip
+    hang = rot_z(-found.bench.yaw) @ (found.bench.p_WO - at_bench)
+    distance, what = find_tool_clearance(full.model, carried, hang)
+    if distance < TOOL_MARGIN:
+        return found, (
+            f"to the pipe: the carried tool and {what} come within {max(distance, 0.0):.3f} m, "
+            f"{TOOL_MARGIN:.2f} m are kept"
+        ), least  # fmt: skip
+    return found, None, min(least, distance)
+
+
+def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
+    """Raise InputError where robot or world are not those of this mission."""
+    if world.tool is None:
+        raise InputError(f"world {world.name!r} has no tool: give it a [world.tool] table")
+    if world.pipe is None:
+        raise InputError(f"world {world.name!r} has no pipe: give it a [world.pipe] table")
+    if world.marker is None or world.marker.on != "tool":
+        raise InputError(
+            f"world {world.name!r}: the tool is tracked by a marker: [world.marker] on = 'tool'"
+        )
+    if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
+        raise InputError(
+            f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
+            "tool-install needs two, such as bimanual"
+        )
+    if robot.arm.sides != 2 or robot.arm.hand.kind != "hook":
+        raise InputError(
+            f"robot {robot.name!r} needs two arms that end in hooks: robot.arm.sides = 2 and "
+            "robot.arm.hand.kind = 'hook'"
+        )
+    if robot.pendulum is not None:
+        raise InputError(
+            f"robot {robot.name!r} carries its arms on a passive joint: on it a tool that hangs in "
+            "front would swing the link back; tool-install is for arms at the platform, such as "
+            "bimanual"
+        )
+    if abs(world.pipe.inclination_deg) > STEEPEST_DEG:
+        raise InputError(
+            f"world.pipe.inclination_deg = {world.pipe.inclination_deg:g}: a tool that hangs in "
+            f"two hooks is level; valid: -{STEEPEST_DEG:g} to {STEEPEST_DEG:g}"
+        )
+    half = 0.5 * world.pipe.length_m - 0.5 * world.tool.feet_apart_m
+    if abs(task.along_pipe_m) > half:
+        raise InputError(
+            f"mission.task.along_pipe_m = {task.along_pipe_m:g}: the feet would stand beyond the "
+            f"pipe's end; valid: -{half:g} to {half:g}"
+        )
+
+
+def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
+    """Say why tool, pipe and arms do not go together, or return None."""
+    tool, pipe = world.tool, world.pipe
+    assert tool is not None and pipe is not None and robot.arm is not None
+    if tool.mass_kg > task.payload_max_kg:
+        return (
+            f"the tool weighs {tool.mass_kg:g} kg, more than the arms may lift "
+            f"(mission.task.payload_max_kg = {task.payload_max_kg:g})"
+        )
+    if not compute_seat(tool, pipe.diameter_m).fits:
+        low, high = compute_diameters(tool)
+        return (
+            f"the tool's feet fit pipes of {low:.3f} to {high:.3f} m in diameter; the pipe has "
+            f"{pipe.diameter_m:g} m"
+        )
+    apart, hook = robot.arm.separation_m, robot.arm.hand.radius_m + HAND_ROOM
+    inner, outer = 0.5 * tool.box_y_m + hook, 0.5 * tool.handle_length_m - hook
+    if not inner <= 0.5 * apart <= outer:
+        return (
+            f"the hands are {apart:g} m apart; they find room on the handle between "
+            f"{2.0 * inner:.3f} m (box) and {2.0 * outer:.3f} m (ends)"
+        )
+    return None
+
+
+def build_grip(robot: Robot, tool: Tool, gravity: float) -> Grip:
+    """Return how the arms hold the handle: it just clears the landing gear."""
+    assert robot.arm is not None
+    model = build_body_model(robot, gravity)
+    chain = build_arm_chain(robot)
+    gear = robot.platform.gear_radius_m * math.sqrt(0.5)  # legs at 45 deg
+    ahead = gear + CLEAR - float(chain.p_shoulder[0]) - chain.fore * math.sin(FORE)
+    lean = math.asin(min(max(ahead / chain.upper, 0.0), 0.9))
+    q = posture(robot, "working")
+    for side in range(2):
+        first = build_arm_chain(robot, side).first
+        q[first : first + 4] = [-lean, 0.0, 0.0, lean - FORE]
+    hands = find_hands(model, q)
+    R = rot_y(-FORE)  # of the forearm: it hangs along -z
+    hook, back = R[:, 0], R[:, 2]
+    reach = 0.5 * tool.handle_diameter_m + robot.arm.hand.radius_m
+    mouth = (hook + back) / math.sqrt(2.0)
+    q_low = np.array(q)
+    for side in range(2):
+        arm = build_arm_chain(robot, side)
+        here = slice(arm.first, arm.first + 4)
+        found = compute_arm_ik(
+            arm, hands[side] - arm.p_shoulder - LOW * mouth + [0.0, 0.0, DROP], near=q[here]
+        )
+        q_low[here] = found.q
+    handle = np.array([0.0, 0.0, tool.handle_height_m])
+    return Grip(q, q_low, hands, reach * (hook + back), mouth, handle)
+
+
+def find_places(world: World, task: ToolInstall) -> tuple[Place, Place]:
+    """Return where the tool stands at first, and where it shall stand on the pipe."""
+    assert world.tool is not None and world.pipe is not None
+    p, R = find_tool_place(world)
+    pipe = build_cylinder(world.pipe)
+    ahead = pipe.R_WP[:, 0]
+    yaw = math.atan2(ahead[1], ahead[0])
+    height = compute_seat(world.tool, world.pipe.diameter_m).height
+    on_pipe = pipe.p_WP + task.along_pipe_m * pipe.R_WP[:, 1] + height * pipe.R_WP[:, 2]
+    return Place(p, math.atan2(R[1, 0], R[0, 0])), Place(on_pipe, yaw)
+
+
+def _behind(p: Array, yaw: float) -> Array:
+    """Where the platform comes from and goes to, p (3,) m being where its hands hold the tool."""
+    return np.asarray(p - BACK * rot_z(yaw)[:, 0] - [0.0, 0.0, DROP])
+
+
+def _find_blocked_work(robot: Robot, world: World, way: ToolPlan) -> str | None:
+    """Say what is in the way of the robot where its hands work, or return None.
+
+    The tool is left out: it is what the hands touch.
+    """
+    world = world.model_copy(update={"tool": None, "marker": None})
+    query = build_clearance(build_scene(robot, world), with_ground=True)
+    grip = way.grip
+    for name, place in (("at the bench", way.bench), ("at the pipe", way.seat)):
+        at, R = find_platform(grip, place), rot_z(place.yaw)
+        low = at - [0.0, 0.0, DROP]
+        for p, q in ((at, grip.q), (low, grip.q_low), (_behind(at, place.yaw), grip.q_low)):
+            found = compute_clearance(query, p, R, q)
+            if found.distance < NEAR_MARGIN:
+                pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
+                return (
+                    f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m, "
+                    f"{NEAR_MARGIN:.2f} m are kept"
+                )
+    return None
+
+
+def fly(s: Supervisor) -> Flight:
+    """Fly the phases between take-off and landing."""
+    assert isinstance(s.mission, ToolInstallMission)
+    task, way = s.mission.task, s.plan.task
+    assert isinstance(way, ToolPlan)
+    speeds = (task.hand_speed_mps, task.lift_speed_mps)
+    s.begin("approach bench")
+    s.arms.move_to(way.grip.q_low)
+    s.until_arrived()
+    _follow(s, way.to_bench, s.vehicle.limits.speed)
+    place = find_tool(s)
+    _come(s, way.grip, place)
+    if task.hover_s > 0.0:
+        s.begin("hover check")
+        s.wait(task.hover_s)
+    weight = _take(s, way, task.retries, speeds)
+    if weight is None:
+        s.begin("return")
+        _leave(s, way, way.bench)
+        _go_home(s, way)
+        return Flight(False, "the tool could not be grasped")
+    s.begin("carry")
+    _follow(s, way.to_pipe, CALM_SPEED)
+    s.begin("approach pipe")
+    move_platform(
+        s, find_platform(way.grip, way.seat) + [0.0, 0.0, ABOVE], way.seat.yaw, NEAR_SPEED
+    )
+    if not _is_held(s, way.grip):
+        _go_home(s, way, from_pipe=True)
+        return Flight(False, "the tool was lost on the way to the pipe")
+    put_down(s, way.grip, way.seat, weight, speeds, "install")
+    s.begin("wait")
+    _leave(s, way, way.seat)
+    s.wait(task.wait_s)
+    s.begin("retrieve")
+    _come(s, way.grip, find_tool(s))
+    weight = _take(s, way, task.retries, speeds)
+    if weight is None:
+        s.begin("return")
+        _leave(s, way, way.seat)
+        _go_home(s, way, from_pipe=True)
+        return Flight(False, "the tool could not be taken back: it stays on the pipe")
+    s.begin("carry back")
+    move_platform(s, way.to_pipe[-1, :3], way.seat.yaw, NEAR_SPEED)
+    _follow(s, way.to_pipe[::-1], CALM_SPEED)
+    s.begin("approach bench again")
+    move_platform(
+        s, find_platform(way.grip, way.bench) + [0.0, 0.0, ABOVE], way.bench.yaw, NEAR_SPEED
+    )
+    if not _is_held(s, way.grip):
+        _leave(s, way, way.bench)
+        _go_home(s, way)
+        return Flight(False, "the tool was lost on the way back")
+    put_down(s, way.grip, way.bench, weight, speeds, "lower")
+    s.begin("return")
+    _leave(s, way, way.bench)
+    _go_home(s, way)
+    return Flight(True, "")
+
+
+def _come(s: Supervisor, grip: Grip, place: Place) -> None:
+    """Come up to a tool that stands at `place`, hands low; then they wait below its handle."""
+    p = find_platform(grip, place)
+    move_platform(s, _behind(p, place.yaw), place.yaw, NEAR_SPEED)
+    move_platform(s, p - [0.0, 0.0, DROP], place.yaw, NEAR_SPEED)
+    lead_hands(s, grip, -LOW, 0.05)
+    s.wait(STEADY_S)
+
+
+def _take(s: Supervisor, way: ToolPlan, retries: int, speeds: tuple[float, float]) -> float | None:
+    """Take up the tool, again after a miss; returns its weight (N) or None."""
+    for k in range(retries + 1):
+        if k > 0:
+            s.begin("look again")
+            place = find_tool(s)
+            p = find_platform(way.grip, place) - [0.0, 0.0, DROP]
+            move_platform(s, p, place.yaw, NEAR_SPEED)
+            s.wait(STEADY_S)
+        weight = take_up(s, way.grip, way.most_n, speeds)
+        if weight is not None:
+            return weight
+        s.end("retry")
+    return None
+
+
+def _leave(s: Supervisor, way: ToolPlan, place: Place) -> None:
+    """Draw back from a tool that stands, hands low."""
+    s.arms.move_to(way.grip.q_low)
+    s.until_arrived()
+    here = s.vehicle.reference["p_WB"] + [0.0, 0.0, DROP]  # where the hands would hold
+    move_platform(s, _behind(here, place.yaw), place.yaw, NEAR_SPEED)
+
+
+def _is_held(s: Supervisor, grip: Grip) -> bool:
+    """Whether the tool hangs where the hands are."""
+    p, R = measure_tool(s)
+    middle = np.mean(s.vehicle.hands["p_WH"][:2], axis=0)
+    return float(np.linalg.norm(p + R @ grip.handle - middle)) < LOW
+
+
+def _follow(s: Supervisor, points: Array, speed: float) -> None:
+    """Fly along way-points (n, 4) m, rad, at rest in each."""
+    for point in points:
+        here = s.vehicle.reference["p_WB"]
+        if float(np.linalg.norm(point[:3] - here)) > 1e-3:
+            move_platform(s, point[:3], float(point[3]), speed, CARRY_ACCELERATION)
+
+
+def _go_home(s: Supervisor, way: ToolPlan, from_pipe: bool = False) -> None:
+    """Fly back over the take-off place and lift the arms above the landing gear."""
+    if from_pipe:
+        here = s.vehicle.reference["p_WB"]
+        high = np.array([here[0], here[1], way.to_pipe[-1, 2]])
+        move_platform(s, high, way.seat.yaw, NEAR_SPEED)
+        _follow(s, way.to_pipe[::-1], CALM_SPEED)
+        back = _behind(way.to_pipe[0, :3], way.bench.yaw)
+        move_platform(s, back, way.bench.yaw, CALM_SPEED)
+    _follow(s, way.to_bench[::-1], s.vehicle.limits.speed)
+    s.begin("lift arms")
+    s.arms.move_to(way.folded)
+    s.until_arrived()

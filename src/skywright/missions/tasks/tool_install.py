@@ -1,0 +1,26 @@
+"""What a mission of the kind "tool-install" may say."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
+from skywright.missions.spec import Mission
+
+
+class ToolInstall(Spec):
+    """Put the inspection tool onto the pipe, wait, take it back (Suarez 2020, section VI-A)."""
+
+    along_pipe_m: Coordinate = 0.0  # of the place on the pipe, from its middle along its axis
+    wait_s: NonNegative = 10.0  # for the inspection
+    hover_s: NonNegative = 50.0  # the hands track the grasp points so long before they grasp
+    payload_max_kg: Positive = 0.6  # Table 2: 0.3 kg each arm
+    retries: int = Field(default=2, ge=0, le=10)  # of a grasp that missed
+    hand_speed_mps: Positive = 0.05
+    lift_speed_mps: Positive = 0.03  # of the platform, while the load passes from or to the hands
+
+
+class ToolInstallMission(Mission):
+    """A mission with the table `mission.task` of this kind."""
+
+    task: ToolInstall = ToolInstall()

@@ -1,0 +1,90 @@
+"""Which pairs of shapes can meet at all: only these are checked."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.models.kinematic_tree import BOX, HINGE, Shapes, Tree
+
+Array = NDArray[np.float64]
+
+Y = 1  # of (x, y, z)
+
+PAIR_WORLD, PAIR_SELF, PAIR_LIMIT = range(3)
+"""A pair with an obstacle, with another part of the robot, or with a plane of the area (other =
+2 axis + side)."""
+
+
+def list_ancestors(tree: Tree, body: int) -> list[int]:
+    """Bodies from `body` up to, but without, the platform."""
+    out = []
+    while body > 0:
+        out.append(body)
+        body = int(tree.parent[body])
+    return out
+
+
+def list_pairs(tree: Tree, s: Shapes, world: Shapes, box: Array) -> list[tuple[int, int, int]]:
+    """Pairs that can meet: with every obstacle and limit, and between parts two joints apart."""
+    pairs = []
+    for a in range(len(s.body)):
+        pairs += [(a, b, PAIR_WORLD) for b in range(len(world.body))]
+        for axis in range(3):
+            pairs += [
+                (a, 2 * axis + side, PAIR_LIMIT) for side in (0, 1) if np.isfinite(box[axis, side])
+            ]
+    for a in range(len(s.body)):
+        above = list_ancestors(tree, int(s.body[a]))
+        for b in range(len(s.body)):
+            if a == b or s.kind[a] == BOX:
+                continue
+            # b further up the same chain, with a joint on each side of what lies between
+            if int(s.body[b]) in [0, *above] and int(s.body[b]) != int(s.body[a]):
+                between = [x for x in above if x not in list_ancestors(tree, int(s.body[b]))]
+                if len(between) >= 2:
+                    pairs.append((a, b, PAIR_SELF))
+    return pairs
+
+
+def drop_beside(
+    tree: Tree,
+    s: Shapes,
+    world: Shapes,
+    box: Array,
+    pairs: list[tuple[int, int, int]],
+    y: float,
+    margin: float,
+) -> list[tuple[int, int, int]]:
+    """Drop pairs that stay apart in y because nothing here ever moves in y.
+
+    Holds where all joints turn about y (or slide across it) and the platform keeps `y` (m) and
+    the yaw 0.
+    """
+    rots, places = [np.eye(3)], [np.array([0.0, y, 0.0])]
+    for b in range(1, len(tree.parent)):
+        up = int(tree.parent[b])
+        places.append(places[up] + rots[up] @ tree.pos[b])
+        rots.append(rots[up] @ tree.rot[b])
+        along = abs((rots[b] @ tree.axis[b])[1])
+        if tree.joint[b] >= 0 and abs(along - (1.0 if tree.kind[b] == HINGE else 0.0)) > 1e-9:
+            return pairs
+
+    def reach(shapes: Shapes, i: int, p: Array, rot: Array) -> tuple[float, float]:
+        ends = [(p + rot @ shapes.p0[i])[1], (p + rot @ shapes.p1[i])[1]]
+        more = shapes.radius[i] + np.abs((rot @ shapes.rot[i])[1]) @ shapes.half[i]
+        return min(ends) - more, max(ends) + more
+
+    own = [reach(s, i, places[int(b)], rots[int(b)]) for i, b in enumerate(s.body)]
+    other = [reach(world, i, np.zeros(3), np.eye(3)) for i in range(len(world.body))]
+
+    def meets(pair: tuple[int, int, int]) -> bool:
+        a, b, kind = pair
+        low, high = own[a]
+        if kind == PAIR_LIMIT and b // 2 == Y:
+            return bool(low - box[Y, 0] < margin or box[Y, 1] - high < margin)
+        if kind == PAIR_WORLD:
+            return max(low - other[b][1], other[b][0] - high) < margin
+        return True
+
+    return [pair for pair in pairs if meets(pair)]

@@ -1,0 +1,50 @@
+"""Localisation in flight: error of the estimate, and where the total station was not there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skywright.evaluation.metrics import OUTAGE
+from skywright.reports.figures.style import BLUE, WIDTH, draw_line, new_figure
+
+if TYPE_CHECKING:
+    from skywright.evaluation.run import RunResult
+
+SHADE = "#f6e3d5"
+CAPTION = (
+    "How well it knew where it was",
+    "Estimated less true position. Lines: two standard deviations, as the filter states them. "
+    "Shaded: no line of sight from the total station to the prism; only the tracking camera tells "
+    "how the robot moves, and drifts.",
+)
+
+
+def draw_localisation(result: RunResult) -> Figure | None:
+    """Error of the position, an axis each; None with motion capture."""
+    s = result.samples
+    if not np.any(s["pose_std"] > 0.0):
+        return None
+    flying = s["rotor_thrust"].sum(axis=1) > 0.5
+    part = s[flying]
+    if len(part) < 2:
+        return None
+    t, std = part["t"], 1e3 * part["pose_std"]
+    error = 1e3 * (part["est_p_WB"] - part["p_WB"])
+    away = np.concatenate([[0], (part["fix_age"] > OUTAGE).astype(int), [0]])
+    starts, stops = np.flatnonzero(np.diff(away) > 0), np.flatnonzero(np.diff(away) < 0) - 1
+    figure = new_figure(WIDTH, 4.6)
+    axes = figure.subplots(3, 1, sharex=True)
+    figure.subplots_adjust(left=0.075, right=0.985, top=0.94, bottom=0.1, hspace=0.4)
+    for i, ax in enumerate(axes):
+        ax.set_title(f"Error of the estimated position along {'xyz'[i]}")
+        ax.set_ylabel("error (mm)")
+        for a, b in zip(starts, stops, strict=True):
+            ax.axvspan(t[a] - OUTAGE, t[b], color=SHADE, lw=0)
+        draw_line(ax, t, error[:, i], color=BLUE)
+        for sign in (2.0, -2.0):
+            draw_line(ax, t, sign * std, color="#8a8a8a", lw=0.8)
+    axes[-1].set_xlabel("time (s)")
+    return figure

@@ -1,0 +1,128 @@
+"""What a report shows of a tool's installation: the phases, the load, the hands at the handle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skywright.evaluation.metrics import in_phases
+from skywright.evaluation.tool_install import compute_grasp_errors
+from skywright.missions.tool_handling import LOW
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    WIDTH,
+    clip_phases,
+    draw_limit,
+    draw_line,
+    fit_y,
+    new_figure,
+    shade_phases,
+    stack_panels,
+)
+
+if TYPE_CHECKING:
+    from skywright.evaluation.run import RunResult
+
+HOVER_MM = 15.0  # requirement of the mission
+
+
+def draw_phases(result: RunResult) -> Figure | None:
+    """Tool and platform over the whole flight, and the weight that the hands carry."""
+    s = result.samples
+    if not len(s):
+        return None
+    tool = s[f"object{result.description.world.things.index('tool')}_p_WO"]
+    t = s["t"]
+    figure = new_figure(WIDTH, 7.0)
+    strip, axes = stack_panels(figure, 4)
+    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
+    axes[0].set_title("Platform (lines) and tool (dashed): way")
+    axes[0].set_ylabel("x, y (m)")
+    for a, color in ((0, BLUE), (1, ORANGE)):
+        draw_line(axes[0], t, s["p_WB"][:, a], color=color, label="xy"[a])
+        draw_line(axes[0], t, tool[:, a], color=color, ls="--", lw=0.9)
+    axes[0].legend(loc="upper left", ncols=2)
+    axes[1].set_title("Heights")
+    axes[1].set_ylabel("z (m)")
+    draw_line(axes[1], t, s["p_WB"][:, 2], color=BLACK, label="platform")
+    draw_line(axes[1], t, tool[:, 2], color=GREEN, ls="--", label="tool")
+    axes[1].legend(loc="upper left", ncols=2)
+    axes[2].set_title("True upward force of each hook on the handle")
+    axes[2].set_ylabel("force (N)")
+    for side, color in (("left", BLUE), ("right", PURPLE)):
+        draw_line(axes[2], t, s[f"{side}_f_W"][:, 2], color=color, lw=0.8, label=side)
+    axes[2].legend(loc="upper left", ncols=2)
+    axes[3].set_title("Springs of the left arm: shaft minus output link")
+    axes[3].set_ylabel("deflection (deg)")
+    for j, color, label in ((0, BLUE, "shoulder pitch"), (3, PURPLE, "elbow pitch")):
+        draw_line(axes[3], t, np.degrees(s["deflection"][:, j]), color=color, lw=0.8, label=label)
+    axes[3].legend(loc="upper left", ncols=2)
+    return figure
+
+
+def draw_tracking(result: RunResult) -> Figure | None:
+    """Error of both tips at the grasp points, and the platform's way: figures 23 and 24."""
+    s = result.samples
+    hover = in_phases(s, result.phases, "hover check")
+    if not np.any(hover):
+        return None
+    s = s[hover]
+    t = s["t"]
+    index = result.description.world.things.index("tool")
+    error = 1e3 * compute_grasp_errors(s, index, result.plan.task, -LOW)
+    figure = new_figure(WIDTH, 5.4)
+    strip, axes = stack_panels(figure, 3)
+    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
+    for h, side in enumerate(("left", "right")):
+        size = np.linalg.norm(error[:, h], axis=1)
+        axes[h].set_title(f"Tracking error of the {side} tip")
+        axes[h].set_ylabel("error (mm)")
+        for a, color in ((0, BLUE), (1, ORANGE), (2, GREEN)):
+            draw_line(axes[h], t, error[:, h, a], color=color, lw=0.8, label="xyz"[a])
+        draw_line(axes[h], t, size, color=BLACK, lw=1.0, label="distance")
+        draw_limit(axes[h], HOVER_MM, "rms required, 15 mm")
+        axes[h].legend(loc="lower left", ncols=4)
+        fit_y(axes[h], HOVER_MM, float(np.max(size)), float(np.min(error[:, h])))
+    drift = 1e3 * (s["p_WB"] - s["p_WB"][0])
+    axes[2].set_title("Platform: displacement from where it was at first")
+    axes[2].set_ylabel("way (mm)")
+    for a, color in ((0, BLUE), (1, ORANGE), (2, GREEN)):
+        draw_line(axes[2], t, drift[:, a], color=color, lw=0.8, label="xyz"[a])
+    axes[2].legend(loc="lower left", ncols=3)
+    return figure
+
+
+FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
+    "tool_phases": draw_phases,
+    "tool_tracking": draw_tracking,
+}
+CAPTIONS = {
+    "tool_phases": (
+        "The tool's way, phase by phase",
+        "Where platform and tool were, what each hook carried, and how far the springs of the left "
+        "arm were wound up by it.",
+    ),
+    "tool_tracking": (
+        "The hands at the grasp points",
+        "How both tips kept their points at the tool while the platform hovered, and how the "
+        "platform drifted meanwhile.",
+    ),
+}
+
+
+def describe(result: RunResult) -> str:
+    """Say where the tool came to stand."""
+    d = result.description
+    seat, back = result.metrics.get("tool.seat_error_mm"), result.metrics.get("tool.returned")
+    did = f"{d.robot.name} in world {d.world.name} "
+    if seat is None:
+        return did + "did not come to put the tool onto the pipe"
+    where = "brought it back" if back == 1.0 else "did not bring it back"
+    return did + f"put the tool onto the pipe, {seat:.1f} mm from its place, and {where}"

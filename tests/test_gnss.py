@@ -1,0 +1,166 @@
+"""Satellite navigation: what a fix is worth, how it is fused, and who may not rely on it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from skywright.core.streams import build_stream
+from skywright.core.types import BELIEF, MEASUREMENT
+from skywright.errors import InputError
+from skywright.estimation.position_fix import fuse_fix, start_from_fix
+from skywright.estimation.registry import check_localisation
+from skywright.evaluation.run import fly_and_evaluate
+from skywright.missions.loader import load_description
+from skywright.missions.planning import plan_mission
+from skywright.robots.loader import load_robot
+from skywright.sim.gnss import GNSS, GNSS_NOISE, fill_gnss, sense_gnss
+from skywright.worlds.gnss import FIXES, Gnss
+
+G = 9.81
+
+
+def skew(a):
+    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+@pytest.fixture
+def belief():
+    rng = np.random.default_rng(4)
+    b = np.zeros(1, BELIEF)
+    f = b[0]["flt"]
+    f["h"], f["p_ba"], f["p_bg"] = 1e-3, 0.1**2, 0.005**2
+    f["p_BI"], f["p_BF"] = [0.05, -0.02, 0.03], [0.1, 0.0, 0.2]
+    f["r_fix"], f["r_heading"] = np.array([0.01, 0.02, 0.03]) ** 2, 0.02**2
+    f["R_f"] = Rotation.from_euler("ZYX", [0.8, 0.05, -0.03]).as_matrix()
+    a = rng.normal(size=(15, 15)) * np.repeat([1e-2, 1e-2, 1e-2, 1e-4, 1e-2], 3)[:, None]
+    f["P"] = a @ a.T
+    return b[0]
+
+
+def test_a_fix_is_fused_as_the_textbook_does(belief):
+    """All four parts at once, H by finite differences of what a fix measures."""
+    f, meas = belief["flt"], belief["meas"]
+
+    def predict(dp, turn):
+        R = Rotation.from_rotvec(turn).as_matrix() @ f["R_f"]
+        p = f["p_f"] + dp + R @ (f["p_BF"] - f["p_BI"])
+        return np.append(p, math.atan2(R[1, 0], R[0, 0]))
+
+    step, H = 1e-6, np.zeros((4, 15))
+    for i, e in enumerate(np.eye(3)):
+        H[:, i] = (predict(step * e, 0 * e) - predict(-step * e, 0 * e)) / (2 * step)
+        H[:, 6 + i] = (predict(0 * e, step * e) - predict(0 * e, -step * e)) / (2 * step)
+    nu = np.array([0.008, -0.01, 0.02, 0.015])
+    z = predict(np.zeros(3), np.zeros(3)) + nu
+    meas["fix_p"], meas["fix_heading"] = z[:3], z[3] + 2 * math.pi  # a whole turn is no error
+    H[3, 6:8] = 0.0  # a level heading: the tilt's share of 5 % of it is left out
+    S = H @ f["P"] @ H.T + np.diag(np.append(f["r_fix"], f["r_heading"]))
+    K = f["P"] @ H.T @ np.linalg.inv(S)
+    P, p, R, dx = f["P"].copy(), f["p_f"].copy(), f["R_f"].copy(), K @ nu
+    assert fuse_fix(f, meas)
+    assert f["nis"] == pytest.approx(nu @ np.linalg.solve(S, nu), rel=1e-6)
+    np.testing.assert_allclose(f["P"], P - K @ S @ K.T, atol=1e-9)
+    np.testing.assert_allclose(f["p_f"], p + dx[:3], atol=1e-9)
+    np.testing.assert_allclose(f["ba"], dx[12:], atol=1e-9)
+    np.testing.assert_allclose(f["R_f"], Rotation.from_rotvec(dx[6:9]).as_matrix() @ R, atol=1e-9)
+
+
+def test_the_gate_lets_a_jump_change_nothing(belief):
+    f, meas = belief["flt"], belief["meas"]
+    meas["fix_p"] = f["p_f"] + [0.0, 3.0, 0.0]
+    meas["fix_heading"] = 0.8
+    before = f.copy()
+    assert not fuse_fix(f, meas)
+    np.testing.assert_array_equal(f["P"], before["P"])
+    np.testing.assert_array_equal(f["p_f"], before["p_f"])
+
+
+def test_the_filter_starts_level_and_knows_why_it_is_not(belief):
+    """Held still with a biased accelerometer: the attitude's error lies within what P says."""
+    f, meas = belief["flt"], belief["meas"]
+    true = Rotation.from_euler("ZYX", [0.8, 0.1, -0.06]).as_matrix()
+    bias = np.array([0.08, -0.05, 0.0])
+    f["accel"], f["n"] = true.T @ [0.0, 0.0, G] + bias, 400
+    meas["fix_p"], meas["fix_heading"] = [3.0, 1.0, 2.0], 0.8
+    start_from_fix(f, meas, 380, G, 0.3)
+    R = f["R_f"]
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    assert math.atan2(R[1, 0], R[0, 0]) == pytest.approx(0.8, abs=1e-9)
+    turn = Rotation.from_matrix(true @ R.T).as_rotvec()
+    assert np.linalg.norm(turn[:2]) < np.linalg.norm(bias) / G * 1.05
+    # told the bias, the filter would level itself: E[turn | bias] is the turn that there is
+    expected = f["P"][6:8, 12:15] @ bias / f["p_ba"]
+    np.testing.assert_allclose(turn[:2], expected, atol=3e-4)
+    antenna = f["p_f"] + R @ (f["p_BF"] - f["p_BI"])
+    np.testing.assert_allclose(antenna, [3.0, 1.0, 2.0], atol=1e-12)
+    assert np.min(np.linalg.eigvalsh(f["P"])) > -1e-12
+
+
+@pytest.mark.parametrize("fix", ["rtk", "plain"])
+def test_fixes_are_as_late_frequent_and_wrong_as_stated(fix):
+    robot, _ = load_robot("ars-lrm")
+    d = load_description(
+        "bar-transport", sets={"world.localisation": "gnss", "world.gnss.fix": fix}
+    )
+    e, dt = FIXES[fix], 0.1
+    rng = np.random.default_rng(3)
+    errors, steps = [], []
+    for seed in range(60):  # many short flights: the slow error has minutes of memory
+        gn, meas = np.zeros(1, GNSS)[0], np.zeros(1, MEASUREMENT)[0]
+        fill_gnss(gn, robot, d.world, build_stream(seed, "gnss"))
+        last = None
+        for k in range(80):
+            noise = rng.standard_normal(GNSS_NOISE)
+            sense_gnss(gn, 0.5 * dt * k, np.zeros(3), np.eye(3), noise, 1.0, meas)
+            if meas["fix_fresh"]:
+                assert 0.5 * dt * k - meas["fix_t"] == pytest.approx(0.15)  # first tick after 0.11
+                err = meas["fix_p"] - [0.0, 0.0, robot.sensors.antenna_z_m]
+                errors.append(err.copy())
+                if last is not None:
+                    steps.append(err - last)
+                last = err.copy()
+    assert len(errors) == 60 * 39
+    total = np.hypot([e.noise_level_m, e.noise_up_m], [e.drift_level_m, e.drift_up_m])
+    found = np.std(errors, axis=0)
+    np.testing.assert_allclose(found[[0, 2]], total, rtol=0.25)  # 60 independent draws
+    # from fix to fix the white part shows, and little of the slow one
+    white = 2 * np.array([e.noise_level_m, e.noise_up_m]) ** 2
+    slow = 2 * (1 - math.exp(-dt / e.drift_time_s)) * np.array([e.drift_level_m, e.drift_up_m]) ** 2
+    np.testing.assert_allclose(np.std(steps, axis=0)[[0, 2]], np.sqrt(white + slow), rtol=0.06)
+
+
+def test_numbers_of_a_file_replace_those_of_the_kind():
+    g = Gnss(fix="rtk", noise_level_m=0.03)
+    assert g.errors.noise_level_m == 0.03
+    assert g.errors.drift_up_m == FIXES["rtk"].drift_up_m
+
+
+def test_the_transport_is_refused_where_fixes_are_wider_than_the_margin():
+    sets = {"world.localisation": "gnss", "world.gnss.fix": "plain"}
+    with pytest.raises(InputError, match=r"world.gnss.fix = 'plain': .*'rtk'"):
+        plan_mission(load_description("bar-transport", sets=sets))
+
+
+def test_robots_that_need_motion_capture_are_refused():
+    sets = {"world.localisation": "gnss"}
+    d = load_description("pipe-weld-scan", sets=sets)
+    with pytest.raises(InputError, match="needs the markers"):
+        check_localisation("filter", d.robot, d.world)
+    d = load_description("bar-transport", sets=sets)
+    with pytest.raises(InputError, match="'observer' needs motion capture"):
+        check_localisation("observer", d.robot, d.world)
+    with pytest.raises(InputError, match="localisation"):
+        load_description("bar-transport", sets={"world.localisation": "gps"})
+
+
+def test_the_bar_is_carried_by_rtk():
+    sets = {"world.localisation": "gnss", "mission.task.planner_slices": 100}
+    result = fly_and_evaluate(load_description("bar-transport", sets=sets))
+    assert result.outcome == "succeeded", result.reason
+    # the estimate is as far from the truth as the fixes' slow errors are, not better
+    rms = 1e-3 * result.metrics["estimate.position_rms_mm"]
+    assert 0.002 < rms < 3.0 * result.description.world.gnss.position_error_m

@@ -1,0 +1,213 @@
+"""Flight without motion capture: the filter's identities, flights with outages, wrong input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from skywright import load, run
+from skywright.core.types import BELIEF, IMU_HISTORY, MEASUREMENT, N_FUSION
+from skywright.errors import InputError
+from skywright.estimation import station_camera as sc
+from skywright.estimation.kalman import correct
+from skywright.sim.link import LINK, LINK_BLOCK, receive_measurement, send_measurement
+
+STATION = "world.localisation='total-station'"
+
+
+@given(st.integers(0, 10**6), st.integers(1, 6))
+@settings(max_examples=25, deadline=None)
+def test_correction_is_the_textbooks(seed, m):
+    rng = np.random.default_rng(seed)
+    n = 9
+    A = rng.normal(size=(n, n))
+    P, H, r = A @ A.T + np.eye(n), rng.normal(size=(m, n)), rng.uniform(0.1, 1.0, m)
+    nu, dx, new = rng.normal(size=m), np.empty(n), P.copy()
+    size = correct(new, H, nu.copy(), r, np.inf, dx)
+    S = H @ P @ H.T + np.diag(r)
+    K = P @ H.T @ np.linalg.inv(S)
+    assert size == pytest.approx(nu @ np.linalg.solve(S, nu), rel=1e-9)
+    assert dx == pytest.approx(K @ nu, rel=1e-8, abs=1e-9)
+    assert new == pytest.approx((np.eye(n) - K @ H) @ P, rel=1e-7, abs=1e-8)
+    before = new.copy()
+    assert correct(new, H, 1e3 * nu, r, 1.0, dx) >= 1.0
+    assert np.array_equal(new, before) and not np.any(dx)
+
+
+def build_belief(seed: int) -> np.ndarray:
+    """A moving robot whose camera errs, without noise."""
+    rng = np.random.default_rng(seed)
+    b = np.zeros(1, BELIEF)
+    flt, fus = b[0]["flt"], b[0]["fus"]
+    flt["h"], flt["n"], flt["ready"] = 1e-3, 100, 2.0
+    flt["p_BI"], fus["p_BP"] = [0.02, -0.01, 0.03], [0.05, 0.0, -0.15]
+    flt["gyro"] = rng.normal(size=3) + 0.2 * rng.normal(size=(IMU_HISTORY, 3))
+    flt["accel"] = [0.3, -0.4, 9.9] + 0.5 * rng.normal(size=(IMU_HISTORY, 3))
+    flt["p_f"], flt["v_f"] = rng.normal(size=3) + [0, 0, 3], rng.normal(size=3)
+    flt["R_f"] = Rotation.from_rotvec(0.3 * rng.normal(size=3)).as_matrix()
+    fus["T"] = Rotation.from_rotvec(0.1 * rng.normal(size=3)).as_matrix()
+    fus["growth"], fus["drift"] = 0.05, rng.normal(size=3)
+    fus["R_WC"], fus["scale"] = np.eye(3), 1.0
+    return b
+
+
+def shift(b: np.ndarray, dx: np.ndarray) -> np.ndarray:
+    out = b.copy()
+    sc._inject(out[0]["flt"], out[0]["fus"], dx)
+    return out
+
+
+def subtract(b: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """The error that takes `a` to `b`."""
+    flt, fus, f, g = b[0]["flt"], b[0]["fus"], a[0]["flt"], a[0]["fus"]
+    turn = Rotation.from_matrix(flt["R_f"] @ f["R_f"].T).as_rotvec()
+    frame = Rotation.from_matrix(fus["T"] @ g["T"].T).as_rotvec()
+    parts = [flt["p_f"] - f["p_f"], flt["v_f"] - f["v_f"], turn, flt["bg"] - f["bg"],
+             flt["ba"] - f["ba"], fus["drift"] - g["drift"], frame,
+             [fus["growth"] - g["growth"], fus["range_bias"] - g["range_bias"],
+              fus["delay"] - g["delay"]]]  # fmt: skip
+    return np.concatenate(parts)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_covariance_follows_the_state(seed):
+    """One step of the covariance against finite differences of the state."""
+    rng = np.random.default_rng(seed)
+    b, v = build_belief(seed), rng.normal(size=N_FUSION)
+    b[0]["fus"]["P"] = np.outer(v, v)
+    moved = shift(b, 1e-6 * v)
+    for x in (b, moved):
+        sc.advance(x[0]["flt"], x[0]["fus"], 10, 9.81)
+    expected = subtract(moved, b) / 1e-6
+    assert b[0]["fus"]["P"] == pytest.approx(np.outer(expected, expected), rel=2e-3, abs=2e-3)
+
+
+def fuse(b: np.ndarray, kind: str, z: object) -> None:
+    flt, fus = b[0]["flt"], b[0]["fus"]
+    if kind == "fix":
+        sc.fuse_fix(flt, fus, z)
+    elif kind == "range":
+        sc.fuse_range(flt, fus, z)
+    else:
+        fus["odo_p"][0], fus["odo_R"][0] = z
+        sc.fuse_odometry(flt, fus, 0)
+
+
+def measure(b: np.ndarray, kind: str) -> object:
+    """What the sensors would say in this state."""
+    flt, fus = b[0]["flt"], b[0]["fus"]
+    R, p_B = flt["R_f"], flt["p_f"] - flt["R_f"] @ flt["p_BI"]
+    if kind == "fix":
+        return p_B + R @ fus["p_BP"] - flt["v_f"] * fus["delay"]
+    if kind == "range":
+        return float(p_B[2] / R[2, 2] + fus["range_bias"])
+    return p_B + fus["drift"], fus["T"] @ R
+
+
+@pytest.mark.parametrize("kind", ["fix", "range", "odometry"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_perfect_measurement_moves_the_state_onto_it(kind, seed):
+    """It does to first order where the Jacobian is right: twice closer is four times better."""
+    rng = np.random.default_rng(seed)
+    v, left = rng.normal(size=N_FUSION), []
+    for size in (1e-2, 5e-3):
+        b = build_belief(seed)
+        b[0]["fus"]["P"] = 1e-2 * np.eye(N_FUSION)
+        for noise in ("r_fix", "r_odo", "r_odo_R", "r_range"):
+            b[0]["fus"][noise] = 1e-12
+        z = measure(shift(b, size * v), kind)
+        fuse(b, kind, z)
+        off = np.atleast_1d(np.asarray(z[0] if kind == "odometry" else z))
+        now = measure(b, kind)
+        left.append(np.linalg.norm(off - np.asarray(now[0] if kind == "odometry" else now)))
+        if kind == "odometry":
+            left[-1] += Rotation.from_matrix(z[1] @ now[1].T).magnitude()
+    assert left[1] < 0.35 * left[0] + 1e-9 and left[0] < 2e-3
+
+
+def test_the_link_carries_every_measurement():
+    rng = np.random.default_rng(0)
+    lk, got = np.zeros(1, LINK), np.zeros(1, MEASUREMENT)
+    sent = lk[0]["sent"]
+    for name in MEASUREMENT.names:
+        sent[name] = rng.uniform(0.5, 1.0, sent[name].shape) if sent[name].shape else 0.7
+    for name in ("fix_fresh", "odo_fresh", "range_fresh", "mocap_fresh", "marker_fresh"):
+        sent[name] = 1.0
+    sent["imu_n"], lk[0]["chance"] = 2, np.ones((LINK_BLOCK, 2))
+    send_measurement(lk[0], 0.0)
+    receive_measurement(lk[0], 0.0, got[0])
+    for name in MEASUREMENT.names:
+        if name in ("mocap_age", "gyro"):  # the link's own
+            continue
+        a, b = got[0][name], sent[name]
+        if name in ("imu_gyro", "imu_accel"):
+            a, b = a[:2], b[:2]
+        assert np.array_equal(a, b), name
+
+
+# --- flights --------------------------------------------------------------------------------------
+
+
+def fly(*sets: str, seed: int = 3) -> tuple[np.ndarray, dict[str, float]]:
+    d = load("waypoints", robot="f550-bridge", seed=seed, sets=[STATION, *sets])
+    result = run(d, report=False)
+    assert result.outcome == "succeeded"
+    return result.samples, result.metrics
+
+
+def test_a_flight_knows_where_it_is_to_millimetres():
+    _, m = fly()
+    assert m["estimate.position_rms_mm"] < 8.0 and m["estimate.outage_s"] < 2.0
+    assert 0.4 < m["estimate.sigmas"] < 2.5
+
+
+def test_an_outage_is_bridged_by_the_camera_and_healed():
+    samples, m = fly("world.total_station.blocked_s=[[8.0, 16.0]]")
+    assert m["estimate.outage_s"] > 7.0
+    assert 2.0 < m["estimate.outage_max_mm"] < 120.0
+    after = samples[samples["t"] > 18.5]
+    error = np.linalg.norm(after["est_p_WB"] - after["p_WB"], axis=1)
+    assert np.max(error) < 0.02
+    assert np.max(samples["pose_std"][samples["t"] > 15.0]) > 3.0 * np.min(
+        samples["pose_std"][100:]
+    )
+
+
+def test_both_ways_of_running_are_bit_identical():
+    sets = ("mission.hover_height_m=0.8",)
+    d = [load("waypoints", robot="f550-bridge", sets=[STATION, *sets, f"mission.mode={m!r}"])
+         for m in ("fast", "interactive")]  # fmt: skip
+    fast, slow = (run(x, report=False).samples for x in d)
+    n = min(len(fast), len(slow))
+    assert n > 500
+    for name in ("p_WB", "est_p_WB", "fix_age", "pose_std"):
+        assert np.array_equal(fast[name][:n], slow[name][:n]), name
+
+
+@pytest.mark.parametrize(
+    ("robot", "sets", "words"),
+    [
+        ("hexarotor", [], ["'hexarotor' has no [robot.prism] and no [robot.tracking_camera]"]),
+        ("f550-bridge", ["mission.estimator='observer'"], ["needs motion capture"]),
+        ("f550-bridge", ["world.total_station.blocked_s=[[5.0, 4.0]]"], ["blocked_s", "from < to"]),
+        ("f550-bridge", ["world.total_station.blocked_s=[[1.0, 4.0]]"], ["before it takes off"]),
+        (
+            "f550-bridge",
+            ["world.obstacles.a={x_m=-9.0,y_m=-4.5,z_m=1.0,size_x_m=1,size_y_m=5,size_z_m=3}"],
+            ["does not see the prism of the robot"],
+        ),
+        ("f550-bridge", ["world.total_station.rate_mean_hz=30"], ["exceeds rate_max_hz 20"]),
+        ("f550-bridge", ["world.total_station.latency_mean_s=0.01"], ["below latency_min_s"]),
+        ("f550-bridge", ["robot.range_finder.range_min_m=200"], ["must be below range_max_m"]),
+        ("f550-bridge", ["world.total_station.rate_mean_hz=0.1"], ["cannot be calibrated"]),
+        ("f550-bridge", ["world.localisation='gps'"], ["world.localisation is the text 'gps'"]),
+    ],
+)
+def test_wrong_input(robot, sets, words):
+    with pytest.raises(InputError) as error:
+        run(load("waypoints", robot=robot, sets=[STATION, *sets]), report=False)
+    for word in words:
+        assert word in str(error.value)

@@ -1,0 +1,216 @@
+"""The inspection tool in the scene, and tool-install on its requirements."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skywright.core.rotations import quat_from_rot, rot_y
+from skywright.errors import InputError
+from skywright.evaluation.run import fly_and_evaluate
+from skywright.missions.kinds.tool_install import ToolPlan, build_grip, plan
+from skywright.missions.loader import Description, load_description
+from skywright.missions.tool_handling import find_platform
+from skywright.models.arm_body import Deviation
+from skywright.models.compliant_arms import find_hands
+from skywright.models.rigid_body import build_body_model
+from skywright.models.scene import Scene, build_scene
+from skywright.models.tool_body import find_tool_place
+from skywright.worlds.tool import Tool, compute_diameters, compute_seat, list_tool_parts
+
+DESCRIPTION = load_description("tool-install")
+
+
+def build(**sets: float) -> tuple[Scene, mujoco.MjData, int]:
+    """The plant with the robot standing, and the address of the tool's pose."""
+    d = load_description("tool-install", sets=[f"{k}={v}" for k, v in sets.items()])
+    scene = build_scene(d.robot, d.world, Deviation())
+    data = mujoco.MjData(scene.model)
+    data.qpos[2] = d.robot.platform.gear_height_m
+    return scene, data, int(scene.model.joint("object tool").qposadr[0])
+
+
+def settle(scene: Scene, data: mujoco.MjData, seconds: float) -> float:
+    """Step on; return the largest speed of the tool at the end (m/s, rad/s)."""
+    mujoco.mj_step(scene.model, data, round(seconds / scene.model.opt.timestep))
+    dof = int(scene.model.joint("object tool").dofadr[0])
+    return float(np.max(np.abs(data.qvel[dof : dof + 6])))
+
+
+def test_the_tool_rests_on_the_bench() -> None:
+    scene, data, at = build()
+    p, _ = find_tool_place(DESCRIPTION.world)
+    assert settle(scene, data, 1.0) < 1e-4
+    np.testing.assert_allclose(data.qpos[at : at + 3], p, atol=2e-4)
+
+
+@pytest.mark.parametrize("diameter", [0.12, 0.2, 0.26])
+def test_the_tool_rests_on_the_pipe_where_the_feet_fit(diameter: float) -> None:
+    scene, data, at = build(**{"world.pipe.diameter_m": diameter, "world.tool.friction": 0.2})
+    pipe = DESCRIPTION.world.pipe
+    assert pipe is not None and DESCRIPTION.world.tool is not None
+    height = compute_seat(DESCRIPTION.world.tool, diameter).height
+    seat = np.array([pipe.x_m, pipe.y_m, pipe.z_m + height])
+    data.qpos[at : at + 3] = seat + [0.0, 0.0, 0.003]
+    assert settle(scene, data, 2.0) < 1e-3
+    np.testing.assert_allclose(data.qpos[at : at + 3], seat, atol=1e-3)
+
+
+@pytest.mark.parametrize(("friction", "stays"), [(0.2, True), (0.05, False)])
+def test_on_the_pipe_friction_holds_a_tool_that_is_tilted(friction: float, stays: bool) -> None:
+    """It holds up to sin(tilt) = mu sqrt(2) R / h, h of the centre of mass over the axis."""
+    tool, pipe = DESCRIPTION.world.tool, DESCRIPTION.world.pipe
+    assert tool is not None and pipe is not None
+    height = compute_seat(tool, pipe.diameter_m).height
+    parts = list_tool_parts(tool)
+    com = sum(p.mass * 0.5 * float(p.a[2] + p.b[2]) for p in parts) / tool.mass_kg
+    limit = math.asin(friction * math.sqrt(2.0) * 0.5 * pipe.diameter_m / (height + com))
+    tilt = math.radians(5.0)
+    assert (tilt < limit) == stays
+    scene, data, at = build(**{"world.tool.friction": friction})
+    R = rot_y(tilt)
+    axis = np.array([pipe.x_m, pipe.y_m, pipe.z_m])
+    data.qpos[at : at + 3] = axis + R[:, 2] * (height + 0.0005)
+    data.qpos[at + 3 : at + 7] = quat_from_rot(R)
+    settle(scene, data, 2.0)
+    now = 2.0 * math.asin(float(data.qpos[at + 5]))
+    assert (abs(now - tilt) < math.radians(1.0)) == stays
+
+
+@pytest.mark.parametrize("friction", [0.2, 1.0])
+def test_in_two_hooks_the_tool_hangs_still(friction: float) -> None:
+    """Platform and joints held where they hold it: contact alone carries the tool."""
+    d = DESCRIPTION
+    assert d.world.tool is not None
+    grip = build_grip(d.robot, d.world.tool, d.world.gravity_mps2)
+    scene, data, at = build(**{"world.tool.friction": friction})
+    dof = int(scene.model.joint("object tool").dofadr[0])
+    home = np.array([0.0, 0.0, 2.0])
+    data.qpos[scene.places.joint_qpos] = grip.q
+    middle = home + np.mean(grip.hands, axis=0) + grip.cradle
+    data.qpos[at : at + 3] = middle - grip.handle + [0.0, 0.0, 0.002]
+    data.qpos[:3] = home
+    others = [i for i in range(scene.model.nv) if not dof <= i < dof + 6]
+    scene.model.dof_armature[others] = 1e6  # nothing but the tool moves
+    settle(scene, data, 3.0)
+    assert np.max(np.abs(data.qvel[dof : dof + 3])) < 5e-3
+    np.testing.assert_allclose(data.qpos[at : at + 3], middle - grip.handle, atol=0.01)
+    sensors = [scene.model.sensor(f"touch hand{h}").adr[0] for h in (0, 1)]
+    up = sum(float(data.sensordata[a + 2]) for a in sensors)
+    assert up == pytest.approx(d.world.tool.mass_kg * 9.81, rel=0.02)
+
+
+@given(st.floats(0.02, 0.06), st.floats(0.08, 0.16), st.floats(30.0, 60.0), st.floats(0.05, 0.4))
+@settings(max_examples=60, deadline=None)
+def test_a_seat_touches_with_both_legs(
+    plate: float, leg: float, angle: float, diameter: float
+) -> None:
+    tool = Tool(on="b", x_m=0.0, y_m=0.0, plate_m=plate, leg_length_m=leg, leg_angle_deg=angle)
+    seat = compute_seat(tool, diameter)
+    a = math.radians(angle)
+    top = np.array([0.5 * plate, 0.0])
+    touch = top + seat.along * np.array([math.sin(a), -math.cos(a)])
+    away = touch + [0.0, seat.height]  # from the pipe's axis
+    assert np.linalg.norm(away) == pytest.approx(0.5 * diameter + 0.5 * tool.profile_m)
+    assert away @ [math.sin(a), -math.cos(a)] == pytest.approx(0.0, abs=1e-9)
+    low, high = compute_diameters(tool)
+    if abs(diameter - low) > 1e-6 and abs(diameter - high) > 1e-6:
+        assert seat.fits == (low < diameter < high)
+
+
+def test_the_parts_weigh_what_the_tool_weighs() -> None:
+    assert DESCRIPTION.world.tool is not None
+    parts = list_tool_parts(DESCRIPTION.world.tool)
+    assert sum(p.mass for p in parts) == pytest.approx(DESCRIPTION.world.tool.mass_kg)
+
+
+def test_the_platform_stands_where_the_hands_hold_the_handle() -> None:
+    found = plan(DESCRIPTION).task
+    assert isinstance(found, ToolPlan)
+    model = build_body_model(DESCRIPTION.robot)
+    hands = find_hands(model, found.grip.q) + find_platform(found.grip, found.seat)
+    handle = found.seat.p_WO + found.grip.handle
+    np.testing.assert_allclose(np.mean(hands, axis=0) + found.grip.cradle, handle, atol=1e-9)
+    assert found.grip.cradle[2] > 0.0 and found.grip.mouth[2] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("sets", "message"),
+    [
+        (["world.tool.mass_kg=0.8"], "more than the arms may lift"),
+        (["world.pipe.diameter_m=0.4"], "feet fit pipes of"),
+        (["world.tool.handle_length_m=0.32"], "room on the handle"),
+        (["world.obstacles.bench.y_m=1.2", "world.tool.y_m=1.2"], "come within"),
+    ],
+)
+def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
+    found = plan(load_description("tool-install", sets=sets))
+    assert not found.feasible and found.blocked_by is not None
+    assert message in found.blocked_by
+
+
+def test_a_tool_under_a_shelf_is_out_of_reach() -> None:
+    shelf = {"x_m": 2.0, "y_m": -1.0, "z_m": 1.45, "size_x_m": 0.4, "size_y_m": 0.6,
+             "size_z_m": 0.05}  # fmt: skip
+    found = plan(load_description("tool-install", sets={"world.obstacles.shelf": shelf}))
+    assert not found.feasible and "shelf come within" in str(found.blocked_by)
+
+
+@pytest.mark.parametrize(
+    ("sets", "message"),
+    [
+        (["world.tool.on=shelf"], "shelf"),
+        (["world.tool.handle_height_m=0.05"], "in the box"),
+    ],
+)
+def test_wrong_worlds_are_input_errors(sets: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_description("tool-install", sets=sets)
+
+
+@pytest.mark.parametrize(
+    ("robot", "sets", "message"),
+    [
+        ("bimanual-longreach", [], "passive joint"),
+        ("hexarotor", [], "lacks"),
+        (None, ["robot.arm.hand.kind=ball"], "hooks"),
+        (None, ["world.pipe.inclination_deg=20"], "level"),
+        (None, ["mission.task.along_pipe_m=1"], "beyond the pipe's end"),
+    ],
+)
+def test_wrong_robots_and_tasks_are_input_errors(
+    robot: str | None, sets: list[str], message: str
+) -> None:
+    def load() -> Description:
+        return load_description("tool-install", robot=robot, sets=sets)
+
+    with pytest.raises(InputError, match=message):
+        plan(load())
+
+
+def test_the_tool_is_installed_and_brought_back() -> None:
+    sets = [
+        "mission.task.hover_s=4", "mission.task.wait_s=2", "world.tool.mass_kg=0.6",
+        "world.tool.friction=0.2", "world.tool.yaw_deg=4", "world.tool.x_m=2.02",
+    ]  # fmt: skip
+    result = fly_and_evaluate(load_description("tool-install", sets=sets, seed=3))
+    m = result.metrics
+    names = [p.name for p in result.phases]
+    order = [
+        "take_off", "approach bench", "grasp", "lift", "carry", "approach pipe", "install", "wait",
+        "retrieve", "carry back", "lower", "return", "lift arms", "land",
+    ]  # fmt: skip
+    assert [n for i, n in enumerate(names) if n in order and n not in names[:i]] == order
+    assert m["tool.seat_error_mm"] < 10.0 and m["tool.seat_angle_deg"] < 3.0
+    assert m["tool.returned"] == 1.0
+    assert m["tip.hover_rms_mm"] < 15.0
+    assert m["contact.collisions"] == 0.0
+    wait = result.phases[names.index("wait")]
+    t = result.samples["t"]
+    rows = result.samples[(t > wait.start_s) & (t < wait.end_s)]
+    assert np.max(np.abs(rows["left_f_W"])) == 0.0  # it stands by itself
