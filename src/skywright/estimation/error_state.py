@@ -35,6 +35,7 @@ from skywright.core.rotations import (
 )
 from skywright.core.signature import ON_BELIEF
 from skywright.core.types import IMU_HISTORY
+from skywright.estimation.kalman import correct, inject, place_point
 from skywright.estimation.position_fix import fuse_fix, move_to_fix, start_from_fix
 from skywright.estimation.strapdown import (
     BA_,
@@ -77,85 +78,28 @@ def advance(flt: Record, last: int, gravity: float) -> None:
 @njit(cache=True, error_model="numpy")
 def fuse(flt: Record, meas: Record) -> bool:
     """Fuse a motion-capture sample taken at the horizon; False when the gate rejects it."""
-    P = flt.P
-    lever, rot, nu = np.empty(3), np.empty((3, 3)), np.empty(6)
-    mat_vec(flt.R_f, flt.p_BI, lever)
+    H, nu, r, lever = np.zeros((6, N_STATE)), np.empty(6), np.empty(6), np.empty(3)
+    rot, turn, dx = np.empty((3, 3)), np.empty(3), np.empty(N_STATE)
+    place_point(flt, np.zeros(3), H, lever)
     for i in range(3):
-        nu[i] = meas.p_WB[i] - (flt.p_f[i] - lever[i])
         for j in range(3):  # R_meas R_f'
             rot[i, j] = (
                 meas.R_WB[i, 0] * flt.R_f[j, 0]
                 + meas.R_WB[i, 1] * flt.R_f[j, 1]
                 + meas.R_WB[i, 2] * flt.R_f[j, 2]
             )
-    turn = np.empty(3)
     log_so3(rot, turn)
-    # W = H P (6, 15) with H = [I 0 [lever] 0 0; 0 0 I 0 0]
-    W = np.empty((6, N_STATE))
-    for c in range(N_STATE):
-        x, y, z = P[R_, c], P[R_ + 1, c], P[R_ + 2, c]
-        W[0, c] = P[0, c] + lever[1] * z - lever[2] * y
-        W[1, c] = P[1, c] + lever[2] * x - lever[0] * z
-        W[2, c] = P[2, c] + lever[0] * y - lever[1] * x
-        W[3, c], W[4, c], W[5, c] = x, y, z
-    # S = H P H' + noise, its Cholesky factor L in place; then nu <- L^-1 nu, W <- L^-1 W
-    S = np.empty((6, 6))
-    for r in range(6):
-        x, y, z = W[r, R_], W[r, R_ + 1], W[r, R_ + 2]
-        S[r, 0] = W[r, 0] + lever[1] * z - lever[2] * y
-        S[r, 1] = W[r, 1] + lever[2] * x - lever[0] * z
-        S[r, 2] = W[r, 2] + lever[0] * y - lever[1] * x
-        S[r, 3], S[r, 4], S[r, 5] = x, y, z
-    for r in range(3):
-        nu[3 + r] = turn[r]
-        S[r, r] += flt.r_p
-        S[3 + r, 3 + r] += flt.r_R
-    nis = 0.0
-    for r in range(6):
-        for c in range(r):
-            s = S[r, c]
-            for k in range(c):
-                s -= S[r, k] * S[c, k]
-            S[r, c] = s / S[c, c]
-        s = S[r, r]
-        for k in range(r):
-            s -= S[r, k] * S[r, k]
-        S[r, r] = math.sqrt(s)
-        for k in range(r):
-            nu[r] -= S[r, k] * nu[k]
-        nu[r] /= S[r, r]
-        nis += nu[r] * nu[r]
-    flt.nis = nis
-    if not nis < GATE:
-        return False
-    for r in range(6):
-        flt.nu[r] = nu[r]
-        for k in range(r):
-            for c in range(N_STATE):
-                W[r, c] -= S[r, k] * W[k, c]
-        w = 1.0 / S[r, r]
-        for c in range(N_STATE):
-            W[r, c] *= w
-    dx = np.zeros(N_STATE)
-    for r in range(6):
-        for c in range(N_STATE):
-            dx[c] += W[r, c] * nu[r]
-    for i in range(N_STATE):
-        for j in range(i + 1):
-            s = 0.0
-            for r in range(6):
-                s += W[r, i] * W[r, j]
-            P[i, j] -= s
-            P[j, i] = P[i, j]
     for i in range(3):
-        flt.p_f[i] += dx[P_ + i]
-        flt.v_f[i] += dx[V_ + i]
-        flt.bg[i] += dx[BG_ + i]
-        flt.ba[i] += dx[BA_ + i]
-        turn[i] = dx[R_ + i]
-    old = flt.R_f.copy()
-    exp_so3(turn, rot)
-    mat_mat(rot, old, flt.R_f)
+        nu[i] = meas.p_WB[i] - (flt.p_f[i] + lever[i])
+        r[i] = flt.r_p
+        nu[3 + i] = turn[i]
+        H[3 + i, R_ + i] = 1.0
+        r[3 + i] = flt.r_R
+    flt.nis = correct(flt.P, H, nu, r, GATE, dx)
+    if not flt.nis < GATE:
+        return False
+    flt.nu[:] = nu
+    inject(flt, dx)
     return True
 
 
@@ -333,6 +277,30 @@ def estimate_force(b: Record, dv: Array, span: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def predict_now(b: Record, before: int, changed: bool) -> None:
+    """Bring the state to now and fill the estimate.
+
+    `before` is the inertial sample that it stood at, `changed` says that the horizon has changed
+    since: then it is integrated anew from there.
+    """
+    flt, gravity = b.flt, b.body.gravity
+    dv, turn = np.empty(3), np.empty((3, 3))
+    if changed:
+        for i in range(3):
+            flt.p[i], flt.v[i] = flt.p_f[i], flt.v_f[i]
+            for j in range(3):
+                flt.R[i, j] = flt.R_f[i, j]
+        if before > flt.n_f:
+            integrate(flt, flt.n_f, before, gravity, flt.p, flt.v, flt.R, dv, turn)
+        before = max(before, flt.n_f)
+    if before < flt.n:
+        integrate(flt, before, flt.n, gravity, flt.p, flt.v, flt.R, dv, turn)
+        estimate_force(b, dv, flt.h * (flt.n - before))
+    fill_estimate(b)
+    fill_tip(b, flt.c_B)
+
+
+@njit(cache=True, error_model="numpy")
 def step(b: Record) -> None:
     """One control tick of the filter."""
     flt, est, meas = b.flt, b.est, b.meas
@@ -351,20 +319,7 @@ def step(b: Record) -> None:
     if flt.n - flt.n_f > IMU_HISTORY // 2:  # nothing to fuse for long: keep up with the ring
         advance(flt, flt.n - IMU_HISTORY // 4, gravity)
         changed = True
-    dv, turn = np.empty(3), np.empty((3, 3))
-    if changed:
-        for i in range(3):
-            flt.p[i], flt.v[i] = flt.p_f[i], flt.v_f[i]
-            for j in range(3):
-                flt.R[i, j] = flt.R_f[i, j]
-        if before > flt.n_f:
-            integrate(flt, flt.n_f, before, gravity, flt.p, flt.v, flt.R, dv, turn)
-        before = max(before, flt.n_f)
-    if before < flt.n:
-        integrate(flt, before, flt.n, gravity, flt.p, flt.v, flt.R, dv, turn)
-        estimate_force(b, dv, flt.h * (flt.n - before))
-    fill_estimate(b)
-    fill_tip(b, flt.c_B)
+    predict_now(b, before, changed)
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,4 +1,8 @@
-"""The Kalman filter's correction of an error state by a few numbers at once."""
+"""The Kalman filter's correction of an error state by a few numbers at once.
+
+The first 15 errors are those of every filter here: position, velocity, attitude, gyroscope's and
+accelerometer's bias (estimation/error_state.py).
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,10 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from skywright.core.rotations import exp_so3, mat_mat, mat_vec
+from skywright.estimation.strapdown import BA_, BG_, P_, R_, V_
+
+Record = Any
 Array = Any
 
 
@@ -69,3 +77,35 @@ def correct(P: Array, H: Array, nu: Array, r: Array, gate: float, dx: Array) -> 
             P[i, j] -= s
             P[j, i] = P[i, j]
     return size
+
+
+@njit(cache=True, error_model="numpy")
+def inject(flt: Record, dx: Array) -> None:
+    """Move the estimated error `dx` (15 or more,) of the horizon's state into it."""
+    turn, rot, old = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    for i in range(3):
+        flt.p_f[i] += dx[P_ + i]
+        flt.v_f[i] += dx[V_ + i]
+        flt.bg[i] += dx[BG_ + i]
+        flt.ba[i] += dx[BA_ + i]
+        turn[i] = dx[R_ + i]
+    exp_so3(turn, rot)
+    old[:, :] = flt.R_f
+    mat_mat(rot, old, flt.R_f)
+
+
+@njit(cache=True, error_model="numpy")
+def place_point(flt: Record, p_B: Array, H: Array, out: Array) -> None:
+    """Write where a point of B lies, from the inertial unit in W (m), into `out` (3,).
+
+    Its Jacobian, with the position's, goes into rows 0 to 2 of `H`, which are zero before.
+    """
+    d = np.empty(3)
+    for i in range(3):
+        d[i] = p_B[i] - flt.p_BI[i]
+    mat_vec(flt.R_f, d, out)
+    for i in range(3):
+        H[i, P_ + i] = 1.0
+    H[0, R_ + 1], H[0, R_ + 2] = out[2], -out[1]  # turn x lever
+    H[1, R_], H[1, R_ + 2] = -out[2], out[0]
+    H[2, R_], H[2, R_ + 1] = out[1], -out[0]

@@ -3,9 +3,6 @@
 A position alone does not tell a robot that flies straight which way it faces: heading is observable
 through horizontal acceleration only, and a transport hardly accelerates. So a fix brings a heading
 (two antennas, or a magnetometer); roll and pitch follow from gravity.
-
-The fix's covariance is diagonal, so its parts are fused one after the other (Bierman, Factorization
-Methods for Discrete Sequential Estimation, 1977), on a copy until the gate has seen them all.
 """
 
 from __future__ import annotations
@@ -16,7 +13,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from skywright.core.rotations import cross, exp_so3, mat_mat, mat_vec
+from skywright.core.rotations import cross, mat_vec
+from skywright.estimation.kalman import correct, inject, place_point
 from skywright.estimation.strapdown import BA_, BG_, MASK, N_STATE, P_, R_, V_
 
 Record = Any
@@ -29,55 +27,21 @@ LEVEL_SAMPLES = 256  # inertial samples at rest from which roll and pitch are ta
 @njit(cache=True, error_model="numpy")
 def fuse_fix(flt: Record, meas: Record) -> bool:
     """Fuse a fix taken at the horizon; False when the gate rejects it."""
-    P, dx = flt.P.copy(), np.zeros(N_STATE)
-    d, lever, h, g = np.empty(3), np.empty(3), np.empty(3), np.empty(N_STATE)
-    for i in range(3):
-        d[i] = flt.p_BF[i] - flt.p_BI[i]
-    mat_vec(flt.R_f, d, lever)
     n = 4 if flt.r_heading > 0.0 else 3
-    nis = 0.0
-    for r in range(n):
-        # H = [e_r, -row r of [lever]x] for the point, e_z on the attitude for the heading
-        h[0] = h[1] = h[2] = 0.0
-        if r < 3:
-            nu, noise = meas.fix_p[r] - flt.p_f[r] - lever[r], flt.r_fix[r]
-            h[(r + 1) % 3] = lever[(r + 2) % 3]
-            h[(r + 2) % 3] = -lever[(r + 1) % 3]
-        else:
-            nu = meas.fix_heading - math.atan2(flt.R_f[1, 0], flt.R_f[0, 0])
-            nu = math.atan2(math.sin(nu), math.cos(nu))
-            noise, h[2] = flt.r_heading, 1.0
-        for c in range(N_STATE):
-            g[c] = h[0] * P[R_, c] + h[1] * P[R_ + 1, c] + h[2] * P[R_ + 2, c]
-            if r < 3:
-                g[c] += P[r, c]
-        s = noise
-        for i in range(3):
-            s += h[i] * g[R_ + i]
-            nu -= h[i] * dx[R_ + i]
-        if r < 3:
-            s += g[r]
-            nu -= dx[r]
-        nis += nu * nu / s
-        for i in range(N_STATE):
-            dx[i] += g[i] * nu / s
-        for i in range(N_STATE):
-            for j in range(i + 1):
-                P[i, j] -= g[i] * g[j] / s
-                P[j, i] = P[i, j]
-    flt.nis = nis
-    if not nis < GATES[n - 3]:
-        return False
-    flt.P[:, :] = P
+    H, nu, r, lever = np.zeros((n, N_STATE)), np.empty(n), np.empty(n), np.empty(3)
+    dx = np.empty(N_STATE)
+    place_point(flt, flt.p_BF, H, lever)
     for i in range(3):
-        flt.p_f[i] += dx[P_ + i]
-        flt.v_f[i] += dx[V_ + i]
-        flt.bg[i] += dx[BG_ + i]
-        flt.ba[i] += dx[BA_ + i]
-        d[i] = dx[R_ + i]
-    rot, old = np.empty((3, 3)), flt.R_f.copy()
-    exp_so3(d, rot)
-    mat_mat(rot, old, flt.R_f)
+        nu[i] = meas.fix_p[i] - (flt.p_f[i] + lever[i])
+        r[i] = flt.r_fix[i]
+    if n == 4:  # a turn about W's z is the heading's
+        off = meas.fix_heading - math.atan2(flt.R_f[1, 0], flt.R_f[0, 0])
+        nu[3] = math.atan2(math.sin(off), math.cos(off))
+        H[3, R_ + 2], r[3] = 1.0, flt.r_heading
+    flt.nis = correct(flt.P, H, nu, r, GATES[n - 3], dx)
+    if not flt.nis < GATES[n - 3]:
+        return False
+    inject(flt, dx)
     return True
 
 

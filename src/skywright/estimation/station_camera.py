@@ -37,14 +37,14 @@ from skywright.estimation.error_state import (
     HOLD_ACCEL,
     HOLD_RATE,
     SPEED_START,
-    estimate_force,
-    fill_estimate,
+    predict_now,
     receive_inertial,
 )
-from skywright.estimation.kalman import correct
+from skywright.estimation.kalman import correct, inject, place_point
 from skywright.estimation.strapdown import (
     BA_,
     BG_,
+    N_STATE,
     P_,
     R_,
     V_,
@@ -52,7 +52,6 @@ from skywright.estimation.strapdown import (
     propagate_covariance,
     shear,
 )
-from skywright.estimation.tip import fill_tip
 
 Record = Any
 Array = Any
@@ -65,6 +64,7 @@ GATE_RANGE = 16.0
 NO_GATE = math.inf
 RUN = 5  # rejected fixes in a row: not they are wrong but the filter
 DRIFT_START = 1.0  # m
+FUSE_EVERY = 0.02  # s: the state is integrated again from the horizon each time that this moves
 
 
 @njit(cache=True, error_model="numpy")
@@ -122,17 +122,9 @@ def advance(flt: Record, fus: Record, last: int, gravity: float) -> None:
 def _inject(flt: Record, fus: Record, dx: Array) -> None:
     """Move the estimated error into the state."""
     turn, rot, old = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    inject(flt, dx)
     for i in range(3):
-        flt.p_f[i] += dx[P_ + i]
-        flt.v_f[i] += dx[V_ + i]
-        flt.bg[i] += dx[BG_ + i]
-        flt.ba[i] += dx[BA_ + i]
         fus.drift[i] += dx[B_ + i]
-        turn[i] = dx[R_ + i]
-    exp_so3(turn, rot)
-    old[:, :] = flt.R_f
-    mat_mat(rot, old, flt.R_f)
-    for i in range(3):
         turn[i] = dx[T_ + i]
     exp_so3(turn, rot)
     old[:, :] = fus.T
@@ -144,25 +136,11 @@ def _inject(flt: Record, fus: Record, dx: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _lever(flt: Record, p_B: Array, H: Array, out: Array) -> None:
-    """Place of a point of B from the inertial unit, in W; its Jacobian into H (rows 0 to 2)."""
-    d = np.empty(3)
-    for i in range(3):
-        d[i] = p_B[i] - flt.p_BI[i]
-    mat_vec(flt.R_f, d, out)
-    for i in range(3):
-        H[i, P_ + i] = 1.0
-    H[0, R_ + 1], H[0, R_ + 2] = out[2], -out[1]  # turn x lever
-    H[1, R_], H[1, R_ + 2] = -out[2], out[0]
-    H[2, R_], H[2, R_ + 1] = out[1], -out[0]
-
-
-@njit(cache=True, error_model="numpy")
 def fuse_fix(flt: Record, fus: Record, z: Array) -> None:
     """Fuse where the station saw the prism when the horizon's clock stood at the stamp."""
     H, nu, r, lever = np.zeros((3, N_FUSION)), np.empty(3), np.empty(3), np.empty(3)
     dx = np.empty(N_FUSION)
-    _lever(flt, fus.p_BP, H, lever)
+    place_point(flt, fus.p_BP, H, lever)
     far = 0.0
     for i in range(3):
         H[i, DELAY_] = -flt.v_f[i]
@@ -203,7 +181,7 @@ def fuse_odometry(flt: Record, fus: Record, k: int) -> None:
     a, R, seen, rest = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     dx, turn = np.empty(N_FUSION), np.empty(3)
     _align(flt, fus, k, a, R)
-    _lever(flt, np.zeros(3), H, lever)
+    place_point(flt, np.zeros(3), H, lever)
     mat_mat(fus.T, flt.R_f, seen)
     for i in range(3):
         for j in range(3):  # R seen'
@@ -234,7 +212,7 @@ def fuse_range(flt: Record, fus: Record, distance: float) -> None:
     """Fuse the distance to the ground below; what is not the ground is gated."""
     H, nu, r, lever = np.zeros((3, N_FUSION)), np.empty(1), np.empty(1), np.empty(3)
     dx = np.empty(N_FUSION)
-    _lever(flt, np.zeros(3), H, lever)
+    place_point(flt, np.zeros(3), H, lever)
     z, up = flt.p_f[2] + lever[2], flt.R_f[2, 2]
     if up < 0.5:
         return
@@ -389,27 +367,14 @@ def step(b: Record) -> None:
         if flt.ready < 2.0:
             return
         changed = True
-    changed = _use_pending(b) or changed
+    if flt.h * (flt.n - flt.n_f) > fus.lag + FUSE_EVERY:
+        changed = _use_pending(b) or changed
     if flt.n - flt.n_f > IMU_HISTORY - 2 * COVARIANCE_STEP:  # nothing to fuse for long
         advance(flt, fus, flt.n - IMU_HISTORY // 2, gravity)
         changed = True
-    dv, turn = np.empty(3), np.empty((3, 3))
     if changed:
-        for i in range(3):
-            flt.p[i], flt.v[i] = flt.p_f[i], flt.v_f[i]
-            for j in range(3):
-                flt.R[i, j] = flt.R_f[i, j]
-        for i in range(15):
-            for j in range(15):
-                flt.P[i, j] = fus.P[i, j]
-        if before > flt.n_f:
-            integrate(flt, flt.n_f, before, gravity, flt.p, flt.v, flt.R, dv, turn)
-        before = max(before, flt.n_f)
-    if before < flt.n:
-        integrate(flt, before, flt.n, gravity, flt.p, flt.v, flt.R, dv, turn)
-        estimate_force(b, dv, flt.h * (flt.n - before))
-    fill_estimate(b)
-    fill_tip(b, flt.c_B)
+        flt.P[:, :] = fus.P[:N_STATE, :N_STATE]
+    predict_now(b, before, changed)
 
 
 @njit(cache=True, error_model="numpy")

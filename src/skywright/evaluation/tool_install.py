@@ -13,14 +13,14 @@ from skywright.evaluation.metrics import in_phases
 from skywright.missions.flight import PhaseRecord
 from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan
-from skywright.missions.tool_handling import Place
+from skywright.missions.tool_handling import LOW, Place
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
 
 RETURNED_M = 0.05
-"""m, from where it stood at first: so near, a tool counts as back on the bench."""
-FLAT = math.radians(3.0)
+"""m, from where it stood at first: so near, and turned less, a tool counts as back on the bench."""
+RETURNED_ANGLE = math.radians(9.0)
 BELOW_FLIGHT = ("start", "take_off", "land")
 
 
@@ -55,7 +55,7 @@ def compute_tool_metrics(
     if len(back):
         stance = compute_stance(samples, int(back[-1]), i, way.bench)
         out["tool.return_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
-        near = float(np.linalg.norm(stance.error)) < RETURNED_M and stance.angle < 3.0 * FLAT
+        near = float(np.linalg.norm(stance.error)) < RETURNED_M and stance.angle < RETURNED_ANGLE
         out["tool.returned"] = float(near)
     out["tool.retries"] = float(sum(p.outcome == "retry" for p in phases))
     hover = in_phases(samples, phases, "hover check")
@@ -82,8 +82,6 @@ def compute_grasp_errors(samples: Samples, index: int, way: Any, along: float) -
 
 def _judge_hover(samples: Samples, index: int, way: Any) -> dict[str, float]:
     """How both tips track their points at the tool, and how the platform drifts (fig. 23, 24)."""
-    from skywright.missions.tool_handling import LOW
-
     error = compute_grasp_errors(samples, index, way, -LOW)
     each = np.sqrt(np.mean(np.sum(error**2, axis=2), axis=0))
     drift = samples["p_WB"] - samples["p_WB"][0]

@@ -18,10 +18,16 @@ TURN_SPEED, TURN_ACCELERATION = 0.3, 0.6  # rad/s, rad/s^2, of the platform's at
 JOINT_SPEED, JOINT_ACCELERATION = 0.8, 2.0  # rad/s, rad/s^2
 
 
+STILL = (
+    "t", "v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "v_WH", "track_tip", "dead_zone",
+    "tare",
+)  # fmt: skip
+
+
 def set_rest(row: Any) -> Any:
     """Return a copy of a REFERENCE row that stands still, its time 0."""
     row = np.array(row)
-    for field in ("t", "v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "track_tip", "dead_zone"):
+    for field in STILL:
         row[field] = 0.0
     row["R_WS"] = np.eye(3)
     return row

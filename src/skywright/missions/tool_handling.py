@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.missions.moves import build_move, set_rest
+from skywright.vehicle.simulated import MISSION_TICK
 
 if TYPE_CHECKING:
     from skywright.missions.supervisor import Supervisor
@@ -35,7 +36,6 @@ ALIGN_RATE = 0.5  # 1/s, at which the platform makes up for where the tool hangs
 ALIGN_M = 0.004  # m, to which it does
 ALIGN_SPEED = 0.05  # m/s
 TILT_MAX = math.radians(12.0)  # of a handle that hangs in both hooks
-TICK = 0.02  # s
 
 
 class Place(NamedTuple):
@@ -73,7 +73,7 @@ def measure_tool(s: Supervisor) -> tuple[Array, Array]:
 def find_tool(s: Supervisor, seconds: float = 0.6) -> Place:
     """Watch the tool for a time; return its mean place."""
     places, ahead = [], np.zeros(3)
-    for _ in range(max(round(seconds / TICK), 1)):
+    for _ in range(max(round(seconds / MISSION_TICK), 1)):
         s.tick()
         p, R = measure_tool(s)
         places.append(p)
@@ -138,9 +138,9 @@ class Weight:
     def step(self, s: Supervisor, v: Array, most: float) -> None:
         """Fly one tick at v (3,) m/s with the load that is felt, no more than `most` (N)."""
         felt = self._zero - float(s.vehicle.estimate["f_ext_W"][2])
-        self.carried += TICK / FEEL_S * (min(max(felt, 0.0), most) - self.carried)
+        self.carried += MISSION_TICK / FEEL_S * (min(max(felt, 0.0), most) - self.carried)
         row = set_rest(s.vehicle.reference)
-        row["p_WB"] += TICK * v
+        row["p_WB"] += MISSION_TICK * v
         row["v_WB"] = v
         row["load"] = 0.5 * self.carried
         s.body.track(row[None])
@@ -173,7 +173,7 @@ def take_up(s: Supervisor, grip: Grip, most: float, speeds: tuple[float, float])
         risen = float(s.vehicle.reference["p_WB"][2]) - height
         weight.step(s, up if risen < 1.5 * LIFT else np.zeros(3), most)
         lifted = float((measure_tool(s)[0] - start)[2])
-    for _ in range(round(STEADY_S / TICK)):
+    for _ in range(round(STEADY_S / MISSION_TICK)):
         weight.step(s, np.zeros(3), most)
     p, R = measure_tool(s)
     if (p - start)[2] > 0.5 * LIFT and abs(R[2, 1]) < math.sin(TILT_MAX):
@@ -190,14 +190,14 @@ def _touch(s: Supervisor, grip: Grip, speed: float) -> bool:
 
     The goals hang on the tool: hands that went on would follow a tool that they lift.
     """
-    place = find_tool(s, TICK)
+    place = find_tool(s, MISSION_TICK)
     lead_hands(s, grip, PRESS, speed)
     s.body.track(_build_move(s, find_platform(grip, place), place.yaw, speed, 0.3))
     felt, patience = 0.0, s.vehicle.t + (LOW + PRESS) / speed + 2.0 * STEADY_S
     while s.vehicle.t < patience and felt < TOUCH_S - 1e-9:
         s.tick()
         touch = bool(np.all(s.vehicle.hands["f_WH"][:2, 2] > TOUCH_N))
-        felt = felt + TICK if touch else 0.0
+        felt = felt + MISSION_TICK if touch else 0.0
     return felt > 0.0 or compute_miss(s, grip) < 2.0 * PRESS
 
 
@@ -242,7 +242,7 @@ def _let_go(s: Supervisor, grip: Grip, speed: float) -> None:
     row = set_rest(s.vehicle.reference)
     row["load"] = 0.0
     s.body.track(row[None])
-    place = find_tool(s, TICK)
+    place = find_tool(s, MISSION_TICK)
     lead_hands(s, grip, -LOW, speed)
     move_platform(s, find_platform(grip, place) - [0.0, 0.0, DROP], place.yaw, speed)
     s.wait(STEADY_S)

@@ -15,6 +15,7 @@ from skywright.missions.moves import (
     JOINT_SPEED,
     TURN_ACCELERATION,
     TURN_SPEED,
+    set_rest,
 )
 from skywright.models.compliant_arms import find_swing
 from skywright.models.geometry import ClearanceQuery, build_clearance, compute_clearance
@@ -22,7 +23,7 @@ from skywright.models.kinematic_tree import PlanningScene, build_planning_scene
 from skywright.models.scene import build_scene
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.robots.spec import Robot
-from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
+from skywright.vehicle.rest_to_rest import build_straight, duration
 from skywright.worlds.spec import World
 
 if TYPE_CHECKING:
@@ -120,15 +121,6 @@ def fly_way(s: Supervisor, way: Way, share: float) -> None:
         s.until_arrived()
 
 
-def copy_row(s: Supervisor) -> Any:
-    """A copy of the reference at rest."""
-    row = np.array(s.vehicle.reference)
-    row["t"] = row["tare"] = 0.0
-    for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "v_WH"):
-        row[field] = 0.0
-    return row
-
-
 def slide_platform(
     s: Supervisor, p: Array, share: float, yaw: float | None = None, q: Array | None = None
 ) -> Table:
@@ -136,7 +128,7 @@ def slide_platform(
 
     With `yaw` (rad) it turns, with `q` (n_joints,) rad the joints move, in step.
     """
-    start = copy_row(s)
+    start = set_rest(s.vehicle.reference)
     delta = p - start["p_WB"]
     turn, joints = 0.0, np.zeros(MAX_JOINTS)
     if yaw is not None:
@@ -151,17 +143,12 @@ def slide_platform(
         duration(bend, JOINT_SPEED, JOINT_ACCELERATION),
         1.0,
     )
-    u = np.linspace(0.0, 1.0, max(math.ceil(total / ROW_PERIOD), 1) + 1)
-    shape, ds, dds = quintic(u)
-    table = np.repeat(start[None], len(u))
-    table["t"] = u * total
-    table["p_WB"] += shape[:, None] * delta
-    table["v_WB"] = ds[:, None] * delta / total
-    table["a_WB"] = dds[:, None] * delta / total**2
+    move = build_straight(start, start, delta, total)
     if abs(turn) > SAME:
-        table["R_WB"] = np.array([rot_z(x * turn) for x in shape]) @ start["R_WB"]
-        table["w_WB_B"][:, 2], table["wd_WB_B"][:, 2] = ds * turn / total, dds * turn / total**2
+        move.table["R_WB"] = np.array([rot_z(s * turn) for s in move.s]) @ start["R_WB"]
+        move.table["w_WB_B"][:, 2] = move.ds * turn
+        move.table["wd_WB_B"][:, 2] = move.dds * turn
     if bend > SAME:
-        table["q"] += shape[:, None] * joints
-        table["qd"] = ds[:, None] * joints / total
-    return table
+        move.table["q"] += move.s[:, None] * joints
+        move.table["qd"] = move.ds[:, None] * joints
+    return move.table

@@ -186,10 +186,10 @@ class SimulatedVehicle:
         self._table = np.zeros(1, self.belief["ref"].dtype)
         self._set_home_reference(p, start[2], q)
         self.track(self._table)
-
-        # --- Backend -----------------------------------------------------------------------------
         if self._sight is not None:
             self._check_sight()
+
+    # --- Backend ---------------------------------------------------------------------------------
 
     @property
     def parts(self) -> list[str]:

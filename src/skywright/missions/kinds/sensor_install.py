@@ -20,13 +20,13 @@ from skywright.core.types import BODY, MAX_JOINTS, TASK_FORCE, TASK_POSITION, WR
 from skywright.errors import InputError
 from skywright.missions.flight import Flight
 from skywright.missions.loader import Description
+from skywright.missions.moves import set_rest
 from skywright.missions.planning import MissionPlan, build_limits, find_hover
 from skywright.missions.tasks.sensor_install import SensorInstall, SensorInstallMission
 from skywright.missions.ways import (
     Way,
     build_surroundings,
     check_line,
-    copy_row,
     differs,
     fly_way,
     plan_way,
@@ -265,7 +265,7 @@ def fly(s: Supervisor) -> Flight:
 
 def _hold_hand(s: Supervisor, p: Array, task: SensorInstall) -> Table:
     """The platform stays; the left hand goes straight to p (3,) m and keeps it."""
-    row = copy_row(s)
+    row = set_rest(s.vehicle.reference)
     row["task"][0], row["p_WH"][0] = TASK_POSITION, p
     row["v_WH"][0] = [task.hand_speed_mps, 0.0, 0.0]
     return row[None]
@@ -328,7 +328,7 @@ def _touch(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     s.begin("touch")
     start = s.vehicle.t
     goal = way.contact + SEARCH * way.normal
-    row = copy_row(s)
+    row = set_rest(s.vehicle.reference)
     row["task"][0], row["v_WH"][0] = TASK_POSITION, [0.02, 0.0, 0.0]
     row["p_WH"][0] = goal
     s.body.track(row[None])
@@ -351,7 +351,7 @@ def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     With `leave_singularity` a stretched arm is answered: the platform moves to where the elbow
     comes to a right angle, while the hand goes on pressing.
     """
-    row = copy_row(s)
+    row = set_rest(s.vehicle.reference)
     row["task"][0], row["p_WH"][0] = TASK_FORCE, s.vehicle.hands["p_WH"][0]
     table = np.repeat(row[None], 2)
     table["t"] = [0.0, RAMP_S]
