@@ -11,6 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from skywright.errors import InfeasibleError, InputError
+from skywright.models.kinematic_tree import build_planning_scene
+from skywright.models.rigid_body import posture
+from skywright.models.scene import build_scene
 from skywright.planning.motion.angular import (
     blocked_by_circle,
     blocked_by_rectangle,
@@ -22,11 +25,12 @@ from skywright.planning.motion.decoupled import plan_decoupled
 from skywright.planning.motion.planner import plan_path, sample_reserve
 from skywright.planning.motion.rrt_star import RrtStar, plan_rrt_star
 from skywright.planning.motion.space import build_scratch
+from skywright.planning.motion.transit import Configuration, _build_blend
 from skywright.planning.motion.transport import Transport, build_scenario, build_transport
 from skywright.planning.motion.transport_plan import plan_transport
 from skywright.robots.loader import load_robot
 from skywright.worlds.loader import load_world
-from skywright.worlds.spec import World
+from skywright.worlds.spec import Box, World
 
 Array = NDArray[np.float64]
 
@@ -159,9 +163,72 @@ def test_narrow_passages_are_found_within_a_second() -> None:
         assert all(len(p.rows) for p in found)
 
 
+def build_wall(axis: int, at: float, hole: tuple[float, float], size: float) -> dict[str, Box]:
+    """A wall of 12 m across an axis, with a square hole of a size about a point of the others."""
+    others = [i for i in range(3) if i != axis]
+    boxes = {}
+    for name, u, v, du, dv in (
+        ("first", hole[0] - size / 2 - 3.0, hole[1], 6.0, 12.0),
+        ("second", hole[0] + size / 2 + 3.0, hole[1], 6.0, 12.0),
+        ("third", hole[0], hole[1] - size / 2 - 3.0, size, 6.0),
+        ("fourth", hole[0], hole[1] + size / 2 + 3.0, size, 6.0),
+    ):
+        middle, sides = np.full(3, at), np.full(3, 0.1)
+        middle[others], sides[others] = (u, v), (du, dv)
+        boxes[name] = Box(
+            x_m=middle[0], y_m=middle[1], z_m=middle[2],
+            size_x_m=sides[0], size_y_m=sides[1], size_z_m=sides[2],
+        )  # fmt: skip
+    return boxes
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_narrow_places_are_found_along_every_axis(axis: int) -> None:
+    """In three dimensions, by the first or the second slice of work of each of ten seeds.
+
+    A slice is about half a millisecond.
+    """
+    robot = load_robot("othex")[0]
+    folded = posture(robot, "folded")
+    ends = np.full((2, 3), 8.0)  # above the ground by more than the wall reaches down
+    ends[:, axis] += (-3.0, 3.0)
+    size = 1.05 * (1.19 + 0.2)  # of its width, from disc to disc, and two margins
+    boxes = build_wall(axis, 8.0, (9.2, 9.2), size)
+    scene = build_planning_scene(build_scene(robot, World(name="wall", obstacles=boxes)), robot)
+    start, goal = (Configuration(p, 0.0, folded) for p in ends)
+    space, (a, b) = _build_blend(scene, start, goal, [], 0.1, None, 0.0)
+    for seed in range(10):
+        path = plan_path(space, a, b, stream(seed), slices=2)
+        assert len(path.rows) > 2
+        assert sample_reserve(space, build_scratch(space), path.rows, 5e-3)[0] >= 0.0
+
+
+@pytest.mark.parametrize("x", [0.0, 6.0])
+def test_the_bar_is_carried_up_through_a_shaft(x: float) -> None:
+    """A floor of 1.5 m with a shaft 1.05 times as wide as the platform with its margins."""
+    half, low, high = 0.5 * 1.05 * 1.6, -2.0, 11.0
+    boxes = {
+        side: Box(
+            x_m=(a + b) / 2, y_m=0.0, z_m=4.5, size_x_m=b - a, size_y_m=8.0, size_z_m=1.5
+        )
+        for side, a, b in (("left", low, 3.0 - half), ("right", 3.0 + half, high))
+    }  # fmt: skip
+    area = WORLD.area.model_copy(update={"z_max_m": 9.0})
+    ends = [(0.0, 2.0, 0.0, -math.pi / 2), (x, 7.4, 0.0, -math.pi / 2)]
+    problem = build_transport(
+        ROBOT, World(name="shaft", obstacles=boxes, area=area), Transport(*ends)
+    )
+    for seed in range(10):
+        path = plan_path(problem.space, problem.start, problem.goal, stream(seed), slices=2)
+        assert len(path.rows) > 2
+        reserve, _ = sample_reserve(problem.space, build_scratch(problem.space), path.rows, 5e-3)
+        assert reserve >= 0.0
+
+
 def test_a_bar_longer_than_the_gap_is_refused_with_the_passage_s_name() -> None:
+    """The search ends with its time."""
     problem = build_transport(ROBOT, WORLD, Transport(bar_length=2.4))
-    with pytest.raises(InfeasibleError) as error:
+    with pytest.raises(InfeasibleError, match=r"no path within 0\.3\d* s; ") as error:
         plan_transport(ROBOT, problem, time_s=0.3)
     assert "'lower gap'" in str(error.value) and "2.80 m" in str(error.value)
     assert "(does not fit)" in str(error.value)

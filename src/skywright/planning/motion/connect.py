@@ -32,18 +32,19 @@ def draw_coordinates(space: Record, state: State, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def draw_free(space: Record, state: State, out: Array, k: Record) -> None:
-    """Draw coordinates that keep all margins, the first one uniformly.
+def draw_free(space: Record, state: State, along: int, out: Array, k: Record) -> None:
+    """Draw coordinates that keep all margins, the one `along` the way uniformly.
 
-    The first coordinate stays while the others are drawn again. So a place along the way where
+    That coordinate stays while the others are drawn again. So a place along the way where
     only few postures fit gets as many samples as an open one, which is what narrow passages need.
     """
     draw_coordinates(space, state, out)
     for _ in range(REDRAWS):
         if is_state_free(space, out, k):
             return
-        for i in range(1, space.n):
-            out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
+        for i in range(space.n):
+            if i != along:
+                out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
 
 
 @njit(cache=True, error_model="numpy")
@@ -77,13 +78,14 @@ def _extend(
 
 @njit(cache=True, error_model="numpy")
 def connect(
-    space: Record, start: Array, goal: Array, state: State, trees: Array, parents: Ints,
-    counts: Ints, tries: int, path: Array, k: Record, hits: Ints,
+    space: Record, start: Array, goal: Array, state: State, along: int, trees: Array,
+    parents: Ints, counts: Ints, tries: int, path: Array, k: Record, hits: Ints,
 ) -> int:  # fmt: skip
     """Grow two trees for at most `tries` samples; return the rows written to `path`, 0: none yet.
 
     `trees` (2, TREE_SIZE, n), `parents` and `counts` (2,) carry the search from call to call;
-    counts of zero start a new one. `hits` (pairs,) counts what blocked the edges.
+    counts of zero start a new one. Samples are even in coordinate `along`. `hits` (pairs,) counts
+    what blocked the edges.
     """
     n = space.n
     if counts[0] == 0:
@@ -98,7 +100,7 @@ def connect(
         if counts[a] >= TREE_SIZE - 1 or counts[b] >= TREE_SIZE - 64:
             counts[0] = counts[1] = 0
             return 0
-        draw_free(space, state, sample, k)
+        draw_free(space, state, along, sample, k)
         if _extend(space, trees[a], parents[a], counts[a], sample, new, k, hits) == 0:
             continue
         counts[a] += 1

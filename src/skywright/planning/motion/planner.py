@@ -20,7 +20,7 @@ from skywright.planning.motion.edges import is_edge_free, is_state_free, state_c
 from skywright.planning.motion.improve import MAX_ROWS, drop_corners, improve, remove_doubles
 from skywright.planning.motion.rng import State, build_state, uniform
 from skywright.planning.motion.space import Record, Scratch, Space, build_scratch
-from skywright.planning.motion.through import compute_places, pass_through
+from skywright.planning.motion.through import Places, compute_places, pass_through
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -48,7 +48,7 @@ class Path(NamedTuple):
 def _slice(
     spaces: Space, scratch: Scratch, start: Array, goal: Array, state: State, trees: Array,
     parents: Ints, counts: Ints, pool: Array, sizes: Ints, costs: Array, scales: Array,
-    work: Array, hits: Ints, tries: int, places: Array, done: int,
+    work: Array, hits: Ints, tries: int, places: Places, done: int,
 ) -> None:  # fmt: skip
     """One slice of work: go on searching, or improve a path of the pool. The best is number 0."""
     space, k = spaces[0], scratch[0]
@@ -59,13 +59,20 @@ def _slice(
         filled += 1
     # some slices look for other ways through; until the first path, all
     if filled == 0 or uniform(state) < SEARCH:
-        # from place to place, or with trees that need no places
-        if places.shape[0] > 0 and (done == 0 or uniform(state) < 0.5):
-            found = pass_through(space, start, goal, places, state, tries, pool[fresh], k, hits)
+        # from place to place, or with trees that need no places; the ways take turns
+        ways = places.number.shape[0]
+        way = done % max(ways, 1)
+        if ways > 0 and (done < ways or uniform(state) < 0.5):
+            found = pass_through(
+                space, start, goal, places.span[way, : places.number[way]], places.coordinate[way],
+                places.axis[way], state, tries, pool[fresh], k, hits,
+            )  # fmt: skip
         else:
+            along = places.coordinate[way] if ways > 0 else 0
             found = connect(
-                space, start, goal, state, trees, parents, counts, tries, pool[fresh], k, hits
-            )
+                space, start, goal, state, along, trees, parents, counts, tries, pool[fresh], k,
+                hits,
+            )  # fmt: skip
         if found == 0:
             return
         found = drop_corners(space, pool[fresh], remove_doubles(space, pool[fresh], found), k)

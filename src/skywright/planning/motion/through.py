@@ -1,11 +1,14 @@
 """A first path through narrow places, one place after the other along the way.
 
 Trees that grow from start and goal meet narrow places by chance, and most of their edges end at an
-obstacle. The scene says where those places are: obstacles that stand in line along the first
-coordinate, none further from the next than the platform is long, make one place. What helps there
-is a posture that passes the whole place as it is, so this is what is looked for: a free state
-inside, from which the robot can move straight out on both sides. Such passes are then linked, from
-start to goal, by short motions in the open.
+obstacle. The scene says where those places are: obstacles that stand in line along the way, none
+further from the next than the platform is long, make one place. What helps there is a posture that
+passes the whole place as it is, so this is what is looked for: a free state inside, from which the
+robot can move straight out on both sides. Such passes are then linked, from start to goal, by
+short motions in the open.
+
+The way may lead along x, y or z, a wall's gap or a shaft: each translation in which start and goal
+differ has places of its own, and they take turns.
 
 This is the idea of growing local trees where sampling is hard (Strandberg, ICRA 2004) and of local
 planners that turn first and move after (rotate-at-s: Amato et al., WAFR 1998). It is not complete:
@@ -13,6 +16,8 @@ a place that no single posture passes is left to the trees (`connect`).
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -37,22 +42,51 @@ AGAIN = 0.2
 """Share of the draws that look for another way through a place that was reached."""
 
 
-def compute_places(space: Space, start: Array, goal: Array) -> Array:
-    """Return (k, 2) m, where obstacles stand between start and goal along the first coordinate.
+class Places(NamedTuple):
+    """Where obstacles stand between start and goal, for each way along one coordinate."""
 
-    In the order from start to goal; none where that coordinate is not the platform's x.
-    """
+    coordinate: Ints  # (w,) translation of the platform, of the space's coordinates
+    axis: Ints  # (w,) X, Y or Z
+    number: Ints  # (w,) of places of each way
+    span: Array  # (w, MAX_PLACES, 2) m, in the order from start to goal
+
+
+def compute_places(space: Space, start: Array, goal: Array) -> Places:
+    """Return the places of all ways, the one of which they cover the smallest share first."""
     r = space[0]
-    if float(r["map"][X, 0]) == 0.0 or start[0] == goal[0]:
-        return np.zeros((0, 2))
+    ways = []
+    for coordinate in range(int(r["n_move"])):
+        axes = np.flatnonzero(r["map"][X : Z + 1, coordinate])
+        if len(axes) != 1 or start[coordinate] == goal[coordinate]:
+            continue
+        axis, ends = int(axes[0]), (float(start[coordinate]), float(goal[coordinate]))
+        spans = _list_spans(r, axis, *ends)
+        if 0 < len(spans) <= MAX_PLACES:
+            inside = np.clip(spans, min(ends), max(ends))
+            share = float(np.sum(inside[:, 1] - inside[:, 0])) / abs(ends[1] - ends[0])
+            ways.append((share, coordinate, axis, spans))
+    ways.sort(key=lambda way: way[0])
+    out = np.zeros((len(ways), MAX_PLACES, 2))
+    for way, (_, _, _, spans) in zip(out, ways, strict=True):
+        way[: len(spans)] = spans
+    return Places(
+        np.array([way[1] for way in ways], dtype=np.int64),
+        np.array([way[2] for way in ways], dtype=np.int64),
+        np.array([len(way[3]) for way in ways], dtype=np.int64),
+        out,
+    )
+
+
+def _list_spans(r: Record, axis: int, start: float, goal: float) -> Array:
+    """Return (k, 2) m, from where to where along one axis the places between both ends reach."""
     count = int(r["nw"])
     reach = r["w_radius"][:count] + np.einsum(
-        "ij,ij->i", np.abs(r["w_rot"][:count, X]), r["w_half"][:count]
+        "ij,ij->i", np.abs(r["w_rot"][:count, axis]), r["w_half"][:count]
     )
-    ends = np.stack([r["w_p0"][:count, X], r["w_p1"][:count, X]])
+    ends = np.stack([r["w_p0"][:count, axis], r["w_p1"][:count, axis]])
     low, high = ends.min(axis=0) - reach, ends.max(axis=0) + reach
-    first, last = sorted((float(start[0]), float(goal[0])))
-    length = 2.0 * float(r["s_half"][0, X])
+    first, last = sorted((start, goal))
+    length = 2.0 * float(r["s_half"][0, axis])
     places: list[list[float]] = []
     for i in np.argsort(low):
         if high[i] <= first or low[i] >= last:
@@ -61,26 +95,27 @@ def compute_places(space: Space, start: Array, goal: Array) -> Array:
             places[-1][1] = max(places[-1][1], float(high[i]))
         else:
             places.append([float(low[i]), float(high[i])])
-    if len(places) > MAX_PLACES:
-        return np.zeros((0, 2))
-    return np.array(places if goal[0] > start[0] else places[::-1]).reshape(-1, 2)
+    return np.array(places if goal > start else places[::-1]).reshape(-1, 2)
 
 
 @njit(cache=True, error_model="numpy")
 def _draw_inside(
-    space: Record, state: State, low: float, high: float, out: Array, k: Record
+    space: Record, state: State, along: int, low: float, high: float, out: Array, k: Record
 ) -> bool:
-    """Draw a free state with its first coordinate in [low, high]; its shapes stay placed."""
-    out[0] = low + uniform(state) * (high - low)
+    """Draw a free state with coordinate `along` in [low, high]; its shapes stay placed."""
+    out[along] = low + uniform(state) * (high - low)
     for i in range(space.n):
         k.d[i] = 0.0
     for draw in range(DRAWS):
         if draw % PER_POSTURE == 0:
-            for i in range(1, space.n):
-                out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
+            for i in range(space.n):
+                if i != along:
+                    out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
             place_shapes(space, out, k.d, k)
         else:
-            for i in range(1, space.n_move):
+            for i in range(space.n_move):
+                if i == along:
+                    continue
                 to = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
                 _translate(space, i, to - out[i], k)
                 out[i] = to
@@ -102,16 +137,16 @@ def _translate(space: Record, i: int, by: float, k: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _extent(space: Record, x: float, k: Record) -> tuple[float, float]:
-    """How far (m) the placed robot reaches behind and ahead of x."""
+def _extent(space: Record, axis: int, x: float, k: Record) -> tuple[float, float]:
+    """How far (m) the placed robot reaches behind and ahead of x along an axis."""
     behind = ahead = 0.0
     for s in range(space.ns):
         r = space.s_radius[s]
         if space.s_kind[s] == BOX:
             for i in range(3):
-                r += abs(k.box[s, X, i]) * space.s_half[s, i]
-        behind = max(behind, x - min(k.p0[s, X], k.p1[s, X]) + r)
-        ahead = max(ahead, max(k.p0[s, X], k.p1[s, X]) - x + r)
+                r += abs(k.box[s, axis, i]) * space.s_half[s, i]
+        behind = max(behind, x - min(k.p0[s, axis], k.p1[s, axis]) + r)
+        ahead = max(ahead, max(k.p0[s, axis], k.p1[s, axis]) - x + r)
     return behind, ahead
 
 
@@ -131,16 +166,15 @@ def _link(space: Record, a: Array, b: Array, via: Array, k: Record, hits: Ints) 
 
 @njit(cache=True, error_model="numpy")
 def pass_through(
-    space: Record, start: Array, goal: Array, places: Array, state: State, tries: int, path: Array,
-    k: Record, hits: Ints,
+    space: Record, start: Array, goal: Array, places: Array, along: int, axis: int, state: State,
+    tries: int, path: Array, k: Record, hits: Ints,
 ) -> int:  # fmt: skip
     """Look for a path through all places with `tries` draws; return its rows in `path`, 0: none.
 
-    `places` are those of `compute_places`. `hits` (pairs,) counts what blocked the edges.
+    `places` (k, 2) are those of one way of `compute_places`, along a coordinate that moves the
+    platform along an axis. `hits` (pairs,) counts what blocked the edges.
     """
     n, count = space.n, places.shape[0]
-    if count == 0:
-        return 0
     # a pass: entry, state inside, exit; the pass of the place before; the corner of the link
     ways = np.empty((count, PASSES, 3, n))
     corner = np.empty((count, PASSES, n))
@@ -149,7 +183,7 @@ def pass_through(
     filled = np.zeros(count, dtype=np.int64)
     via = np.empty(n)
     reached = 0
-    forward = goal[0] > start[0]
+    forward = goal[along] > start[along]
     margin = 0.0
     for i in range(space.n_pairs):
         margin = max(margin, space.margin[i])
@@ -160,19 +194,19 @@ def pass_through(
         if filled[at] == PASSES:
             continue
         way = ways[at, filled[at]]
-        if not _draw_inside(space, state, places[at, 0], places[at, 1], way[1], k):
+        if not _draw_inside(space, state, along, places[at, 0], places[at, 1], way[1], k):
             continue
-        behind, ahead = _extent(space, way[1, 0], k)
+        behind, ahead = _extent(space, axis, way[1, along], k)
         low, high = places[at, 0] - ahead - margin, places[at, 1] + behind + margin
         left, right = (at - 1, at + 1) if forward else (at + 1, at - 1)
         if 0 <= left < count:
             low = max(low, 0.5 * (places[left, 1] + places[at, 0]))
         if 0 <= right < count:
             high = min(high, 0.5 * (places[right, 0] + places[at, 1]))
-        low, high = max(low, space.low[0]), min(high, space.high[0])
+        low, high = max(low, space.low[along]), min(high, space.high[along])
         for j in range(n):
             way[0, j] = way[2, j] = way[1, j]
-        way[0, 0], way[2, 0] = (low, high) if forward else (high, low)
+        way[0, along], way[2, along] = (low, high) if forward else (high, low)
         free = is_edge_free(space, way[1], way[0], k) and is_edge_free(space, way[1], way[2], k)
         if not free:
             hits[k.blocked] += 1

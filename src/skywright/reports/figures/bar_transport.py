@@ -172,10 +172,11 @@ def _count(result: RunResult) -> int:
 
 
 def _choose(s: Samples) -> list[int]:
-    """Instants evenly apart on the way (x)."""
-    x = s["p_WB"][:, 0]
-    wanted = np.linspace(x[0], x[-1], SNAPSHOTS)
-    return [int(np.argmin(np.abs(x - w))) for w in wanted[:-1]] + [len(s) - 1]
+    """Instants evenly apart on the planned way."""
+    steps = np.linalg.norm(np.diff(s["ref_p_WB"], axis=0), axis=1)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    wanted = np.linspace(0.0, way[-1], SNAPSHOTS)
+    return [int(np.argmin(np.abs(way - w))) for w in wanted[:-1]] + [len(s) - 1]
 
 
 def _bar_ends(s: Samples, result: RunResult) -> Array:
