@@ -20,6 +20,8 @@ from skywright.models.capability import (
     compute_force_limit,
     compute_wind_limit,
 )
+from skywright.models.hover_tilt import compute_hover_tilt
+from skywright.models.rigid_body import posture
 from skywright.models.rotors import build_rotors, compute_rotor_drag
 from skywright.models.statics import (
     UP,
@@ -162,6 +164,21 @@ def test_redundant_rotors_use_the_linear_programme(othex: Robot) -> None:
         for extra, feasible in ((-0.01, True), (0.01, False)):
             wrench = wrench_at(weight * UP + (force + extra) * d, com)
             assert (compute_thrust(layout, wrench) is not None) == feasible
+
+
+def test_wind_takes_from_the_hover_tilt_until_level_is_all() -> None:
+    """No wind: the closed form. At the wind limit of the level robot nothing is left."""
+    robot, _ = load_robot("f550-bridge")
+    q = posture(robot, "folded")
+    calm = compute_hover_tilt(robot, q, 9.81)
+    breath = compute_hover_tilt(robot, q, 9.81, wind=np.array([1e-6, 0.0, 0.0]))
+    assert breath == pytest.approx(calm, abs=1e-5)
+    found = [compute_hover_tilt(robot, q, 9.81, wind=np.array([v, 0.0, 0.0])) for v in (2.0, 4.0)]
+    assert calm > found[0] > found[1] > 0.0
+    limit = compute_wind_limit(compute_capability(robot, posture="folded"), 0.0)
+    near = [compute_hover_tilt(robot, q, 9.81, wind=np.array([limit + d, 0.0, 0.0]))
+            for d in (-0.01, 0.01)]  # fmt: skip
+    assert 0.0 <= near[0] < math.radians(0.1) and math.isnan(near[1])
 
 
 def test_tilt_limit_is_where_a_rotor_meets_its_limit(othex_capability: Capability) -> None:

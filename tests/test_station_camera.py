@@ -187,6 +187,16 @@ def test_both_ways_of_running_are_bit_identical():
         assert np.array_equal(fast[name][:n], slow[name][:n]), name
 
 
+def test_without_a_place_it_does_not_take_off():
+    """The station's samples come later than the filter remembers, so it never begins."""
+    sets = ["world.total_station.latency_min_s=1", "world.total_station.latency_mean_s=1"]
+    result = run(load("waypoints", robot="f550-bridge", sets=[STATION, *sets]), report=False)
+    assert result.outcome == "aborted" and "did not take off" in result.reason
+    assert [p.name for p in result.phases] == ["start"]
+    assert np.all(result.samples["rotor_speed"] == 0.0)
+    assert np.all(np.isfinite(result.samples["est_p_WB"]))
+
+
 @pytest.mark.parametrize(
     ("robot", "sets", "words"),
     [

@@ -31,13 +31,14 @@ def compute_modes_metrics(
     """Judge each mode that was flown."""
     way = plan.task
     assert isinstance(way, ModesPlan)
-    out = {"modes.tilt_fraction": way.tilt / way.limit}
+    out = {"modes.tilt_fraction": way.due / way.limit}
     tilt = compute_tilt(samples)
     off = np.linalg.norm(samples["p_WB"] - samples["ref_p_WB"], axis=1)
     held = [i for i, p in enumerate(phases) if p.name == "hold angle"]
     if held:
         mean = [float(np.mean(tilt[samples["phase"] == i])) for i in held]
         out["modes.tilt_deg"] = math.degrees(min(mean))
+        out["modes.tilt_held"] = min(mean) / way.due
         angle = in_phases(samples, phases, "command angle", "hold angle")
         out["modes.position_error_mm"] = 1e3 * float(np.max(off[angle]))
     move = in_phases(samples, phases, "command position")

@@ -50,7 +50,11 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "slide.lost_s": ("s", "time off the surface (gap above 0.1 mm) meanwhile"),
     "slide.length_m": ("m", "way of the tip along the structure"),
     "modes.tilt_deg": ("deg", "least tilt reached and held while the position is held"),
-    "modes.tilt_fraction": ("", "the asked tilt over the computed hover limit"),
+    "modes.tilt_held": ("", "`modes.tilt_deg` over the tilt that is due"),
+    "modes.tilt_fraction": (
+        "",
+        "the tilt that is due over the computed hover limit",
+    ),
     "modes.position_error_mm": ("mm", "largest distance from the place while tilting"),
     "modes.translate_tilt_deg": ("deg", "largest tilt while translating"),
     "modes.track_error_mm": ("mm", "largest distance from the path while translating"),

@@ -20,6 +20,7 @@ from skywright.vehicle.interface import Arms, Backend, Probe, Uav, WholeBody, re
 Table = NDArray[Any]
 
 SPIN_UP = 1.0  # s, motors off on the ground while the estimator settles
+START_MAX = 10.0  # s, on the ground without an estimate
 RELEASE = 3.0  # s, after the robot was let go in the air
 
 
@@ -71,6 +72,7 @@ class Supervisor:
             return flight
         self.begin("start")
         self.wait(SPIN_UP)
+        self.wait_for_estimate()
         self.uav.motors(True)
         if getattr(kind, "HELD", False):
             self.begin("release")
@@ -112,6 +114,16 @@ class Supervisor:
         end = self.vehicle.t + seconds
         while self.vehicle.t < end - 1e-9:
             self.tick()
+
+    def wait_for_estimate(self) -> None:
+        """Tick until the estimator knows a place; raises LostControl where it never does."""
+        while not self.vehicle.localised:
+            if self.vehicle.t > START_MAX:
+                raise LostControl(
+                    f"it did not take off: after {START_MAX:g} s on the ground the localisation "
+                    "has not told where it is (world.localisation, and what it needs)"
+                )
+            self.wait(0.1)
 
     def tick(self, guards: int = 0) -> Any:
         """Run one mission tick; raises LostControl when there is nothing left to command."""

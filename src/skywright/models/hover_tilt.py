@@ -1,23 +1,59 @@
-"""How far a robot can tilt while it hovers in place, whichever way."""
+"""How far a robot can tilt while it hovers in place, whichever way, in calm air or in a wind."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import build_rotors
-from skywright.models.statics import build_layout, compute_tilt_limit
+from skywright.models.statics import Layout, build_layout, compute_tilt_limit
+from skywright.models.wind import DragBody, compute_drag, compute_largest
 from skywright.robots.spec import Robot
 
+F8 = NDArray[np.float64]
+
 AXES = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
+TILT_CEILING = 0.8  # rad; the search in a wind ends here
 
 
-def compute_hover_tilt(robot: Robot, q: NDArray[np.float64], gravity: float) -> float:
+def compute_hover_tilt(
+    robot: Robot, q: F8, gravity: float, *, wind: F8 | None = None, air_density: float = 1.2
+) -> float:
     """Return the least hover tilt (rad) of roll and pitch to either side, joints at q (rad).
 
-    Rotors up to the robot's `thrust_fraction`; 0 for a robot without lateral force.
+    Rotors up to the robot's `thrust_fraction`; 0 for a robot without lateral force. `wind` (3,)
+    m/s: velocity of the air, seen along the level robot's axes; the drag of body and rotors then
+    takes part of the lateral force. NaN where the robot does not even hold level.
     """
     layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
     mass, p_BC, _ = compute_body(build_body_model(robot, gravity), q)
-    return min(compute_tilt_limit(layout, mass * gravity, p_BC, axis) for axis in AXES)
+    if wind is None or not np.any(wind) or not layout.full:
+        return min(compute_tilt_limit(layout, mass * gravity, p_BC, axis) for axis in AXES)
+    p = robot.platform
+    areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
+    body = DragBody(mass, gravity, air_density, p_BC, areas)
+
+    def holds(tilt: F8) -> NDArray[np.bool_]:
+        thrust = _compute_thrust(layout, body, np.asarray(wind), AXES * tilt[:, None])
+        inside = (thrust >= layout.t_min - 1e-6) & (thrust <= layout.t_max + 1e-6)
+        return np.asarray(inside.all(axis=1))
+
+    return float(np.min(compute_largest(holds, len(AXES), TILT_CEILING)))
+
+
+def _compute_thrust(layout: Layout, body: DragBody, wind: F8, turn: F8) -> F8:
+    """Return thrusts (m, n) N that hold position turned by `turn` (m, 3) rad; limits not looked at.
+
+    Drag follows from the rotors' speeds and these from the thrusts: iterated.
+    """
+    R = Rotation.from_rotvec(turn).as_matrix()
+    weight_B = body.mass * body.gravity * R[:, 2, :]
+    wind_B = np.einsum("mji,j->mi", R, wind)
+    thrust = np.full((len(turn), layout.B.shape[1]), body.mass * body.gravity / layout.B.shape[1])
+    for _ in range(6):
+        f_drag, t_drag = compute_drag(layout, body, wind_B, thrust)
+        wrench = np.hstack([weight_B - f_drag, np.cross(body.p_BC, weight_B) - t_drag])
+        thrust = wrench @ layout.P.T
+    return thrust

@@ -80,6 +80,10 @@ class Backend(Protocol):
         """The ARMS record now: hands and their forces as estimated (a vehicle with "hands")."""
 
     @property
+    def localised(self) -> bool:
+        """Whether the estimate is one: false until the estimator has begun."""
+
+    @property
     def fix_age(self) -> float:
         """Time (s) since the robot was last localised from outside."""
 

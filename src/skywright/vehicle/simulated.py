@@ -222,6 +222,14 @@ class SimulatedVehicle:
         return self.belief[0]["arms"].copy()
 
     @property
+    def localised(self) -> bool:
+        """Whether the estimator has begun."""
+        b = self.belief[0]
+        if self.estimator.name == "observer":
+            return bool(b["obs"]["ready"] > 0.0)
+        return self.estimator.name == "truth" or bool(b["flt"]["ready"] >= 2.0)
+
+    @property
     def fix_age(self) -> float:
         """Time (s) since the robot was last told where it is."""
         return self.t - float(self.guard[0]["last_fix"])

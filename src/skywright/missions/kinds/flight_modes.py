@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from skywright.core.rotations import exp_so3
+from skywright.core.rotations import exp_so3, rot_z
 from skywright.core.spec import Positive, Spec
 from skywright.core.types import MODE_POSE, MODE_STANDARD
 from skywright.errors import InputError
@@ -26,6 +26,7 @@ from skywright.missions.planning import MissionPlan
 from skywright.missions.spec import Mission
 from skywright.models.hover_tilt import compute_hover_tilt
 from skywright.models.rigid_body import posture
+from skywright.worlds.wind import compute_direction, compute_speed
 
 if TYPE_CHECKING:
     from skywright.missions.supervisor import Supervisor
@@ -35,12 +36,12 @@ Array = NDArray[np.float64]
 NEEDS = frozenset({"uav", "whole_body"})
 
 CALM_FRACTION, WINDY_FRACTION = 0.85, 0.7
-"""Of the computed hover tilt that is asked for; the rest is for gusts and errors of the model."""
-
-
-LEAST_TILT = math.radians(9.4)
-"""In calm air, where the limit allows: 9 deg and the 0.4 deg that the attitude loop stays behind
-while its integral learns the torque of the new attitude."""
+"""Of the computed hover tilt that must be held; the rest is for gusts and errors of the model."""
+LEAST_TILT = math.radians(9.0)
+"""To be held in calm air, where the limit allows."""
+LAG = math.radians(0.5)
+"""By which the attitude stays behind on the average of a hold, while the integral learns the
+torque of the new attitude: it is asked for on top, up to the limit."""
 
 
 class ModesTask(Spec):
@@ -62,8 +63,9 @@ class FlightModesMission(Mission):
 class ModesPlan(NamedTuple):
     """What is asked for, and what could be."""
 
-    tilt: float  # rad
-    limit: float  # rad, computed hover tilt
+    tilt: float  # rad, reference
+    due: float  # rad, to be held
+    limit: float  # rad, computed hover tilt, in the wind of the world
     calm: bool
 
 
@@ -78,20 +80,30 @@ def plan(d: Description) -> MissionPlan:
             f"modes; not {law!r}"
         )
     task = d.mission.task
-    limit = compute_hover_tilt(d.robot, posture(d.robot, "folded"), d.world.gravity_mps2)
+    wind = compute_speed(d.world.wind) * compute_direction(d.world.wind)
+    limit = compute_hover_tilt(
+        d.robot, posture(d.robot, "folded"), d.world.gravity_mps2,
+        wind=rot_z(math.radians(d.mission.start_yaw_deg)).T @ wind,
+        air_density=d.world.air_density_kg_m3,
+    )  # fmt: skip
     calm = d.world.wind.kind == "none"
-    tilt = max(CALM_FRACTION * limit, min(LEAST_TILT, limit)) if calm else WINDY_FRACTION * limit
+    due = max(CALM_FRACTION * limit, min(LEAST_TILT, limit)) if calm else WINDY_FRACTION * limit
     if task.tilt_deg is not None:
-        tilt = math.radians(task.tilt_deg)
-    blocked = None
-    if not tilt <= limit:
+        due = math.radians(task.tilt_deg)
+    tilt = max(due, min(due + LAG, limit))
+    blocked, air = None, "" if calm else f" in {compute_speed(d.world.wind):.1f} m/s of wind"
+    if math.isnan(limit):
+        blocked = f"{d.robot.name} cannot hover level{air} (skywright capability)"
+    elif limit <= 0.0:
+        blocked = f"{d.robot.name} cannot tilt in place{air}: it has no lateral force"
+    elif due > limit:
         blocked = (
-            f"a tilt of {math.degrees(tilt):.1f} deg exceeds the {math.degrees(limit):.1f} deg at "
-            f"which {d.robot.name} can hover in place (skywright capability)"
+            f"a tilt of {math.degrees(due):.1f} deg exceeds the {math.degrees(limit):.1f} deg at "
+            f"which {d.robot.name} can hover in place{air} (skywright capability)"
         )
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began, 60.0, math.nan, math.nan, {}, None,
-        0.0, 0.0, ModesPlan(tilt, limit, calm),
+        0.0, 0.0, ModesPlan(tilt, due, limit, calm),
     )  # fmt: skip
 
 

@@ -37,9 +37,9 @@ def _press(a: dict[str, NDArray[Any]]) -> Array:
     return np.asarray(-np.sum(a["f_contact"] * axis, axis=1))
 
 
-def _tilt_deg(a: dict[str, NDArray[Any]]) -> Array:
-    """Tilt (n,) deg of the platform from level."""
-    up = rotate_vectors(a["q_WB"], np.tile([0.0, 0.0, 1.0], (len(a["t"]), 1)))[:, 2]
+def _tilt_deg(q_WB: Array) -> Array:
+    """Tilt (n,) deg from level of attitudes (n, 4) wxyz."""
+    up = rotate_vectors(q_WB, np.tile([0.0, 0.0, 1.0], (len(q_WB), 1)))[:, 2]
     return np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
 
 
@@ -103,17 +103,21 @@ def measure_modes(records: Records) -> Measured:
     flown = records["flight"]
     a = cut(flown[0], *{p["name"] for p in flown[0].info["phases"]})
     off = 1e3 * np.linalg.norm(a["p_WB"] - a["ref_p_WB"], axis=1)
+    asked = _tilt_deg(a["ref_q_WB"])
     panels = [
         _track(a, "Position x (m)", a["p_WB"][:, 0], a["ref_p_WB"][:, 0]),
         _track(a, "Position y (m)", a["p_WB"][:, 1], a["ref_p_WB"][:, 1]),
-        Panel("Tilt", "time (s)", "deg", [Curve("flown", a["t"][::THIN], _tilt_deg(a)[::THIN])]),
+        _track(a, "Tilt, deg", _tilt_deg(a["q_WB"]), asked),
         Panel("Distance from the reference", "time (s)", "mm",
               [Curve("flown", a["t"][::THIN], off[::THIN])]),
     ]  # fmt: skip
     least = min(r.info["metrics"].get("modes.tilt_deg", math.nan) for r in flown)
+    exact = records["exact"][0].info["metrics"]
     values = {
         "tilt_deg": float(least),
-        "fraction": _worst(flown, "modes.tilt_fraction"),
+        "asked_deg": float(np.max(asked)),
+        "exact_deg": exact.get("modes.tilt_deg", math.nan),
+        "exact_mm": exact.get("modes.position_error_mm", math.nan),
         "off_mm": _worst(flown, "modes.position_error_mm"),
         "level_deg": _worst(flown, "modes.translate_tilt_deg"),
         "drift_m": _worst(flown, "modes.standard_drift_m"),
