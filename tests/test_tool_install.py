@@ -214,3 +214,7 @@ def test_the_tool_is_installed_and_brought_back() -> None:
     t = result.samples["t"]
     rows = result.samples[(t > wait.start_s) & (t < wait.end_s)]
     assert np.max(np.abs(rows["left_f_W"])) == 0.0  # it stands by itself
+    grasp = names.index("grasp")
+    rising = result.samples[result.samples["phase"] == grasp]
+    moved = np.linalg.norm(rising["left_p_WH"][20:] - rising["left_p_WH"][:-20], axis=1) / 0.2
+    assert np.max(moved) < 0.15  # m/s: platform and hand rise at 0.05 each

@@ -19,9 +19,9 @@ JOINT_SPEED, JOINT_ACCELERATION = 0.8, 2.0  # rad/s, rad/s^2
 
 
 STILL = (
-    "t", "v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "v_WH", "track_tip", "dead_zone",
-    "tare",
+    "t", "v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "track_tip", "dead_zone", "tare",
 )  # fmt: skip
+"""What is zero in a row at rest. The hands keep their tasks, `v_WH` among them: how fast."""
 
 
 def set_rest(row: Any) -> Any:

@@ -353,6 +353,7 @@ def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     """
     row = set_rest(s.vehicle.reference)
     row["task"][0], row["p_WH"][0] = TASK_FORCE, s.vehicle.hands["p_WH"][0]
+    row["v_WH"][0] = 0.0  # fed forward in this task
     table = np.repeat(row[None], 2)
     table["t"] = [0.0, RAMP_S]
     table["f_WH"][0, 0], table["f_WH"][1, 0] = CONTACT_N * way.normal, task.force_n * way.normal

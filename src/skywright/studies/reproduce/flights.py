@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from skywright.core.types import SAMPLE
 from skywright.errors import SimulationError
 from skywright.evaluation.run import build_vehicle, fly_and_evaluate
+from skywright.evaluation.tool_install import compute_grasp_errors
 from skywright.missions.dump import dump_description
 from skywright.missions.loader import Description, load_description
 from skywright.missions.planning import MissionPlan, plan_mission
 from skywright.missions.tables import build_retreat
+from skywright.missions.tool_handling import LOW
 from skywright.models.compliant_arms import is_compliant
 from skywright.sim.simulation import Snapshot
 from skywright.studies.identify.flight_log import IDENTIFY_FIELDS
@@ -124,6 +126,11 @@ def _fly_mission(case: Case, description: Description) -> Record:
     elif description.robot.force_sensor is not None:
         fields += CONTACT_FIELDS
     arrays = {name: result.samples[name] for name in fields}
+    if description.mission.kind == "tool-install":
+        index = description.world.things.index("tool")
+        arrays["tool_p_WO"] = result.samples[f"object{index}_p_WO"]
+        for name, along in (("grasp_error_O", 0.0), ("wait_error_O", -LOW)):
+            arrays[name] = compute_grasp_errors(result.samples, index, result.plan.task, along)
     if description.mission.kind == "excitation":  # kept whole enough to identify from
         arrays |= {name: result.samples[name] for name in IDENTIFY_FIELDS}
         info["mission"] = dump_description(description)

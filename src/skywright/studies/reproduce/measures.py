@@ -15,6 +15,7 @@ from skywright.studies.reproduce import (
     measures_motion,
     measures_scan,
     measures_table3,
+    measures_tool,
     measures_transport,
 )
 from skywright.studies.reproduce.measured import Measured, Records
@@ -72,6 +73,9 @@ MEASURES: dict[str, Callable[[Records], Measured]] = {
     "swing": measures_bimanual_flown.measure_swing,
     "stretched": measures_bimanual_flown.measure_stretched,
     "downwash": measures_bimanual_flown.measure_downwash,
+    "tool": measures_tool.measure_tool,
+    "tool_grasp": measures_tool.measure_grasp,
+    "tool_hover": measures_tool.measure_tool_hover,
     "camera_alignment": measures_locate.measure_alignment,
     "station_outage": measures_locate.measure_outage,
     "station_rejoin": measures_locate.measure_rejoin,
