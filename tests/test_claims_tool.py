@@ -42,7 +42,7 @@ def make_flight(*, bend: float = 0.0, outcome: str = "succeeded", **metrics: flo
 
 def test_the_first_grasp_is_measured_and_its_bend_found() -> None:
     values = measure_grasp({"flight": [make_flight(), make_flight(bend=0.02)]}).values
-    assert values["aside_mm"] == pytest.approx(20.0, abs=0.1)
+    assert values["aside_mm"] == pytest.approx(20.0, abs=0.3)
     assert values["began_mm"] == pytest.approx(80.0) and values["reached_mm"] < 1.0
 
 
