@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -13,7 +15,18 @@ from skywright.studies.bench.runner import run_benchmarks
 from skywright.studies.planning import jobs
 from skywright.studies.planning.__main__ import draw_found
 from skywright.studies.planning.compare import build_decoupled_rows, build_rows
-from skywright.studies.planning.jobs import HIGH, OURS, SUCCESS, Effort, Job, list_jobs, run_jobs
+from skywright.studies.planning.jobs import (
+    DECOUPLED,
+    HIGH,
+    OMPL,
+    OURS,
+    PAPER,
+    SUCCESS,
+    Effort,
+    Job,
+    list_jobs,
+    run_jobs,
+)
 
 EFFORT = Effort(("paper",), ("paper", HIGH), 1, 0.1, 0.1, 2, 0.1)
 
@@ -67,3 +80,51 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     file.write_text("", encoding="utf-8")
     with pytest.raises(InputError, match="--resume"):
         run_benchmarks(["planning"], effort="quick", resume=file / "parts")
+
+
+def _load_generator() -> ModuleType:
+    path = Path(__file__).parent.parent / "docs" / "generate_planners.py"
+    spec = importlib.util.spec_from_file_location("generate_planners", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_s_tables_are_made_from_the_parts() -> None:
+    """What is there is shown with its unit, what is not measured as a dash, what failed as none."""
+    generator = _load_generator()
+    found = {
+        Job("paper", OURS): {
+            "early": [9.3, 9.2, 9.4], "late": [9.0, 9.1, 9.2], "first_s": [1e-3, 2e-3, 3e-3],
+            "curve": [[9.3]] * 3, "reserve": [1e-4, 2e-4, 3e-4], "bound": [9.0],
+        },
+        Job("paper", SUCCESS): {"cost": [9.5, math.inf], "first_s": [2e-3, math.nan]},
+        Job("paper", OMPL[0]): {"cost": [9.3, 18.6, 18.6], "curve": [[18.6]] * 3},
+        Job("paper", PAPER): {"cost": [math.inf] * 3, "curve": [[math.inf]] * 3},
+        Job(HIGH, DECOUPLED): {"joint": [9.2], "cost": [9.0], "reason": ""},
+    }  # fmt: skip
+    effort = Effort(("paper", "draw10"), ("paper", HIGH), 3, 5.0, 30.0, 2, 1.0)
+    head = "before\n" + generator.BEGIN + "\nold\n" + generator.END + "\nafter\n"
+    text = generator.build_page(head, found, effort)
+    assert "| paper | 2.0 ms | 9.300 m | 9.100 m | 1.11 % | 0.100 mm | 1 of 2 |" in text
+    assert "| draw10 | – | – | – | – | – | – |" in text
+    assert "| paper | 18.600 m (+50.0 %) | – | – | none |" in text
+    assert "| paper, ceiling at 6 m | 1 of 1 | 9.200 m | 1 of 1 | 9.000 m |" in text
+    assert "old" not in text and text.startswith("before\n") and text.endswith("after\n")
+    assert generator.build_page(text, found, effort) == text
+    with pytest.raises(ValueError, match="markers"):
+        generator.build_page("no markers", found, effort)
+
+
+def test_the_plot_shows_all_planners_that_have_run() -> None:
+    """The paper's RRT* among them; a planner without a path yet is drawn from where it has one."""
+    curve = [[math.inf, 9.5, 9.4], [10.0, 9.6, 9.2]]
+    found = {Job("paper", OURS): {"curve": curve, "bound": [9.0]}}
+    found |= {Job("paper", what): {"curve": curve} for what in (PAPER, *OMPL)}
+    (axes,) = draw_found(found).axes
+    names = [t.get_text() for t in axes.get_legend().get_texts()]
+    assert names == [
+        "default planner", "RRT* of the paper", "OMPL RRT*", "OMPL Informed RRT*",
+        "OMPL RRT-Connect",
+    ]  # fmt: skip
