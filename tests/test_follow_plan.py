@@ -97,3 +97,15 @@ def test_the_command_refuses_what_is_no_plan(tmp_path: Path) -> None:
         assert found.exit_code == 2, (arguments, found.output)
         assert message in found.output + str(found.stderr)
     assert not list(tmp_path.glob("*.partial"))
+
+
+def test_a_plan_of_another_robot_or_for_another_mission_is_refused(tmp_path: Path) -> None:
+    files = write_plan_file(tmp_path / "line", build_line("hexarotor"))
+    for arguments, message in (
+        (["--robot", "othex"], "the plan is for robot 'hexarotor', not 'othex'"),
+        (["bar-transport"], "the plan is for robot 'hexarotor', not 'ars-lrm'"),
+        (["waypoints"], "mission 'waypoints' flies no plan file; missions that do: bar-transport"),
+    ):
+        found = CliRunner().invoke(main, ["run", *arguments, "--plan", str(files[0])])
+        assert found.exit_code == 2, (arguments, found.output)
+        assert message in found.output + str(found.stderr)

@@ -45,6 +45,11 @@ def load_plan_description(
             "mission.start_yaw_deg": math.degrees(yaw),
         }  # fmt: skip
         mission, robot, world = "follow-plan", robot or plan.robot, world or plan.world
+    elif not hasattr(getattr(load_description(mission).mission, "task", None), "plan_file"):
+        raise InputError(
+            f"mission {os.fspath(mission)!r} flies no plan file; missions that do: bar-transport, "
+            "follow-plan (that of --plan alone)"
+        )
     return load_description(mission, robot, world, {**more, **dict(given)}, seed)
 
 

@@ -22,6 +22,7 @@ from skywright.models.rigid_body import posture
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import build_scene
 from skywright.planning.inverse_dynamics import Loads, build_loads
+from skywright.planning.motion.plan_file import PlanFile
 from skywright.planning.problem import Limits
 from skywright.planning.scan import ScanPlan
 from skywright.robots.spec import Robot
@@ -61,7 +62,14 @@ class MissionPlan(NamedTuple):
             "duration_s": number(self.duration_s),
             "min_clearance_m": number(self.min_clearance_m),
             "min_rotor_margin": number(self.min_rotor_margin),
+            "metrics": self.metrics,
         }
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """What a planner of paths says of its plan, such as `plan.cost`; others say nothing."""
+        file = getattr(self.task, "file", None)
+        return dict(file.metrics) if isinstance(file, PlanFile) else {}
 
 
 def plan_mission(description: Description) -> MissionPlan:

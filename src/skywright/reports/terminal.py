@@ -73,6 +73,12 @@ def print_plan(plan: MissionPlan) -> None:
     table.add_row("duration", format_number(plan.duration_s, "s"))
     table.add_row("smallest clearance", format_number(plan.min_clearance_m, "m"))
     table.add_row("smallest rotor margin", format_number(plan.min_rotor_margin))
+    for name, what, unit in (
+        ("plan.cost", "cost of the path", "m"), ("plan.lower_bound", "lower bound of it", "m"),
+        ("plan.first_solution_s", "first path after", "s"),
+    ):  # fmt: skip
+        if name in plan.metrics:
+            table.add_row(what, format_number(plan.metrics[name], unit))
     table.add_row("planning time", format_number(plan.plan_s, "s"))
     console.print(table)
 
