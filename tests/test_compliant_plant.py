@@ -29,7 +29,7 @@ from skywright.models.scene import Scene, build_scene
 from skywright.robots.limbs import list_joints, list_servos
 from skywright.robots.loader import load_robot
 from skywright.sim.plant import BLOCK, actuate, sense
-from skywright.vehicle.simulated import _build_plant
+from skywright.sim.plant_setup import build_plant
 from skywright.worlds.loader import load_world
 
 WORLD = load_world("open")[0]
@@ -193,7 +193,7 @@ def build_bench(gravity: float = 0.0, start=None, calm: float = 0.0) -> Bench:
     m.opt.gravity[:] = [0.0, 0.0, -gravity]
     m.dof_damping[scene.places.joint_dof + 1] += calm
     mujoco.mj_setConst(m, mujoco.MjData(m))
-    d, pl = mujoco.MjData(m), _build_plant(ROBOT, WORLD, scene, Deviation(), 1)
+    d, pl = mujoco.MjData(m), build_plant(ROBOT, WORLD, scene, Deviation(), 1)
     d.qpos[2], d.xfrc_applied[base, 2] = 5.0, HEAVY * gravity
     if start is not None:
         d.qpos[scene.places.joint_qpos] = start

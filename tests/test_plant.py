@@ -14,7 +14,7 @@ from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene, set_pose
 from skywright.sim.physics import step_physics
 from skywright.sim.plant import PLANT, actuate, blow
-from skywright.vehicle.simulated import _build_plant
+from skywright.sim.plant_setup import build_plant
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_contact_sensor_reads_the_force_on_the_tip_in_W(description):
 
 def test_rotor_lag_is_exact_and_thrust_goes_with_speed_squared(description):
     scene = build_scene(description.robot, description.world, Deviation())
-    pl = _build_plant(description.robot, description.world, scene, Deviation(), 1)
+    pl = build_plant(description.robot, description.world, scene, Deviation(), 1)
     cmd = np.zeros(1, COMMAND)
     ctrl, motor = np.zeros(8), np.zeros(8)
     cmd[0]["rotor_speed"][:6] = 400.0
@@ -125,7 +125,7 @@ def test_wind_drag_matches_hand_calculation():
         sets=["world.wind.kind=steady", "world.wind.mean_mps=5", "world.wind.toward_deg=90"],
     )
     scene = build_scene(d.robot, d.world, Deviation())
-    pl = _build_plant(d.robot, d.world, scene, Deviation(), 1)
+    pl = build_plant(d.robot, d.world, scene, Deviation(), 1)
     pl[0]["R_WB"] = np.eye(3)
     xfrc = np.zeros((scene.model.nbody, 6))
     blow(pl[0], xfrc)  # rotors at rest: body drag only
@@ -153,7 +153,7 @@ def test_a_stalled_servo_does_not_wind_up(description):
 
     scene = build_scene(description.robot, description.world, Deviation())
     m, d = scene.model, mujoco.MjData(scene.model)
-    pl = _build_plant(description.robot, description.world, scene, Deviation(), 1)
+    pl = build_plant(description.robot, description.world, scene, Deviation(), 1)
     m.opt.gravity[:] = 0.0
     q = np.array([0.2, 0.3])
     set_pose(scene, d, np.array([-3.0, 0, 5.0]), np.array([1.0, 0, 0, 0]), q)

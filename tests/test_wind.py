@@ -31,8 +31,8 @@ from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene
 from skywright.sim.friction import FRICTION, compute_friction, fill_friction, rub
 from skywright.sim.plant import blow
+from skywright.sim.plant_setup import build_plant
 from skywright.sim.wind import NOISE, WIND, build_dryden_filter, fill_wind, step_wind
-from skywright.vehicle.simulated import _build_plant
 from skywright.worlds.spec import Dryden, Fan, Pipe, Wind
 from skywright.worlds.wind import (
     FOOT,
@@ -198,7 +198,7 @@ def test_a_jet_on_one_side_turns_the_robot():
             "world.wind.fan.y_m=0.435", "world.wind.fan.z_m=1.0"]  # fmt: skip
     d = load_description("pipe-weld-scan", sets=sets)
     scene = build_scene(d.robot, d.world, Deviation())
-    pl = _build_plant(d.robot, d.world, scene, Deviation(), 1)
+    pl = build_plant(d.robot, d.world, scene, Deviation(), 1)
     n = len(d.robot.rotors.azimuth_deg)
     pl[0]["R_WB"], pl[0]["p_WB"] = np.eye(3), [0.0, 0.0, 1.0]
     pl[0]["rotor_speed"][:n] = 400.0
@@ -241,7 +241,7 @@ def test_friction_field_has_mean_spread_and_correlation_length():
 def test_friction_under_the_tip_reaches_mujoco_s_contact():
     d = load_description("pipe-weld-scan", sets=["world.pipe.friction_variation=0.5"])
     scene = build_scene(d.robot, d.world, Deviation())
-    pl = _build_plant(d.robot, d.world, scene, Deviation(), 3)
+    pl = build_plant(d.robot, d.world, scene, Deviation(), 3)
     pairs = scene.model.pair_friction
     rub(pl[0]["friction"], 0.05, 0.02, 0.0, pairs)
     assert pairs[0, 0] == pairs[0, 1] == compute_friction(pl[0]["friction"], 0.05, 0.02) != 0.2
