@@ -31,12 +31,21 @@ from skywright.reports.replay import build_overlay_data, build_replay, write_rep
 from skywright.reports.scene3d import (
     FOV,
     Scene3d,
+    _list_edges,
     build_views,
     start_server,
     stop_server,
     weld_curve,
 )
-from skywright.reports.trace3d import FREE, GOOD, LIFTED, TILTED, build_trace
+from skywright.reports.trace3d import (
+    FREE,
+    GOOD,
+    LIFTED,
+    TILTED,
+    build_legend,
+    build_trace,
+    list_judged,
+)
 from skywright.worlds.surface import build_cylinder, unroll
 
 SHORT = (
@@ -180,6 +189,18 @@ def test_weld_is_drawn_on_its_line(angle: float, offset: float) -> None:
             assert c == pytest.approx(offset)
         else:
             assert np.cos(slope) * (s - offset) - np.sin(slope) * c == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_transport_is_not_judged_by_contact_and_shows_its_area() -> None:
+    d = load_description("bar-transport")
+    assert list_judged(d.robot, d.world) == ()  # though its last phase is called settle
+    meanings = [text for _, text in build_legend(d.robot, d.world, False)]
+    assert "area that nothing may leave" in meanings
+    edges = _list_edges((0.0, 1.0), (0.0, 2.0), (0.0, 3.0))
+    lengths = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
+    assert sorted(lengths) == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
+    scan = load_description("pipe-weld-scan")
+    assert "scan" in list_judged(scan.robot, scan.world)
 
 
 def test_trace_is_coloured_by_contact_quality() -> None:

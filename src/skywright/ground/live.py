@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from skywright.core.types import SAMPLE
 from skywright.reports.scene3d import Scene3d, build_views, set_camera, start_server, stop_server
-from skywright.reports.trace3d import JUDGED, build_legend, build_trace, draw_trace
+from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
 
 if TYPE_CHECKING:
     from skywright.missions.loader import Description
@@ -60,6 +60,7 @@ class LiveView:
         self._next_frame = self._next_numbers = self._next_point = 0.0
         self._rows: list[NDArray[Any]] = []
         self._judged: list[bool] = []
+        self._judged_phases: tuple[str, ...] = ()
         self._chunks = 0
         self._phase = ""
         self._pace_seen = (0.0, -1e9, "")  # mission time, wall time, what was said
@@ -83,6 +84,7 @@ class LiveView:
         self._duration = plan.duration_s
         self.server = start_server(self.host, self.port)
         self._scene = Scene3d(self.server, d.robot, d.world)
+        self._judged_phases = list_judged(d.robot, d.world)
         if plan.scan is not None:
             self._scene.draw_path(plan.scan.path_sphi)
         start = np.array([d.mission.start_x_m, d.mission.start_y_m, 0.0])
@@ -106,7 +108,7 @@ class LiveView:
         if t >= self._next_point:
             self._next_point = t + TRACE_PERIOD
             self._rows.append(_latest(vehicle))
-            self._judged.append(phase in JUDGED)
+            self._judged.append(phase in self._judged_phases)
         wall = time.perf_counter()
         if wall >= self._next_frame:
             self._next_frame = wall + FRAME_PERIOD

@@ -144,7 +144,8 @@ def list_conditions(result: RunResult) -> list[Row]:
         Row("way of running", m.mode),
         Row("seed", str(m.seed)),
     ]
-    return [r for r in rows if d.robot.arm is not None or r.name != "arm bandwidth"]
+    arm = d.robot.arm is not None and c.arm_bandwidth_rad_s > 0.0  # servos have none
+    return [r for r in rows if arm or r.name != "arm bandwidth"]
 
 
 def list_timing(result: RunResult) -> list[Row]:
@@ -159,6 +160,11 @@ def list_timing(result: RunResult) -> list[Row]:
     if math.isfinite(plan.min_rotor_margin):
         rows.append(Row("smallest planned rotor margin", f"{100 * plan.min_rotor_margin:.0f} %",
                         "of the usable thrust range"))  # fmt: skip
+    m = plan.metrics
+    if {"plan.cost", "plan.lower_bound", "plan.first_solution_s"} <= set(m):
+        least, first = format_value(m["plan.lower_bound"]), 1e3 * m["plan.first_solution_s"]
+        note = f"no path costs less than {least}; the first one was found after {first:.1f} ms"
+        rows.append(Row("cost of the path", format_value(m["plan.cost"]), note))
     if result.plan.push_force_n > 0.0:
         rows.append(Row("planned push", f"{format_value(plan.push_force_n)} N",
                         f"desired tip {1e3 * plan.depth_m:.0f} mm inside the surface"))  # fmt: skip

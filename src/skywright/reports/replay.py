@@ -28,7 +28,7 @@ from skywright.reports.scene3d import (
     start_server,
     stop_server,
 )
-from skywright.reports.trace3d import JUDGED, build_legend, build_trace, draw_trace
+from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -107,7 +107,8 @@ def _record(
         name: (_find_moves(positions, MOVE), _find_moves(quaternions, TURN))
         for name, (positions, quaternions) in poses.nodes.items()
     }
-    judged = np.isin(shown["phase"], [i for i, p in enumerate(result.phases) if p.name in JUDGED])
+    names = list_judged(d.robot, d.world)
+    judged = np.isin(shown["phase"], [i for i, p in enumerate(result.phases) if p.name in names])
     trace, colours = build_trace(shown, judged, d.robot.arm is not None)
     every = max(1, math.ceil(len(shown) / MAX_CHUNKS), round(FRAME_RATE))
     crossings = list(enumerate(result.weld.crossings)) if result.weld is not None else []

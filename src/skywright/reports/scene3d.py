@@ -22,6 +22,7 @@ from skywright.models.drawing import (
 )
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon, merge_meshes
 from skywright.robots.spec import Robot
+from skywright.worlds.scenario import get_structures
 from skywright.worlds.spec import Pipe, Weld, World
 from skywright.worlds.surface import build_cylinder
 
@@ -36,6 +37,7 @@ WELD: Colour = (20, 20, 24)
 ESTIMATE: Colour = (214, 40, 170)
 PLAN: Colour = (255, 255, 255)
 WAYPOINT: Colour = (0, 153, 136)
+AREA: Colour = (190, 60, 60)
 WIND: Colour = (0, 150, 200)
 
 # MuJoCo's holder frame has x along the probe; the tip's frame has z there: R_TH as a quaternion
@@ -145,6 +147,15 @@ class Scene3d:
                 ribbon = build_ribbon(p + 0.0006 * n, n, 2.0 * weld.half_width_m)
                 self._mesh(f"/world/weld{i}", ribbon, WELD, 1.0, double=True)
 
+        area = get_structures(self.world).area
+        if area is not None:
+            x, y = (area.x_min_m, area.x_max_m), (area.y_min_m, area.y_max_m)
+            edges = _list_edges(x, y, (0.0, area.z_max_m))
+            scene.add_line_segments(
+                "/world/area", edges, np.array(AREA, np.uint8), thickness=1.0,
+                thickness_units="screen",
+            )  # fmt: skip
+
     def draw_wind(self, at: Array) -> None:
         """Draw the steady wind as an arrow that ends at `at` (3,), 0.12 m for each m/s."""
         wind = self.world.wind
@@ -251,6 +262,13 @@ def set_camera(server: viser.ViserServer, view: View) -> None:
     camera.position, camera.look_at = view.position, view.look_at
 
 
+def _list_edges(*ranges: tuple[float, float]) -> Array:
+    """Return the edges (12, 2, 3) of a box from its range on each axis."""
+    corners = np.array([[x, y, z] for x in ranges[0] for y in ranges[1] for z in ranges[2]])
+    apart = np.sum(corners[:, None] != corners[None], axis=2)
+    return corners[np.argwhere(np.triu(apart == 1))]
+
+
 def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
     """Return places to look from; the first is the start. `flown` (n, 3): platform positions."""
     reach = 0.5 * robot.platform.diameter_m
@@ -258,10 +276,13 @@ def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
     points = (flown[:, None] + around).reshape(-1, 3)
     if world.pipe is None or robot.arm is None:
         look_at = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        return [
+        views = [
             build_view("overview", points, look_at, np.array([-0.5, -1.0, 0.5])),
             build_view("from above", points, look_at, np.array([-1e-3, -1e-2, 1.0])),
         ]
+        if get_structures(world).area is not None:  # gaps are seen along the way
+            views.append(build_view("from behind", points, look_at, np.array([-1.0, 0.0, 0.15])))
+        return views
     cyl = build_cylinder(world.pipe)
     ends = cyl.p_WP + np.outer([-cyl.half_length, cyl.half_length], cyl.R_WP[:, 1])
     distance = np.linalg.norm(flown - cyl.p_WP, axis=1)

@@ -10,8 +10,9 @@ import viser
 from numpy.typing import NDArray
 
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
-from skywright.reports.scene3d import CCW, CW, ESTIMATE, PLAN, WELD, Colour
+from skywright.reports.scene3d import AREA, CCW, CW, ESTIMATE, PLAN, WELD, Colour
 from skywright.robots.spec import Robot
+from skywright.worlds.scenario import get_structures
 from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
@@ -23,7 +24,12 @@ TILTED: Colour = (255, 165, 0)
 LIFTED: Colour = (220, 40, 40)
 
 JUDGED = ("settle", "scan")
-"""Phases in which contact quality counts."""
+"""Phases in which contact quality counts, see `list_judged`."""
+
+
+def list_judged(robot: Robot, world: World) -> tuple[str, ...]:
+    """Return the phases in which contact quality counts: none without a probe and a pipe."""
+    return JUDGED if world.pipe is not None and robot.probe is not None else ()
 
 
 def build_trace(
@@ -63,7 +69,7 @@ def build_legend(robot: Robot, world: World, found: bool) -> list[list[str]]:
     """Pairs of colour (#rrggbb) and meaning; `found`: an estimated weld line is drawn."""
     what = "tip" if robot.arm is not None else "platform"
     entries = [(FREE, f"path of the {what}, in the air")]
-    if world.pipe is not None and robot.probe is not None:
+    if list_judged(robot, world):
         limits = f"{1e3 * GAP_LIMIT:g} mm, {math.degrees(TILT_LIMIT):g}°"
         entries += [
             (GOOD, f"contact within limits ({limits})"),
@@ -75,5 +81,7 @@ def build_legend(robot: Robot, world: World, found: bool) -> list[list[str]]:
         entries.append((WELD, "weld, as it is"))
         if found:
             entries.append((ESTIMATE, "weld, as found by the probe"))
+    if get_structures(world).area is not None:
+        entries.append((AREA, "area that nothing may leave"))
     entries += [(CCW, "propeller, counter-clockwise"), (CW, "propeller, clockwise")]
     return [["#{:02x}{:02x}{:02x}".format(*colour), text] for colour, text in entries]

@@ -87,6 +87,8 @@ def plan_transport(
     Raises InputError when an end is blocked, InfeasibleError when no path is found within
     `time_s`; its message names the narrowest passage.
     """
+    # a process's first call loads compiled code, which is no planning
+    plan_path(problem.space, problem.start, problem.goal, np.random.default_rng(0), slices=1)
     path = plan_path(
         problem.space, problem.start, problem.goal, build_stream(seed, "planner"), time_s,
         slices=slices,

@@ -217,7 +217,9 @@ CAPTIONS = {
     "transport_snapshots": (
         "The flight",
         "Blue: platform; orange: link and arms; green: bar; yellow: pipes; dashed red: the area "
-        "that nothing may leave. Posts that stand in the way from the side stand beside it.",
+        "that nothing may leave. Each view shows everything, near and far: posts in the way from "
+        "the side stand beside it, and from above the bar may pass below pipes that it seems to "
+        "meet.",
     ),
     "transport_histories": (
         "Flown and planned",
