@@ -128,6 +128,8 @@ def test_bad_files_are_told(tmp_path: Path) -> None:
         RecordStore(tmp_path / "none.db")
     with pytest.raises(InputError, match="is a folder"):
         RecordStore(tmp_path)
+    with pytest.raises(InputError, match="is a folder"):
+        RecordStore(tmp_path, create=True)
     text = tmp_path / "text.db"
     text.write_text("time,force\n1,2\n" * 100)
     for create in (False, True):
@@ -270,6 +272,7 @@ def test_the_command_lists_exports_and_refuses(tmp_path: Path) -> None:
         (("--spot", "z"), "no spot 'z'"),
         (("--csv", str(tmp_path / "o.txt")), "unknown format"),
         (("--radius", "0"), "radius"),
+        (("--radius", "nan"), "radius"),
     ):
         code, text = call(*args)
         assert code == 2 and told in text, (args, text)

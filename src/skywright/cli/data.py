@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
@@ -188,6 +189,8 @@ def records_(
     from skywright.models.docked_map import parse_condition
 
     point = parse_condition(contact=at, named="at").contact
+    if not math.isfinite(radius):
+        raise InputError(f"--radius {radius:g}; valid: a finite number of metres above 0")
     if geojson is not None and origin is None:
         raise InputError(
             "--geojson needs --origin LON,LAT: GeoJSON holds longitude and latitude, the records "

@@ -81,6 +81,8 @@ class RecordStore:
         if not create and not path.is_file():
             what = "is a folder" if path.is_dir() else "no such file"
             raise InputError(f"{path}: {what}; records are written by skywright run --records")
+        if create and path.is_dir():
+            raise InputError(f"{path}: is a folder; give the file that the records go into")
         if create and not path.parent.is_dir():
             raise InputError(f"{path}: its folder does not exist")
         self._db = self._try(

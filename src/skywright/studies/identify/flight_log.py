@@ -33,6 +33,7 @@ SHORTEST = 5.0  # s of free flight below which there is nothing to learn from
 IDENTIFY_FIELDS = (
     "t", "phase", "est_q_WB", "est_v_WB", "est_w_WB_B", "rotor_speed", "cmd_f_B", "cmd_t_B", "q",
     "qd", "cmd_qd", "theta", "cmd_theta", "f_collision", "f_contact", "spring",
+    "f_docking_W",
 )  # fmt: skip
 """Fields of SAMPLE that a log is built from."""
 
@@ -133,6 +134,7 @@ def build_log(
     positioned = any(servo.mode == "position" for _, servo in list_servos(robot))
     R = np.array([_rot(q) for q in s["est_q_WB"]])
     free = (s["f_collision"] == 0.0) & ~np.any(s["f_contact"], axis=1) & (s["spring"] < TOUCHING)
+    free &= ~np.any(s["f_docking_W"], axis=1)
     free &= ~np.isin(phases, ["start", "take_off", "land"])
     free &= np.all(s["rotor_speed"][:, :rotors] > 1.0, axis=1)
     return FlightLog(

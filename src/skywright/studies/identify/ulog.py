@@ -98,8 +98,8 @@ def _open(path: Path) -> Any:
         raise InputError(f"{path}: reading a ULog needs the package pyulog") from None
     try:
         return ULog(str(path))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+    except PermissionError:
+        raise InputError(f"{path}: cannot be read (permission denied)") from None
     except Exception as error:  # the parser raises whatever a damaged file leads to
         raise InputError(f"{path}: is no readable ULog ({type(error).__name__}: {error})") from None
 
