@@ -361,7 +361,9 @@ def call(*args: str) -> Any:
 def test_bad_input(tmp_path: Path, made: FlightLog) -> None:
     (tmp_path / "empty.ulg").write_bytes(b"")
     (tmp_path / "noise.ulg").write_bytes(bytes(range(256)) * 10)
-    (tmp_path / "header.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8) + bytes(range(256)) * 9)
+    (tmp_path / "header.ulg").write_bytes(
+        b"ULog\x01\x12\x35\x01" + bytes(8) + bytes(range(256)) * 9
+    )
     (tmp_path / "noise.mcap").write_bytes(bytes(range(256)) * 10)
     (tmp_path / "text.txt").write_text("t")
     good = write_ulog(tmp_path / "good.ulg", ulog_topics(made))

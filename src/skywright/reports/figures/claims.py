@@ -1,4 +1,4 @@
-"""Figures of claims: curves with limits, bars, and stability maps, from plain data."""
+"""Figures of claims from plain data: curves with limits, bars, stability maps, block diagrams."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
@@ -35,6 +36,14 @@ class Curve(NamedTuple):
     color: str = ""  # default: the next of the series
 
 
+class Band(NamedTuple):
+    """A stretch of the x axis with a background."""
+
+    start: float
+    end: float
+    color: str
+
+
 class Panel(NamedTuple):
     """One set of axes with curves and limits."""
 
@@ -47,6 +56,7 @@ class Panel(NamedTuple):
     log_x: bool = False
     log_y: bool = False
     low: float | None = None  # lower end of the y axis
+    bands: Sequence[Band] = ()
 
 
 class Bars(NamedTuple):
@@ -75,7 +85,26 @@ class Map(NamedTuple):
     line_label: str = ""
 
 
-Part = Panel | Bars | Map
+class Block(NamedTuple):
+    """A box of a block diagram, at its centre."""
+
+    x: float
+    y: float
+    text: str
+
+
+class Blocks(NamedTuple):
+    """A block diagram; boxes are BLOCK wide and high, arrows go from block to block."""
+
+    title: str
+    blocks: Sequence[Block]
+    arrows: Sequence[tuple[int, int, str]]  # from, to, what goes there
+
+
+Part = Panel | Bars | Map | Blocks
+
+BLOCK = (1.7, 0.74)
+"""Width and height of a block."""
 
 
 class ClaimFigure(NamedTuple):
@@ -97,8 +126,10 @@ def draw_claim(data: ClaimFigure) -> Figure:
             _draw_panel(ax, panel)
         elif isinstance(panel, Bars):
             _draw_bars(ax, panel)
-        else:
+        elif isinstance(panel, Map):
             _draw_map(ax, panel)
+        else:
+            _draw_blocks(ax, panel)
     figure.tight_layout(pad=0.8, w_pad=1.6)
     return figure
 
@@ -119,6 +150,8 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
     if panel.log_y:
         ax.set_yscale("log")
         _plain(ax.yaxis)
+    for band in panel.bands:
+        ax.axvspan(band.start, band.end, color=band.color, lw=0, zorder=0)
     for value, name in panel.limits:
         draw_limit(ax, value, name)
     if panel.low is not None:
@@ -140,7 +173,8 @@ def _draw_bars(ax: Axes, bars: Bars) -> None:
     for j, name in enumerate(bars.series):
         at = x + (j - 0.5 * (n - 1)) * width
         drawn = ax.bar(at, bars.values[:, j], 0.92 * width, color=SERIES[j], label=name)
-        ax.bar_label(drawn, fmt="%.3g", fontsize=7.5, padding=1)
+        many = n * len(bars.groups) > 12  # short numbers, or they run into each other
+        ax.bar_label(drawn, fmt="%.2g" if many else "%.3g", fontsize=6 if many else 7.5, padding=1)
     ax.set_xticks(x, bars.groups)
     ax.grid(False, axis="x")
     if bars.log_y:
@@ -179,6 +213,33 @@ def _draw_map(ax: Axes, data: Map) -> None:
         )  # fmt: skip
     _name(ax, data.title, data.x_label, data.y_label)
     ax.set_title(f"{data.title}: {data.value_label}", fontsize=8.5)
+
+
+def _draw_blocks(ax: Axes, data: Blocks) -> None:
+    width, height = BLOCK
+    for block in data.blocks:
+        corner = (block.x - 0.5 * width, block.y - 0.5 * height)
+        ax.add_patch(Rectangle(corner, width, height, facecolor="#eef3f8", edgecolor=BLACK, lw=0.9))
+        ax.text(block.x, block.y, block.text, ha="center", va="center", fontsize=7)
+    for start, end, what in data.arrows:
+        a, b = data.blocks[start], data.blocks[end]
+        if abs(b.x - a.x) > width:  # from side to side
+            side = 0.5 * width * np.sign(b.x - a.x)
+            tail, head = (a.x + side, a.y), (b.x - side, b.y)
+        else:
+            side = 0.5 * height * np.sign(b.y - a.y)
+            tail, head = (a.x, a.y + side), (b.x, b.y - side)
+        ax.annotate("", head, tail, arrowprops={"arrowstyle": "-|>", "color": BLACK, "lw": 0.9})
+        middle = (0.5 * (tail[0] + head[0]), 0.5 * (tail[1] + head[1]))
+        ax.text(
+            *middle, what, ha="center", va="center", fontsize=6.5,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
+        )  # fmt: skip
+    x, y = [b.x for b in data.blocks], [b.y for b in data.blocks]
+    ax.set_xlim(min(x) - 0.6 * width, max(x) + 0.6 * width)
+    ax.set_ylim(min(y) - height, max(y) + height)
+    ax.axis("off")
+    ax.set_title(data.title, fontsize=8.5)
 
 
 def _plain(axis: Axis) -> None:

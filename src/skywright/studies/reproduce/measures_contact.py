@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from skywright.errors import InputError
 from skywright.models.drawing import rotate_vectors
 from skywright.models.force_sensor import build_force_sensor, compute_count, compute_force
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
+from skywright.reports.figures.claims import (
+    Band,
+    Bars,
+    Block,
+    Blocks,
+    ClaimFigure,
+    Curve,
+    Panel,
+)
+from skywright.reports.figures.flight_modes import MODES
 from skywright.robots.loader import load_robot
 from skywright.studies.reproduce.cache import Record
 from skywright.studies.reproduce.measured import Measured, Records
@@ -43,11 +52,24 @@ def _tilt_deg(q_WB: Array) -> Array:
     return np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
 
 
-def _track(a: dict[str, NDArray[Any]], name: str, values: Array, wanted: Array) -> Panel:
+def _track(
+    a: dict[str, NDArray[Any]], title: str, unit: str, values: Array, wanted: Array,
+    bands: list[Band],
+) -> Panel:  # fmt: skip
     """A panel of what was flown and what was asked for."""
     t = a["t"][::THIN]
     curves = [Curve("flown", t, values[::THIN]), Curve("reference", t, wanted[::THIN], "dashed")]
-    return Panel(name, "time (s)", name.rpartition(",")[2].strip() or name, curves)
+    return Panel(title, "time (s)", unit, curves, bands=bands)
+
+
+def _colour(record: Record, colors: dict[str, str]) -> list[Band]:
+    """The phases of a flight whose names begin with a key of `colors`."""
+    return [
+        Band(p["start_s"], p["end_s"], color)
+        for p in record.info["phases"]
+        for name, color in colors.items()
+        if p["name"].startswith(name)
+    ]
 
 
 def measure_sensor_calibration(records: Records) -> Measured:
@@ -104,12 +126,13 @@ def measure_modes(records: Records) -> Measured:
     a = cut(flown[0], *{p["name"] for p in flown[0].info["phases"]})
     off = 1e3 * np.linalg.norm(a["p_WB"] - a["ref_p_WB"], axis=1)
     asked = _tilt_deg(a["ref_q_WB"])
+    bands = _colour(flown[0], MODES)
     panels = [
-        _track(a, "Position x (m)", a["p_WB"][:, 0], a["ref_p_WB"][:, 0]),
-        _track(a, "Position y (m)", a["p_WB"][:, 1], a["ref_p_WB"][:, 1]),
-        _track(a, "Tilt, deg", _tilt_deg(a["q_WB"]), asked),
+        _track(a, "Position x, as in figure 20", "m", a["p_WB"][:, 0], a["ref_p_WB"][:, 0], bands),
+        _track(a, "Position y", "m", a["p_WB"][:, 1], a["ref_p_WB"][:, 1], bands),
+        _track(a, "Tilt", "deg", _tilt_deg(a["q_WB"]), asked, bands),
         Panel("Distance from the reference", "time (s)", "mm",
-              [Curve("flown", a["t"][::THIN], off[::THIN])]),
+              [Curve("flown", a["t"][::THIN], off[::THIN])], bands=bands),
     ]  # fmt: skip
     least = min(r.info["metrics"].get("modes.tilt_deg", math.nan) for r in flown)
     exact = records["exact"][0].info["metrics"]
@@ -122,24 +145,22 @@ def measure_modes(records: Records) -> Measured:
         "level_deg": _worst(flown, "modes.translate_tilt_deg"),
         "drift_m": _worst(flown, "modes.standard_drift_m"),
     }
-    caption = "Standard stabilisation, command position and command angle, one after the other."
+    caption = (
+        "The paper's colours. Green, standard stabilisation: it tilts by 2 deg and drifts, for "
+        "nothing holds the position. Yellow, command position: a metre along x and along y, level. "
+        "Red, command angle: it tilts each way, in place. White: take-off, flying back, landing."
+    )
     return Measured(values, ClaimFigure(panels, caption))
 
 
 def measure_inspection(records: Records) -> Measured:
     """How X, Y, Z and the force follow what is commanded; figure 23."""
     flown = [*records["level"], *records["sloped"]]
-    a = cut(flown[0], *{p["name"] for p in flown[0].info["phases"]})
-    panels = [
-        _track(a, f"Position {n} (m)", a["p_WB"][:, i], a["ref_p_WB"][:, i])
-        for i, n in enumerate("xyz")
+    columns = [
+        _draw_inspection(flown[0], "level and calm"),
+        _draw_inspection(records["sloped"][0], "deck of 6 deg, 2 m/s"),
     ]
-    t = a["t"][::THIN]
-    asked = np.where(a["pressing"] > 0.5, a["ref_force"], 0.0)
-    panels.append(
-        Panel("Force (N)", "time (s)", "N",
-              [Curve("true", t, _press(a)[::THIN]), Curve("asked for", t, asked[::THIN], "dashed")])
-    )  # fmt: skip
+    panels = [panel for row in zip(*columns, strict=True) for panel in row]
     docked = [_worst(flown, f"force.{n}_error_n") for n in ("rms", "mean")]
     free = [_worst(records["level"], f"free.{n}_error_n") for n in ("rms", "mean")]
     values = {
@@ -149,8 +170,28 @@ def measure_inspection(records: Records) -> Measured:
         "flights": float(len(flown)),
         "failed": float(sum(r.info["outcome"] != "succeeded" for r in flown)),
     }  # fmt: skip
-    caption = "Level and calm; then without the help of the gear."
+    caption = (
+        "Yellow: docked and pressing, the paper's inspection phase. Orange, on the left: the same "
+        "in flight, without the help of the gear. The axis of Y is magnified: it is off by "
+        "centimetres in flight, and docked it stays where the feet took hold."
+    )
     return Measured(values, ClaimFigure(panels, caption))
+
+
+def _draw_inspection(record: Record, name: str) -> list[Panel]:
+    """X, Y, Z and the force of one flight; figure 23."""
+    a = cut(record, *{p["name"] for p in record.info["phases"]})
+    docked = dict.fromkeys(("touch", "press", "hold", "release"), "#fbf6dc")
+    bands = _colour(record, {**docked, "free touch": "#fbe3cd", "free press": "#fbe3cd",
+                             "free hold": "#fbe3cd", "free release": "#fbe3cd"})  # fmt: skip
+    panels = [
+        _track(a, f"{n}, {name}", "m", a["p_WB"][:, i], a["ref_p_WB"][:, i], bands)
+        for i, n in enumerate("XYZ")
+    ]
+    t = a["t"][::THIN]
+    asked = np.where(a["pressing"] > 0.5, a["ref_force"], 0.0)
+    curves = [Curve("true", t, _press(a)[::THIN]), Curve("asked for", t, asked[::THIN], "dashed")]
+    return [*panels, Panel(f"Force, {name}", "time (s)", "N", curves, bands=bands)]
 
 
 def measure_gear(records: Records) -> Measured:
@@ -177,7 +218,7 @@ def measure_flight_localisation(records: Records) -> Measured:
     """Error of the estimate that the flights were controlled with."""
     flown = [*records["level"], *records["hidden"]]
     panels = []
-    for name, role in (("station in sight but behind a pillar", "level"),
+    for name, role in (("hidden by a pillar twice", "level"),
                        ("station hidden while docked", "hidden")):  # fmt: skip
         a = cut(records[role][0], *{p["name"] for p in records[role][0].info["phases"]})
         up = a["t"] > 3.0
@@ -195,5 +236,26 @@ def measure_flight_localisation(records: Records) -> Measured:
         "sigmas": _worst(flown, "estimate.sigmas"),
         "failed": float(sum(r.info["outcome"] != "succeeded" for r in flown)),
     }
-    caption = "Total station, tracking camera, range finder and inertial unit feed the controller."
-    return Measured(values, ClaimFigure(panels, caption))
+    caption = (
+        "Left, from figure 11: how the positioning works here. Right and below: the error of the "
+        "estimate that the controller flew with."
+    )
+    return Measured(values, ClaimFigure([build_positioning(), *panels], caption))
+
+
+def build_positioning() -> Blocks:
+    """The architecture of the positioning, as in figure 11."""
+    blocks = [
+        Block(0.0, 3.0, "total station\n0-20 Hz"),
+        Block(0.0, 2.0, "camera\n200 Hz"),
+        Block(0.0, 1.0, "range finder\n20 Hz"),
+        Block(0.0, 0.0, "inertial unit\n1 kHz"),
+        Block(3.2, 2.0, "alignment:\nclock, frame,\nscale"),
+        Block(3.2, 0.5, "filter:\ndrift, scale,\nclock"),
+        Block(6.4, 0.5, "control of\nposition"),
+    ]
+    arrows = [
+        (0, 4, "prism in W, late"), (1, 4, "pose in C"), (2, 5, "height"),
+        (3, 5, "force, rate"), (4, 5, "in W"), (5, 6, "place, speed"),
+    ]  # fmt: skip
+    return Blocks("Positioning, as in figure 11", blocks, arrows)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.estimation.localisation.drift_filter import CAMERA
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
+from skywright.reports.figures.claims import Band, Bars, ClaimFigure, Curve, Panel
 from skywright.studies.locate import reach
 from skywright.studies.reproduce.measured import Measured, Records
 
@@ -95,12 +95,12 @@ def measure_outage(records: Records) -> Measured:
     start, back = reach.find_outage(e)
     use = np.flatnonzero((e.t > start - 15.0) & (e.events.kind == CAMERA))[::10]
     panel = Panel(
-        "One flight", "time (s)", "distance from the truth (cm)",
+        "Error of that flight", "time (s)", "distance from the truth (cm)",
         [
             Curve("printed filter", e.t[use], 100.0 * e.error(e.paper)[use], color="#CC79A7"),
             Curve("with the camera's drift", e.t[use], 100.0 * e.error(e.fused.p)[use],
                   color="#0072B2"),
-        ], limits=[(20.5, "printed: 20.5 cm")], low=0.0,
+        ], limits=[(20.5, "printed: 20.5 cm")], low=0.0, bands=[Band(start, back, "#e8e8e8")],
     )  # fmt: skip
     rank = np.linspace(0.0, 100.0, len(o.paper))
     spread = Panel(
@@ -114,9 +114,40 @@ def measure_outage(records: Records) -> Measured:
         ], limits=[(20.5, "printed")], low=0.0,
     )  # fmt: skip
     caption = (
-        f"The station is away from {start:.1f} s to {back:.1f} s on the left (seed {EXAMPLE})."
+        f"One flight (seed {EXAMPLE}) and, last, all of them. Grey: the station is away, from "
+        f"{start:.1f} s to {back:.1f} s. The paper shows its filter and the station's data."
     )
-    return Measured(values, ClaimFigure([panel, spread], caption))
+    return Measured(values, ClaimFigure([*_draw_outage(e, start, back), panel, spread], caption))
+
+
+def _draw_outage(e: reach.Estimates, start: float, back: float) -> list[Panel]:
+    """The fused trajectory and its coordinates around the outage; figure 12 (a) and (b)."""
+    use = np.flatnonzero((e.t > start - 15.0) & (e.events.kind == CAMERA))[::10]
+    station = e.flight.station
+    at = station.t - e.flight.station_delay
+    seen = at > start - 15.0
+    at, fixes = at[seen], station.p[seen]
+    lines = (
+        ("printed filter", e.paper, "#CC79A7"),
+        ("with the camera's drift", e.fused.p, "#0072B2"),
+    )
+    above = Panel(
+        "From above, as in figure 12 (a)", "x (m)", "y (m)",
+        [
+            Curve("station", fixes[:, 0], fixes[:, 1], "points", "#222222"),
+            *(Curve(name, p[use, 0], p[use, 1], color=color) for name, p, color in lines),
+        ], equal=True,
+    )  # fmt: skip
+    return [above] + [
+        Panel(
+            f"{axis}, as in figure 12 (b)", "time (s)", "m",
+            [
+                Curve("station", at, fixes[:, i], "points", "#222222"),
+                *(Curve(name, e.t[use], p[use, i], color=color) for name, p, color in lines),
+            ], bands=[Band(start, back, "#e8e8e8")],
+        )
+        for i, axis in enumerate("xyz")
+    ]  # fmt: skip
 
 
 def measure_rejoin(records: Records) -> Measured:
