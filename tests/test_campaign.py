@@ -180,6 +180,10 @@ def test_a_campaign_goes_on_where_it_was_and_may_grow(
     assert strip(first.rows) == strip(rows[:3])
     again = run_campaign(build(), 6, out=Path("c"))
     assert again.rows == grown.rows and again.wall_s < 5.0
+    smaller = run_campaign(build(), 2, out=Path("c"))  # nothing that was flown is lost
+    assert smaller.rows == grown.rows and smaller.to_json()["runs"] == 6
+    page = Path("c/campaign.html").read_text()
+    assert "6 runs, 0 of them in" in page and "Interrupted" not in page
 
 
 def test_an_interrupted_campaign_loses_only_runs_in_flight(

@@ -184,7 +184,8 @@ def test_a_bad_csv_is_refused_with_its_line(tmp_path: Path, content: str, words:
 @pytest.mark.parametrize(
     ("vary", "sets", "words"),
     [
-        (["world.pipe.diametr_m=uniform(0.3,0.6)"], [], "diameter_m"),
+        (["world.pipe.diametr_m=uniform(0.3,0.6)"], [], "): unknown key world.pipe.diametr_m; "),
+        (["wrld.pipe.diameter_m=uniform(0.3,0.6)"], [], "): unknown root 'wrld'"),
         (["world.pipe.diameter=uniform(0.3,0.6)"], [], "diameter_m"),
         (["world.pipe.diameter_m=uniform(-0.1,0.6)"], [], "the draw -0.1 is refused"),
         (["world.pipe.friction=normal(0.05,0.2)"], [], "is refused"),
@@ -203,6 +204,13 @@ def test_what_the_mission_cannot_take_is_told_before_flying(
     with pytest.raises(InputError) as caught:
         check_variations(build_campaign("pipe-weld-scan", vary, sets=sets), 50)
     assert words in str(caught.value)
+
+
+def test_a_choice_that_no_run_draws_is_told_too() -> None:
+    campaign = build_campaign("waypoints", ["mission.robot=choice(hexarotor,hexa)"], seed=1)
+    assert draw_run(campaign, 0).varied == {"mission.robot": "hexarotor"}
+    with pytest.raises(InputError, match="unknown robot 'hexa'"):
+        check_variations(campaign, 1)
 
 
 def test_a_value_that_needs_its_company_is_accepted() -> None:

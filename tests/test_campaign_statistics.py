@@ -189,8 +189,8 @@ def test_page_answers_in_its_first_line(
 ) -> None:
     verdict = build_verdict(rows, keys, REQUIREMENTS, 0.9)
     facts = Facts(
-        "scan", "", "othex", "pipe", 1, len(rows) + 1, {k: "uniform(0,1)" for k in keys}, (), 1.0,
-        {"code": "0"},
+        "scan", "", "othex", "pipe", 1, len(rows) + 1, {k: "uniform(0,1)" for k in keys}, (),
+        len(rows), 1.0, {"code": "0"},
     )  # fmt: skip
     path = tmp_path / "campaign.html"
     write_campaign_page(path, rows, verdict, facts)

@@ -471,3 +471,18 @@ def test_no_misspelt_key_breaks_the_loader(data: st.DataObject) -> None:
         load_description(WAYPOINTS, sets={key[:at] + junk + key[at + 1 :]: 1.0})
     except InputError as error:
         assert "\n" not in str(error).replace(junk, "")
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "world.wind.mean_mps",
+        "world.wind.vertical_mps",
+        "world.mocap.position_noise_m",
+        "robot.sensors.gyro_noise_rad_s_sqrthz",
+    ],
+)
+def test_a_number_whose_square_overflows_is_refused(key: str) -> None:
+    """1e308 m/s of wind once flew as no wind at all: its direction was 0 / infinity."""
+    message = refusal(WAYPOINTS, sets=[f"{key}=1e308"])
+    assert message == f"--set: {key}: 1e+308 is too large; valid: -1e12 to 1e12"

@@ -91,6 +91,13 @@ def test_dryden_scales_at_ten_feet_are_the_standard_s():
     assert compute_dryden_scales(own).sigma[0] == 0.5
 
 
+def test_turbulence_in_hardly_any_wind_is_possible() -> None:
+    for mean in (1e-300, 1e-12, 1e-3):
+        w = np.zeros(1, WIND)
+        fill_wind(w[0], Wind(kind="dryden", mean_mps=mean), HUBS, 0.002, np.random.default_rng(1))
+        assert np.isfinite(w[0]["noise"]).all() and np.isfinite(w[0]["gust"]).all()
+
+
 @given(h=st.floats(1e-5, 3.0), sigma=st.floats(0.01, 5.0), first=st.booleans())
 def test_dryden_filter_keeps_its_variance_at_any_rate(h, sigma, first):
     """Stationary covariance P of the exact discretisation: phi P phi' + Q = P, output sigma^2."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -15,6 +15,9 @@ Length = Annotated[float, Field(ge=1e-6, le=100)]  # m, of a part
 Offset = Annotated[float, Field(ge=-100, le=100)]  # m, of a part from another
 Bandwidth = Annotated[float, Field(ge=1e-3, le=1000)]  # rad/s
 Fraction = Annotated[float, Field(ge=0, le=1)]
+
+LARGEST = 1e12
+"""No number of a description is larger: squares and products of such numbers do not overflow."""
 
 SourceKind = Literal["paper", "derived", "datasheet", "assumed", "set"]
 
@@ -40,3 +43,11 @@ class Spec(BaseModel):
         allow_inf_nan=False,
         str_strip_whitespace=True,
     )
+
+    @field_validator("*")
+    @classmethod
+    def _does_not_overflow(cls, value: object) -> object:
+        for number in value if isinstance(value, list) else [value]:
+            if isinstance(number, float) and abs(number) > LARGEST:
+                raise ValueError(f"{number:g} is too large; valid: -1e12 to 1e12")
+        return value

@@ -142,9 +142,8 @@ def _describe_limit(
 ) -> str:
     if failures:
         worst = failures[0]
-        text = (
-            f"Limited by {_in_words(worst.requirement)} ({len(worst.runs)} of {failed} failed runs)"
-        )
+        runs = f"{len(worst.runs)} of {failed} failed runs"
+        text = f"Limited by {_in_words(worst.requirement)} in {runs}"
         if worst.key:
             a, b = worst.inside
             c, d = worst.whole

@@ -28,6 +28,8 @@ class Facts(NamedTuple):
     planned_runs: int
     vary: dict[str, str]
     fixed: tuple[str, ...]
+    flown_now: int
+    """Runs of the last call, which took `wall_s`; the others were there already."""
     wall_s: float
     versions: Mapping[str, str]
 
@@ -75,6 +77,7 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
         example=rows[0].command,
         number=format_value,
         confidence=f"{CONFIDENCE:.0%}",
+        tables=sum(text.startswith("csv(") for text in facts.vary.values()),
         ranges=_list_ranges(rows, facts.vary),
         silent=_list_silent(verdict, keys),
     )

@@ -95,9 +95,10 @@ def fill_wind(w: Any, wind: Wind, rotor_p: Array, dt: float, rng: np.random.Gene
     w["body_W"] = w["mean_W"]
     if wind.kind == "dryden":
         scales = compute_dryden_scales(wind)
+        lags = scales.length / max(speed, 1e-9)  # turbulence hardly passes in next to no wind
         for axis in range(3):
             filtered = build_dryden_filter(
-                float(scales.sigma[axis]), float(scales.length[axis]) / speed, dt, axis == 0
+                float(scales.sigma[axis]), float(lags[axis]), dt, axis == 0
             )
             w["phi"][axis], w["noise"][axis], w["out"][axis] = filtered
         start = np.where([[True, False], [True, True], [True, True]], [[1.0], [0.5], [0.5]], 0.0)

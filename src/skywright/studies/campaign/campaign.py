@@ -94,7 +94,8 @@ def run_campaign(
 
     `workers` processes fly on this machine (default: all cores); `ray` is "local" or the address
     of a Ray cluster. `record` ("none", "failed", "all") keeps run directories under `runs/`.
-    `out` may hold the same campaign, unfinished or with fewer runs: it is continued.
+    `out` may hold the same campaign, unfinished or with fewer runs: it is continued. With more
+    runs, all of them are judged: nothing that was flown is lost.
     Raises InputError before anything flies, and when the folder cannot be written any more;
     finished runs are then in the folder.
     """
@@ -112,6 +113,9 @@ def run_campaign(
         bad = sum(not row.succeeded for row in done)
         bar = CampaignProgress(runs, len(done), bad, quiet=not progress)
         try:
+            beyond = len(store.rows) - len(done)
+            if beyond:
+                bar.say(f"{folder} holds {beyond} runs beyond --runs {runs}; all are judged")
             if missing and not is_compiled():
                 bar.say("compiling (first run on this machine, about 40 s) ...")
             tasks = _iterate_tasks(campaign, missing, record, folder)
@@ -128,11 +132,12 @@ def run_campaign(
             interrupted = True
         finally:
             bar.close()
-        found = [store.rows[i] for i in range(runs) if i in store.rows]
+        found = [row for _, row in sorted(store.rows.items())]
         if not found:
             raise KeyboardInterrupt
+        flown = len(found) - beyond - len(done)
         wall = time.perf_counter() - start
-        return _conclude(campaign, store, identity, found, runs, target, wall, interrupted)
+        return _conclude(campaign, store, identity, found, runs, flown, target, wall, interrupted)
     finally:
         store.close()
 
@@ -220,6 +225,7 @@ def _conclude(
     identity: dict[str, Any],
     rows: list[Row],
     runs: int,
+    flown: int,
     target: float,
     wall: float,
     interrupted: bool,
@@ -232,8 +238,8 @@ def _conclude(
     verdict = build_verdict(rows, keys, base.mission.requirements, target)
     facts = Facts(
         base.mission.name, base.mission.description, base.robot.name, base.world.name,
-        campaign.seed, runs, {v.key: v.text for v in campaign.variations}, campaign.sets, wall,
-        collect_code_versions(),
+        campaign.seed, runs, {v.key: v.text for v in campaign.variations}, campaign.sets, flown,
+        wall, collect_code_versions(),
     )  # fmt: skip
     store.write(RESULTS, lambda path: write_parquet(rows, path, identity))
     store.write(PAGE, lambda path: write_campaign_page(path, rows, verdict, facts))

@@ -115,17 +115,23 @@ def check_variations(campaign: Campaign, runs: int) -> None:
                 except InputError as error:
                     refused = error
             else:
-                raise InputError(
-                    f"--vary {variation.key}={variation.text}: the draw {write_value(value)} is "
-                    f"refused: {refused}"
-                )
+                raise InputError(_tell_refusal(variation, value, str(refused)))
+
+
+def _tell_refusal(variation: Variation, value: Value, why: str) -> str:
+    """Say why a variation is refused; a key that does not exist is no matter of the draw."""
+    why = why.removeprefix("--set: ").removeprefix(f"--set {variation.key}: ")
+    drawn = "" if why.startswith("unknown") else f"the draw {write_value(value)} is refused: "
+    return f"--vary {variation.key}={variation.text}: {drawn}{why}"
 
 
 def _list_extremes(variation: Variation, seed: int, runs: int) -> list[Value]:
     if variation.kind in ("uniform", "loguniform"):
         return [float(v) for v in variation.values]
+    if variation.kind == "choice":  # a misspelt word is told even where few runs do not draw it
+        return list(dict.fromkeys(variation.values))
     drawn = list(dict.fromkeys(draw(variation, seed, i) for i in range(runs)))
-    if variation.kind == "choice" or not variation.numeric:
+    if not variation.numeric:
         return drawn
     return [drawn[0], min(drawn, key=float), max(drawn, key=float)]
 
