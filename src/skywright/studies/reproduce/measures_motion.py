@@ -9,17 +9,21 @@ import math
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skywright.planning.motion.angular import build_angular_map
 from skywright.planning.motion.bound import choose_slices, compute_lower_bound
 from skywright.planning.motion.decoupled import plan_decoupled
 from skywright.planning.motion.passages import list_passages
-from skywright.planning.motion.planner import plan_path, sample_reserve
+from skywright.planning.motion.planner import check_state, plan_path, sample_reserve
 from skywright.planning.motion.rrt_star import RrtStar, plan_rrt_star
 from skywright.planning.motion.space import build_scratch
 from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
 from skywright.studies.planning.jobs import HIGH, RESOLUTION, SCENARIOS, build_problem
 from skywright.studies.reproduce.measured import Measured, Records
+from skywright.worlds.scenario import get_structures
+
+Array = NDArray[np.float64]
 
 SEEDS = 3
 SHORT_S = 0.5  # s of processor time for a plan, joint or decoupled
@@ -75,11 +79,44 @@ def measure_lower_gap(records: Records) -> Measured:
         "needs_m": needs,
         "margin_m": p.transport.margin,
     }
-    panel = Panel(
-        "The plan's platform", "x (m)", "z (m)",
-        [Curve("platform", path.rows[:, 0], path.rows[:, 1], "line+points")], equal=True,
+    fine = _sample_rows(path.rows)
+    scratch, bar = build_scratch(p.space), np.empty((len(fine), 2, 3))
+    for ends, row in zip(bar, fine, strict=True):  # what is carried is the last shape
+        check_state(p.space, row, scratch)
+        last = int(p.space[0]["ns"]) - 1
+        ends[:] = scratch[0]["p0"][last], scratch[0]["p1"][last]
+    tubes = get_structures(p.world).tubes
+    at = tubes[p.world.passages["lower gap"].between[0]].x_m
+    passes = bar[int(np.argmin(np.abs(bar[:, :, 0].mean(axis=1) - at)))]
+    gap = np.array([np.nan, np.nan])  # lines are drawn up to it
+    pipes = np.concatenate([
+        [[tube.y_m, tube.z_m], [tube.to_y_m, tube.to_z_m], gap]
+        for tube in tubes.values() if abs(tube.x_m - at) < 1e-6
+    ])  # fmt: skip
+    side = Panel(
+        "The plan, from the side", "x (m)", "z (m)",
+        [
+            Curve("platform", path.rows[:, 0], path.rows[:, 1], "line+points"),
+            Curve("bar", bar[:, 0, 0], bar[:, 0, 2]),
+        ],
+        equal=True,
     )  # fmt: skip
-    return Measured(values, ClaimFigure([panel], "The passable part is the lower, wider one."))
+    ahead = Panel(
+        "The second structure, seen along the way", "y (m)", "z (m)",
+        [
+            Curve("pipes' axes", pipes[:, 0], pipes[:, 1]),
+            Curve("bar as it passes", passes[:, 1], passes[:, 2], "line+points"),
+        ],
+        equal=True,
+    )  # fmt: skip
+    caption = "The bar passes below the shelves; above them the posts are too close."
+    return Measured(values, ClaimFigure([side, ahead], caption))
+
+
+def _sample_rows(rows: Array) -> Array:
+    """Configurations along a path, some centimetres apart."""
+    s = np.linspace(0.0, len(rows) - 1.0, 40 * len(rows))
+    return np.column_stack([np.interp(s, np.arange(len(rows)), c) for c in rows.T])
 
 
 def measure_optimality(records: Records) -> Measured:
