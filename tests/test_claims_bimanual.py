@@ -12,8 +12,8 @@ import pytest
 import skywright
 from skywright.studies.reproduce.cache import FLIGHTS, Record
 from skywright.studies.reproduce.flights import FLIGHTS as KINDS
+from skywright.studies.reproduce.flights_arms import load_arms
 from skywright.studies.reproduce.measures import MEASURES
-from skywright.studies.reproduce.measures_bimanual import load_arms
 from skywright.studies.reproduce.measures_bimanual_flown import measure_lean
 from skywright.studies.reproduce.spec import judge, load_claims
 
@@ -57,11 +57,12 @@ def test_the_links_angle_tells_the_force_that_turned_it() -> None:
         q = arms.q.copy()
         q[0] += found.swing
         rows.append(q)
-    record = Record({"forces_n": forces}, {"q": np.array(rows)})
+    record = Record({"forces_n": forces}, {"q": np.array(rows), "goal": arms.q})
     v = measure_lean({"pull": [record]}).values
     assert v["error_n"] < 1e-6 and v["angle_error_deg"] < 1e-6
     rows[2][0] += math.radians(1.0)  # about 18 N of weight at 0.8 m below the joint
-    v = measure_lean({"pull": [Record({"forces_n": forces}, {"q": np.array(rows)})]}).values
+    record = Record({"forces_n": forces}, {"q": np.array(rows), "goal": arms.q})
+    v = measure_lean({"pull": [record]}).values
     assert 0.15 < v["error_n"] < 0.35
 
 

@@ -130,6 +130,27 @@ def test_an_arm_at_its_limit_is_held_against_its_weight():
     assert np.degrees(rows["q"][-50:, 0].mean()) == pytest.approx(-88.0, abs=0.8)
 
 
+@pytest.mark.parametrize("load", [4.0, 8.0])
+def test_a_heavy_load_is_known_without_encoders(load):
+    """Springs that only the model of the weight tells of; hanging, its stiffness exceeds theirs.
+
+    D = spring^-1(t(theta - D)) taken over whole swings by 0.2 m at 4 N and 0.5 m at 8 N.
+    """
+    b = Bench(q=np.tile(np.radians([-10.0, 2.0, 0.0, -20.0]), 2))
+    row = b.v.reference
+    row["load"] = load
+    b.v.track(np.array([row]))
+    for h in range(2):
+        b.v.push(f"hand{h}", np.array([0.0, 0.0, -load]))
+    rows = b.wait(6.0)[-100:]
+    arms = b.arms_state
+    assert not np.any(arms["sensed"][[1, 2, *range(4, 8)]])
+    for side in ("left", "right"):
+        off = (rows[f"{side}_p_WH"] - rows[f"{side}_est_p_WH"]).mean(axis=0)
+        assert np.linalg.norm(off) < 0.008  # zeros of the shafts, a mass 2 % beside the model's
+        assert np.ptp(rows[f"{side}_est_p_WH"], axis=0).max() < 0.008
+
+
 @pytest.mark.parametrize(("zero", "longer"), [(0.0, 0.0), (0.4, 0.0), (0.4, 0.004)])
 def test_a_hand_is_off_by_zeros_and_lengths_and_by_nothing_else(zero, longer):
     """With the long reach, whose link of 0.8 m makes 6 mm of 0.4 deg."""

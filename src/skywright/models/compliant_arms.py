@@ -32,7 +32,7 @@ Record = Any
 STOP_HARDENING = 10.0
 """Stiffness of a stop over that of its spring, as controllers believe it."""
 SWING_BANDWIDTH = 40.0  # rad/s, of the rate estimate of a passive joint
-
+DEFLECTION_STEPS, DEFLECTION_TOLERANCE = 20, 2e-4  # a tick at most; rad: encoders have 0.2 deg
 
 NEVER = 1e3  # s, age of a marker that was not seen yet
 
@@ -250,6 +250,64 @@ def _add_load(b: Record, k: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def fill_weight_stiffness(b: Record, m: Record, k: Record, stiffness: Array) -> None:
+    """Fill `stiffness` (MAX_JOINTS,) N m/rad: change of t_gravity_j with q_j, load included.
+
+    Of a weight w at r from the axis a it is w . r - (a . w) (a . r): positive where it hangs.
+    """
+    r, up = np.empty(3), b.est.R_WB[2]  # row z: what is up, in B
+    for j in range(MAX_JOINTS):
+        stiffness[j] = 0.0
+    for n in range(m.n_links + b.arms.n_hands):
+        h = n - m.n_links
+        if h < 0:
+            i, weight = n, m.mass[n] * m.gravity
+            mat_vec(k.R[n], m.com[n], r)
+            px, py, pz = k.p[n, 0] + r[0], k.p[n, 1] + r[1], k.p[n, 2] + r[2]
+        else:
+            i, weight = m.hand_link[h], b.ref.load[h]
+            px, py, pz = k.p_BH[h, 0], k.p_BH[h, 1], k.p_BH[h, 2]
+        wx, wy, wz = -weight * up[0], -weight * up[1], -weight * up[2]
+        while i >= 0:
+            joint, axis = m.joint[i], m.axis[i]
+            if joint >= 0 and not m.slide[i]:
+                ax, ay, az = k.R[i, 0, axis], k.R[i, 1, axis], k.R[i, 2, axis]
+                rx, ry, rz = px - k.p[i, 0], py - k.p[i, 1], pz - k.p[i, 2]
+                stiffness[joint] += wx * rx + wy * ry + wz * rz
+                stiffness[joint] -= (ax * wx + ay * wy + az * wz) * (ax * rx + ay * ry + az * rz)
+            i = m.parent[i]
+
+
+@njit(cache=True, error_model="numpy")
+def _step_deflections(b: Record, m: Record, k: Record) -> float:
+    """One step towards the deflections of joints without an encoder: D = spring^-1(t_gravity(q)).
+
+    q is the shaft less the deflection, so that the weight's own stiffness G feeds back: to take
+    over D whole diverges where G exceeds the spring's k. The step is therefore shortened to
+    1 / (1 + 2 trace G / k), the trace of all joints of the arm that are found so: it bounds G's
+    largest eigenvalue, and twice allows for the slope of D within the gear's play. What hangs
+    converges so however heavy it is. Returns the largest step (rad).
+    """
+    arms, est = b.arms, b.est
+    stiffness = np.empty(MAX_JOINTS)
+    fill_weight_stiffness(b, m, k, stiffness)
+    largest = 0.0
+    for h in range(arms.n_hands):
+        trace = 0.0
+        for j in range(arms.first[h], arms.first[h] + arms.n):
+            if arms.k[j] > 0.0 and arms.sensed[j] == 0.0:
+                trace += max(stiffness[j], 0.0)
+        for j in range(arms.first[h], arms.first[h] + arms.n):
+            if arms.k[j] > 0.0 and arms.sensed[j] == 0.0:
+                step = joint_deflection(arms, j, arms.t_gravity[j]) - arms.deflection[j]
+                step /= 1.0 + 2.0 * trace / arms.k[j]
+                arms.deflection[j] += step
+                est.q[j] -= step
+                largest = max(largest, abs(step))
+    return largest
+
+
+@njit(cache=True, error_model="numpy")
 def fill_arms(b: Record, m: Record, k: Record, stiff: Record) -> None:
     """Fill the arms' state of this tick: gravity torques, deflections, hands; every arms' tick.
 
@@ -259,13 +317,15 @@ def fill_arms(b: Record, m: Record, k: Record, stiff: Record) -> None:
     g_W, g_B = np.zeros(3), np.empty(3)
     g_W[2] = -m.gravity
     mat_t_vec(est.R_WB, g_W, g_B)
-    fill_gravity_torque(m, k, g_B, arms.t_gravity)
-    fill_hands(m, k)
-    _add_load(b, k)
+    for _ in range(DEFLECTION_STEPS):
+        fill_gravity_torque(m, k, g_B, arms.t_gravity)
+        fill_hands(m, k)
+        _add_load(b, k)
+        if _step_deflections(b, m, k) < DEFLECTION_TOLERANCE:
+            break
+        fill_kinematics(m, est.q, k)
     shafts = np.empty(MAX_JOINTS)
     for j in range(MAX_JOINTS):
-        if arms.k[j] > 0.0 and arms.sensed[j] == 0.0:
-            arms.deflection[j] = joint_deflection(arms, j, arms.t_gravity[j])
         shafts[j] = est.q[j] + arms.deflection[j]
     fill_kinematics(m, shafts, stiff)
     fill_hands(m, stiff)

@@ -5,6 +5,7 @@ Suarez 2020. What is kept of each is small; see `flights.py` for whole missions.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from skywright.missions.kinds.sensor_install import build_pose
 from skywright.missions.loader import Description
 from skywright.models.compliant_arms import find_swing
 from skywright.models.rigid_body import build_body_model
+from skywright.models.tip_force import Loaded
+from skywright.robots.limbs import list_joints
+from skywright.robots.loader import load_robot
 from skywright.studies.compare.flown import hover_in
 from skywright.studies.force_estimators import measure
 from skywright.studies.reproduce.cache import Record
@@ -57,15 +61,29 @@ def fly_hover(case: Case, description: Description) -> Record:
     )
 
 
-def fly_lean(case: Case, description: Description) -> Record:
-    """Pull back on the left hand with the platform clamped; the link finds its rest.
+def load_arms(name: str, elbow: float | None = None) -> Loaded:
+    """The paper's arms in L (upper arm hangs, forearm level), or with the elbow at an angle (rad).
 
-    `q` (forces, n_joints) rad: what the encoders say then, mean of four seconds.
+    The mission's L leans forward and its forearm rises, to stay clear of the pipe.
+    """
+    robot, _ = load_robot(name)
+    q = build_pose(robot, "L", RADIUS)
+    for j, limb in enumerate(list_joints(robot)):
+        if limb.name.endswith("elbow_pitch"):
+            q[j] = -0.5 * math.pi if elbow is None else elbow
+        elif limb.name.endswith("shoulder_pitch"):
+            q[j] = 0.0 if elbow is None else -0.5 * math.pi - 0.5 * elbow
+    return Loaded(robot, find_swing(build_body_model(robot), q))
+
+
+def fly_lean(case: Case, description: Description) -> Record:
+    """Pull back on the left hand, arms in the paper's L, platform clamped; the link finds its rest.
+
+    `goal` (n_joints,) rad is the posture without a force, `q` (forces, n_joints) rad what the
+    encoders say under each, mean of four seconds.
     """
     d = description
-    goal = find_swing(
-        build_body_model(d.robot, d.world.gravity_mps2), build_pose(d.robot, "L", RADIUS)
-    )
+    goal = load_arms(d.robot.name).q
     vehicle = build_vehicle(d)
     arms = Arms(vehicle)
     arms.move_to(goal)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.evaluation.comparison import Side
-from skywright.missions.kinds.sensor_install import build_pose
 from skywright.missions.loader import load_description
 from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.geometry import FAR, build_clearance, query_clearance
@@ -23,6 +22,7 @@ from skywright.robots.limbs import list_joints, list_servos
 from skywright.robots.loader import load_robot
 from skywright.studies.compare.compare import MISSION, measure
 from skywright.studies.compare.geometry import PipeDistance
+from skywright.studies.reproduce.flights_arms import load_arms
 from skywright.studies.reproduce.measured import Measured, Records
 from skywright.worlds.surface import build_cylinder
 
@@ -41,18 +41,6 @@ def load_sides() -> tuple[Side, Side]:
     """What `skywright compare` finds without flying."""
     a, b = [measure(load_description(MISSION, name), lambda _: None) for name in NAMES]
     return a, b
-
-
-def load_arms(name: str, elbow: float | None = None) -> Loaded:
-    """The arms in L (upper arm hangs, forearm level), or with the elbow at an angle (rad)."""
-    robot, _ = load_robot(name)
-    q = build_pose(robot, "L", RADIUS)
-    for j, limb in enumerate(list_joints(robot)):  # the paper's L; the mission's leans
-        if limb.name.endswith("elbow_pitch"):
-            q[j] = -0.5 * math.pi if elbow is None else elbow
-        elif limb.name.endswith("shoulder_pitch"):
-            q[j] = 0.0 if elbow is None else -0.5 * math.pi - 0.5 * elbow
-    return Loaded(robot, find_swing(build_body_model(robot), q))
 
 
 def measure_separation(records: Records) -> Measured:

@@ -7,10 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.models.tip_force import Loaded
 from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
+from skywright.robots.loader import load_robot
 from skywright.studies.reproduce.cache import Record
 from skywright.studies.reproduce.measured import Measured, Records
-from skywright.studies.reproduce.measures_bimanual import FORCE, NAMES, load_arms
+from skywright.studies.reproduce.measures_bimanual import FORCE, NAMES
 from skywright.studies.reproduce.series import cut
 
 Array = NDArray[np.float64]
@@ -45,10 +47,10 @@ def measure_press(records: Records) -> Measured:
 
 def measure_lean(records: Records) -> Measured:
     """Force from the angle of the link, (VI-C), against the force that pulled; figure 33."""
-    arms = load_arms(NAMES[1])
     said, angle, expected, pulled = [], [], [], []
+    robot, _ = load_robot(NAMES[1])
     for record in records["pull"]:
-        q = record.arrays["q"]
+        q, arms = record.arrays["q"], Loaded(robot, record.arrays["goal"])
         for force, row in zip(record.info["forces_n"], q, strict=True):
             _, J, hold = arms.hand(row)
             said.append(-float(hold[0] / J[0, 0]))
