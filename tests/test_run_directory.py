@@ -14,7 +14,7 @@ import pytest
 import skywright
 from skywright.core import interrupt
 from skywright.errors import InputError
-from skywright.evaluation.run import run_mission
+from skywright.evaluation.run import Observer, fly_and_evaluate, run_mission
 from skywright.missions.loader import load_description
 
 SETS = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
@@ -98,6 +98,18 @@ def test_a_report_that_cannot_be_written_leaves_the_run_partial(tmp_path):
         "interrupted"
     )
     assert skywright.evaluate(tmp_path / "r.partial").outcome == "interrupted"
+
+
+def test_who_flies_without_a_directory_is_interrupted_too():
+    """Comparisons and claims fly many times: half a flight is no number of theirs."""
+
+    class Interrupt(Observer):
+        def on_tick(self, t, phase, vehicle):
+            if t > 1.0:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fly_and_evaluate(load_description("waypoints"), [Interrupt()])
 
 
 def test_an_interrupt_that_a_callback_swallowed_is_not_lost(monkeypatch):

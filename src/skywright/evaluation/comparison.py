@@ -38,7 +38,7 @@ class TorqueMap(NamedTuple):
 class Collision(NamedTuple):
     """One flight into the pad."""
 
-    joints: str  # compliant, stiff
+    what: str  # hits: hand, hand with stiff joints, passive link
     metrics: dict[str, float]
     reason: str  # why there are none
 

@@ -162,8 +162,8 @@ def run_mission(
 def fly_and_evaluate(description: Description, observers: Sequence[Observer] = ()) -> RunResult:
     """Plan, fly and evaluate a mission without writing anything; `directory` is the current one.
 
-    The result equals that of `run_mission` bit for bit, timing excepted. Raises as it does. Of
-    the `observers` only `on_tick` is called.
+    The result equals that of `run_mission` bit for bit, timing excepted. Raises as it does, and
+    KeyboardInterrupt. Of the `observers` only `on_tick` is called.
     """
     start = time.perf_counter()
     plan, vehicle = _prepare(description)
@@ -309,6 +309,8 @@ def _fly(
     try:
         flight = supervisor.fly()
     except KeyboardInterrupt:
+        if writer is None:  # nothing is kept of this flight: who asked for it ends, too
+            raise
         outcome, flight = "interrupted", Flight(False, "interrupted by the user")
     except SimulationError as error:
         outcome, flight = "diverged", Flight(False, str(error))

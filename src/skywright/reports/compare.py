@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -13,6 +14,12 @@ from skywright.reports.page import build_picture, render_page, write_page
 from skywright.worlds.spec import Pipe
 
 VERDICTS = {"holds": "good", "does not hold": "bad", "partly": "open"}
+
+
+def _count(verdicts: Sequence[str]) -> str:
+    """Say how many of the statements hold."""
+    found = Counter(verdicts)
+    return ", ".join(f"{n} {verdict}" for verdict, n in found.most_common())
 
 
 def write_compare_page(path: Path, c: Comparison, pipe: Pipe, versions: Mapping[str, str]) -> None:
@@ -27,7 +34,8 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
             build_picture(
                 "At the pipe", figures.draw_pair(c, pipe),
                 "Both robots from the side with a hand at the underside of the pipe (grey disc). "
-                "Blue lines are propellers.",
+                "Light blue: propellers; dark: booms and landing gear; coloured: the left arm and "
+                "what carries it.",
             ),
             build_picture(
                 "On the way there", figures.draw_clearance(c),
@@ -38,8 +46,9 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
                 "Where a hand can be", figures.draw_reach(c),
                 "Cross-section of the pipe, the robot facing to the right. Green: some posture "
                 "and place of the platform brings a hand there with all distances kept (platform "
-                "0.1 m, arms and link 0.02 m); red: none does. Dots: the same for touching the "
-                "surface. From the other side the picture is mirrored; the percentages count both.",
+                "0.1 m, arms and link 0.02 m); red: none does; white: too near the pipe for a hand "
+                "that does not touch. The pipe's rim: the same for touching it. From the other "
+                "side the picture is mirrored; the percentages count both.",
             ),
             build_picture(
                 "What a force on a hand does to the platform", figures.draw_reaction(c),
@@ -55,9 +64,10 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
                 "over the direction of the force; the hand moves with it.",
             ),
             build_picture(
-                "Collision with a hand at 0.5 m/s", figures.draw_collisions(c),
+                "Collision at 0.5 m/s", figures.draw_collisions(c),
                 "Largest torque and force of arms or link on the platform (1 kHz), and how far it "
-                "tilts afterwards; mission impact.",
+                "tilts afterwards; mission impact. Springs in the joints and a passive link spare "
+                "the platform where a hand hits; the link itself passes its force on.",
             ),
             build_picture(
                 "Accuracy in wind", figures.draw_accuracy(c),
@@ -73,5 +83,6 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
         groups=[(name, list(rows)) for name, rows in groupby(c.rows, key=lambda r: r.group)],
         pictures=[p for p in pictures if p],
         style=VERDICTS,
+        verdicts=_count([s.verdict for s in c.statements]),
         versions=versions,
     )

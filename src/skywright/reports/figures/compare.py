@@ -183,7 +183,7 @@ def _name_directions(ax: Axes) -> None:
 def draw_collisions(c: Comparison) -> Figure | None:
     """Peak torque and force on the platform of every collision flown."""
     bars = [
-        (f"{s.name}\n{x.joints} joints", x.metrics, colour)
+        (f"{s.name}\n{x.what}", x.metrics, colour)
         for s, colour in zip(c.sides, COLOURS, strict=True)
         for x in reversed(s.collisions) if x.metrics
     ]  # fmt: skip
@@ -205,7 +205,7 @@ def draw_collisions(c: Comparison) -> Figure | None:
 def _draw_bars(ax: Axes, bars: Sequence[tuple[str, float, str]]) -> None:
     values = [v for _, v, _ in bars]
     ax.bar(range(len(bars)), values, color=[c for *_, c in bars], width=0.6)
-    ax.set_xticks(range(len(bars)), [n for n, *_ in bars], fontsize=6.5)
+    ax.set_xticks(range(len(bars)), [n for n, *_ in bars], fontsize=5.5)
     for i, v in enumerate(values):
         if math.isfinite(v):
             ax.text(i, v, f"{v:.2g}", ha="center", va="bottom", fontsize=8)

@@ -37,6 +37,14 @@ INSTALL = {
     "install.swing_decay_s": "swing.decay_s",
 }
 """Row -> metric of sensor-install."""
+COLLISIONS = {
+    "hand": {f"impact.{k}": f"impact.{k}"
+             for k in ("peak_torque_nm", "peak_force_n", "contact_force_n", "recoil_deg")},
+    "hand, stiff joints": {"impact.stiff_torque_nm": "impact.peak_torque_nm"},
+    "passive link": {"impact.link_torque_nm": "impact.peak_torque_nm",
+                     "impact.link_force_n": "impact.peak_force_n"},
+}  # fmt: skip
+"""What hits -> row -> metric of impact."""
 
 
 def compare_robots(
@@ -90,7 +98,11 @@ def measure(d: Description, step: Step) -> Side:
         values["clearance.propellers_m"] = float(np.min(way.propellers))
         values["clearance.gear_m"] = float(np.min(way.gear))
         if way.blocked_by:
-            notes["clearance.propellers_m"] = f"no plan: {way.blocked_by}"
+            notes["clearance.propellers_m"] = f"no plan: {way.blocked_by}" + (
+                "; below zero they would overlap"
+                if min(values["clearance.propellers_m"], values["clearance.gear_m"]) < 0.0
+                else ""
+            )
     except SkywrightError as error:
         notes["clearance.propellers_m"] = notes["clearance.gear_m"] = f"does not apply: {error}"
     step(f"{robot.name}: reach")
@@ -152,18 +164,18 @@ def add_flights(side: Side, d: Description, name: str, seeds: int, step: Step) -
     """Fly sensor-install, collisions and hovers, and add what they tell."""
     values, notes = dict(side.values), dict(side.notes)
     install = add_install(side, d, step, values, notes)
-    stiff = any(x.link.flex_stiffness_nm_per_rad for x in list_joints(side.robot))
-    collisions = fly_collisions(name, stiff, step)
+    springs = any(x.link.flex_stiffness_nm_per_rad for x in list_joints(side.robot))
+    link = side.robot.pendulum is not None
+    collisions = fly_collisions(name, springs, link, step)
     for c in collisions:
-        if c.joints == "compliant":
-            for key in ("peak_torque_nm", "peak_force_n", "contact_force_n", "recoil_deg"):
-                values[f"impact.{key}"] = c.metrics.get(f"impact.{key}", math.nan)
-                if c.reason:
-                    notes[f"impact.{key}"] = c.reason
-        else:
-            values["impact.stiff_torque_nm"] = c.metrics.get("impact.peak_torque_nm", math.nan)
-    if not stiff:
+        for row, metric in COLLISIONS[c.what].items():
+            values[row] = c.metrics.get(metric, math.nan)
+            if c.reason:
+                notes[row] = c.reason
+    if not springs:
         notes["impact.stiff_torque_nm"] = "its joints have no springs"
+    if not link:
+        notes["impact.link_torque_nm"] = notes["impact.link_force_n"] = "has no passive link"
     pose = side.way.q if side.way is not None else posture(side.robot, "working")
     hover = fly_hover(name, pose, seeds, step)
     for key, table, i in (("tip_calm", hover.tip, 0), ("tip_wind", hover.tip, -1),

@@ -44,20 +44,23 @@ class Still(NamedTuple):
     deflection: Array  # (n_joints,) rad
 
 
-def fly_collisions(robot: str, stiff: bool, step: Step) -> list[Collision]:
-    """Fly `impact` with springs in the joints and, where there are any, without."""
+def fly_collisions(robot: str, springs: bool, link: bool, step: Step) -> list[Collision]:
+    """Fly `impact` with a hand, where there are springs also without, and with a passive link."""
+    what = ["hand", *["hand, stiff joints"] * springs, *["passive link"] * link]
     out = []
-    for joints in ("compliant", "stiff") if stiff else ("compliant",):
-        step(f"{robot}: collision, {joints} joints")
+    for name in what:
+        step(f"{robot}: collision, {name}")
+        sets = {
+            "mission.task.joints": "stiff" if "stiff" in name else "compliant",
+            "mission.task.part": "link" if "link" in name else "arm",
+        }
         try:
-            result = fly_and_evaluate(
-                load_description("impact", robot, sets=[f"mission.task.joints={joints}"])
-            )
+            result = fly_and_evaluate(load_description("impact", robot, sets=sets))
         except SkywrightError as error:
-            out.append(Collision(joints, {}, str(error)))
+            out.append(Collision(name, {}, str(error)))
             continue
         met = {k: v for k, v in result.metrics.items() if k.startswith("impact.")}
-        out.append(Collision(joints, met, "" if met else result.reason or "nothing was touched"))
+        out.append(Collision(name, met, "" if met else result.reason or "nothing was touched"))
     return out
 
 

@@ -28,19 +28,21 @@ ENTRIES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("access.rotor_diameters", "rotors above the hand, in propeller diameters", "", "high"),
     ),
     "Force on a hand": (
-        ("reaction.pitch_m", "torque about pitch a newton, worst direction", "N m/N", "low"),
+        ("reaction.pitch_m", "torque about pitch for a newton, worst direction", "N m/N", "low"),
         ("reaction.roll_m", "torque about roll, likewise", "N m/N", "low"),
         ("reaction.yaw_m", "torque about yaw, likewise", "N m/N", "low"),
         ("recoil.swing_deg", "passive link turns under 2 N, worst direction", "deg", ""),
         ("recoil.deflection_deg", "largest turn of a sprung joint under 2 N", "deg", "low"),
         ("recoil.tip_mm", "hand gives way under 2 N, worst direction", "mm", "low"),
     ),
-    "Collision with a hand at 0.5 m/s (flown)": (
-        ("impact.peak_torque_nm", "torque on the platform", "N m", "low"),
-        ("impact.peak_force_n", "force on the platform", "N", "low"),
-        ("impact.contact_force_n", "force on the pad", "N", "low"),
-        ("impact.recoil_deg", "platform tilts afterwards", "deg", "low"),
-        ("impact.stiff_torque_nm", "torque on the platform with stiff joints", "N m", "low"),
+    "Collision at 0.5 m/s (flown)": (
+        ("impact.peak_torque_nm", "a hand hits: torque on the platform", "N m", "low"),
+        ("impact.peak_force_n", "a hand hits: force on the platform", "N", "low"),
+        ("impact.contact_force_n", "a hand hits: force on the pad", "N", "low"),
+        ("impact.recoil_deg", "a hand hits: platform tilts afterwards", "deg", "low"),
+        ("impact.stiff_torque_nm", "the same with stiff joints: torque", "N m", "low"),
+        ("impact.link_torque_nm", "the passive link hits: torque on the platform", "N m", ""),
+        ("impact.link_force_n", "the passive link hits: force on the platform", "N", ""),
     ),
     "Accuracy in hover (flown)": (
         ("accuracy.tip_calm_mm", "tip from its place in calm air, rms", "mm", "low"),
