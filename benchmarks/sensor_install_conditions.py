@@ -31,4 +31,4 @@ def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    write_table(draw_table, "sensor-install", 20, "sensor-install-conditions.csv")
+    write_table(draw_table, "sensor-install", 40, "sensor-install-conditions.csv")

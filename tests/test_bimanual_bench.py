@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from cut_flights import check_cuts
 from skywright.core.types import TASK_SQUEEZE
 from skywright.errors import InputError
 from skywright.evaluation.run import RunResult, build_vehicle, fly_and_evaluate
@@ -47,6 +48,7 @@ def test_all_trials_meet_their_requirements() -> None:
     assert carried == pytest.approx(weight, rel=0.05)
     # V-E: the base did drift, and the arms felt it
     assert result.metrics["bench.drift_rms_mm"] > 10.0 * result.metrics["bench.drift_error_mm"]
+    check_cuts(result)
 
 
 def test_a_squeeze_too_weak_for_friction_loses_the_box() -> None:

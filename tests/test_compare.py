@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 
 from skywright.core.rotations import rot_z
 from skywright.errors import InputError
-from skywright.evaluation.comparison import Comparison
+from skywright.evaluation.comparison import Comparison, Hover
 from skywright.evaluation.run import collect_versions
 from skywright.missions.kinds.sensor_install import build_pose
 from skywright.missions.loader import load_description
@@ -24,8 +25,9 @@ from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
 from skywright.models.tip_force import Loaded
 from skywright.reports.compare import render_compare_page
+from skywright.reports.figures.compare import draw_collisions
 from skywright.robots.loader import load_robot
-from skywright.studies.compare.compare import compare_robots
+from skywright.studies.compare.compare import add_flights, compare_robots
 from skywright.studies.compare.flown import hover_once
 from skywright.studies.compare.table import build_rows, judge_statements
 
@@ -140,8 +142,53 @@ def test_the_page_is_complete_in_itself(pair: Comparison) -> None:
     page = render_compare_page(pair, pipe, collect_versions())
     assert page.count("<img") == 5  # pipe, way, reach, torque, recoil; nothing was flown
     assert "http" not in page.replace("http://www.w3.org", "")
-    for text in ("bimanual-longreach", "harder take-off and landing", "--no-fly"):
+    for text in (
+        "bimanual-longreach",
+        "harder take-off and landing",
+        "--no-fly",
+        "9 hold, 2 partly",
+    ):
         assert text in page
+
+
+def test_collisions_of_hand_and_link_become_rows_and_bars(
+    pair: Comparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown: list[dict[str, object]] = []
+
+    def load(mission: str, robot: str, sets: dict[str, object]) -> dict[str, object]:
+        assert mission == "impact"
+        return sets
+
+    def fly(sets: dict[str, object]) -> SimpleNamespace:
+        flown.append(sets)
+        if sets["mission.task.part"] == "link":
+            raise InputError("no way to the pad")
+        hard = sets["mission.task.joints"] == "stiff"
+        return SimpleNamespace(metrics={"impact.peak_torque_nm": 8.0 if hard else 3.0}, reason="")
+
+    monkeypatch.setattr("skywright.studies.compare.flown.load_description", load)
+    monkeypatch.setattr("skywright.studies.compare.flown.fly_and_evaluate", fly)
+    monkeypatch.setattr(
+        "skywright.studies.compare.compare.fly_hover",
+        lambda *_: Hover(np.array([0.0, 3.0]), np.full((2, 1), 0.01), np.full((2, 1), math.nan)),
+    )
+    d = load_description("sensor-install", "bimanual")  # has no plan: is not flown
+    a, b = (
+        add_flights(side._replace(way=pair.sides[0].way), d, side.name, 1, lambda _: None)
+        for side in pair.sides
+    )
+    assert [c.what for c in b.collisions] == ["hand, stiff joints", "hand", "passive link"]
+    assert len(flown) == 5
+    rows = {r.name: r for r in build_rows(a, b)}
+    assert rows["impact.stiff_torque_nm"].values == (8.0, 8.0)
+    assert rows["impact.peak_torque_nm"].values == (3.0, 3.0)
+    assert rows["impact.link_torque_nm"].notes == ("has no passive link", "no way to the pad")
+    assert rows["install.tip_mm"].notes[0].startswith("not flown")
+    assert "lost in 1 of 1" in rows["accuracy.platform_wind_mm"].notes[0]
+    c = pair._replace(sides=(a, b))
+    figure = draw_collisions(c)
+    assert figure is not None and len(figure.axes[0].patches) == 4
 
 
 def test_robots_without_hands_are_compared_where_it_applies() -> None:

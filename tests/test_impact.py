@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from cut_flights import check_cuts
 from skywright.errors import InputError
 from skywright.evaluation.impact import find_end
 from skywright.evaluation.run import RunResult, build_vehicle, fly_and_evaluate
@@ -153,6 +154,7 @@ def test_stiff_joints_fail_for_the_right_reason() -> None:
     failed = [v.name for v in result.requirements if not v.passed]
     assert failed == ["impact.peak_torque_nm"]
     assert fly("bimanual").outcome == "succeeded"
+    check_cuts(fly("bimanual"))
 
 
 def test_a_stiff_robot_is_dumped_and_loaded_as_it_flew(tmp_path: object) -> None:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cut_flights import check_cuts
 from skywright.core.rotations import rot_z
 from skywright.errors import InputError
 from skywright.evaluation.run import build_vehicle, fly_and_evaluate
@@ -52,6 +53,7 @@ def test_the_sensor_is_pressed_on_with_2_n_and_stays() -> None:
     rows = result.samples[(t >= hold.start_s) & (t < hold.end_s)]
     assert np.max(np.abs(rows["left_f_W"][:, 0])) < 0.5
     assert np.ptp(rows["left_p_WH"][:, 0]) < 0.005
+    check_cuts(result)
 
 
 @pytest.mark.parametrize("leave", [True, False])

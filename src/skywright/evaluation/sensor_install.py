@@ -87,7 +87,7 @@ def _judge_tape(
 ) -> dict[str, float]:
     """Bond from the pressing that was recorded, and whether the hand then came off without it."""
     tape = description.world.tape
-    if tape is None:
+    if tape is None or not len(samples):
         return {}
     t = samples["t"]
     dt = np.diff(t, append=t[-1])

@@ -18,8 +18,9 @@ VERDICTS = {"holds": "good", "does not hold": "bad", "partly": "open"}
 
 def _count(verdicts: Sequence[str]) -> str:
     """Say how many of the statements hold."""
-    found = Counter(verdicts)
-    return ", ".join(f"{n} {verdict}" for verdict, n in found.most_common())
+    plural = {"holds": "hold", "does not hold": "do not hold", "does not apply": "do not apply"}
+    found = Counter(verdicts).most_common()
+    return ", ".join(f"{n} {plural.get(v, v) if n != 1 else v}" for v, n in found)
 
 
 def write_compare_page(path: Path, c: Comparison, pipe: Pipe, versions: Mapping[str, str]) -> None:

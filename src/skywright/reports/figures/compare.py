@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -183,34 +182,30 @@ def _name_directions(ax: Axes) -> None:
 def draw_collisions(c: Comparison) -> Figure | None:
     """Peak torque and force on the platform of every collision flown."""
     bars = [
-        (f"{s.name}\n{x.what}", x.metrics, colour)
-        for s, colour in zip(c.sides, COLOURS, strict=True)
-        for x in reversed(s.collisions) if x.metrics
+        (f"{s.name}: {x.what}", x.metrics, colour)
+        for s, colour in zip(c.sides, COLOURS, strict=True) for x in s.collisions if x.metrics
     ]  # fmt: skip
     if not bars:
         return None
-    figure = new_figure(WIDTH, 3.3)
-    axes = figure.subplots(1, 3)
-    figure.subplots_adjust(left=0.06, right=0.99, top=0.9, bottom=0.2, wspace=0.25)
+    figure = new_figure(WIDTH, 0.9 + 0.36 * len(bars))
+    axes = figure.subplots(1, 3, sharey=True)
+    figure.subplots_adjust(left=0.26, right=0.99, top=0.87, bottom=0.12, wspace=0.08)
+    places = -np.arange(len(bars))
+    axes[0].set_yticks(places, [name for name, *_ in bars])
     for ax, (key, title) in zip(axes, (
         ("impact.peak_torque_nm", "Torque on the platform (N m)"),
         ("impact.peak_force_n", "Force on the platform (N)"),
         ("impact.recoil_deg", "Tilt afterwards (deg)"),
     ), strict=True):  # fmt: skip
-        _draw_bars(ax, [(name, m.get(key, math.nan), colour) for name, m, colour in bars])
+        values = [m.get(key, math.nan) for _, m, _ in bars]
+        ax.barh(places, values, color=[colour for *_, colour in bars], height=0.6)
+        for y, v in zip(places, values, strict=True):
+            if math.isfinite(v):
+                ax.text(v, y, f" {v:.2g}", ha="left", va="center", fontsize=8)
+        ax.margins(x=0.18)
+        ax.grid(axis="y", visible=False)
         ax.set_title(title)
     return figure
-
-
-def _draw_bars(ax: Axes, bars: Sequence[tuple[str, float, str]]) -> None:
-    values = [v for _, v, _ in bars]
-    ax.bar(range(len(bars)), values, color=[c for *_, c in bars], width=0.6)
-    ax.set_xticks(range(len(bars)), [n for n, *_ in bars], fontsize=5.5)
-    for i, v in enumerate(values):
-        if math.isfinite(v):
-            ax.text(i, v, f"{v:.2g}", ha="center", va="bottom", fontsize=8)
-    ax.margins(y=0.15)
-    ax.grid(axis="x", visible=False)
 
 
 def draw_accuracy(c: Comparison) -> Figure | None:

@@ -195,7 +195,7 @@ def add_install(
 ) -> Install:
     """Fly sensor-install where it has a plan; says why a number is missing."""
     if side.way is None or side.way.blocked_by:
-        found = Install({}, math.nan, math.nan, notes["clearance.propellers_m"])
+        found = Install({}, math.nan, math.nan, "not flown, see the way")
     else:
         found = fly_install(d, step)
     values["install.propellers_m"], values["install.gear_m"] = found.propellers, found.gear

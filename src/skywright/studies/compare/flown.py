@@ -45,8 +45,8 @@ class Still(NamedTuple):
 
 
 def fly_collisions(robot: str, springs: bool, link: bool, step: Step) -> list[Collision]:
-    """Fly `impact` with a hand, where there are springs also without, and with a passive link."""
-    what = ["hand", *["hand, stiff joints"] * springs, *["passive link"] * link]
+    """Fly `impact` with a hand, where there are springs first without, and with a passive link."""
+    what = [*["hand, stiff joints"] * springs, "hand", *["passive link"] * link]
     out = []
     for name in what:
         step(f"{robot}: collision, {name}")

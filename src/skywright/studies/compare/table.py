@@ -40,7 +40,12 @@ ENTRIES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("impact.peak_force_n", "a hand hits: force on the platform", "N", "low"),
         ("impact.contact_force_n", "a hand hits: force on the pad", "N", "low"),
         ("impact.recoil_deg", "a hand hits: platform tilts afterwards", "deg", "low"),
-        ("impact.stiff_torque_nm", "the same with stiff joints: torque", "N m", "low"),
+        (
+            "impact.stiff_torque_nm",
+            "a hand hits, stiff joints: torque on the platform",
+            "N m",
+            "low",
+        ),
         ("impact.link_torque_nm", "the passive link hits: torque on the platform", "N m", ""),
         ("impact.link_force_n", "the passive link hits: force on the platform", "N", ""),
     ),
@@ -63,7 +68,7 @@ ENTRIES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     "Take-off and landing": (
         ("ground.height_m", "rotors above the lowest part, arms at work", "m", "low"),
         ("ground.offset_m", "centre of mass off the rotors' centre on the ground", "m", "low"),
-        ("ground.thrust_share", "most loaded rotor at lift-off, over its limit", "", "low"),
+        ("ground.thrust_share", "most loaded rotor at lift-off, share of its limit", "", "low"),
     ),
 }
 """All rows by group, in the order of the table: name, title, unit, which is better."""

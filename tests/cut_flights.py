@@ -1,0 +1,28 @@
+"""Flights that end early: an interrupt may come at any time, and what was flown is judged."""
+
+from __future__ import annotations
+
+import contextlib
+import warnings
+
+from skywright.errors import InputError
+from skywright.evaluation.kinds import compute_kind_metrics
+from skywright.evaluation.metrics import compute_common_metrics
+from skywright.evaluation.run import RunResult
+
+
+def check_cuts(result: RunResult) -> None:
+    """Judge the flight as if it had ended with each phase's first samples, and in its middle."""
+    s = result.samples
+    for k, phase in enumerate(result.phases):
+        for end in (phase.start_s, phase.start_s + 0.011, 0.5 * (phase.start_s + phase.end_s)):
+            cut = s[s["t"] <= end]
+            if not len(cut):
+                continue
+            last = phase._replace(end_s=end, outcome="interrupted")
+            phases = [*result.phases[:k], last]
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                compute_common_metrics(cut, phases)
+                with contextlib.suppress(InputError):  # that there is too little to judge
+                    compute_kind_metrics(cut, phases, result.plan, result.description)
