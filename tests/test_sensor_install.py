@@ -25,9 +25,9 @@ from skywright.missions.loader import Description, load_description
 from skywright.missions.ways import check_line
 from skywright.models.compliant_arms import count_command_ticks, find_hands
 from skywright.models.geometry import build_clearance
-from skywright.models.rigid_body import build_body_model
+from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
-from skywright.robots.limbs import list_joints
+from skywright.robots.limbs import list_joints, list_servos
 from skywright.worlds.spec import Box
 
 DESCRIPTION = load_description("sensor-install")
@@ -89,6 +89,38 @@ def test_every_pipe_of_the_range_has_a_way() -> None:
         for height in (2.2, 3.5):
             sets = [f"world.pipe.diameter_m={diameter}", f"world.pipe.z_m={height}"]
             assert plan(load_description("sensor-install", sets=sets)).feasible
+
+
+@pytest.mark.parametrize("pose", ["L", "stretched"])
+def test_a_force_at_which_a_servo_stalls_is_refused(pose: str) -> None:
+    """Virtual work by finite differences of height and potential, not by the Jacobian."""
+    sets = [f"mission.task.pose={pose}", "mission.task.force_n=2"]
+    d = load_description("sensor-install", sets=sets)
+    way = plan(d).task
+    model, servos = build_body_model(d.robot), list_servos(d.robot)
+    joints, step = list_joints(d.robot), 1e-6
+
+    def height_and_potential(q: np.ndarray) -> tuple[float, float]:
+        mass, p, _ = compute_body(model, q)
+        return find_hands(model, q)[0][2], 9.81 * mass * p[2]
+
+    limit = math.inf
+    for j, limb in enumerate(joints):
+        if limb.side != 0:
+            continue
+        a, b = (height_and_potential(way.q + s * step * np.eye(len(joints))[j]) for s in (-1, 1))
+        lever, hold = (b[0] - a[0]) / (2 * step), (b[1] - a[1]) / (2 * step)
+        stall = servos[limb.servo][1].stall_torque_nm
+        if abs(lever) > 1e-6:
+            limit = min(limit, (stall - math.copysign(1.0, lever) * hold) / abs(lever))
+    assert 2.0 < limit < 10.0
+    asked = {"mission.task.pose": pose, "mission.task.force_n": limit + 0.02}
+    refused = plan(load_description("sensor-install", sets=asked))
+    assert not refused.feasible and f"at {limit:.2g} N the servo of left_" in str(
+        refused.blocked_by
+    )
+    asked["mission.task.force_n"] = limit - 0.02
+    assert plan(load_description("sensor-install", sets=asked)).feasible
 
 
 def test_what_is_in_the_way_is_flown_around_or_named() -> None:

@@ -23,7 +23,7 @@ from skywright.models.rigid_body import (
     fill_hands,
     fill_kinematics,
 )
-from skywright.robots.limbs import list_joints
+from skywright.robots.limbs import list_joints, list_servos
 from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
@@ -73,6 +73,24 @@ class Loaded:
     def _weight_torque(self, q: Array) -> Array:
         mass, p_BC, _ = compute_body(self.model, q)
         return np.cross(p_BC, mass * self._g)
+
+    def compute_push_limit(self, way: Array) -> tuple[float, str]:
+        """Return the largest force (N) that the left hand can exert along `way` (3,), unit, in B.
+
+        Beside it the joint whose servo stalls then: it bears the arm's weight and the force's
+        torque J^T f. Infinite, "" where no servo feels the force.
+        """
+        _, J, hold = self.hand(self.q)
+        servos = list_servos(self.robot)
+        limit, first = math.inf, ""
+        for j, limb in enumerate(self.joints):
+            lever = float(J[:, j] @ way)
+            if limb.servo < 0 or abs(lever) < 1e-9:
+                continue
+            spare = servos[limb.servo][1].stall_torque_nm - math.copysign(1.0, lever) * hold[j]
+            if spare / abs(lever) < limit:
+                limit, first = float(spare / abs(lever)), limb.name
+        return limit, first
 
     def compute_reaction(self, f: Array) -> Reaction | None:
         """Return what a force f (3,) N on the hand does to the platform; joints rigid.

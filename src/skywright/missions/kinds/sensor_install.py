@@ -42,6 +42,7 @@ from skywright.models.rigid_body import (
     fill_kinematics,
     posture,
 )
+from skywright.models.tip_force import Loaded
 from skywright.planning.motion.transit import Configuration
 from skywright.robots.limbs import list_joints
 from skywright.robots.spec import Robot
@@ -154,6 +155,9 @@ def plan(d: Description) -> MissionPlan:
             blocked = (
                 f"{name}: {what} come within {max(distance, 0.0):.3f} m, {margin:.2f} m are kept"
             )
+    most, joint = Loaded(robot, q, world.gravity_mps2).compute_push_limit(R.T @ up)
+    if task.force_n > most and blocked is None:
+        blocked = f"force: at {most:.2g} N the servo of {joint} stalls; asked: {task.force_n:g} N"
     speed = robot.control.speed_max_mps
     length = sum(float(np.linalg.norm(b - a)) for _, a, b, _, _ in legs)
     return MissionPlan(
