@@ -131,6 +131,9 @@ def test_the_bench_presses_its_staircase() -> None:
     q = np.degrees(result.samples["q"][result.samples["phase"] == 2][-1][:2])
     assert q == pytest.approx([61.0 - 90.0, -55.0], abs=1.0)  # but for the encoders' zero
     assert float(np.max(result.samples["rotor_speed"])) == 0.0
+    held = result.samples[result.samples["phase"] == names.index("hold 8 N")]
+    push = np.mean(held["f_contact"], axis=0)  # of the plate on the tip: it is vertical
+    assert push[0] < -7.0 and abs(push[1]) < 0.1 and abs(push[2]) < 0.41 * abs(push[0])
 
 
 def test_the_platform_tilts_in_place_and_moves_level() -> None:

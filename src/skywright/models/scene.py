@@ -344,7 +344,7 @@ def home_pose(
     """Return (p_WB, q_WB, q): standing on the feet with the arm folded, or clamped to a bench."""
     if bench is not None:
         place = np.array([bench.x_m, bench.y_m, bench.z_m])
-        return place, np.array([1.0, 0.0, 0.0, 0.0]), posture(robot, "folded")
+        return place, np.array(bench.q_WB), posture(robot, "folded")
     p = np.array([x, y, robot.platform.gear_height_m])
     quat = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
     return p, quat, posture(robot, "landed")

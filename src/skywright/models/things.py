@@ -68,7 +68,7 @@ def add_bench(spec: mujoco.MjSpec, world: World, plant: bool) -> None:
     if world.bench is None or not plant:
         return
     place = [world.bench.x_m, world.bench.y_m, world.bench.z_m]
-    spec.worldbody.add_body(name=BENCH, mocap=True, pos=place)
+    spec.worldbody.add_body(name=BENCH, mocap=True, pos=place, quat=list(world.bench.q_WB))
     clamp = spec.add_equality(
         name=BENCH, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
         name1="platform", name2=BENCH,

@@ -84,7 +84,11 @@ def outline_arm(robot: Robot, q: Array) -> list[Outline]:
 
 def move(parts: list[Outline], p: Array, yaw: float) -> list[Outline]:
     """Place outlines given in B at position `p` (3,) and heading `yaw` (rad) in W."""
-    R = rot_z(yaw)
+    return place(parts, p, rot_z(yaw))
+
+
+def place(parts: list[Outline], p: Array, R: Array) -> list[Outline]:
+    """Place outlines given in B at position `p` (3,) and attitude `R` (3, 3) in W."""
     return [part._replace(points=part.points @ R.T + p) for part in parts]
 
 

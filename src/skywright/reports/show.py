@@ -11,12 +11,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from skywright.core.rotations import rot_z
+from skywright.core.rotations import quat_to_rot, rot_z
 from skywright.missions.loader import Description
 from skywright.missions.lookup import Subject
 from skywright.missions.spec import Scan
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
-from skywright.models.scene import support_posts
+from skywright.models.scene import home_pose, support_posts
 from skywright.planning.patterns import SIDES, build_pattern
 from skywright.reports.outlines import (
     Outline,
@@ -25,6 +25,7 @@ from skywright.reports.outlines import (
     outline_pipe,
     outline_robot,
     outline_structure,
+    place,
     surface_curve,
 )
 from skywright.reports.show_robot import draw_robot, pad_joints
@@ -165,8 +166,10 @@ def draw_mission(description: Description) -> Figure:
     columns = 2 if world.pipe is None or mission.scan is None else 3
     figure, axes = _figure(columns, _title(mission.name, mission.description), 5.2 * columns)
     yaw = math.radians(mission.start_yaw_deg)
-    start = np.array([mission.start_x_m, mission.start_y_m, robot.platform.gear_height_m])
-    extra = move(outline_robot(robot, posture(robot, "folded")), start, yaw)
+    start, quat, _ = home_pose(robot, mission.start_x_m, mission.start_y_m, yaw, world.bench)
+    R_WB = np.empty((3, 3))
+    quat_to_rot(quat, R_WB)
+    extra = place(outline_robot(robot, posture(robot, "folded")), start, R_WB)
     hover = start * [1, 1, 0] + [0, 0, mission.hover_height_m]
     if mission.kind == "waypoints":
         points = [start, hover] + [np.array([w.x_m, w.y_m, w.z_m]) for w in mission.waypoints]
@@ -177,9 +180,9 @@ def draw_mission(description: Description) -> Figure:
             extra.append(Outline(surface_curve(world.pipe, s, phi), "scan"))
         ghost = _place_at_work(robot, world.pipe, mission.scan)
         if ghost is not None:
-            place, heading = ghost
-            extra.append(Outline(np.array([start, hover, place]), "path"))
-            body = move(outline_robot(robot, posture(robot, "working")), place, heading)
+            at, heading = ghost
+            extra.append(Outline(np.array([start, hover, at]), "path"))
+            body = move(outline_robot(robot, posture(robot, "working")), at, heading)
             for ax, view in zip(axes, (TOP, SIDE), strict=False):
                 draw_parts(ax, body, view, alpha=0.35)
         _draw_unrolled(axes[2], world.pipe, world.weld, mission.scan)
@@ -191,8 +194,9 @@ def draw_mission(description: Description) -> Figure:
             ax.annotate(
                 f"{i + 1}", (p[view[0]], p[view[1]]), (5, 5), fontsize=9, textcoords="offset points"
             )
-    what = "way-points" if mission.waypoints else "way and scan"
-    axes[0].set_title(f"from above: robot at its start, {what} (green)", fontsize=10)
+    what = "way-points" if mission.waypoints else "way and scan" if mission.scan else ""
+    more = f", {what} (green)" if what else ""
+    axes[0].set_title(f"from above: robot at its start{more}", fontsize=10)
     return figure
 
 

@@ -310,7 +310,9 @@ class SimulatedVehicle:
         if self.world.bench is None:
             raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
         self.sim.data.mocap_pos[0] = p_W
-        self.sim.data.mocap_quat[0] = [math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]
+        w, _, y, _ = self.world.bench.q_WB
+        c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+        self.sim.data.mocap_quat[0] = [c * w, -s * y, c * y, s * w]  # first about y, then about z
 
     def release(self) -> None:
         """Open the clamp that holds the platform; it stays open.
@@ -493,6 +495,10 @@ class SimulatedVehicle:
         c, s = math.cos(yaw), math.sin(yaw)
         row["p_WB"] = p
         row["R_WB"] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+        if self.world.bench is not None and self.world.bench.pitch_deg != 0.0:
+            R = np.empty((3, 3))
+            quat_to_rot(np.array(self.world.bench.q_WB), R)
+            row["R_WB"] = R
         row["R_WS"] = np.eye(3)
         row["q"][: self.n_joints] = q
         row["p_WT"], row["R_WT"] = self.tip_of(row)

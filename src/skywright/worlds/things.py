@@ -61,6 +61,13 @@ class Bench(Spec):
     x_m: Coordinate = 0.0
     y_m: Coordinate = 0.0
     z_m: float = Field(default=1.2, gt=0, le=100)  # of the platform's origin
+    pitch_deg: float = Field(default=0.0, ge=-90, le=90)  # about y; 90: what was up points along x
+
+    @property
+    def q_WB(self) -> tuple[float, float, float, float]:
+        """Attitude of the platform (wxyz)."""
+        half = 0.5 * math.radians(self.pitch_deg)
+        return math.cos(half), 0.0, math.sin(half), 0.0
 
 
 class Marker(Spec):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field
 
+from skywright.core.rotations import quat_to_rot
 from skywright.core.spec import NonNegative, Spec
 from skywright.errors import InputError
 from skywright.missions.flight import Flight
@@ -71,7 +72,8 @@ def plan(d: Description) -> MissionPlan:
     if n != 2:
         raise InputError(f"robot {robot.name!r} has {n} joints; the test bench is for two")
     surface, blocked = build_surface(world.structure), ""
-    base = np.array([world.bench.x_m, world.bench.y_m, world.bench.z_m])
+    base, R_WB = np.array([world.bench.x_m, world.bench.y_m, world.bench.z_m]), np.empty((3, 3))
+    quat_to_rot(np.array(world.bench.q_WB), R_WB)
     for name, gamma in (
         ("rest", mission.task.rest_deg),
         ("inspection", mission.task.inspection_deg),
@@ -85,7 +87,7 @@ def plan(d: Description) -> MissionPlan:
                 f"{90 + math.degrees(high[0]):.0f}, elbow {-math.degrees(high[1]):.0f} to "
                 f"{-math.degrees(low[1]):.0f} deg"
             )
-        gap = float(find_place(surface, base + compute_tip(model, q)[0])[2])
+        gap = float(find_place(surface, base + R_WB @ compute_tip(model, q)[0])[2])
         if gap < NEAREST or (name == "inspection" and gap > FARTHEST):
             blocked = (
                 f"{name} position: the tip is {1e3 * gap:.0f} mm from the surface; the inspection "

@@ -102,7 +102,10 @@ def measure_bench(records: Records) -> Measured:
     angles = np.degrees(a["q"])[::THIN]
     joints = Panel(
         "Joints, as in figure 18", "time (s)", "angle (deg)",
-        [Curve("shoulder", t, angles[:, 0]), Curve("elbow", t, angles[:, 1])],
+        [
+            Curve("shoulder, gamma 1", t, angles[:, 0] + 90.0),
+            Curve("elbow, gamma 2", t, -angles[:, 1]),
+        ],
     )  # fmt: skip
     asked = np.where(a["pressing"] > 0.5, a["ref_force"], 0.0)
     force = Panel(
@@ -117,7 +120,9 @@ def measure_bench(records: Records) -> Measured:
         "mean_n": _worst(flown, "force.mean_error_n"),
         "sensor_n": _worst(flown, "force.sensor_error_n"),
     }
-    return Measured(values, ClaimFigure([joints, force], "The arm clamped before a plate."))
+    return Measured(
+        values, ClaimFigure([joints, force], "Clamped before a plate; the paper's angles.")
+    )
 
 
 def measure_modes(records: Records) -> Measured:
