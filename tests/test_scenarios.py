@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
 
 import pytest
@@ -14,7 +16,7 @@ from skywright.planning.motion.passages import list_passages
 from skywright.planning.motion.transport import BENCHMARK, build_scenario, build_transport
 from skywright.robots.loader import load_robot
 from skywright.worlds.loader import load_world
-from skywright.worlds.scenario import GOAL_X, draw_structures
+from skywright.worlds.scenario import GOAL_X, draw_structures, get_structures
 
 ROBOT = load_robot("ars-lrm")[0]
 WORLD = load_world("pipe-structures")[0]
@@ -32,6 +34,21 @@ def test_every_scenario_is_narrow_and_passable(seed: int | None, difficulty: flo
     assert {w.what for w in widths} >= {"bar", "platform", "robot"} or seed is not None
     # one of the narrow passages is in the plane in which the robot flies, not only across it
     assert min(w.ratio for w in widths if w.what == "robot") < 1.3
+
+
+def test_the_scenarios_of_the_benchmark_are_frozen() -> None:
+    """Numbers measured on them are compared over years: a change here needs new ones."""
+    frozen = [
+        "01bcffd64b03", "e3ac4148c78b", "a9864f637326", "960208f71d08", "2ce2812b02e5",
+        "5d40ca6b1fcb", "cf256fb226d6", "24b762138764", "7ee6efa2022b", "64cffe1b60dd",
+        "23a9f53d26ad",
+    ]  # fmt: skip
+    for (seed, difficulty), digest in zip(SCENARIOS, frozen, strict=True):
+        s = get_structures(build_scenario(WORLD, seed, difficulty))
+        assert s.area is not None
+        parts = [{k: v.model_dump() for k, v in x.items()} for x in (s.tubes, s.passages)]
+        text = json.dumps([*parts, s.area.model_dump()], sort_keys=True)
+        assert hashlib.sha256(text.encode()).hexdigest()[:12] == digest, (seed, difficulty)
 
 
 @settings(max_examples=30, deadline=None)

@@ -111,8 +111,8 @@ def shift_for_tip(b: Record, shift: Any, rate: Any) -> None:
     Only where the reference tracks the tip. The estimated torque s about a link's joint turns it by
     s / (m l g) from where it hangs; the estimated force f leans the platform by f / (m g). Both
     come from external forces alone, so no loop closes over what the platform's own motion does to
-    the link; low-passed twice they do not see what the model leaves out of it (once is too little:
-    the estimated torque then sees the platform's own pitch, which rings at 22 rad/s).
+    the link; low-passed twice they do not see what the model leaves out of it (with the torque
+    low-passed once the platform rings at 22 rad/s).
     """
     mem, ref, est, body, w = b.mem, b.ref, b.est, b.body, b.wrench
     goal, axis, vec = np.zeros(3), np.zeros(3), np.empty(3)
