@@ -275,6 +275,25 @@ def test_a_flight_that_fails_costs_only_its_claims(paper, tmp_path):
     assert "rate_hz" in report.claims[1].explanation  # its neighbours
 
 
+def test_a_flight_cut_short_is_told_whatever_the_verdict(paper, tmp_path):
+    def fly(case, description):
+        record = scan_record(3.0)
+        if description.world.mocap.rate_hz < 50:
+            record.info.update(outcome="diverged", reason="NaN at t = 9 s")
+        return record
+
+    whole, part = runner.reproduce(str(paper), cache=tmp_path, fly=fly).claims
+    assert "part" not in whole.explanation and part.verdict == "contradicted"
+    assert "on a part of the flight: 'two' diverged (NaN at t = 9 s)." in part.explanation
+
+
+def test_a_case_that_the_measure_does_not_ask_for_is_told(paper, tmp_path):
+    paper.write_text(paper.read_text().replace("cases = { scan =", "cases = { flight ="))
+    report = runner.reproduce(str(paper), cache=tmp_path, fly=lambda *_: scan_record(3.0))
+    assert "asks for the case 'scan'; the claim gives: flight" in report.claims[0].explanation
+    assert report.exit_code == 1
+
+
 def test_a_fault_of_the_program_costs_only_its_claims(paper, tmp_path):
     def fly(case, description):
         if description.world.mocap.rate_hz < 50:

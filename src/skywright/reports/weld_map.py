@@ -175,7 +175,8 @@ def draw_weld_map(
             handles,
             labels,
             loc="upper center",
-            bbox_to_anchor=(0.5, -0.13),
+            bbox_to_anchor=(0.5, 0.0),
+            borderaxespad=4.1,  # font sizes, below the axis' label however high the map is
             ncols=2,
             fontsize=8,
             frameon=False,

@@ -199,5 +199,5 @@ def _draw_wind(ax: Axes, result: RunResult, a: int, b: int) -> None:
         "", (x + 0.09 * v[a] / size, y + 0.09 * v[b] / size), (x, y), xycoords="axes fraction",
         arrowprops={"arrowstyle": "-|>", "color": GREY, "lw": 2},
     )  # fmt: skip
-    ax.text(x, y - 0.08, f"wind {wind.mean_mps:g} m/s", transform=ax.transAxes, fontsize=7.5,
+    ax.text(x, y - 0.08, f"wind {wind.mean_mps:.3g} m/s", transform=ax.transAxes, fontsize=7.5,
             color="#555555", ha="center", va="top")  # fmt: skip

@@ -252,7 +252,7 @@ def _measure(
     trouble = next((failed[c] for c in claim.cases.values() if c in failed), "")
     measured = Measured({}, None)
     if not trouble:
-        roles: Records = {role: records[case] for role, case in claim.cases.items()}
+        roles: Records = _Roles({role: records[case] for role, case in claim.cases.items()})
         try:
             measured = MEASURES[claim.measure](roles)
         except Exception as error:
@@ -262,10 +262,31 @@ def _measure(
         CriterionResult(test, measured.values.get(test.quantity), passed)
         for test, passed in zip(claim.tests, verdict.passed, strict=True)
     ]
-    why = trouble or _explain(claim, verdict.name, measured.values)
+    why = trouble or _explain(claim, verdict.name, measured.values) + _tell_cut_short(
+        claim, records
+    )
     return ClaimResult(
         file.paper.id, claim, verdict.name, why, tests, measured.values, measured.figure, trouble
     )
+
+
+class _Roles(dict[str, list[Record]]):
+    """Flights by the role in which a measure asks for them."""
+
+    def __missing__(self, role: str) -> list[Record]:
+        given = ", ".join(self) or "none"
+        raise InputError(f"its measure asks for the case {role!r}; the claim gives: {given}")
+
+
+def _tell_cut_short(claim: Claim, records: dict[str, list[Record]]) -> str:
+    """Say which flights of a claim did not come to their end: the value is of a part then."""
+    short = [
+        f"{case!r} {record.info['outcome']} ({record.info.get('reason') or 'no reason given'})"
+        for case in dict.fromkeys(claim.cases.values())
+        for record in records[case]
+        if record.info.get("outcome") in ("aborted", "diverged", "interrupted")
+    ]
+    return f" Measured on a part of the flight: {'; '.join(short)}." if short else ""
 
 
 def _explain(claim: Claim, verdict: str, values: dict[str, float]) -> str:
