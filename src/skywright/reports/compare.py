@@ -47,7 +47,8 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
                 "Where a hand can be", figures.draw_reach(c),
                 "Cross-section of the pipe, the robot facing to the right. Green: some posture "
                 "and place of the platform brings a hand there with all distances kept (platform "
-                "0.1 m, arms and link 0.02 m); red: none does; white: too near the pipe for a hand "
+                "0.1 m, arms and link 0.02 m); red: none does, each brings "
+                "some part too near the pipe; white: too near the pipe for a hand "
                 "that does not touch. The pipe's rim: the same for touching it. From the other "
                 "side the picture is mirrored; the percentages count both.",
             ),
@@ -67,8 +68,7 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
             build_picture(
                 "Collision at 0.5 m/s", figures.draw_collisions(c),
                 "Largest torque and force of arms or link on the platform (1 kHz), and how far it "
-                "tilts afterwards; mission impact. Springs in the joints and a passive link spare "
-                "the platform where a hand hits; the link itself passes its force on.",
+                "tilts afterwards; mission impact. Named is what hits.",
             ),
             build_picture(
                 "Accuracy in wind", figures.draw_accuracy(c),

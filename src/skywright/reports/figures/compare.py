@@ -201,7 +201,9 @@ def draw_collisions(c: Comparison) -> Figure | None:
         ax.barh(places, values, color=[colour for *_, colour in bars], height=0.6)
         for y, v in zip(places, values, strict=True):
             if math.isfinite(v):
-                ax.text(v, y, f" {v:.2g}", ha="left", va="center", fontsize=8)
+                ax.annotate(
+                    f"{v:.2g}", (v, y), (3, 0), textcoords="offset points", va="center", fontsize=8
+                )
         ax.margins(x=0.18)
         ax.grid(axis="y", visible=False)
         ax.set_title(title)
