@@ -103,11 +103,15 @@ def test_verdict_names_what_limits_it() -> None:
 def test_refused_runs_count_as_not_succeeded_and_are_told_apart() -> None:
     rows = build_rows(40)
     rows = [
-        r._replace(outcome="infeasible", requirement="infeasible") if r.run < 10 else r
+        r._replace(outcome="infeasible", requirement="infeasible", reason="too much wind")
+        if r.run < 10
+        else r
         for r in rows
     ]
     found = build_verdict(rows, KEYS, REQUIREMENTS, 0.9)
     assert (found.runs, found.succeeded, found.flown) == (40, 30, 30)
+    assert "Limited by infeasible in 10 of 10 failed runs" in found.limited_by
+    assert found.limited_by.endswith("; run 0: too much wind.")
     assert found.flown_interval == pytest.approx(tuple(compute_interval(30, 30)))
 
 

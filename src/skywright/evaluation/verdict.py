@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from textwrap import shorten
 from typing import NamedTuple
 
 import numpy as np
@@ -90,7 +91,8 @@ def build_verdict(
             + (f": about {more} more runs at this rate would." if more else "."),
         }[answer]
     )
-    limited = _describe_limit(failures, headroom, sensitivities, n - k)
+    reasons = {row.run: row.reason for row in rows}
+    limited = _describe_limit(failures, headroom, sensitivities, n - k, reasons)
     return Verdict(
         answer, headline, limited, n, k, k / n, (low, high), target, more, flown,
         (flown_low, flown_high), outcomes, failures, headroom, sensitivities,
@@ -139,6 +141,7 @@ def _describe_limit(
     headroom: Sequence[Headroom],
     sensitivities: Sequence[Sensitivity],
     failed: int,
+    reasons: Mapping[int, str],
 ) -> str:
     if failures:
         worst = failures[0]
@@ -148,6 +151,9 @@ def _describe_limit(
             a, b = worst.inside
             c, d = worst.whole
             text += f", at {worst.key} from {a:.3g} to {b:.3g} (varied from {c:.3g} to {d:.3g})"
+        first = min(worst.runs)
+        if reasons[first]:  # no plan, given up, diverged: the word alone tells an inspector nothing
+            text += f"; run {first}: {shorten(reasons[first], 200, placeholder=' ...')}"
         return text + "."
     open_ended = [h for h in headroom if math.isfinite(h.used) and h.measured and h.used > 0]
     if not open_ended:
