@@ -76,7 +76,7 @@ def test_the_scene_is_the_surface(name: str) -> None:
     geoms = [i for i in range(model.ngeom) if model.geom(i).name.startswith("structure")]
     tip = model.geom("tip").id
     mujoco.mj_forward(model, data)
-    for place in ([0.0, 0.0], [0.1, 0.0], [0.0, 0.15]):
+    for place in ([0.0, 0.0], [0.1, 0.0], [0.0, 0.08]):
         p, R = locate_point(surface, np.array(place))
         data.geom_xpos[tip] = p + 0.05 * R[:, 2]
         near = min(mujoco.mj_geomDistance(model, data, tip, g, 1.0, np.zeros(6)) for g in geoms)
