@@ -159,8 +159,11 @@ def test_a_tilt_beyond_the_limit_is_refused() -> None:
         plan_mission(load_description("flight-modes", sets={"mission.law": "tip_pd"}))
 
 
-def test_a_wall_is_pressed_and_slid_along_in_flight() -> None:
-    result = fly("wall-contact", ("mission.task.forces_n", (2.0,)), ("mission.task.hold_s", 1.0))
+@pytest.mark.parametrize("world", ["tunnel", "pillar"])
+def test_a_wall_is_pressed_and_slid_along_in_flight(world: str) -> None:
+    """Level along the tunnel, and up and down the pillar, where the probe leans with the motion."""
+    sets = {"mission.task.forces_n": [2.0], "mission.task.hold_s": 1.0}
+    result = fly_and_evaluate(load_description("wall-contact", world=world, sets=sets))
     assert result.outcome == "succeeded", (result.reason, result.metrics)
     assert result.metrics["slide.length_m"] > 0.5
     assert result.metrics["free.rms_error_n"] < 0.5

@@ -204,10 +204,15 @@ def _command_torque(b: Record, f_free: Any, t_C: Any, integrate: bool) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _find_approach(est: Record, body: Record) -> float:
-    """Speed (m/s) of the tip along the probe that the platform's motion makes."""
-    v_B, turn, total = np.empty(3), np.empty(3), 0.0
-    mat_t_vec(est.R_WB, est.v_WB, v_B)
+def _find_approach(ref: Record, est: Record, body: Record) -> float:
+    """Speed (m/s) of the tip along the probe that the platform makes beside its reference's.
+
+    A reference that slides along the surface moves along a probe that leans, and not towards it.
+    """
+    v_W, v_B, turn, total = np.empty(3), np.empty(3), np.empty(3), 0.0
+    for i in range(3):
+        v_W[i] = est.v_WB[i] - ref.v_WB[i]
+    mat_t_vec(est.R_WB, v_W, v_B)
     cross(est.w_WB_B, body.p_BT, turn)
     for i in range(3):
         total += (v_B[i] + turn[i]) * body.R_BT[i, 2]
@@ -225,7 +230,7 @@ def command_arm(b: Record) -> None:
     along = (ref.force - est.f_tip) * par.k_force / par.spring
     along = min(max(along, -TIP_SPEED), TIP_SPEED)
     if ref.docked < 0.5:  # in flight the arm takes back what the platform moves
-        along -= _find_approach(est, body)
+        along -= _find_approach(ref, est, body)
     p_W, p_B, across = np.empty(3), np.empty(3), 0.0
     for i in range(3):
         p_W[i] = ref.p_WT[i] - ref.p_WB[i]
