@@ -225,6 +225,31 @@ def test_the_bar_is_carried_up_through_a_shaft(x: float) -> None:
         assert reserve >= 0.0
 
 
+def test_a_way_around_a_corner_is_narrow_along_two_axes() -> None:
+    """Through a window, arms lifted, then up a shaft; each 1.25 times what the robot needs."""
+    shaft, top = 0.5 * 1.25 * 1.6, 1.0 + 1.25 * 1.4
+    boxes = {
+        name: Box(
+            x_m=(x0 + x1) / 2, y_m=0.0, z_m=(z0 + z1) / 2,
+            size_x_m=x1 - x0, size_y_m=8.0, size_z_m=z1 - z0,
+        )
+        for name, x0, x1, z0, z1 in (
+            ("sill", 2.95, 3.05, 0.0, 1.0), ("wall", 2.95, 3.05, top, 9.0),
+            ("floor", 3.0, 7.0 - shaft, 4.55, 4.65), ("end", 7.0 + shaft, 11.0, 4.55, 4.65),
+        )
+    }  # fmt: skip
+    world = World(
+        name="corner", obstacles=boxes, area=WORLD.area.model_copy(update={"z_max_m": 9.5})
+    )
+    ends = [(0.0, 2.0, 0.0, -math.pi / 2), (8.5, 7.6, 0.0, -math.pi / 2)]
+    problem = build_transport(ROBOT, world, Transport(*ends))
+    for seed in range(5):
+        path = plan_path(
+            problem.space, problem.start, problem.goal, stream(seed), first=True, slices=1000
+        )
+        assert len(path.rows) > 2
+
+
 def test_a_bar_longer_than_the_gap_is_refused_with_the_passage_s_name() -> None:
     """The search ends with its time."""
     problem = build_transport(ROBOT, WORLD, Transport(bar_length=2.4))
