@@ -204,6 +204,8 @@ def test_page_answers_in_its_first_line(
     assert "http://" not in page.replace("http://www.w3.org", "") and "https://" not in page
     for row in rows:
         assert (f"--seed {row.seed}" in page) == (not row.succeeded or row is rows[0])
+    assert ("Where it fails" in page) == bool(verdict.failures and keys)
+    assert ("that matter most" in page) == (len(rows) == 60)  # few rows or one key tell nothing
     assert page.count("<figure>") >= (4 if len(rows) == 60 else 1)
 
 

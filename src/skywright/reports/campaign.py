@@ -37,10 +37,14 @@ class Facts(NamedTuple):
 def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts: Facts) -> None:
     """Write campaign.html; everything that it shows is inside it."""
     keys = list(facts.vary)
+    decisive = any(s.significant for s in verdict.sensitivities) or any(
+        group.key for group in verdict.failures
+    )
     with house_style():
         pictures = [
             build_picture(
-                "Where it fails", figures.draw_conditions(rows, keys, verdict),
+                "Where it fails" if verdict.failures else "How near each run came to a limit",
+                figures.draw_conditions(rows, keys, verdict),
                 "Each dot is one run, placed by the value that it drew. Its height tells how near "
                 "it came to its tightest limit: from the median of all runs (bottom) to the limit "
                 "(dashed). Failures have a mark of their own; one without such a height (a count "
@@ -49,7 +53,8 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
                    if len(keys) > figures.MAX_PANELS else ""),
             ),
             build_picture(
-                "The two conditions that matter most", figures.draw_map(rows, keys, verdict),
+                "The two conditions that matter most" if decisive else "Two conditions together",
+                figures.draw_map(rows, keys, verdict),
                 "Brighter dots came nearer to a limit. A region where failures gather is where "
                 "this site is at risk.",
             ),

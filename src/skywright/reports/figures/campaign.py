@@ -137,7 +137,7 @@ def draw_headroom(rows: Sequence[Row], verdict: Verdict) -> Figure | None:
         ax.scatter(x[bad], y[bad], s=18, color=LIMIT, marker="X", lw=0)
         unit = f" {h.unit}" if h.unit else ""
         ax.text(
-            TOP + 0.08, line, f"median {h.median:.3g}, worst {h.worst:.3g}, "
+            TOP + 0.08, line, f"median {h.median:.3g}, worst {h.worst:.3g}\n"
             f"limit {h.limit:.3g}{unit}", va="center", fontsize=8,
         )  # fmt: skip
     ax.axvline(1.0, color=LIMIT, lw=1.1, ls=(0, (5, 3)))
