@@ -70,14 +70,14 @@ def build_own_table(found: Found, effort: Effort) -> list[str]:
         rows.append([
             name, _write(_median([t for t in first if not math.isnan(t)]), "{:.1f} ms"),
             _write(early, "{:.3f} m"), _write(late, "{:.3f} m"),
-            _write(100.0 * (late / bound - 1.0), "{:.2f} %"), _write(1e3 * reserve, "{:.3f} mm"),
+            _write(100.0 * (late / bound - 1.0), "{:.2f} %"), _write(1e3 * reserve, "{:.1g} mm"),
             f"{sum(map(math.isfinite, costs))} of {len(costs)}" if costs else NONE,
         ])  # fmt: skip
     return _table(head, rows)
 
 
 def build_reference_table(found: Found, effort: Effort) -> list[str]:
-    """The references on every scenario, and how much cheaper the default planner is."""
+    """The references where one was measured, and how much cheaper the default planner is."""
     columns = [
         (OMPL[0], "early", effort.star_s), (OMPL[1], "early", effort.star_s),
         (OMPL[2], "late", effort.late_s), (PAPER, "late", effort.late_s),
@@ -86,6 +86,8 @@ def build_reference_table(found: Found, effort: Effort) -> list[str]:
     head[3] = head[3].replace(NAMES[OMPL[2]], f"{NAMES[OMPL[2]]}, simplified and restarted")
     rows = []
     for name in effort.scenarios:
+        if not any(Job(name, what) in found for what, _, _ in columns):
+            continue
         row = [name]
         for what, which, _ in columns:
             their = _median(found.get(Job(name, what), {}).get("cost", []))
@@ -95,6 +97,8 @@ def build_reference_table(found: Found, effort: Effort) -> list[str]:
                 text += f" ({100.0 * (1.0 - own / their):+.1f} %)"
             row.append(text)
         rows.append(row)
+    if not rows:
+        return ["None is measured yet with these planners.", ""]
     return _table([h.replace("*", "\\*") for h in head], rows)
 
 

@@ -107,9 +107,11 @@ def test_the_page_s_tables_are_made_from_the_parts() -> None:
     effort = Effort(("paper", "draw10"), ("paper", HIGH), 3, 5.0, 30.0, 2, 1.0)
     head = "before\n" + generator.BEGIN + "\nold\n" + generator.END + "\nafter\n"
     text = generator.build_page(head, found, effort)
-    assert "| paper | 2.0 ms | 9.300 m | 9.100 m | 1.11 % | 0.100 mm | 1 of 2 |" in text
+    assert "| paper | 2.0 ms | 9.300 m | 9.100 m | 1.11 % | 0.1 mm | 1 of 2 |" in text
     assert "| draw10 | – | – | – | – | – | – |" in text
     assert "| paper | 18.600 m (+50.0 %) | – | – | none |" in text
+    assert "| draw10 | – | – | – | – |\n" not in text  # no reference there at all
+    assert "None is measured" in generator.build_section({}, effort)
     assert "| paper, ceiling at 6 m | 1 of 1 | 9.200 m | 1 of 1 | 9.000 m |" in text
     assert "old" not in text and text.startswith("before\n") and text.endswith("after\n")
     assert generator.build_page(text, found, effort) == text
