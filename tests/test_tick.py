@@ -197,4 +197,4 @@ def test_lost_motion_capture_is_told():
     vehicle = build_vehicle(d)
     flight = Supervisor(vehicle, d.mission, plan_mission(d), d.robot.platform.gear_height_m).fly()
     assert not flight.completed
-    assert "nothing told where it is" in flight.reason
+    assert "has not told where it is" in flight.reason
