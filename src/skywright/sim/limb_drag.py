@@ -36,6 +36,7 @@ Record = Any
 
 SEGMENTS = 3  # of a link
 SPREAD = 0.075  # width of a round free jet over its length (Reichardt)
+FAR = 16.0  # r^2 / b^2 beyond which a wake is not felt: exp(-16) = 1e-7 of its momentum flux
 
 f8, i8 = np.float64, np.int64
 
@@ -97,7 +98,9 @@ def downwash(density: float, wake: float, rotor_p: Array, thrust: Array, p_B: Ar
             continue
         x, y = p_B[0] - rotor_p[n, 0], p_B[1] - rotor_p[n, 1]
         width = wake * wake + (SPREAD * z) ** 2
-        flux += thrust[n] / (math.pi * density * width) * math.exp(-(x * x + y * y) / width)
+        r2 = x * x + y * y
+        if r2 < FAR * width:
+            flux += thrust[n] / (math.pi * density * width) * math.exp(-r2 / width)
     return math.sqrt(flux)
 
 
