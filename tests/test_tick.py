@@ -198,3 +198,18 @@ def test_lost_motion_capture_is_told():
     flight = Supervisor(vehicle, d.mission, plan_mission(d), d.robot.platform.gear_height_m).fly()
     assert not flight.completed
     assert "has not told where it is" in flight.reason
+
+
+def test_motion_capture_lost_in_flight_is_told():
+    d = load_description("waypoints", "othex")
+    vehicle = build_vehicle(d)
+
+    def lose(t: float, phase: str) -> None:
+        if t > 6.0:
+            vehicle.plant[0]["mocap_dropout"] = 1.0
+
+    flight = Supervisor(
+        vehicle, d.mission, plan_mission(d), d.robot.platform.gear_height_m, None, lose
+    ).fly()
+    assert not flight.completed
+    assert "nothing told where it is" in flight.reason
