@@ -64,6 +64,7 @@ class Station(NamedTuple):
     yaw: float
     R_level: Array  # (3, 3)
     R_dock: Array  # (3, 3) docked or pressing attitude
+    tilt_limit: float  # rad, computed hover limit in the wind there
     R_approach: Array  # (3, 3) what hovering allows of it
     p_dock: Array  # (3,) m, platform with its feet on the deck (NaN without docking)
     p_press: Array  # (3,) m, platform with its tip on the surface, flying (NaN without)
@@ -82,7 +83,6 @@ class ContactPlan(NamedTuple):
     largest: float  # N, largest force of the profile
     limit_n: float  # N, computed docked press here
     free_limit_n: float  # N, computed press in flight
-    tilt_limit: float  # rad, computed hover limit
     free_forces: list[float]  # N, of the profile, that may be pressed in flight
 
 
@@ -104,18 +104,16 @@ def plan(d: Description) -> MissionPlan:
         dock_tip = np.array([tip[0], tip[1], robot.docking.height_m])
         q_ready = find_tip_pose(model, working, dock_tip - [0.0, 0.0, READY_GAP])
         q_touch = find_tip_pose(model, working, dock_tip - [0.0, 0.0, TIP_GAP])
-    limit_tilt = compute_hover_tilt(
-        robot, q_ready if task.dock else free.q if free else working, world.gravity_mps2
-    )
+    q_hover = q_ready if task.dock else free.q if free else working
     stations = [
         _build_station(d, np.array([spot.x_m, spot.y_m]), spot.name or f"spot {i + 1}",
-                       dock_tip, free, limit_tilt)
+                       dock_tip, free, q_hover)
         for i, spot in enumerate(task.spots)
     ]  # fmt: skip
-    blocked, largest = "", max(task.forces_n)
+    blocked, largest = _check_hover(d, stations), max(task.forces_n)
     limit = free_limit = math.nan
     rest = pressed = None
-    if task.dock:
+    if task.dock and not blocked:
         limit, rest, pressed, blocked = _plan_docked(d, task, structure, stations[0], largest)
     free_forces: list[float] = []
     if free is not None:
@@ -125,12 +123,12 @@ def plan(d: Description) -> MissionPlan:
         if not task.dock and not blocked and len(free_forces) < len(task.forces_n):
             blocked = _refuse(largest, free_limit, task.force_fraction, "in flight", robot.name)
     if free is not None and not task.dock and not blocked:
-        blocked = _check_tilt(stations, limit_tilt)
+        blocked = _check_tilt(stations)
     if not blocked:
         blocked = _check_way(d, stations, task, free, q_ready)
     found = ContactPlan(
         stations, q_ready, q_touch, dock_tip, free, rest, pressed, largest, limit, free_limit,
-        limit_tilt, free_forces,
+        free_forces,
     )  # fmt: skip
     each = task.ramp_s + task.settle_s + task.hold_s
     total = len(stations) * (len(task.forces_n) + len(free_forces)) * each + 40.0
@@ -173,7 +171,7 @@ def _check(d: Description, task: BridgeContact) -> Structure:
 
 def _build_station(
     d: Description, place: Array, name: str, dock_tip: Array, free: ContactStance | None,
-    tilt_limit: float,
+    q_hover: Array,
 ) -> Station:  # fmt: skip
     """Return the poses at a place: z_B against a surface that faces down, x_B against a wall."""
     structure = d.world.structure
@@ -191,12 +189,18 @@ def _build_station(
     turn, part = np.empty(3), np.empty((3, 3))
     log_so3(np.ascontiguousarray(R_level.T @ R_dock), turn)
     angle = float(np.linalg.norm(turn))
+    wind = compute_speed(d.world.wind) * compute_direction(d.world.wind)
+    tilt_limit = compute_hover_tilt(
+        d.robot, q_hover, d.world.gravity_mps2, wind=R_level.T @ wind,
+        air_density=d.world.air_density_kg_m3,
+    )  # fmt: skip
     scale = 1.0 if angle < 1e-9 else min(1.0, TILT_FRACTION * tilt_limit / angle)
     exp_so3(scale * turn, part)
     p_press = np.full(3, math.nan) if free is None else p - R_dock @ free.tip
     return Station(
-        name, place, p, normal, yaw, R_level, R_dock, R_level @ part, p - R_dock @ dock_tip, p_press
-    )
+        name, place, p, normal, yaw, R_level, R_dock, tilt_limit, R_level @ part,
+        p - R_dock @ dock_tip, p_press,
+    )  # fmt: skip
 
 
 def _plan_docked(
@@ -238,14 +242,21 @@ def _refuse(force: float, limit: float, fraction: float, where: str, robot: str)
     )
 
 
-def _check_tilt(stations: list[Station], limit: float) -> str:
+def _check_hover(d: Description, stations: list[Station]) -> str:
+    if any(math.isnan(s.tilt_limit) for s in stations):
+        speed = compute_speed(d.world.wind)
+        return f"{d.robot.name} cannot hover level in {speed:.1f} m/s of wind (capability)"
+    return ""
+
+
+def _check_tilt(stations: list[Station]) -> str:
     for s in stations:
         angle = math.acos(min(max(float(s.R_dock[2, 2]), -1.0), 1.0))
-        if angle > TILT_FRACTION * limit * (1.0 + 1e-9):
+        if angle > TILT_FRACTION * s.tilt_limit * (1.0 + 1e-9):
             return (
                 f"{s.name}: the surface asks for a tilt of {math.degrees(angle):.1f} deg in "
                 f"flight; {TILT_FRACTION:.0%} of the computed hover limit are "
-                f"{math.degrees(TILT_FRACTION * limit):.1f} deg"
+                f"{math.degrees(TILT_FRACTION * s.tilt_limit):.1f} deg"
             )
     return ""
 
