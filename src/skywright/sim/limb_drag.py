@@ -91,17 +91,18 @@ def _add_bar(out: Any, bar: Bar, factor: float, model: mujoco.MjModel) -> None:
 @njit(cache=True, error_model="numpy")
 def downwash(density: float, wake: float, rotor_p: Array, thrust: Array, p_B: Array) -> float:
     """Return the speed (m/s) along -z_B of the rotors' wakes at p_B (3,) m in B."""
-    flux = 0.0
+    flux, last, inverse = 0.0, 0.0, 0.0
     for n in range(thrust.shape[0]):
         z = rotor_p[n, 2] - p_B[2]
         if z <= 0.0 or thrust[n] <= 0.0:
             continue
+        if z != last:  # rotors mostly share one plane
+            last, inverse = z, 1.0 / (wake * wake + (SPREAD * z) ** 2)
         x, y = p_B[0] - rotor_p[n, 0], p_B[1] - rotor_p[n, 1]
-        width = wake * wake + (SPREAD * z) ** 2
-        r2 = x * x + y * y
-        if r2 < FAR * width:
-            flux += thrust[n] / (math.pi * density * width) * math.exp(-r2 / width)
-    return math.sqrt(flux)
+        ratio = (x * x + y * y) * inverse
+        if ratio < FAR:
+            flux += thrust[n] * inverse * math.exp(-ratio)
+    return math.sqrt(flux / (math.pi * density))
 
 
 @njit(cache=True, error_model="numpy")
