@@ -154,6 +154,7 @@ def record_applied(vehicle: SimulatedVehicle, ticks: int) -> Applied:
         vehicle.tick()
         rows.append((sim.ctrl.copy(), sim.xfrc.copy(), sim.pair_friction.copy()))
     vehicle.interactive, vehicle.n_ticks = keep
+    vehicle.flush()  # or the next stretch that is timed would write these samples, too
     controls, forces, frictions = (np.array(column) for column in zip(*rows, strict=True))
     return Applied(controls, forces, frictions, start, Snapshot(sim))
 
