@@ -41,16 +41,30 @@ SHIFT_BANDWIDTH = 3.0
 @njit(cache=True, error_model="numpy")
 def step(b: Record) -> None:
     """Fill `cmd.f_B` = (0, 0, T), `cmd.t_B` and `cmd.qd`."""
-    par, mem, ref, est, body, cmd = b.par, b.mem, b.ref, b.est, b.body, b.cmd
-    arm_velocity(par, ref, est, body, cmd.qd)
-    if ref.active < 0.5:
-        rest(mem, cmd)
-        for i in range(3):
-            mem.lead[i] = mem.user[SHIFT + i] = 0.0
-        return
-    f_W, R_des, acc = np.empty(3), np.empty((3, 3)), np.empty(3)
-    force_for_motion(b, f_W)
-    thrust = aim_thrust(par, ref, est, body, f_W, R_des)
+    if begin(b):
+        f_W = np.empty(3)
+        force_for_motion(b, f_W)
+        apply_force(b, f_W)
+
+
+@njit(cache=True, error_model="numpy")
+def begin(b: Record) -> bool:
+    """Fill `cmd.qd`; returns whether the motors are on. Off, everything is at rest."""
+    mem = b.mem
+    arm_velocity(b.par, b.ref, b.est, b.body, b.cmd.qd)
+    if b.ref.active >= 0.5:
+        return True
+    rest(mem, b.cmd)
+    for i in range(3):
+        mem.lead[i] = mem.user[SHIFT + i] = 0.0
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def apply_force(b: Record, f_W: Any) -> None:
+    """Make a force f_W (3,) N by thrust and attitude."""
+    cmd, R_des, acc = b.cmd, np.empty((3, 3)), np.empty(3)
+    thrust = aim_thrust(b.par, b.ref, b.est, b.body, f_W, R_des)
     cmd.f_B[0], cmd.f_B[1], cmd.f_B[2] = 0.0, 0.0, thrust
     angular_acceleration(b, R_des, acc)
     torque_for_turn(b, acc)

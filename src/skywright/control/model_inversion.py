@@ -36,15 +36,8 @@ from typing import Any
 import numpy as np
 from numba import carray, cfunc, njit
 
-from skywright.control.cascade import (
-    SHIFT,
-    acceleration_for_motion,
-    angular_acceleration,
-    torque_for_turn,
-)
-from skywright.control.pid import arm_velocity, rest
+from skywright.control.cascade import acceleration_for_motion, apply_force, begin
 from skywright.control.signature import LAW
-from skywright.control.thrust_vectoring import aim_thrust
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 
 Record = Any
@@ -53,20 +46,11 @@ Record = Any
 @njit(cache=True, error_model="numpy")
 def step(b: Record) -> None:
     """Fill `cmd.f_B` = (0, 0, T), `cmd.t_B` and `cmd.qd`."""
-    par, mem, ref, est, body, cmd = b.par, b.mem, b.ref, b.est, b.body, b.cmd
-    arm_velocity(par, ref, est, body, cmd.qd)
-    if ref.active < 0.5:
-        rest(mem, cmd)
-        for i in range(3):
-            mem.lead[i] = mem.user[SHIFT + i] = 0.0
-        return
-    a_W, f_W, R_des, turn = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
-    acceleration_for_motion(b, a_W)
-    invert_translation(b, a_W, f_W)
-    cmd.f_B[0], cmd.f_B[1] = 0.0, 0.0
-    cmd.f_B[2] = aim_thrust(par, ref, est, body, f_W, R_des)
-    angular_acceleration(b, R_des, turn)
-    torque_for_turn(b, turn)
+    if begin(b):
+        a_W, f_W = np.empty(3), np.empty(3)
+        acceleration_for_motion(b, a_W)
+        invert_translation(b, a_W, f_W)
+        apply_force(b, f_W)
 
 
 @njit(cache=True, error_model="numpy")
