@@ -10,9 +10,9 @@ the aligned frame, further the range finder's bias and the station's clock:
     station:              z = p_B + R p_BP - v delay                (stamps ahead by `delay`)
     range finder:         d = p_z / R_zz + bias                     (above the ground z = 0)
 
-The errors of rotations are in W: T_true = exp(turn) T. A sample waits until the horizon, which moves
-every FUSE_EVERY to a fixed lag behind now, passes its stamp, so that the station's late samples are
-in order with the camera's; from there to now only the inertial samples are integrated.
+The errors of rotations are in W: T_true = exp(turn) T. A sample waits until the horizon, which
+moves every FUSE_EVERY to a fixed lag behind now, passes its stamp, so that the station's late
+samples are in order with the camera's; from there to now only the inertial samples are integrated.
 """
 
 from __future__ import annotations
