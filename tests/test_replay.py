@@ -18,6 +18,7 @@ from skywright.core.types import MAX_JOINTS, SAMPLE
 from skywright.errors import InputError
 from skywright.evaluation.run import RunResult, run_mission
 from skywright.missions.loader import load_description
+from skywright.models.compliant_arms import find_hands, is_compliant
 from skywright.models.drawing import (
     Shape,
     build_drawing,
@@ -25,7 +26,8 @@ from skywright.models.drawing import (
     multiply_quaternions,
     rotate_vectors,
 )
-from skywright.models.rigid_body import build_body_model, compute_tip, joint_names
+from skywright.models.rigid_body import build_body_model, compute_tip, joint_names, posture
+from skywright.reports.first_person import find_mount
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon
 from skywright.reports.replay import build_overlay_data, build_replay, write_replay
 from skywright.reports.scene3d import (
@@ -281,6 +283,31 @@ def test_unwritable_directory_is_one_line(flight: RunResult, tmp_path: Path) -> 
         write_replay(flight._replace(directory=tmp_path / "gone", samples=flight.samples[:50]))
 
 
+def test_first_person_sees_the_tools_of_every_robot() -> None:
+    for mission in ("tool-install", "pipe-weld-scan", "bridge-contact", "bar-transport"):
+        d = load_description(mission)
+        mount = find_mount(d.robot, build_drawing(d.robot, d.world))
+        axes = np.stack([mount.forward, mount.up])
+        np.testing.assert_allclose(axes @ axes.T, np.eye(2), atol=1e-12)
+        model, q = build_body_model(d.robot), posture(d.robot, "working")
+        hands = is_compliant(d.robot)
+        work = find_hands(model, q).mean(axis=0) if hands else compute_tip(model, q)[0]
+        seen = (work - mount.position) @ mount.forward / np.linalg.norm(work - mount.position)
+        assert seen == pytest.approx(1.0)  # in the middle of the picture
+    d = load_description("waypoints")
+    assert find_mount(d.robot, build_drawing(d.robot, d.world)).forward[2] < 0.0
+
+
+def test_first_person_is_the_camera_that_a_robot_has() -> None:
+    d = load_description("sensor-install", sets=("robot.camera.x_m=0.1", "robot.camera.yaw_deg=90",
+                                                 "robot.camera.field_of_view_deg=60"))  # fmt: skip
+    mount = find_mount(d.robot, build_drawing(d.robot, d.world))
+    np.testing.assert_allclose(mount.position, [0.1, 0.0, 0.0])
+    np.testing.assert_allclose(mount.forward, [0.0, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(mount.up, [0.0, 0.0, 1.0], atol=1e-12)
+    assert mount.fov_deg == 60.0
+
+
 @pytest.mark.browser
 def test_browser_plays_the_page_without_network(
     scan: RunResult, chromium: str, tmp_path: Path
@@ -301,6 +328,26 @@ def test_browser_plays_the_page_without_network(
         assert re.search(r"push on the pipe\s+\d\.\d\d N", read("#sky-panel table"))
         assert read("#sky-phases .on") == "scan"
         assert evaluate("document.querySelectorAll('canvas').length")
+        held = """(() => {
+            const canvas = document.querySelector("#root canvas");
+            let f = canvas[Object.keys(canvas).find((k) => k.startsWith("__reactFiber$"))];
+            while (!f.memoizedProps?.value?.mutable?.current?.cameraControl) f = f.return;
+            return f.memoizedProps.value.mutable.current;
+        })()"""
+        click = "[...document.querySelectorAll('#sky-panel .views a')].at({}).click()"
+        before = evaluate(f"{held}.camera.position.toArray()")
+        evaluate(click.format(-1))  # the first person
+        mount = find_mount(
+            scan.description.robot, build_drawing(scan.description.robot, scan.description.world)
+        )
+        row = scan.samples[np.searchsorted(scan.samples["t"], t + scan.samples["t"][0])]
+        aboard = row["p_WB"] + rot_from_quat(row["q_WB"]) @ mount.position
+        at = f"{held}.camera.matrixWorld.elements.slice(12, 15)"
+        root = np.array(evaluate(f"{held}.nodePoseData[''].wxyz"), float)  # three.js has y up
+        to_world = rot_from_quat(root / np.linalg.norm(root)).T
+        wait_for(lambda: np.allclose(to_world @ np.array(evaluate(at)), aboard, atol=0.02), 20.0)
+        evaluate(click.format(0))
+        wait_for(lambda: np.allclose(evaluate(at), before, atol=0.02), 20.0)
         evaluate("[...document.querySelectorAll('#sky-phases div')].at(-1).click()")  # back and on
         wait_for(lambda: read("#sky-panel .now").startswith("land"))
         loaded = evaluate("performance.getEntriesByType('resource').map((e) => e.name).join(' ')")

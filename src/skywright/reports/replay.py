@@ -1,7 +1,8 @@
 """replay.html: a finished run in 3-D, in one file that needs no network.
 
 viser records the scene and bundles its own viewer with time slider and speed; an overlay of ours
-(replay_overlay.html) adds phases, key numbers and a legend. `replay.html#t=42` opens at 42 s.
+(replay_overlay.html) adds phases, key numbers, a legend and views, one of them from the robot.
+`replay.html#t=42&view=overview` opens at 42 s, seen from there.
 """
 
 from __future__ import annotations
@@ -19,6 +20,11 @@ from numpy.typing import NDArray
 from skywright.errors import InputError
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.inspection.weld import Crossing, WeldResult
+from skywright.missions.loader import Description
+from skywright.models.compliant_arms import is_compliant
+from skywright.models.drawing import build_drawing
+from skywright.reports.first_person import find_mount
+from skywright.reports.phases import explain_phase
 from skywright.reports.scene3d import (
     ESTIMATE,
     Scene3d,
@@ -29,6 +35,7 @@ from skywright.reports.scene3d import (
     stop_server,
 )
 from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
+from skywright.robots.limbs import SIDES
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -164,8 +171,9 @@ def _add_overlay(html: str, result: RunResult, samples: NDArray[Any], views: lis
     """Put phases, key numbers and legend into viser's page."""
     content = build_overlay_data(result, samples)
     content["views"] = [
-        [v.name, *(",".join(f"{x:.3f}" for x in p) for p in (v.position, v.look_at))] for v in views
+        [v.name, *([round(float(x), 3) for x in p] for p in (v.position, v.look_at))] for v in views
     ]
+    content["camera"] = _describe_camera(result.description)
     data = json.dumps(content, allow_nan=False)
     data = data.replace("<", "\\u003c")  # a name may not end the script
     overlay = (files("skywright.reports") / "replay_overlay.html").read_text(encoding="utf-8")
@@ -176,6 +184,19 @@ def _add_overlay(html: str, result: RunResult, samples: NDArray[Any], views: lis
     return html[:end] + overlay + html[end:]
 
 
+def _describe_camera(d: Description) -> dict[str, Any]:
+    """The first-person view: the drawn platform that carries it, and its mount in B."""
+    drawing = build_drawing(d.robot, d.world)
+    mount = find_mount(d.robot, drawing)
+    vectors = {
+        "position": mount.position, "forward": mount.forward, "up": mount.up
+    }  # fmt: skip
+    return {
+        "name": "first person", "node": f"/{drawing.parts[0].name}", "fov": mount.fov_deg,
+        **{name: [round(float(x), 4) for x in v] for name, v in vectors.items()},
+    }  # fmt: skip
+
+
 def build_overlay_data(result: RunResult, samples: NDArray[Any]) -> dict[str, Any]:
     """What the overlay shows: names, phases, numbers over time and legend."""
     d = result.description
@@ -183,7 +204,7 @@ def build_overlay_data(result: RunResult, samples: NDArray[Any]) -> dict[str, An
     end = float(samples["t"][-1]) if len(samples) else 0.0
     phases = [
         {"name": p.name.replace("_", " "), "start": p.start_s - start, "end": p.end_s - start,
-         "outcome": p.outcome}
+         "outcome": p.outcome, "what": explain_phase(d.mission.kind, p.name)}
         for p in result.phases
     ]  # fmt: skip
     found = result.weld is not None and result.weld.line is not None
@@ -230,6 +251,10 @@ def _build_numbers(result: RunResult, rows: NDArray[Any]) -> list[dict[str, Any]
         add("tip off its path", "mm", np.where(pushing, side, np.nan))
     else:
         add("off the path", "m", error, digits=2)
+        arm = result.description.robot.arm
+        if arm is not None and is_compliant(result.description.robot):
+            for side in SIDES[: arm.sides]:
+                add(f"{side} hand force", "N", np.linalg.norm(rows[f"{side}_f_W"], axis=1))
         lean = 2.0 * np.arccos(np.clip(np.hypot(rows["q_WB"][:, 0], rows["q_WB"][:, 3]), 0.0, 1.0))
         add("platform tilt", "°", np.degrees(lean))
         add("speed", "m/s", np.linalg.norm(rows["v_WB"], axis=1), digits=2)

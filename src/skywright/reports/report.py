@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
@@ -14,6 +15,7 @@ from skywright.reports.figures import paths, plan, series
 from skywright.reports.figures.style import house_style
 from skywright.reports.kinds import list_figures, load_figures
 from skywright.reports.page import Picture, build_picture, render_page
+from skywright.reports.phases import explain_phase
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -79,6 +81,7 @@ def render_report(result: RunResult) -> str:
         changes=explain.list_changes(result),
         assumptions=explain.list_assumptions(result),
         metrics=explain.list_metrics(result),
+        explain_phase=partial(explain_phase, result.description.mission.kind),
         versions=collect_versions(),
     )
 

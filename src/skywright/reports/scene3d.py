@@ -296,12 +296,18 @@ def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
     close = touch + 0.35 * way
     seen = np.concatenate([points, ends, ends * [1, 1, 0]])
     middle = 0.5 * (0.5 * (seen.min(axis=0) + seen.max(axis=0)) + close)
-    spot = touch + 0.16 * np.array([flat, left, -left, [0, 0, 1.0], [0, 0, -1.0]])
+    near_by = 0.16 if robot.probe is not None else 0.3  # of what is worked with there
+    spot = touch + near_by * np.array([flat, left, -left, [0, 0, 1.0], [0, 0, -1.0]])
     up = np.array([0.0, 0.0, 1.0])
     return [
         build_view("overview", seen, middle, 0.6 * flat + left + 0.4 * up, margin=1.05),
         build_view("robot", near + 1.1 * around, close, 0.5 * flat + left + 0.35 * up),
-        build_view("probe", spot, touch, 0.7 * flat + 0.9 * left + 0.7 * up),
+        build_view(
+            "probe" if robot.probe is not None else "pipe",
+            spot,
+            touch,
+            0.7 * flat + 0.9 * left + 0.7 * up,
+        ),
     ]
 
 

@@ -10,6 +10,7 @@ import viser
 from numpy.typing import NDArray
 
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
+from skywright.models.compliant_arms import is_compliant
 from skywright.reports.scene3d import AREA, CCW, CW, ESTIMATE, PLAN, WELD, Colour
 from skywright.robots.spec import Robot
 from skywright.worlds.scenario import get_structures
@@ -67,7 +68,7 @@ def draw_trace(
 
 def build_legend(robot: Robot, world: World, found: bool) -> list[list[str]]:
     """Pairs of colour (#rrggbb) and meaning; `found`: an estimated weld line is drawn."""
-    what = "tip" if robot.arm is not None else "platform"
+    what = "platform" if robot.arm is None else "left hand" if is_compliant(robot) else "tip"
     entries = [(FREE, f"path of the {what}, in the air")]
     if list_judged(robot, world):
         limits = f"{1e3 * GAP_LIMIT:g} mm, {math.degrees(TILT_LIMIT):g}°"

@@ -213,6 +213,13 @@ FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
     "transport_snapshots": draw_snapshots,
     "transport_histories": draw_histories,
 }
+PHASES = {
+    "start pose": "To where the plan begins, the bar in both hands.",
+    "transport": "Along the plan: platform, arms and bar together, the passive link swings freely.",
+    "settle": "At rest at the goal.",
+}
+"""Phase -> what is done in it."""
+
 CAPTIONS = {
     "transport_snapshots": (
         "The flight",

@@ -120,6 +120,20 @@ FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
     "contact_quality": draw_contact_quality,
     "instrument": draw_instrument,
 }
+PHASES = {
+    "approach": "Along the planned way to the pipe, arm folded.",
+    "unfold": "The arm takes the pose in which it measures.",
+    "close_in": "The probe stops a few centimetres off the surface.",
+    "trim": "The controller learns the steady errors before it touches.",
+    "touch": "The probe moves onto the surface and its spring is pressed in.",
+    "settle": "At rest in contact; is the probe really on?",
+    "scan": "The probe slides along the planned lines under force: this is what is judged.",
+    "back_off": "Contact was lost: back from the surface, for another try.",
+    "leave": "The probe leaves the surface.",
+    "fold": "The arm goes back into its pose of flight.",
+}
+"""Phase -> what is done in it."""
+
 CAPTIONS = {
     "weld_map": (
         "Weld map",

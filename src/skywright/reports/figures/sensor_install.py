@@ -76,6 +76,22 @@ def draw_force(result: RunResult) -> Figure | None:
 
 
 FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {"install_force": draw_force}
+PHASES = {
+    "arms to operation pose": "The arms reach forward, to where they work.",
+    "navigate": "Along the planned way to a place before the marker.",
+    "hover check": "At rest before the pipe: how far do the hands move?",
+    "navigate on": "On to the pipe.",
+    "approach": "Towards the place of installation, which the camera sees by its marker.",
+    "push the link": "The hands push, to learn how the link swings.",
+    "swing check": "Is the pendulum at rest?",
+    "touch": "The hand moves until it feels the surface.",
+    "press": "The sensor is pressed on.",
+    "force": "The force is held, as long as the installation takes.",
+    "leave singularity": "The platform moves, so that the arm is not stretched.",
+    "retract": "The hand leaves; the sensor stays.",
+}
+"""Phase -> what is done in it."""
+
 CAPTIONS = {
     "install_force": (
         "Pressing the sensor on",

@@ -103,6 +103,25 @@ FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
     "tool_phases": draw_phases,
     "tool_tracking": draw_tracking,
 }
+PHASES = {
+    "approach bench": "Arms down, then along the planned way to the tool that motion capture sees.",
+    "hover check": "Both hooks keep their points below the handle while the platform hovers.",
+    "grasp": "Platform and hooks rise, until both hands feel the handle.",
+    "lift": "The platform rises; the springs yield until the arms carry the tool's weight.",
+    "look again": "The tool was missed: its place is measured once more.",
+    "carry": "Along the planned way above everything, slowly: the tool swings in the hooks.",
+    "approach pipe": "Down over the pipe; the platform makes up for where the tool hangs.",
+    "install": "The tool is lowered until its feet, not the hands, carry it.",
+    "release": "Hooks down and out of the handle.",
+    "wait": "The tool inspects; the robot stays behind.",
+    "retrieve": "Back below the handle on the pipe.",
+    "carry back": "The same way back with the tool.",
+    "approach bench again": "Down over the place where the tool stood.",
+    "lower": "The tool is lowered until the bench carries it.",
+    "lift arms": "Arms above the landing gear.",
+}
+"""Phase -> what is done in it."""
+
 CAPTIONS = {
     "tool_phases": (
         "The tool's way, phase by phase",

@@ -1,0 +1,57 @@
+"""Where the camera of the replay's first-person view sits on a robot."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_y
+from skywright.models.compliant_arms import find_hands, is_compliant
+from skywright.models.drawing import Drawing
+from skywright.models.rigid_body import build_body_model, compute_tip, posture
+from skywright.robots.spec import Robot
+
+Array = NDArray[np.float64]
+
+WIDE_DEG = 80.0  # vertical field of view of a common first-person camera
+AHEAD = math.radians(15.0)  # down, of a camera that has no arm to look at
+STEEP = 0.9  # of forward's part along z: beyond, the picture's top is the robot's front
+OFF = 0.01  # m, in front of the hull
+
+
+class Mount(NamedTuple):
+    """A camera fixed to the platform; vectors in B."""
+
+    position: Array  # (3,) m
+    forward: Array  # (3,) unit
+    up: Array  # (3,) unit, of the picture
+    fov_deg: float  # vertical
+
+
+def find_mount(robot: Robot, drawing: Drawing) -> Mount:
+    """Return the robot's own camera, or one on the hull's front rim that looks at the tools.
+
+    The rim: of the side, top or bottom, where tip or hands work; in the working posture the middle
+    between them is the picture's middle.
+    """
+    if robot.camera is not None:
+        c, R = robot.camera, robot.camera.rotation
+        return Mount(np.array([c.x_m, c.y_m, c.z_m]), R[:, 2], -R[:, 1], c.field_of_view_deg)
+    hub = next((s for s in drawing.parts[0].shapes if s.name == "hub"), None)
+    radius, half = (float(hub.size[0]), float(hub.size[1])) if hub is not None else (0.0, 0.0)
+    rim = np.array([radius + OFF, 0.0, -half])
+    forward = rot_y(AHEAD)[:, 0]
+    if robot.arm is not None:
+        model, q = build_body_model(robot), posture(robot, "working")
+        hands = find_hands(model, q) if is_compliant(robot) else compute_tip(model, q)[0][None]
+        work = hands.mean(axis=0)
+        rim[2] = math.copysign(half, work[2])
+        forward = (work - rim) / np.linalg.norm(work - rim)
+    top = np.array([1.0, 0.0, 0.0]) if abs(forward[2]) > STEEP else np.array([0.0, 0.0, 1.0])
+    if forward[2] > STEEP:
+        top = -top
+    up = top - (top @ forward) * forward
+    return Mount(rim, forward, up / np.linalg.norm(up), WIDE_DEG)
