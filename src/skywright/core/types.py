@@ -196,6 +196,8 @@ MEASUREMENT = np.dtype(
         ("R_BM", f8, (3, 3)),
         ("p_WM", f8, 3),  # m, the marker by motion capture, new with mocap_fresh
         ("R_WM", f8, (3, 3)),
+        ("p_WP", f8, 3),  # m, a tracked pipe likewise
+        ("R_WP", f8, (3, 3)),
         ("force", f8),  # N, of the probe's force sensor
         # without motion capture (world.localisation)
         ("fix_fresh", f8),  # 1 when new this tick: where a point of the robot was (`flt.p_BF`,
@@ -369,6 +371,7 @@ ARMS = np.dtype(
         ("fore", f8),  # m, forearm with the hand
         ("pad", f8, MAX_HANDS),  # m, from the hand's end back to its ball's centre
         ("marker_mocap", f8),  # 1: the marker is measured by motion capture, not by a camera
+        ("pipe_mocap", f8),  # 1: motion capture tracks the pipe
         ("p_BS", f8, (MAX_HANDS, 3)),  # m, shoulders, in B (where a passive link carries them:
         #                                in the frame of that link)
         ("estimator", f8),  # of the contact force: 0 Suarez 2020 (26), 1 joint torques
@@ -401,6 +404,9 @@ ARMS = np.dtype(
         ("p_WM", f8, 3),  # m, estimated marker (estimation/marker.py)
         ("R_WM", f8, (3, 3)),
         ("marker_age", f8),  # s, since it was last seen
+        ("p_WP", f8, 3),  # m, estimated pipe
+        ("R_WP", f8, (3, 3)),
+        ("pipe_samples", f8),  # in the mean, 0: none came yet
         # memory of the arms' law
         ("theta_ref", f8, MAX_JOINTS),  # rad, last command
         ("shaft", f8, MAX_JOINTS),  # rad, shafts as (17) says of the commands

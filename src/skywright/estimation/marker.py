@@ -1,4 +1,4 @@
-"""Where the marker is, from the camera's or motion capture's samples of it.
+"""Where marker and pipe are, from the camera's or motion capture's samples of them.
 
 A camera sample is put into W with the estimated platform pose, and averaged there: the marker
 stands still or moves slowly. The arm's reference goes back from W with the same pose, so that an
@@ -19,6 +19,8 @@ Record = Any
 
 AVERAGE = 0.15
 """s, over which samples are averaged."""
+PIPE_SAMPLES = 100.0
+"""Of a pipe: it stands still, and should it not, the mean has followed it after some seconds."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -47,3 +49,17 @@ def estimate_marker(b: Record) -> None:
         for c in range(3):
             arms.R_WM[a, c] += gain * (R[a, c] - arms.R_WM[a, c])
     orthonormalise(arms.R_WM)
+
+
+@njit(cache=True, error_model="numpy")
+def estimate_pipe(b: Record) -> None:
+    """Fill arms.p_WP and R_WP, the running mean of the samples of a tracked pipe."""
+    arms, meas = b.arms, b.meas
+    if arms.pipe_mocap == 0.0 or meas.mocap_fresh == 0.0:
+        return
+    arms.pipe_samples = min(arms.pipe_samples + 1.0, PIPE_SAMPLES)
+    for a in range(3):
+        arms.p_WP[a] += (meas.p_WP[a] - arms.p_WP[a]) / arms.pipe_samples
+        for c in range(3):
+            arms.R_WP[a, c] += (meas.R_WP[a, c] - arms.R_WP[a, c]) / arms.pipe_samples
+    orthonormalise(arms.R_WP)

@@ -57,6 +57,8 @@ def check_localisation(name: str, robot: Robot, world: World) -> None:
         raise InputError(f"{says}mission.estimator = 'observer' needs motion capture; use 'filter'")
     if world.marker is not None and robot.camera is None:
         raise InputError(f"{says}world.marker needs motion capture, or robot.camera to see it")
+    if world.pipe is not None and world.pipe.tracked:
+        raise InputError(f"{says}world.pipe.tracked needs motion capture")
     if robot.probe is not None and (kind == "gnss" or robot.force_sensor is None):
         raise InputError(
             f"{says}the probe of {robot.name!r} needs the markers that motion capture sees"

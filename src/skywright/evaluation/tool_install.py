@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_from_quat, rot_z
 from skywright.evaluation.metrics import in_phases
 from skywright.missions.flight import PhaseRecord
+from skywright.missions.kinds.tool_install import find_places
 from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan
+from skywright.missions.tasks.tool_install import ToolInstallMission
 from skywright.missions.tool_handling import LOW, Place
 
 Array = NDArray[np.float64]
@@ -45,15 +47,17 @@ def compute_tool_metrics(
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
     way, i = plan.task, description.world.things.index("tool")
+    assert isinstance(description.mission, ToolInstallMission)
+    bench, seat = find_places(description.world, description.mission.task)  # not as the map has it
     wait = np.flatnonzero(in_phases(samples, phases, "wait"))
     if len(wait):
-        stance = compute_stance(samples, int(wait[-1]), i, way.seat)
+        stance = compute_stance(samples, int(wait[-1]), i, seat)
         out["tool.seat_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
         out["tool.seat_angle_deg"] = math.degrees(stance.angle)
     back = np.flatnonzero(in_phases(samples, phases, "return"))
     out["tool.returned"] = 0.0
     if len(back):
-        stance = compute_stance(samples, int(back[-1]), i, way.bench)
+        stance = compute_stance(samples, int(back[-1]), i, bench)
         out["tool.return_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
         near = float(np.linalg.norm(stance.error)) < RETURNED_M and stance.angle < RETURNED_ANGLE
         out["tool.returned"] = float(near)

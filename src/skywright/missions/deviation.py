@@ -29,4 +29,5 @@ def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
         joint_offset=np.full(len(joint_names(robot)), math.radians(plant.joint_offset_error_deg)),
         drag_factor=1.0 + plant.drag_error,
         marker_error=plant.marker_error_m * np.clip(rng.standard_normal(3), -3.0, 3.0),
+        pipe_error=plant.marker_error_m * np.clip(rng.standard_normal(3), -3.0, 3.0),
     )

@@ -136,3 +136,6 @@ class Plant(Spec):
     joint_offset_error_deg: float = 0.4  # encoder zero of every joint
     drag_error: float = Field(default=0.2, gt=-1, lt=10)
     marker_error_m: NonNegative = 0.001  # 1 sigma a axis: motion-capture markers of the probe
+    # a pipe that is tracked is this far, either way, from where the planner's map has it
+    map_error_m: float = Field(default=0.02, ge=0, le=0.2)  # each axis
+    map_error_deg: float = Field(default=2.0, ge=0, le=20)  # heading

@@ -47,6 +47,7 @@ class Deviation(NamedTuple):
     joint_offset: Array = np.zeros(0)  # (n_joints,) rad, encoder zero error
     drag_factor: float = 1.0
     marker_error: Array = np.zeros(3)  # m, in T: where motion capture believes the tip to be
+    pipe_error: Array = np.zeros(3)  # m, in W: likewise of a tracked pipe
 
 
 def add_arm(

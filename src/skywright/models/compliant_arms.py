@@ -64,7 +64,7 @@ def fill_arms_parameters(arms: Record, robot: Robot) -> None:
     arms["chain"] = int(has_arm_chain(robot))
     _fill_gains(arms, robot)
     arms["R_WM"], arms["marker_age"] = np.eye(3), NEVER
-    arms["marker_mocap"] = float(robot.camera is None)
+    arms["marker_mocap"], arms["R_WP"] = float(robot.camera is None), np.eye(3)
     for side in range(robot.arm.sides):
         mine = [j for j, limb in enumerate(joints) if limb.side == side]
         arms["first"][side], arms["n"] = mine[0], len(mine)

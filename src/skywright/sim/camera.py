@@ -18,11 +18,13 @@ from skywright.core.rotations import exp_so3, mat_mat, mat_t_mat, mat_t_vec, mat
 from skywright.robots.camera import Camera
 from skywright.robots.spec import Robot
 from skywright.worlds.spec import World
+from skywright.worlds.surface import build_cylinder
 
 Record = Any
 Array = Any
 
 CAMERA_NOISE = 12  # draws a tick: six for the camera, six for motion capture of the marker
+PIPE_NOISE = 6
 
 CAMERA = np.dtype(
     [
@@ -44,13 +46,22 @@ CAMERA = np.dtype(
         ("R_OM", np.float64, (3, 3)),
         ("p_WM", np.float64, 3),  # m, truth of this tick
         ("R_WM", np.float64, (3, 3)),
+        # a pipe that motion capture tracks
+        ("pipe", np.int64),
+        ("p_WP", np.float64, 3),  # m, with the error of its targets' calibration
+        ("R_WP", np.float64, (3, 3)),
     ]
 )
 """The camera and the marker: parameters and truth, part of the plant."""
 
 
-def fill_camera(record: Record, robot: Robot, world: World, object_qpos: Array) -> None:
-    """Write a CAMERA record; `object_qpos` are the addresses of the world's things, in order."""
+def fill_camera(
+    record: Record, robot: Robot, world: World, object_qpos: Array, pipe_error: Array
+) -> None:
+    """Write a CAMERA record; `object_qpos` are the addresses of the world's things, in order.
+
+    `pipe_error` (3,) m, in W: of the calibration of a tracked pipe's targets.
+    """
     record["object_qpos"] = -1
     record["R_OM"] = record["R_WM"] = np.eye(3)
     if world.marker is not None:
@@ -60,6 +71,10 @@ def fill_camera(record: Record, robot: Robot, world: World, object_qpos: Array) 
         record["R_OM"] = record["R_WM"] = m.rotation
         if m.on is not None:
             record["object_qpos"] = object_qpos[world.things.index(m.on)]
+    if world.pipe is not None and world.pipe.tracked:
+        cylinder = build_cylinder(world.pipe)
+        record["pipe"] = 1
+        record["p_WP"], record["R_WP"] = cylinder.p_WP + pipe_error, cylinder.R_WP
     if robot.camera is not None:
         c: Camera = robot.camera
         record["on"] = 1
@@ -133,11 +148,13 @@ def take_image(cam: Record, t: float, p_WB: Array, R_WB: Array, draw: Array, mea
 
 
 @njit(cache=True, error_model="numpy")
-def capture_marker(cam: Record, sigma_p: float, sigma_R: float, draw: Array, meas: Record) -> None:
-    """Fill p_WM, R_WM with a motion-capture sample of the marker's body."""
+def capture_body(
+    p: Array, R: Array, sigma_p: float, sigma_R: float, draw: Array, p_seen: Array, R_seen: Array
+) -> None:
+    """Fill p_seen, R_seen with a motion-capture sample of a body; draw (6,): place, attitude."""
     turn, rot = np.empty(3), np.empty((3, 3))
     for a in range(3):
-        meas.p_WM[a] = cam.p_WM[a] + sigma_p * draw[6 + a]
-        turn[a] = sigma_R * draw[9 + a]
+        p_seen[a] = p[a] + sigma_p * draw[a]
+        turn[a] = sigma_R * draw[3 + a]
     exp_so3(turn, rot)
-    mat_mat(cam.R_WM, rot, meas.R_WM)
+    mat_mat(R, rot, R_seen)

@@ -113,10 +113,10 @@ def _copy_mocap(a: Record, b: Record) -> None:
     b.mocap_fresh, b.mocap_t, b.mocap_period = a.mocap_fresh, a.mocap_t, a.mocap_period
     for i in range(3):
         b.p_WB[i], b.p_WT[i], b.axis_W[i] = a.p_WB[i], a.p_WT[i], a.axis_W[i]
-        b.p_WM[i] = a.p_WM[i]
+        b.p_WM[i], b.p_WP[i] = a.p_WM[i], a.p_WP[i]
         for j in range(3):
             b.R_WB[i, j] = a.R_WB[i, j]
-            b.R_WM[i, j] = a.R_WM[i, j]
+            b.R_WM[i, j], b.R_WP[i, j] = a.R_WM[i, j], a.R_WP[i, j]
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,7 +20,8 @@ from skywright.models.rotors import step_rotor_speed
 from skywright.sim.camera import (
     CAMERA,
     CAMERA_NOISE,
-    capture_marker,
+    PIPE_NOISE,
+    capture_body,
     place_marker,
     take_image,
 )
@@ -127,6 +128,7 @@ PLANT = np.dtype(
         ("localisation", LOCALISATION),  # instead of motion capture
         ("camera", CAMERA),
         ("noise_camera", f8, (BLOCK, CAMERA_NOISE)),
+        ("noise_pipe", f8, (BLOCK, PIPE_NOISE)),
         # surface and tip
         ("has_pipe", i8),
         ("p_WP", f8, 3),
@@ -295,7 +297,15 @@ def sense(pl: Record, t: float, meas: Record, qpos: Array, qvel: Array) -> None:
         place_marker(pl.camera, qpos)
         take_image(pl.camera, t, pl.p_WB, pl.R_WB, draw, meas)
         if meas.mocap_fresh > 0.0:
-            capture_marker(pl.camera, pl.mocap_sigma_p, pl.mocap_sigma_R, draw, meas)
+            capture_body(
+                pl.camera.p_WM, pl.camera.R_WM, pl.mocap_sigma_p, pl.mocap_sigma_R, draw[6:],
+                meas.p_WM, meas.R_WM,
+            )  # fmt: skip
+    if pl.camera.pipe and meas.mocap_fresh > 0.0:
+        capture_body(
+            pl.camera.p_WP, pl.camera.R_WP, pl.mocap_sigma_p, pl.mocap_sigma_R, pl.noise_pipe[k],
+            meas.p_WP, meas.R_WP,
+        )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")

@@ -79,7 +79,7 @@ def build_plant(
     pl["n_objects"] = len(index.object_qpos)
     pl["object_qpos"][: len(index.object_qpos)] = index.object_qpos
     fill_loads(pl["loads"], scene.model)
-    fill_camera(pl["camera"], robot, world, index.object_qpos)
+    fill_camera(pl["camera"], robot, world, index.object_qpos, dev.pipe_error)
     m = world.mocap
     pl["mocap_period"], pl["mocap_latency"] = 1.0 / m.rate_hz, m.latency_s
     pl["mocap_sigma_p"], pl["mocap_sigma_R"] = m.position_noise_m, m.attitude_noise_rad

@@ -137,7 +137,7 @@ class SimulatedVehicle:
         self.plant = build_plant(robot, world, self.scene, deviation, seed)
         names = (
             "gyro", "accelerometer", "vibration", "mocap", "dropout", "outlier", "probe", "wind",
-            "link", "deflection", "camera", "force", "gnss", "station", "range_finder",
+            "link", "deflection", "camera", "force", "gnss", "station", "range_finder", "pipe",
         )  # fmt: skip
         self._streams = {n: build_stream(seed, n) for n in names}
         fill_gnss(self.plant[0]["gnss"], robot, world, self._streams["gnss"])
@@ -420,6 +420,8 @@ class SimulatedVehicle:
             )
         if pl["camera"]["marker"]:
             pl["noise_camera"] = self._streams["camera"].standard_normal(pl["noise_camera"].shape)
+        if pl["camera"]["pipe"]:
+            pl["noise_pipe"] = self._streams["pipe"].standard_normal(pl["noise_pipe"].shape)
         if pl["force_on"]:
             pl["noise_force"] = self._streams["force"].standard_normal(BLOCK)
         pl["noise_ec"] = self._streams["probe"].standard_normal((BLOCK, 2))
@@ -450,6 +452,7 @@ class SimulatedVehicle:
             par["slider"] = self.robot.probe.slider_mass_kg
         fill_parameters(b, self.robot, self.world, TIMESTEP)
         fill_arms_parameters(b["arms"], self.robot)
+        b["arms"]["pipe_mocap"] = float(self.world.pipe is not None and self.world.pipe.tracked)
         if self.law.name in CASCADED:
             inverted = self.law.name == "model_inversion"
             fill_cascade(b, self.robot, self.world, self.model, inverted)

@@ -18,7 +18,7 @@ from skywright.core.pointers import call_pointer
 from skywright.core.rotations import orthonormalise, rot_to_quat
 from skywright.core.types import MAX_JOINTS
 from skywright.estimation.contact_force import estimate_contact_force
-from skywright.estimation.marker import estimate_marker
+from skywright.estimation.marker import estimate_marker, estimate_pipe
 from skywright.estimation.tip_force import estimate_tip_force
 from skywright.estimation.wrench import estimate_wrench
 from skywright.inspection.eddy_current import ec_signal
@@ -146,6 +146,7 @@ def before_law(
     interpolate_reference(b, table)
     if b.arms.on:
         estimate_marker(b)
+        estimate_pipe(b)
     if b.arms.on and pl.tick % pl.servo_every == 0:
         fill_arms(b, model, kin, stiff)
         estimate_contact_force(b)

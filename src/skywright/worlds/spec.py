@@ -37,6 +37,7 @@ class Pipe(Spec):
     conductivity_s_per_m: Positive = 5.0e6
     relative_permeability: Positive = 100.0
     supports: bool = True  # two posts from the ground, near the ends
+    tracked: bool = False  # motion capture sees targets on it and tells where it is
 
 
 class Weld(Spec):

@@ -20,6 +20,7 @@ from skywright.errors import InputError
 from skywright.missions.flight import Flight
 from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan, find_hover
+from skywright.missions.spec import Plant
 from skywright.missions.tasks.tool_install import ToolInstall, ToolInstallMission
 from skywright.missions.tool_handling import (
     DROP,
@@ -93,6 +94,9 @@ def plan(d: Description) -> MissionPlan:
     assert isinstance(mission, ToolInstallMission)
     began, task = time.perf_counter(), mission.task
     _check_input(robot, world, task)
+    assert world.tool is not None and world.pipe is not None
+    world = draw_map(world, d.plant, mission.seed)
+    d = d._replace(world=world)
     assert world.tool is not None and world.pipe is not None
     grip = build_grip(robot, world.tool, world.gravity_mps2)
     bench, seat = find_places(world, task)
@@ -170,6 +174,10 @@ def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
     if world.marker is None or world.marker.on != "tool":
         raise InputError(
             f"world {world.name!r}: the tool is tracked by a marker: [world.marker] on = 'tool'"
+        )
+    if not world.pipe.tracked:
+        raise InputError(
+            f"world {world.name!r}: where the tool goes is measured: [world.pipe] tracked = true"
         )
     if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
         raise InputError(
@@ -259,11 +267,28 @@ def find_places(world: World, task: ToolInstall) -> tuple[Place, Place]:
     assert world.tool is not None and world.pipe is not None
     p, R = find_tool_place(world)
     pipe = build_cylinder(world.pipe)
-    ahead = pipe.R_WP[:, 0]
-    yaw = math.atan2(ahead[1], ahead[0])
+    return Place(p, math.atan2(R[1, 0], R[0, 0])), find_seat(world, task, pipe.p_WP, pipe.R_WP)
+
+
+def find_seat(world: World, task: ToolInstall, p_WP: Array, R_WP: Array) -> Place:
+    """Return where the tool shall stand on a pipe whose frame is p_WP (3,) m, R_WP (3, 3)."""
+    assert world.tool is not None and world.pipe is not None
     height = compute_seat(world.tool, world.pipe.diameter_m).height
-    on_pipe = pipe.p_WP + task.along_pipe_m * pipe.R_WP[:, 1] + height * pipe.R_WP[:, 2]
-    return Place(p, math.atan2(R[1, 0], R[0, 0])), Place(on_pipe, yaw)
+    p = p_WP + task.along_pipe_m * R_WP[:, 1] + height * R_WP[:, 2]
+    return Place(p, math.atan2(R_WP[1, 0], R_WP[0, 0]))
+
+
+def draw_map(world: World, plant: Plant, seed: int) -> World:
+    """Return the world as the planner's map has it: the pipe up to `plant.map_error` off."""
+    assert world.pipe is not None
+    off, turn = np.split(build_stream(seed, "map").uniform(-1.0, 1.0, 4), [3])
+    x, y, z = plant.map_error_m * off
+    pipe = world.pipe
+    moved = pipe.model_copy(update={
+        "x_m": pipe.x_m + float(x), "y_m": pipe.y_m + float(y), "z_m": pipe.z_m + float(z),
+        "yaw_deg": pipe.yaw_deg + plant.map_error_deg * float(turn[0]),
+    })  # fmt: skip
+    return world.model_copy(update={"pipe": moved})
 
 
 def _behind(p: Array, yaw: float) -> Array:
@@ -311,46 +336,49 @@ def fly(s: Supervisor) -> Flight:
     weight = _take(s, way, task.retries, speeds)
     if weight is None:
         s.begin("return")
-        _leave(s, way, way.bench)
+        _leave(s, way, place)
         _go_home(s, way)
         return Flight(False, "the tool could not be grasped")
     s.begin("carry")
     _follow(s, way.to_pipe, CALM_SPEED)
     s.begin("approach pipe")
-    move_platform(
-        s, find_platform(way.grip, way.seat) + [0.0, 0.0, ABOVE], way.seat.yaw, NEAR_SPEED
-    )
+    seat = _measure_seat(s, task)
+    move_platform(s, find_platform(way.grip, seat) + [0.0, 0.0, ABOVE], seat.yaw, NEAR_SPEED)
     if not _is_held(s, way.grip):
         _go_home(s, way, from_pipe=True)
         return Flight(False, "the tool was lost on the way to the pipe")
-    put_down(s, way.grip, way.seat, weight, speeds, "install")
+    put_down(s, way.grip, _measure_seat(s, task), weight, speeds, "install")
     s.begin("wait")
-    _leave(s, way, way.seat)
+    _leave(s, way, seat)
     s.wait(task.wait_s)
     s.begin("retrieve")
     _come(s, way.grip, find_tool(s))
     weight = _take(s, way, task.retries, speeds)
     if weight is None:
         s.begin("return")
-        _leave(s, way, way.seat)
+        _leave(s, way, seat)
         _go_home(s, way, from_pipe=True)
         return Flight(False, "the tool could not be taken back: it stays on the pipe")
     s.begin("carry back")
     move_platform(s, way.to_pipe[-1, :3], way.seat.yaw, NEAR_SPEED)
     _follow(s, way.to_pipe[::-1], CALM_SPEED)
     s.begin("approach bench again")
-    move_platform(
-        s, find_platform(way.grip, way.bench) + [0.0, 0.0, ABOVE], way.bench.yaw, NEAR_SPEED
-    )
+    move_platform(s, find_platform(way.grip, place) + [0.0, 0.0, ABOVE], place.yaw, NEAR_SPEED)
     if not _is_held(s, way.grip):
-        _leave(s, way, way.bench)
+        _leave(s, way, place)
         _go_home(s, way)
         return Flight(False, "the tool was lost on the way back")
-    put_down(s, way.grip, way.bench, weight, speeds, "lower")
+    put_down(s, way.grip, place, weight, speeds, "lower")
     s.begin("return")
-    _leave(s, way, way.bench)
+    _leave(s, way, place)
     _go_home(s, way)
     return Flight(True, "")
+
+
+def _measure_seat(s: Supervisor, task: ToolInstall) -> Place:
+    """Where the tool shall stand, on the pipe as motion capture sees it."""
+    arms = s.vehicle.hands
+    return find_seat(s.vehicle.world, task, np.array(arms["p_WP"]), np.array(arms["R_WP"]))
 
 
 def _come(s: Supervisor, grip: Grip, place: Place) -> None:
