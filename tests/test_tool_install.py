@@ -10,10 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skywright.core.rotations import quat_from_rot, rot_y
+from skywright.core.rotations import quat_from_rot, rot_y, rot_z
+from skywright.core.types import BELIEF
 from skywright.errors import InputError
+from skywright.estimation.marker import estimate_pipe
 from skywright.evaluation.run import fly_and_evaluate
-from skywright.missions.kinds.tool_install import ToolPlan, build_grip, plan
+from skywright.missions.kinds.tool_install import ToolPlan, build_grip, draw_map, find_places, plan
 from skywright.missions.loader import Description, load_description
 from skywright.missions.tool_handling import find_platform
 from skywright.models.arm_body import Deviation
@@ -129,8 +131,41 @@ def test_the_parts_weigh_what_the_tool_weighs() -> None:
     assert sum(p.mass for p in parts) == pytest.approx(DESCRIPTION.world.tool.mass_kg)
 
 
+def test_the_map_is_off_by_no_more_than_is_said() -> None:
+    d = DESCRIPTION
+    assert d.world.pipe is not None
+    here, off = d.world.pipe, []
+    for seed in range(200):
+        pipe = draw_map(d.world, d.plant, seed).pipe
+        assert pipe is not None and pipe.diameter_m == here.diameter_m
+        off.append([pipe.x_m - here.x_m, pipe.y_m - here.y_m, pipe.z_m - here.z_m,
+                    math.radians(pipe.yaw_deg - here.yaw_deg)])  # fmt: skip
+    most = [d.plant.map_error_m] * 3 + [math.radians(d.plant.map_error_deg)]
+    assert np.all(np.abs(off) <= most) and np.all(
+        np.max(np.abs(off), axis=0) > 0.95 * np.array(most)
+    )
+    assert np.all(np.abs(np.mean(off, axis=0)) < 4.0 * np.array(most) / math.sqrt(3.0 * 200.0))
+
+
+def test_the_mean_of_a_tracked_pipe_is_better_than_a_sample() -> None:
+    belief = np.zeros(1, BELIEF)[0]
+    rng, R = np.random.default_rng(1), rot_z(0.4)
+    belief["arms"]["pipe_mocap"], belief["meas"]["mocap_fresh"] = 1.0, 1.0
+    for _ in range(100):
+        belief["meas"]["p_WP"] = [1.0, 2.0, 3.0] + 1e-3 * rng.standard_normal(3)
+        belief["meas"]["R_WP"] = R @ rot_y(2e-3 * rng.standard_normal())
+        estimate_pipe(belief)
+    np.testing.assert_allclose(belief["arms"]["p_WP"], [1.0, 2.0, 3.0], atol=4e-4)
+    np.testing.assert_allclose(belief["arms"]["R_WP"], R, atol=1e-3)
+    for _ in range(600):  # somebody moves it
+        belief["meas"]["p_WP"], belief["meas"]["R_WP"] = [1.1, 2.0, 3.0], R
+        estimate_pipe(belief)
+    np.testing.assert_allclose(belief["arms"]["p_WP"], [1.1, 2.0, 3.0], atol=1e-3)
+
+
 def test_the_platform_stands_where_the_hands_hold_the_handle() -> None:
-    found = plan(DESCRIPTION).task
+    exact = ["plant.map_error_m=0", "plant.map_error_deg=0"]
+    found = plan(load_description("tool-install", sets=exact)).task
     assert isinstance(found, ToolPlan)
     model = build_body_model(DESCRIPTION.robot)
     hands = find_hands(model, found.grip.q) + find_platform(found.grip, found.seat)
@@ -165,6 +200,7 @@ def test_a_tool_under_a_shelf_is_out_of_reach() -> None:
     ("sets", "message"),
     [
         (["world.tool.on=shelf"], "shelf"),
+        (["plant.map_error_m=1"], "map_error_m"),
         (["world.tool.handle_height_m=0.05"], "in the box"),
     ],
 )
@@ -180,6 +216,7 @@ def test_wrong_worlds_are_input_errors(sets: list[str], message: str) -> None:
         ("hexarotor", [], "lacks"),
         (None, ["robot.arm.hand.kind=ball"], "hooks"),
         (None, ["world.pipe.inclination_deg=20"], "level"),
+        (None, ["world.pipe.tracked=false"], "tracked = true"),
         (None, ["mission.task.along_pipe_m=1"], "beyond the pipe's end"),
     ],
 )
@@ -201,6 +238,9 @@ def test_the_tool_is_installed_and_brought_back() -> None:
     result = fly_and_evaluate(load_description("tool-install", sets=sets, seed=3))
     m = result.metrics
     names = [p.name for p in result.phases]
+    _, seat = find_places(result.description.world, result.description.mission.task)
+    off = np.linalg.norm(result.plan.task.seat.p_WO - seat.p_WO)
+    assert off > 0.01  # of the map: the pipe is put to use where it is seen
     order = [
         "take_off", "approach bench", "grasp", "lift", "carry", "approach pipe", "install", "wait",
         "retrieve", "carry back", "lower", "return", "lift arms", "land",
