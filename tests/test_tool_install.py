@@ -14,7 +14,7 @@ from skywright.core.rotations import quat_from_rot, rot_y, rot_z
 from skywright.core.types import BELIEF
 from skywright.errors import InputError
 from skywright.estimation.marker import estimate_pipe
-from skywright.evaluation.run import fly_and_evaluate
+from skywright.evaluation.run import RunResult, fly_and_evaluate
 from skywright.missions.kinds.tool_install import ToolPlan, build_grip, draw_map, find_places, plan
 from skywright.missions.loader import Description, load_description
 from skywright.missions.tool_handling import find_platform
@@ -23,6 +23,7 @@ from skywright.models.compliant_arms import find_hands
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
 from skywright.models.tool_body import find_tool_place
+from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.worlds.tool import Tool, compute_diameters, compute_seat, list_tool_parts
 
 DESCRIPTION = load_description("tool-install")
@@ -258,3 +259,48 @@ def test_the_tool_is_installed_and_brought_back() -> None:
     rising = result.samples[result.samples["phase"] == grasp]
     moved = np.linalg.norm(rising["left_p_WH"][20:] - rising["left_p_WH"][:-20], axis=1) / 0.2
     assert np.max(moved) < 0.15  # m/s: platform and hand rise at 0.05 each
+
+
+class Kick:
+    """Somebody moves the tool by `by` (3,) m when the phase `when` begins."""
+
+    def __init__(self, when: str, by: list[float]) -> None:
+        self.when, self.by, self.done = when, np.array(by), False
+
+    def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
+        if phase == self.when and not self.done:
+            self.done = True
+            at = int(vehicle.scene.model.joint("object tool").qposadr[0])
+            vehicle.sim.data.qpos[at : at + 3] += self.by
+
+
+def fly_kicked(when: str, by: list[float]) -> RunResult:
+    sets = ["mission.task.hover_s=2", "mission.task.wait_s=2"]
+    return fly_and_evaluate(load_description("tool-install", sets=sets), [Kick(when, by)])
+
+
+def test_a_missed_grasp_is_repeated_where_the_tool_is_now() -> None:
+    result = fly_kicked("lift", [0.06, 0.0, 0.0])  # out of the hooks
+    assert result.metrics["tool.retries"] == 1.0
+    assert "look again" in [p.name for p in result.phases]
+    assert result.metrics["tool.seat_error_mm"] < 10.0 and result.metrics["tool.returned"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("when", "by", "reason"),
+    [
+        ("lift", [0.1, 0.0, 0.0], "could not be grasped"),  # over the bench's edge
+        ("carry", [0.3, 0.0, 0.0], "lost on the way to the pipe"),
+        ("wait", [0.3, 0.0, 0.0], "does not stand on the pipe any more"),
+        ("take_off", [-0.1, 0.05, 0.0], "does not stand where the plan has it"),
+    ],
+)
+def test_a_tool_that_falls_is_left_alone(when: str, by: list[float], reason: str) -> None:
+    """The robot does not go after it to the ground, but home."""
+    result = fly_kicked(when, by)
+    assert result.outcome == "aborted" and reason in result.reason
+    assert [p.name for p in result.phases][-2:] == ["lift arms", "land"]
+    flown = result.samples[result.samples["t"] < result.phases[-1].start_s]
+    after = flown[flown["t"] > result.phases[2].end_s]
+    assert np.min(after["p_WB"][:, 2]) > 1.3  # m, over a bench of 0.9 m
+    assert result.metrics["tool.returned"] == 0.0

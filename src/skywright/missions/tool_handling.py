@@ -36,6 +36,7 @@ ALIGN_RATE = 0.5  # 1/s, at which the platform makes up for where the tool hangs
 ALIGN_M = 0.004  # m, to which it does
 ALIGN_SPEED = 0.05  # m/s
 TILT_MAX = math.radians(12.0)  # of a handle that hangs in both hooks
+STRAY = 0.2  # m, from the hands: a tool further away, or tilted more, has fallen
 
 
 class Place(NamedTuple):
@@ -123,6 +124,12 @@ def compute_miss(s: Supervisor, grip: Grip) -> float:
     return worst
 
 
+def is_at_hand(s: Supervisor, grip: Grip) -> bool:
+    """Whether the tool is upright and near the hands; one that is not must not be followed."""
+    _, R = measure_tool(s)
+    return compute_miss(s, grip) < STRAY and R[2, 2] > math.cos(TILT_MAX)
+
+
 class Weight:
     """The weight on the hands as the platform feels it: slow, and against a known beginning."""
 
@@ -194,7 +201,7 @@ def _touch(s: Supervisor, grip: Grip, speed: float) -> bool:
     lead_hands(s, grip, PRESS, speed)
     s.body.track(_build_move(s, find_platform(grip, place), place.yaw, speed, 0.3))
     felt, patience = 0.0, s.vehicle.t + (LOW + PRESS) / speed + 2.0 * STEADY_S
-    while s.vehicle.t < patience and felt < TOUCH_S - 1e-9:
+    while s.vehicle.t < patience and felt < TOUCH_S - 1e-9 and is_at_hand(s, grip):
         s.tick()
         touch = bool(np.all(s.vehicle.hands["f_WH"][:2, 2] > TOUCH_N))
         felt = felt + MISSION_TICK if touch else 0.0
@@ -237,11 +244,18 @@ def _correct(error: Array) -> Array:
 
 
 def _let_go(s: Supervisor, grip: Grip, speed: float) -> None:
-    """Draw the hooks out of the handle, along the mouth, and let the arms hang there."""
+    """Draw the hooks out of the handle, along the mouth, and let the arms hang there.
+
+    Where there is no handle any more, the arms go low and the platform stays.
+    """
     s.begin("release")
     row = set_rest(s.vehicle.reference)
     row["load"] = 0.0
     s.body.track(row[None])
+    if not is_at_hand(s, grip):
+        s.arms.move_to(grip.q_low)
+        s.until_arrived()
+        return
     place = find_tool(s, MISSION_TICK)
     lead_hands(s, grip, -LOW, speed)
     move_platform(s, find_platform(grip, place) - [0.0, 0.0, DROP], place.yaw, speed)

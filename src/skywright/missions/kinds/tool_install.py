@@ -27,10 +27,12 @@ from skywright.missions.tool_handling import (
     LIFT,
     LOW,
     STEADY_S,
+    TILT_MAX,
     Grip,
     Place,
     find_platform,
     find_tool,
+    is_at_hand,
     lead_hands,
     measure_tool,
     move_platform,
@@ -329,6 +331,9 @@ def fly(s: Supervisor) -> Flight:
     s.until_arrived()
     _follow(s, way.to_bench, s.vehicle.limits.speed)
     place = find_tool(s)
+    if _is_elsewhere(s, place, way.bench):
+        _go_home(s, way)
+        return Flight(False, "the tool does not stand where the plan has it")
     _come(s, way.grip, place)
     if task.hover_s > 0.0:
         s.begin("hover check")
@@ -352,7 +357,11 @@ def fly(s: Supervisor) -> Flight:
     _leave(s, way, seat)
     s.wait(task.wait_s)
     s.begin("retrieve")
-    _come(s, way.grip, find_tool(s))
+    stands = find_tool(s)
+    if _is_elsewhere(s, stands, seat):
+        _go_home(s, way, from_pipe=True)
+        return Flight(False, "the tool does not stand on the pipe any more")
+    _come(s, way.grip, stands)
     weight = _take(s, way, task.retries, speeds)
     if weight is None:
         s.begin("return")
@@ -391,7 +400,10 @@ def _come(s: Supervisor, grip: Grip, place: Place) -> None:
 
 
 def _take(s: Supervisor, way: ToolPlan, retries: int, speeds: tuple[float, float]) -> float | None:
-    """Take up the tool, again after a miss; returns its weight (N) or None."""
+    """Take up the tool, again after a miss; returns its weight (N) or None.
+
+    A tool that is not at hand any more, as one that was knocked over, is not followed.
+    """
     for k in range(retries + 1):
         if k > 0:
             s.begin("look again")
@@ -403,6 +415,8 @@ def _take(s: Supervisor, way: ToolPlan, retries: int, speeds: tuple[float, float
         if weight is not None:
             return weight
         s.end("retry")
+        if not is_at_hand(s, way.grip):
+            break
     return None
 
 
@@ -412,6 +426,12 @@ def _leave(s: Supervisor, way: ToolPlan, place: Place) -> None:
     s.until_arrived()
     here = s.vehicle.reference["p_WB"] + [0.0, 0.0, DROP]  # where the hands would hold
     move_platform(s, _behind(here, place.yaw), place.yaw, NEAR_SPEED)
+
+
+def _is_elsewhere(s: Supervisor, place: Place, wanted: Place) -> bool:
+    """Whether the tool has fallen, or stands too far from where the way was looked at."""
+    far = float(np.linalg.norm(place.p_WO - wanted.p_WO)) > MARGIN
+    return far or measure_tool(s)[1][2, 2] < math.cos(TILT_MAX)
 
 
 def _is_held(s: Supervisor, grip: Grip) -> bool:
