@@ -14,8 +14,11 @@ from skywright.evaluation.records import RecordStore
 from skywright.evaluation.run import RunResult, fly_and_evaluate, run_mission
 from skywright.missions.loader import load_description
 from skywright.missions.planning import plan_mission
+from skywright.missions.sliding import find_way
+from skywright.models.contact_stance import compute_flying_press, find_free_stance
 from skywright.models.docked import build_docked, find_stance
 from skywright.models.docked_balance import compute_docked_balance
+from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.statics import wrench_at
 from skywright.robots.loader import load_robot
 
@@ -179,11 +182,89 @@ def test_a_tilt_beyond_the_limit_is_refused() -> None:
         plan_mission(load_description("flight-modes", sets={"mission.law": "tip_pd"}))
 
 
-@pytest.mark.parametrize("world", ["tunnel", "pillar"])
-def test_a_wall_is_pressed_and_slid_along_in_flight(world: str) -> None:
-    """Level along the tunnel, and up and down the pillar, where the probe leans with the motion."""
-    sets = {"mission.task.forces_n": [2.0], "mission.task.hold_s": 1.0}
+@pytest.mark.parametrize("world", ["tunnel", "pillar", "bridge"])
+def test_a_surface_is_pressed_and_slid_along_in_flight(world: str) -> None:
+    """Level along tunnel and deck; up and down the pillar the probe leans with the motion."""
+    sets = {
+        "mission.task.forces_n": [2.0], "mission.task.hold_s": 1.0, "world.localisation": "mocap",
+    }  # fmt: skip
     result = fly_and_evaluate(load_description("wall-contact", world=world, sets=sets))
     assert result.outcome == "succeeded", (result.reason, result.metrics)
     assert result.metrics["slide.length_m"] > 0.5
     assert result.metrics["free.rms_error_n"] < 0.5
+
+
+@pytest.mark.parametrize("slope", [0.0, 6.0])
+def test_under_a_deck_the_arm_stands_across_the_slide(slope: float) -> None:
+    """In the arm's plane friction turns the robot into the deck, across it the tip stays away."""
+    sets: dict[str, Any] = {
+        "world.localisation": "mocap", "world.structure.slope_deg": slope,
+        "mission.task.forces_n": [2.0],
+    }  # fmt: skip
+    d = load_description("wall-contact", world="bridge", sets=sets)
+    plan = plan_mission(d)
+    assert plan.feasible, plan.blocked_by
+    station, stance = plan.task.stations[0], plan.task.free
+    way = station.R_dock.T @ find_way(d.mission.task, d.world.structure)
+    assert np.array([way[0], way[2]]) == pytest.approx(np.zeros(2), abs=1e-9)
+    mass, c, inertia = compute_body(build_body_model(d.robot), stance.q)
+    lever = stance.tip - c
+    about = inertia - mass * (c @ c * np.eye(3) - np.outer(c, c))
+    gain = []  # m/s^2 of the tip along -z_B, for 1 N on it that way and friction with it
+    for along in (way / np.linalg.norm(way), [1.0, 0.0, 0.0]):
+        f = np.array([0.0, 0.0, -1.0]) - 0.6 * np.asarray(along)
+        turn = np.linalg.solve(about, np.cross(lever, f))
+        gain.append(-(f / mass + np.cross(turn, lever))[2])
+    assert gain[1] < 0.25 * gain[0]
+
+
+@pytest.mark.parametrize(
+    ("world", "sets", "told"),
+    [
+        ("tunnel", {"mission.task.slide_force_n": 2.0}, "1.47 N, 80% of the 1.84 N"),
+        ("tunnel", {"mission.task.slide_force_n": 0.5}, "would lose the surface"),
+        ("bridge", {}, "localised by total-station"),
+        ("tunnel", {"world.wind.kind": "steady", "world.wind.mean_mps": 4.0,
+                    "world.wind.toward_deg": 180.0}, "4.0 m/s of wind"),
+        ("pillar", {"mission.task.slide_m": -1.9}, "above the ground"),
+        ("bridge", {"world.localisation": "mocap", "mission.task.slide_m": 2.5,
+                    "world.tubes.pillar left.diameter_m": 3.2}, "on the slide"),
+    ],
+)  # fmt: skip
+def test_a_slide_beyond_reason_is_refused(world: str, sets: dict[str, Any], told: str) -> None:
+    plan = plan_mission(load_description("wall-contact", world=world, sets=sets))
+    assert not plan.feasible and told in str(plan.blocked_by), plan.blocked_by
+
+
+def test_a_slide_ends_on_the_structure() -> None:
+    with pytest.raises(InputError, match="valid is -3 to 3 m"):
+        plan_mission(load_description("wall-contact", sets={"mission.task.slide_m": 4.0}))
+
+
+def test_the_flying_press_counts_the_wind() -> None:
+    """At the limit a rotor is at its own with the drag, and a head wind costs what it blows."""
+    robot, _ = load_robot("f550-bridge")
+    stance, R = find_free_stance(robot, "side"), np.eye(3)
+    calm = compute_flying_press(robot, stance, R, 9.81)
+    none = compute_flying_press(robot, stance, R, 9.81, wind=np.zeros(3))
+    ahead = compute_flying_press(robot, stance, R, 9.81, wind=np.array([-4.0, 0.0, 0.0]))
+    assert none == calm and ahead < 0.7 * calm
+    drag = 0.5 * 1.2 * robot.platform.drag_area_x_m2 * 16.0  # of the body alone
+    assert calm - ahead > drag
+    assert math.isnan(compute_flying_press(robot, stance, R, 9.81, wind=np.array([-15.0, 0, 0])))
+
+
+def test_a_press_whose_arm_meets_its_stop_is_given_up() -> None:
+    """Hidden from its station the platform drifts by as much as the arm has, and then further."""
+    sets = SHORT | {
+        "mission.task.forces_n": [2.0, 4.0, 6.0], "mission.task.without_gear": True,
+        "world.total_station.x_m": 9.5, "world.total_station.y_m": -7.0,
+        "mission.task.hold_s": 3.0, "mission.task.stand_off_m": 0.4,
+    }  # fmt: skip
+    result = fly_and_evaluate(load_description("bridge-contact", sets=sets, seed=4))
+    assert result.outcome == "succeeded" and "at its stop" in result.reason, result.reason
+    names = [p.name for p in result.phases]
+    at = names.index("free retreat")
+    after = result.samples[result.samples["phase"] > at]
+    assert float(np.max(np.linalg.norm(after["f_contact"], axis=1))) == 0.0
+    assert names[at + 1 :] == ["free leave", "return", "land"]

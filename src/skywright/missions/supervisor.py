@@ -51,6 +51,7 @@ class Supervisor:
         self._on_phase, self._on_tick = on_phase, on_tick
         self._on_measurement = on_measurement
         self.measurements: list[Measurement] = []
+        self.watch: Callable[[], None] | None = None  # called each tick; may raise to stop a move
         self._open: tuple[str, float] | None = None
         self.uav, self.arms = Uav(vehicle), Arms(vehicle)
         self.body, self.probe = WholeBody(vehicle), Probe(vehicle)
@@ -133,6 +134,8 @@ class Supervisor:
             raise LostControl(self._explain_lost_control())
         if self._on_tick is not None:
             self._on_tick(ticked.t, self._open[0] if self._open else "")
+        if self.watch is not None:
+            self.watch()
         return ticked
 
     def _explain_lost_control(self) -> str:

@@ -13,6 +13,7 @@ from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.statics import build_layout, compute_ray, wrench_at
+from skywright.models.wind import DragBody, compute_drag
 from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
@@ -104,11 +105,30 @@ def _compute_lever(model: NDArray[Any], stance: ContactStance) -> float:
     return 1.0 / max(float(np.linalg.norm(np.linalg.pinv(J, rcond=1e-6) @ stance.axis)), 1e-9)
 
 
-def compute_flying_press(robot: Robot, stance: ContactStance, R_WB: Array, gravity: float) -> float:
-    """Return the largest press (N) along the probe of a robot that hovers at R_WB; NaN: none."""
+def compute_flying_press(
+    robot: Robot, stance: ContactStance, R_WB: Array, gravity: float, *, wind: Array | None = None,
+    air_density: float = 1.2, pull: Array | None = None,
+) -> float:  # fmt: skip
+    """Return the largest press (N) along the probe of a robot that hovers at R_WB; NaN: none.
+
+    `wind` (3,) m/s in W: the air's velocity. Drag follows from the rotors' speeds and these from
+    the thrusts at the press: iterated. `pull` (3,), in B: force that the tip makes besides, for
+    each newton of the press, such as friction times the direction in which it slides.
+    """
     layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
     mass, p_BC, _ = compute_body(build_body_model(robot, gravity), stance.q)
     hold = wrench_at(mass * gravity * R_WB[2], p_BC)
-    press = wrench_at(stance.axis, stance.tip)
-    ray = compute_ray(layout, hold, press)
+    push = stance.axis if pull is None else stance.axis + pull
+    press = wrench_at(push, stance.tip)
+    drag, ray = np.zeros(6), compute_ray(layout, hold, press)
+    if wind is not None and np.any(wind):
+        p = robot.platform
+        areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
+        body = DragBody(mass, gravity, air_density, p_BC, areas)
+        wind_B = (R_WB.T @ wind)[None, :]
+        for _ in range(6):
+            held = ray.hi if math.isfinite(ray.hi) else 0.0
+            thrust = layout.P @ (hold - drag + held * press)
+            drag = np.hstack(compute_drag(layout, body, wind_B, thrust[None, :]))[0]
+            ray = compute_ray(layout, hold - drag, press)
     return float(ray.hi) if ray.hi >= max(ray.lo, 0.0) else math.nan

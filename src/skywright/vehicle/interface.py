@@ -92,6 +92,10 @@ class Backend(Protocol):
         """Force (N) that the probe's sensor reads now; 0 without one."""
 
     @property
+    def saturated(self) -> bool:
+        """Whether the rotors could not make what was commanded at the last control tick."""
+
+    @property
     def pose_std(self) -> float:
         """Standard deviation (m) of the platform's place as the estimator says; NaN unknown."""
 

@@ -231,6 +231,11 @@ class SimulatedVehicle:
         return float(self.belief[0]["est"]["f_tip"])
 
     @property
+    def saturated(self) -> bool:
+        """Whether the rotors could not make what was commanded at the last control tick."""
+        return bool(self.belief[0]["cmd"]["saturated"] > 0.0)
+
+    @property
     def pose_std(self) -> float:
         """Largest standard deviation (m) of the filter's position; NaN with another estimator."""
         if self.estimator.name != "filter":

@@ -21,6 +21,12 @@ from skywright.missions.flight import Flight
 from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan, find_hover
 from skywright.missions.pressing import TIP_GAP, Presser, check_can_press
+from skywright.missions.sliding import (
+    check_slide_ends,
+    check_wobble,
+    compute_sliding_press,
+    find_way,
+)
 from skywright.missions.tasks.bridge_contact import BridgeContact, BridgeContactMission
 from skywright.models.contact_stance import (
     ContactStance,
@@ -107,7 +113,7 @@ def plan(d: Description) -> MissionPlan:
     q_hover = q_ready if task.dock else free.q if free else working
     stations = [
         _build_station(d, np.array([spot.x_m, spot.y_m]), spot.name or f"spot {i + 1}",
-                       dock_tip, free, q_hover)
+                       dock_tip, free, q_hover, bool(task.slide_m))
         for i, spot in enumerate(task.spots)
     ]  # fmt: skip
     blocked, largest = _check_hover(d, stations), max(task.forces_n)
@@ -117,11 +123,8 @@ def plan(d: Description) -> MissionPlan:
         limit, rest, pressed, blocked = _plan_docked(d, task, structure, stations[0], largest)
     free_forces: list[float] = []
     if free is not None:
-        free_limit = compute_flying_press(robot, free, stations[0].R_dock, world.gravity_mps2)
-        allowed = task.force_fraction * free_limit
-        free_forces = [f for f in task.forces_n if f <= allowed]
-        if not task.dock and not blocked and len(free_forces) < len(task.forces_n):
-            blocked = _refuse(largest, free_limit, task.force_fraction, "in flight", robot.name)
+        free_limit, free_forces, refused = _plan_flying(d, task, structure, free, stations)
+        blocked = blocked or refused
     if free is not None and not task.dock and not blocked:
         blocked = _check_tilt(stations)
     if not blocked:
@@ -166,12 +169,13 @@ def _check(d: Description, task: BridgeContact) -> Structure:
                 f"structure, which reaches {0.5 * structure.length_m:g} m along x and "
                 f"{0.5 * structure.width_m:g} m along y"
             )
+    check_slide_ends(task, structure)
     return structure
 
 
 def _build_station(
     d: Description, place: Array, name: str, dock_tip: Array, free: ContactStance | None,
-    q_hover: Array,
+    q_hover: Array, slides: bool,
 ) -> Station:  # fmt: skip
     """Return the poses at a place: z_B against a surface that faces down, x_B against a wall."""
     structure = d.world.structure
@@ -179,7 +183,8 @@ def _build_station(
     p, R = locate_point(build_surface(structure), place)
     normal = np.array(R[:, 2])
     if structure.facing == "down":
-        z, x = -normal, np.array(R[:, 0])
+        # the arm's plane lies across a slide (missions/sliding.py)
+        z, x = -normal, np.array(R[:, 1 if slides else 0])
         yaw = math.atan2(x[1], x[0])
         R_dock = np.ascontiguousarray(np.column_stack([x, np.cross(z, x), z]))
     else:
@@ -233,6 +238,37 @@ def _plan_docked(
     )  # fmt: skip
 
 
+def _plan_flying(
+    d: Description, task: BridgeContact, structure: Structure, free: ContactStance,
+    stations: list[Station],
+) -> tuple[float, list[float], str]:  # fmt: skip
+    """Return the computed press (N), the forces of the profile within it, and any refusal."""
+    robot, g, rho = d.robot, d.world.gravity_mps2, d.world.air_density_kg_m3
+    speed, fraction = compute_speed(d.world.wind), task.force_fraction
+    wind, air = speed * compute_direction(d.world.wind), f" in {speed:.1f} m/s of wind"
+    limit = float(np.min([
+        compute_flying_press(robot, free, s.R_dock, g, wind=wind, air_density=rho)
+        for s in stations
+    ]))  # fmt: skip
+    forces, blocked = [f for f in task.forces_n if f <= fraction * limit], ""
+    if not task.dock and len(forces) < len(task.forces_n):
+        where = "in flight" + (air if speed else "")
+        blocked = _refuse(max(task.forces_n), limit, fraction, where, robot.name)
+    elif task.slide_m:
+        most = float(np.min([
+            compute_sliding_press(
+                robot, free, s.R_dock, g, structure, wind=wind, air_density=rho
+            )
+            for s in stations
+        ]))  # fmt: skip
+        if not task.slide_force_n <= fraction * most:
+            where = f"sliding at friction {structure.friction:g}" + (air if speed else "")
+            blocked = _refuse(task.slide_force_n, most, fraction, where, robot.name)
+        else:
+            blocked = check_wobble(robot, d.world.localisation, task.slide_force_n, fraction * most)
+    return limit, forces, blocked
+
+
 def _refuse(force: float, limit: float, fraction: float, where: str, robot: str) -> str:
     if math.isnan(limit):
         return f"{robot} cannot stay {where}"
@@ -282,6 +318,16 @@ def _check_way(
         )
         if blocked:
             return blocked
+        if free and task.slide_m:
+            assert d.world.structure is not None
+            far = s.p_press + 2.5 * NEAR * s.normal + find_way(task, d.world.structure)
+            if far[2] < d.robot.platform.gear_height_m + CLEAR:
+                return f"{s.name}: the slide would end {far[2]:.2f} m above the ground"
+            for u in np.linspace(0.0, 1.0, 12):
+                at = far - u * find_way(task, d.world.structure)
+                blocked = _find_near(query, at, s.R_approach, free.q, 0.5 * NEAR, s.name)
+                if blocked:
+                    return f"on the slide, {blocked}"
         last = stand
     return ""
 
@@ -306,16 +352,17 @@ def fly(s: Supervisor) -> Flight:
     assert isinstance(way, ContactPlan) and isinstance(s.mission, BridgeContactMission)
     pilot = Pilot(s, way, s.mission.task)
     home = np.array(s.vehicle.reference)
-    reason = ""
+    reason = beside = ""
     for station in way.stations:
         if pilot.contact.dock:
             reason = pilot.inspect_docked(station)
         if not reason and way.free is not None and way.free_forces:
-            reason = pilot.inspect_flying(station, way.free)
+            beside = pilot.inspect_flying(station, way.free)
+            reason = "" if pilot.contact.dock else beside  # nothing is required of it then
         if reason:
             break
     pilot.go("return", p=home["p_WB"], R=home["R_WB"], q=home["q"][: s.vehicle.n_joints])
-    return Flight(not reason, reason)
+    return Flight(not reason, reason or beside)
 
 
 class Pilot(Presser):
@@ -373,10 +420,10 @@ class Pilot(Presser):
 
     def _slide(self) -> None:
         """Move along the structure and back with the tip on it."""
-        task, surface = self.contact, build_surface(self.structure)
+        task = self.contact
         self.set_force("press to slide", task.slide_force_n, task.ramp_s)
         self.s.wait(task.settle_s)
         start = np.array(self.s.vehicle.reference["p_WB"])
-        far = start + task.slide_m * surface.R_WS[:, surface.along]
+        far = start + find_way(task, self.structure)
         self.go("slide", p=far, speed=task.slide_speed_mps)
         self.go("slide back", p=start, speed=task.slide_speed_mps)
