@@ -111,7 +111,12 @@ def list_changes(result: RunResult) -> list[Row]:
 def list_plant(result: RunResult) -> list[Row]:
     """How the simulated truth deviated from what the controller believed."""
     d = result.description
-    rows = [Row(key, _text(value)) for key, value in iterate_leaves(d.plant, "plant")]
+    mapped = d.world.pipe is not None and d.world.pipe.tracked
+    rows = [
+        Row(key, _text(value))
+        for key, value in iterate_leaves(d.plant, "plant")
+        if mapped or not key.startswith("plant.map_")
+    ]
     gains = build_deviation(d.plant, d.robot, d.mission.seed).rotor_gain
     rows.append(Row("rotor gains drawn", ", ".join(f"{g:.3f}" for g in gains), "of this seed"))
     return rows

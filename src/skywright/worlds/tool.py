@@ -43,6 +43,8 @@ class Tool(Spec):
     leg_length_m: Positive = 0.12
     leg_angle_deg: float = Field(default=45.0, ge=20, le=70)  # from the vertical
     profile_m: Positive = 0.01  # thickness of legs and plates
+    # of its contacts, critically damped; two steps of the simulation at least
+    contact_time_constant_s: float = Field(default=0.008, ge=0.002, le=0.05)
 
     @model_validator(mode="after")
     def _handle_is_above_the_box(self) -> Tool:
