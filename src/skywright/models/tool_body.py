@@ -3,8 +3,9 @@
 Contact settings. Friction is Coulomb's on an elliptic cone, with MuJoCo's no-slip step, since its
 soft friction creeps under load. Softness (`world.tool.contact_time_constant_s`): time constant
 8 ms, critically damped, eight steps of 1 ms (MuJoCo's documentation asks for at least two), so that
-a tool of half a kilogram sinks in by less than a tenth of a millimetre. Priority 2: the tool's friction holds for every pair, whatever
-the pipe or the hook says. The torsional coefficient, 5 mm, is a contact patch of that size.
+a tool of half a kilogram sinks in by less than a tenth of a millimetre. Priority 2: the tool's
+friction holds for every pair, whatever the pipe or the hook says. The torsional coefficient, 5 mm,
+is a contact patch of that size.
 """
 
 from __future__ import annotations
@@ -57,7 +58,8 @@ def add_tool_parts(body: mujoco.MjsBody, tool: Tool, collide: dict[str, int]) ->
     """Add the tool's solids to a body whose frame is O."""
     kwargs: dict[str, Any] = {
         "friction": [tool.friction, 0.005, 0.0001], "condim": 4, "priority": 2,
-        "solref": [tool.contact_time_constant_s, 1.0], "solimp": [0.9, 0.95, 0.001, 0.5, 2.0], **collide,
+        "solref": [tool.contact_time_constant_s, 1.0], "solimp": [0.9, 0.95, 0.001, 0.5, 2.0],
+        **collide,
     }  # fmt: skip
     for part in list_tool_parts(tool):
         if part.half is not None:
