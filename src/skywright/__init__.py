@@ -90,12 +90,14 @@ def run(
     progress: bool = False,
     report: bool = True,
     records: str | os.PathLike[str] | None = None,
+    operator: str | None = None,
 ) -> RunResult:
     """Plan, fly and evaluate a mission; writes the run's directory (`result.directory`).
 
     `out` is the directory (default: the next free `runs/<mission>-N`). `view` shows the run live in
     the browser, `progress` a bar on stderr, `report` writes `report.html` and `replay.html`;
-    `records` is an SQLite file to which contact measurements are added.
+    `records` is an SQLite file to which contact measurements are added. `operator` says who is at
+    the stick, in missions that have one ("view", "udp:PORT", "model:careful"; ground/operators.py).
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
     """
@@ -113,17 +115,30 @@ def run(
         check_can_fly(description.robot, description.world.gravity_mps2)  # before any waiting
         announce_compilation()
         observers.append(Progress())
-    if view:
-        from skywright.ground.live import LiveView
+    person = None
+    if operator is not None:
+        from skywright.evaluation.operated import check_operator
+        from skywright.ground.operators import open_operator
 
-        observers.append(LiveView())
-    return run_mission(
-        description,
-        out=None if out is None else Path(out),
-        observers=observers,
-        write_report=_write_pages if report else None,
-        records=None if records is None else Path(records),
-    )
+        check_operator(description)
+        person = open_operator(operator, description)
+    if view or operator == "view":
+        from skywright.ground.live import LiveView
+        from skywright.ground.operators import ViewOperator
+
+        observers.append(LiveView(stick=person if isinstance(person, ViewOperator) else None))
+    try:
+        return run_mission(
+            description,
+            out=None if out is None else Path(out),
+            observers=observers,
+            write_report=_write_pages if report else None,
+            records=None if records is None else Path(records),
+            operator=person,
+        )
+    finally:
+        if person is not None:
+            person.close()
 
 
 def _write_pages(result: RunResult) -> None:

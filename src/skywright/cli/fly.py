@@ -20,6 +20,12 @@ from skywright.errors import InputError
 @as_json_option
 @click.option("--view", is_flag=True, help="Watch the run live in the browser.")
 @click.option(
+    "--operator",
+    metavar="SOURCE",
+    help="Who is at the stick, in missions that have one: view, udp:PORT, model:careful, "
+    "model:hasty. What is done is recorded in the run's directory.",
+)
+@click.option(
     "--records",
     metavar="FILE",
     type=click.Path(path_type=Path),
@@ -28,7 +34,7 @@ from skywright.errors import InputError
 def run(
     mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
     seed: int | None, plan_file: str | None, out: Path | None, as_json: bool, view: bool,
-    records: Path | None,
+    operator: str | None, records: Path | None,
 ) -> int:  # fmt: skip
     """Plan, fly and evaluate a mission.
 
@@ -46,7 +52,9 @@ def run(
         raise click.UsageError("Missing argument 'MISSION' (or --plan FILE).")
     else:
         description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
-    result = skywright.run(description, out=out, view=view, progress=not as_json, records=records)
+    result = skywright.run(
+        description, out=out, view=view, progress=not as_json, records=records, operator=operator
+    )
     if as_json:
         print_json({**result.to_json(), "directory": str(result.directory)})
     else:

@@ -79,6 +79,10 @@ float64 reference                   # N
 float64 pressing                    # 1 while the arm controls the force
 float64 docked                      # 1 while the docking feet shall rest on the structure
 geometry_msgs/Vector3 docking_force # N, of the structure on the feet, in map""",
+    "skywright_msgs/Operator": """\
+std_msgs/Header header
+geometry_msgs/Vector3 stick         # each axis from -1 to 1: ahead, left, up
+float64 button                      # 1 while it is pressed""",
     "skywright_msgs/Localisation": """\
 std_msgs/Header header
 float64 fix_age                     # s, since the total station's newest sample that was used
@@ -143,9 +147,9 @@ def _joints(name: str, **fields: str) -> Topic:
     return Topic(name, "sensor_msgs/JointState", "", fields, lengths)
 
 
-PARTS = ("hands", "objects", "loads", "force", "localisation")
-"""What not every robot or world has: compliant arms with hands, movable things, gauges, a force
-sensor, localisation without motion capture."""
+PARTS = ("hands", "objects", "loads", "force", "operator", "localisation")
+"""What not every run has: compliant arms with hands, movable things, gauges, a force sensor, an
+operator, localisation without motion capture."""
 
 
 def _hand(side: str) -> list[Topic]:
@@ -264,6 +268,13 @@ TOPICS = (
             "docking_force": "f_docking_W",
         },
         part="force",
+    ),
+    Topic(
+        "/operator",
+        "skywright_msgs/Operator",
+        "",
+        {"stick": "operator_stick", "button": "operator_button"},
+        part="operator",
     ),
     Topic(
         "/estimate/localisation",

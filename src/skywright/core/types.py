@@ -552,6 +552,9 @@ SAMPLE = np.dtype(
         ("pressing", f8),  # 1: the arm controls the force
         ("docked", f8),  # 1: the feet shall rest on the structure
         ("f_docking_W", f8, 3),  # N, force of the structure on the docking feet
+        # operator at a stick (missions/operator.py)
+        ("operator_stick", f8, 3),  # each axis from -1 to 1
+        ("operator_button", f8),  # 1: pressed
         # localisation without motion capture
         ("fix_age", f8),  # s, since the newest fix of the total station that was used
         ("pose_std", f8),  # m, largest of the estimated position's axes

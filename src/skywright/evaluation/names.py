@@ -78,6 +78,11 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "tool.return_error_mm": ("mm", "distance of the tool, back on the bench, from where it stood"),
     "tool.returned": ("", "1 when it stands there within 5 cm, upright"),
     "tool.retries": ("", "grasps that missed and were repeated"),
+    "operator.time_s": ("s", "how long the operator was at the stick"),
+    "operator.hand_error_mm": (
+        "mm",
+        "rms distance of the hands' middle from where the operator's stick led it, (24)",
+    ),
     "platform.drift_max_mm": (
         "mm",
         "farthest that the platform came from where it was as the tracking of grasp points began",

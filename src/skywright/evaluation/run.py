@@ -30,14 +30,20 @@ from skywright.evaluation.directory import (
 )
 from skywright.evaluation.kinds import compute_kind_metrics
 from skywright.evaluation.metrics import compute_common_metrics
+from skywright.evaluation.operated import (
+    check_operator,
+    has_operator,
+    keep_operator,
+    write_mission,
+)
 from skywright.evaluation.records import RecordStore
 from skywright.evaluation.requirements import Verdict, check_requirement_names, judge
 from skywright.evaluation.warm_up import is_compiled, start_warm_up
 from skywright.inspection.weld import WeldResult
 from skywright.missions.deviation import build_deviation
-from skywright.missions.dump import dump_description
 from skywright.missions.flight import Flight, Measurement, PhaseRecord
 from skywright.missions.loader import Description, load_description
+from skywright.missions.operator import Operator
 from skywright.missions.planning import MissionPlan, plan_mission
 from skywright.missions.registry import load_kind
 from skywright.missions.supervisor import Supervisor
@@ -112,19 +118,24 @@ def run_mission(
     observers: Sequence[Observer] = (),
     write_report: Callable[[RunResult], None] | None = None,
     records: Path | None = None,
+    operator: Operator | None = None,
 ) -> RunResult:
     """Plan, fly and evaluate a mission, and write its run directory.
 
     `write_report` is called with the result while the directory is still NAME.partial. `records`
     is the file (SQLite) in which contact measurements are stored as soon as they are finished.
+    `operator` is at the stick in person, in missions that have one; what it did is written beside
+    the recording (operator.csv), and mission.toml names it: the run can be repeated.
     Raises InputError (nothing was started), InfeasibleError (no plan exists). A diverged or
     interrupted run is returned with that outcome; its directory stays NAME.partial.
     """
     start = time.perf_counter()
+    if operator is not None:
+        check_operator(description)
     plan, vehicle = _prepare(description)  # a bad law is told before anything is written
     store = None if records is None else RecordStore(records, create=True)
     final, partial = open_directory(out, description.mission.name)
-    (partial / "mission.toml").write_text(dump_description(description), encoding="utf-8")
+    write_mission(partial, description, plan)
     write_unfinished(partial)
     file = getattr(plan.task, "file", None)
     if isinstance(file, PlanFile):
@@ -134,7 +145,7 @@ def run_mission(
             observer.on_plan(plan, description)
         keep = None if store is None else _start_records(store, description, final)
         samples, phases, flight, outcome = _fly(
-            description, plan, vehicle, partial, observers, keep
+            description, plan, vehicle, partial, observers, keep, operator
         )
     finally:
         if store is not None:
@@ -262,6 +273,7 @@ def _fly(
     partial: Path | None,
     observers: Sequence[Observer],
     on_measurement: Callable[[Measurement], None] | None = None,
+    operator: Operator | None = None,
 ) -> tuple[NDArray[Any], list[PhaseRecord], Flight, str]:
     """Fly the mission, recording as it goes; returns samples, phases, flight and outcome.
 
@@ -274,7 +286,7 @@ def _fly(
     if partial is not None:
         writer = RecordingWriter(
             partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg),
-            vehicle.parts,
+            vehicle.parts + ["operator"] * has_operator(plan, operator),
         )  # fmt: skip
         writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
     vehicle.on_samples = blocks.append
@@ -303,7 +315,7 @@ def _fly(
 
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
-        on_measurement,
+        on_measurement, operator,
     )  # fmt: skip
     outcome, flight = "", Flight(False, "")
     try:
@@ -319,6 +331,8 @@ def _fly(
     supervisor.close(outcome or "done")
     try:
         flush()
+        if operator is not None and partial is not None and supervisor.sticks:
+            keep_operator(partial, description, supervisor.sticks)
         if writer is not None:
             if outcome:
                 writer.event(vehicle.t, f"{outcome}: {flight.reason}")

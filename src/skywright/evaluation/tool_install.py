@@ -62,6 +62,7 @@ def compute_tool_metrics(
         near = float(np.linalg.norm(stance.error)) < RETURNED_M and stance.angle < RETURNED_ANGLE
         out["tool.returned"] = float(near)
     out["tool.retries"] = float(sum(p.outcome == "retry" for p in phases))
+    out |= _judge_operator(samples[in_phases(samples, phases, "install")])
     hover = in_phases(samples, phases, "hover check")
     if np.any(hover):
         out |= _judge_hover(samples[hover], i, way)
@@ -69,6 +70,35 @@ def compute_tool_metrics(
     hits = (samples["f_collision"] > 0.0) & flown
     out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
     return out, None
+
+
+def compute_operated(samples: Samples, index: int, seat: Place) -> dict[str, Array]:
+    """Return what the stick did to the hands, ahead, left and up in the seat's frame, (n, 3) m.
+
+    `goal`: where (24) led the middle between both hands, from where it began; `hands`: where they
+    were; `tool`: where thing `index` was, from its seat.
+    """
+    R = rot_z(seat.yaw)
+    goal = 0.5 * (samples["left_ref_p_WH"] + samples["right_ref_p_WH"])
+    hands = 0.5 * (samples["left_p_WH"] + samples["right_p_WH"])
+    return {
+        "goal": (goal - goal[0]) @ R,
+        "hands": (hands - goal[0]) @ R,
+        "tool": (samples[f"object{index}_p_WO"] - seat.p_WO) @ R,
+    }
+
+
+def _judge_operator(samples: Samples) -> dict[str, float]:
+    """How long somebody was at the stick, and how well the hands followed (24)."""
+    if not np.any(samples["operator_stick"]):
+        return {}
+    error = np.zeros((len(samples), 3))
+    for side in ("left", "right"):
+        error += 0.5 * (samples[f"{side}_p_WH"] - samples[f"{side}_ref_p_WH"])
+    return {
+        "operator.time_s": float(samples["t"][-1] - samples["t"][0]),
+        "operator.hand_error_mm": 1e3 * float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+    }
 
 
 def compute_grasp_errors(samples: Samples, index: int, way: Any, along: float) -> Array:

@@ -22,6 +22,7 @@ from skywright.reports.scene3d import Scene3d, build_views, set_camera, start_se
 from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
 
 if TYPE_CHECKING:
+    from skywright.ground.operators import ViewOperator
     from skywright.missions.loader import Description
     from skywright.missions.planning import MissionPlan
     from skywright.vehicle.simulated import SimulatedVehicle
@@ -44,14 +45,16 @@ class LiveView:
         open_browser: bool | None = None,
         wait_s: float = 20.0,
         stay_s: float = 3.0,
+        stick: ViewOperator | None = None,
     ) -> None:
         """`host`: who may connect (127.0.0.1: this computer only); `port` 0 takes a free one.
 
         `open_browser` None opens one where there is a display. The run waits up to `wait_s` (s of
-        wall time) for the first browser and keeps the last picture for `stay_s` (s).
+        wall time) for the first browser and keeps the last picture for `stay_s` (s). `stick` is
+        an operator whose buttons it shows.
         """
         self.host, self.port = host, port
-        self.wait_s, self.stay_s = wait_s, stay_s
+        self.wait_s, self.stay_s, self.stick = wait_s, stay_s, stick
         self._open_browser = _has_display() if open_browser is None else open_browser
         self.server: Any = None
         self.speed = 1.0
@@ -140,6 +143,8 @@ class LiveView:
         speed = gui.add_button_group("speed", tuple(SPEEDS))
         pause = gui.add_button("pause")
         swatch = '<div><span style="color:{};-webkit-text-stroke:1px #888">&#9632;</span> {}</div>'
+        if self.stick is not None:
+            self.stick.build_panel(gui)
         legend = "".join(swatch.format(*e) for e in build_legend(d.robot, d.world, False))
         gui.add_html(f'<div style="font-size:12px;padding:0 8px">{legend}</div>')
 

@@ -94,6 +94,7 @@ def load_description(
         law = _locate_law(control.law, "robot.control.law", [beside, folder])
         control = control.model_copy(update={"law": law})
         parts["robot"] = parts["robot"].model_copy(update={"control": control})
+    parts["mission"] = parts["mission"].find_files(folder)
     parts["robot"] = parts["mission"].adapt_robot(parts["robot"])
     return Description(**parts, sources=sources, origin=origin)
 

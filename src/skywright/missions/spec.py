@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -102,6 +103,10 @@ class Mission(Spec):
     def adapt_robot(self, robot: Robot) -> Robot:
         """Return the robot as this mission flies it; a kind may change it."""
         return robot
+
+    def find_files(self, folder: Path) -> Mission:
+        """Return the mission with absolute paths of the files that it names, beside `folder`."""
+        return self
 
     @field_validator("kind")
     @classmethod

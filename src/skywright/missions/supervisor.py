@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from skywright.core.interrupt import check_interrupt
 from skywright.missions.flight import Flight, Measurement, PhaseRecord
+from skywright.missions.operator import Operator, Stick
 from skywright.missions.planning import MissionPlan
 from skywright.missions.registry import load_kind
 from skywright.missions.spec import Mission
@@ -40,10 +41,12 @@ class Supervisor:
         on_phase: Callable[[int, str], None] | None = None,
         on_tick: Callable[[float, str], None] | None = None,
         on_measurement: Callable[[Measurement], None] | None = None,
+        operator: Operator | None = None,
     ) -> None:
         """`ground_height` (m): of the platform's origin when it stands on its feet.
 
-        `on_measurement` is called with each contact measurement as soon as it is finished.
+        `on_measurement` is called with each contact measurement as soon as it is finished;
+        `operator` is there in person, beside what the mission's file says.
         """
         self.vehicle, self.mission, self.plan = vehicle, mission, plan
         self.ground_height = ground_height
@@ -52,6 +55,8 @@ class Supervisor:
         self._on_measurement = on_measurement
         self.measurements: list[Measurement] = []
         self.watch: Callable[[], None] | None = None  # called each tick; may raise to stop a move
+        self.operator = operator
+        self.sticks: list[tuple[float, Stick]] = []  # s since it took over, and what it did
         self._open: tuple[str, float] | None = None
         self.uav, self.arms = Uav(vehicle), Arms(vehicle)
         self.body, self.probe = WholeBody(vehicle), Probe(vehicle)

@@ -170,7 +170,7 @@ def take_up(s: Supervisor, grip: Grip, most: float, speeds: tuple[float, float])
     weight = Weight(s, 0.0)
     start, _ = measure_tool(s)
     if not _touch(s, grip, speeds[0]):
-        _let_go(s, grip, speeds[0])
+        let_go(s, grip, speeds[0])
         return None
     s.begin("lift")
     hold_joints(s)
@@ -188,7 +188,7 @@ def take_up(s: Supervisor, grip: Grip, most: float, speeds: tuple[float, float])
     down = -up
     while float(s.vehicle.reference["p_WB"][2]) > height:
         weight.step(s, down, most)
-    _let_go(s, grip, speeds[0])
+    let_go(s, grip, speeds[0])
     return None
 
 
@@ -217,14 +217,7 @@ def put_down(
     The platform makes up for where the tool hangs until it stands.
     """
     weight = Weight(s, weight_n)
-    ends = s.vehicle.t + 20.0
-    calm = 0
-    above = float(measure_tool(s)[0][2])
-    while s.vehicle.t < ends and calm < 50:
-        error = place.p_WO - measure_tool(s)[0]
-        error[2] = above - measure_tool(s)[0][2]
-        weight.step(s, _correct(error), 1.5 * weight_n)
-        calm = calm + 1 if float(np.linalg.norm(error[:2])) < ALIGN_M else 0
+    align_tool(s, weight, place, 1.5 * weight_n)
     s.begin(phase)
     ends = s.vehicle.t + 30.0
     while s.vehicle.t < ends and weight.carried > LIGHT_N:
@@ -233,7 +226,18 @@ def put_down(
         v = np.zeros(3) if standing else v
         v[2] = -speeds[1]
         weight.step(s, v, 1.5 * weight_n)
-    _let_go(s, grip, speeds[0])
+    let_go(s, grip, speeds[0])
+
+
+def align_tool(s: Supervisor, weight: Weight, place: Place, most: float) -> None:
+    """Bring the hanging tool over `place`, its height kept; `most` (N) as in `Weight.step`."""
+    ends, calm = s.vehicle.t + 20.0, 0
+    above = float(measure_tool(s)[0][2])
+    while s.vehicle.t < ends and calm < 50:
+        error = place.p_WO - measure_tool(s)[0]
+        error[2] = above - measure_tool(s)[0][2]
+        weight.step(s, _correct(error), most)
+        calm = calm + 1 if float(np.linalg.norm(error[:2])) < ALIGN_M else 0
 
 
 def _correct(error: Array) -> Array:
@@ -243,7 +247,7 @@ def _correct(error: Array) -> Array:
     return np.asarray(v * min(1.0, ALIGN_SPEED / max(size, 1e-9)))
 
 
-def _let_go(s: Supervisor, grip: Grip, speed: float) -> None:
+def let_go(s: Supervisor, grip: Grip, speed: float) -> None:
     """Draw the hooks out of the handle, along the mouth, and let the arms hang there.
 
     Where there is no handle any more, the arms go low and the platform stays.

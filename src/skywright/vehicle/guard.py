@@ -23,6 +23,8 @@ GUARD = np.dtype(
         ("last_fix", np.float64),  # s, when the localisation was last heard of
         ("in_contact", np.int64),  # by the instrument
         ("collision_limit", np.float64),  # N
+        ("stick", np.float64, 3),  # operator's input, written into samples
+        ("button", np.float64),
     ]
 )
 """Which guards are armed and which fired, and how samples are taken."""

@@ -120,6 +120,9 @@ class Backend(Protocol):
     def zero_gauges(self) -> None:
         """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
 
+    def set_stick(self, stick: Array, button: bool) -> None:
+        """Operator's input (3,), each from -1 to 1, and button that a recording notes from now."""
+
     def tip_of(self, row: Any) -> tuple[Array, Array]:
         """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
 
@@ -304,6 +307,8 @@ class Arms:
         row = self._start()
         for h, v in self._hands(velocities):
             row["task"][h], row["v_WH"][h] = TASK_VELOCITY, v
+            led = self._state["task_last"][h] == TASK_VELOCITY  # for the recording: to where
+            row["p_WH"][h] = self._state["p_ref" if led else "p_WH"][h]
         self.backend.track(row[None])
 
     def push(

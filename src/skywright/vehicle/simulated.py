@@ -344,6 +344,10 @@ class SimulatedVehicle:
         """Phase index that samples carry from now on."""
         self.guard[0]["phase"] = index
 
+    def set_stick(self, stick: Array, button: bool) -> None:
+        """Operator's input (3,) and button that samples carry from now on."""
+        self.guard[0]["stick"], self.guard[0]["button"] = stick, float(button)
+
     # --- the two ways of running ---------------------------------------------------------------
 
     def _tick_fast(self) -> int:

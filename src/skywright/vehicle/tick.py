@@ -299,6 +299,8 @@ def take_sample(
         row.ref_normal_W[a] = pushing * ref.R_WS[a, 2]
         row.cmd_f_B[a], row.cmd_t_B[a] = cmd.f_B[a], cmd.t_B[a]
         row.meas_p_WT[a], row.meas_axis_W[a] = b.meas.p_WT[a], b.meas.axis_W[a]
+        row.operator_stick[a] = g.stick[a]
+    row.operator_button = g.button
     for j in range(MAX_JOINTS):
         row.ref_q[j], row.cmd_qd[j] = ref.q[j], cmd.qd[j]
         row.q[j], row.qd[j] = 0.0, 0.0

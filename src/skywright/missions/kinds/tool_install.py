@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ from skywright.core.streams import build_stream
 from skywright.errors import InputError
 from skywright.missions.flight import Flight
 from skywright.missions.loader import Description
+from skywright.missions.operated_install import install_by_operator
+from skywright.missions.operator import Recording, load_recording
 from skywright.missions.planning import MissionPlan, find_hover
 from skywright.missions.spec import Plant
 from skywright.missions.tasks.tool_install import ToolInstall, ToolInstallMission
@@ -58,6 +61,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 NEEDS = frozenset({"uav", "hands"})
+OPERATED = True  # the installation may be done by an operator at a stick
 
 FORE = math.radians(65.0)
 """Of the forearm from straight down, handle in the cradle: forearm and hook both slope towards it,
@@ -88,6 +92,7 @@ class ToolPlan(NamedTuple):
     to_bench: Array  # (n, 4) way-points: m, rad
     to_pipe: Array
     most_n: float  # weight that may be lifted
+    operator: Recording | None = None  # who puts the tool onto the pipe; None: the mission itself
 
 
 def plan(d: Description) -> MissionPlan:
@@ -105,7 +110,7 @@ def plan(d: Description) -> MissionPlan:
     hover, empty = find_hover(d), np.zeros((0, 4))
     found = ToolPlan(
         grip, posture(robot, "folded"), bench, seat, hover, empty, empty,
-        ROOM * task.payload_max_kg * world.gravity_mps2,
+        ROOM * task.payload_max_kg * world.gravity_mps2, _load_operator(task),
     )  # fmt: skip
     blocked = _find_misfit(robot, world, task) or _find_blocked_work(robot, world, found)
     least = math.inf
@@ -120,6 +125,20 @@ def plan(d: Description) -> MissionPlan:
         HANDLING_S + task.wait_s + task.hover_s + 2.0 * 1.875 * length / CALM_SPEED, least,
         math.nan, {}, None, 0.0, 0.0, found,
     )  # fmt: skip
+
+
+def _load_operator(task: ToolInstall) -> Recording | None:
+    """Read the operator's recording; it must have been made at the task's speed."""
+    if task.operator is None:
+        return None
+    recording = load_recording(Path(task.operator))
+    v_max = recording.v_max
+    if v_max is not None and abs(v_max - task.stick_speed_mps) > 1e-9:
+        raise InputError(
+            f"{task.operator}: made at v_max_mps = {v_max:g}, mission.task.stick_speed_mps is "
+            f"{task.stick_speed_mps:g}: the same input would end elsewhere; set it to {v_max:g}"
+        )
+    return recording
 
 
 def _plan_ways(d: Description, found: ToolPlan) -> tuple[ToolPlan, str | None, float]:
@@ -352,7 +371,15 @@ def fly(s: Supervisor) -> Flight:
     if not _is_held(s, way.grip):
         _go_home(s, way, from_pipe=True)
         return Flight(False, "the tool was lost on the way to the pipe")
-    put_down(s, way.grip, _measure_seat(s, task), weight, speeds, "install")
+    operator = s.operator or way.operator
+    if operator is None:
+        put_down(s, way.grip, _measure_seat(s, task), weight, speeds, "install")
+    else:
+        reason = install_by_operator(
+            s, operator, way.grip, _measure_seat(s, task), weight, task.stick_speed_mps, speeds
+        )
+        if reason:
+            return Flight(False, f"{reason}; {_give_up(s, way, place, weight, speeds)}")
     s.begin("wait")
     _leave(s, way, seat)
     s.wait(task.wait_s)
@@ -368,20 +395,42 @@ def fly(s: Supervisor) -> Flight:
         _leave(s, way, seat)
         _go_home(s, way, from_pipe=True)
         return Flight(False, "the tool could not be taken back: it stays on the pipe")
+    returned = _carry_back(s, way, place, weight, speeds)
+    return Flight(returned, "" if returned else "the tool was lost on the way back")
+
+
+def _carry_back(
+    s: Supervisor, way: ToolPlan, place: Place, weight: float, speeds: tuple[float, float]
+) -> bool:
+    """Bring the tool back to `place` on the bench, fly home; returns whether it was not lost."""
     s.begin("carry back")
     move_platform(s, way.to_pipe[-1, :3], way.seat.yaw, NEAR_SPEED)
     _follow(s, way.to_pipe[::-1], CALM_SPEED)
     s.begin("approach bench again")
     move_platform(s, find_platform(way.grip, place) + [0.0, 0.0, ABOVE], place.yaw, NEAR_SPEED)
-    if not _is_held(s, way.grip):
-        _leave(s, way, place)
-        _go_home(s, way)
-        return Flight(False, "the tool was lost on the way back")
-    put_down(s, way.grip, place, weight, speeds, "lower")
-    s.begin("return")
+    held = _is_held(s, way.grip)
+    if held:
+        put_down(s, way.grip, place, weight, speeds, "lower")
+        s.begin("return")
     _leave(s, way, place)
     _go_home(s, way)
-    return Flight(True, "")
+    return held
+
+
+def _give_up(
+    s: Supervisor, way: ToolPlan, place: Place, weight: float, speeds: tuple[float, float]
+) -> str:
+    """After an installation that failed: bring the tool back if it hangs on the hooks, fly home.
+
+    `place` is the bench's. Returns what became of the tool.
+    """
+    if _is_held(s, way.grip):
+        returned = _carry_back(s, way, place, weight, speeds)
+        return "it was carried back to the bench" if returned else "it was lost on the way back"
+    s.begin("return")
+    _leave(s, way, way.seat)
+    _go_home(s, way, from_pipe=True)
+    return "it stays where it is"
 
 
 def _measure_seat(s: Supervisor, task: ToolInstall) -> Place:

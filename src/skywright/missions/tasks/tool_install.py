@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from pydantic import Field
 
 from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
+from skywright.missions.operator import find_recording
 from skywright.missions.spec import Mission
 
 
@@ -18,9 +21,18 @@ class ToolInstall(Spec):
     retries: int = Field(default=2, ge=0, le=10)  # of a grasp that missed
     hand_speed_mps: Positive = 0.05
     lift_speed_mps: Positive = 0.03  # of the platform, while the load passes from or to the hands
+    operator: str | None = None  # recording that installs the tool: packaged name, or CSV file
+    stick_speed_mps: float = Field(default=0.03, gt=0, le=0.2)  # v_max of (24)
 
 
 class ToolInstallMission(Mission):
     """A mission with the table `mission.task` of this kind."""
 
     task: ToolInstall = ToolInstall()
+
+    def find_files(self, folder: Path) -> Mission:
+        """Name the operator's recording by its path."""
+        if self.task.operator is None:
+            return self
+        path = find_recording(self.task.operator, "tool-install", folder)
+        return self.model_copy(update={"task": self.task.model_copy(update={"operator": path})})

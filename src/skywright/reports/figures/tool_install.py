@@ -9,12 +9,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.evaluation.metrics import in_phases
-from skywright.evaluation.tool_install import compute_grasp_errors
+from skywright.evaluation.tool_install import compute_grasp_errors, compute_operated
+from skywright.missions.kinds.tool_install import find_places
 from skywright.missions.tool_handling import LOW
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
     GREEN,
+    GREY,
     ORANGE,
     PURPLE,
     WIDTH,
@@ -26,6 +28,7 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
+from skywright.reports.kinds import find_task
 
 if TYPE_CHECKING:
     from skywright.evaluation.run import RunResult
@@ -99,9 +102,47 @@ def draw_tracking(result: RunResult) -> Figure | None:
     return figure
 
 
+def draw_operator(result: RunResult) -> Figure | None:
+    """What the operator's stick asked for, and what hands and tool made of it."""
+    s = result.samples[in_phases(result.samples, result.phases, "install")]
+    if not len(s) or not np.any(s["operator_stick"]):
+        return None
+    t, world = s["t"], result.description.world
+    _, seat = find_places(world, find_task(result.description))
+    way = compute_operated(s, world.things.index("tool"), seat)
+    figure = new_figure(WIDTH, 7.0)
+    strip, axes = stack_panels(figure, 4)
+    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
+    axes[0].set_title("The operator's stick: 1 is full deflection; grey: button pressed")
+    axes[0].set_ylabel("stick")
+    axes[1].set_title(
+        "Both hands' middle (lines) and where the stick led it (dotted), from the start"
+    )
+    axes[1].set_ylabel("way (mm)")
+    axes[2].set_title("The tool, from its seat on the pipe")
+    axes[2].set_ylabel("distance (mm)")
+    for a, (color, label) in enumerate(((BLUE, "ahead"), (ORANGE, "left"), (GREEN, "up"))):
+        draw_line(axes[0], t, s["operator_stick"][:, a], color=color, lw=0.8, label=label)
+        draw_line(axes[1], t, 1e3 * way["hands"][:, a], color=color, label=label)
+        draw_line(axes[1], t, 1e3 * way["goal"][:, a], color=color, ls=":", lw=1.2)
+        draw_line(axes[2], t, 1e3 * way["tool"][:, a], color=color, label=label)
+    pressed = np.flatnonzero(s["operator_button"] > 0.0)
+    if len(pressed):
+        axes[0].axvspan(t[pressed[0]], t[-1], color=GREY, alpha=0.3, lw=0.0)
+    axes[3].set_title("Weight on both hooks: none is left once the tool stands")
+    axes[3].set_ylabel("force (N)")
+    load = s["left_f_W"][:, 2] + s["right_f_W"][:, 2]
+    draw_line(axes[3], t, load, color=PURPLE, lw=0.8)
+    for ax in axes[:3]:
+        ax.axhline(0.0, color=GREY, lw=0.6)
+        ax.legend(loc="lower left" if ax is axes[1] else "upper right", ncols=3)
+    return figure
+
+
 FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
     "tool_phases": draw_phases,
     "tool_tracking": draw_tracking,
+    "tool_operator": draw_operator,
 }
 PHASES = {
     "approach bench": "Arms down, then along the planned way to the tool that motion capture sees.",
@@ -132,6 +173,12 @@ CAPTIONS = {
         "The hands at the grasp points",
         "How both tips kept their points at the tool while the platform hovered, and how the "
         "platform drifted meanwhile.",
+    ),
+    "tool_operator": (
+        "The operator at the stick",
+        "What the operator did, in the seat's frame, and what came of it: the stick moves the goal "
+        "of both hands at up to the speed of a full deflection, (24); the hands follow on springs; "
+        "the tool comes to its seat, its three distances going to zero.",
     ),
 }
 

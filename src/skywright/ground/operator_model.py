@@ -1,0 +1,93 @@
+"""A computed operator at the stick, after McRuer's crossover model: no recording of a person.
+
+Whoever steers an integrator, as (24) is one, acts near crossover like a gain with a delay,
+Y = w_c e^(-s tau) / s open loop (McRuer and Jex 1967, A review of quasi-linear pilot models, (6)).
+So the lateral stick here is w_c e(t - tau) / v_max: e is what is seen of the tool's error, tau the
+delay of eye and mind, followed by the lag of the arm. The phase margin, pi/2 - w_c (tau + lag),
+tells the manners apart: 68 deg for the careful one, 21 deg for the hasty one, who zigzags. Beside
+it the model sees no error below a threshold, sees what it sees with a slow noise (the remnant), and
+its hand trembles at 8 to 12 Hz. It lowers the tool while it is near enough to its place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.streams import build_stream
+from skywright.missions.operator import Sight, Stick
+from skywright.vehicle.simulated import MISSION_TICK
+
+ARM_S = 0.1  # s, lag of the arm (neuromuscular)
+THRESHOLD = 0.002  # m, of an error that is not seen
+REMNANT = 0.0015  # m, rms of the slow noise of what is seen
+REMNANT_S = 1.0  # s, its correlation
+TREMOR = 0.02  # rms, of the stick's full deflection
+TREMOR_HZ = 10.0
+TREMOR_DAMPING = 0.1  # a band of 8 to 12 Hz
+STICK_DECIMALS = 3  # a device of some hundred steps each way
+PRESS_S = 0.5  # s, from seeing that the hooks are free to pressing the button
+
+
+class Manner(NamedTuple):
+    """How someone steers."""
+
+    crossover: float  # rad/s, w_c
+    delay: float  # s, tau
+    size: float  # of the stick's deflection at most
+    near: float  # m, lateral error up to which it lowers
+    sink: float  # of the deflection while it lowers
+
+
+MANNERS = {
+    "careful": Manner(crossover=0.7, delay=0.28, size=0.6, near=0.005, sink=0.4),
+    "hasty": Manner(crossover=1.0, delay=0.3, size=1.0, near=0.008, sink=0.8),
+}
+
+
+class ModelOperator:
+    """The computed operator."""
+
+    def __init__(self, manner: str, seed: int, v_max: float) -> None:
+        """`manner` is one of MANNERS, `seed` that of noise and tremor, `v_max` (m/s) of (24)."""
+        self.manner, self.v_max = MANNERS[manner], v_max
+        self._rng = build_stream(seed, "operator")
+        self._seen: deque[Sight] = deque(maxlen=1 + round(self.manner.delay / MISSION_TICK))
+        self._stick, self._noise = np.zeros(3), np.zeros(3)
+        self._shake, self._shaking = np.zeros(3), np.zeros(3)
+        self._light = 0.0  # s for which it has been seen that no weight is left
+
+    def read(self, t: float, sight: Sight) -> Stick | None:
+        """Return the stick for what was seen a delay ago."""
+        self._seen.append(sight)
+        seen, m = self._seen[0], self.manner
+        keep = math.exp(-MISSION_TICK / REMNANT_S)
+        fresh = math.sqrt(1.0 - keep**2) * REMNANT
+        self._noise = keep * self._noise + fresh * self._rng.standard_normal(3)
+        error = -seen.off - self._noise
+        wanted = np.where(np.abs(error) > THRESHOLD, m.crossover * error / self.v_max, 0.0)
+        wanted[2] = -m.sink if float(np.hypot(*error[:2])) < m.near else 0.0
+        if seen.light:  # it stands, the hooks hang free
+            self._light += MISSION_TICK
+            wanted[:] = 0.0
+        wanted = np.clip(wanted, -m.size, m.size)
+        self._stick += (1.0 - math.exp(-MISSION_TICK / ARM_S)) * (wanted - self._stick)
+        axes = np.clip(self._stick + self._tremble(), -1.0, 1.0)
+        return Stick(np.round(axes, STICK_DECIMALS), self._light > PRESS_S)
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+    def _tremble(self) -> NDArray[np.float64]:
+        """Return the tremor (3,): noise through a resonance, its rms TREMOR."""
+        w, h = 2.0 * math.pi * TREMOR_HZ, MISSION_TICK / 10.0
+        push = TREMOR * 2.0 * w * math.sqrt(w * TREMOR_DAMPING)  # rms of x'' + 2 z w x' + w^2 x = n
+        for _ in range(10):
+            n = push * self._rng.standard_normal(3) / math.sqrt(h)
+            self._shaking += h * (n - 2 * TREMOR_DAMPING * w * self._shaking - w**2 * self._shake)
+            self._shake += h * self._shaking
+        return self._shake

@@ -1,0 +1,427 @@
+"""The operator at the stick: law (24), recordings and their faults, live sources, the flights."""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from websockets.sync.client import connect
+
+from chromium_page import wait_for
+from skywright import cli
+from skywright.core.recording import read_recording
+from skywright.core.rotations import rot_z
+from skywright.errors import InputError
+from skywright.evaluation.run import run_mission
+from skywright.ground.operator_model import (
+    MANNERS,
+    REMNANT,
+    TREMOR,
+    ModelOperator,
+)
+from skywright.ground.operators import HOLD_HZ, Person, UdpOperator, ViewOperator, parse_datagram
+from skywright.missions import operator as operator_file
+from skywright.missions.loader import load_description
+from skywright.missions.operated_install import FENCE, compute_hands_velocity
+from skywright.missions.operator import (
+    COLUMNS,
+    FILE,
+    GAP_MAX,
+    STILL,
+    Recording,
+    Sight,
+    Stick,
+    list_recordings,
+    load_recording,
+    write_recording,
+)
+from skywright.vehicle.simulated import MISSION_TICK
+
+AXIS = st.floats(-1.0, 1.0)
+NOWHERE = Sight(np.zeros(3), False)
+HEADER = ",".join(COLUMNS)
+
+
+def call(*args: str) -> Result:
+    return CliRunner().invoke(cli.main, list(args))
+
+
+# --- law (24) ------------------------------------------------------------------------------------
+
+
+@given(st.tuples(AXIS, AXIS, AXIS), st.floats(1e-3, 0.2))
+def test_the_stick_moves_the_hands_at_its_share_of_v_max(
+    axes: tuple[float, float, float], v_max: float
+) -> None:
+    v = compute_hands_velocity(np.array(axes), v_max, np.zeros(3))
+    np.testing.assert_array_equal(v, v_max * np.array(axes))
+
+
+@given(st.lists(st.tuples(AXIS, AXIS, AXIS), min_size=1, max_size=40))
+def test_the_stick_cannot_lead_out_of_the_fence_but_back_in(
+    pushes: list[tuple[float, float, float]],
+) -> None:
+    goal, v_max = np.zeros(3), 0.2
+    for axes in pushes:
+        for _ in range(50):
+            goal = goal + MISSION_TICK * compute_hands_velocity(np.array(axes), v_max, goal)
+    assert np.all(goal >= FENCE[0]) and np.all(goal <= FENCE[1])
+    outside = FENCE[1] + 0.05
+    assert np.all(compute_hands_velocity(-np.ones(3), v_max, outside) == -v_max)
+    assert np.all(compute_hands_velocity(np.ones(3), v_max, outside) == 0.0)
+
+
+# --- recordings ----------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(AXIS, AXIS, AXIS, st.booleans()), min_size=2, max_size=30))
+def test_a_recording_is_read_as_it_was_written(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[float, float, float, bool]]
+) -> None:
+    path = tmp_path_factory.mktemp("r") / "a.csv"
+    sticks = [(k * MISSION_TICK, Stick(np.array(r[:3]), r[3])) for k, r in enumerate(rows)]
+    write_recording(path, sticks, 0.03)
+    found = load_recording(path)
+    assert found.v_max == 0.03
+    for k, (t, stick) in enumerate(sticks):
+        again = found.read(t, NOWHERE)
+        assert again is not None and again.button == stick.button
+        assert again.axes.tobytes() == (stick.axes + 0.0).tobytes() or np.all(
+            again.axes == rows[k][:3]
+        )
+    assert found.read(sticks[-1][0] + MISSION_TICK, NOWHERE) is None
+    assert sorted(p.name for p in path.parent.iterdir()) == ["a.csv"]
+
+
+def test_between_rows_the_stick_stays() -> None:
+    t = np.array([0.0, 0.3, 0.5])
+    r = Recording(t, np.array([[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]]), t > 0.4, None)
+    values = [r.read(x, NOWHERE) for x in (0.0, 0.29, 0.3, 0.49, 0.5)]
+    assert [float(s.axes[0]) for s in values if s is not None] == [0.1, 0.1, 0.2, 0.2, 0.3]
+    assert r.read(0.52, NOWHERE) is None
+
+
+def test_a_recording_cut_anywhere_is_refused_or_a_beginning(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    sticks = [(0.02 * k, Stick(rng.uniform(-1, 1, 3).round(3), k == 9)) for k in range(10)]
+    whole, cut = tmp_path / "whole.csv", tmp_path / "cut.csv"
+    write_recording(whole, sticks, 0.03)
+    data, full = whole.read_bytes(), load_recording(whole)
+    for size in range(len(data)):
+        cut.write_bytes(data[:size])
+        try:
+            found = load_recording(cut)
+        except InputError:
+            continue
+        n = len(found.t)
+        assert np.all(found.axes == full.axes[:n]) and np.all(found.button == full.button[:n])
+
+
+BAD = {
+    "empty": ("", "empty"),
+    "comments only": ("# nothing\n\n", "empty"),
+    "no column": ("t_s,dx,dy,dz\n0,0,0,0\n", "column button is missing"),
+    "another column": (f"{HEADER},rz\n0,0,0,0,0,0\n", "unknown column 'rz'"),
+    "twice": (f"{HEADER},dx\n0,0,0,0,0,0\n", "twice"),
+    "one row": (f"{HEADER}\n0,0,0,0,0\n", "1 rows of numbers"),
+    "text": (f"{HEADER}\n0,0,0,0,0\n0.1,left,0,0,0\n", "line 3, dx is 'left'"),
+    "nan": (f"{HEADER}\n0,0,0,0,0\n0.1,0,nan,0,0\n", "line 3, dy is 'nan'"),
+    "too far": (f"{HEADER}\n0,0,0,0,0\n0.1,0,0,1.01,0\n", "line 3, dz is '1.01'"),
+    "half pressed": (f"{HEADER}\n0,0,0,0,0.5\n", "button is '0.5'; valid: 0 or 1"),
+    "backwards": (f"{HEADER}\n0,0,0,0,0\n0.2,0,0,0,0\n0.1,0,0,0,0\n", "line 4, t_s is 0.1"),
+    "gap": (f"{HEADER}\n0,0,0,0,0\n3,0,0,0,0\n", f"no more than {GAP_MAX:g} s"),
+    "late": (f"{HEADER}\n5,0,0,0,0\n5.1,0,0,0,0\n", "begins at 0"),
+    "endless": (f"{HEADER}\n0,0,0,0,0\n1e9,0,0,0,0\n", "t_s is '1e9'"),
+    "cut off": (f"{HEADER}\n0,0,0,0,0\n0.1,0,0\n", "line 3 has 3 values"),
+    "speed": (f"# v_max_mps = fast\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is 'fast'"),
+    "another speed": (f"# v_max_mps = 0.1\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "end elsewhere"),
+    "bytes": (b"\x00\xff\x13" * 99, "not a text file"),
+    "null": (f"{HEADER}\n0,0,0,\0,0\n", "not a text file"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_recording_is_refused_before_take_off(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    content, message = BAD[name]
+    raw = content if isinstance(content, bytes) else content.encode()
+    Path("bad.csv").write_bytes(raw)
+    result = call("run", "tool-install", "--set", "mission.task.operator=bad.csv")
+    assert result.exit_code == 2, result.output
+    assert result.stderr.startswith("skywright: ") and result.stderr.count("\n") == 1
+    assert "bad.csv" in result.stderr and message in result.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["bad.csv"]
+
+
+def test_a_recording_too_large_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(operator_file, "MAX_BYTES", 100)
+    path = tmp_path / "large.csv"
+    path.write_text(f"{HEADER}\n" + "0,0,0,0,0\n" * 100)
+    with pytest.raises(InputError, match="larger than"):
+        load_recording(path)
+
+
+def test_the_packaged_recordings_are_found_by_name() -> None:
+    assert list_recordings("tool-install") == ["careful", "hasty"]
+    assert sorted(MANNERS) == ["careful", "hasty"]
+    for name in list_recordings("tool-install"):
+        d = load_description("tool-install", sets={"mission.task.operator": name})
+        found = load_recording(Path(d.mission.task.operator))  # type: ignore[attr-defined]
+        assert found.button[-1] and not found.button[0]
+        assert found.v_max == d.mission.task.stick_speed_mps  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["tool-install", "--set", "mission.task.operator=nobody"], "packaged: careful, hasty"),
+        (["tool-install", "--operator", "ghost"], "valid: view, udp:PORT"),
+        (["tool-install", "--operator", "udp:99999"], "valid: view, udp:PORT"),
+        (["tool-install", "--operator", "udp:no.such.host.invalid:99"], "cannot listen"),
+        (["waypoints", "--operator", "view"], "kinds that have one: tool-install"),
+        (
+            ["tool-install", "--operator", "view", "--set", "mission.task.operator=careful"],
+            "give one of the two",
+        ),
+    ],
+)
+def test_wrong_operators_are_input_errors(
+    args: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = call("run", *args)
+    assert result.exit_code == 2, result.output
+    assert message in result.stderr and result.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+# --- live sources --------------------------------------------------------------------------------
+
+
+@given(st.binary(max_size=300))
+def test_a_datagram_is_a_stick_or_nothing(data: bytes) -> None:
+    stick = parse_datagram(data)
+    assert stick is None or bool(np.all(np.abs(stick.axes) <= 1.0))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"0,0,0", b"0,0,0,0,0", b"nan,0,0,0", b"0,0,1.1,0", b"0,0,0,2", b"a,b,c,d", b"0" * 500,
+     "0,0,0,²".encode()],
+)  # fmt: skip
+def test_a_malformed_datagram_is_nothing(data: bytes) -> None:
+    assert parse_datagram(data) is None
+
+
+@given(AXIS, AXIS, AXIS, st.booleans())
+def test_a_datagram_says_what_the_stick_does(x: float, y: float, z: float, button: bool) -> None:
+    stick = parse_datagram(f"{x!r},{y!r},{z!r},{int(button)}\n".encode())
+    assert stick is not None and stick.button == button
+    assert tuple(stick.axes) == (x, y, z)
+
+
+@pytest.fixture
+def udp() -> Iterator[tuple[UdpOperator, socket.socket]]:
+    operator = UdpOperator("127.0.0.1", 0)
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sender.connect(("127.0.0.1", operator.port))
+    yield operator, sender
+    operator.close()
+    sender.close()
+
+
+def test_datagrams_move_the_stick_until_they_stop(
+    udp: tuple[UdpOperator, socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    operator, sender = udp
+    sender.send(b"1,1,1,1")  # before it took over: forgotten
+    threading.Timer(0.2, lambda: sender.send(b"0.5,0,-1,0")).start()
+    began = time.perf_counter()
+    first = operator.read(0.0, NOWHERE)  # waits
+    assert time.perf_counter() - began > 0.1
+    assert first is not None and tuple(first.axes) == (0.5, 0.0, -1.0) and not first.button
+    for data in (b"rubbish", b"0,0,9,0", b"0,1,0,1"):
+        sender.send(data)
+    wait_for(lambda: (operator.listen(), operator.received == 3)[1])
+    second = operator.read(0.02, NOWHERE)
+    assert second is not None and tuple(second.axes) == (0.0, 1.0, 0.0) and second.button
+    assert operator.malformed == 2
+    late = operator.read(0.62, NOWHERE)  # half a second without a datagram: let go
+    assert late is not None and not late.button and np.all(late.axes == 0.0)
+    monkeypatch.setattr("skywright.ground.operators.PATIENCE_S", 0.5)
+    assert operator.read(0.64, NOWHERE) is None  # and in the end nobody is there
+
+
+def test_a_joystick_of_linux_arrives(
+    udp: tuple[UdpOperator, socket.socket], tmp_path: Path
+) -> None:
+    """The example reads events as the kernel writes them: ms, value, type, number."""
+    operator, _ = udp
+    device = tmp_path / "js0"
+    os.mkfifo(device)
+    example = Path(__file__).parent.parent / "examples" / "joystick_to_udp.py"
+    sender = subprocess.Popen([sys.executable, example, device, str(operator.port)])
+    try:
+        with device.open("wb", buffering=0) as kernel:
+            for value, kind, number in ((0, 0x81, 0), (-32767, 2, 1), (16384, 2, 2), (1, 1, 0)):
+                kernel.write(struct.pack("<IhBB", 5, value, kind, number))
+            wait_for(lambda: (operator.listen(), operator._stick.button)[1])
+            axes = operator._stick.axes
+            assert tuple(axes) == (1.0, 0.0, -0.5)  # forward, and half down
+        assert sender.wait(5.0) == 0  # unplugged
+    finally:
+        sender.kill()
+    assert operator.malformed == 0
+
+
+def test_a_port_in_use_is_refused() -> None:
+    first = UdpOperator("127.0.0.1", 0)
+    try:
+        with pytest.raises(InputError, match="cannot listen"):
+            UdpOperator("127.0.0.1", first.port)
+    finally:
+        first.close()
+
+
+def test_time_waits_for_a_person() -> None:
+    person, began = Person(), time.perf_counter()
+    for k in range(11):
+        assert person.read(k * MISSION_TICK, NOWHERE) is not None
+    assert time.perf_counter() - began == pytest.approx(0.2, abs=0.1)
+
+
+def test_a_button_of_the_view_pushes_the_stick_while_it_is_held() -> None:
+    import viser
+
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    operator = ViewOperator()
+    operator.build_panel(server.gui)
+    uuid = next(
+        key
+        for key, handle in server.gui._gui_input_handle_from_uuid.items()
+        if getattr(handle, "label", "") == "down"
+    )
+    protocol = f"viser-v{viser.__version__}"
+    try:
+        with connect(
+            f"ws://127.0.0.1:{server.get_port()}", subprotocols=[protocol], max_size=None
+        ) as ws:
+            zero = [0.0, 0.0, 0.0]
+            ws.send(msgspec.msgpack.encode({
+                "type": "ViewerCameraMessage", "wxyz": [1.0, *zero], "position": zero, "fov": 1.0,
+                "near": 0.1, "far": 100.0, "image_height": 6, "image_width": 9, "look_at": zero,
+                "up_direction": [0.0, 0.0, 1.0],
+            }))  # fmt: skip
+            hold = {"type": "GuiButtonHoldMessage", "uuid": uuid, "frequency": HOLD_HZ}
+
+            def pushed() -> bool:
+                ws.send(msgspec.msgpack.encode(hold))
+                operator.listen()
+                return operator.read(0.0, NOWHERE).axes[2] == -0.5  # type: ignore[union-attr]
+
+            wait_for(pushed)
+            time.sleep(5.0 / HOLD_HZ)  # let go
+            operator.listen()
+            assert np.all(operator._stick.axes == 0.0)
+    finally:
+        server.stop()
+
+
+# --- the computed operator -----------------------------------------------------------------------
+
+
+def test_the_computed_operator_trembles_and_repeats() -> None:
+    """On the spot its stick is tremor and the noise of its eyes; the same seed does the same."""
+
+    def watch(seed: int) -> np.ndarray:
+        model = ModelOperator("careful", seed, 0.03)
+        sticks = [model.read(k * MISSION_TICK, NOWHERE) for k in range(6000)]
+        return np.array([s.axes[:2] for s in sticks if s is not None])
+
+    a = watch(1)
+    np.testing.assert_array_equal(a, watch(1))
+    assert np.any(a != watch(2))
+    fast = np.fft.rfft(a, axis=0)[(120 * 6) : (120 * 14)]
+    rms = math.sqrt(2.0 * float(np.mean(np.sum(np.abs(fast) ** 2, axis=0)))) / len(a)
+    assert rms == pytest.approx(TREMOR, rel=0.15)
+    assert float(np.std(a)) < 2.0 * MANNERS["careful"].crossover * REMNANT / 0.03 + TREMOR
+
+
+# --- flights -------------------------------------------------------------------------------------
+
+QUICK = ["mission.task.hover_s=3", "mission.task.wait_s=2"]
+
+
+def test_a_packaged_recording_installs_the_tool_elsewhere(tmp_path: Path) -> None:
+    """Another seed, pipe, tool and weight than those of the recording."""
+    sets = [*QUICK, "mission.task.operator=careful", "world.pipe.diameter_m=0.16",
+            "world.pipe.z_m=1.3", "world.tool.mass_kg=0.55", "world.tool.yaw_deg=3"]  # fmt: skip
+    result = run_mission(load_description("tool-install", sets=sets, seed=7), out=tmp_path / "a")
+    m = result.metrics
+    assert result.outcome == "succeeded", (result.reason, m)
+    assert m["tool.seat_error_mm"] < 10.0 and m["tool.seat_angle_deg"] < 3.0
+    assert 15.0 < m["operator.time_s"] < 30.0 and m["operator.hand_error_mm"] < 20.0
+
+    phase = [p.name for p in result.phases].index("install")
+    s = result.samples[result.samples["phase"] == phase][::2]  # once a mission tick
+    # (24): the goal of both hands moves at v_max times the stick, in the frame of the seat
+    v = 0.03 * s["operator_stick"] @ rot_z(result.plan.task.seat.yaw).T
+    for side in ("left", "right"):
+        moved = np.diff(s[f"{side}_ref_p_WH"], axis=0)
+        np.testing.assert_allclose(moved[5:300], MISSION_TICK * v[5:300], atol=1e-12)
+
+    # the run's directory is complete in itself, and the recording holds the stick
+    kept = load_recording(tmp_path / "a" / FILE)
+    packaged = load_recording(Path(result.description.mission.task.operator))  # type: ignore[attr-defined]
+    assert kept.axes.tobytes() == packaged.axes.tobytes()
+    assert f'operator = "{FILE}"' in (tmp_path / "a" / "mission.toml").read_text()
+    stored = read_recording(tmp_path / "a" / "recording.mcap").samples
+    assert stored.tobytes() == result.samples.tobytes()
+
+
+class Leaves:
+    """Lowers the tool, then the flight is interrupted."""
+
+    def __init__(self, after: float) -> None:
+        self.after = after
+
+    def read(self, t: float, sight: Sight) -> Stick | None:
+        if t > self.after:
+            raise KeyboardInterrupt
+        return Stick(np.array([0.3, -0.3, -0.2]), False) if t > 0.1 else STILL
+
+
+def test_an_interrupted_operator_is_kept_repeats_and_fails_safely(tmp_path: Path) -> None:
+    d = load_description("tool-install", sets=["mission.task.hover_s=0"], seed=3)
+    cut = run_mission(d, out=tmp_path / "a", operator=Leaves(2.0))
+    assert cut.outcome == "interrupted"
+    partial = tmp_path / "a.partial"
+    kept = load_recording(partial / FILE)
+    assert kept.t[-1] == pytest.approx(2.0) and kept.v_max == 0.03
+
+    again = run_mission(load_description(partial), out=tmp_path / "b")
+    n = len(cut.samples)
+    assert again.samples[:n].tobytes() == cut.samples.tobytes()  # the same flight, bit for bit
+    # the input ends in the air: the tool is kept and laid down where it was
+    assert again.outcome == "aborted" and "ended before the tool stood" in again.reason
+    assert "carried back to the bench" in again.reason
+    assert again.metrics["tool.returned"] == 1.0
+    assert again.metrics["contact.collisions"] == 0.0
+    assert "tool.seat_error_mm" not in again.metrics
