@@ -45,7 +45,7 @@ class Manner(NamedTuple):
 
 MANNERS = {
     "careful": Manner(crossover=0.7, delay=0.28, size=0.6, near=0.005, sink=0.4),
-    "hasty": Manner(crossover=1.0, delay=0.3, size=1.0, near=0.008, sink=0.8),
+    "hasty": Manner(crossover=1.0, delay=0.3, size=1.0, near=0.008, sink=0.6),
 }
 
 
