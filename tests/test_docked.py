@@ -277,6 +277,7 @@ def call(*args: str) -> Any:
         (("hexarotor", "--docked"), "no docking gear"),
         (("hexarotor", "--sweep", "tilt"), "parallel rotors"),
         (("f550-bridge", "--sweep", "spin"), "tilt"),
+        (("f550-bridge", "--sweep", "tilt", "--wind", "2"), "--wind is a condition of --docked"),
         (("f550-bridge", "--sweep", "tilt", "--posture", "worst"), "extended, folded"),
     ],
 )
@@ -285,6 +286,21 @@ def test_bad_input(args: tuple[str, ...], said: str, tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert said in result.output + result.stderr and "Traceback" not in result.output
     assert not (tmp_path / "x.png").exists()
+
+
+def test_a_wind_leaves_less_tilt(tmp_path: Path) -> None:
+    """From anywhere it is the least of all directions; beyond what can be held there is none."""
+    found = {}
+    for args in (["--wind", "2"], ["--wind", "2", "--wind-toward", "90"], ["--wind", "20"]):
+        result = call("f550-bridge", *args, "--json")
+        assert result.exit_code == 0, result.output
+        found[" ".join(args)] = json.loads(result.output)
+    worst, side, storm = found.values()
+    assert worst["hover_tilt_in_wind_deg"] <= side["hover_tilt_in_wind_deg"]
+    assert side["hover_tilt_in_wind_deg"] < min(side["hover_tilt_deg"].values())
+    assert storm["hover_tilt_in_wind_deg"] is None
+    told = call("f550-bridge", "--wind", "2", "--out", str(tmp_path / "x.png"))
+    assert f"{worst['hover_tilt_in_wind_deg']:.1f} deg" in told.output
 
 
 def test_docked_json_and_picture(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from click.testing import CliRunner
 
 from skywright.cli import main
 from skywright.errors import InputError
+from skywright.evaluation.run import run_mission
+from skywright.missions.loader import load_description
 from skywright.missions.planning import build_mission_loads
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotors import build_rotors
@@ -393,6 +395,18 @@ def test_bad_input(tmp_path: Path, made: FlightLog) -> None:
         assert said in result.output + result.stderr, (args, result.output, result.stderr)
         assert "Traceback" not in result.output + result.stderr
     assert not (tmp_path / "x.pdf").exists()
+
+
+def test_a_recording_of_another_robot_is_told(tmp_path: Path) -> None:
+    """Other joints are refused; another name, as of an identified robot, is said."""
+    sets = {"mission.task.forces_n": [2.0], "mission.task.slide_m": 0.0}
+    run_mission(load_description("wall-contact", sets=sets), out=tmp_path / "run")
+    result = call(str(tmp_path / "run"), "--robot", "hexarotor", "--out", str(tmp_path / "x.html"))
+    assert result.exit_code == 2 and not (tmp_path / "x.html").exists()
+    assert "was flown by 'f550-bridge' with joints shoulder, elbow" in result.stderr
+    assert not load_log(tmp_path / "run", ROBOT).notes
+    other = ROBOT.model_copy(update={"name": "f550-two"})
+    assert "was flown by 'f550-bridge'" in load_log(tmp_path / "run", other).notes[0]
 
 
 def test_page_json_and_robot_file(made: FlightLog, tmp_path: Path) -> None:

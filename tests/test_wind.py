@@ -352,3 +352,8 @@ def test_gusts_and_friction_are_bit_identical_both_ways_and_per_seed(sets):
     other = _fly(*sets, "mission.seed=2")
     assert not np.array_equal(fast["f_wind_W"][:100], other["f_wind_W"][:100])
     assert np.ptp(fast["f_wind_W"][:, 0]) > 0.2
+
+
+def test_a_fan_needs_a_speed() -> None:
+    with pytest.raises(ValueError, match="the speed at its outlet"):
+        Wind(kind="fan")

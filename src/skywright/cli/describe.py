@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     "--slope-toward", type=float, metavar="DEG",
     help="Docked: where it rises, 0 ahead, 90 to the left.  [default: the worst]",
 )  # fmt: skip
-@click.option("--wind", type=float, metavar="MPS", help="Docked: wind.")
+@click.option("--wind", type=float, metavar="MPS", help="Wind: docked, or of the hover tilt.")
 @click.option(
-    "--wind-toward", type=float, metavar="DEG", help="Docked: where it blows.  [default: the worst]"
+    "--wind-toward", type=float, metavar="DEG", help="Where it blows.  [default: the worst]"
 )
 @click.option(
     "--contact", metavar="X,Y",
@@ -51,8 +51,10 @@ def capability(
     from skywright.robots.loader import load_robot
 
     given = {name: value for name, value in condition.items() if value is not None}
-    if given and not docked:
-        flag = next(iter(given)).replace("_", "-")
+    free = {"wind", "wind_toward"} if "wind" in given and not sweep else set()
+    bound = given.keys() - free
+    if bound and not docked:
+        flag = next(name for name in given if name in bound).replace("_", "-")
         raise InputError(f"--{flag} is a condition of --docked: give both")
     if docked and (sweep or posture):
         raise InputError(f"--docked and --{'sweep' if sweep else 'posture'} exclude each other")
@@ -65,7 +67,7 @@ def capability(
     elif sweep:
         view = views.view_sweep(spec, posture or "extended")
     else:
-        view = views.view_limits(spec, posture or "extended")
+        view = views.view_limits(spec, posture or "extended", asked)
     if out is not None or not as_json:
         picture = check_writable(out or Path(f"capability-{view.name}.png"))
         view.write_figure(picture)

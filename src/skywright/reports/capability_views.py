@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skywright.errors import InputError
-from skywright.models.capability import check_can_fly, compute_capability
+from skywright.models.capability import Capability, check_can_fly, compute_capability
 from skywright.models.docked import build_docked
 from skywright.models.docked_map import Condition, DockedMap, compute_docked_map
 from skywright.models.force_resolution import ForceResolution, compute_force_resolution
+from skywright.models.hover_tilt import compute_hover_tilt
 from skywright.models.sweep import TiltSweep, compute_tilt_sweep
 from skywright.reports.terminal import new_console, new_table, print_capability
 from skywright.robots.spec import Robot
@@ -28,17 +29,48 @@ class View(NamedTuple):
     print: Callable[[Path], None]
 
 
-def view_limits(robot: Robot, posture: str) -> View:
-    """Static limits in free flight."""
+def view_limits(robot: Robot, posture: str, condition: Condition) -> View:
+    """Static limits in free flight; in a wind also the tilt that it leaves."""
     check_can_fly(robot)
     found = compute_capability(robot, posture=posture)
+    speed, tilt = condition.wind, math.nan
+    if speed:
+        tilt = _compute_tilt_in_wind(robot, found, condition)
 
     def write(path: Path) -> None:
         from skywright.reports.capability import write_capability_figure
 
         write_capability_figure(found, path)
 
-    return View(robot.name, found.to_json, write, lambda path: print_capability(found, path))
+    def to_json() -> dict[str, Any]:
+        if not speed:
+            return found.to_json()
+        toward = condition.wind_toward
+        return found.to_json() | {
+            "wind_mps": speed,
+            "wind_toward_deg": None if toward is None else math.degrees(toward),
+            "hover_tilt_in_wind_deg": None if math.isnan(tilt) else math.degrees(tilt),
+        }
+
+    def tell(path: Path) -> None:
+        print_capability(found, path, (speed, tilt) if speed else None)
+
+    return View(robot.name, to_json, write, tell)
+
+
+def _compute_tilt_in_wind(robot: Robot, found: Capability, condition: Condition) -> float:
+    """Return the least hover tilt (rad) in the wind, from anywhere where it has no direction."""
+    toward = found.directions if condition.wind_toward is None else [condition.wind_toward]
+    body = found.body
+    return float(
+        np.min([
+            compute_hover_tilt(
+                robot, found.q, body.gravity, air_density=body.air_density,
+                wind=condition.wind * np.array([math.cos(a), math.sin(a), 0.0]),
+            )
+            for a in toward
+        ])
+    )  # fmt: skip
 
 
 def view_sweep(robot: Robot, posture: str) -> View:

@@ -108,8 +108,10 @@ def print_campaign(verdict: Verdict, folder: Path) -> None:
         console.print(str(folder / name), markup=False)
 
 
-def print_capability(capability: Capability, picture: Path) -> None:
-    """Print the limits of a robot."""
+def print_capability(
+    capability: Capability, picture: Path, windy: tuple[float, float] | None = None
+) -> None:
+    """Print the limits of a robot; `windy`: a wind (m/s) and the tilt (rad) that it leaves."""
     console = new_console()
     k = capability
     table = new_table(f"Capability of {k.robot}", "quantity", "value")
@@ -125,6 +127,14 @@ def print_capability(capability: Capability, picture: Path) -> None:
         table.add_row("", f"to {force[best]:.2f} N toward {deg[best]:.0f} deg")
         roll, pitch = (math.degrees(t) for t in k.hover_tilt)
         table.add_row("hover tilt limit", f"roll {roll:.1f} deg, pitch {pitch:.1f} deg")
+        if windy is not None:
+            speed, tilt = windy
+            said = (
+                "none: it does not hold level"
+                if math.isnan(tilt)
+                else f"{math.degrees(tilt):.1f} deg"
+            )
+            table.add_row(f"in {speed:g} m/s of wind", said)
     else:
         table.add_row("sideways force, level", "none: moves by tilting")
     wind = np.asarray(k.wind_limit)

@@ -11,6 +11,13 @@ from skywright.models.scene import Scene, set_pose
 Array = NDArray[np.float64]
 
 
+def _ignore_warning(text: str) -> None:
+    """What MuJoCo warns of is seen in the state; by itself it appends to MUJOCO_LOG.TXT."""
+
+
+mujoco.set_mju_user_warning(_ignore_warning)
+
+
 class Simulation:
     """Owns the plant's MjData; the arrays are views, valid as long as this object lives."""
 

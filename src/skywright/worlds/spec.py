@@ -179,7 +179,9 @@ class Wind(Spec):
         return self
 
     @model_validator(mode="after")
-    def _turbulence_needs_wind(self) -> Wind:
+    def _fan_and_turbulence_need_wind(self) -> Wind:
+        if self.kind == "fan" and self.mean_mps == 0.0:
+            raise ValueError("kind = 'fan' needs mean_mps above 0: the speed at its outlet")
         if self.kind == "dryden" and self.mean_mps == 0.0:
             raise ValueError(
                 "kind = 'dryden' needs mean_mps above 0: the mean wind carries the turbulence past"

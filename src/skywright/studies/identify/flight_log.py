@@ -19,7 +19,7 @@ from skywright.missions.loader import Description, load_description
 from skywright.models.allocation import allocate, build_allocator, thrust_to_speed
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import build_rotors
-from skywright.robots.limbs import list_servos
+from skywright.robots.limbs import list_joints, list_servos
 from skywright.robots.spec import Robot
 from skywright.worlds.spec import World
 
@@ -105,9 +105,23 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
             f"{path}: was flown with {recording.n_rotors} rotors; robot {robot.name!r} has "
             f"{len(robot.rotors.azimuth_deg)}"
         )
+    joints = tuple(limb.name for limb in list_joints(robot))
+    if joints != tuple(recording.joint_names):
+        raise InputError(
+            f"{path}: was flown by {description.robot.name!r} with joints "
+            f"{', '.join(recording.joint_names) or 'none'}; robot {robot.name!r} has "
+            f"{', '.join(joints) or 'none'}"
+        )
     phases = _phase_names(recording, s["t"])
     name = path.parent.name or path.name
-    return build_log(name, robot, description.world, s, phases, recording.joint_names)
+    log = build_log(name, robot, description.world, s, phases, recording.joint_names)
+    if robot.name != description.robot.name:
+        log = log._replace(notes=(
+            f"{name} was flown by {description.robot.name!r}; its rotors and masses are read as "
+            f"those of {robot.name!r}, which was given",
+            *log.notes,
+        ))  # fmt: skip
+    return log
 
 
 def parse_description(text: bytes) -> Description:
