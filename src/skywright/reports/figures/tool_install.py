@@ -156,6 +156,7 @@ PHASES = {
     "release": "Hooks down and out of the handle.",
     "wait": "The tool inspects; the robot stays behind.",
     "retrieve": "Back below the handle on the pipe.",
+    "take up again": "The input ended before the tool stood: the hands go up again.",
     "carry back": "The same way back with the tool.",
     "approach bench again": "Down over the place where the tool stood.",
     "lower": "The tool is lowered until the bench carries it.",
