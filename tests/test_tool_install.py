@@ -304,3 +304,22 @@ def test_a_tool_that_falls_is_left_alone(when: str, by: list[float], reason: str
     after = flown[flown["t"] > result.phases[2].end_s]
     assert np.min(after["p_WB"][:, 2]) > 1.3  # m, over a bench of 0.9 m
     assert result.metrics["tool.returned"] == 0.0
+
+
+def test_a_tool_that_finds_no_pipe_is_carried_back() -> None:
+    """Somebody moves the targets, not the pipe."""
+
+    class MoveTargets(Kick):
+        def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
+            if phase == "carry" and not self.done:
+                self.done = True
+                vehicle.plant[0]["camera"]["p_WP"] += self.by
+
+    sets = ["mission.task.hover_s=2", "mission.task.wait_s=2"]
+    moved = MoveTargets("carry", [-0.3, 0.0, 0.0])
+    result = fly_and_evaluate(load_description("tool-install", sets=sets), [moved])
+    assert result.outcome == "aborted"
+    assert "nothing took the tool's weight" in result.reason
+    assert "carried back to the bench" in result.reason
+    assert result.metrics["tool.returned"] == 1.0
+    assert result.metrics["contact.collisions"] == 0.0

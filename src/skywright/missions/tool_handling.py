@@ -32,6 +32,7 @@ LIFT = 0.10  # m, from which a tool counts as lifted
 FEEL_S = 0.4  # s, lag of the felt weight; the estimate's own is about as long
 STEADY_S = 2.0  # s, to come to rest
 LIGHT_N = 0.3  # N, under which a load counts as put down
+DEEP = 0.04  # m, below its place: a tool that is lowered further has missed it
 ALIGN_RATE = 0.5  # 1/s, at which the platform makes up for where the tool hangs
 ALIGN_M = 0.004  # m, to which it does
 ALIGN_SPEED = 0.05  # m/s
@@ -211,22 +212,28 @@ def _touch(s: Supervisor, grip: Grip, speed: float) -> bool:
 def put_down(
     s: Supervisor, grip: Grip, place: Place, weight_n: float, speeds: tuple[float, float],
     phase: str,
-) -> None:  # fmt: skip
+) -> bool:  # fmt: skip
     """Bring the hanging tool over `place`, lower it (`phase`), and draw the hooks out.
 
-    The platform makes up for where the tool hangs until it stands.
+    The platform makes up for where the tool hangs until it stands. Where nothing takes its weight
+    at `place` it is lifted again, stays on the hooks, and False is returned.
     """
     weight = Weight(s, weight_n)
     align_tool(s, weight, place, 1.5 * weight_n)
     s.begin(phase)
-    ends = s.vehicle.t + 30.0
-    while s.vehicle.t < ends and weight.carried > LIGHT_N:
+    height, ends = float(s.vehicle.reference["p_WB"][2]), s.vehicle.t + 30.0
+    while weight.carried > LIGHT_N:
+        if s.vehicle.t > ends or measure_tool(s)[0][2] < place.p_WO[2] - DEEP:
+            while float(s.vehicle.reference["p_WB"][2]) < height:
+                weight.step(s, np.array([0.0, 0.0, speeds[1]]), 1.5 * weight_n)
+            return False
         v = _correct(place.p_WO - measure_tool(s)[0])
         standing = weight.carried < 0.7 * weight_n
         v = np.zeros(3) if standing else v
         v[2] = -speeds[1]
         weight.step(s, v, 1.5 * weight_n)
     let_go(s, grip, speeds[0])
+    return True
 
 
 def align_tool(s: Supervisor, weight: Weight, place: Place, most: float) -> None:

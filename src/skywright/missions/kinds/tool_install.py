@@ -372,23 +372,25 @@ def fly(s: Supervisor) -> Flight:
         _go_home(s, way, from_pipe=True)
         return Flight(False, "the tool was lost on the way to the pipe")
     operator = s.operator or way.operator
-    if operator is None:
-        put_down(s, way.grip, _measure_seat(s, task), weight, speeds, "install")
-    else:
+    seat = _measure_seat(s, task)
+    if operator is not None:
         reason = install_by_operator(
-            s, operator, way.grip, _measure_seat(s, task), weight, task.stick_speed_mps, speeds
+            s, operator, way.grip, seat, weight, task.stick_speed_mps, speeds
         )
-        if reason:
-            return Flight(False, f"{reason}; {_give_up(s, way, place, weight, speeds)}")
+    else:
+        stands = put_down(s, way.grip, seat, weight, speeds, "install")
+        reason = "" if stands else "nothing took the tool's weight where the pipe was seen"
+    if reason:
+        return Flight(False, f"{reason}; {_give_up(s, way, place, weight, speeds)}")
     s.begin("wait")
     _leave(s, way, seat)
     s.wait(task.wait_s)
     s.begin("retrieve")
-    stands = find_tool(s)
-    if _is_elsewhere(s, stands, seat):
+    found = find_tool(s)
+    if _is_elsewhere(s, found, seat):
         _go_home(s, way, from_pipe=True)
         return Flight(False, "the tool does not stand on the pipe any more")
-    _come(s, way.grip, stands)
+    _come(s, way.grip, found)
     weight = _take(s, way, task.retries, speeds)
     if weight is None:
         s.begin("return")
