@@ -408,7 +408,7 @@ def _carry_back(
     s.begin("carry back")
     move_platform(s, way.to_pipe[-1, :3], way.seat.yaw, NEAR_SPEED)
     _follow(s, way.to_pipe[::-1], CALM_SPEED)
-    s.begin("approach bench again")
+    s.begin("back to the bench")
     move_platform(s, find_platform(way.grip, place) + [0.0, 0.0, ABOVE], place.yaw, NEAR_SPEED)
     held = _is_held(s, way.grip)
     if held:

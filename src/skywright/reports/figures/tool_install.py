@@ -91,7 +91,7 @@ def draw_tracking(result: RunResult) -> Figure | None:
             draw_line(axes[h], t, error[:, h, a], color=color, lw=0.8, label="xyz"[a])
         draw_line(axes[h], t, size, color=BLACK, lw=1.0, label="distance")
         draw_limit(axes[h], HOVER_MM, "rms required, 15 mm")
-        axes[h].legend(loc="lower left", ncols=4)
+        axes[h].legend(loc="upper left", ncols=4)
         fit_y(axes[h], HOVER_MM, float(np.max(size)), float(np.min(error[:, h])))
     drift = 1e3 * (s["p_WB"] - s["p_WB"][0])
     axes[2].set_title("Platform: displacement from where it was at first")
@@ -158,7 +158,7 @@ PHASES = {
     "retrieve": "Back below the handle on the pipe.",
     "take up again": "The input ended before the tool stood: the hands go up again.",
     "carry back": "The same way back with the tool.",
-    "approach bench again": "Down over the place where the tool stood.",
+    "back to the bench": "Down over the place where the tool stood.",
     "lower": "The tool is lowered until the bench carries it.",
     "lift arms": "Arms above the landing gear.",
 }
