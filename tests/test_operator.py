@@ -197,6 +197,7 @@ def test_the_packaged_recordings_are_found_by_name() -> None:
         (["tool-install", "--operator", "ghost"], "valid: view, udp:PORT"),
         (["tool-install", "--operator", "udp:99999"], "valid: view, udp:PORT"),
         (["tool-install", "--operator", "udp:no.such.host.invalid:99"], "cannot listen"),
+        (["tool-install", "--operator", f"udp:{'ä' * 80}:99"], "cannot listen"),
         (["waypoints", "--operator", "view"], "kinds that have one: tool-install"),
         (
             ["tool-install", "--operator", "view", "--set", "mission.task.operator=careful"],
@@ -291,6 +292,18 @@ def test_a_joystick_of_linux_arrives(
     finally:
         sender.kill()
     assert operator.malformed == 0
+
+
+def test_a_flood_of_datagrams_does_not_stop_the_flight(
+    udp: tuple[UdpOperator, socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    operator, sender = udp
+    monkeypatch.setattr("skywright.ground.operators.AT_ONCE", 5)
+    for _ in range(12):
+        sender.send(b"0,0,1,0")
+    operator.listen()
+    assert 0 < operator.received <= 5
+    wait_for(lambda: (operator.listen(), operator.received == 12)[1])
 
 
 def test_a_port_in_use_is_refused() -> None:

@@ -203,6 +203,8 @@ def test_a_tool_under_a_shelf_is_out_of_reach() -> None:
         (["world.tool.on=shelf"], "shelf"),
         (["plant.map_error_m=1"], "map_error_m"),
         (["world.tool.handle_height_m=0.05"], "in the box"),
+        (["mission.task.hand_speed_mps=1e-9"], "hand_speed_mps"),  # it would never arrive
+        (["mission.task.lift_speed_mps=9"], "lift_speed_mps"),
     ],
 )
 def test_wrong_worlds_are_input_errors(sets: list[str], message: str) -> None:
@@ -219,6 +221,8 @@ def test_wrong_worlds_are_input_errors(sets: list[str], message: str) -> None:
         (None, ["world.pipe.inclination_deg=20"], "level"),
         (None, ["world.pipe.tracked=false"], "tracked = true"),
         (None, ["mission.task.along_pipe_m=1"], "beyond the pipe's end"),
+        (None, ["mission.task.along_pipe_m=0.73"], "valid: -0.71 to 0.71"),  # on the very edge
+        (None, ["world.pipe.length_m=0.15"], "too short for the tool's feet; valid: from 0.18"),
     ],
 )
 def test_wrong_robots_and_tasks_are_input_errors(

@@ -26,6 +26,7 @@ from skywright.missions.operator import STILL, Sight, Stick
 STALE_S = 0.5  # s of wall time after which a stick that is not heard of counts as let go
 PATIENCE_S = 60.0  # s of wall time without a sign of the operator: nobody is there
 DATAGRAM = 200  # bytes; a longer one is no stick
+AT_ONCE = 1000  # datagrams read in one go: a flood of them must not stop the flight
 SOURCES = "view, udp:PORT, udp:HOST:PORT, " + ", ".join(f"model:{name}" for name in MANNERS)
 
 
@@ -101,10 +102,11 @@ class UdpOperator(Person):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, port))
-        except OSError as error:
+        except (OSError, TypeError) as error:  # TypeError: a host that no name can be
             self._socket.close()
             raise InputError(
-                f"--operator udp:{host}:{port}: cannot listen there: {error.strerror or error}"
+                f"--operator udp:{host[:80]}:{port}: cannot listen there: "
+                f"{getattr(error, 'strerror', None) or error}"
             ) from None
         self._socket.setblocking(False)
         self.port = int(self._socket.getsockname()[1])
@@ -121,8 +123,8 @@ class UdpOperator(Person):
         return bool(np.isfinite(self._heard))
 
     def listen(self) -> None:
-        """Read every datagram that has come."""
-        while True:
+        """Read the datagrams that have come."""
+        for _ in range(AT_ONCE):
             try:
                 data = self._socket.recv(DATAGRAM + 1)
             except (BlockingIOError, InterruptedError):

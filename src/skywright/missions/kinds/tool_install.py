@@ -78,6 +78,7 @@ NEAR_SPEED = 0.15  # m/s, of the platform beside tool, bench and pipe
 HANDLING_S = 140.0  # s, about, of taking up, putting down, take-off and landing
 ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
 HAND_ROOM = 0.03  # m, from a hand's hook to handle's end and box
+END_ROOM = 0.02  # m, from a foot's middle to the pipe's end: half its profile, and the seat's error
 STEEPEST_DEG = 3.0  # of the pipe: on more the hanging tool is not in line with it
 
 
@@ -221,7 +222,12 @@ def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
             f"world.pipe.inclination_deg = {world.pipe.inclination_deg:g}: a tool that hangs in "
             f"two hooks is level; valid: -{STEEPEST_DEG:g} to {STEEPEST_DEG:g}"
         )
-    half = 0.5 * world.pipe.length_m - 0.5 * world.tool.feet_apart_m
+    half = 0.5 * world.pipe.length_m - 0.5 * world.tool.feet_apart_m - END_ROOM
+    if half < 0.0:
+        raise InputError(
+            f"world.pipe.length_m = {world.pipe.length_m:g}: too short for the tool's feet; valid: "
+            f"from {world.tool.feet_apart_m + 2.0 * END_ROOM:g}"
+        )
     if abs(task.along_pipe_m) > half:
         raise InputError(
             f"mission.task.along_pipe_m = {task.along_pipe_m:g}: the feet would stand beyond the "

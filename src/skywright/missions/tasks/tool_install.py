@@ -19,8 +19,9 @@ class ToolInstall(Spec):
     hover_s: NonNegative = 50.0  # the hands track the grasp points so long before they grasp
     payload_max_kg: Positive = 0.6  # Table 2: 0.3 kg each arm
     retries: int = Field(default=2, ge=0, le=10)  # of a grasp that missed
-    hand_speed_mps: Positive = 0.05
-    lift_speed_mps: Positive = 0.03  # of the platform, while the load passes from or to the hands
+    hand_speed_mps: float = Field(default=0.05, ge=0.01, le=0.2)
+    # of the platform, while the load passes from or to the hands
+    lift_speed_mps: float = Field(default=0.03, ge=0.01, le=0.1)
     operator: str | None = None  # recording that installs the tool: packaged name, or CSV file
     stick_speed_mps: float = Field(default=0.03, gt=0, le=0.2)  # v_max of (24)
 
