@@ -17,6 +17,7 @@ from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan
 
 METRICS = {
+    "bar-insertion": "skywright.evaluation.bar_insertion:compute_insertion_metrics",
     "bar-transport": "skywright.evaluation.bar_transport:compute_transport_metrics",
     "arm-test-bench": "skywright.evaluation.bridge_contact:compute_bench_metrics",
     "flight-modes": "skywright.evaluation.flight_modes:compute_modes_metrics",

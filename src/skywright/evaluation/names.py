@@ -83,6 +83,19 @@ MEANINGS: dict[str, tuple[str, str]] = {
         "mm",
         "rms distance of the hands' middle from where the operator's stick led it, (24)",
     ),
+    "insert.done": ("", "1 when the peg is in the hole at the end, hands withdrawn"),
+    "insert.depth_mm": ("mm", "depth of the peg's end below the socket's face at the end"),
+    "insert.force_max_n": ("N", "largest force of the peg on the socket, its inertia left out"),
+    "insert.tries": ("", "times that the peg was lowered onto the socket"),
+    "insert.time_s": ("s", "from the arrival over the socket until the peg was in or given up"),
+    "insert.aim_error_mm": (
+        "mm",
+        "distance of the peg's end from the hole's axis as it was last lowered",
+    ),
+    "insert.aim_angle_deg": (
+        "deg",
+        "angle between bar and hole about the hole's axis at that moment",
+    ),
     "platform.drift_max_mm": (
         "mm",
         "farthest that the platform came from where it was as the tracking of grasp points began",

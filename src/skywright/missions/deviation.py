@@ -30,4 +30,20 @@ def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
         drag_factor=1.0 + plant.drag_error,
         marker_error=plant.marker_error_m * np.clip(rng.standard_normal(3), -3.0, 3.0),
         pipe_error=plant.marker_error_m * np.clip(rng.standard_normal(3), -3.0, 3.0),
+        socket_error=np.array(
+            [
+                plant.socket_x_error_m,
+                plant.socket_y_error_m,
+                plant.socket_z_error_m,
+                *np.radians(
+                    [
+                        plant.socket_roll_error_deg,
+                        plant.socket_pitch_error_deg,
+                        plant.socket_yaw_error_deg,
+                    ]
+                ),
+            ]
+        ),
+        survey_error=np.repeat([plant.survey_error_m, math.radians(plant.survey_error_deg)], 3)
+        * np.clip(rng.standard_normal(6), -3.0, 3.0),
     )

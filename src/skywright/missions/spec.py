@@ -47,6 +47,7 @@ class Requirement(Spec):
 
 
 KINDS = {
+    "bar-insertion": "skywright.missions.kinds.bar_insertion",
     "bar-transport": "skywright.missions.kinds.bar_transport",
     "impact": "skywright.missions.kinds.impact",
     "scan": "skywright.missions.kinds.scan",
@@ -63,6 +64,7 @@ KINDS = {
 """Kind of mission -> its module; a new kind is one more module and one more line."""
 
 TASKS = {
+    "bar-insertion": "skywright.missions.tasks.bar_insertion:BarInsertionMission",
     "bar-transport": "skywright.missions.tasks.bar_transport:BarTransportMission",
     "bridge-contact": "skywright.missions.tasks.bridge_contact:BridgeContactMission",
     "arm-test-bench": "skywright.missions.kinds.arm_test_bench:ArmTestBenchMission",
@@ -144,3 +146,12 @@ class Plant(Spec):
     # a pipe that is tracked is this far, either way, from where the planner's map has it
     map_error_m: float = Field(default=0.02, ge=0, le=0.2)  # each axis
     map_error_deg: float = Field(default=2.0, ge=0, le=20)  # heading
+    # where the socket (world.socket) stands against the world file: motion capture finds it
+    socket_x_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)  # in the socket's frame
+    socket_y_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)
+    socket_z_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)
+    socket_roll_error_deg: float = Field(default=0.0, ge=-10, le=10)
+    socket_pitch_error_deg: float = Field(default=0.0, ge=-10, le=10)
+    socket_yaw_error_deg: float = Field(default=0.0, ge=-10, le=10)
+    survey_error_m: NonNegative = 0.001  # 1 sigma a axis: markers on bar and socket, together
+    survey_error_deg: NonNegative = 0.5  # 1 sigma about each axis, likewise

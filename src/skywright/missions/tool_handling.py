@@ -143,10 +143,14 @@ class Weight:
             ups.append(float(s.vehicle.estimate["f_ext_W"][2]))
         self._zero = float(np.mean(ups)) + carried
 
-    def step(self, s: Supervisor, v: Array, most: float) -> None:
-        """Fly one tick at v (3,) m/s with the load that is felt, no more than `most` (N)."""
+    def feel(self, s: Supervisor, most: float) -> None:
+        """Take in what is felt in this tick: no less than nothing, no more than `most` (N)."""
         felt = self._zero - float(s.vehicle.estimate["f_ext_W"][2])
         self.carried += MISSION_TICK / FEEL_S * (min(max(felt, 0.0), most) - self.carried)
+
+    def step(self, s: Supervisor, v: Array, most: float) -> None:
+        """Fly one tick at v (3,) m/s with the load that is felt, no more than `most` (N)."""
+        self.feel(s, most)
         row = set_rest(s.vehicle.reference)
         row["p_WB"] += MISSION_TICK * v
         row["v_WB"] = v

@@ -48,6 +48,8 @@ class Deviation(NamedTuple):
     drag_factor: float = 1.0
     marker_error: Array = np.zeros(3)  # m, in T: where motion capture believes the tip to be
     pipe_error: Array = np.zeros(3)  # m, in W: likewise of a tracked pipe
+    socket_error: Array = np.zeros(6)  # m, rad: where a socket stands, against the world file
+    survey_error: Array = np.zeros(6)  # m, rad: of motion capture's measurement of the socket
 
 
 def add_arm(

@@ -21,6 +21,7 @@ from skywright.errors import InputError
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
 from skywright.models.bar_body import BAR, add_bar
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
+from skywright.models.insertion_body import PEG, add_insertion
 from skywright.models.pads import add_gauges, add_pads, has_pads
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
@@ -102,6 +103,7 @@ def build_spec(robot: Robot, world: World, deviation: Deviation | None = None) -
     _add_robot(spec, robot, deviation or Deviation(), plant)
     add_things(spec, world, plant)
     add_tool(spec, world, OBJECT + TOOL, plant)
+    add_insertion(spec, world, OBJECT + PEG, deviation)
     add_pads(spec, world, plant)
     if plant and has_pads(world):
         add_gauges(spec, robot)

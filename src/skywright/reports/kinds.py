@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from skywright.missions.loader import Description
 
 KINDS = {
+    "bar-insertion": "skywright.reports.figures.bar_insertion",
     "bar-transport": "skywright.reports.figures.bar_transport",
     "bimanual-bench": "skywright.reports.figures.bimanual_bench",
     "follow-plan": "skywright.reports.figures.waypoints",

@@ -117,6 +117,9 @@ class Backend(Protocol):
     def release(self) -> None:
         """Let go a robot that is held in the air (a simulation with `world.bench` can)."""
 
+    def survey_socket(self) -> tuple[Array, Array]:
+        """One look of motion capture at the socket: (p_WS, R_WS); needs `world.socket`."""
+
     def zero_gauges(self) -> None:
         """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
 

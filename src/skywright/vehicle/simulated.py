@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skywright.control.backstepping_gains import fill_backstepping
 from skywright.control.cascade_gains import fill_cascade
 from skywright.control.registry import CASCADED, Law, load_arms_law
-from skywright.core.rotations import quat_to_rot
+from skywright.core.rotations import exp_so3, quat_to_rot
 from skywright.core.streams import build_stream
 from skywright.core.types import BELIEF, SAMPLE
 from skywright.errors import InputError, SimulationError
@@ -33,6 +33,7 @@ from skywright.models.compliant_arms import (
     fill_arms_parameters,
     is_compliant,
 )
+from skywright.models.insertion_body import locate_socket
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,
@@ -97,6 +98,7 @@ class SimulatedVehicle:
         """`start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant."""
         check_localisation(estimator, robot, world)
         self.robot, self.world, self.law = robot, world, law
+        self._deviation = deviation
         self.interactive = interactive or law.compiled is None
         rate = robot.control.rate_hz
         self.n_steps = round(1.0 / (rate * TIMESTEP))
@@ -138,6 +140,7 @@ class SimulatedVehicle:
         names = (
             "gyro", "accelerometer", "vibration", "mocap", "dropout", "outlier", "probe", "wind",
             "link", "deflection", "camera", "force", "gnss", "station", "range_finder", "pipe",
+            "survey",
         )  # fmt: skip
         self._streams = {n: build_stream(seed, n) for n in names}
         fill_gnss(self.plant[0]["gnss"], robot, world, self._streams["gnss"])
@@ -327,6 +330,21 @@ class SimulatedVehicle:
         if self.world.bench is None:
             raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
         self.sim.data.eq_active[self.scene.model.equality(BENCH).id] = 0
+
+    def survey_socket(self) -> tuple[Array, Array]:
+        """Return (p_WS, R_WS) of the socket as motion capture sees it: true, but for the error of
+        its markers, one for the run, and a sample's noise.
+
+        Raises InputError where the world has none.
+        """
+        if self.world.socket is None:
+            raise InputError(f"world {self.world.name!r} has no socket: give it a [world.socket]")
+        draw, mocap = self._streams["survey"].standard_normal(6), self.world.mocap
+        noise = np.repeat([mocap.position_noise_m, mocap.attitude_noise_rad], 3) * draw
+        p, R = locate_socket(self.world.socket, self._deviation.socket_error)
+        error, turn = self._deviation.survey_error + noise, np.empty((3, 3))
+        exp_so3(error[3:], turn)
+        return p + R @ error[:3], R @ turn
 
     def zero_gauges(self) -> None:
         """Count the wrench on the platform from now on (a simulation of a world with pads can)."""

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 from skywright.core.types import MAX_OBJECTS
 from skywright.worlds.gnss import Gnss
+from skywright.worlds.insertion import Peg, Socket
 from skywright.worlds.localisation import TotalStation
 from skywright.worlds.structure import Structure
 from skywright.worlds.things import Bench, Marker, Pad, Thing
@@ -249,6 +250,9 @@ class World(Spec):
     tape: Tape | None = None
     objects: dict[str, Thing] = Field(default={}, max_length=MAX_OBJECTS)
     tool: Tool | None = None
+    peg: Peg | None = None
+    socket: Socket | None = None
+    rack: Socket | None = None  # where the peg bar stands at first
     bench: Bench | None = None
     marker: Marker | None = None
     wind: Wind = Wind()
@@ -274,8 +278,9 @@ class World(Spec):
 
     @property
     def things(self) -> list[str]:
-        """Names of everything that moves, in the order of the scene; the tool comes last."""
-        return [*self.objects, *(["tool"] if self.tool is not None else [])]
+        """Names of everything that moves, in the order of the scene; tool or peg bar come last."""
+        given = {"tool": self.tool, "peg": self.peg}
+        return [*self.objects, *(name for name, thing in given.items() if thing is not None)]
 
     @model_validator(mode="after")
     def _tool_stands_on_an_obstacle(self) -> World:
@@ -287,6 +292,19 @@ class World(Spec):
         if "tool" in self.objects or len(self.objects) >= MAX_OBJECTS:
             raise ValueError(
                 f"beside a tool there is room for {MAX_OBJECTS - 1} objects, none named 'tool'"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _peg_stands_in_the_rack(self) -> World:
+        if self.peg is None:
+            return self
+        if self.rack is None:
+            raise ValueError("a peg bar stands in a rack at first: give it a [world.rack] table")
+        if "peg" in self.objects or len(self.things) > MAX_OBJECTS:
+            raise ValueError(
+                f"with tool and peg bar there are {MAX_OBJECTS} movable things at most, and no "
+                "object is named 'peg'"
             )
         return self
 

@@ -51,6 +51,7 @@ from skywright.models.scene import build_scene
 from skywright.models.tool_body import find_tool_clearance, find_tool_place
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.robots.spec import Robot
+from skywright.worlds.insertion import Peg
 from skywright.worlds.spec import World
 from skywright.worlds.surface import build_cylinder
 from skywright.worlds.tool import Tool, compute_diameters, compute_seat
@@ -260,8 +261,8 @@ def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
     return None
 
 
-def build_grip(robot: Robot, tool: Tool, gravity: float) -> Grip:
-    """Return how the arms hold the handle: it just clears the landing gear."""
+def build_grip(robot: Robot, tool: Tool | Peg, gravity: float) -> Grip:
+    """Return how the arms hold the handle of a tool or a bar: it just clears the landing gear."""
     assert robot.arm is not None
     model = build_body_model(robot, gravity)
     chain = build_arm_chain(robot)

@@ -1,0 +1,250 @@
+"""Peg bar, socket and rack in the scene, and bar-insertion on its requirements."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skywright.core.rotations import exp_so3, rot_z
+from skywright.errors import InputError
+from skywright.evaluation.run import fly_and_evaluate
+from skywright.missions.bar_leading import build_attitude
+from skywright.missions.insertion import find_offset
+from skywright.missions.kinds.bar_insertion import InsertionPlan, plan
+from skywright.missions.loader import load_description
+from skywright.models.arm_body import Deviation
+from skywright.models.arm_inverse_kinematics import compute_arm_ik
+from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
+from skywright.models.compliant_arms import find_hands
+from skywright.models.insertion_body import locate_socket
+from skywright.models.rigid_body import build_body_model
+from skywright.models.scene import Scene, build_scene
+from skywright.worlds.insertion import Socket, list_socket_parts
+
+DESCRIPTION = load_description("bar-insertion")
+
+
+def build(error: list[float] | None = None, **sets: float) -> tuple[Scene, mujoco.MjData, int]:
+    """The plant with the robot standing, and the address of the bar's pose."""
+    d = load_description("bar-insertion", sets=[f"{k}={v}" for k, v in sets.items()])
+    deviation = Deviation(socket_error=np.zeros(6) if error is None else np.array(error))
+    scene = build_scene(d.robot, d.world, deviation)
+    data = mujoco.MjData(scene.model)
+    data.qpos[2] = d.robot.platform.gear_height_m
+    return scene, data, int(scene.model.joint("object peg").qposadr[0])
+
+
+def drop(scene: Scene, data: mujoco.MjData, at: int, p: np.ndarray, seconds: float) -> np.ndarray:
+    """Let the upright bar go at p (3,) m; return where it is after a time."""
+    data.qpos[at : at + 3], data.qpos[at + 3 : at + 7] = p, [1.0, 0.0, 0.0, 0.0]
+    mujoco.mj_step(scene.model, data, round(seconds / scene.model.opt.timestep))
+    return np.array(data.qpos[at : at + 3])
+
+
+def test_the_bar_stands_in_the_rack() -> None:
+    scene, data, at = build()
+    assert DESCRIPTION.world.rack is not None
+    p = locate_socket(DESCRIPTION.world.rack)[0]
+    np.testing.assert_allclose(drop(scene, data, at, p, 1.0), p, atol=1e-4)
+
+
+@given(st.floats(0.02, 0.05), st.floats(0.0, 0.005), st.floats(-0.06, 0.06), st.floats(-0.06, 0.06),
+       st.floats(-0.079, 0.0))  # fmt: skip
+@settings(max_examples=300, deadline=None)
+def test_the_boxes_leave_the_hole_and_nothing_else(
+    hole: float, chamfer: float, x: float, y: float, z: float
+) -> None:
+    """A point of the block is in some box just where it is not in hole or chamfer."""
+    socket = Socket(x_m=0.0, y_m=0.0, z_m=1.0, hole_m=hole, chamfer_m=chamfer)
+    free = 0.5 * hole + max(chamfer + z, 0.0)  # half the opening's width at this depth
+    away = max(abs(x), abs(y)) - free
+    if abs(away) < 1e-6 or max(abs(x), abs(y)) > 0.5 * socket.width_m - 1e-6:
+        return
+    p = np.array([x, y, z])
+    inside = any(
+        bool(np.all(np.abs(part.R.T @ (p - part.p)) < part.half + 1e-12))
+        for part in list_socket_parts(socket)
+    )
+    assert inside == (away > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("clearance", "goes_in"), [(0.002, True), (0.0005, True), (-0.0004, False)]
+)
+def test_clearance_alone_decides_whether_the_peg_goes_in(clearance: float, goes_in: bool) -> None:
+    """Dropped straight over the hole: soft contacts make the hole wider by less than 0.2 mm."""
+    sets = {"world.peg.friction": 0.2}
+    d = DESCRIPTION
+    assert d.world.peg is not None and d.world.socket is not None
+    hole = d.world.peg.side_m + clearance
+    world = d.world.model_copy(
+        update={"socket": d.world.socket.model_copy(update={"hole_m": hole, "chamfer_m": 0.0})}
+    )
+    scene = build_scene(d.robot, world, Deviation())
+    data = mujoco.MjData(scene.model)
+    data.qpos[2] = d.robot.platform.gear_height_m
+    at = int(scene.model.joint("object peg").qposadr[0])
+    p = locate_socket(d.world.socket)[0]
+    end = drop(scene, data, at, p + [0.0, 0.0, d.world.peg.length_m + 0.001], 0.15)
+    assert (end[2] < p[2] + d.world.peg.length_m - 0.01) == goes_in, sets
+
+
+@pytest.mark.parametrize("force", [2.0, 5.0])
+def test_a_wall_gives_way_by_less_than_a_tenth_of_a_millimetre(force: float) -> None:
+    scene, data, at = build()
+    d = DESCRIPTION.world
+    assert d.peg is not None and d.socket is not None
+    p = locate_socket(d.socket)[0]
+    body = scene.model.body("object peg").id
+    data.qpos[at : at + 3], data.qpos[at + 3 : at + 7] = p, [1.0, 0.0, 0.0, 0.0]
+    data.xfrc_applied[body, 0] = force
+    mujoco.mj_step(scene.model, data, 1000)
+    inside = float(data.xpos[body, 0] - p[0]) - 0.5 * (d.socket.hole_m - d.peg.side_m)
+    assert inside < 1e-4
+
+
+@pytest.mark.parametrize("aside", [0.0035, 0.0055])
+def test_the_chamfer_catches_half_the_clearance_and_its_own_width(aside: float) -> None:
+    """A bar that nothing holds slides down a slope of 45 deg at a friction of 0.2."""
+    scene, data, at = build(**{"world.peg.friction": 0.2})
+    d = DESCRIPTION.world
+    assert d.peg is not None and d.socket is not None
+    p = locate_socket(d.socket)[0]
+    reach = 0.5 * (d.socket.hole_m - d.peg.side_m) + d.socket.chamfer_m
+    free = [i for i in range(3, 6)]
+    dof = int(scene.model.joint("object peg").dofadr[0])
+    scene.model.dof_armature[[dof + i for i in free]] = 1e3  # it stays upright
+    end = drop(scene, data, at, p + [aside, 0.0, d.peg.length_m + 0.001], 0.6)
+    assert (end[2] < p[2] + 0.5 * d.peg.length_m) == (aside < reach)
+
+
+def test_the_true_socket_stands_where_the_deviation_says() -> None:
+    error = [0.01, -0.02, 0.005, 0.01, -0.02, 0.03]
+    scene, _, _ = build(error)
+    nominal = build_scene(DESCRIPTION.robot, DESCRIPTION.world)
+    assert DESCRIPTION.world.socket is not None
+    p, R = locate_socket(DESCRIPTION.world.socket, np.array(error))
+    part = list_socket_parts(DESCRIPTION.world.socket)[0]
+    geom, believed = scene.model.geom("socket wall 0"), nominal.model.geom("socket wall 0")
+    np.testing.assert_allclose(geom.pos, p + R @ part.p, atol=1e-12)
+    assert np.linalg.norm(geom.pos - believed.pos) > 0.02
+
+
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
+def test_an_attitude_is_put_together_from_direction_and_pitch(a: float, b: float, c: float) -> None:
+    R = np.empty((3, 3))
+    exp_so3(np.array([a, b, c]), R)
+    level = np.cross(R[:, 1], [0.0, 0.0, 1.0])
+    level /= np.linalg.norm(level)
+    pitch = math.atan2(float(R[:, 0] @ np.cross(R[:, 1], level)), float(R[:, 0] @ level))
+    np.testing.assert_allclose(build_attitude(R[:, 1], pitch), R, atol=1e-9)
+
+
+def test_the_search_leaves_no_gap() -> None:
+    """Any hole within three reaches of the survey is met by one of 30 squares of the spiral."""
+    reach = 0.004
+    tried = np.array([find_offset(k, reach) for k in range(30)])
+    assert np.all(tried[0] == 0.0)
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        angle, r = rng.uniform(0.0, 2.0 * math.pi), 3.0 * reach * math.sqrt(rng.uniform())
+        hole = r * np.array([math.cos(angle), math.sin(angle)])
+        assert np.min(np.max(np.abs(tried - hole), axis=1)) < reach
+
+
+def test_the_arms_turn_the_bar_as_29_and_30_invert() -> None:
+    """Joints for a turned bar: forward kinematics and (30) give its direction, (29) its centre."""
+    found = plan(DESCRIPTION).task
+    assert isinstance(found, InsertionPlan)
+    n = rot_z(math.radians(5.0)) @ np.array([0.0, 1.0, 0.05])
+    n /= np.linalg.norm(n)
+    middle = np.mean(found.grip.hands, axis=0)
+    width = float(np.linalg.norm(found.grip.hands[0] - found.grip.hands[1]))
+    q = np.array(found.grip.q)
+    goals = compute_bar_hands(Bar(middle, n), width)
+    for chain, goal in zip(found.chains, goals, strict=True):
+        mine = slice(chain.first, chain.first + 4)
+        q[mine] = compute_arm_ik(chain, goal - chain.p_shoulder, near=q[mine]).q
+    hands = find_hands(build_body_model(DESCRIPTION.robot), q)
+    bar = compute_bar(hands[0], hands[1])
+    np.testing.assert_allclose(bar.n, n, atol=1e-6)
+    np.testing.assert_allclose(bar.p, middle, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("sets", "message"),
+    [
+        (["world.peg.mass_kg=0.8"], "more than the arms may lift"),
+        (["world.peg.handle_length_m=0.3"], "too short to be held"),
+        (["world.socket.width_m=0.3"], "between the hands"),
+        (["world.socket.z_m=0.3"], "come within"),
+    ],
+)
+def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
+    found = plan(load_description("bar-insertion", sets=sets))
+    assert not found.feasible and found.blocked_by is not None
+    assert message in found.blocked_by
+
+
+def test_a_socket_behind_a_wall_is_out_of_reach() -> None:
+    wall = {"x_m": 1.1, "y_m": 0.4, "z_m": 1.0, "size_x_m": 0.05, "size_y_m": 0.3, "size_z_m": 2.0}
+    found = plan(load_description("bar-insertion", sets={"world.obstacles.wall": wall}))
+    assert not found.feasible and "wall come within" in str(found.blocked_by)
+
+
+@pytest.mark.parametrize(
+    ("robot", "sets", "message"),
+    [
+        ("bimanual-longreach", [], "passive joint"),
+        ("hexarotor", [], "lacks"),
+        (None, ["robot.arm.hand.kind=ball"], "hooks"),
+        (None, ["world.socket.hole_m=0.03"], "does not go in"),
+        (None, ["world.rack.hole_m=0.1"], "fall through"),
+        (None, ["world.socket.depth_m=0.04"], "the peg is 0.05 m long"),
+        (None, ["world.socket.z_m=0.05"], "into the ground"),
+        (None, ["world.peg.flange_m=0.02"], "flange"),
+        (None, ["world.socket.chamfer_m=0.05"], "no wall"),
+    ],
+)
+def test_wrong_worlds_and_robots_are_input_errors(
+    robot: str | None, sets: list[str], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        plan(load_description("bar-insertion", robot=robot, sets=sets))
+
+
+def test_the_peg_is_inserted_and_left_there() -> None:
+    sets = [
+        "plant.socket_x_error_m=0.02", "plant.socket_y_error_m=-0.015",
+        "plant.socket_yaw_error_deg=-5", "plant.socket_roll_error_deg=2",
+        "plant.socket_pitch_error_deg=-2", "world.peg.friction=0.6", "world.peg.mass_kg=0.3",
+    ]  # fmt: skip
+    result = fly_and_evaluate(load_description("bar-insertion", sets=sets, seed=3))
+    m = result.metrics
+    names = [p.name for p in result.phases]
+    order = ["survey", "grasp", "lift", "carry", "align", "lower", "insert", "set free", "release",
+             "return", "land"]  # fmt: skip
+    assert [n for i, n in enumerate(names) if n in order and n not in names[:i]] == order
+    assert m["insert.done"] == 1.0 and m["insert.depth_mm"] > 49.0
+    assert m["contact.collisions"] == 0.0
+    assert m["insert.force_max_n"] < 8.0  # little more than the bar's weight of 2.9 N
+    after = result.samples[result.samples["phase"] == names.index("return")]
+    assert np.max(np.abs(after["left_f_W"])) == 0.0  # it stands by itself
+
+
+def test_a_hole_that_is_elsewhere_ends_with_the_bar_in_the_rack() -> None:
+    """A survey that is 3 cm off: nothing to be found there; the bar is laid down again."""
+    sets = ["plant.survey_error_m=0.03", "mission.task.tries=1"]
+    result = fly_and_evaluate(load_description("bar-insertion", sets=sets, seed=1))
+    assert result.outcome == "aborted" and "back in the rack" in result.reason
+    assert result.metrics["insert.done"] == 0.0 and result.metrics["contact.collisions"] == 0.0
+    rack = DESCRIPTION.world.rack
+    assert rack is not None
+    p = result.samples["object0_p_WO"][-1]
+    np.testing.assert_allclose(p, locate_socket(rack)[0], atol=0.02)
+    assert p[2] == pytest.approx(rack.z_m, abs=1e-3)
