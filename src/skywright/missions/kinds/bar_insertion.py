@@ -255,11 +255,10 @@ def fly(s: Supervisor) -> Flight:
         _return(s, way, hole)
         return Flight(False, "the bar was lost at the socket")
     if found != "in":
-        _lay_down(s, way, above, hole.yaw, weight, speeds)
+        laid_down = _lay_down(s, way, above, hole.yaw, weight, speeds)
         _return(s, way, way.rack)
-        return Flight(
-            False, f"the peg did not go in, in {task.tries} tries: the bar is back in the rack"
-        )
+        where = "is back in the rack" if laid_down else "did not find the rack either"
+        return Flight(False, f"the peg did not go in, in {task.tries} tries: the bar {where}")
     _set_free(s, leader)
     let_go(s, way.grip, speeds[0])
     _return(s, way, hole)
@@ -269,14 +268,17 @@ def fly(s: Supervisor) -> Flight:
 def _lay_down(
     s: Supervisor, way: InsertionPlan, above: Array, yaw: float, weight: float,
     speeds: tuple[float, float],
-) -> None:  # fmt: skip
-    """Carry the bar from over the socket (`above` (3,) m, of the platform) back into the rack."""
+) -> bool:  # fmt: skip
+    """Carry the bar from over the socket (`above` (3,) m, of the platform) back into the rack.
+
+    Returns whether it stands there.
+    """
     s.begin("carry back")
     hold_joints(s)
     move_platform(s, above, yaw, NEAR_SPEED)
     back = find_platform(way.grip, way.rack) + [0.0, 0.0, LIFT]
     move_platform(s, back, way.rack.yaw, CARRY_SPEED, CARRY_ACCELERATION)
-    put_down(s, way.grip, way.rack, weight, speeds, "lay down")
+    return put_down(s, way.grip, way.rack, weight, speeds, "lay down")
 
 
 def _set_free(s: Supervisor, leader: BarLeader) -> None:
