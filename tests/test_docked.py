@@ -263,7 +263,7 @@ def call(*args: str) -> Any:
     ("args", "said"),
     [
         (("f550-bridge", "--slope", "5"), "--slope is a condition of --docked"),
-        (("f550-bridge", "--wind-toward", "5"), "--wind-toward is a condition of --docked"),
+        (("f550-bridge", "--wind-toward", "5"), "--wind-toward is a condition of --wind"),
         (("f550-bridge", "--docked", "--slope", "95"), "below 90"),
         (("f550-bridge", "--docked", "--slope", "nan"), "--slope nan"),
         (("f550-bridge", "--docked", "--wind", "-1"), "--wind -1"),
@@ -277,7 +277,7 @@ def call(*args: str) -> Any:
         (("hexarotor", "--docked"), "no docking gear"),
         (("hexarotor", "--sweep", "tilt"), "parallel rotors"),
         (("f550-bridge", "--sweep", "spin"), "tilt"),
-        (("f550-bridge", "--sweep", "tilt", "--wind", "2"), "--wind is a condition of --docked"),
+        (("f550-bridge", "--sweep", "tilt", "--wind", "2"), "--wind and --sweep exclude"),
         (("f550-bridge", "--sweep", "tilt", "--posture", "worst"), "extended, folded"),
     ],
 )

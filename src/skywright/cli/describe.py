@@ -55,7 +55,10 @@ def capability(
     bound = given.keys() - free
     if bound and not docked:
         flag = next(name for name in given if name in bound).replace("_", "-")
-        raise InputError(f"--{flag} is a condition of --docked: give both")
+        if sweep:
+            raise InputError(f"--{flag} and --sweep exclude each other")
+        other = "--wind" if flag == "wind-toward" else "--docked"
+        raise InputError(f"--{flag} is a condition of {other}: give both")
     if docked and (sweep or posture):
         raise InputError(f"--docked and --{'sweep' if sweep else 'posture'} exclude each other")
     asked = parse_condition(**given)
