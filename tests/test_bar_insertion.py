@@ -14,6 +14,7 @@ from skywright.core.rotations import exp_so3, rot_z
 from skywright.errors import InputError
 from skywright.evaluation.run import fly_and_evaluate
 from skywright.missions.bar_leading import build_attitude
+from skywright.missions.deviation import build_true_world
 from skywright.missions.insertion import find_offset
 from skywright.missions.kinds.bar_insertion import InsertionPlan, plan
 from skywright.missions.loader import load_description
@@ -248,3 +249,11 @@ def test_a_hole_that_is_elsewhere_ends_with_the_bar_in_the_rack() -> None:
     p = result.samples["object0_p_WO"][-1]
     np.testing.assert_allclose(p, locate_socket(rack)[0], atol=0.02)
     assert p[2] == pytest.approx(rack.z_m, abs=1e-3)
+
+
+def test_a_picture_shows_the_socket_where_it_stands() -> None:
+    d = load_description("bar-insertion", sets=["plant.socket_x_error_m=0.02"])
+    shown = build_true_world(d.plant, d.robot, d.world, d.mission.seed).socket
+    assert shown is not None and d.world.socket is not None
+    assert shown.x_m == pytest.approx(d.world.socket.x_m + 0.02)
+    assert shown.yaw_deg == pytest.approx(d.plant.socket_yaw_error_deg, abs=0.1)

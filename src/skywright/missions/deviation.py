@@ -9,8 +9,15 @@ import numpy as np
 from skywright.core.streams import build_stream
 from skywright.missions.spec import Plant
 from skywright.models.arm_body import Deviation
+from skywright.models.insertion_body import move_socket
 from skywright.models.rigid_body import joint_names
 from skywright.robots.spec import Robot
+from skywright.worlds.spec import World
+
+
+def build_true_world(plant: Plant, robot: Robot, world: World, seed: int) -> World:
+    """Return the world as it stands in truth, as far as a picture shows: with its socket."""
+    return move_socket(world, build_deviation(plant, robot, seed).socket_error)
 
 
 def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:

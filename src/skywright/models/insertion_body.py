@@ -38,6 +38,20 @@ def locate_socket(socket: Socket, error: Array | None = None) -> tuple[Array, Ar
     return p + R @ error[:3], R @ turn
 
 
+def move_socket(world: World, error: Array) -> World:
+    """Return the world with its socket where it stands in truth, to be drawn; its tilt is left out.
+
+    `error` (6,) is `Deviation.socket_error`.
+    """
+    if world.socket is None:
+        return world
+    p, R = locate_socket(world.socket, error)
+    x, y, z = (float(a) for a in p)
+    yaw = math.degrees(math.atan2(R[1, 0], R[0, 0]))
+    place = {"x_m": x, "y_m": y, "z_m": z, "yaw_deg": yaw}
+    return world.model_copy(update={"socket": world.socket.model_copy(update=place)})
+
+
 def add_insertion(spec: mujoco.MjSpec, world: World, name: str, dev: Deviation | None) -> None:
     """Add socket, rack and the peg bar as the body `name`, which only the plant (`dev`) lets move.
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from skywright.errors import InputError
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.inspection.weld import Crossing, WeldResult
+from skywright.missions.deviation import build_true_world
 from skywright.missions.loader import Description
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.drawing import build_drawing
@@ -98,7 +99,8 @@ def _record(
 ) -> str:
     """Draw the scene, play the samples that are `shown` into viser's recorder."""
     d = result.description
-    scene = Scene3d(server, d.robot, d.world)
+    world = build_true_world(d.plant, d.robot, d.world, d.mission.seed)
+    scene = Scene3d(server, d.robot, world)
     if result.plan.scan is not None:
         scene.draw_path(result.plan.scan.path_sphi)
     set_camera(server, views[0])

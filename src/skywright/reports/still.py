@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
+from skywright.missions.deviation import build_true_world
 from skywright.models.drawing import (
     build_drawing,
     compute_part_poses,
@@ -69,7 +70,7 @@ def _place_camera(result: RunResult, row: Any) -> Camera:
 
 def _build_items(result: RunResult, row: Any) -> list[Item]:
     d = result.description
-    drawing = build_drawing(d.robot, d.world)
+    drawing = build_drawing(d.robot, build_true_world(d.plant, d.robot, d.world, d.mission.seed))
     items = []
     for shape in drawing.world:
         if shape.kind != "plane":

@@ -86,6 +86,25 @@ CAPTIONS = {
     ),
 }
 
+PHASES = {
+    "approach rack": "The hooks are lowered; the platform flies behind the rack.",
+    "survey": "Motion capture looks at the socket and says where it really stands.",
+    "reach under": "Platform and hooks come below the crossbar.",
+    "grasp": "The hooks rise until both feel the crossbar.",
+    "lift": "The platform rises; the springs of the arms take the bar's weight.",
+    "carry": "The bar is flown to over the socket.",
+    "align": "The platform leads the peg over the hole, the arms turn the bar along it.",
+    "lower": "The peg is lowered until it is in the hole, or stands beside it.",
+    "insert": "The bar's weight presses the peg in; the hands let go of it as far as needed.",
+    "draw out": "It did not go in: up again, for another try.",
+    "set free": "The weight passes from the hands to the socket.",
+    "release": "The hooks are drawn out of the crossbar.",
+    "carry back": "No try went in: the bar is flown back to the rack.",
+    "lay down": "The bar is put back into the rack.",
+    "look again": "The grasp missed; the bar is looked at once more.",
+    "lift arms": "The arms fold above the landing gear.",
+}
+
 
 def describe(result: RunResult) -> str:
     """Say whether the peg came in."""
