@@ -92,6 +92,7 @@ PHASES = {
     "release": "Hooks down and out of the crossbar.",
     "carry back": "No try succeeded: the bar goes back to the rack.",
     "lay down": "The bar is lowered into the rack.",
+    "look again": "The bar was missed: its place is measured once more.",
     "lift arms": "Arms above the landing gear.",
 }
 """Phase -> what is done in it."""
