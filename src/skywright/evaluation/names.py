@@ -77,7 +77,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "tool.seat_angle_deg": ("deg", "angle of the tool there to the attitude it should have"),
     "tool.return_error_mm": ("mm", "distance of the tool, back on the bench, from where it stood"),
     "tool.returned": ("", "1 when it stands there within 5 cm, upright"),
-    "tool.retries": ("", "grasps that missed and were repeated"),
+    "tool.retries": ("", "grasps that missed"),
     "operator.time_s": ("s", "how long the operator was at the stick"),
     "operator.hand_error_mm": (
         "mm",

@@ -198,7 +198,7 @@ def _check_times(path: Path, t: Array, lines: list[int]) -> None:
 def _read_speed(path: Path, lines: list[tuple[int, str]]) -> float | None:
     """Return the speed (m/s) that a comment names."""
     for line, text in lines:
-        match = re.fullmatch(r"\s*#\s*v_max_mps\s*=\s*(\S+)\s*", text)
+        match = re.fullmatch(r"\s*#\s*v_max_mps\s*=(.*)", text)
         if match:
             try:
                 value = float(match.group(1))
@@ -206,8 +206,8 @@ def _read_speed(path: Path, lines: list[tuple[int, str]]) -> float | None:
                 value = math.nan
             if not 0.0 < value < math.inf:
                 raise InputError(
-                    f"{path}: line {line}, v_max_mps is {match.group(1)[:20]!r}; a number above 0 "
-                    "is needed"
+                    f"{path}: line {line}, v_max_mps is {match.group(1).strip()[:20]!r}; a number "
+                    "above 0 is needed"
                 )
             return value
     return None
