@@ -24,7 +24,7 @@ from websockets.sync.client import connect
 from chromium_page import wait_for
 from skywright import cli
 from skywright.core.recording import read_recording
-from skywright.core.rotations import rot_z
+from skywright.core.rotations import rot_x, rot_z
 from skywright.errors import InputError
 from skywright.evaluation.run import run_mission
 from skywright.ground.operator_model import (
@@ -37,7 +37,7 @@ from skywright.ground.operators import HOLD_HZ, Person, UdpOperator, ViewOperato
 from skywright.missions import operator as operator_file
 from skywright.missions.kinds.tool_install import find_places
 from skywright.missions.loader import load_description
-from skywright.missions.operated_install import FENCE, compute_hands_velocity
+from skywright.missions.operated_install import FENCE, compute_hands_velocity, explain_loss
 from skywright.missions.operator import (
     COLUMNS,
     FILE,
@@ -63,6 +63,11 @@ def call(*args: str) -> Result:
 
 
 # --- law (24) ------------------------------------------------------------------------------------
+
+
+def test_a_tool_that_is_tilted_on_the_hooks_has_not_fallen_off() -> None:
+    assert "tilted by 17 deg" in explain_loss(rot_x(math.radians(17.0)))
+    assert "fell off" in explain_loss(rot_z(1.0))
 
 
 @given(st.tuples(AXIS, AXIS, AXIS), st.floats(1e-3, 0.2))

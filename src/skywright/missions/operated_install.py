@@ -94,7 +94,7 @@ def _operate(
         off = R.T @ (p - seat.p_WO)
         light = weight.carried < LIGHT_N
         if not is_at_hand(s, grip):
-            return "the tool fell off the hooks"
+            return explain_loss(R_WO)
         stick = operator.read(k * MISSION_TICK, Sight(off, light))
         if stick is None:
             ended += MISSION_TICK
@@ -126,6 +126,14 @@ def compute_hands_velocity(axes: Array, v_max: float, goal: Array) -> Array:
     ahead = goal + MISSION_TICK * v
     out = ((ahead < FENCE[0]) & (v < 0.0)) | ((ahead > FENCE[1]) & (v > 0.0))
     return np.where(out, 0.0, v)
+
+
+def explain_loss(R_WO: Array) -> str:
+    """Say why a tool at R_WO (3, 3) is not led any further: tilted, or away from the hands."""
+    if R_WO[2, 2] > math.cos(TILT_MAX):
+        return "the tool fell off the hooks"
+    tilt = math.degrees(math.acos(max(R_WO[2, 2], -1.0)))
+    return f"the tool was tilted by {tilt:.0f} deg: the stick was taken away"
 
 
 def _explain(off: Array, weight: float) -> str:
