@@ -179,6 +179,7 @@ def test_the_platform_stands_where_the_hands_hold_the_handle() -> None:
     ("sets", "message"),
     [
         (["world.tool.mass_kg=0.8"], "more than the arms may lift"),
+        (["world.tool.mass_kg=0.05"], "do not feel whether it hangs or stands"),
         (["world.pipe.diameter_m=0.4"], "feet fit pipes of"),
         (["world.tool.handle_length_m=0.32"], "room on the handle"),
         (["world.obstacles.bench.y_m=1.2", "world.tool.y_m=1.2"], "come within"),

@@ -28,6 +28,7 @@ from skywright.missions.tasks.tool_install import ToolInstall, ToolInstallMissio
 from skywright.missions.tool_handling import (
     DROP,
     LIFT,
+    LIGHT_N,
     LOW,
     STEADY_S,
     TILT_MAX,
@@ -78,6 +79,7 @@ CALM_SPEED, CARRY_ACCELERATION = 0.4, 0.2  # m/s, m/s^2, with the tool: it swing
 NEAR_SPEED = 0.15  # m/s, of the platform beside tool, bench and pipe
 HANDLING_S = 140.0  # s, about, of taking up, putting down, take-off and landing
 ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
+FELT = 3.0  # times LIGHT_N, that a tool has to weigh: what is felt of it wavers by as much
 HAND_ROOM = 0.03  # m, from a hand's hook to handle's end and box
 END_ROOM = 0.02  # m, from a foot's middle to the pipe's end: half its profile, and the seat's error
 STEEPEST_DEG = 3.0  # of the pipe: on more the hanging tool is not in line with it
@@ -244,6 +246,12 @@ def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
         return (
             f"the tool weighs {tool.mass_kg:g} kg, more than the arms may lift "
             f"(mission.task.payload_max_kg = {task.payload_max_kg:g})"
+        )
+    lightest = FELT * LIGHT_N / world.gravity_mps2
+    if tool.mass_kg < lightest:
+        return (
+            f"the tool weighs {tool.mass_kg:g} kg: below {lightest:.3f} kg the hands do not feel "
+            "whether it hangs or stands"
         )
     if not compute_seat(tool, pipe.diameter_m).fits:
         low, high = compute_diameters(tool)
