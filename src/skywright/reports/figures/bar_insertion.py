@@ -77,25 +77,6 @@ def draw_insertion(result: RunResult) -> Figure | None:
 
 
 FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {"bar_insertion": draw_insertion}
-PHASES = {
-    "approach rack": "Arms lifted, along the planned way to behind the rack.",
-    "survey": "Motion capture looks where the socket is.",
-    "reach under": "Below the crossbar, hooks low.",
-    "grasp": "Platform and hooks rise, until both hands feel the crossbar.",
-    "lift": "The platform rises; the springs yield until the arms carry the bar's weight.",
-    "carry": "Straight to over the socket.",
-    "align": "The peg's end is led over the hole, the bar turned along it.",
-    "lower": "Down, until the peg is in the hole or stands on something.",
-    "insert": "Down in the hole; against resistance the hands press with the bar's weight.",
-    "draw out": "Up again: the peg is jammed or stands beside the hole.",
-    "set free": "The weight passes to the socket.",
-    "release": "Hooks down and out of the crossbar.",
-    "carry back": "No try succeeded: the bar goes back to the rack.",
-    "lay down": "The bar is lowered into the rack.",
-    "look again": "The bar was missed: its place is measured once more.",
-    "lift arms": "Arms above the landing gear.",
-}
-"""Phase -> what is done in it."""
 CAPTIONS = {
     "bar_insertion": (
         "The peg and the hole",
