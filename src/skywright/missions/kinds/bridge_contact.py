@@ -357,8 +357,9 @@ def fly(s: Supervisor) -> Flight:
         if pilot.contact.dock:
             reason = pilot.inspect_docked(station)
         if not reason and way.free is not None and way.free_forces:
-            beside = pilot.inspect_flying(station, way.free)
-            reason = "" if pilot.contact.dock else beside  # nothing is required of it then
+            told = pilot.inspect_flying(station, way.free)
+            beside = beside or told
+            reason = "" if pilot.contact.dock else told  # nothing is required of it then
         if reason:
             break
     pilot.go("return", p=home["p_WB"], R=home["R_WB"], q=home["q"][: s.vehicle.n_joints])
