@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import mujoco
@@ -15,11 +16,19 @@ from skywright.core.types import BELIEF
 from skywright.errors import InputError
 from skywright.estimation.marker import estimate_pipe
 from skywright.evaluation.run import RunResult, fly_and_evaluate
-from skywright.missions.kinds.tool_install import ToolPlan, build_grip, draw_map, find_places, plan
+from skywright.missions.kinds.tool_install import (
+    MARGIN,
+    ToolPlan,
+    build_grip,
+    draw_map,
+    find_places,
+    plan,
+)
 from skywright.missions.loader import Description, load_description
 from skywright.missions.tool_handling import find_platform
 from skywright.models.arm_body import Deviation
 from skywright.models.compliant_arms import find_hands
+from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
 from skywright.models.tool_body import find_tool_place
@@ -189,6 +198,22 @@ def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
     found = plan(load_description("tool-install", sets=sets))
     assert not found.feasible and found.blocked_by is not None
     assert message in found.blocked_by
+
+
+@pytest.mark.parametrize("yaw", [0.0, 90.0, 180.0])
+def test_the_way_to_the_bench_keeps_clear_of_the_tool(yaw: float) -> None:
+    """By MuJoCo's own distances, which planning does not use: the planner has to see the tool."""
+    d = load_description("tool-install", sets={"world.tool.yaw_deg": yaw})
+    found = plan(d)
+    assert found.feasible and isinstance(found.task, ToolPlan)
+    query = build_clearance(build_scene(d.robot, d.world), with_ground=True)
+    least = math.inf
+    for a, b in itertools.pairwise(found.task.to_bench):
+        for u in np.linspace(0.0, 1.0, 201):
+            x = (1.0 - u) * a + u * b
+            at = compute_clearance(query, x[:3], rot_z(float(x[3])), found.task.grip.q_low)
+            least = min(least, at.distance)
+    assert least > MARGIN - 0.002  # between two rows of the check
 
 
 def test_a_tool_under_a_shelf_is_out_of_reach() -> None:

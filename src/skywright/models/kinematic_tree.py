@@ -99,7 +99,7 @@ def build_planning_scene(scene: Scene, robot: Robot) -> PlanningScene:
         tree.joint[i] = joints.index(name)
         tree.axis[i] = model.jnt_axis[j]
     robot_shapes, names = _robot_shapes(model, data, scene, index)
-    world_shapes, world_names = _world_shapes(model, scene)
+    world_shapes, world_names = _world_shapes(model, data, scene)
     links = [limb.link for limb in list_joints(robot)]
     return PlanningScene(
         tree, robot_shapes, world_shapes, names, world_names,
@@ -183,9 +183,17 @@ def _extent(model: mujoco.MjModel, data: mujoco.MjData, g: int, body: int) -> tu
     return p, np.abs(rot) @ size
 
 
-def _world_shapes(model: mujoco.MjModel, scene: Scene) -> tuple[Shapes, tuple[str, ...]]:
+def _world_shapes(
+    model: mujoco.MjModel, data: mujoco.MjData, scene: Scene
+) -> tuple[Shapes, tuple[str, ...]]:
+    """Shapes in W; things that stand in the world, as a tool, are bodies of their own."""
     solid = [
         g for g in scene.places.world_geoms.tolist() if model.geom_type[g] != _GEOM.mjGEOM_PLANE
     ]
-    rows = [_geom_row(model, g, -1) for g in solid]
+    rows = []
+    for g in solid:
+        body, kind, p0, p1, rot, half, radius = _geom_row(model, g, -1)
+        b = model.geom_bodyid[g]
+        p, R = data.xpos[b], data.xmat[b].reshape(3, 3)
+        rows.append((body, kind, p + R @ p0, p + R @ p1, R @ rot, half, radius))
     return build_shapes(rows), tuple(model.geom(g).name.removeprefix("tube ") for g in solid)

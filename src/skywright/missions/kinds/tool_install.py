@@ -70,6 +70,7 @@ FORE = math.radians(65.0)
 by 30 and 60 deg, and stay so while the springs yield by up to 20 deg."""
 CLEAR = 0.09  # m, from the landing gear to the handle's axis
 BACK = 0.35  # m, behind the tool, where the platform comes from and goes to
+FAR_BACK = 0.55  # m, the same where the planned way ends: MARGIN from the tool, gear and all
 ABOVE = 0.10  # m, of a tool over its place before it is lowered
 MARGIN = 0.1  # m, kept on the way by the robot, and by the tool above bench and pipe
 TOOL_MARGIN = 0.04  # m, kept by the carried tool from anything else
@@ -165,7 +166,7 @@ def _plan_ways(d: Description, found: ToolPlan) -> tuple[ToolPlan, str | None, f
     least = math.inf
     for name, scene, a, yaw_a, b, yaw_b, q, low_z in (
         ("to the bench", full, found.home[:3], float(found.home[3]),
-         _behind(at_bench, found.bench.yaw), found.bench.yaw, grip.q_low, 0.0),
+         _behind(at_bench, found.bench.yaw, FAR_BACK), found.bench.yaw, grip.q_low, 0.0),
         ("to the pipe", bare, np.array([*at_bench[:2], low]), found.bench.yaw,
          np.array([*at_pipe[:2], low]), found.seat.yaw, grip.q, low),
     ):  # fmt: skip
@@ -327,9 +328,9 @@ def draw_map(world: World, plant: Plant, seed: int) -> World:
     return world.model_copy(update={"pipe": moved})
 
 
-def _behind(p: Array, yaw: float) -> Array:
+def _behind(p: Array, yaw: float, back: float = BACK) -> Array:
     """Where the platform comes from and goes to, p (3,) m being where its hands hold the tool."""
-    return np.asarray(p - BACK * rot_z(yaw)[:, 0] - [0.0, 0.0, DROP])
+    return np.asarray(p - back * rot_z(yaw)[:, 0] - [0.0, 0.0, DROP])
 
 
 def _find_blocked_work(robot: Robot, world: World, way: ToolPlan) -> str | None:
