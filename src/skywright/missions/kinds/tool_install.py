@@ -83,7 +83,7 @@ ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
 FELT = 3.0  # times LIGHT_N, that a tool has to weigh: what is felt of it wavers by as much
 HAND_ROOM = 0.03  # m, from a hand's hook to handle's end and box
 END_ROOM = 0.02  # m, from a foot's middle to the pipe's end: half its profile, and the seat's error
-STEEPEST_DEG = 3.0  # of the pipe: on more the hanging tool is not in line with it
+STEEPEST_DEG = 1.5  # of the pipe: a hanging tool is level, and is judged as if the pipe were
 
 
 class ToolPlan(NamedTuple):
