@@ -16,10 +16,10 @@ from skywright.core.types import BELIEF
 from skywright.errors import InputError
 from skywright.estimation.marker import estimate_pipe
 from skywright.evaluation.run import RunResult, fly_and_evaluate
+from skywright.missions.hook_grip import build_grip
 from skywright.missions.kinds.tool_install import (
     MARGIN,
     ToolPlan,
-    build_grip,
     draw_map,
     find_places,
     plan,

@@ -30,6 +30,7 @@ TOUCH_N = 0.4  # N, upward, at which a hand counts as touching
 TOUCH_S = 0.06  # s, for which it has to be felt
 LIFT = 0.10  # m, from which a tool counts as lifted
 FEEL_S = 0.4  # s, lag of the felt weight; the estimate's own is about as long
+NEAR_SPEED = 0.15  # m/s, of the platform beside the tool and what it stands on
 STEADY_S = 2.0  # s, to come to rest
 LIGHT_N = 0.3  # N, under which a load counts as put down
 DEEP = 0.04  # m, below its place: a tool that is lowered further has missed it
@@ -194,6 +195,29 @@ def take_up(s: Supervisor, grip: Grip, most: float, speeds: tuple[float, float])
     while float(s.vehicle.reference["p_WB"][2]) > height:
         weight.step(s, down, most)
     let_go(s, grip, speeds[0])
+    return None
+
+
+def take_up_again(
+    s: Supervisor, grip: Grip, most: float, retries: int, speeds: tuple[float, float]
+) -> float | None:
+    """`take_up`, and up to `retries` times again after a miss, where the tool is then.
+
+    A tool that is not at hand any more, as one that was knocked over, is not followed.
+    """
+    for k in range(retries + 1):
+        if k > 0:
+            s.begin("look again")
+            place = find_tool(s)
+            p = find_platform(grip, place) - [0.0, 0.0, DROP]
+            move_platform(s, p, place.yaw, NEAR_SPEED)
+            s.wait(STEADY_S)
+        weight = take_up(s, grip, most, speeds)
+        if weight is not None:
+            return weight
+        s.end("retry")
+        if not is_at_hand(s, grip):
+            break
     return None
 
 

@@ -19,8 +19,8 @@ from skywright.core.rotations import rot_z
 from skywright.errors import InputError
 from skywright.missions.bar_leading import BarLeader
 from skywright.missions.flight import Flight
+from skywright.missions.hook_grip import build_grip, check_hooks
 from skywright.missions.insertion import build_hole, find_offset, insert, survey
-from skywright.missions.kinds.tool_install import build_grip
 from skywright.missions.loader import Description
 from skywright.missions.planning import MissionPlan, find_hover
 from skywright.missions.tasks.bar_insertion import BarInsertion, BarInsertionMission
@@ -28,6 +28,7 @@ from skywright.missions.tool_handling import (
     DROP,
     LIFT,
     LOW,
+    NEAR_SPEED,
     STEADY_S,
     Grip,
     Place,
@@ -38,10 +39,9 @@ from skywright.missions.tool_handling import (
     let_go,
     move_platform,
     put_down,
-    take_up,
+    take_up_again,
 )
-from skywright.models.arm_inverse_kinematics import ArmChain, build_arm_chain, has_arm_chain
-from skywright.models.compliant_arms import is_compliant
+from skywright.models.arm_inverse_kinematics import ArmChain, build_arm_chain
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.insertion_body import locate_socket
 from skywright.models.rigid_body import posture
@@ -59,7 +59,7 @@ NEEDS = frozenset({"uav", "hands"})
 
 BACK = 0.35  # m, behind rack and socket, where the platform comes from and goes to
 RELEASE_S = 1.5  # s, in which the hands let the weight go
-NEAR_SPEED, CARRY_SPEED, CARRY_ACCELERATION = 0.15, 0.3, 0.2
+CARRY_SPEED, CARRY_ACCELERATION = 0.3, 0.2
 ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
 HAND_ROOM = 0.03  # m, from a hand's hook to the crossbar's end
 KEPT = 0.02  # m, from everything, where the hands work
@@ -114,22 +114,7 @@ def _check_input(robot: Robot, world: World) -> None:
         raise InputError(
             f"world {world.name!r}: the bar is tracked by a marker: [world.marker] on = 'peg'"
         )
-    if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
-        raise InputError(
-            f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
-            "bar-insertion needs two, such as bimanual"
-        )
-    if robot.arm.sides != 2 or robot.arm.hand.kind != "hook":
-        raise InputError(
-            f"robot {robot.name!r} needs two arms that end in hooks: robot.arm.sides = 2 and "
-            "robot.arm.hand.kind = 'hook'"
-        )
-    if robot.pendulum is not None:
-        raise InputError(
-            f"robot {robot.name!r} carries its arms on a passive joint: on it a bar that hangs in "
-            "front would swing the link back; bar-insertion is for arms at the platform, such as "
-            "bimanual"
-        )
+    check_hooks(robot, "bar-insertion")
     peg, rack, socket = world.peg, world.rack, world.socket
     assert peg is not None and rack is not None and socket is not None
     for name, block in (("rack", rack), ("socket", socket)):
@@ -236,7 +221,7 @@ def fly(s: Supervisor) -> Flight:
     )
     lead_hands(s, way.grip, -LOW, 0.05)
     s.wait(STEADY_S)
-    weight = _take(s, way, task, speeds)
+    weight = take_up_again(s, way.grip, way.most_n, task.grasp_retries, speeds)
     if weight is None:
         _return(s, way, way.rack)
         return Flight(False, "the bar could not be grasped")
@@ -296,24 +281,6 @@ def _set_free(s: Supervisor, leader: BarLeader) -> None:
 def _go_behind(s: Supervisor, grip: Grip, place: Place, speed: float) -> None:
     p = find_platform(grip, place) - BACK * rot_z(place.yaw)[:, 0] - [0.0, 0.0, DROP]
     move_platform(s, p, place.yaw, speed)
-
-
-def _take(
-    s: Supervisor, way: InsertionPlan, task: BarInsertion, speeds: tuple[float, float]
-) -> float | None:
-    """Take up the bar, again after a miss; returns its weight (N) or None."""
-    for k in range(task.grasp_retries + 1):
-        if k > 0:
-            s.begin("look again")
-            place = find_tool(s)
-            p = find_platform(way.grip, place) - [0.0, 0.0, DROP]
-            move_platform(s, p, place.yaw, NEAR_SPEED)
-            s.wait(STEADY_S)
-        weight = take_up(s, way.grip, way.most_n, speeds)
-        if weight is not None:
-            return weight
-        s.end("retry")
-    return None
 
 
 def _return(s: Supervisor, way: InsertionPlan, place: Place) -> None:

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.rotations import rot_y, rot_z
+from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
 from skywright.errors import InputError
 from skywright.missions.flight import Flight
+from skywright.missions.hook_grip import build_grip, check_hooks
 from skywright.missions.loader import Description
 from skywright.missions.operated_install import install_by_operator
 from skywright.missions.operator import Recording, load_recording
@@ -30,32 +31,29 @@ from skywright.missions.tool_handling import (
     LIFT,
     LIGHT_N,
     LOW,
+    NEAR_SPEED,
     STEADY_S,
     TILT_MAX,
     Grip,
     Place,
     find_platform,
     find_tool,
-    is_at_hand,
     lead_hands,
     measure_tool,
     move_platform,
     put_down,
-    take_up,
+    take_up_again,
 )
-from skywright.models.arm_inverse_kinematics import build_arm_chain, compute_arm_ik, has_arm_chain
-from skywright.models.compliant_arms import find_hands, is_compliant
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.kinematic_tree import build_planning_scene
-from skywright.models.rigid_body import build_body_model, posture
+from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
 from skywright.models.tool_body import find_tool_clearance, find_tool_place
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.robots.spec import Robot
-from skywright.worlds.insertion import Peg
 from skywright.worlds.spec import World
 from skywright.worlds.surface import build_cylinder
-from skywright.worlds.tool import Tool, compute_diameters, compute_seat
+from skywright.worlds.tool import compute_diameters, compute_seat
 
 if TYPE_CHECKING:
     from skywright.missions.supervisor import Supervisor
@@ -65,10 +63,6 @@ Array = NDArray[np.float64]
 NEEDS = frozenset({"uav", "hands"})
 OPERATED = True  # the installation may be done by an operator at a stick
 
-FORE = math.radians(65.0)
-"""Of the forearm from straight down, handle in the cradle: forearm and hook both slope towards it,
-by 30 and 60 deg, and stay so while the springs yield by up to 20 deg."""
-CLEAR = 0.09  # m, from the landing gear to the handle's axis
 BACK = 0.35  # m, behind the tool, where the platform comes from and goes to
 FAR_BACK = 0.55  # m, the same where the planned way ends: MARGIN from the tool, gear and all
 ABOVE = 0.10  # m, of a tool over its place before it is lowered
@@ -77,7 +71,6 @@ TOOL_MARGIN = 0.04  # m, kept by the carried tool from anything else
 NEAR_MARGIN = 0.02  # m, kept while the hands work
 WIDE = 0.1  # m, wanted on the way
 CALM_SPEED, CARRY_ACCELERATION = 0.4, 0.2  # m/s, m/s^2, with the tool: it swings by a / g, 1.2 deg
-NEAR_SPEED = 0.15  # m/s, of the platform beside tool, bench and pipe
 HANDLING_S = 140.0  # s, about, of taking up, putting down, take-off and landing
 ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
 FELT = 3.0  # times LIGHT_N, that a tool has to weigh: what is felt of it wavers by as much
@@ -205,22 +198,7 @@ def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
         raise InputError(
             f"world {world.name!r}: where the tool goes is measured: [world.pipe] tracked = true"
         )
-    if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
-        raise InputError(
-            f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
-            "tool-install needs two, such as bimanual"
-        )
-    if robot.arm.sides != 2 or robot.arm.hand.kind != "hook":
-        raise InputError(
-            f"robot {robot.name!r} needs two arms that end in hooks: robot.arm.sides = 2 and "
-            "robot.arm.hand.kind = 'hook'"
-        )
-    if robot.pendulum is not None:
-        raise InputError(
-            f"robot {robot.name!r} carries its arms on a passive joint: on it a tool that hangs in "
-            "front would swing the link back; tool-install is for arms at the platform, such as "
-            "bimanual"
-        )
+    check_hooks(robot, "tool-install")
     if abs(world.pipe.inclination_deg) > STEEPEST_DEG:
         raise InputError(
             f"world.pipe.inclination_deg = {world.pipe.inclination_deg:g}: a tool that hangs in "
@@ -268,35 +246,6 @@ def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
             f"{2.0 * inner:.3f} m (box) and {2.0 * outer:.3f} m (ends)"
         )
     return None
-
-
-def build_grip(robot: Robot, tool: Tool | Peg, gravity: float) -> Grip:
-    """Return how the arms hold the handle of a tool or a bar: it just clears the landing gear."""
-    assert robot.arm is not None
-    model = build_body_model(robot, gravity)
-    chain = build_arm_chain(robot)
-    gear = robot.platform.gear_radius_m * math.sqrt(0.5)  # legs at 45 deg
-    ahead = gear + CLEAR - float(chain.p_shoulder[0]) - chain.fore * math.sin(FORE)
-    lean = math.asin(min(max(ahead / chain.upper, 0.0), 0.9))
-    q = posture(robot, "working")
-    for side in range(2):
-        first = build_arm_chain(robot, side).first
-        q[first : first + 4] = [-lean, 0.0, 0.0, lean - FORE]
-    hands = find_hands(model, q)
-    R = rot_y(-FORE)  # of the forearm: it hangs along -z
-    hook, back = R[:, 0], R[:, 2]
-    reach = 0.5 * tool.handle_diameter_m + robot.arm.hand.radius_m
-    mouth = (hook + back) / math.sqrt(2.0)
-    q_low = np.array(q)
-    for side in range(2):
-        arm = build_arm_chain(robot, side)
-        here = slice(arm.first, arm.first + 4)
-        found = compute_arm_ik(
-            arm, hands[side] - arm.p_shoulder - LOW * mouth + [0.0, 0.0, DROP], near=q[here]
-        )
-        q_low[here] = found.q
-    handle = np.array([0.0, 0.0, tool.handle_height_m])
-    return Grip(q, q_low, hands, reach * (hook + back), mouth, handle)
 
 
 def find_places(world: World, task: ToolInstall) -> tuple[Place, Place]:
@@ -373,7 +322,7 @@ def fly(s: Supervisor) -> Flight:
     if task.hover_s > 0.0:
         s.begin("hover check")
         s.wait(task.hover_s)
-    weight = _take(s, way, task.retries, speeds)
+    weight = take_up_again(s, way.grip, way.most_n, task.retries, speeds)
     if weight is None:
         s.begin("return")
         _leave(s, way, place)
@@ -407,7 +356,7 @@ def fly(s: Supervisor) -> Flight:
         _go_home(s, way, from_pipe=True)
         return Flight(False, "the tool does not stand on the pipe any more")
     _come(s, way.grip, found)
-    weight = _take(s, way, task.retries, speeds)
+    weight = take_up_again(s, way.grip, way.most_n, task.retries, speeds)
     if weight is None:
         s.begin("return")
         _leave(s, way, seat)
@@ -464,27 +413,6 @@ def _come(s: Supervisor, grip: Grip, place: Place) -> None:
     move_platform(s, p - [0.0, 0.0, DROP], place.yaw, NEAR_SPEED)
     lead_hands(s, grip, -LOW, 0.05)
     s.wait(STEADY_S)
-
-
-def _take(s: Supervisor, way: ToolPlan, retries: int, speeds: tuple[float, float]) -> float | None:
-    """Take up the tool, again after a miss; returns its weight (N) or None.
-
-    A tool that is not at hand any more, as one that was knocked over, is not followed.
-    """
-    for k in range(retries + 1):
-        if k > 0:
-            s.begin("look again")
-            place = find_tool(s)
-            p = find_platform(way.grip, place) - [0.0, 0.0, DROP]
-            move_platform(s, p, place.yaw, NEAR_SPEED)
-            s.wait(STEADY_S)
-        weight = take_up(s, way.grip, way.most_n, speeds)
-        if weight is not None:
-            return weight
-        s.end("retry")
-        if not is_at_hand(s, way.grip):
-            break
-    return None
 
 
 def _leave(s: Supervisor, way: ToolPlan, place: Place) -> None:
