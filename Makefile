@@ -40,7 +40,7 @@ docs: $(STAMP)  ## build the documentation into site/ (opens from disk: site/ind
 	@echo "Open site/index.html"
 
 pictures: $(STAMP)  ## remake the pictures of README and docs
-	$(BIN)/python -m skywright.studies.pictures
+	$(BIN)/python -m skywright.evidence.pictures
 	$(BIN)/python docs/draw_conventions.py
 
 claims: $(STAMP)  ## measure the papers' claims again and write them into the docs

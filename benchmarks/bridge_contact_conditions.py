@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 from conditions_table import write_table
-
-from skywright.errors import InputError
 from skywright.missions.loader import load_description
 from skywright.missions.planning import plan_mission
+
+from skywright.errors import InputError
 
 SLOPE_DEG, WIND_MPS = 10.0, 4.0
 KINDS = ("none", "steady", "dryden", "steady")

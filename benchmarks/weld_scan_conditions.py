@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from conditions_table import write_table
-
 from skywright.missions.limits import find_exceeded_push, find_exceeded_wind
 from skywright.missions.loader import load_description
 from skywright.missions.planning import plan_mission

@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from skywright.studies.bench.registry import BENCHMARKS
+from skywright.evidence.bench.registry import BENCHMARKS
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "reference" / "benchmarks.md"

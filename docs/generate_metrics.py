@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from skywright.evaluation.names import MEANINGS
+from skywright.run.names import MEANINGS
 
 PAGE = Path(__file__).parent / "reference" / "metrics.md"
 BEGIN, END = "<!-- metrics -->\n", "<!-- end of metrics -->\n"

@@ -1,6 +1,6 @@
 """Write the tables of planners in docs/papers/caballero-2018.md, and its plot, from kept parts.
 
-    python -m skywright.studies.planning DIR     (measures; goes on where it stopped)
+    python -m skywright.evidence.planning DIR     (measures; goes on where it stopped)
     python docs/generate_planners.py DIR
 
 A part that DIR lacks, or that another version of a planner has made, shows as a dash.
@@ -16,9 +16,9 @@ import sys
 from pathlib import Path
 
 from skywright.errors import SkywrightError
-from skywright.studies.planning.__main__ import NAMES, draw_found
-from skywright.studies.planning.compare import FULL, KEPT, Found
-from skywright.studies.planning.jobs import (
+from skywright.evidence.planning.__main__ import NAMES, draw_found
+from skywright.evidence.planning.compare import FULL, KEPT, Found
+from skywright.evidence.planning.jobs import (
     DECOUPLED,
     EARLY_S,
     HIGH,
@@ -152,7 +152,7 @@ def build_page(text: str, found: Found, effort: Effort = FULL) -> str:
 def main() -> int:
     """Fill the section and draw the plot."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("dir", type=Path, help="folder of python -m skywright.studies.planning")
+    parser.add_argument("dir", type=Path, help="folder of python -m skywright.evidence.planning")
     parser.add_argument("--page", type=Path, default=PAGE)
     parser.add_argument("--figure", type=Path, default=PLOT)
     arguments = parser.parse_args()
@@ -161,7 +161,7 @@ def main() -> int:
         if not any(Job(name, OURS) in found for name in FULL.scenarios):
             print(
                 f"{arguments.dir}: holds no part of the default planner that is still true; run "
-                f"python -m skywright.studies.planning {arguments.dir}",
+                f"python -m skywright.evidence.planning {arguments.dir}",
                 file=sys.stderr,
             )
             return 2

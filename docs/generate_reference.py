@@ -20,9 +20,9 @@ import annotated_types as limits
 from pydantic.fields import FieldInfo
 
 from skywright.core.spec import Spec
-from skywright.missions.spec import Mission, Plant
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
+from skywright.description.mission.spec import Mission, Plant
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
 
 OUT = Path(__file__).parent / "reference" / "keys.md"
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from skywright.evaluation.run import build_vehicle
-from skywright.missions.loader import load_description
+from skywright.description.loader import load_description
+from skywright.run.run import build_vehicle
 from skywright.vehicle.interface import Arms
 
 L_POSE = np.array([0.0, 0.0, 0.0, -math.pi / 2])

@@ -6,9 +6,9 @@ import contextlib
 import warnings
 
 from skywright.errors import InputError
-from skywright.evaluation.kinds import compute_kind_metrics
-from skywright.evaluation.metrics import compute_common_metrics
-from skywright.evaluation.run import RunResult
+from skywright.run.kinds import compute_kind_metrics
+from skywright.run.metrics import compute_common_metrics
+from skywright.run.run import RunResult
 
 
 def check_cuts(result: RunResult) -> None:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skywright.description.robot.spec import Rotors
 from skywright.errors import InputError
 from skywright.models.allocation import (
     ATTITUDE_OR_THRUST_REDUCED,
@@ -29,7 +30,6 @@ from skywright.models.rotors import (
     compute_rotor_wrench,
     step_rotor_speed,
 )
-from skywright.robots.spec import Rotors
 
 COMMON = dict(
     propeller_radius_m=0.165,

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.models.arm_inverse_kinematics import (
     arm_jacobian,
@@ -17,7 +18,6 @@ from skywright.models.arm_inverse_kinematics import (
     compute_arm_ik,
 )
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_hands, fill_kinematics
-from skywright.robots.loader import load_robot
 
 ROBOT = load_robot("bimanual")[0]
 CHAINS = [build_arm_chain(ROBOT, side) for side in (0, 1)]

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from skywright.control.backstepping import backstep, find_contact_wrench
 from skywright.control.backstepping_gains import compute_backstepping_gains
 from skywright.core.types import BELIEF
+from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_tip
-from skywright.robots.loader import load_robot
 
 GAIN = st.floats(0.1, 20.0)
 NUMBER = st.floats(-3.0, 3.0)

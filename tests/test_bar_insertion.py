@@ -11,21 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skywright.core.rotations import exp_so3, rot_z
+from skywright.description.loader import load_description
+from skywright.description.world.insertion import Socket, list_socket_parts
 from skywright.errors import InputError
-from skywright.evaluation.run import fly_and_evaluate
-from skywright.missions.bar_leading import build_attitude
-from skywright.missions.deviation import build_true_world
-from skywright.missions.insertion import find_offset
-from skywright.missions.kinds.bar_insertion import InsertionPlan, plan
-from skywright.missions.loader import load_description
+from skywright.missions.bar_insertion.fly import InsertionPlan, plan
+from skywright.missions.skills.bar_leading import build_attitude
+from skywright.missions.skills.insertion import find_offset
 from skywright.models.arm_body import Deviation
 from skywright.models.arm_inverse_kinematics import compute_arm_ik
 from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
 from skywright.models.compliant_arms import find_hands
+from skywright.models.deviation import build_true_world
 from skywright.models.insertion_body import locate_socket
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
-from skywright.worlds.insertion import Socket, list_socket_parts
+from skywright.run.run import fly_and_evaluate
 
 DESCRIPTION = load_description("bar-insertion")
 

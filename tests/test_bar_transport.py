@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from skywright.core.types import BODY
+from skywright.description.loader import load_description
 from skywright.errors import InputError
-from skywright.evaluation.run import RunResult, fly_and_evaluate
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_body, fill_kinematics
 from skywright.models.scene import build_scene
+from skywright.run.planning import plan_mission
+from skywright.run.run import RunResult, fly_and_evaluate
 
 
 @cache

@@ -25,9 +25,8 @@ from skywright import cli
 from skywright.control.registry import ARMS_LAWS, LAWS, load_law
 from skywright.errors import InputError
 from skywright.estimation.registry import ESTIMATORS, load_estimator
-from skywright.missions.planning import plan_mission
-from skywright.studies.bench import planning, registry, robots, runner, sensors, tick
-from skywright.studies.bench.flights import (
+from skywright.evidence.bench import planning, registry, robots, runner, sensors, tick
+from skywright.evidence.bench.flights import (
     FULL_STRENGTH,
     count_ticks,
     fly_into_contact,
@@ -36,11 +35,12 @@ from skywright.studies.bench.flights import (
     record_applied,
     step_bare,
 )
-from skywright.studies.bench.registry import BENCHMARKS, Benchmark, choose_benchmarks
-from skywright.studies.bench.rows import Row, build_row, build_unmeasured_row
-from skywright.studies.bench.runner import run_benchmarks
-from skywright.studies.bench.scan import Cost, fit_exponent
-from skywright.studies.bench.timing import compute_ratios, interleave
+from skywright.evidence.bench.registry import BENCHMARKS, Benchmark, choose_benchmarks
+from skywright.evidence.bench.rows import Row, build_row, build_unmeasured_row
+from skywright.evidence.bench.runner import run_benchmarks
+from skywright.evidence.bench.scan import Cost, fit_exponent
+from skywright.evidence.bench.timing import compute_ratios, interleave
+from skywright.run.planning import plan_mission
 
 ROOT = Path(__file__).resolve().parent.parent
 HERE = "test_bench_double"

@@ -9,10 +9,10 @@ import pytest
 
 from cut_flights import check_cuts
 from skywright.core.types import TASK_SQUEEZE
+from skywright.description.loader import load_description
 from skywright.errors import InputError
-from skywright.evaluation.run import RunResult, build_vehicle, fly_and_evaluate
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
+from skywright.run.planning import plan_mission
+from skywright.run.run import RunResult, build_vehicle, fly_and_evaluate
 from skywright.vehicle.interface import Arms
 
 

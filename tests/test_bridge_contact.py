@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skywright.description.loader import load_description
+from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
-from skywright.evaluation.records import RecordStore
-from skywright.evaluation.run import RunResult, fly_and_evaluate, run_mission
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
-from skywright.missions.sliding import find_way
+from skywright.missions.skills.sliding import find_way
 from skywright.models.contact_stance import compute_flying_press, find_free_stance
 from skywright.models.docked import build_docked, find_stance
 from skywright.models.docked_balance import compute_docked_balance
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.statics import wrench_at
-from skywright.robots.loader import load_robot
+from skywright.run.planning import plan_mission
+from skywright.run.records import RecordStore
+from skywright.run.run import RunResult, fly_and_evaluate, run_mission
 
 SHORT = {
     "mission.task.forces_n": [2.0, 8.0], "mission.task.settle_s": 2.0, "mission.task.hold_s": 1.0,

@@ -16,22 +16,22 @@ from pathlib import Path
 import pytest
 
 import skywright
-from skywright.core.recording import RecordingWriter
-from skywright.errors import InputError
-from skywright.evaluation.rows import Row
-from skywright.evaluation.run import fly_and_evaluate
-from skywright.studies.campaign import campaign as campaign_module
-from skywright.studies.campaign.campaign import choose_folder, run_campaign
-from skywright.studies.campaign.local import choose_workers, count_cores
-from skywright.studies.campaign.runner import TIMING_METRICS, Task, fly_row
-from skywright.studies.campaign.spec import (
+from skywright.analysis.campaign import campaign as campaign_module
+from skywright.analysis.campaign.campaign import choose_folder, run_campaign
+from skywright.analysis.campaign.local import choose_workers, count_cores
+from skywright.analysis.campaign.runner import TIMING_METRICS, Task, fly_row
+from skywright.analysis.campaign.spec import (
     Campaign,
     build_campaign,
     build_identity,
     draw_run,
     load_run,
 )
-from skywright.studies.campaign.store import Store, decode_row, encode_row
+from skywright.analysis.campaign.store import Store, decode_row, encode_row
+from skywright.core.recording import RecordingWriter
+from skywright.errors import InputError
+from skywright.run.rows import Row
+from skywright.run.run import fly_and_evaluate
 
 MISSION = """
 [mission]

@@ -11,15 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from skywright.core.toml_files import parse_value
-from skywright.errors import InputError
-from skywright.studies.campaign.distributions import (
+from skywright.analysis.campaign.distributions import (
     draw,
     draw_seed,
     parse_variation,
     parse_variations,
 )
-from skywright.studies.campaign.spec import (
+from skywright.analysis.campaign.spec import (
     build_campaign,
     check_variations,
     draw_run,
@@ -27,6 +25,8 @@ from skywright.studies.campaign.spec import (
     write_command,
     write_value,
 )
+from skywright.core.toml_files import parse_value
+from skywright.errors import InputError
 
 SIZE = 2000
 

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skywright.evaluation.rows import (
+from skywright.description.mission.spec import Requirement
+from skywright.reports.campaign import Facts, write_campaign_page
+from skywright.run.rows import (
     Row,
     compute_headroom,
     compute_interval,
     compute_sensitivities,
     group_failures,
 )
-from skywright.evaluation.verdict import GO, NO_GO, NOT_YET, build_verdict
-from skywright.missions.spec import Requirement
-from skywright.reports.campaign import Facts, write_campaign_page
+from skywright.run.verdict import GO, NO_GO, NOT_YET, build_verdict
 
 REQUIREMENTS = {
     "contact.gap_max_mm": Requirement(limit=1.0, sense="<", unit="mm"),

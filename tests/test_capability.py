@@ -12,6 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skywright.description.robot.loader import load_robot
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.capability import (
     Capability,
@@ -36,8 +38,6 @@ from skywright.models.statics import (
 from skywright.models.sweep import strip_robot
 from skywright.models.wind import compute_body_drag, compute_drag, compute_hold
 from skywright.reports.capability import write_capability_figure
-from skywright.robots.loader import load_robot
-from skywright.robots.spec import Robot
 
 GF = 9.81e-3
 

@@ -17,9 +17,8 @@ from skywright.control.cascade_gains import (
     place_swing_poles,
 )
 from skywright.core.types import BODY, MAX_JOINTS, WRENCH
+from skywright.description.loader import load_description
 from skywright.errors import InputError
-from skywright.evaluation.run import build_vehicle
-from skywright.missions.loader import load_description
 from skywright.models.floating import compute_free_inertia, fill_floating
 from skywright.models.rigid_body import (
     KINEMATICS,
@@ -29,6 +28,7 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.models.scene import build_scene
+from skywright.run.run import build_vehicle
 from skywright.sim.limb_drag import downwash
 from skywright.vehicle.link_arc import compute_link_arc, plan_landing, plan_take_off
 from skywright.vehicle.simulated import SimulatedVehicle

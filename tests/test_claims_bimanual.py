@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import skywright
-from skywright.studies.reproduce.cache import FLIGHTS, Record
-from skywright.studies.reproduce.flights import FLIGHTS as KINDS
-from skywright.studies.reproduce.flights_arms import load_arms
-from skywright.studies.reproduce.measures import MEASURES
-from skywright.studies.reproduce.measures_bimanual_flown import measure_lean
-from skywright.studies.reproduce.spec import judge, load_claims
+from skywright.evidence.reproduce.cache import FLIGHTS, Record
+from skywright.evidence.reproduce.flights import FLIGHTS as KINDS
+from skywright.evidence.reproduce.flights_arms import load_arms
+from skywright.evidence.reproduce.measures import MEASURES
+from skywright.evidence.reproduce.measures_bimanual_flown import measure_lean
+from skywright.evidence.reproduce.spec import judge, load_claims
 
 FILE = load_claims("suarez-2020")
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from skywright.studies.reproduce import measures_motion
-from skywright.studies.reproduce.spec import judge, load_claims
+from skywright.evidence.reproduce import measures_motion
+from skywright.evidence.reproduce.spec import judge, load_claims
 
 CLAIMS = {c.id: c for c in load_claims("caballero-2018").claims}
 

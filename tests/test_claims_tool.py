@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from skywright.errors import InputError
-from skywright.studies.reproduce.cache import Record
-from skywright.studies.reproduce.measures_tool import (
+from skywright.evidence.reproduce.cache import Record
+from skywright.evidence.reproduce.measures_tool import (
     measure_grasp,
     measure_tool,
     measure_tool_hover,

@@ -6,15 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 
+from skywright.description.loader import load_description
 from skywright.errors import InputError
-from skywright.missions.loader import load_description
-from skywright.models.scene import build_scene
-from skywright.studies.reproduce.cache import Record
-from skywright.studies.reproduce.measures_transport import (
+from skywright.evidence.reproduce.cache import Record
+from skywright.evidence.reproduce.measures_transport import (
     measure_follow,
     measure_free_joint,
     measure_similar,
 )
+from skywright.models.scene import build_scene
 
 
 def make_flight(*, start: float = 5.0, off: float = 0.0, **metrics: float) -> Record:

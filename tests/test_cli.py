@@ -110,7 +110,7 @@ def test_wrong_input_as_json() -> None:
 
 
 def test_internal_error_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    import skywright.robots.loader as loader
+    import skywright.description.robot.loader as loader
 
     def explode() -> None:
         raise ZeroDivisionError("two\nlines")
@@ -123,7 +123,7 @@ def test_internal_error_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    import skywright.robots.loader as loader
+    import skywright.description.robot.loader as loader
 
     def interrupt() -> None:
         raise KeyboardInterrupt

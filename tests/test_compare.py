@@ -12,12 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skywright.analysis.compare.compare import add_flights, compare_robots
+from skywright.analysis.compare.flown import hover_once
+from skywright.analysis.compare.table import build_rows, judge_statements
 from skywright.core.rotations import rot_z
+from skywright.description.loader import load_description
+from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
-from skywright.evaluation.comparison import Comparison, Hover
-from skywright.evaluation.run import collect_versions
-from skywright.missions.kinds.sensor_install import build_pose
-from skywright.missions.loader import load_description
+from skywright.missions.sensor_install.fly import build_pose
 from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.reach import PLATFORM_MARGIN, compute_reach
@@ -25,11 +27,9 @@ from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
 from skywright.models.tip_force import Loaded
 from skywright.reports.compare import render_compare_page
+from skywright.reports.comparison import Comparison, Hover
 from skywright.reports.figures.compare import draw_collisions
-from skywright.robots.loader import load_robot
-from skywright.studies.compare.compare import add_flights, compare_robots
-from skywright.studies.compare.flown import hover_once
-from skywright.studies.compare.table import build_rows, judge_statements
+from skywright.run.run import collect_versions
 
 FORCES = st.tuples(*[st.floats(-2.0, 2.0)] * 3).map(np.array)
 
@@ -167,10 +167,10 @@ def test_collisions_of_hand_and_link_become_rows_and_bars(
         hard = sets["mission.task.joints"] == "stiff"
         return SimpleNamespace(metrics={"impact.peak_torque_nm": 8.0 if hard else 3.0}, reason="")
 
-    monkeypatch.setattr("skywright.studies.compare.flown.load_description", load)
-    monkeypatch.setattr("skywright.studies.compare.flown.fly_and_evaluate", fly)
+    monkeypatch.setattr("skywright.analysis.compare.flown.load_description", load)
+    monkeypatch.setattr("skywright.analysis.compare.flown.fly_and_evaluate", fly)
     monkeypatch.setattr(
-        "skywright.studies.compare.compare.fly_hover",
+        "skywright.analysis.compare.compare.fly_hover",
         lambda *_: Hover(np.array([0.0, 3.0]), np.full((2, 1), 0.01), np.full((2, 1), math.nan)),
     )
     d = load_description("sensor-install", "bimanual")  # has no plan: is not flown

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from bench import HEIGHT, L_POSE, Bench
 from skywright.control.servo_profile import update_at_middle
 from skywright.errors import InputError
+from skywright.evidence.force_estimators import measure
 from skywright.models.bimanual import (
     Bar,
     compute_bar,
@@ -21,7 +22,6 @@ from skywright.models.bimanual import (
     is_unplugged,
 )
 from skywright.models.compliant_arms import find_hands, spring_deflection, spring_torque
-from skywright.studies.force_estimators import measure
 
 HAND = np.array([0.25, 0.15, HEIGHT - 0.11 - 0.25])  # left, in the L pose
 UP, FORWARD = np.array([0.0, 0.0, 2.0]), np.array([2.0, 0.0, 0.0])

@@ -16,6 +16,9 @@ from hypothesis import strategies as st
 from scipy.optimize import root
 
 from skywright.core.types import BELIEF, MAX_JOINTS
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.loader import load_world
 from skywright.models.arm_body import Deviation, compute_inertia_beyond, compute_servo_gains
 from skywright.models.compliant_arms import spring_deflection, spring_torque
 from skywright.models.rigid_body import (
@@ -26,11 +29,8 @@ from skywright.models.rigid_body import (
     fill_kinematics,
 )
 from skywright.models.scene import Scene, build_scene
-from skywright.robots.limbs import list_joints, list_servos
-from skywright.robots.loader import load_robot
 from skywright.sim.plant import BLOCK, actuate, sense
 from skywright.sim.plant_setup import build_plant
-from skywright.worlds.loader import load_world
 
 WORLD = load_world("open")[0]
 ROBOT = load_robot("bimanual")[0]

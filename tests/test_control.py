@@ -167,7 +167,7 @@ def test_displaced_feedback_is_stable_exactly_below_the_elastic_stiffness():
 
 def test_the_othex_stays_well_below_its_elastic_stiffness():
     """The rule above for the shipped gains: K^P under half of arm and belt in series at the tip."""
-    from skywright.missions.loader import load_description
+    from skywright.description.loader import load_description
     from skywright.models.rigid_body import build_body_model, compute_body, posture
 
     robot = load_description("pipe-weld-scan").robot

@@ -9,15 +9,15 @@ import pytest
 
 from skywright.core.keys import iterate_leaves
 from skywright.core.toml_files import iterate_numbers
-from skywright.missions.loader import list_missions, load_description
+from skywright.description.loader import list_missions, load_description
+from skywright.description.robot.loader import list_robots, load_robot
+from skywright.description.robot.spec import Robot
+from skywright.description.world.loader import list_worlds, load_world
 from skywright.models.capability import check_can_fly, compute_capability
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.sweep import strip_robot
-from skywright.robots.loader import list_robots, load_robot
-from skywright.robots.spec import Robot
-from skywright.worlds.loader import list_worlds, load_world
 
 ROBOTS = [entry.name for entry in list_robots()]
 

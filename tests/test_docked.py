@@ -15,6 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skywright.cli import main
+from skywright.description.robot.loader import load_robot
+from skywright.description.robot.spec import Robot
+from skywright.description.world.loader import load_world
+from skywright.description.world.spec import Box
 from skywright.errors import InputError
 from skywright.models.arm_body import Deviation
 from skywright.models.capability import compute_capability
@@ -29,10 +33,6 @@ from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.scene import build_scene, set_pose
 from skywright.models.sweep import compute_tilt_sweep, strip_robot, tilt_rotors
 from skywright.models.wind import DragBody, compute_drag
-from skywright.robots.loader import load_robot
-from skywright.robots.spec import Robot
-from skywright.worlds.loader import load_world
-from skywright.worlds.spec import Box
 
 ROBOT = load_robot("f550-bridge")[0]
 DOCKED = build_docked(ROBOT)

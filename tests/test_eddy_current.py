@@ -12,6 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import splu
 from scipy.special import ellipe, ellipk
 
+from skywright.description.world.spec import Pipe, Weld
 from skywright.errors import InputError
 from skywright.inspection.eddy_current import (
     MU0,
@@ -27,7 +28,6 @@ from skywright.inspection.eddy_current import (
     ec_signal,
     weld_blend,
 )
-from skywright.worlds.spec import Pipe, Weld
 
 COIL = Coil()
 STEEL = (5e6, 100.0)

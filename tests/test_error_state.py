@@ -8,21 +8,21 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from skywright.core.types import BELIEF, IMU_HISTORY
+from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.estimation.error_state import fuse, step_belief
 from skywright.estimation.registry import load_estimator
 from skywright.estimation.strapdown import integrate, propagate_covariance
-from skywright.evaluation.run import build_vehicle
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
-from skywright.missions.supervisor import Supervisor
-from skywright.studies.consistency import (
+from skywright.evidence.consistency import (
     PARTS,
     compute_consistency,
     compute_nees,
     compute_whiteness,
     fly_traces,
 )
+from skywright.run.planning import plan_mission
+from skywright.run.run import build_vehicle
+from skywright.run.supervisor import Supervisor
 
 G = 9.81
 SHORT = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]

@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from skywright.models.rotors import build_rotors
-from skywright.robots.loader import load_robot
-from skywright.studies.reproduce.printed_mixer import (
+from skywright.description.robot.loader import load_robot
+from skywright.evidence.reproduce.printed_mixer import (
     Mixer,
     build_correct,
     build_printed,
     can_hover,
     find_wrong_entries,
 )
+from skywright.models.rotors import build_rotors
 
 TILT = math.radians(20.0)
 WEIGHT = 2.0 * 9.81

@@ -10,6 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from skywright.description.robot.force_sensor import ForceSensor
+from skywright.description.robot.loader import load_robot
 from skywright.models.force_resolution import compute_force_resolution
 from skywright.models.force_sensor import (
     build_force_sensor,
@@ -19,8 +21,6 @@ from skywright.models.force_sensor import (
     measure_force,
 )
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
-from skywright.robots.force_sensor import ForceSensor
-from skywright.robots.loader import load_robot
 
 ROBOT = load_robot("f550-bridge")[0]
 assert ROBOT.force_sensor is not None

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from skywright.core.rotations import exp_so3, quat_from_rot, rot_z
-from skywright.missions.loader import load_description
+from skywright.description.loader import load_description
+from skywright.description.world.spec import Box
+from skywright.description.world.surface import build_cylinder
 from skywright.models.geometry import (
     FAR,
     ClearanceQuery,
@@ -22,8 +24,6 @@ from skywright.models.geometry import (
     query_clearance,
 )
 from skywright.models.scene import build_scene, set_pose
-from skywright.worlds.spec import Box
-from skywright.worlds.surface import build_cylinder
 
 Array = NDArray[np.float64]
 

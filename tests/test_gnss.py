@@ -10,15 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from skywright.core.streams import build_stream
 from skywright.core.types import BELIEF, MEASUREMENT
+from skywright.description.loader import load_description
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.gnss import FIXES, Gnss
 from skywright.errors import InputError
 from skywright.estimation.position_fix import fuse_fix, start_from_fix
 from skywright.estimation.registry import check_localisation
-from skywright.evaluation.run import fly_and_evaluate
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
-from skywright.robots.loader import load_robot
+from skywright.run.planning import plan_mission
+from skywright.run.run import fly_and_evaluate
 from skywright.sim.gnss import GNSS, GNSS_NOISE, fill_gnss, sense_gnss
-from skywright.worlds.gnss import FIXES, Gnss
 
 G = 9.81
 

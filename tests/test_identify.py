@@ -11,23 +11,23 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from skywright.analysis.identify.fit import INERTIA_AXES, Fit, fit_parameters
+from skywright.analysis.identify.flight_log import FlightLog, load_log
+from skywright.analysis.identify.identify import identify
+from skywright.analysis.identify.lag import fit_lag
+from skywright.analysis.identify.overrides import build_overrides
+from skywright.analysis.identify.signals import build_columns
 from skywright.cli import main
+from skywright.description.loader import load_description
+from skywright.description.robot.loader import load_robot
+from skywright.description.robot.spec import Robot
+from skywright.description.world.loader import load_world
 from skywright.errors import InputError
-from skywright.evaluation.run import run_mission
-from skywright.missions.loader import load_description
-from skywright.missions.planning import build_mission_loads
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotors import build_rotors
 from skywright.planning.excitation import Excitation, build_sines, plan_excitation, share_lines
-from skywright.robots.loader import load_robot
-from skywright.robots.spec import Robot
-from skywright.studies.identify.fit import INERTIA_AXES, Fit, fit_parameters
-from skywright.studies.identify.flight_log import FlightLog, load_log
-from skywright.studies.identify.identify import identify
-from skywright.studies.identify.lag import fit_lag
-from skywright.studies.identify.overrides import build_overrides
-from skywright.studies.identify.signals import build_columns
-from skywright.worlds.loader import load_world
+from skywright.run.planning import build_mission_loads
+from skywright.run.run import run_mission
 from ulog_file import write_ulog
 
 ROBOT = load_robot("f550-bridge")[0]
@@ -529,7 +529,7 @@ def test_bad_task(sets: tuple[str, ...], said: str) -> None:
 def test_a_flight_gives_back_the_plant_s_deviations(tmp_path: Path) -> None:
     """run and identify: the perturbed plant's gains, mass distribution and lag."""
     import skywright
-    from skywright.missions.deviation import build_deviation
+    from skywright.models.deviation import build_deviation
 
     sets = [
         'mission.task.poses=["folded"]',
@@ -560,10 +560,10 @@ def test_truth_is_the_plant_s() -> None:
     """What claims compare with equals MuJoCo's own mass matrix of the perturbed plant."""
     import mujoco
 
-    from skywright.missions.deviation import build_deviation
-    from skywright.missions.loader import load_description
+    from skywright.analysis.identify.truth import compute_truth
+    from skywright.description.loader import load_description
+    from skywright.models.deviation import build_deviation
     from skywright.models.scene import build_scene
-    from skywright.studies.identify.truth import compute_truth
 
     d = load_description("excitation", seed=4)
     pose = posture(d.robot, "working")

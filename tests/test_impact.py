@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from cut_flights import check_cuts
+from skywright.description.dump import dump_description
+from skywright.description.loader import load_description
+from skywright.description.robot.limbs import list_limbs
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.spec import World
 from skywright.errors import InputError
-from skywright.evaluation.impact import find_end
-from skywright.evaluation.run import RunResult, build_vehicle, fly_and_evaluate
-from skywright.missions.dump import dump_description
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
+from skywright.missions.impact.metrics import find_end
 from skywright.models.arm_body import Deviation
 from skywright.models.pads import PAD, locate_pad
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import Scene, build_scene
-from skywright.robots.limbs import list_limbs
-from skywright.robots.loader import load_robot
+from skywright.run.planning import plan_mission
+from skywright.run.run import RunResult, build_vehicle, fly_and_evaluate
 from skywright.sim.loads import LOADS, fill_loads, watch_loads
-from skywright.worlds.spec import World
 
 FLOATING = {"world.gravity_mps2": 1e-9}
 

@@ -7,11 +7,12 @@ import pytest
 
 from skywright.core.streams import build_stream
 from skywright.core.types import MEASUREMENT
+from skywright.description.loader import load_description
+from skywright.description.world.spec import Link
 from skywright.errors import InputError
-from skywright.evaluation.run import build_vehicle
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
-from skywright.missions.supervisor import Supervisor
+from skywright.run.planning import plan_mission
+from skywright.run.run import build_vehicle
+from skywright.run.supervisor import Supervisor
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial, sense_inertial
 from skywright.sim.link import (
     LINK,
@@ -21,7 +22,6 @@ from skywright.sim.link import (
     send_command,
     send_measurement,
 )
-from skywright.worlds.spec import Link
 
 H = 1e-3
 

@@ -16,9 +16,9 @@ import pytest
 from websockets.sync.client import connect
 
 from chromium_page import open_page, wait_for
-from skywright.evaluation.run import RunResult, run_mission
+from skywright.description.loader import load_description
 from skywright.ground.live import LiveView, build_numbers
-from skywright.missions.loader import load_description
+from skywright.run.run import RunResult, run_mission
 
 QUICK = (
     "mission.waypoints=[{ x_m = 0.3, y_m = 0.0, z_m = 1.0, hold_s = 0.2 }]",
@@ -79,7 +79,7 @@ def test_a_run_is_the_same_with_and_without_the_view(
 def test_view_listens_on_this_computer_only(tmp_path: Path) -> None:
     view = LiveView(open_browser=False, wait_s=0.0)
     description = load_description("waypoints", sets=QUICK)
-    from skywright.missions.planning import plan_mission
+    from skywright.run.planning import plan_mission
 
     view.on_plan(plan_mission(description), description)
     try:
@@ -142,7 +142,7 @@ def test_watched_run_is_paced_paused_and_ends_when_the_browser_closes(tmp_path: 
 
 
 def test_numbers_of_a_scan(tmp_path: Path) -> None:
-    from skywright.evaluation.run import build_vehicle
+    from skywright.run.run import build_vehicle
 
     vehicle = build_vehicle(load_description("pipe-weld-scan"))
     vehicle.tick()

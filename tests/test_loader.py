@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from skywright.core.keys import iterate_leaves, parse_assignment
 from skywright.core.spec import Source
 from skywright.core.toml_files import build_layer, merge_layers, parse_value, strip_sources
+from skywright.description.dump import dump_description
+from skywright.description.loader import Description, list_layer_problems, load_description
+from skywright.description.robot.loader import find_robot
 from skywright.errors import InputError
-from skywright.missions.dump import dump_description
-from skywright.missions.loader import Description, list_layer_problems, load_description
-from skywright.robots.loader import find_robot
 
 SCAN, WAYPOINTS = "pipe-weld-scan", "waypoints"
 

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from skywright.analysis.locate import reach
+from skywright.analysis.locate.demo import STATION_CLOCK, write_demo
 from skywright.cli import main
 from skywright.estimation.localisation.locate import locate
 from skywright.estimation.localisation.trajectory import Trajectory, interpolate_position
@@ -19,8 +21,6 @@ from skywright.estimation.localisation.trajectory_file import (
     load_trajectory,
 )
 from skywright.reports.locate import FILES, render_locate_page
-from skywright.studies.locate import reach
-from skywright.studies.locate.demo import STATION_CLOCK, write_demo
 from skywright.vehicle.sensor_flight import build_inspection_path, simulate_flight
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from skywright.missions.loader import load_description
-from skywright.studies.loop import (
+from skywright.description.loader import load_description
+from skywright.evidence.loop import (
     NAMES,
     build_loop_model,
     compute_least_damping,

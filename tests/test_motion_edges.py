@@ -14,6 +14,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_x, rot_y, rot_z
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.loader import load_world
 from skywright.models.scene import build_scene
 from skywright.planning.motion.connect import draw_coordinates
 from skywright.planning.motion.distance import box_box, segment_box, segment_segment
@@ -27,8 +29,6 @@ from skywright.planning.motion.planner import sample_reserve
 from skywright.planning.motion.rng import build_state, uniform
 from skywright.planning.motion.space import build_scratch
 from skywright.planning.motion.transport import build_scenario, build_transport
-from skywright.robots.loader import load_robot
-from skywright.worlds.loader import load_world
 
 Array = NDArray[np.float64]
 

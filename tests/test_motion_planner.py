@@ -10,6 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.loader import load_world
+from skywright.description.world.spec import Box, World
 from skywright.errors import InfeasibleError, InputError
 from skywright.models.kinematic_tree import build_planning_scene
 from skywright.models.rigid_body import posture
@@ -28,9 +31,6 @@ from skywright.planning.motion.space import build_scratch
 from skywright.planning.motion.transit import Configuration, _build_blend
 from skywright.planning.motion.transport import Transport, build_scenario, build_transport
 from skywright.planning.motion.transport_plan import plan_transport
-from skywright.robots.loader import load_robot
-from skywright.worlds.loader import load_world
-from skywright.worlds.spec import Box, World
 
 Array = NDArray[np.float64]
 

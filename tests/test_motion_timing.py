@@ -11,6 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.loader import load_world
+from skywright.description.world.spec import World
 from skywright.errors import InfeasibleError, InputError
 from skywright.models.planar import build_planar_lrm
 from skywright.models.scene import build_scene
@@ -25,9 +28,6 @@ from skywright.planning.motion.timing import (
 )
 from skywright.planning.motion.transport import Transport, build_transport
 from skywright.planning.motion.transport_plan import TransportPlan, plan_transport
-from skywright.robots.loader import load_robot
-from skywright.worlds.loader import load_world
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 

@@ -10,15 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skywright.core.rotations import rot_z
+from skywright.description.loader import load_description
+from skywright.description.world.spec import Box
 from skywright.errors import InputError
-from skywright.missions.loader import load_description
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.kinematic_tree import build_planning_scene
 from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
 from skywright.planning.motion.space import Coordinate, build_space
 from skywright.planning.motion.transit import Configuration, Transit, plan_transit
-from skywright.worlds.spec import Box
 
 SCAN = load_description("pipe-weld-scan")
 BUILT = build_scene(SCAN.robot, SCAN.world)

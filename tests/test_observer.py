@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skywright.evaluation.run import build_vehicle
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
-from skywright.missions.supervisor import Supervisor
+from skywright.description.loader import load_description
+from skywright.run.planning import plan_mission
+from skywright.run.run import build_vehicle
+from skywright.run.supervisor import Supervisor
 
 
 def fly(sets):

@@ -25,8 +25,8 @@ from chromium_page import wait_for
 from skywright import cli
 from skywright.core.recording import read_recording
 from skywright.core.rotations import rot_x, rot_z
+from skywright.description.loader import load_description
 from skywright.errors import InputError
-from skywright.evaluation.run import run_mission
 from skywright.ground.operator_model import (
     MANNERS,
     REMNANT,
@@ -34,11 +34,11 @@ from skywright.ground.operator_model import (
     ModelOperator,
 )
 from skywright.ground.operators import HOLD_HZ, Person, UdpOperator, ViewOperator, parse_datagram
-from skywright.missions import operator as operator_file
-from skywright.missions.kinds.tool_install import find_places
-from skywright.missions.loader import load_description
-from skywright.missions.operated_install import FENCE, compute_hands_velocity, explain_loss
-from skywright.missions.operator import (
+from skywright.missions.skills.operated_install import FENCE, compute_hands_velocity, explain_loss
+from skywright.missions.tool_install.fly import find_places
+from skywright.missions.tool_install.task import ToolInstallMission
+from skywright.run import operator as operator_file
+from skywright.run.operator import (
     COLUMNS,
     FILE,
     GAP_MAX,
@@ -50,7 +50,7 @@ from skywright.missions.operator import (
     load_recording,
     write_recording,
 )
-from skywright.missions.tasks.tool_install import ToolInstallMission
+from skywright.run.run import run_mission
 from skywright.vehicle.simulated import MISSION_TICK
 
 AXIS = st.floats(-1.0, 1.0)

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.loader import load_world
 from skywright.errors import InputError
 from skywright.models.planar import build_planar_lrm
 from skywright.models.planar_lrm import compute_speed_rates, fill_matrices
 from skywright.models.scene import build_scene
-from skywright.robots.loader import load_robot
-from skywright.worlds.loader import load_world
 
 Array = NDArray[np.float64]
 

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 
 from skywright.core.rotations import exp_so3, quat_from_rot
 from skywright.core.types import MAX_JOINTS, REFERENCE
-from skywright.missions.loader import load_description
-from skywright.missions.planning import MissionPlan, build_mission_loads, plan_mission
+from skywright.description.loader import load_description
+from skywright.description.world.spec import Box
+from skywright.description.world.surface import build_cylinder, unroll
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.rigid_body import KINEMATICS, build_body_model, compute_tip, fill_kinematics
 from skywright.models.scene import build_scene, set_pose
 from skywright.planning.inverse_dynamics import build_motion, compute_wrench
 from skywright.planning.patterns import build_pattern, build_time_law, eval_time_law
-from skywright.worlds.spec import Box
-from skywright.worlds.surface import build_cylinder, unroll
+from skywright.run.planning import MissionPlan, build_mission_loads, plan_mission
 
 SCAN_SEGMENTS = ["approach", "unfold", "close_in", "touch", "scan", "leave", "fold", "return"]
 

@@ -11,11 +11,11 @@ from types import ModuleType
 import pytest
 
 from skywright.errors import InputError
-from skywright.studies.bench.runner import run_benchmarks
-from skywright.studies.planning import jobs
-from skywright.studies.planning.__main__ import draw_found
-from skywright.studies.planning.compare import build_decoupled_rows, build_rows
-from skywright.studies.planning.jobs import (
+from skywright.evidence.bench.runner import run_benchmarks
+from skywright.evidence.planning import jobs
+from skywright.evidence.planning.__main__ import draw_found
+from skywright.evidence.planning.compare import build_decoupled_rows, build_rows
+from skywright.evidence.planning.jobs import (
     DECOUPLED,
     HIGH,
     OMPL,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skywright.core.types import COMMAND
-from skywright.missions.loader import load_description
+from skywright.description.loader import load_description
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene, set_pose
 from skywright.sim.physics import step_physics

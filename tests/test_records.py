@@ -21,16 +21,16 @@ from hypothesis import strategies as st
 
 from skywright.cli import main
 from skywright.errors import InputError
-from skywright.evaluation import records
-from skywright.evaluation.records import RecordStore
-from skywright.evaluation.records_export import (
+from skywright.run import records
+from skywright.run.flight import Measurement
+from skywright.run.records import RecordStore
+from skywright.run.records_export import (
     Origin,
     build_geojson,
     locate_on_earth,
     parse_origin,
     write_csv,
 )
-from skywright.missions.flight import Measurement
 
 
 def build_measurement(x: float = 0.1, force: float = 2.0, spot: str = "a") -> Measurement:

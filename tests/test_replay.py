@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from chromium_page import open_page, wait_for
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_z
 from skywright.core.types import MAX_JOINTS, SAMPLE
+from skywright.description.loader import load_description
+from skywright.description.world.surface import build_cylinder, unroll
 from skywright.errors import InputError
-from skywright.evaluation.run import RunResult, run_mission
-from skywright.missions.loader import load_description
 from skywright.models.compliant_arms import find_hands, is_compliant
 from skywright.models.drawing import (
     Shape,
@@ -48,7 +48,7 @@ from skywright.reports.trace3d import (
     build_trace,
     list_judged,
 )
-from skywright.worlds.surface import build_cylinder, unroll
+from skywright.run.run import RunResult, run_mission
 
 SHORT = (
     "mission.scan.passes=2", "mission.scan.pass_length_m=0.04", "mission.scan.arc_deg=10",

@@ -19,12 +19,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from rich.console import Console
 
+from skywright.description.loader import load_description
 from skywright.errors import InputError
-from skywright.evaluation.names import MEANINGS
-from skywright.evaluation.requirements import judge
-from skywright.evaluation.run import RunResult, run_mission
-from skywright.evaluation.warm_up import is_cached
-from skywright.missions.loader import load_description
+from skywright.evidence.pictures import COMPARED, PICTURES, ROBOTS
 from skywright.reports import page
 from skywright.reports.explain import format_value, list_assumptions
 from skywright.reports.figures import series
@@ -33,7 +30,10 @@ from skywright.reports.figures.style import Span, clip_phases, thin, write_png
 from skywright.reports.progress import Progress
 from skywright.reports.render import Camera, Item, render_scene
 from skywright.reports.report import FIGURES, render_report, write_report
-from skywright.studies.pictures import COMPARED, PICTURES, ROBOTS
+from skywright.run.names import MEANINGS
+from skywright.run.requirements import judge
+from skywright.run.run import RunResult, run_mission
+from skywright.run.warm_up import is_cached
 
 SHORT = (
     "mission.scan.passes=2", "mission.scan.pass_length_m=0.04", "mission.scan.arc_deg=10",

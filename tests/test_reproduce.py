@@ -11,14 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skywright.errors import InputError, SimulationError
-from skywright.studies.reproduce import cache as cache_module
-from skywright.studies.reproduce import elastic, runner
-from skywright.studies.reproduce.cache import Cache, Record
-from skywright.studies.reproduce.flights import build_description, describe_content
-from skywright.studies.reproduce.measures import MEASURES
-from skywright.studies.reproduce.series import band_rms, ring_growth, smooth
-from skywright.studies.reproduce.spec import Case, Claim, list_papers, load_claims
-from skywright.studies.reproduce.spec import judge as judge_claim
+from skywright.evidence.reproduce import cache as cache_module
+from skywright.evidence.reproduce import elastic, runner
+from skywright.evidence.reproduce.cache import Cache, Record
+from skywright.evidence.reproduce.flights import build_description, describe_content
+from skywright.evidence.reproduce.measures import MEASURES
+from skywright.evidence.reproduce.series import band_rms, ring_growth, smooth
+from skywright.evidence.reproduce.spec import Case, Claim, list_papers, load_claims
+from skywright.evidence.reproduce.spec import judge as judge_claim
 
 PAPER = """
 [paper]
@@ -344,7 +344,7 @@ def test_old_versions_are_pruned(tmp_path):
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     """Claims that need two flights and no flight, flown for real, and their page."""
-    from skywright.studies.reproduce.present import write_page
+    from skywright.evidence.reproduce.present import write_page
 
     folder = tmp_path_factory.mktemp("claims")
     only = ["touch-down", "tip-only-reduced", "displaced-reduced"]

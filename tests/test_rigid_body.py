@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from skywright.core.types import MAX_JOINTS
-from skywright.missions.loader import load_description
+from skywright.description.loader import load_description
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,

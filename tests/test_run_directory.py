@@ -13,9 +13,9 @@ import pytest
 
 import skywright
 from skywright.core import interrupt
+from skywright.description.loader import load_description
 from skywright.errors import InputError
-from skywright.evaluation.run import Observer, fly_and_evaluate, run_mission
-from skywright.missions.loader import load_description
+from skywright.run.run import Observer, fly_and_evaluate, run_mission
 
 SETS = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
 

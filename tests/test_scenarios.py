@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.loader import load_world
+from skywright.description.world.scenario import GOAL_X, draw_structures, get_structures
 from skywright.errors import InputError
 from skywright.models.scene import build_scene
 from skywright.planning.motion.passages import list_passages
 from skywright.planning.motion.transport import BENCHMARK, build_scenario, build_transport
-from skywright.robots.loader import load_robot
-from skywright.worlds.loader import load_world
-from skywright.worlds.scenario import GOAL_X, draw_structures, get_structures
 
 ROBOT = load_robot("ars-lrm")[0]
 WORLD = load_world("pipe-structures")[0]

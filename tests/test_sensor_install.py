@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 
 from cut_flights import check_cuts
 from skywright.core.rotations import rot_z
+from skywright.description.loader import Description, load_description
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.world.spec import Box
 from skywright.errors import InputError
-from skywright.evaluation.run import build_vehicle, fly_and_evaluate
-from skywright.missions.kinds.sensor_install import (
+from skywright.missions.sensor_install.fly import (
     BEHIND,
     MARGIN,
     RISE,
@@ -21,14 +23,12 @@ from skywright.missions.kinds.sensor_install import (
     compute_swing_frequency,
     plan,
 )
-from skywright.missions.loader import Description, load_description
-from skywright.missions.ways import check_line
+from skywright.missions.skills.ways import check_line
 from skywright.models.compliant_arms import count_command_ticks, find_hands
 from skywright.models.geometry import build_clearance
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
-from skywright.robots.limbs import list_joints, list_servos
-from skywright.worlds.spec import Box
+from skywright.run.run import build_vehicle, fly_and_evaluate
 
 DESCRIPTION = load_description("sensor-install")
 CHECKS_OFF = ["mission.task.hover_s=0", "mission.task.swing_deg=0"]

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from skywright.core.rotations import rot_z
-from skywright.missions.loader import load_description
-from skywright.missions.lookup import Subject, find_any
+from skywright.description.loader import load_description
+from skywright.description.lookup import Subject, find_any
+from skywright.description.world.surface import build_cylinder, unroll
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.reports.show import (
@@ -21,7 +22,6 @@ from skywright.reports.show import (
     write_show_figure,
 )
 from skywright.reports.show_robot import CCW, CW, draw_robot, pad_joints
-from skywright.worlds.surface import build_cylinder, unroll
 
 SUBJECTS = ("othex", "f550-bridge", "hexarotor", "pipe", "open", "pipe-weld-scan", "waypoints")
 

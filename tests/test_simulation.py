@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.loader import load_world
 from skywright.models.scene import build_scene
-from skywright.robots.loader import load_robot
 from skywright.sim.simulation import Simulation
-from skywright.worlds.loader import load_world
 
 
 def test_a_plant_that_diverges_shows_it_and_writes_no_file(

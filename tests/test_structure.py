@@ -11,9 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.loader import load_world
+from skywright.description.world.spec import World
+from skywright.description.world.structure import Structure, build_surface, find_place, locate_point
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene
-from skywright.robots.loader import load_robot
 from skywright.sim.surface_effects import (
     SURFACE,
     compute_ceiling_gain,
@@ -22,9 +25,6 @@ from skywright.sim.surface_effects import (
     find_gains,
     measure_surface,
 )
-from skywright.worlds.loader import load_world
-from skywright.worlds.spec import World
-from skywright.worlds.structure import Structure, build_surface, find_place, locate_point
 
 SHAPES = st.sampled_from(["plane", "cylinder", "arch"])
 

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from skywright.description.loader import load_description
+from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
-from skywright.evaluation.run import build_vehicle
-from skywright.missions.loader import load_description
 from skywright.models.compliant_arms import compute_gravity_torque, find_swing
 from skywright.models.drawing import build_drawing, compute_part_poses, list_object_poses
 from skywright.models.rigid_body import build_body_model, posture
-from skywright.robots.loader import load_robot
+from skywright.run.run import build_vehicle
 from skywright.sim.tape import TAPE, step_tape
 from skywright.vehicle.simulated import SimulatedVehicle
 

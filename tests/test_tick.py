@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from skywright.control.registry import load_law
+from skywright.description.loader import load_description
 from skywright.errors import InputError, SimulationError
-from skywright.evaluation.run import build_vehicle
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
-from skywright.missions.supervisor import Supervisor
+from skywright.run.planning import plan_mission
+from skywright.run.run import build_vehicle
+from skywright.run.supervisor import Supervisor
 
 SHORT = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
 

@@ -13,27 +13,27 @@ from hypothesis import strategies as st
 
 from skywright.core.rotations import quat_from_rot, rot_y, rot_z
 from skywright.core.types import BELIEF
+from skywright.description.loader import Description, load_description
+from skywright.description.world.tool import Tool, compute_diameters, compute_seat, list_tool_parts
 from skywright.errors import InputError
 from skywright.estimation.marker import estimate_pipe
-from skywright.evaluation.run import RunResult, fly_and_evaluate
-from skywright.missions.hook_grip import build_grip
-from skywright.missions.kinds.tool_install import (
+from skywright.missions.skills.hook_grip import build_grip
+from skywright.missions.skills.tool_handling import find_platform
+from skywright.missions.tool_install.fly import (
     MARGIN,
     ToolPlan,
     draw_map,
     find_places,
     plan,
 )
-from skywright.missions.loader import Description, load_description
-from skywright.missions.tool_handling import find_platform
 from skywright.models.arm_body import Deviation
 from skywright.models.compliant_arms import find_hands
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
 from skywright.models.tool_body import find_tool_place
+from skywright.run.run import RunResult, fly_and_evaluate
 from skywright.vehicle.simulated import SimulatedVehicle
-from skywright.worlds.tool import Tool, compute_diameters, compute_seat, list_tool_parts
 
 DESCRIPTION = load_description("tool-install")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skywright.missions.loader import load_description
-from skywright.studies.transport_gust import AT_ONCE, build_loop, build_matrices, simulate
+from skywright.description.loader import load_description
+from skywright.evidence.transport_gust import AT_ONCE, build_loop, build_matrices, simulate
 
 LOOP = build_loop(load_description("bar-transport"))
 

@@ -25,6 +25,10 @@ from hypothesis import strategies as st
 from skywright import cli
 from skywright.core.rotations import rot_from_quat
 from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.loader import load_robot
+from skywright.description.robot.spec import Robot
+from skywright.description.world.loader import load_world
 from skywright.errors import InputError
 from skywright.models.arm_body import Deviation
 from skywright.models.compliant_arms import spring_torque
@@ -40,10 +44,6 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.scene import Scene, build_scene, set_pose
 from skywright.models.urdf import build_urdf
-from skywright.robots.limbs import list_joints, list_servos
-from skywright.robots.loader import load_robot
-from skywright.robots.spec import Robot
-from skywright.worlds.loader import load_world
 
 ROBOTS = ("bimanual", "bimanual-longreach", "othex", "f550-bridge")
 WORLD = load_world("open")[0]

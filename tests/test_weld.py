@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from numba import njit
 from scipy.signal import lfilter
 
+from skywright.description.world.spec import Pipe, Weld
+from skywright.description.world.surface import Cylinder, build_cylinder
 from skywright.errors import InputError
 from skywright.inspection.calibration import (
     Calibration,
@@ -32,8 +34,6 @@ from skywright.inspection.surface_fit import (
 from skywright.inspection.weld import WeldResult, process_scan
 from skywright.inspection.weld_line import compute_line_error, estimate_weld_line, line_distance
 from skywright.reports.weld_map import write_weld_map
-from skywright.worlds.spec import Pipe, Weld
-from skywright.worlds.surface import Cylinder, build_cylinder
 
 APPROACH = 6.0  # s
 RATE = 50.0  # Hz

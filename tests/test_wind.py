@@ -14,27 +14,9 @@ from scipy.signal import welch
 
 from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
-from skywright.errors import InputError
-from skywright.evaluation.metrics import find_lifts
-from skywright.evaluation.run import build_vehicle
-from skywright.missions.limits import (
-    GUST_SIGMAS,
-    compute_equivalent_wind,
-    compute_wind_allowance,
-    find_exceeded_push,
-    find_exceeded_wind,
-)
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
-from skywright.missions.supervisor import Supervisor
-from skywright.models.arm_body import Deviation
-from skywright.models.scene import build_scene
-from skywright.sim.friction import FRICTION, compute_friction, fill_friction, rub
-from skywright.sim.plant import blow
-from skywright.sim.plant_setup import build_plant
-from skywright.sim.wind import NOISE, WIND, build_dryden_filter, fill_wind, step_wind
-from skywright.worlds.spec import Dryden, Fan, Pipe, Wind
-from skywright.worlds.wind import (
+from skywright.description.loader import load_description
+from skywright.description.world.spec import Dryden, Fan, Pipe, Wind
+from skywright.description.world.wind import (
     FOOT,
     OUTLET,
     SPREAD,
@@ -43,6 +25,24 @@ from skywright.worlds.wind import (
     compute_mean_wind,
     jet_speed,
 )
+from skywright.errors import InputError
+from skywright.models.arm_body import Deviation
+from skywright.models.scene import build_scene
+from skywright.run.limits import (
+    GUST_SIGMAS,
+    compute_equivalent_wind,
+    compute_wind_allowance,
+    find_exceeded_push,
+    find_exceeded_wind,
+)
+from skywright.run.metrics import find_lifts
+from skywright.run.planning import plan_mission
+from skywright.run.run import build_vehicle
+from skywright.run.supervisor import Supervisor
+from skywright.sim.friction import FRICTION, compute_friction, fill_friction, rub
+from skywright.sim.plant import blow
+from skywright.sim.plant_setup import build_plant
+from skywright.sim.wind import NOISE, WIND, build_dryden_filter, fill_wind, step_wind
 
 DT = 0.002
 HUBS = 0.4 * np.array([[math.cos(a), math.sin(a), 0.0] for a in np.arange(6) * math.pi / 3])

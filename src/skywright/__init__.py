@@ -26,9 +26,9 @@ from skywright.errors import InfeasibleError, InputError, SimulationError, Skywr
 if TYPE_CHECKING:
     import os
 
-    from skywright.evaluation.run import RunResult
-    from skywright.missions.loader import Description, Sets
-    from skywright.missions.planning import MissionPlan
+    from skywright.description.loader import Description, Sets
+    from skywright.run.planning import MissionPlan
+    from skywright.run.run import RunResult
 
 try:
     __version__ = version("skywright")
@@ -63,7 +63,7 @@ def load(
     values (`{"world.pipe.diameter_m": 0.3}`) or lists `KEY=VALUE` texts as on the command line.
     Raises InputError naming file and key on anything that is wrong.
     """
-    from skywright.missions.loader import load_description
+    from skywright.description.loader import load_description
 
     return load_description(mission, robot, world, sets, seed)
 
@@ -74,8 +74,8 @@ def plan(description: Description | str | os.PathLike[str]) -> MissionPlan:
     A plan that does not exist has `feasible` False and the reason in `blocked_by`.
     Raises InputError when the robot cannot lift itself.
     """
-    from skywright.missions.planning import plan_mission
     from skywright.models.capability import check_can_fly
+    from skywright.run.planning import plan_mission
 
     description = _as_description(description)
     check_can_fly(description.robot, description.world.gravity_mps2)
@@ -101,8 +101,8 @@ def run(
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
     """
-    from skywright.evaluation.directory import check_free
-    from skywright.evaluation.run import Observer, run_mission
+    from skywright.run.directory import check_free
+    from skywright.run.run import Observer, run_mission
 
     description = _as_description(description)
     if out is not None:
@@ -117,8 +117,8 @@ def run(
         observers.append(Progress())
     person = None
     if operator is not None:
-        from skywright.evaluation.operated import check_operator
         from skywright.ground.operators import open_operator
+        from skywright.run.operated import check_operator
 
         check_operator(description)
         person = open_operator(operator, description)
@@ -155,12 +155,12 @@ def evaluate(directory: str | os.PathLike[str]) -> RunResult:
 
     Raises InputError when the directory holds no run.
     """
-    from skywright.evaluation.run import evaluate_directory
+    from skywright.run.run import evaluate_directory
 
     return evaluate_directory(Path(directory))
 
 
 def _as_description(description: Description | str | os.PathLike[str]) -> Description:
-    from skywright.missions.loader import Description
+    from skywright.description.loader import Description
 
     return description if isinstance(description, Description) else load(description)

@@ -98,7 +98,7 @@ def locate(
     from skywright.estimation.localisation.locate import locate as locate_files
 
     if demo:
-        from skywright.studies.locate.demo import write_demo
+        from skywright.analysis.locate.demo import write_demo
 
         if data or station or camera or reference:
             raise InputError("--demo brings its own files; give either it or DATA")
@@ -141,10 +141,10 @@ def identify(
     LOG is a run's directory, a recording.mcap or a PX4 ULog; several flights of one robot add up.
     Beside the page a robot file is written (PAGE.toml) that a run takes as --robot.
     """
-    from skywright.robots.loader import load_robot
-    from skywright.studies.identify.identify import identify as identify_logs
-    from skywright.studies.identify.overrides import build_overrides
-    from skywright.studies.identify.present import print_identification, write_page
+    from skywright.analysis.identify.identify import identify as identify_logs
+    from skywright.analysis.identify.overrides import build_overrides
+    from skywright.analysis.identify.present import print_identification, write_page
+    from skywright.description.robot.loader import load_robot
 
     spec = None if robot is None else load_robot(robot)[0]
     found = identify_logs(logs, spec, mass)
@@ -184,9 +184,9 @@ def records_(
 
     FILE is what `skywright run --records FILE` wrote.
     """
-    from skywright.evaluation.records import RecordStore
-    from skywright.evaluation.records_export import parse_origin, write_csv, write_geojson
     from skywright.models.docked_map import parse_condition
+    from skywright.run.records import RecordStore
+    from skywright.run.records_export import parse_origin, write_csv, write_geojson
 
     point = parse_condition(contact=at, named="at").contact
     if not math.isfinite(radius):

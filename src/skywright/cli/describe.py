@@ -11,7 +11,7 @@ from skywright.cli.options import as_json_option, check_writable, print_json
 from skywright.errors import InputError
 
 if TYPE_CHECKING:
-    from skywright.missions.lookup import Subject
+    from skywright.description.lookup import Subject
 
 
 @click.command()
@@ -45,10 +45,10 @@ def capability(
 ) -> None:  # fmt: skip
     """Compute what ROBOT can do: force, tilt, wind, payload, power."""
     from skywright.core.keys import parse_assignment
+    from skywright.description.robot.loader import load_robot
     from skywright.models.docked_map import parse_condition
     from skywright.models.sweep import strip_robot
     from skywright.reports import capability_views as views
-    from skywright.robots.loader import load_robot
 
     given = {name: value for name, value in condition.items() if value is not None}
     free = {"wind", "wind_toward"} if "wind" in given and not sweep else set()
@@ -96,8 +96,8 @@ def compare(
     as_json: bool,
 ) -> None:  # fmt: skip
     """Compare two robots with arms: clearance, reach, reactions, impact, accuracy, endurance."""
-    from skywright.studies.compare.compare import compare_robots
-    from skywright.studies.compare.present import print_comparison, tell_step, write_page
+    from skywright.analysis.compare.compare import compare_robots
+    from skywright.analysis.compare.present import print_comparison, tell_step, write_page
 
     page = check_writable(out or Path("compare.html"), (".html",))
     try:
@@ -123,14 +123,14 @@ def compare(
 @as_json_option
 def list_(kind: str | None, as_json: bool) -> None:
     """List robots, worlds, missions or claims."""
-    from skywright.missions.loader import list_missions
-    from skywright.robots.loader import list_robots
-    from skywright.worlds.loader import list_worlds
+    from skywright.description.loader import list_missions
+    from skywright.description.robot.loader import list_robots
+    from skywright.description.world.loader import list_worlds
 
     listings = {"robots": list_robots, "worlds": list_worlds, "missions": list_missions}
     found = {name: call() for name, call in listings.items() if kind in (None, name)}
     if kind in (None, "claims"):  # their specs are heavy: imported only where asked for
-        from skywright.studies.reproduce.spec import list_claims
+        from skywright.evidence.reproduce.spec import list_claims
 
         found["claims"] = list_claims()
     if as_json:
@@ -154,7 +154,7 @@ def show(name: str, out: Path | None, urdf: Path | None, as_json: bool) -> None:
 
     With --urdf the robot (a mission's too) is written for other tools.
     """
-    from skywright.missions.lookup import find_any
+    from skywright.description.lookup import find_any
     from skywright.reports.summary import build_summary
 
     subject = find_any(name)
@@ -197,7 +197,7 @@ def new() -> None:
 @click.argument("name")
 def new_robot(name: str) -> None:
     """Write NAME/robot.toml and NAME/mission.toml: a quadrotor that flies, ready to change."""
-    from skywright.missions.template import write_robot_template
+    from skywright.description.template import write_robot_template
 
     folder = write_robot_template(Path(name))
     click.echo(f"{folder / 'robot.toml'}    every key with a comment")
@@ -210,7 +210,7 @@ def new_robot(name: str) -> None:
 @as_json_option
 def check(file: str, as_json: bool) -> int:
     """List every problem and guess of a description FILE."""
-    from skywright.missions.check import check_file
+    from skywright.run.check import check_file
 
     report = check_file(file)
     if as_json:

@@ -26,9 +26,9 @@ def reproduce(
     Flights are kept, so that a second time takes seconds. Contradictions are results: exit 1 means
     that a claim could not be measured.
     """
-    from skywright.studies.reproduce.cache import default_folder
-    from skywright.studies.reproduce.present import Bar, print_reports, write_page
-    from skywright.studies.reproduce.runner import check_papers, reproduce_papers
+    from skywright.evidence.reproduce.cache import default_folder
+    from skywright.evidence.reproduce.present import Bar, print_reports, write_page
+    from skywright.evidence.reproduce.runner import check_papers, reproduce_papers
 
     page = out or Path("claims.html")
     check_papers(paper, only)  # nothing is written for a name that does not exist
@@ -51,7 +51,7 @@ class _BenchCommand(click.Command):
     """Help that lists the benchmarks, which are a registry of their own."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from skywright.studies.bench.registry import BENCHMARKS
+        from skywright.evidence.bench.registry import BENCHMARKS
 
         with formatter.section("Benchmarks"):
             formatter.write_dl(
@@ -87,8 +87,8 @@ def bench(
 
     A missed limit is told, not an error: timings depend on the machine and on who else uses it.
     """
-    from skywright.studies.bench.present import Tables, print_end
-    from skywright.studies.bench.runner import run_benchmarks
+    from skywright.evidence.bench.present import Tables, print_end
+    from skywright.evidence.bench.runner import run_benchmarks
 
     if quick and full:
         raise InputError("--quick and --full: choose one")

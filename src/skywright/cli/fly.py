@@ -45,7 +45,7 @@ def run(
     import skywright
 
     if plan_file is not None:
-        from skywright.missions.plan_flight import load_plan_description
+        from skywright.missions.skills.plan_flight import load_plan_description
 
         description = load_plan_description(plan_file, mission, robot, world, sets, seed)
     elif mission is None:
@@ -138,8 +138,8 @@ def campaign(
 
     An interrupted campaign is continued by the same command.
     """
-    from skywright.studies.campaign.campaign import run_campaign
-    from skywright.studies.campaign.spec import build_campaign
+    from skywright.analysis.campaign.campaign import run_campaign
+    from skywright.analysis.campaign.spec import build_campaign
 
     if runs < 1:
         raise InputError(f"--runs {runs}: at least 1 is needed")

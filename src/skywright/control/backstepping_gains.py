@@ -12,8 +12,8 @@ from typing import Any
 
 from scipy.optimize import brentq
 
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
-from skywright.robots.spec import Robot
 
 
 def compute_backstepping_gains(

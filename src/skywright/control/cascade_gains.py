@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.types import BODY, MAX_JOINTS, WRENCH
+from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.spec import Control, Robot
+from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.floating import compute_free_inertia, fill_floating
 from skywright.models.rigid_body import KINEMATICS, fill_body, fill_kinematics, posture
 from skywright.models.rotors import build_rotors
-from skywright.robots.limbs import list_joints
-from skywright.robots.spec import Control, Robot
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 

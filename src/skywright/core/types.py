@@ -552,7 +552,7 @@ SAMPLE = np.dtype(
         ("pressing", f8),  # 1: the arm controls the force
         ("docked", f8),  # 1: the feet shall rest on the structure
         ("f_docking_W", f8, 3),  # N, force of the structure on the docking feet
-        # operator at a stick (missions/operator.py)
+        # operator at a stick (run/operator.py)
         ("operator_stick", f8, 3),  # each axis from -1 to 1
         ("operator_button", f8),  # 1: pressed
         # localisation without motion capture

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.rotors import build_rotors
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
 
 ESTIMATORS = {
     "filter": "skywright.estimation.error_state",

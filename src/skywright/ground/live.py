@@ -22,9 +22,9 @@ from skywright.reports.scene3d import Scene3d, build_views, set_camera, start_se
 from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
 
 if TYPE_CHECKING:
+    from skywright.description.loader import Description
     from skywright.ground.operators import ViewOperator
-    from skywright.missions.loader import Description
-    from skywright.missions.planning import MissionPlan
+    from skywright.run.planning import MissionPlan
     from skywright.vehicle.simulated import SimulatedVehicle
 
 SPEEDS = {"real time": 1.0, "x5": 5.0, "fastest": math.inf}

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.streams import build_stream
-from skywright.missions.operator import Sight, Stick
+from skywright.run.operator import Sight, Stick
 from skywright.vehicle.simulated import MISSION_TICK
 
 ARM_S = 0.1  # s, lag of the arm (neuromuscular)

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from skywright.core.interrupt import check_interrupt
+from skywright.description.loader import Description
 from skywright.errors import InputError
 from skywright.ground.operator_model import MANNERS, ModelOperator
-from skywright.missions.loader import Description
-from skywright.missions.operator import STILL, Sight, Stick
+from skywright.run.operator import STILL, Sight, Stick
 
 STALE_S = 0.5  # s of wall time after which a stick that is not heard of counts as let go
 PATIENCE_S = 60.0  # s of wall time without a sign of the operator: nobody is there

@@ -19,7 +19,7 @@ The surface is treated as flat: over a coil of 2.5 mm radius a pipe of 0.2 m rad
 footprint, the texture of the steel a random field of mu_r over the unrolled surface.
 
 Units: SI; signals are in instrument units (the display's divisions after gain and rotation).
-Surface coordinates: s along the pipe's axis, c = R phi around it (worlds/spec.py).
+Surface coordinates: s along the pipe's axis, c = R phi around it (description/world/spec.py).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ import numpy as np
 from numba import njit
 from scipy.special import jv
 
+from skywright.description.world.spec import Pipe, Weld
 from skywright.errors import InputError
-from skywright.worlds.spec import Pipe, Weld
 
 MU0 = 4e-7 * math.pi
 """H/m, permeability of vacuum."""
@@ -238,7 +238,7 @@ def _build_tables(
 def compute_weld_frame(weld: Weld) -> tuple[float, float, float]:
     """(n_s, n_c, d_0) of the weld line n_s s + n_c c = d_0 on the unrolled surface, |n| = 1.
 
-    At 90 deg the line runs along the axis and `offset_m` is its c (worlds/spec.py).
+    At 90 deg the line runs along the axis and `offset_m` is its c (description/world/spec.py).
     """
     angle = math.radians(weld.angle_deg)
     n_s, n_c = math.cos(angle), -math.sin(angle)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from skywright.description.world.surface import Cylinder
 from skywright.errors import InputError
 from skywright.inspection.calibration import read_numbers, read_table
-from skywright.worlds.surface import Cylinder
 
 Array = NDArray[np.float64]
 

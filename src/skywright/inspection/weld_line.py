@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.worlds.spec import Weld
+from skywright.description.world.spec import Weld
 
 Array = NDArray[np.float64]
 

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_from_rot, rot_y
+from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
+from skywright.description.robot.spec import Link, Robot, Servo
 from skywright.models.rigid_body import (
     SLIDER_INERTIA,
     build_probe_parts,
@@ -21,8 +23,6 @@ from skywright.models.rigid_body import (
     rod_inertia,
     tip_rotation,
 )
-from skywright.robots.limbs import Limb, end_of, list_joints, list_limbs, list_servos
-from skywright.robots.spec import Link, Robot, Servo
 
 Array = NDArray[np.float64]
 

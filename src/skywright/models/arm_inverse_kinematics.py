@@ -22,9 +22,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import solve3
+from skywright.description.robot.limbs import SIDES, list_joints
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
-from skywright.robots.limbs import SIDES, list_joints
-from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
 

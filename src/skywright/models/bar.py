@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.robots.bar import Bar
+from skywright.description.robot.bar import Bar
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from skywright.description.robot.spec import Robot
 from skywright.models.arm_body import ROBOT, WORLD
 from skywright.models.bar import compute_bar_inertia
-from skywright.robots.spec import Robot
 
 BAR = "bar"
 GRIP = [0.02, 1.0]

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.hover import check_can_fly, check_hover, choose_posture, find_worst_posture
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip
@@ -38,7 +39,6 @@ from skywright.models.wind import (
     compute_wind_limits,
     is_held,
 )
-from skywright.robots.spec import Robot
 
 F8 = NDArray[np.float64]
 

@@ -14,6 +14,8 @@ from numba import njit
 
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.limbs import list_joints, list_limbs, list_servos
+from skywright.description.robot.spec import Robot
 from skywright.models.arm_inverse_kinematics import has_arm_chain
 from skywright.models.rigid_body import (
     KINEMATICS,
@@ -23,8 +25,6 @@ from skywright.models.rigid_body import (
     fill_point_jacobian,
     find_tip,
 )
-from skywright.robots.limbs import list_joints, list_limbs, list_servos
-from skywright.robots.spec import Robot
 
 Array = Any
 Record = Any

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.statics import build_layout, compute_ray, wrench_at
 from skywright.models.wind import DragBody, compute_drag
-from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_spec
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 

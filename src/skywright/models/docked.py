@@ -20,15 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, linprog
 
+from skywright.description.robot.docking import Docking
+from skywright.description.robot.limbs import list_servos
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.docking_body import list_feet
 from skywright.models.force_resolution import map_to_servos
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.statics import Layout, build_layout, wrench_at
-from skywright.robots.docking import Docking
-from skywright.robots.limbs import list_servos
-from skywright.robots.spec import Robot
 
 F8 = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.description.robot.docking import Docking
 from skywright.models.rigid_body import build_docking_parts
-from skywright.robots.docking import Docking
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.types import MAX_OBJECTS
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
 from skywright.models.rigid_body import joint_names
 from skywright.models.scene import Scene, build_scene
 from skywright.models.things import OBJECT
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 

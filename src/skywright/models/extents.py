@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
 from skywright.models.compliant_arms import compute_gravity_torque
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 

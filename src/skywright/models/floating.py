@@ -20,11 +20,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import cross, mat_vec
+from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene
-from skywright.robots.limbs import list_joints
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 Record = Any

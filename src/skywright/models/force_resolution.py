@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.spec import Robot, Servo
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
-from skywright.robots.limbs import list_joints, list_servos
-from skywright.robots.spec import Robot, Servo
 
 F8 = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skywright.robots.force_sensor import ForceSensor
+from skywright.description.robot.force_sensor import ForceSensor
 
 FORCE_SENSOR = np.dtype(
     [

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotors import build_rotors
@@ -21,7 +22,6 @@ from skywright.models.statics import (
     compute_thrust,
     wrench_at,
 )
-from skywright.robots.spec import Robot
 
 F8 = NDArray[np.float64]
 

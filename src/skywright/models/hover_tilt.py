@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import build_rotors
 from skywright.models.statics import Layout, build_layout, compute_tilt_limit
 from skywright.models.wind import DragBody, compute_drag, compute_largest
-from skywright.robots.spec import Robot
 
 F8 = NDArray[np.float64]
 

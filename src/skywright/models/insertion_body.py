@@ -1,4 +1,4 @@
-"""Peg bar, socket and rack in the scene (worlds/insertion.py): boxes, held by contact alone.
+"""Peg bar, socket and rack in the scene : boxes, held by contact alone.
 
 Contacts are those of `models/tool_body.py`: 8 ms, critically damped, Coulomb friction on an
 elliptic cone with the no-slip step, the peg bar's friction for every pair. The peg sinks into a
@@ -16,10 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_from_rot, rot_x, rot_y, rot_z
+from skywright.description.world.insertion import (
+    SHARES,
+    Block,
+    Peg,
+    Socket,
+    list_peg_parts,
+    list_socket_parts,
+)
+from skywright.description.world.spec import World
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation
 from skywright.models.docking_body import NOSLIP_ITERATIONS
-from skywright.worlds.insertion import SHARES, Block, Peg, Socket, list_peg_parts, list_socket_parts
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_from_quat
+from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import joint_names
 from skywright.models.scene import Scene
-from skywright.robots.limbs import list_joints
-from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.description.robot.limbs import list_limbs
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import Box, World
 from skywright.models.arm_body import FEET, LIMITED, PEN, ROBOT, WORLD
-from skywright.robots.limbs import list_limbs
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import Box, World
 
 Array = NDArray[np.float64]
 

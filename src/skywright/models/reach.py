@@ -17,6 +17,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.description.world.surface import build_cylinder
 from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.geometry import (
     FAR,
@@ -28,10 +32,6 @@ from skywright.models.geometry import (
 )
 from skywright.models.rigid_body import build_body_model, posture
 from skywright.models.scene import build_scene
-from skywright.robots.limbs import list_joints
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
-from skywright.worlds.surface import build_cylinder
 
 Array = NDArray[np.float64]
 

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import mat_mat, mat_vec, rot_about, rot_y
 from skywright.core.types import BODY, MAX_HANDS, MAX_JOINTS
+from skywright.description.robot.docking import Docking
+from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
+from skywright.description.robot.spec import Link, Probe, Robot
 from skywright.models.bar import compute_bar_share
-from skywright.robots.docking import Docking
-from skywright.robots.limbs import Limb, end_of, list_joints, list_limbs, list_servos
-from skywright.robots.spec import Link, Probe, Robot
 
 Array = NDArray[np.float64]
 Record = Any  # one element of a structured array; numba sees a typed record

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skywright.robots.spec import Rotors
+from skywright.description.robot.spec import Rotors
 
 F8 = NDArray[np.float64]
 

@@ -17,6 +17,12 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_from_rot
 from skywright.core.types import MAX_HANDS
+from skywright.description.robot.limbs import list_limbs
+from skywright.description.robot.spec import Robot
+from skywright.description.world.scenario import get_structures
+from skywright.description.world.spec import World
+from skywright.description.world.surface import build_cylinder
+from skywright.description.world.things import Bench
 from skywright.errors import InputError
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
 from skywright.models.bar_body import BAR, add_bar
@@ -28,12 +34,6 @@ from skywright.models.rotors import build_rotors
 from skywright.models.structure_body import add_structure, list_structure
 from skywright.models.things import OBJECT, add_bench, add_things
 from skywright.models.tool_body import TOOL, add_tool
-from skywright.robots.limbs import list_limbs
-from skywright.robots.spec import Robot
-from skywright.worlds.scenario import get_structures
-from skywright.worlds.spec import World
-from skywright.worlds.surface import build_cylinder
-from skywright.worlds.things import Bench
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_from_rot
-from skywright.worlds.spec import World
-from skywright.worlds.structure import ARCH, CYLINDER, build_surface
+from skywright.description.world.spec import World
+from skywright.description.world.structure import ARCH, CYLINDER, build_surface
 
 Array = NDArray[np.float64]
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotors import build_rotors, compute_electrical_power
@@ -24,7 +25,6 @@ from skywright.models.statics import (
     compute_tilt_limit,
     wrench_at,
 )
-from skywright.robots.spec import Robot
 
 F8 = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Movable things and the bench in the scene (worlds/things.py)."""
+"""Movable things and the bench in the scene (description/world/things.py)."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 
 from skywright.core.rotations import quat_from_rot, rot_y, rot_z
+from skywright.description.world.spec import World
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD
 from skywright.models.docking_body import NOSLIP_ITERATIONS
-from skywright.worlds.spec import World
 
 OBJECT = "object "
 """Names of things' bodies and joints start with it."""

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.spec import Robot
 from skywright.models.compliant_arms import spring_deflection, spring_torque
 from skywright.models.rigid_body import (
     KINEMATICS,
@@ -23,8 +25,6 @@ from skywright.models.rigid_body import (
     fill_hands,
     fill_kinematics,
 )
-from skywright.robots.limbs import list_joints, list_servos
-from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
 

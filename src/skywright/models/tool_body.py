@@ -1,4 +1,4 @@
-"""The inspection tool in the scene (worlds/tool.py): one free body, held by contact alone.
+"""The inspection tool in the scene: one free body, held by contact alone.
 
 Contact settings. Friction is Coulomb's on an elliptic cone, with MuJoCo's no-slip step, since its
 soft friction creeps under load. Softness (`world.tool.contact_time_constant_s`): time constant
@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_from_rot, rot_z
+from skywright.description.world.spec import World
+from skywright.description.world.tool import Tool, list_tool_parts
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD
 from skywright.models.docking_body import NOSLIP_ITERATIONS
-from skywright.worlds.spec import World
-from skywright.worlds.tool import Tool, list_tool_parts
 
 Array = NDArray[np.float64]
 

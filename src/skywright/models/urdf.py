@@ -14,6 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_from_quat
+from skywright.description.robot.limbs import (
+    SIDES,
+    Limb,
+    end_of,
+    list_joints,
+    list_limbs,
+    list_servos,
+)
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
 from skywright.models.drawing import Shape, build_drawing
 from skywright.models.rigid_body import (
     SLIDER_INERTIA,
@@ -29,9 +39,6 @@ from skywright.models.rigid_body import (
     tip_rotation,
 )
 from skywright.models.rotors import build_rotors
-from skywright.robots.limbs import SIDES, Limb, end_of, list_joints, list_limbs, list_servos
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 
@@ -201,7 +208,7 @@ class _Writer:
             _add_shape(link, shape, np.eye(3) if turn is None else turn)
 
     def _start_link(self, name: str) -> None:
-        assert name not in self.links  # robots/spec.py refuses the names used here
+        assert name not in self.links  # description/robot/spec.py refuses the names used here
         self.links[name] = ET.SubElement(self.root, "link", name=name)
 
 

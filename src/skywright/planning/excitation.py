@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import log_so3, rot_z
 from skywright.core.types import REFERENCE
+from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip
 from skywright.planning.inverse_dynamics import Loads
-from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import exp_so3, log_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec, norm
 from skywright.core.types import MAX_JOINTS, REFERENCE
+from skywright.description.world.surface import surface_frame
 from skywright.models.geometry import FAR
 from skywright.models.rigid_body import fill_kinematics
 from skywright.planning.checks import TRACE, check_clearance, check_dynamics
@@ -29,7 +30,6 @@ from skywright.planning.inverse_kinematics import (
 )
 from skywright.planning.patterns import TimeLaw, eval_time_law
 from skywright.planning.problem import CLEARANCE, OK, SINGULAR, TASK, Failure, Problem
-from skywright.worlds.surface import surface_frame
 
 Array = NDArray[np.float64]
 Record = Any

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.types import BODY
+from skywright.description.world.surface import Cylinder
 from skywright.models.geometry import ClearanceCore, ClearanceQuery, describe_pair
 from skywright.models.rigid_body import KINEMATICS
 from skywright.planning.inverse_dynamics import Loads, Motion, build_motion
-from skywright.worlds.surface import Cylinder
 
 Array = NDArray[np.float64]
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.description.world.surface import Cylinder
 from skywright.models.geometry import ClearanceQuery
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.configurations import Candidates, resting
@@ -32,7 +33,6 @@ from skywright.planning.local_planner import (
 from skywright.planning.patterns import TimeLaw, build_time_law
 from skywright.planning.problem import Limits, build_problem
 from skywright.planning.via_points import ScanTask, Search, Slide
-from skywright.worlds.surface import Cylinder
 
 Array = NDArray[np.float64]
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.description.world.surface import surface_point
 from skywright.models.geometry import ClearanceQuery
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.configurations import (
@@ -35,7 +36,6 @@ from skywright.planning.problem import (
     Problem,
     describe_failure,
 )
-from skywright.worlds.surface import surface_point
 
 Array = NDArray[np.float64]
 

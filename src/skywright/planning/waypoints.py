@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.description.world.surface import Cylinder
 from skywright.models.geometry import ClearanceQuery
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.flight import build_rest, build_transit_law, plan_legs
@@ -18,7 +19,6 @@ from skywright.planning.inverse_kinematics import build_state
 from skywright.planning.local_planner import Edge, join_edges, plan_free_edge
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.planning.problem import CLEARANCE, Limits, build_problem, describe_failure
-from skywright.worlds.surface import Cylinder
 
 Array = NDArray[np.float64]
 

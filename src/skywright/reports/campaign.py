@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from skywright.evaluation.rows import CONFIDENCE, Row, Value
-from skywright.evaluation.verdict import LIMIT_USE, Verdict
 from skywright.reports.figures import campaign as figures
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, render_page
+from skywright.run.rows import CONFIDENCE, Row, Value
+from skywright.run.verdict import LIMIT_USE, Verdict
 
 MANY_FAILURES = 200
 """Failed runs that the page lists; the others are in results.parquet."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.capability import Capability, check_can_fly, compute_capability
 from skywright.models.docked import build_docked
@@ -17,7 +18,6 @@ from skywright.models.force_resolution import ForceResolution, compute_force_res
 from skywright.models.hover_tilt import compute_hover_tilt
 from skywright.models.sweep import TiltSweep, compute_tilt_sweep
 from skywright.reports.terminal import new_console, new_table, print_capability
-from skywright.robots.spec import Robot
 
 
 class View(NamedTuple):

@@ -6,9 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from skywright.core.keys import iterate_leaves
-from skywright.evaluation.names import MEANINGS
-from skywright.evaluation.run import choose_law
-from skywright.missions.deviation import build_deviation
+from skywright.models.deviation import build_deviation
 from skywright.reports.kinds import load_figures
 from skywright.reports.summary import (
     describe_inertial,
@@ -16,11 +14,13 @@ from skywright.reports.summary import (
     describe_localisation,
     describe_wind,
 )
+from skywright.run.names import MEANINGS
+from skywright.run.run import choose_law
 
 if TYPE_CHECKING:
     from skywright.core.spec import Spec
-    from skywright.evaluation.run import RunResult
-    from skywright.missions.loader import Description
+    from skywright.description.loader import Description
+    from skywright.run.run import RunResult
 
 
 class Row(NamedTuple):

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_y
+from skywright.description.robot.spec import Robot
 from skywright.models.compliant_arms import find_hands, is_compliant
 from skywright.models.drawing import Drawing
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
-from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
 

@@ -12,22 +12,22 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from skywright.missions.loader import Description
+    from skywright.description.loader import Description
 
 KINDS = {
-    "bar-insertion": "skywright.reports.figures.bar_insertion",
-    "bar-transport": "skywright.reports.figures.bar_transport",
-    "bimanual-bench": "skywright.reports.figures.bimanual_bench",
-    "follow-plan": "skywright.reports.figures.waypoints",
-    "impact": "skywright.reports.figures.impact",
-    "scan": "skywright.reports.figures.inspection",
-    "sensor-install": "skywright.reports.figures.sensor_install",
-    "tool-install": "skywright.reports.figures.tool_install",
-    "waypoints": "skywright.reports.figures.waypoints",
-    "excitation": "skywright.reports.figures.excitation",
-    "bridge-contact": "skywright.reports.figures.bridge_contact",
-    "arm-test-bench": "skywright.reports.figures.bridge_contact",
-    "flight-modes": "skywright.reports.figures.flight_modes",
+    "bar-insertion": "skywright.missions.bar_insertion.figures",
+    "bar-transport": "skywright.missions.bar_transport.figures",
+    "bimanual-bench": "skywright.missions.bimanual_bench.figures",
+    "follow-plan": "skywright.missions.waypoints.figures",
+    "impact": "skywright.missions.impact.figures",
+    "scan": "skywright.missions.scan.figures",
+    "sensor-install": "skywright.missions.sensor_install.figures",
+    "tool-install": "skywright.missions.tool_install.figures",
+    "waypoints": "skywright.missions.waypoints.figures",
+    "excitation": "skywright.missions.excitation.figures",
+    "bridge-contact": "skywright.missions.bridge_contact.figures",
+    "arm-test-bench": "skywright.missions.bridge_contact.figures",
+    "flight-modes": "skywright.missions.flight_modes.figures",
 }
 """Kind of mission -> module."""
 

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.description.robot.limbs import end_of, list_limbs
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import Box, Pipe, Tube
+from skywright.description.world.structure import PLANE, Structure, build_surface, locate_point
+from skywright.description.world.surface import build_cylinder
 from skywright.models.docking_body import list_feet
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics, joint_names
 from skywright.models.rotors import build_rotors
-from skywright.robots.limbs import end_of, list_limbs
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import Box, Pipe, Tube
-from skywright.worlds.structure import PLANE, Structure, build_surface, locate_point
-from skywright.worlds.surface import build_cylinder
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn
 from rich.progress import Progress as Bar
 
-from skywright.evaluation.warm_up import is_compiled
+from skywright.run.warm_up import is_compiled
 
 if TYPE_CHECKING:
-    from skywright.missions.loader import Description
-    from skywright.missions.planning import MissionPlan
+    from skywright.description.loader import Description
+    from skywright.run.planning import MissionPlan
     from skywright.vehicle.simulated import SimulatedVehicle
 
 OVERHEAD_S = 30.0

@@ -17,12 +17,13 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from skywright.description.loader import Description
+from skywright.description.robot.limbs import SIDES
 from skywright.errors import InputError
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.inspection.weld import Crossing, WeldResult
-from skywright.missions.deviation import build_true_world
-from skywright.missions.loader import Description
 from skywright.models.compliant_arms import is_compliant
+from skywright.models.deviation import build_true_world
 from skywright.models.drawing import build_drawing
 from skywright.reports.first_person import find_mount
 from skywright.reports.phases import explain_phase
@@ -36,10 +37,9 @@ from skywright.reports.scene3d import (
     stop_server,
 )
 from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
-from skywright.robots.limbs import SIDES
 
 if TYPE_CHECKING:
-    from skywright.evaluation.run import RunResult
+    from skywright.run.run import RunResult
 
 Array = NDArray[np.float64]
 

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 
 from skywright.errors import InputError
-from skywright.evaluation.names import MEANINGS
 from skywright.reports import explain
 from skywright.reports.figures import paths, plan, series
 from skywright.reports.figures.style import house_style
 from skywright.reports.kinds import list_figures, load_figures
 from skywright.reports.page import Picture, build_picture, render_page
 from skywright.reports.phases import explain_phase
+from skywright.run.names import MEANINGS
 
 if TYPE_CHECKING:
-    from skywright.evaluation.run import RunResult
+    from skywright.run.run import RunResult
 
 
 def _draw_hero(result: RunResult) -> Figure | None:
@@ -50,7 +50,7 @@ def write_report(result: RunResult) -> None:
 
 def render_report(result: RunResult) -> str:
     """Return the page; everything that it shows is inside it."""
-    from skywright.evaluation.run import collect_versions
+    from skywright.run.run import collect_versions
 
     kind = result.description.mission.kind
     with house_style():

@@ -11,6 +11,10 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from skywright.description.robot.spec import Robot
+from skywright.description.world.scenario import get_structures
+from skywright.description.world.spec import Pipe, Weld, World
+from skywright.description.world.surface import build_cylinder
 from skywright.models.drawing import (
     Drawing,
     Shape,
@@ -21,10 +25,6 @@ from skywright.models.drawing import (
     rotate_vectors,
 )
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon, merge_meshes
-from skywright.robots.spec import Robot
-from skywright.worlds.scenario import get_structures
-from skywright.worlds.spec import Pipe, Weld, World
-from skywright.worlds.surface import build_cylinder
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -12,9 +12,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_to_rot, rot_z
-from skywright.missions.loader import Description
-from skywright.missions.lookup import Subject
-from skywright.missions.spec import Scan
+from skywright.description.loader import Description
+from skywright.description.lookup import Subject
+from skywright.description.mission.spec import Scan
+from skywright.description.robot.spec import Robot
+from skywright.description.world.scenario import get_structures
+from skywright.description.world.spec import Pipe, Weld, World
+from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import surface_point as compute_surface_point
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.models.scene import home_pose, support_posts
 from skywright.planning.patterns import SIDES, build_pattern
@@ -37,11 +42,6 @@ from skywright.reports.show_style import (
     draw_parts,
     label_axes,
 )
-from skywright.robots.spec import Robot
-from skywright.worlds.scenario import get_structures
-from skywright.worlds.spec import Pipe, Weld, World
-from skywright.worlds.surface import build_cylinder
-from skywright.worlds.surface import surface_point as compute_surface_point
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

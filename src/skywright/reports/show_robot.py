@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.limbs import list_joints, list_limbs
+from skywright.description.robot.spec import Link, Robot
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,
@@ -21,8 +23,6 @@ from skywright.models.rigid_body import (
 from skywright.models.rotors import build_rotors
 from skywright.reports.outlines import outline_arm, outline_robot
 from skywright.reports.show_style import SIDE, STYLES, TOP, draw_dimension, draw_parts, label_axes
-from skywright.robots.limbs import list_joints, list_limbs
-from skywright.robots.spec import Link, Robot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

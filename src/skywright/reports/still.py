@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
-from skywright.missions.deviation import build_true_world
+from skywright.description.world.surface import build_cylinder
+from skywright.models.deviation import build_true_world
 from skywright.models.drawing import (
     build_drawing,
     compute_part_poses,
@@ -19,10 +20,9 @@ from skywright.models.drawing import (
 )
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon
 from skywright.reports.render import Camera, Item, render_scene
-from skywright.worlds.surface import build_cylinder
 
 if TYPE_CHECKING:
-    from skywright.evaluation.run import RunResult
+    from skywright.run.run import RunResult
 
 Array = NDArray[np.float64]
 

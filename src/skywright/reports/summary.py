@@ -10,20 +10,20 @@ import numpy as np
 
 from skywright.core.keys import iterate_leaves
 from skywright.core.spec import Source, Spec
+from skywright.description.loader import Description
+from skywright.description.lookup import Subject
+from skywright.description.robot.limbs import list_limbs, list_servos
+from skywright.description.robot.spec import Robot, Sensors
+from skywright.description.world.gnss import Gnss
+from skywright.description.world.localisation import TotalStation
+from skywright.description.world.spec import Link, Mocap, Wind, World
+from skywright.description.world.wind import compute_dryden_scales
 from skywright.errors import InputError
-from skywright.missions.check import list_guesses
-from skywright.missions.loader import Description
-from skywright.missions.lookup import Subject
 from skywright.models.capability import check_can_fly, compute_capability
 from skywright.models.docked import build_docked, compute_docked_press, find_stance
 from skywright.models.force_resolution import compute_force_resolution
 from skywright.models.rigid_body import build_body_model, compute_body, posture
-from skywright.robots.limbs import list_limbs, list_servos
-from skywright.robots.spec import Robot, Sensors
-from skywright.worlds.gnss import Gnss
-from skywright.worlds.localisation import TotalStation
-from skywright.worlds.spec import Link, Mocap, Wind, World
-from skywright.worlds.wind import compute_dryden_scales
+from skywright.run.check import list_guesses
 
 
 class Section(NamedTuple):

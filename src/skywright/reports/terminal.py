@@ -12,10 +12,10 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from skywright.evaluation.verdict import Verdict
-    from skywright.missions.planning import MissionPlan
     from skywright.models.capability import Capability
     from skywright.reports.summary import Summary
+    from skywright.run.planning import MissionPlan
+    from skywright.run.verdict import Verdict
 
 
 def new_console() -> Console:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from skywright.evaluation.records import Record
 from skywright.reports.terminal import new_console, new_table
+from skywright.run.records import Record
 
 
 def print_records(records: Sequence[Record], path: Path) -> None:

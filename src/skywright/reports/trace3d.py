@@ -9,12 +9,12 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from skywright.description.robot.spec import Robot
+from skywright.description.world.scenario import get_structures
+from skywright.description.world.spec import World
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.models.compliant_arms import is_compliant
 from skywright.reports.scene3d import AREA, CCW, CW, ESTIMATE, PLAN, WELD, Colour
-from skywright.robots.spec import Robot
-from skywright.worlds.scenario import get_structures
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 

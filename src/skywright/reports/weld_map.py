@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Patch
 
+from skywright.description.world.spec import Weld
 from skywright.errors import InputError
 from skywright.inspection.calibration import to_complex
 from skywright.inspection.weld import WeldResult
 from skywright.inspection.weld_data import WeldReport
-from skywright.worlds.spec import Weld
 
 MAX_POINTS = 6000
 _ESTIMATE, _TRUTH, _LOST, _CROSSING = "#c1121f", "#111111", "#8a8f98", "#c1121f"

@@ -15,10 +15,10 @@ import numpy as np
 from numba import njit
 
 from skywright.core.rotations import exp_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec, quat_to_rot
-from skywright.robots.camera import Camera
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
-from skywright.worlds.surface import build_cylinder
+from skywright.description.robot.camera import Camera
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.description.world.surface import build_cylinder
 
 Record = Any
 Array = Any

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skywright.worlds.spec import Pipe
+from skywright.description.world.spec import Pipe
 
 Array = NDArray[np.float64]
 Record = Any

@@ -16,8 +16,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import mat_vec
-from skywright.robots.spec import Robot
-from skywright.worlds.spec import World
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
 
 Array = NDArray[np.float64]
 Record = Any

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import cross, mat_t_vec, mat_vec, quat_to_rot
 from skywright.core.types import IMU_BATCH, MAX_ROTORS
-from skywright.robots.spec import Robot
+from skywright.description.robot.spec import Robot
 
 Array = NDArray[np.float64]
 Record = Any

@@ -26,10 +26,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import cross, mat_t_vec
+from skywright.description.robot.bar import Bar
+from skywright.description.robot.limbs import list_limbs
+from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import MAX_LINKS, link_direction
-from skywright.robots.bar import Bar
-from skywright.robots.limbs import list_limbs
-from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
 Record = Any

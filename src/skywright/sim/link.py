@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.types import IMU_BATCH, MAX_JOINTS, MAX_ROTORS, MEASUREMENT
-from skywright.worlds.spec import Link
+from skywright.description.world.spec import Link
 
 Array = NDArray[np.float64]
 Record = Any

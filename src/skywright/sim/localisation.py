@@ -15,7 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import exp_so3, mat_mat
-from skywright.robots.spec import Robot
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
 from skywright.sim.range_finder import (
     RANGE_BLOCK,
     RANGE_FINDER,
@@ -41,7 +42,6 @@ from skywright.sim.tracking_camera import (
     draw_tracking_camera,
     step_tracking_camera,
 )
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 Record = Any

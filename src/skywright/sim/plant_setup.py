@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.streams import build_stream
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.description.world.surface import build_cylinder
 from skywright.models.arm_body import Deviation, compute_servo_gains, compute_servo_lag
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
 from skywright.models.force_sensor import build_force_sensor
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import Scene
-from skywright.robots.limbs import list_joints, list_servos
-from skywright.robots.spec import Robot
 from skywright.sim.camera import fill_camera
 from skywright.sim.friction import fill_friction
 from skywright.sim.limb_drag import fill_limbs
@@ -24,8 +26,6 @@ from skywright.sim.plant import PLANT
 from skywright.sim.surface_effects import fill_surface
 from skywright.sim.tape import fill_tape
 from skywright.sim.wind import fill_wind
-from skywright.worlds.spec import World
-from skywright.worlds.surface import build_cylinder
 
 
 def build_plant(

@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skywright.worlds.spec import World
-from skywright.worlds.structure import ARCH, CYLINDER, PLANE, build_surface
+from skywright.description.world.spec import World
+from skywright.description.world.structure import ARCH, CYLINDER, PLANE, build_surface
 
 Array = NDArray[np.float64]
 Record = Any

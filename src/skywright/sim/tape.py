@@ -1,4 +1,4 @@
-"""Double-sided tape on a hand (worlds/spec.py: Tape): what pressing leaves and pulling breaks."""
+"""Double-sided tape on a hand: what pressing leaves and pulling breaks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from skywright.worlds.spec import Tape
+from skywright.description.world.spec import Tape
 
 Record = Any
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import mat_vec
 from skywright.core.types import MAX_ROTORS
-from skywright.worlds.spec import Wind
-from skywright.worlds.wind import (
+from skywright.description.world.spec import Wind
+from skywright.description.world.wind import (
     compute_direction,
     compute_dryden_scales,
     compute_mean_wind,

@@ -23,12 +23,12 @@ from skywright.core.types import (
     TASK_VELOCITY,
     TASK_VISUAL,
 )
+from skywright.description.robot.limbs import SIDES
+from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.bimanual import Bar, compute_bar_hands
-from skywright.robots.limbs import SIDES
 from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration, quintic
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 Table = NDArray[Any]

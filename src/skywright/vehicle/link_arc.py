@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.limbs import list_joints, list_limbs
+from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import KINEMATICS, fill_kinematics, posture
-from skywright.robots.limbs import list_joints, list_limbs
-from skywright.robots.spec import Robot
 from skywright.vehicle.rest_to_rest import duration, quintic
 
 Array = NDArray[np.float64]

@@ -19,6 +19,8 @@ from skywright.control.registry import CASCADED, Law, load_arms_law
 from skywright.core.rotations import exp_so3, quat_to_rot
 from skywright.core.streams import build_stream
 from skywright.core.types import BELIEF, SAMPLE
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import Pipe, World
 from skywright.errors import InputError, SimulationError
 from skywright.estimation.localisation.calibration import Calibration
 from skywright.estimation.registry import (
@@ -44,7 +46,6 @@ from skywright.models.rigid_body import (
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, Scene, build_scene, home_pose
 from skywright.models.things import BENCH
-from skywright.robots.spec import Robot
 from skywright.sim.gnss import GNSS_NOISE, fill_gnss
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
@@ -65,7 +66,6 @@ from skywright.vehicle.tick import (
     tick_inertial,
     tick_law,
 )
-from skywright.worlds.spec import Pipe, World
 
 Array = NDArray[np.float64]
 

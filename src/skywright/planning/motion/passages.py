@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.description.world.scenario import Structures, get_structures
+from skywright.description.world.spec import Tube, World
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.connect import draw_coordinates
 from skywright.planning.motion.distance import segment_segment
@@ -20,8 +22,6 @@ from skywright.planning.motion.edges import place_shapes, state_clearance
 from skywright.planning.motion.pairs import PAIR_SELF
 from skywright.planning.motion.rng import State, build_state
 from skywright.planning.motion.space import Record, Space, build_scratch
-from skywright.worlds.scenario import Structures, get_structures
-from skywright.worlds.spec import Tube, World
 
 Array = NDArray[np.float64]
 

@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.description.robot.limbs import SIDES
+from skywright.description.robot.spec import Robot
+from skywright.description.world.scenario import get_structures
+from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.kinematic_tree import PlanningScene, build_planning_scene
 from skywright.models.scene import build_scene
 from skywright.planning.motion.space import Carried, Coordinate, Space, build_space
-from skywright.robots.limbs import SIDES
-from skywright.robots.spec import Robot
-from skywright.worlds.scenario import get_structures
-from skywright.worlds.spec import World
 
 Array = NDArray[np.float64]
 

@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.streams import build_stream
+from skywright.description.robot.spec import Robot
 from skywright.errors import InfeasibleError, InputError
 from skywright.models.planar import build_planar_lrm
 from skywright.models.planar_lrm import PlanarLrm
@@ -24,7 +25,6 @@ from skywright.planning.motion.swing import add_bar, build_swing, compute_period
 from skywright.planning.motion.timing import Timed, TimeLimits, assign_times
 from skywright.planning.motion.transit import describe_pair
 from skywright.planning.motion.transport import TransportProblem
-from skywright.robots.spec import Robot
 
 Array = NDArray[np.float64]
 

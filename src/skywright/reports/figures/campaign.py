@@ -10,8 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from skywright.evaluation.rows import Row
-from skywright.evaluation.verdict import LIMIT_USE, Verdict, add_limit_use
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -23,6 +21,8 @@ from skywright.reports.figures.style import (
     WIDTH,
     new_figure,
 )
+from skywright.run.rows import Row
+from skywright.run.verdict import LIMIT_USE, Verdict, add_limit_use
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,9 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from skywright.evaluation.comparison import Comparison, Side
+from skywright.description.world.spec import Pipe
 from skywright.models.reach import PLATFORM_MARGIN
+from skywright.reports.comparison import Comparison, Side
 from skywright.reports.figures.style import (
     BLUE,
     GREY,
@@ -23,7 +24,6 @@ from skywright.reports.figures.style import (
     new_figure,
 )
 from skywright.reports.outlines import move, outline_robot
-from skywright.worlds.spec import Pipe
 
 COLOURS = (BLUE, ORANGE)
 

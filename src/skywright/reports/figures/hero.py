@@ -11,7 +11,7 @@ from skywright.reports.still import render_run
 from skywright.reports.weld_map import draw_weld_map
 
 if TYPE_CHECKING:
-    from skywright.evaluation.run import RunResult
+    from skywright.run.run import RunResult
 
 DPI = 125
 

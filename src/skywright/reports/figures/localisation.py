@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.evaluation.metrics import OUTAGE
 from skywright.reports.figures.style import BLUE, WIDTH, draw_line, new_figure
+from skywright.run.metrics import OUTAGE
 
 if TYPE_CHECKING:
-    from skywright.evaluation.run import RunResult
+    from skywright.run.run import RunResult
 
 SHADE = "#f6e3d5"
 CAPTION = (

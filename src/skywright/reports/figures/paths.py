@@ -10,6 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from skywright.description.world.scenario import get_structures
+from skywright.description.world.surface import build_cylinder
 from skywright.models.rigid_body import posture
 from skywright.reports.figures.style import (
     BLACK,
@@ -32,11 +34,9 @@ from skywright.reports.outlines import (
     outline_structure,
     outline_tube,
 )
-from skywright.worlds.scenario import get_structures
-from skywright.worlds.surface import build_cylinder
 
 if TYPE_CHECKING:
-    from skywright.evaluation.run import RunResult
+    from skywright.run.run import RunResult
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]

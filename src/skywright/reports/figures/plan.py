@@ -21,7 +21,7 @@ from skywright.reports.figures.style import (
 )
 
 if TYPE_CHECKING:
-    from skywright.evaluation.run import RunResult
+    from skywright.run.run import RunResult
 
 Array = NDArray[np.float64]
 

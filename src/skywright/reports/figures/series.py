@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from skywright.evaluation.metrics import quat_angle
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -28,9 +27,10 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
+from skywright.run.metrics import quat_angle
 
 if TYPE_CHECKING:
-    from skywright.evaluation.run import RunResult
+    from skywright.run.run import RunResult
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]

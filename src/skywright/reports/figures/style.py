@@ -21,10 +21,10 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from skywright.errors import InputError
-from skywright.missions.flight import PhaseRecord
+from skywright.run.flight import PhaseRecord
 
 if TYPE_CHECKING:
-    from skywright.evaluation.run import RunResult
+    from skywright.run.run import RunResult
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,246 @@
+"""A campaign from start to end: check, open the folder, fly what is missing, judge, write."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from skywright.analysis.campaign.local import choose_workers, count_cores, fly_local
+from skywright.analysis.campaign.progress import CampaignProgress
+from skywright.analysis.campaign.runner import INTERRUPTED, RECORD, Task
+from skywright.analysis.campaign.spec import (
+    Campaign,
+    build_identity,
+    check_variations,
+    collect_code_versions,
+    draw_run,
+    load_run,
+    write_command,
+)
+from skywright.analysis.campaign.store import (
+    PAGE,
+    RESULTS,
+    Store,
+    compare_identity,
+    write_parquet,
+)
+from skywright.errors import InputError
+from skywright.models.capability import check_can_fly
+from skywright.run.rows import Row
+from skywright.run.verdict import GO, Verdict, build_verdict
+from skywright.run.warm_up import is_compiled
+
+MOST = 1_000_000
+"""Runs of one campaign."""
+
+TARGET = 0.9
+"""Success rate that an inspection needs unless told otherwise."""
+
+
+class CampaignResult(NamedTuple):
+    """A campaign's rows in order of their runs, and what they say."""
+
+    rows: list[Row]
+    verdict: Verdict
+    folder: Path
+    wall_s: float
+    """Of this call; runs that were there already cost nothing."""
+    interrupted: bool
+
+    @property
+    def exit_code(self) -> int:
+        """0 when every run met every requirement or the target is shown; else 1."""
+        v = self.verdict
+        good = v.answer == GO or v.succeeded == v.runs
+        return 0 if good and not self.interrupted else 1
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the keys of `skywright campaign --json`."""
+        v = self.verdict
+        return {
+            "runs": v.runs,
+            "succeeded": v.succeeded,
+            "success_rate": v.rate,
+            "interval": list(v.interval),
+            "failures": [
+                {
+                    "run": row.run,
+                    "seed": row.seed,
+                    "requirement": row.requirement,
+                    "varied": row.varied,
+                }
+                for row in self.rows
+                if not row.succeeded
+            ],
+            "wall_s": self.wall_s,
+        }
+
+
+def run_campaign(
+    campaign: Campaign,
+    runs: int,
+    *,
+    out: Path | None = None,
+    workers: int | None = None,
+    ray: str | None = None,
+    record: str = "none",
+    target: float = TARGET,
+    progress: bool = False,
+) -> CampaignResult:
+    """Fly the runs that are missing, write Parquet and page, and return all rows.
+
+    `workers` processes fly on this machine (default: all cores); `ray` is "local" or the address
+    of a Ray cluster. `record` ("none", "failed", "all") keeps run directories under `runs/`.
+    `out` may hold the same campaign, unfinished or with fewer runs: it is continued. With more
+    runs, all of them are judged: nothing that was flown is lost.
+    Raises InputError before anything flies, and when the folder cannot be written any more;
+    finished runs are then in the folder.
+    """
+    start = time.perf_counter()
+    _check(campaign, runs, record, target)
+    count = choose_workers(workers, runs) if ray is None else _check_ray_workers(ray, workers)
+    check_variations(campaign, runs)
+    identity = build_identity(campaign)
+    folder = choose_folder(campaign, identity) if out is None else out
+    store = Store(folder, identity)
+    interrupted = False
+    try:
+        missing = [i for i in range(runs) if i not in store.rows]
+        done = [store.rows[i] for i in range(runs) if i in store.rows]
+        bad = sum(not row.succeeded for row in done)
+        bar = CampaignProgress(runs, len(done), bad, quiet=not progress)
+        try:
+            beyond = len(store.rows) - len(done)
+            if beyond:
+                bar.say(f"{folder} holds {beyond} runs beyond --runs {runs}; all are judged")
+            if missing and not is_compiled():
+                bar.say("compiling (first run on this machine, about 40 s) ...")
+            tasks = _iterate_tasks(campaign, missing, record, folder)
+            with closing(_fly(tasks, count, ray)) as rows:
+                for row in rows:
+                    if row.outcome == INTERRUPTED:
+                        raise InputError(
+                            f"run {row.run} could not be recorded: {row.reason}; {len(store.rows)} "
+                            "finished runs are kept, the same command continues"
+                        )
+                    store.append(row)
+                    bar.on_row(row)
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            bar.close()
+        found = [row for _, row in sorted(store.rows.items())]
+        if not found:
+            raise KeyboardInterrupt
+        flown = len(found) - beyond - len(done)
+        wall = time.perf_counter() - start
+        return _conclude(campaign, store, identity, found, runs, flown, target, wall, interrupted)
+    finally:
+        store.close()
+
+
+def choose_folder(campaign: Campaign, identity: dict[str, Any]) -> Path:
+    """Choose `campaigns/<mission>`, numbered on until it is free or holds this campaign."""
+    base = Path("campaigns") / campaign.base.mission.name
+    folder, i = base, 1
+    while folder.exists() and compare_identity(folder, identity) is not None:
+        i += 1
+        folder = base.with_name(f"{base.name}-{i}")
+    return folder
+
+
+def _check(campaign: Campaign, runs: int, record: str, target: float) -> None:
+    if not 1 <= runs <= MOST:
+        raise InputError(f"--runs {runs}: at least 1 is needed (and at most {MOST})")
+    if record not in RECORD:
+        raise InputError(f"--record {record!r}: valid: {', '.join(RECORD)}")
+    if not 0.0 < target < 1.0:
+        raise InputError(f"--target {target:g}: a rate between 0 and 1 is needed, e.g. 0.9")
+    if not campaign.base.mission.requirements:
+        raise InputError(
+            f"{campaign.mission}: the mission has no [mission.requirements]; a campaign counts "
+            "the runs that meet them"
+        )
+    if not any(v.key.startswith(("robot.", "mission.robot")) for v in campaign.variations):
+        check_can_fly(campaign.base.robot, campaign.base.world.gravity_mps2)
+
+
+def _check_ray_workers(ray: str, workers: int | None) -> int | None:
+    from skywright.analysis.campaign.cluster import check_address
+
+    check_address(ray)
+    if workers is None:
+        return None
+    if ray != "local":
+        raise InputError("--workers: the cluster at --ray ADDRESS decides; leave it out")
+    if not 1 <= workers <= count_cores():
+        return choose_workers(workers, 1)  # raises
+    return workers
+
+
+def _iterate_tasks(
+    campaign: Campaign, missing: list[int], record: str, folder: Path
+) -> Iterator[Task]:
+    """Build tasks one by one, as workers ask for them."""
+    for run in missing:
+        one = draw_run(campaign, run)
+        command = write_command(campaign, one)
+        runs_folder = str((folder / "runs").resolve())
+        try:
+            description, refused = load_run(campaign, one), ""
+        except InputError as error:  # values that each are valid, but not together
+            description, refused = campaign.base, str(error)
+        yield Task(one, description, command, record, runs_folder, refused)
+
+
+def _fly(tasks: Iterator[Task], workers: int | None, ray: str | None) -> Generator[Row, None, None]:
+    """Fly on this machine or on a cluster."""
+    if ray is None:
+        assert workers is not None
+        yield from fly_local(tasks, workers, warm_first=not is_compiled())
+        return
+    from skywright.analysis.campaign import cluster
+
+    following = next(tasks, None)
+    if following is None:
+        return
+    cluster.connect(ray, workers)
+    try:
+        yield from cluster.fly_cluster(_chain(following, tasks))
+    finally:
+        cluster.disconnect()
+
+
+def _chain(first: Task, rest: Iterator[Task]) -> Iterator[Task]:
+    yield first
+    yield from rest
+
+
+def _conclude(
+    campaign: Campaign,
+    store: Store,
+    identity: dict[str, Any],
+    rows: list[Row],
+    runs: int,
+    flown: int,
+    target: float,
+    wall: float,
+    interrupted: bool,
+) -> CampaignResult:
+    """Judge the rows and write Parquet and page."""
+    from skywright.reports.campaign import Facts, write_campaign_page
+
+    base = campaign.base
+    keys = [v.key for v in campaign.variations]
+    verdict = build_verdict(rows, keys, base.mission.requirements, target)
+    facts = Facts(
+        base.mission.name, base.mission.description, base.robot.name, base.world.name,
+        campaign.seed, runs, {v.key: v.text for v in campaign.variations}, campaign.sets, flown,
+        wall, collect_code_versions(),
+    )  # fmt: skip
+    store.write(RESULTS, lambda path: write_parquet(rows, path, identity))
+    store.write(PAGE, lambda path: write_campaign_page(path, rows, verdict, facts))
+    return CampaignResult(rows, verdict, store.folder, wall, interrupted)

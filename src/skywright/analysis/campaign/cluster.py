@@ -1,0 +1,141 @@
+"""Runs on a Ray cluster (optional extra `cluster`): `--ray local` or an address.
+
+The rows are those of the local executor: a run depends on its description and seed only. A run
+whose worker dies is tried again elsewhere, as often as locally. Machines of a cluster need the
+same version of this program; one with another is refused, because its rows would differ.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import os
+import socket
+from collections.abc import Generator, Iterator
+from typing import Any
+
+from skywright.analysis.campaign.local import ATTEMPTS, ONE_THREAD
+from skywright.analysis.campaign.runner import Task, build_failed_row, fly_row
+from skywright.analysis.campaign.spec import collect_code_versions
+from skywright.errors import InputError
+from skywright.run.rows import Row
+
+AHEAD = 2
+"""Runs handed over for each core, so that no core waits for the next."""
+
+
+PATIENCE_S = 10.0
+"""Time that a cluster has to answer."""
+
+
+def check_address(address: str) -> None:
+    """Raise InputError where Ray is not installed or nothing answers at an address with a port."""
+    if importlib.util.find_spec("ray") is None:
+        raise InputError(
+            "--ray needs Ray, which is not installed: pip install 'skywright[cluster]'"
+        )
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if address in ("local", "auto"):
+        return
+    valid = "valid: local, or HOST:PORT as `ray start --head` prints it"
+    if not colon or not port.isdecimal():
+        raise InputError(f"--ray {address!r}: is no address; {valid}")
+    try:  # Ray itself would try for more than a minute
+        socket.create_connection((host, int(port)), timeout=PATIENCE_S).close()
+    except (OSError, OverflowError) as error:
+        raise InputError(f"--ray {address}: no cluster there ({error}); {valid}") from None
+
+
+def connect(address: str, workers: int | None) -> None:
+    """Start a Ray of this machine (`local`) or join the cluster at `address`.
+
+    Raises InputError where that fails.
+    """
+    os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent anywhere
+    import ray
+
+    options: dict[str, Any] = {
+        "logging_level": logging.ERROR,
+        "log_to_driver": False,
+        "runtime_env": {"env_vars": ONE_THREAD},
+    }
+    try:
+        if address == "local":
+            ray.init("local", num_cpus=workers, include_dashboard=False, **options)
+        else:
+            ray.init(address, **options)
+    except Exception as error:  # Ray raises a different one for each kind of wrong address
+        reason = " ".join(str(error).split())
+        raise InputError(f"--ray {address}: cannot be joined ({reason})") from None
+
+
+def disconnect() -> None:
+    """Leave the cluster; a local one ends."""
+    import ray
+
+    ray.shutdown()
+
+
+def count_cluster_cores() -> int:
+    """Cores of the connected cluster."""
+    import ray
+
+    return max(int(ray.cluster_resources().get("CPU", 1)), 1)
+
+
+def fly_row_if_same(task: Task, versions: dict[str, str]) -> Row | dict[str, str]:
+    """Fly one run, or return this machine's versions where they are not the campaign's."""
+    mine = collect_code_versions()
+    return fly_row(task) if mine == versions else mine
+
+
+def fly_cluster(tasks: Iterator[Task]) -> Generator[Row, None, None]:
+    """Fly tasks on the connected cluster; rows come as they finish.
+
+    Closing the iterator cancels what is in flight.
+    """
+    import ray
+    from ray.exceptions import RayError
+
+    versions = collect_code_versions()
+    remote = ray.remote(num_cpus=1, max_retries=0)(fly_row_if_same)
+    flying: dict[Any, tuple[Task, int]] = {}
+    again: list[tuple[Task, int]] = []
+    exhausted = False
+    try:
+        while True:
+            while len(flying) < AHEAD * count_cluster_cores() and not (exhausted and not again):
+                if again:
+                    task, attempt = again.pop()
+                else:
+                    following = next(tasks, None)
+                    if following is None:
+                        exhausted = True
+                        continue
+                    task, attempt = following, 1
+                flying[remote.remote(task, versions)] = (task, attempt)
+            if not flying:
+                return
+            ready, _ = ray.wait(list(flying), num_returns=1)
+            for reference in ready:
+                task, attempt = flying.pop(reference)
+                try:
+                    row = ray.get(reference)
+                except RayError as error:
+                    if attempt < ATTEMPTS:
+                        again.append((task, attempt + 1))
+                        continue
+                    kind = type(error).__name__
+                    reason = f"the worker process died {attempt} times ({kind})"
+                    row = build_failed_row(task, "crashed", reason)
+                if not isinstance(row, Row):
+                    other = {k: row.get(k) for k in versions if row.get(k) != versions[k]}
+                    raise InputError(
+                        f"--ray: a machine of the cluster runs other versions: {other}; here "
+                        f"{ {k: versions[k] for k in other} }: rows would not be comparable"
+                    )
+                yield row._replace(attempts=attempt)
+    finally:
+        for reference in flying:
+            ray.cancel(reference, force=True)

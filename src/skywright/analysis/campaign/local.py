@@ -1,0 +1,139 @@
+"""Runs on this machine: one warm process a worker, one run at a time in each.
+
+A worker that dies is known at once by its closed connection, and with it exactly the one run that
+it was flying. That run is tried again in a fresh process, because a worker is more often killed
+(memory, an administrator) than brought down by its run.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Generator, Iterator
+from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection, wait
+from typing import NamedTuple
+
+from skywright.analysis.campaign.runner import Task, build_failed_row
+from skywright.errors import InputError
+from skywright.run.rows import Row
+
+ATTEMPTS = 3
+"""Times that a run may take its worker down before it becomes a row."""
+
+ONE_THREAD = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+}
+"""Workers share the cores: a library's own threads would only get in each other's way."""
+
+
+def count_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def choose_workers(workers: int | None, runs: int) -> int:
+    """Number of workers: all cores unless told; never more than runs. Raises InputError."""
+    cores = count_cores()
+    if workers is None:
+        return max(min(cores, runs), 1)
+    if not 1 <= workers <= cores:
+        raise InputError(
+            f"--workers {workers}: this machine has {cores} cores that may be used; valid: "
+            f"1 to {cores} (more than one machine: --ray ADDRESS)"
+        )
+    return max(min(workers, runs), 1)
+
+
+class _Worker(NamedTuple):
+    process: subprocess.Popen[bytes]
+    connection: Connection
+
+
+def fly_local(
+    tasks: Iterator[Task], workers: int, *, warm_first: bool = False
+) -> Generator[Row, None, None]:
+    """Fly tasks on `workers` processes; rows come as they finish.
+
+    With `warm_first` one worker flies the first run alone, so that code is compiled once.
+    Closing the iterator stops the workers and drops what they are flying.
+    """
+    idle: list[_Worker] = []
+    busy: dict[Connection, tuple[_Worker, Task, int]] = {}
+    again: list[tuple[Task, int]] = []
+    wanted = 1 if warm_first else workers
+    exhausted = False
+    try:
+        while True:
+            while len(busy) < wanted and not (exhausted and not again):
+                if again:
+                    task, attempt = again.pop()
+                else:
+                    following = next(tasks, None)
+                    if following is None:
+                        exhausted = True
+                        continue
+                    task, attempt = following, 1
+                worker = idle.pop() if idle else _start_worker()
+                with suppress(BrokenPipeError, ConnectionResetError):  # dead: wait() tells
+                    worker.connection.send(task)
+                busy[worker.connection] = (worker, task, attempt)
+            if not busy:
+                return
+            for connection in wait(list(busy)):
+                assert isinstance(connection, Connection)
+                worker, task, attempt = busy.pop(connection)
+                try:
+                    row: Row = connection.recv()
+                except (EOFError, OSError):
+                    why = _stop_worker(worker)
+                    if attempt < ATTEMPTS:
+                        again.append((task, attempt + 1))
+                        continue
+                    reason = f"the worker process died {attempt} times ({why})"
+                    row = build_failed_row(task, "crashed", reason)
+                else:
+                    idle.append(worker)
+                wanted = workers
+                yield row._replace(attempts=attempt)
+    finally:
+        for worker in [*idle, *(entry[0] for entry in busy.values())]:
+            _stop_worker(worker, kill=True)
+
+
+def _start_worker() -> _Worker:
+    ours, theirs = Pipe()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "skywright.analysis.campaign.worker", str(theirs.fileno())],
+        pass_fds=[theirs.fileno()],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,  # a user's law may print; standard output is for --json
+        stderr=subprocess.DEVNULL,  # and standard error shows the progress
+        env={**os.environ, **ONE_THREAD},
+    )
+    theirs.close()
+    return _Worker(process, ours)
+
+
+def _stop_worker(worker: _Worker, kill: bool = False) -> str:
+    """End a worker and say how it ended."""
+    worker.connection.close()
+    if kill:
+        worker.process.kill()
+    try:
+        code = worker.process.wait(timeout=5.0)
+    except subprocess.TimeoutExpired:
+        worker.process.kill()
+        code = worker.process.wait()
+    if code < 0:
+        with suppress(ValueError):
+            return signal.Signals(-code).name
+    return f"exit code {code}"

@@ -1,0 +1,64 @@
+"""Progress of a campaign on standard error."""
+
+from __future__ import annotations
+
+import time
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from skywright.run.rows import Row
+
+LINE_S = 30.0
+"""Seconds between two lines where standard error is no terminal."""
+
+
+class CampaignProgress:
+    """A bar on a terminal; elsewhere a line every half minute. `quiet` writes nothing."""
+
+    def __init__(self, runs: int, done: int, failed: int, *, quiet: bool = False) -> None:
+        """`done` and `failed` runs are there already, from an earlier start."""
+        self._console = Console(stderr=True, highlight=False)
+        self._quiet, self._runs, self._done, self._failed = quiet, runs, done, failed
+        self._told = time.perf_counter()
+        self._bar: Progress | None = None
+        if quiet:
+            return
+        if done:
+            self.say(f"{done} of {runs} runs are there already")
+        if self._console.is_terminal:
+            self._bar = Progress(
+                TextColumn("{task.completed:.0f} of {task.total:.0f} runs"),
+                BarColumn(bar_width=30),
+                TextColumn("{task.fields[failed]} failed"),
+                TimeRemainingColumn(compact=True),
+                console=self._console,
+                transient=True,
+            )
+            self._task = self._bar.add_task("", total=runs, completed=done, failed=failed)
+            self._bar.start()
+
+    def say(self, text: str) -> None:
+        """Write one line."""
+        if not self._quiet:
+            self._console.print(text, markup=False)
+
+    def on_row(self, row: Row) -> None:
+        """A run is finished."""
+        self._done += 1
+        self._failed += not row.succeeded
+        if self._quiet:
+            return
+        if row.attempts > 1:
+            self.say(f"run {row.run}: a worker process died, flown again")
+        if self._bar is not None:
+            self._bar.update(self._task, completed=self._done, failed=self._failed)
+        elif time.perf_counter() - self._told > LINE_S:
+            self._told = time.perf_counter()
+            self.say(f"{self._done} of {self._runs} runs, {self._failed} failed")
+
+    def close(self) -> None:
+        """Remove the bar."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None

@@ -1,0 +1,215 @@
+"""The folder of a campaign: identity, journal and, at the end, Parquet.
+
+Each finished run is appended to `runs.jsonl` at once and forced to disk, so that whatever ends a
+campaign costs at most the runs in flight. The same command continues where it stopped.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import math
+import os
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from skywright.errors import InputError
+from skywright.run.rows import Row
+
+IDENTITY = "campaign.json"
+JOURNAL = "runs.jsonl"
+RESULTS = "results.parquet"
+PAGE = "campaign.html"
+
+
+_CHANGED = {
+    "description": "the mission's files",
+    "values": "the values of a CSV file",
+    "law": "the file of a control law, or of a robot or world that varies",
+}
+"""Parts of an identity that are hashes, in words."""
+
+
+class Store:
+    """An open campaign folder; a lock on the journal keeps a second writer out."""
+
+    def __init__(self, folder: Path, identity: dict[str, Any]) -> None:
+        """Open `folder` for the campaign with this identity, making it where it is missing.
+
+        Raises InputError when it holds something else, is in use, or cannot be written.
+        """
+        self.folder, self.rows = folder, dict[int, Row]()
+        check_folder(folder, identity)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if not (folder / IDENTITY).exists():
+                text = json.dumps(identity, indent=2) + "\n"
+                self.write(IDENTITY, lambda path: path.write_text(text, encoding="utf-8"))
+            self._file: BinaryIO = (folder / JOURNAL).open("ab")
+        except OSError as error:
+            raise InputError(f"cannot write into {folder}: {error.strerror or error}") from None
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._file.close()
+            raise InputError(f"{folder}: another process is flying this campaign") from None
+        self.rows = {row.run: row for row in self._load_journal()}
+
+    def append(self, row: Row) -> None:
+        """Add a finished run. Raises InputError when the disk does not take it."""
+        line = json.dumps(encode_row(row), allow_nan=False) + "\n"
+        try:
+            self._file.write(line.encode())
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise InputError(self._explain(JOURNAL, error)) from None
+        self.rows[row.run] = row
+
+    def write(self, name: str, write: Callable[[Path], object]) -> Path:
+        """Write one file of the folder under another name and rename it when it is complete."""
+        path = self.folder / name
+        partial = path.with_name(name + ".partial")
+        try:
+            write(partial)
+            partial.replace(path)
+        except OSError as error:
+            partial.unlink(missing_ok=True)
+            raise InputError(self._explain(name, error)) from None
+        return path
+
+    def close(self) -> None:
+        """Release the folder."""
+        with suppress(OSError):  # what could not be written was told when it was appended
+            self._file.close()
+
+    def _explain(self, name: str, error: OSError) -> str:
+        return (
+            f"cannot write {self.folder / name}: {error.strerror or error}; {len(self.rows)} "
+            "finished runs are kept, the same command continues"
+        )
+
+    def _load_journal(self) -> list[Row]:
+        """Read the rows and cut off a last line that was never finished."""
+        path = self.folder / JOURNAL
+        data = path.read_bytes()
+        complete = data.rfind(b"\n") + 1
+        if complete < len(data):
+            os.truncate(path, complete)
+        rows = []
+        for number, line in enumerate(data[:complete].splitlines(), start=1):
+            try:
+                rows.append(decode_row(json.loads(line)))
+            except (ValueError, TypeError, KeyError, AttributeError) as error:
+                raise InputError(
+                    f"{path}, line {number}: is damaged ({error}); remove the line to fly that "
+                    "run again"
+                ) from None
+        return rows
+
+
+def check_folder(folder: Path, identity: dict[str, Any]) -> None:
+    """Refuse a folder that holds something else. Raises InputError saying what differs."""
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise InputError(f"{folder}: is a file; give another --out")
+    if not any(folder.iterdir()):
+        return
+    differs = compare_identity(folder, identity)
+    if differs is not None:
+        raise InputError(f"{folder}: {differs}; give another --out")
+
+
+def compare_identity(folder: Path, identity: dict[str, Any]) -> str | None:
+    """Say how the campaign in a folder differs from this one; None if it is the same."""
+    path = folder / IDENTITY
+    if not path.is_file():
+        return "is not empty and holds no campaign"
+    try:
+        old = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        return f"{IDENTITY} cannot be read ({error})"
+    if not isinstance(old, dict):
+        return f"{IDENTITY} is damaged"
+    if old == identity:
+        return None
+    for name in identity:
+        a, b = old.get(name), identity[name]
+        if a == b:
+            continue
+        if name == "versions":
+            return "holds this campaign, flown by another version of the program"
+        if name in _CHANGED:
+            return f"holds another campaign: {_CHANGED[name]} changed since"
+        return f"holds another campaign: its {name} is {json.dumps(a)}, not {json.dumps(b)}"
+    return "holds another campaign"
+
+
+def encode_row(row: Row) -> dict[str, Any]:
+    """Turn a row into what JSON can hold; NaN becomes null."""
+    out = row._asdict()
+    out["failed"] = list(row.failed)
+    for name in ("metrics", "timing"):
+        out[name] = {k: v if math.isfinite(v) else None for k, v in out[name].items()}
+    return out
+
+
+def decode_row(data: dict[str, Any]) -> Row:
+    """The inverse of `encode_row`."""
+    data = dict(data)
+    data["failed"] = tuple(data["failed"])
+    for name in ("metrics", "timing"):
+        data[name] = {k: math.nan if v is None else float(v) for k, v in data[name].items()}
+    return Row(**data)
+
+
+def write_parquet(rows: Sequence[Row], path: Path, identity: dict[str, Any]) -> None:
+    """Write one row a run: seed, outcome, varied keys and metrics by name, timing, command.
+
+    Keys of the description and metrics keep their dotted names; "not measured" is null. The
+    identity of the campaign is in the file's metadata under `skywright.campaign`.
+    """
+    import pyarrow
+    import pyarrow.parquet
+
+    def gather(name: str) -> list[str]:
+        return list(dict.fromkeys(key for row in rows for key in getattr(row, name)))
+
+    columns: dict[str, Any] = {
+        "run": pyarrow.array([r.run for r in rows], pyarrow.int64()),
+        "seed": pyarrow.array([r.seed for r in rows], pyarrow.int64()),
+        "outcome": pyarrow.array([r.outcome for r in rows], pyarrow.string()),
+        "requirement": pyarrow.array([r.requirement or None for r in rows], pyarrow.string()),
+        "failed": pyarrow.array([list(r.failed) for r in rows], pyarrow.list_(pyarrow.string())),
+        "reason": pyarrow.array([r.reason for r in rows], pyarrow.string()),
+    }
+    for key in gather("varied"):
+        columns[key] = _build_column([r.varied.get(key) for r in rows])
+    for key in sorted(gather("metrics")):
+        columns[key] = _build_column([r.metrics.get(key, math.nan) for r in rows])
+    columns["attempts"] = pyarrow.array([r.attempts for r in rows], pyarrow.int64())
+    for key in gather("timing"):
+        columns[f"timing.{key}"] = _build_column([r.timing.get(key, math.nan) for r in rows])
+    columns["command"] = pyarrow.array([r.command for r in rows], pyarrow.string())
+    table = pyarrow.table(columns).replace_schema_metadata(
+        {"skywright.campaign": json.dumps(identity)}
+    )
+    pyarrow.parquet.write_table(table, path)
+
+
+def _build_column(values: Iterable[Any]) -> Any:
+    import pyarrow
+
+    cells = [None if isinstance(v, float) and not math.isfinite(v) else v for v in values]
+    known = [v for v in cells if v is not None]
+    kinds = {type(v) for v in known}
+    if kinds <= {bool} and known:
+        return pyarrow.array(cells, pyarrow.bool_())
+    if kinds == {int}:
+        return pyarrow.array(cells, pyarrow.int64())
+    if kinds <= {int, float}:
+        return pyarrow.array([None if v is None else float(v) for v in cells], pyarrow.float64())
+    return pyarrow.array([None if v is None else str(v) for v in cells], pyarrow.string())

@@ -1,0 +1,32 @@
+"""A local worker process: `python -m skywright.analysis.campaign.worker FD`.
+
+Takes tasks from a connection and answers with rows until the other end is gone. A fresh
+interpreter, not a fork: threads of the parent (numba, BLAS, a notebook) do not survive a fork.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from multiprocessing.connection import Connection
+
+
+def main() -> None:
+    """Serve the connection whose file descriptor is the first argument."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    connection = Connection(int(sys.argv[1]))
+    from skywright.analysis.campaign.runner import fly_row
+
+    while True:
+        try:
+            task = connection.recv()
+        except (EOFError, OSError):
+            return  # the parent is gone, or has no more work
+        try:
+            connection.send(fly_row(task))
+        except (BrokenPipeError, ConnectionResetError):
+            return
+
+
+if __name__ == "__main__":
+    main()

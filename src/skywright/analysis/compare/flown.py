@@ -1,0 +1,176 @@
+"""What is measured by flying: collisions, and how well the tip keeps its place in wind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from skywright.analysis.compare.geometry import PipeDistance
+from skywright.core.types import TASK_POSITION
+from skywright.description.loader import Description, load_description
+from skywright.description.robot.limbs import list_joints
+from skywright.errors import SkywrightError
+from skywright.models.compliant_arms import find_hands
+from skywright.models.rigid_body import build_body_model
+from skywright.reports.comparison import Collision, Hover, Install
+from skywright.run.metrics import in_phases
+from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.vehicle.guard import LOST_CONTROL
+from skywright.vehicle.interface import Arms, Uav, WholeBody
+from skywright.vehicle.simulated import SimulatedVehicle
+
+Array = NDArray[np.float64]
+Step = Callable[[str], None]
+
+WINDS = (0.0, 1.0, 2.0, 3.0)  # m/s
+HEIGHT = 2.5  # m
+SETTLE_S, WATCH_S = 8.0, 15.0
+
+
+class _Lost(Exception):
+    """The robot no longer follows its reference."""
+
+
+class Still(NamedTuple):
+    """A hover: rms distances from their places (NaN: control was lost), and the springs' mean."""
+
+    tip: float  # m
+    platform: float  # m
+    deflection: Array  # (n_joints,) rad
+
+
+def fly_collisions(robot: str, springs: bool, link: bool, step: Step) -> list[Collision]:
+    """Fly `impact` with a hand, where there are springs first without, and with a passive link."""
+    what = [*["hand, stiff joints"] * springs, "hand", *["passive link"] * link]
+    out = []
+    for name in what:
+        step(f"{robot}: collision, {name}")
+        sets = {
+            "mission.task.joints": "stiff" if "stiff" in name else "compliant",
+            "mission.task.part": "link" if "link" in name else "arm",
+        }
+        try:
+            result = fly_and_evaluate(load_description("impact", robot, sets=sets))
+        except SkywrightError as error:
+            out.append(Collision(name, {}, str(error)))
+            continue
+        met = {k: v for k, v in result.metrics.items() if k.startswith("impact.")}
+        out.append(Collision(name, met, "" if met else result.reason or "nothing was touched"))
+    return out
+
+
+def fly_install(d: Description, step: Step) -> Install:
+    """Fly sensor-install and ask for the distances to the pipe between take-off and landing."""
+    step(f"{d.robot.name}: sensor-install")
+    try:
+        result = fly_and_evaluate(d)
+    except SkywrightError as error:
+        return Install({}, math.nan, math.nan, str(error))
+    met = {k: v for k, v in result.metrics.items() if math.isfinite(v)}
+    missed = [f"{r.name} {_write(r.value)} {r.unit}".strip()
+              for r in result.requirements if not r.passed]  # fmt: skip
+    reason = result.reason or ("flown, but not met: " + ", ".join(missed) if missed else "")
+    s = result.samples[~in_phases(result.samples, result.phases, "start", "take_off", "land")]
+    if not len(s):
+        return Install(met, math.nan, math.nan, reason)
+    ask, n = PipeDistance(d), len(list_joints(d.robot))
+    R = Rotation.from_quat(np.roll(s["q_WB"], -1, axis=1)).as_matrix()
+    near = [
+        ask(p, np.ascontiguousarray(r), q)
+        for p, r, q in zip(s["p_WB"][::10], R[::10], s["q"][::10, :n].copy(), strict=True)
+    ]
+    propellers, gear = np.min(near, axis=0)
+    return Install(met, float(propellers), float(gear), reason)
+
+
+def fly_hover(robot: str, q: Array, seeds: int, step: Step) -> Hover:
+    """Keep the tip in place for a while in gusty wind (Dryden) of growing mean."""
+    tip = np.full((len(WINDS), seeds), np.nan)
+    platform = np.full((len(WINDS), seeds), np.nan)
+    for i, wind in enumerate(WINDS):
+        for seed in range(seeds):
+            step(f"{robot}: hover in {wind:g} m/s, seed {seed + 1}")
+            tip[i, seed], platform[i, seed] = hover_once(robot, q, wind, seed + 1)
+    return Hover(np.array(WINDS), tip, platform)
+
+
+def hover_once(robot: str, q: Array, wind: float, seed: int) -> tuple[float, float]:
+    """Return the rms distance (m) of tip and of platform from their places; NaN: control lost."""
+    found = hover_in(robot, q, wind, seed, {})
+    return found.tip, found.platform
+
+
+def hover_in(robot: str, q: Array, wind: float, seed: int, sets: dict[str, object]) -> Still:
+    """Hover once in gusty wind of a mean (m/s), with the joints at q (n_joints,) rad."""
+    if wind > 0.0:
+        sets = {**sets, "world.wind": {"kind": "dryden", "mean_mps": wind, "toward_deg": 45.0}}
+    lost = Still(math.nan, math.nan, np.full(len(q), math.nan))
+    d = load_description("waypoints", robot, "open", sets, seed)
+    blocks: list[Any] = []
+    vehicle = build_vehicle(d, blocks.append)
+    try:
+        goal, place = _settle(vehicle, q)
+        vehicle.flush()
+        blocks.clear()
+        _wait(vehicle, WATCH_S)
+        vehicle.flush()
+    except (_Lost, SkywrightError):
+        return lost
+    s = np.concatenate(blocks)
+    at = s["left_p_WH"] if vehicle.plant[0]["positioned"] else s["p_WT"]
+    wound = s["deflection"][:, : len(q)].mean(axis=0)
+    return Still(_rms(at - goal), _rms(s["p_WB"] - place), wound)
+
+
+def _settle(vehicle: SimulatedVehicle, q: Array) -> tuple[Array, Array]:
+    """Take off, bring the arms to q; returns where tip and platform shall stay (3,) m."""
+    uav, arms = Uav(vehicle), Arms(vehicle)
+    _wait(vehicle, 1.0)
+    uav.motors(True)
+    uav.take_off(HEIGHT)
+    _arrive(vehicle)
+    arms.move_to(q)
+    _arrive(vehicle)
+    model = build_body_model(vehicle.robot, vehicle.world.gravity_mps2)
+    row = np.array(vehicle.reference)
+    place = row["p_WB"].copy()
+    goal = place + row["R_WB"] @ find_hands(model, q)[0]
+    if "hands" in vehicle.offers:  # the arms make up for what the platform does
+        row["t"] = 0.0
+        for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "v_WH"):
+            row[field] = 0.0
+        row["task"][0], row["p_WH"][0] = TASK_POSITION, goal
+        WholeBody(vehicle).track(row[None])
+    _wait(vehicle, SETTLE_S)
+    return goal, place
+
+
+def _arrive(vehicle: SimulatedVehicle) -> None:
+    while not _tick(vehicle).arrived:
+        pass
+
+
+def _wait(vehicle: SimulatedVehicle, seconds: float) -> None:
+    end = vehicle.t + seconds
+    while vehicle.t < end - 1e-9:
+        _tick(vehicle)
+
+
+def _tick(vehicle: SimulatedVehicle) -> Any:
+    ticked = vehicle.tick()
+    if ticked.fired & LOST_CONTROL:
+        raise _Lost
+    return ticked
+
+
+def _rms(error: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+
+
+def _write(value: float | None) -> str:
+    return "not measured" if value is None else f"{value:.3g}"

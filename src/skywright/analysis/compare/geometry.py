@@ -1,0 +1,142 @@
+"""What is measured without flying, from shapes: clearance on the way, access, height, balance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.description.loader import Description
+from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.spec import Robot
+from skywright.missions.sensor_install.fly import InstallPlan, list_legs
+from skywright.models.extents import compute_extents, compute_swing_period
+from skywright.models.geometry import ClearanceCore, build_clearance, query_clearance
+from skywright.models.rigid_body import build_body_model, compute_body, posture
+from skywright.models.rotors import build_rotors
+from skywright.models.scene import build_scene
+from skywright.models.statics import UP, build_layout, wrench_at
+from skywright.reports.comparison import Way
+from skywright.reports.kinds import find_task
+from skywright.run.planning import plan_mission
+
+Array = NDArray[np.float64]
+
+STEP = 0.02  # m, along the way
+FAR = 10.0  # m, from which on distances are not resolved
+SHAFT = 0.5  # m, width of the narrow place that a hand is lowered into
+
+
+class PipeDistance:
+    """Distances (m) of propellers with hub and booms, and of landing gear, to the world's pipe."""
+
+    def __init__(self, d: Description) -> None:
+        self._query = build_clearance(build_scene(d.robot, d.world))
+        self._groups = (self._pick("propeller", "hub", "boom"), self._pick("leg", "foot"))
+
+    def _pick(self, *starts: str) -> ClearanceCore:
+        core, names = self._query.core, self._query.names
+        keep = [i for i, (a, b) in enumerate(core.pairs[: core.n_world])
+                if names[a].startswith(starts) and names[b] == "pipe"]  # fmt: skip
+        pairs = np.ascontiguousarray(core.pairs[keep])
+        return core._replace(pairs=pairs, n_world=len(pairs), probe=np.zeros(len(pairs)))
+
+    def __call__(self, p_WB: Array, R_WB: Array, q: Array) -> tuple[float, float]:
+        """Ask at a pose of the platform, p (3,) m and R (3, 3), and joints q (n_joints,) rad."""
+        near, gear = (query_clearance(g, p_WB, R_WB, q, 0.0, FAR)[0] for g in self._groups)
+        return near, gear
+
+
+def measure_way(d: Description) -> Way:
+    """Fly the plan of sensor-install in thought, planned or not, and ask for the distances.
+
+    Raises InputError where the mission is not for this robot.
+    """
+    plan = plan_mission(d)
+    way = plan.task
+    assert isinstance(way, InstallPlan)
+    ask = PipeDistance(d)
+    R = rot_z(way.yaw)
+    p_contact = way.p_near + (way.contact - _hand_below(way, d))
+    legs = [(a, b, q) for _, a, b, q, _ in list_legs(way)]
+    legs.append((way.p_near, p_contact, way.q))
+    flown, rows = 0.0, []
+    for a, b, q in legs:
+        length = float(np.linalg.norm(b - a))
+        for u in np.linspace(0.0, 1.0, max(math.ceil(length / STEP), 1) + 1):
+            p = a + u * (b - a)
+            rows.append([flown + u * length, *ask(p, R, q)])
+        flown += length
+    table = np.array(rows)
+    return Way(table[:, 0], table[:, 1], table[:, 2], plan.blocked_by or "", way.q, p_contact)
+
+
+def _hand_below(way: InstallPlan, d: Description) -> Array:
+    """Where the hand is at the stand-off (3,) m."""
+    task = find_task(d)
+    return np.asarray(way.contact - task.stand_off_m * way.normal)
+
+
+def measure_access(robot: Robot, hang: Array) -> float:
+    """Depth (m) to which the lowest hand goes into a shaft SHAFT wide, arms hanging down.
+
+    The robot is centred over it; what is wider stays above its rim.
+    """
+    _, low, high = compute_extents(robot, hang)
+    wide = np.max(np.maximum(-low[:, :2], high[:, :2]), axis=1) > 0.5 * SHAFT
+    return float(np.min(low[wide, 2]) - np.min(low[:, 2])) if np.any(wide) else math.inf
+
+
+def measure_height(robot: Robot, q: Array) -> float:
+    """Height (m) of the rotor plane above the lowest part, arms at work."""
+    _, low, _ = compute_extents(robot, q)
+    return float(build_rotors(robot.rotors).position[:, 2].mean() - np.min(low[:, 2]))
+
+
+def hang(robot: Robot) -> Array:
+    """Return q (n_joints,) rad with links along -z hanging straight down."""
+    q = posture(robot, "working")
+    for j, limb in enumerate(list_joints(robot)):
+        if limb.link.along == "-z":
+            q[j] = 0.0
+    return q
+
+
+def measure_take_off(robot: Robot) -> tuple[float, float]:
+    """Return how far ahead the centre of mass is on the ground (m), and the most loaded rotor.
+
+    The latter is its share of the largest thrust when all weight is lifted as the robot stands
+    there; above 1 it cannot, and a passive link has to come under the robot on the way up.
+    """
+    model = build_body_model(robot)
+    mass, p_BC, _ = compute_body(model, posture(robot, "landed"))
+    layout = build_layout(build_rotors(robot.rotors), 1.0)
+    thrust = layout.P @ wrench_at(mass * 9.81 * UP, p_BC)
+    return float(math.hypot(p_BC[0], p_BC[1])), float(np.max(thrust / layout.rotors.thrust_max))
+
+
+def measure_agility(robot: Robot, q: Array, torque: Array) -> dict[str, float]:
+    """Return angular accelerations (rad/s^2) that the rotors can give, and the link's period (s).
+
+    `torque` (v, 3) N m are the corners of what the rotors can make at hover. A passive link does
+    not turn with the platform about its joint's axis: there the platform's own inertia counts.
+    """
+    model = build_body_model(robot)
+    mass, p, inertia = compute_body(model, q)
+    about = inertia - mass * (p @ p * np.eye(3) - np.outer(p, p))
+    own = robot.platform.inertia_yy_kgm2
+    out = {
+        "control.roll_radps2": _largest(torque, 0) / float(about[0, 0]),
+        "control.pitch_radps2": _largest(torque, 1)
+        / (own if robot.pendulum is not None else float(about[1, 1])),
+    }
+    if robot.pendulum is not None:
+        out["control.swing_period_s"] = compute_swing_period(robot, q)
+    return out
+
+
+def _largest(torque: Array, axis: int) -> float:
+    """Largest torque (N m) about an axis that can be made in both directions."""
+    return float(min(np.max(torque[:, axis]), -np.min(torque[:, axis])))

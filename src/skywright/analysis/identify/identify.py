@@ -1,0 +1,203 @@
+"""Logs in, parameters out: what `skywright identify` does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.analysis.identify.fit import (
+    CONFIDENCE,
+    Estimate,
+    Fit,
+    compute_misfit,
+    fit_parameters,
+)
+from skywright.analysis.identify.flight_log import FlightLog, load_log
+from skywright.analysis.identify.lag import Lag, fit_rotor_lag, fit_servos
+from skywright.analysis.identify.signals import POSE, Columns, build_columns
+from skywright.core.threads import on_one_thread
+from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
+from skywright.models.rigid_body import build_body_model, compute_body, posture
+
+Array = NDArray[np.float64]
+
+AXES = (
+    "specific_force_x", "specific_force_y", "specific_force_z",
+    "angular_acceleration_x", "angular_acceleration_y", "angular_acceleration_z",
+)  # fmt: skip
+LAGS = (0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08)
+"""s, of the rotors, that are tried where a log holds commands but no speeds."""
+
+
+class Identification(NamedTuple):
+    """What one or more flights say about a robot."""
+
+    robot: Robot
+    logs: list[str]
+    fit: Fit
+    poses: Array  # (poses, joints) rad
+    joints: tuple[str, ...]
+    rotor_lag: Lag | None
+    servos: list[Lag]
+    mass_given: bool
+    notes: list[str]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the command line's `--json` object."""
+        fit, p = self.fit, self.fit.prediction
+        return {
+            "robot": self.robot.name,
+            "logs": self.logs,
+            "samples": fit.samples,
+            "confidence": CONFIDENCE,
+            "mass_kg": fit.mass,
+            "mass_source": "given" if self.mass_given else "robot file",
+            "parameters": {e.parameter.name: _estimate(e) for e in fit.estimates},
+            "poses_deg": [
+                dict(zip(self.joints, np.degrees(q).tolist(), strict=True)) for q in self.poses
+            ],
+            "r_squared": dict(zip(AXES, p.r_squared(p.predicted).tolist(), strict=True)),
+            "r_squared_nominal": dict(zip(AXES, p.r_squared(p.nominal).tolist(), strict=True)),
+            "residual_rms": dict(zip(AXES, fit.noise.tolist(), strict=True)),
+            "rotor_lag": None if self.rotor_lag is None else _lag(self.rotor_lag),
+            "servos": {lag.name: _lag(lag) for lag in self.servos},
+            "not_identified": self.list_unknown(),
+            "notes": self.notes,
+        }
+
+    def list_unknown(self) -> list[str]:
+        """Say one by one what the flights did not tell."""
+        out = []
+        for e in self.fit.estimates:
+            if not e.identified:
+                p = e.parameter
+                width = f"+- {e.would_be:.2g}" if math.isfinite(e.would_be) else "anything"
+                out.append(
+                    f"{p.name}: not excited enough (it could be {width} {p.unit}".rstrip()
+                    + f"); kept at {p.nominal:.4g}"
+                )
+        if self.rotor_lag is None:
+            out.append("rotors' lag: the log lacks their speeds or their commands")
+        elif not self.rotor_lag.identified:
+            out.append(f"rotors' lag: {self.rotor_lag.reason}")
+        out += [f"servo of {lag.name}: {lag.reason}" for lag in self.servos if not lag.identified]
+        return out
+
+
+def _estimate(e: Estimate) -> dict[str, Any]:
+    p = e.parameter
+    return {
+        "value": e.value if e.identified else None,
+        "half_width": e.half_width if e.identified else None,
+        "unit": p.unit,
+        "nominal": p.nominal,
+        "identified": e.identified,
+        "meaning": p.meaning,
+    }
+
+
+def _lag(lag: Lag) -> dict[str, Any]:
+    values = lag._asdict()
+    return {
+        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
+    }
+
+
+@on_one_thread
+def identify(
+    paths: Sequence[Path], robot: Robot | None = None, mass: float | None = None
+) -> Identification:
+    """Identify a robot from flights; several flights add up (other poses of the arm, more data).
+
+    `robot` is needed for a ULog and replaces a recording's own. `mass` (kg) is what the robot
+    weighed; without it the robot file's.
+
+    Raises InputError for what cannot be read or belongs to different robots.
+    """
+    if mass is not None and not (math.isfinite(mass) and mass > 0.0):
+        raise InputError(f"--mass {mass:g}: give what the robot weighed, in kg, above 0")
+    logs = [load_log(path, robot) for path in paths]
+    first = logs[0]
+    for log, path in zip(logs, paths, strict=True):
+        if log.robot.name != first.robot.name or log.joints != first.joints:
+            raise InputError(
+                f"{path}: was flown by {log.robot.name!r}, {paths[0]} by {first.robot.name!r}; "
+                "give flights of one robot"
+            )
+    model = build_body_model(first.robot, first.gravity)
+    nominal, _, _ = compute_body(model, posture(first.robot, "folded"))
+    weight = nominal if mass is None else mass
+    if not 0.3 < weight / nominal < 3.0:
+        raise InputError(
+            f"--mass {weight:g}: robot {first.robot.name!r} weighs {nominal:.3g} kg by its file; "
+            "give kilograms, or the robot that flew"
+        )
+    notes = sorted({note for log in logs for note in log.notes})
+    columns, lag = _build_all(logs, weight)
+    if lag is not None:
+        notes.append(f"rotors' lag of {1e3 * lag:.0f} ms fits the commands best")
+    fit = fit_parameters(columns, first.robot, weight, first.gravity)
+    if mass is None:
+        notes.append(
+            f"the mass is the robot file's {nominal:.4g} kg: gains, inertias and drag are in "
+            "proportion to it, so weigh the robot and give --mass"
+        )
+    longest = max(logs, key=lambda log: int(log.free.sum()))
+    return Identification(
+        first.robot, [log.name for log in logs], fit, columns.poses, first.joints,
+        fit_rotor_lag(longest), _fit_servos(logs), mass is not None, notes,
+    )  # fmt: skip
+
+
+def _build_all(logs: list[FlightLog], mass: float) -> tuple[Columns, float | None]:
+    """Return the columns of all logs, and the rotor lag where it had to be searched for (s)."""
+    if all(log.rotor_speed is not None for log in logs):
+        return _join([build_columns(log) for log in logs]), None
+    best: tuple[float, float, Columns] | None = None
+    for lag in LAGS:
+        columns = _join([build_columns(log, lag) for log in logs])
+        misfit = compute_misfit(columns, logs[0].robot, mass, logs[0].gravity)
+        if best is None or misfit < best[0]:
+            best = (misfit, lag, columns)
+    assert best is not None
+    return best[2], best[1]
+
+
+def _join(parts: list[Columns]) -> Columns:
+    """Put the columns of several logs one after the other; equal poses become one."""
+    poses: list[Array] = []
+    out: list[Columns] = []
+    start = 0.0
+    for part in parts:
+        index = []
+        for q in part.poses:
+            near = [i for i, p in enumerate(poses) if np.max(np.abs(p - q), initial=0.0) < POSE]
+            if not near:
+                poses.append(q)
+            index.append(near[0] if near else len(poses) - 1)
+        pose = np.array(index)[part.pose]
+        out.append(part._replace(pose=pose, t=part.t + start))
+        start = float(math.ceil((out[-1].t[-1] + 20.0) / 20.0) * 20.0)  # whole test blocks
+    fields = [n for n in Columns._fields if n != "poses"]
+    joined = {n: np.concatenate([getattr(p, n) for p in out]) for n in fields}
+    return Columns(poses=np.array(poses), **joined)
+
+
+def _fit_servos(logs: list[FlightLog]) -> list[Lag]:
+    """For each servo the flight that tells most about it."""
+    found: dict[str, Lag] = {}
+    for log in logs:
+        for lag in fit_servos(log):
+            old = found.get(lag.name)
+            better = lag.identified and (
+                old is None or not old.identified or lag.half_gain < old.half_gain
+            )
+            if old is None or better:
+                found[lag.name] = lag
+    return list(found.values())

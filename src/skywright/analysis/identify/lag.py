@@ -1,0 +1,126 @@
+"""How rotors and servos follow their commands: gain, first-order lag and offset.
+
+    y = K u - tau y' + b
+
+Fitted by least squares on zero-phase filtered signals, so that the filter shifts nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.signal import butter, sosfiltfilt
+
+from skywright.analysis.identify.fit import BLOCK, CONFIDENCE, HELD_OUT, HELD_OUT_S
+from skywright.analysis.identify.flight_log import FlightLog
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CUTOFF = 5.0  # Hz
+LEAST = 4  # blocks of motion that a fit needs
+GAIN_WIDEST, LAG_WIDEST = 0.1, 0.4  # half widths beyond which nothing was learnt; of 1 and of tau
+
+
+class Lag(NamedTuple):
+    """A response to commands; `half_*` are half confidence intervals."""
+
+    name: str
+    unit: str
+    identified: bool
+    reason: str  # why it is not
+    gain: float
+    half_gain: float
+    lag: float  # s
+    half_lag: float
+    offset: float  # in `unit`
+    r_squared: float  # on held-out parts
+
+
+def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use: Mask) -> Lag:
+    """Fit one response (k,) to its command (k,) where `use` holds."""
+
+    def give_up(reason: str) -> Lag:
+        nan = float("nan")
+        return Lag(name, unit, False, reason, nan, nan, nan, nan, nan, nan)
+
+    period = float(np.median(np.diff(t)))
+    sos = butter(4, min(CUTOFF, 0.35 / period) * 2 * period, output="sos")
+    u, y = (np.asarray(sosfiltfilt(sos, x)) for x in (command, response))
+    rate = np.gradient(y, period)
+    edge = round(0.5 / period)
+    keep = use.copy()
+    for shift in (-edge, edge):  # away from what is left out
+        moved = np.roll(use, shift)
+        keep &= moved
+    keep[:edge] = keep[-edge:] = False
+    if keep.sum() * period < LEAST * BLOCK:
+        return give_up("too little of it in the log")
+    t, u, y, rate = t[keep], u[keep], y[keep], rate[keep]
+    if np.std(u) < 1e-9:
+        return give_up("it was never commanded to move")
+    X = np.column_stack([u, -rate, np.ones(len(u))])
+    held_out = np.floor(t / HELD_OUT_S).astype(int) % HELD_OUT == HELD_OUT - 1
+    if not held_out.any() or held_out.all():
+        held_out = np.arange(len(t)) >= 0.75 * len(t)
+    A, b = X[~held_out], y[~held_out]
+    scale = np.maximum(A.std(axis=0), 1e-12)
+    scale[2] = 1.0
+    found, *_ = np.linalg.lstsq(A / scale, b, rcond=None)
+    error = b - A / scale @ found
+    bread = np.linalg.pinv((A / scale).T @ (A / scale))
+    blocks = np.floor(t[~held_out] / BLOCK).astype(int)
+    scores = np.array([(A / scale)[blocks == k].T @ error[blocks == k] for k in np.unique(blocks)])
+    g = len(scores)
+    if g < LEAST:
+        return give_up("too little of it in the log")
+    variance = np.maximum(
+        np.diag(bread @ (scores.T @ scores) @ bread) * g / (g - 1),
+        np.diag(bread) * float(np.mean(error**2)),
+    )
+    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, g - 1)) * np.sqrt(variance) / scale
+    gain, lag, offset = found / scale
+    test = y[held_out]
+    spread = float(np.sum((test - test.mean()) ** 2))
+    r2 = 1.0 - float(np.sum((test - X[held_out] @ (found / scale)) ** 2)) / max(spread, 1e-12)
+    if half[0] > GAIN_WIDEST * max(abs(gain), 0.5) or half[1] > LAG_WIDEST * max(abs(lag), 0.01):
+        return give_up(f"it moved too little: gain {gain:.2f} +- {half[0]:.2f}")
+    return Lag(
+        name, unit, True, "", float(gain), float(half[0]), float(lag), float(half[1]),
+        float(offset), r2,
+    )  # fmt: skip
+
+
+def fit_servos(log: FlightLog) -> list[Lag]:
+    """Fit every joint that a servo drives."""
+    moving = np.all(np.isfinite(log.servo_command), axis=1) & log.free
+    return [
+        fit_lag(
+            name, log.servo_unit, log.t, log.servo_command[:, j], log.servo_response[:, j], moving
+        )
+        for j, name in enumerate(log.joints)
+        if np.any(log.servo_command[:, j]) or np.any(log.servo_response[:, j])
+    ]
+
+
+def fit_rotor_lag(log: FlightLog) -> Lag | None:
+    """Fit the rotors' lag, all rotors together; None where the log lacks speeds or commands."""
+    if log.rotor_speed is None or log.rotor_command is None or log.command_is_thrust:
+        return None
+    n = log.rotor_speed.shape[1]
+    middle = log.rotor_speed[log.free].mean(axis=0)
+    period = float(np.median(np.diff(log.t)))
+    gap = round(2.0 / period)  # between one rotor's record and the next
+    length = len(log.t) + gap
+    t = period * np.arange(n * length)
+    command, response = np.zeros(n * length), np.zeros(n * length)
+    use = np.zeros(n * length, dtype=bool)
+    for i in range(n):
+        at = slice(i * length, i * length + len(log.t))
+        command[at] = log.rotor_command[:, i] - middle[i]
+        response[at] = log.rotor_speed[:, i] - middle[i]
+        use[at] = log.free
+    return fit_lag("rotors", "rad/s", t, command, response, use)

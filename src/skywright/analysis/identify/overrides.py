@@ -1,0 +1,120 @@
+"""What was identified as a robot file: the differences to the robot that it extends."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skywright.analysis.identify.fit import unpack_inertia
+from skywright.analysis.identify.identify import Identification
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.models.rigid_body import build_body_model, compute_body
+
+
+def build_overrides(found: Identification, base: str) -> str:
+    """Return a robot file (TOML) that extends `base` with the identified values.
+
+    A file has one thrust coefficient for all rotors, so single gains become comments. What the
+    poses say beyond the robot file about mass distribution is given to the platform.
+    """
+    robot, fit = found.robot, found.fit
+    values = {e.parameter.name: e for e in fit.estimates}
+    note = "identified from " + ", ".join(found.logs)
+    lines = [
+        f"# {robot.name}, {note}.",
+        "# Only what the flight told stands here; everything else is the base robot's.",
+        "",
+        "[robot]",
+        f'name = "{robot.name}-identified"',
+        f'extends = "{base}"',
+    ]
+
+    def number(key: str, value: float, half: float | None = None) -> str:
+        width = "" if half is None else f", +- {half:.2g}"
+        return f'{key} = {{ value = {value:.6g}, source = "derived", note = "{note}{width}" }}'
+
+    platform = _platform(found)
+    if platform:
+        lines += ["", "[robot.platform]", *(number(k, v) for k, v in platform.items())]
+    rotors = []
+    gains = [e for n, e in values.items() if n.startswith("rotor_gain_")]
+    if all(e.identified for e in gains):
+        mean = float(np.mean([e.value for e in gains]))
+        half = float(np.sqrt(np.mean([e.half_width**2 for e in gains])))
+        k_f = robot.rotors.thrust_coefficient_n_per_rad2s2
+        each = ", ".join(f"{e.value:.3f}" for e in gains)
+        rotors.append(f"# gains of the single rotors: {each}")
+        rotors.append(number("thrust_coefficient_n_per_rad2s2", k_f * mean, k_f * half))
+    for key in ("torque_per_thrust_m", "drag_coefficient_n_per_rads_mps"):
+        if values[key].identified and values[key].value > 0.0:
+            rotors.append(number(key, values[key].value, values[key].half_width))
+    lag = found.rotor_lag
+    if lag is not None and lag.identified and lag.lag > 0.0:
+        rotors.append(number("time_constant_s", lag.lag, lag.half_lag))
+    if rotors:
+        lines += ["", "[robot.rotors]", *rotors]
+    lines += _servos(found, number)
+    return "\n".join(lines) + "\n"
+
+
+def _platform(found: Identification) -> dict[str, float]:
+    robot, fit = found.robot, found.fit
+    p = robot.platform
+    model = build_body_model(robot)
+    values = {e.parameter.name: e for e in fit.estimates}
+    out: dict[str, float] = {}
+    nominal, _, _ = compute_body(model, found.poses[0])
+    mass = p.mass_kg + fit.mass - nominal
+    if found.mass_given:
+        out["mass_kg"] = mass
+    moved = np.zeros(3)
+    com_known = np.ones(3, dtype=bool)
+    inertia = np.zeros((3, 3))
+    known = np.ones(6, dtype=bool)
+    for n, q in enumerate(found.poses):
+        mass_q, com, I_B = compute_body(model, q)
+        first = [values[f"pose_{n + 1}.com_{a}_m"] for a in "xyz"]
+        com_known &= [e.identified for e in first]
+        moved += fit.mass * np.array([e.value for e in first]) - mass_q * com
+        second = [e for k, e in values.items() if k.startswith(f"pose_{n + 1}.inertia_")]
+        known &= [e.identified for e in second]
+        inertia += unpack_inertia(np.array([e.value for e in second])) - I_B
+    count = len(found.poses)
+    c0 = np.array([p.com_x_m, p.com_y_m, p.com_z_m])
+    c = (p.mass_kg * c0 + moved / count) / mass
+    c = np.where(com_known, c, c0)
+    for i, axis in enumerate("xyz"):
+        if com_known[i]:
+            out[f"com_{axis}_m"] = float(c[i])
+    if known[:3].all():
+        I_0 = np.diag([p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2])
+        I_0 = I_0 + p.mass_kg * (c0 @ c0 * np.eye(3) - np.outer(c0, c0)) + inertia / count
+        own = np.diag(I_0 - mass * (c @ c * np.eye(3) - np.outer(c, c))).copy()
+        own[2] = min(own[2], own[0] + own[1])  # a body's, within the error of the estimate
+        if np.all(own > 0.0):
+            for axis, value in zip(("xx", "yy", "zz"), own, strict=True):
+                out[f"inertia_{axis}_kgm2"] = float(value)
+    for axis in "xyz":
+        e = values[f"drag_area_{axis}_m2"]
+        if e.identified and e.value >= 0.0:
+            out[f"drag_area_{axis}_m2"] = e.value
+    return out
+
+
+def _servos(found: Identification, number: object) -> list[str]:
+    robot = found.robot
+    if robot.arm is None:
+        return []
+    assert callable(number)
+    joints = [limb.name for limb in list_joints(robot) if limb.servo >= 0]
+    names = [name for name, _ in list_servos(robot)][: len(robot.arm.servos)]
+    lines = []
+    for joint, name in zip(joints, names, strict=False):
+        lag = next((s for s in found.servos if s.name == joint and s.identified), None)
+        if lag is None or lag.lag <= 0.0:
+            continue
+        # a velocity servo answers with a critically damped pair of poles: its lag is 2 T
+        position = lag.unit == "rad"
+        key = "position_time_constant_s" if position else "velocity_time_constant_s"
+        factor = 1.0 if position else 0.5
+        lines += ["", f"[robot.arm.{name}]", number(key, factor * lag.lag, factor * lag.half_lag)]
+    return lines

@@ -1,0 +1,239 @@
+"""A PX4 ULog as a flight for identification.
+
+PX4 logs in NED and FRD; here everything becomes ENU and FLU. Needed: body rates and attitude;
+velocity or acceleration; and the rotors, as measured speeds (`esc_status`) or as commands
+(`actuator_motors`, which is thrust over its largest by PX4's thrust model).
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.analysis.identify.flight_log import FlightLog
+from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
+from skywright.models.rigid_body import joint_names, posture
+from skywright.models.rotors import build_rotors
+
+Array = NDArray[np.float64]
+
+FASTEST = 250.0  # Hz, of the common time axis
+GRAVITY = 9.80665
+MATCH = math.radians(25.0)  # between the azimuths of a rotor in the log and in the robot file
+FLU = np.array([1.0, -1.0, -1.0])  # FRD to FLU
+ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # from NED
+
+RATES = ("vehicle_angular_velocity", "xyz")
+ACCELERATION = ("vehicle_acceleration", "xyz")
+
+
+def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
+    """Load a ULog flown by `robot`.
+
+    Raises InputError when the file is no ULog, lacks a topic, or fits the robot not.
+    """
+    if robot is None:
+        raise InputError(f"{path}: a ULog does not describe its robot; give --robot NAME or FILE")
+    log = _open(path)
+    topics = {d.name: d.data for d in reversed(log.data_list) if len(d.data["timestamp"]) > 1}
+    notes: list[str] = []
+    rates = _need(path, topics, RATES[0], "the body rates")
+    attitude = _need(path, topics, "vehicle_attitude", "the attitude")
+    t, at = _build_time(path, topics, rates)
+    w = _vector(rates, RATES[1], at) * FLU
+    R = _rotations(attitude, at)
+    v = np.zeros((len(t), 3))
+    position = topics.get("vehicle_local_position")
+    acceleration = topics.get(ACCELERATION[0])
+    if position is not None:
+        v = np.column_stack([at(position, k) for k in ("vx", "vy", "vz")]) @ ENU.T
+    else:
+        notes.append("no vehicle_local_position in the log: drag is not identified")
+    if position is None and acceleration is None:
+        raise InputError(
+            f"{path}: holds neither vehicle_acceleration nor vehicle_local_position; one is needed"
+        )
+    force = None
+    if acceleration is not None:
+        force = _vector(acceleration, ACCELERATION[1], at) * FLU
+        force = _move_to_origin(force, w, t, robot)
+    order = _match_rotors(path, log.initial_parameters, robot, notes)
+    speed, command = _read_rotors(path, topics, log.initial_parameters, robot, order, at, notes)
+    names = tuple(joint_names(robot))
+    q = posture(robot, "folded")
+    if names:
+        notes.append("the arm is not in the log: taken as folded")
+    return FlightLog(
+        name=path.name,
+        robot=robot,
+        t=t,
+        free=_find_free(topics, speed if speed is not None else command, at),
+        v_WB=v,
+        R_WB=R,
+        w_WB_B=w,
+        specific_force_B=force,
+        rotor_speed=speed,
+        rotor_command=command,
+        command_is_thrust=speed is None,
+        joints=names,
+        q=np.tile(q, (len(t), 1)),
+        servo_unit="rad",
+        servo_command=np.zeros((len(t), len(names))),
+        servo_response=np.zeros((len(t), len(names))),
+        gravity=GRAVITY,
+        air_density=1.2,
+        notes=tuple(notes),
+    )
+
+
+def _open(path: Path) -> Any:
+    try:
+        from pyulog import ULog
+    except ImportError:  # pragma: no cover - it is a dependency
+        raise InputError(f"{path}: reading a ULog needs the package pyulog") from None
+    try:
+        return ULog(str(path))
+    except PermissionError:
+        raise InputError(f"{path}: cannot be read (permission denied)") from None
+    except Exception as error:  # the parser raises whatever a damaged file leads to
+        raise InputError(f"{path}: is no readable ULog ({type(error).__name__}: {error})") from None
+
+
+def _need(path: Path, topics: dict[str, Any], name: str, what: str) -> Any:
+    if name not in topics:
+        there = ", ".join(sorted(topics)) or "nothing"
+        raise InputError(f"{path}: lacks {name} ({what}); it holds {there}")
+    return topics[name]
+
+
+def _build_time(path: Path, topics: dict[str, Any], rates: Any) -> tuple[Array, Any]:
+    """Return the common time axis from 0 (s), and a function that brings a signal onto it."""
+    stamps = rates["timestamp"].astype(np.float64) * 1e-6
+    steps = np.diff(stamps)
+    if np.any(steps < 0):
+        raise InputError(f"{path}: time runs backwards in {RATES[0]}")
+    period = max(float(np.median(steps)), 1.0 / FASTEST)
+    if not 0.0 < period < 0.1:
+        raise InputError(
+            f"{path}: {RATES[0]} comes at {1.0 / max(period, 1e-9):.0f} Hz; at least 10 Hz are "
+            "needed"
+        )
+    t = np.arange(0.0, stamps[-1] - stamps[0], period)
+
+    def at(topic: Any, name: str) -> Array:
+        if name not in topic:
+            raise InputError(f"{path}: lacks the field {name!r} in a topic; log it in full")
+        x = np.asarray(topic[name], dtype=np.float64)
+        own = topic["timestamp"].astype(np.float64) * 1e-6 - stamps[0]
+        good = np.isfinite(x)
+        if good.sum() < 2:
+            return np.full(len(t), np.nan)
+        return np.asarray(np.interp(t, own[good], x[good]))
+
+    return t, at
+
+
+def _vector(topic: Any, name: str, at: Any) -> Array:
+    return np.column_stack([at(topic, f"{name}[{i}]") for i in range(3)])
+
+
+def _rotations(topic: Any, at: Any) -> Array:
+    """Return R_WB (n, 3, 3), ENU from FLU, of PX4's quaternion (NED from FRD)."""
+    raw = np.column_stack([topic[f"q[{i}]"] for i in range(4)]).astype(np.float64)
+    flips = np.cumprod(np.where(np.sum(raw[1:] * raw[:-1], axis=1) < 0, -1.0, 1.0))
+    raw[1:] *= flips[:, None]  # the same sign throughout, so that it may be interpolated
+    smooth = {"timestamp": topic["timestamp"], **{f"q[{i}]": raw[:, i] for i in range(4)}}
+    q = np.column_stack([at(smooth, f"q[{i}]") for i in range(4)])
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    a, b, c, d = q.T
+    R = np.empty((len(q), 3, 3))
+    R[:, 0] = np.column_stack([1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c)])
+    R[:, 1] = np.column_stack([2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b)])
+    R[:, 2] = np.column_stack([2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)])
+    return np.asarray(ENU @ R * FLU)
+
+
+def _move_to_origin(force: Array, w: Array, t: Array, robot: Robot) -> Array:
+    """Return the specific force of B's origin from that of the inertial unit."""
+    s = robot.sensors
+    p = np.array([s.imu_x_m, s.imu_y_m, s.imu_z_m])
+    if not np.any(p):
+        return force
+    wd = np.gradient(w, t, axis=0)
+    return force - np.cross(wd, p) - np.cross(w, np.cross(w, p))
+
+
+def _match_rotors(
+    path: Path, parameters: dict[str, float], robot: Robot, notes: list[str]
+) -> list[int]:
+    """Return for each rotor of the robot its index in the log, by azimuth."""
+    n = len(robot.rotors.azimuth_deg)
+    count = int(parameters.get("CA_ROTOR_COUNT", 0))
+    if count == 0:
+        notes.append("no CA_ROTOR parameters in the log: rotors taken in the robot file's order")
+        return list(range(n))
+    if count != n:
+        raise InputError(f"{path}: was flown with {count} rotors; robot {robot.name!r} has {n}")
+    azimuth = [
+        math.atan2(-parameters[f"CA_ROTOR{i}_PY"], parameters[f"CA_ROTOR{i}_PX"])
+        for i in range(count)
+    ]
+    order = []
+    for degrees in robot.rotors.azimuth_deg:
+        off = [abs(math.remainder(a - math.radians(degrees), 2 * math.pi)) for a in azimuth]
+        best = int(np.argmin(off))
+        if off[best] > MATCH or best in order:
+            where = ", ".join(f"{math.degrees(a):.0f}" for a in azimuth)
+            raise InputError(
+                f"{path}: its rotors sit at {where} deg, those of robot {robot.name!r} at "
+                f"{', '.join(f'{a:g}' for a in robot.rotors.azimuth_deg)} deg; give the robot that "
+                "flew"
+            )
+        order.append(best)
+    return order
+
+
+def _read_rotors(
+    path: Path, topics: dict[str, Any], parameters: dict[str, float], robot: Robot,
+    order: list[int], at: Any, notes: list[str],
+) -> tuple[Array | None, Array | None]:  # fmt: skip
+    """Return measured speeds (rad/s), or commanded thrusts (N) where none were measured."""
+    status = topics.get("esc_status")
+    if status is not None:
+        rpm = np.column_stack([at(status, f"esc[{i}].esc_rpm") for i in order])
+        if np.all(np.isfinite(rpm)) and np.median(np.abs(rpm)) > 100.0:
+            return np.abs(rpm) * (2.0 * math.pi / 60.0), None
+        notes.append("esc_status holds no rotor speeds")
+    motors = topics.get("actuator_motors")
+    if motors is None:
+        raise InputError(
+            f"{path}: lacks esc_status (rotor speeds) and actuator_motors (commands); one is needed"
+        )
+    u = np.column_stack([at(motors, f"control[{i}]") for i in order])
+    if not np.all(np.isfinite(u)):
+        raise InputError(f"{path}: actuator_motors lacks some of the {len(order)} rotors")
+    u = np.clip(u, 0.0, 1.0)
+    f = float(parameters.get("THR_MDL_FAC", 0.0))
+    notes.append(
+        "no rotor speeds in the log: thrust from commands, by PX4's thrust model with "
+        f"THR_MDL_FAC {f:g} and the robot file's largest thrust"
+    )
+    return None, build_rotors(robot.rotors).thrust_max * (f * u**2 + (1.0 - f) * u)
+
+
+def _find_free(topics: dict[str, Any], rotors: Array | None, at: Any) -> NDArray[np.bool_]:
+    """Return where the robot is in the air."""
+    assert rotors is not None
+    total = rotors.sum(axis=1)
+    free = total > 0.5 * np.median(total[total > 0.0]) if np.any(total > 0.0) else total > 0.0
+    landed = topics.get("vehicle_land_detected")
+    if landed is not None:
+        for name in ("landed", "ground_contact"):
+            if name in landed:
+                free &= at(landed, name) < 0.5
+    return np.asarray(free)

@@ -1,0 +1,215 @@
+"""Loading a mission: robot < world < mission < assignments, validated into one description."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from skywright.core.catalog import Entry, Found, find_file, list_entries
+from skywright.core.keys import apply_assignments, parse_assignment
+from skywright.core.spec import Source, Spec
+from skywright.core.toml_files import Layer, describe_value, load_layer, merge_layers
+from skywright.core.validation import list_problems, validate_root
+from skywright.description.mission.registry import find_mission_spec
+from skywright.description.mission.spec import Mission, Plant
+from skywright.description.robot.loader import find_robot, load_robot_layers
+from skywright.description.robot.spec import Robot
+from skywright.description.world.loader import find_world
+from skywright.description.world.spec import World
+from skywright.errors import InputError
+
+DATA = Path(__file__).parents[1] / "missions" / "data"
+
+SPECS: dict[str, type[Spec]] = {
+    "robot": Robot,
+    "world": World,
+    "mission": Mission,
+    "plant": Plant,
+}
+"""The four roots and what each may hold."""
+
+
+def list_specs(tree: Mapping[str, Any]) -> dict[str, type[Spec]]:
+    """Return the specs of the four roots; that of `mission` follows from its kind."""
+    table = tree.get("mission")
+    kind = table.get("kind") if isinstance(table, dict) else None
+    return {**SPECS, "mission": find_mission_spec(kind)}
+
+
+Sets = Mapping[str, object] | Iterable[str]
+
+
+class Description(NamedTuple):
+    """Everything that a plan or a run needs to know."""
+
+    robot: Robot
+    world: World
+    mission: Mission
+    plant: Plant
+    sources: dict[str, Source]
+    """Dotted key -> where its number comes from."""
+    origin: dict[str, str]
+    """Dotted key -> the file (or `--set`) that wrote it; a default has none."""
+
+
+def list_missions() -> list[Entry]:
+    """List the built-in missions."""
+    return list_entries(DATA, "mission")
+
+
+def find_mission(name: str | os.PathLike[str]) -> Found:
+    """Find a mission by built-in name, file, or folder (a finished run's directory)."""
+    return find_file(name, DATA, "mission")
+
+
+def load_description(
+    mission: str | os.PathLike[str],
+    robot: str | os.PathLike[str] | None = None,
+    world: str | os.PathLike[str] | None = None,
+    sets: Sets = (),
+    seed: int | None = None,
+) -> Description:
+    """Load a mission with its robot and world.
+
+    `mission` is a built-in name, a file, or a finished run's directory; `robot` and `world` replace
+    those that the mission names. `sets` are `KEY=VALUE` texts, or a mapping from dotted keys to
+    values. `seed` replaces `mission.seed`.
+    Raises InputError naming file and key on anything that is wrong.
+    """
+    found = find_mission(mission)
+    layers = load_layers(found, robot, world, split_assignments(sets), seed)
+    tree, sources, origin = merge_layers(layers)
+    parts: dict[str, Any] = {}
+    for root, spec in list_specs(tree).items():
+        parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
+    folder = found.path.parent
+    law = _locate_law(parts["mission"].law, "mission.law", [folder])
+    # `resolved` says how a file is to be read; a loaded mission is always complete
+    parts["mission"] = parts["mission"].model_copy(update={"resolved": False, "law": law})
+    control = parts["robot"].control
+    if control.law is not None:
+        beside = Path(origin.get("robot.control.law", "")).parent  # the file that names it
+        law = _locate_law(control.law, "robot.control.law", [beside, folder])
+        control = control.model_copy(update={"law": law})
+        parts["robot"] = parts["robot"].model_copy(update={"control": control})
+    parts["mission"] = parts["mission"].find_files(folder)
+    parts["robot"] = parts["mission"].adapt_robot(parts["robot"])
+    return Description(**parts, sources=sources, origin=origin)
+
+
+def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
+    """List everything that is wrong with a mission, its robot and its world, one line each."""
+    found = find_mission(mission)
+    problems: list[str] = []
+    try:
+        layers = load_layers(found, None, None, [], None, problems)
+        tree, _, origin = merge_layers(layers)
+    except InputError as error:
+        return [*problems, str(error)]
+    for root, spec in list_specs(tree).items():
+        problems += list_problems(spec, tree.get(root, {}), root, origin, found.label)[1]
+    return problems
+
+
+def split_assignments(sets: Sets) -> list[tuple[str, object]]:
+    """Turn `sets` into (dotted key, value) pairs."""
+    if isinstance(sets, Mapping):
+        return list(sets.items())
+    if isinstance(sets, str):
+        sets = [sets]
+    return [parse_assignment(text) for text in sets]
+
+
+def load_layers(
+    found: Found,
+    robot: str | os.PathLike[str] | None,
+    world: str | os.PathLike[str] | None,
+    assignments: list[tuple[str, object]],
+    seed: int | None,
+    problems: list[str] | None = None,
+) -> list[Layer]:
+    """Load the layers of a mission in order: robot, world, mission, assignments."""
+    mission = load_layer(found.path, found.label, problems)
+    table = mission.tree.get("mission")
+    if table is None:
+        raise InputError(
+            f"{found.label}: no [mission] table; a mission file is needed, this one holds: "
+            f"{', '.join(mission.tree)}"
+        )
+    complete = table.get("resolved") is True
+    folder = found.path.parent
+    layers: list[Layer] = []
+    chosen: list[tuple[str, object]] = []
+    for root, given, find in (("robot", robot, find_robot), ("world", world, find_world)):
+        key = f"mission.{root}"
+        assigned = [value for name, value in assignments if name == key]
+        name: Any = given
+        folders: list[Path] = []
+        if name is None and assigned:
+            name = str(assigned[-1]).strip("\"'")
+        if name is not None:
+            if complete:  # the whole robot or world is exchanged
+                mission.tree.pop(root, None)
+                mission = mission._replace(sources=_drop(mission.sources, root))
+            chosen.append((key, os.fspath(name)))
+        elif complete:
+            continue
+        else:
+            name = table.get(root)
+            folders = [folder]
+            if name is None:
+                raise InputError(f"{found.label}: mission lacks {root}")
+            if not isinstance(name, str):
+                raise InputError(
+                    f"{found.label}: {key} is {describe_value(name)}; a name or path is needed"
+                )
+        base_file = find(name, folders)
+        if root == "robot":
+            layers += load_robot_layers(base_file, problems)
+            continue
+        base = load_layer(base_file.path, base_file.label, problems)
+        if root not in base.tree:
+            raise InputError(
+                f"{base_file.label}: no [{root}] table; a {root} file is needed, this one holds: "
+                f"{', '.join(base.tree)}"
+            )
+        for other in base.tree:
+            if other not in (root, "plant"):
+                raise InputError(
+                    f"{base_file.label}: a {root} file cannot hold the table [{other}]; "
+                    "a mission file can"
+                )
+        layers.append(base)
+    layers.append(mission)
+    others = [(k, v) for k, v in assignments if k not in ("mission.robot", "mission.world")]
+    if chosen:
+        tree = merge_layers(layers)[0]
+        layers.append(apply_assignments(tree, chosen, list_specs(tree), "command line"))
+    if others:
+        tree = merge_layers(layers)[0]
+        layers.append(apply_assignments(tree, others, list_specs(tree), "--set"))
+    if seed is not None:
+        tree = merge_layers(layers)[0]
+        layers.append(apply_assignments(tree, [("mission.seed", seed)], list_specs(tree), "--seed"))
+    return layers
+
+
+def _drop(sources: dict[str, Source], root: str) -> dict[str, Source]:
+    return {key: source for key, source in sources.items() if not key.startswith(root + ".")}
+
+
+def _locate_law(law: str | None, key: str, folders: list[Path]) -> str | None:
+    """Make the file of a user's law absolute: it is looked up in `folders`, then here."""
+    if law is None or ".py:" not in law:
+        return law
+    file, _, function = law.rpartition(":")
+    for base in [*folders, Path()]:
+        path = base / Path(file).expanduser()
+        if path.is_file():
+            return f"{path.resolve()}:{function}"
+    raise InputError(
+        f"{key}: no file {file!r} beside the file that names it or in the current folder; "
+        "a user's law is written file.py:function"
+    )

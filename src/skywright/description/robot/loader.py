@@ -1,0 +1,79 @@
+"""Robot files: the built-in ones and the user's own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from skywright.core.catalog import Entry, Found, find_file, list_entries
+from skywright.core.keys import apply_assignments
+from skywright.core.spec import Source
+from skywright.core.toml_files import Layer, describe_value, load_layer, merge_layers
+from skywright.core.validation import validate_root
+from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
+
+DATA = Path(__file__).parent / "data"
+
+
+def list_robots() -> list[Entry]:
+    """List the built-in robots."""
+    return list_entries(DATA, "robot")
+
+
+def find_robot(name: str | os.PathLike[str], folders: Sequence[Path] = ()) -> Found:
+    """Find a robot file by built-in name or path; see `core.catalog.find_file`."""
+    return find_file(name, DATA, "robot", folders)
+
+
+def load_robot_layers(
+    found: Found, problems: list[str] | None = None, heirs: tuple[Path, ...] = ()
+) -> list[Layer]:
+    """Load a robot file and, before it, those that it extends.
+
+    `heirs` are the files that led here. Raises InputError on anything wrong, a circle included.
+    """
+    layer = load_layer(found.path, found.label, problems)
+    table = layer.tree.get("robot")
+    if not isinstance(table, dict):
+        raise InputError(
+            f"{found.label}: no [robot] table; a robot file is needed, this one holds: "
+            f"{', '.join(layer.tree)}"
+        )
+    for other in layer.tree:
+        if other not in ("robot", "plant"):
+            raise InputError(
+                f"{found.label}: a robot file cannot hold the table [{other}]; a mission file can"
+            )
+    base = table.get("extends")
+    if base is None:
+        return [layer]
+    if not isinstance(base, str):
+        raise InputError(
+            f"{found.label}: robot.extends is {describe_value(base)}; a name or path is needed"
+        )
+    chain = (*heirs, found.path.resolve())
+    parent = find_robot(base, [found.path.parent])
+    if parent.path.resolve() in chain:
+        raise InputError(f"{found.label}: robot.extends = {base!r} leads back to this file")
+    return [*load_robot_layers(parent, problems, chain), layer]
+
+
+def load_robot(
+    name: str | os.PathLike[str], assignments: Sequence[tuple[str, object]] = ()
+) -> tuple[Robot, dict[str, Source]]:
+    """Load a robot alone: (robot, sources by dotted key `robot...`).
+
+    `assignments` are (dotted key `robot...`, value) pairs laid over the file.
+
+    Raises InputError on an unknown name or anything wrong in the file.
+    """
+    found = find_robot(name)
+    layers = load_robot_layers(found)
+    if assignments:
+        tree = merge_layers(layers)[0]
+        layers.append(apply_assignments(tree, list(assignments), {"robot": Robot}))
+    tree, sources, origin = merge_layers(layers)
+    robot = validate_root(Robot, tree["robot"], "robot", origin, found.label)
+    return robot, {k: s for k, s in sources.items() if k.startswith("robot.")}

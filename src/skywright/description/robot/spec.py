@@ -1,0 +1,425 @@
+"""What a robot file may say: the root `robot`.
+
+A robot is a platform with rotors, optionally an arm (named links in a chain or a tree) and a
+probe. Every number has its unit in the key. Frames: B body (FLU: x forward, y left, z up) at the
+platform's reference point; a link's frame sits at its joint with x along the link.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from skywright.core.spec import (
+    Bandwidth,
+    Fraction,
+    Length,
+    Name,
+    NonNegative,
+    Offset,
+    Positive,
+    Spec,
+)
+from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.description.robot.bar import Bar
+from skywright.description.robot.camera import Camera
+from skywright.description.robot.docking import Docking
+from skywright.description.robot.force_sensor import ForceSensor
+from skywright.description.robot.localisation import Prism, RangeFinder, TrackingCamera
+
+
+class Platform(Spec):
+    """The airframe without arm."""
+
+    mass_kg: Positive
+    inertia_xx_kgm2: Positive
+    inertia_yy_kgm2: Positive
+    inertia_zz_kgm2: Positive
+    com_x_m: float = 0.0
+    com_y_m: float = 0.0
+    com_z_m: float = 0.0
+    diameter_m: Positive  # over the propeller tips
+    height_m: Positive  # of the collision body around the rotor plane, gear excluded
+    body_radius_m: Positive = 0.12  # central hub
+    gear_height_m: Positive = 0.25  # feet below the origin of B
+    gear_radius_m: Positive = 0.2
+    drag_area_x_m2: NonNegative = 0.05  # C_D A of body and arm, force = rho/2 C_D A v^2
+    drag_area_y_m2: NonNegative = 0.05
+    drag_area_z_m2: NonNegative = 0.08
+
+    @model_validator(mode="after")
+    def _inertia_is_a_body_s(self) -> Platform:
+        ixx, iyy, izz = self.inertia_xx_kgm2, self.inertia_yy_kgm2, self.inertia_zz_kgm2
+        if ixx + iyy < izz or iyy + izz < ixx or izz + ixx < iyy:
+            raise ValueError(
+                f"inertias {ixx:g}, {iyy:g}, {izz:g} kg m^2 belong to no body: each must be at "
+                "most the sum of the other two"
+            )
+        return self
+
+
+class Rotors(Spec):
+    """Rotor layout and propulsion. Axis of rotor i: Rz(azimuth) Rx(alpha) Ry(beta) z.
+
+    The lists have one entry a rotor. `spin` is the propeller's sense seen from above; the drag
+    torque on the body is opposite. Thrust = thrust_coefficient * speed^2.
+    """
+
+    azimuth_deg: list[float] = Field(min_length=3, max_length=MAX_ROTORS)
+    radius_m: Positive  # distance of the hubs from the z axis of B
+    height_m: float = 0.0  # of the hubs above B
+    alpha_deg: list[float]  # tilt about the radial axis
+    beta_deg: list[float]  # tilt about the (rotated) tangential axis
+    spin: list[Literal["ccw", "cw"]]
+    propeller_radius_m: Positive
+    thrust_coefficient_n_per_rad2s2: Positive
+    torque_per_thrust_m: Positive
+    thrust_min_n: NonNegative
+    thrust_max_n: Positive
+    thrust_fraction: Fraction = 1.0  # of thrust_max that capability and missions may use
+    time_constant_s: Positive  # of the rotor speed
+    drag_coefficient_n_per_rads_mps: NonNegative  # force in the disc plane = -c * speed * v_perp
+    figure_of_merit: Fraction = 0.6  # ideal induced over shaft power
+    motor_efficiency: Fraction = 0.8  # shaft over electrical power
+
+    @model_validator(mode="after")
+    def _lengths_agree(self) -> Rotors:
+        n = len(self.azimuth_deg)
+        for name in ("alpha_deg", "beta_deg", "spin"):
+            if len(getattr(self, name)) != n:
+                raise ValueError(
+                    f"{name} has {len(getattr(self, name))} entries, azimuth_deg has {n}: "
+                    "give one entry a rotor"
+                )
+        if self.thrust_max_n <= self.thrust_min_n:
+            raise ValueError("thrust_max_n must exceed thrust_min_n")
+        return self
+
+
+class Battery(Spec):
+    """Energy on board, for endurance."""
+
+    energy_wh: Positive
+    usable_fraction: Fraction = 0.8
+    avionics_power_w: NonNegative = 15.0
+
+
+class Link(Spec):
+    """One arm link, moved by one joint at its origin; x runs along the link.
+
+    The joint sits at (`x_m`, `y_m`, `z_m`) in the parent's frame; without them at the end of the
+    parent link (its `length_m` along x), or at the mount for the first. Hinge angle zero means x
+    parallel to the parent's x.
+    """
+
+    parent: str | None = None  # link name, or "platform"; default: the link before it
+    x_m: Offset | None = None
+    y_m: Offset | None = None
+    z_m: Offset | None = None
+    joint: Literal["hinge", "slide", "fixed"] = "hinge"
+    axis: Literal["x", "y", "z"] = "y"
+    along: Literal["x", "-z"] = "x"  # the link's direction in its frame: forward, or hanging
+    passive: bool = False  # no servo: swings freely
+    damping_nms_per_rad: NonNegative = 0.0  # of a passive joint's bearing
+    friction_nm: NonNegative = 0.0
+    length_m: Length
+    mass_kg: Positive
+    com_m: Offset | None = None  # along the link; default: the middle
+    radius_m: Length = 0.015  # collision capsule
+    joint_min_deg: float = -180.0
+    joint_max_deg: float = 180.0
+    folded_deg: float = 0.0  # in free flight and on the ground
+    working_deg: float = 0.0  # posture that a task starts from
+    flex_stiffness_nm_per_rad: Positive | None = None  # structural, in series with the joint
+    flex_damping_ratio: NonNegative = 0.03
+    flex_damping_nms_per_rad: NonNegative | None = None  # in place of the ratio
+    flex_linear_deg: Positive | None = None  # deflection up to which the spring is linear
+    flex_beyond: Literal["stop", "hardening"] = "stop"  # what happens beyond
+    flex_hardening: float = Field(default=4.0, ge=1.0)  # stiffness beyond, over that within
+    deflection_encoder: bool = False  # the controller measures shaft minus output link
+    lateral_stiffness_nm_per_rad: Positive | None = None  # bending out of the joint's plane
+    lateral_damping_ratio: NonNegative = 0.05
+
+    @model_validator(mode="after")
+    def _moves_as_it_says(self) -> Link:
+        if self.passive and self.joint == "fixed":
+            raise ValueError("passive = true needs a joint that moves: joint = 'hinge' or 'slide'")
+        if self.flex_linear_deg is not None and self.flex_stiffness_nm_per_rad is None:
+            raise ValueError("flex_linear_deg needs flex_stiffness_nm_per_rad")
+        if self.deflection_encoder and self.flex_stiffness_nm_per_rad is None:
+            raise ValueError("deflection_encoder needs flex_stiffness_nm_per_rad")
+        return self
+
+    @model_validator(mode="after")
+    def _limits_ordered(self) -> Link:
+        if self.joint_max_deg <= self.joint_min_deg:
+            raise ValueError("joint_max_deg must exceed joint_min_deg")
+        for name in ("folded_deg", "working_deg"):
+            if not self.joint_min_deg <= getattr(self, name) <= self.joint_max_deg:
+                raise ValueError(f"{name} lies outside joint_min_deg..joint_max_deg")
+        return self
+
+
+class Servo(Spec):
+    """A servo motor of the arm: it takes a velocity, or an angle (hobby and smart servos)."""
+
+    mode: Literal["velocity", "position"] = "velocity"
+    stall_torque_nm: Positive
+    no_load_speed_rad_s: Positive
+    velocity_time_constant_s: Positive = 0.03
+    position_time_constant_s: float = Field(default=0.05, ge=0.005, le=2)  # T_s: Suarez 2020 (17)
+    command_period_s: float = Field(default=0.02, ge=0.001, le=1)  # mode "position"; and readings
+    resolution_deg: float = Field(default=0.0, ge=0, le=30)  # of a commanded angle
+    backlash_deg: float = Field(default=0.0, ge=0, le=30)  # of the gear, seen at the output
+    armature_kgm2: Positive = 0.005  # rotor inertia through the gear
+    encoder_counts: int = Field(default=4096, ge=16, le=2**24)
+
+
+class Hand(Spec):
+    """What an arm without a probe ends in: a ball (or pad) at the tip, or a hook."""
+
+    kind: Literal["ball", "hook"] = "ball"
+    length_m: float = Field(default=0.0, ge=0, le=100)  # from the link's end to the tip
+    mass_kg: NonNegative = 0.0
+    radius_m: Length = 0.012  # of the ball
+    hook_length_m: Length = 0.05  # of the hook's cross bar, forward
+    friction: NonNegative = 0.5
+
+
+TAKEN = re.compile(
+    r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|(hand|rotor|object)\s?\d*"
+)
+"""Parts and joints that are there anyway: links have other names."""
+
+
+class Arm(Spec):
+    """Links in order (a chain unless `parent` says otherwise) and the servos that drive them.
+
+    `belt` is J_AM of Tognon 2018: joint speeds = J_AM * motor speeds (identity when absent).
+    With `sides = 2` the links describe the left arm; the right one is its mirror image, and the
+    two shoulders are `separation_m` apart.
+    """
+
+    inline_tables: ClassVar[tuple[str, ...]] = ("links", "servos")
+
+    mount_x_m: Offset = 0.0
+    mount_y_m: Offset = 0.0
+    mount_z_m: Offset = 0.0
+    sides: Literal[1, 2] = 1
+    encoders: Literal["both", "left"] = "both"  # which arms have the links' deflection encoders
+    separation_m: Length = 0.3
+    drag_coefficient: float = Field(default=0.0, ge=0, le=10)  # of the links, as cylinders; 0: none
+    links: dict[str, Link]
+    servos: dict[str, Servo]
+    belt: list[list[float]] | None = None
+    hand: Hand = Hand()
+    bar: Bar | None = None  # what both hands hold
+
+    @model_validator(mode="before")
+    @classmethod
+    def _split(cls, data: object) -> object:
+        """`[robot.arm.link1]` and `[robot.arm.motor1]` are told apart by their keys."""
+        if not isinstance(data, dict) or "links" in data:
+            return data
+        out: dict[str, object] = {"links": {}, "servos": {}}
+        for key, value in data.items():
+            if isinstance(value, dict) and key not in cls.model_fields:
+                names = set(value)
+                servo = len(names & set(Servo.model_fields)) > len(names & set(Link.model_fields))
+                out["servos" if servo else "links"][key] = value  # type: ignore[index]
+            else:
+                out[key] = value
+        return out
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Arm:
+        moving = [n for n, link in self.links.items() if link.joint != "fixed"]
+        joints = self.sides * len(moving)
+        if joints > MAX_JOINTS:
+            raise ValueError(f"{joints} joints; at most {MAX_JOINTS} are supported")
+        driven = [n for n in moving if not self.links[n].passive]
+        if len(self.servos) != len(driven):
+            raise ValueError(
+                f"{len(self.servos)} servos for {len(driven)} joints that are not passive: give "
+                "one servo table a joint"
+            )
+        if len({servo.mode for servo in self.servos.values()}) > 1:
+            raise ValueError("servos of both modes: give all the same mode, velocity or position")
+        if self.belt is not None and (self.sides == 2 or len(driven) < len(moving)):
+            raise ValueError("a belt needs a single arm (sides = 1) without passive joints")
+        for name in self.links:
+            if TAKEN.fullmatch(name):
+                raise ValueError(f"a link cannot be named {name!r}: that is another part's name")
+        before = ["platform"]  # a parent comes first, so there are no cycles
+        for name, link in self.links.items():
+            if link.parent is not None and link.parent not in before:
+                raise ValueError(
+                    f"{name}.parent is {link.parent!r}; valid are the links before it: "
+                    f"{', '.join(before)}"
+                )
+            before.append(name)
+        if self.bar is not None and (self.sides == 1 or self.hand.mass_kg == 0.0):
+            raise ValueError("a bar needs two hands: sides = 2 and hand.mass_kg above 0")
+        if self.belt is not None:
+            n = len(moving)
+            if len(self.belt) != n or any(len(row) != n for row in self.belt):
+                raise ValueError(f"belt must be a {n} x {n} matrix")
+            if n and abs(float(np.linalg.det(np.array(self.belt)))) < 1e-6:
+                raise ValueError("belt must be invertible: every joint needs a motor of its own")
+        return self
+
+
+class Probe(Spec):
+    """The probe in its sprung holder at the end of the last link (or of the link `on`).
+
+    Its axis is x of that link, turned by `pitch_deg` about the link's y. The tip is a small
+    sphere; the spring compresses along the axis.
+    """
+
+    on: str | None = None
+    mass_kg: Positive  # holder and sensor
+    length_m: Positive  # from the link's end to the tip, spring released
+    pitch_deg: float = 0.0
+    slider_mass_kg: Positive = 0.04  # the part behind the spring that moves
+    spring_n_per_m: Positive = 200.0
+    spring_preload_n: NonNegative = 0.5
+    spring_travel_m: Positive = 0.01
+    spring_damping_ratio: NonNegative = 0.7
+    tip_radius_m: Positive = 0.004
+    radius_m: Positive = 0.012  # collision capsule of the holder
+    force_n: Positive = 2.0  # nominal push
+
+    @model_validator(mode="after")
+    def _slider_is_a_part(self) -> Probe:
+        if self.slider_mass_kg >= self.mass_kg:
+            raise ValueError(
+                f"slider_mass_kg {self.slider_mass_kg:g} must be below mass_kg {self.mass_kg:g}, "
+                "of which it is a part"
+            )
+        return self
+
+
+class Sensors(Spec):
+    """Onboard sensors."""
+
+    gyro_noise_rad_s_sqrthz: NonNegative = 3.4e-4
+    gyro_bias_rad_s: NonNegative = 0.005  # 1 sigma, drawn once a run
+    gyro_walk_rad_s2_sqrthz: NonNegative = 3.9e-5  # of the bias
+    accel_noise_mps2_sqrthz: NonNegative = 4e-3
+    accel_bias_mps2: NonNegative = 0.1  # 1 sigma, drawn once a run
+    accel_walk_mps3_sqrthz: NonNegative = 6e-3  # of the bias
+    vibration_mps2: NonNegative = 0.5  # at the inertial unit, of one rotor at thrust_max_n
+    vibration_rad_s: NonNegative = 0.02
+    imu_x_m: float = 0.0  # place of the inertial unit in B
+    imu_y_m: float = 0.0
+    imu_z_m: float = 0.0
+    antenna_x_m: float = 0.0  # place of the satellite receiver's antenna in B
+    antenna_y_m: float = 0.0
+    antenna_z_m: float = 0.1
+
+
+CONTROL_RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)  # Hz
+
+
+class Control(Spec):
+    """Bandwidths from which every gain follows (no gain is written in a file)."""
+
+    law: str | None = None  # registry name or "file.py:function"; the mission may override
+    arms_law: str | None = None  # of arms with position servos
+    position_bandwidth_rad_s: Bandwidth = 3.0
+    position_damping: Positive = 1.0
+    position_integral_rad_s: NonNegative = 0.3
+    attitude_bandwidth_rad_s: Bandwidth = 9.0
+    attitude_damping: Positive = 1.0
+    attitude_integral_rad_s: NonNegative = 0.5
+    arm_bandwidth_rad_s: NonNegative = 3.0
+    # of arms with position servos
+    torque_bandwidth_rad_s: Bandwidth = 10.0  # of a joint's torque loop, link held
+    deflection_bandwidth_rad_s: Bandwidth = 0.5  # of a joint's output position loop
+    hand_speed_max_mps: float = Field(default=0.15, gt=0, le=2)
+    force_estimator: Literal["torque", "cartesian"] = "torque"  # Suarez 2020 (26): "cartesian"
+    friction_feed_forward: NonNegative = 0.0  # believed friction of the surface; 0: none
+    tilt_max_deg: Positive = 25.0
+    rate_hz: Positive = 500.0
+    observer_bandwidth_rad_s: Positive = 12.0
+    # law "cascade"
+    loop_separation: float = Field(default=2.5, ge=1.5)  # of a loop and the one inside it
+    phase_margin_deg: float = Field(default=60.0, ge=30.0, lt=90.0)  # of the rate loop
+    swing_damping: float = Field(default=0.5, gt=0.0, lt=1.0)  # of a link without a servo
+    speed_max_mps: Positive = 1.0
+    acceleration_max_mps2: Positive = 0.8
+
+    @field_validator("rate_hz")
+    @classmethod
+    def _rate_divides_the_physics(cls, rate: float) -> float:
+        if rate not in CONTROL_RATES:
+            valid = ", ".join(f"{r:g}" for r in CONTROL_RATES)
+            raise ValueError(f"must divide the physics rate of 1000 Hz; valid: {valid}")
+        return rate
+
+
+class Robot(Spec):
+    """The root `robot`."""
+
+    name: Name
+    description: str = ""
+    paper: str = ""
+    extends: str | None = None  # a robot (name or file) of which this file tells the differences
+    platform: Platform
+    rotors: Rotors
+    battery: Battery
+    pendulum: Link | None = None  # passive link that carries the arm (long reach)
+    arm: Arm | None = None
+    probe: Probe | None = None
+    force_sensor: ForceSensor | None = None
+    docking: Docking | None = None
+    sensors: Sensors = Sensors()
+    camera: Camera | None = None
+    prism: Prism | None = None  # localisation by a total station: prism, camera, range finder
+    tracking_camera: TrackingCamera | None = None
+    range_finder: RangeFinder | None = None
+    control: Control = Control()
+
+    @field_validator("pendulum")
+    @classmethod
+    def _pendulum_hangs(cls, link: Link | None) -> Link | None:
+        if link is None:
+            return None
+        if link.parent is not None:
+            raise ValueError("a pendulum hangs from the platform: it has no parent")
+        if link.flex_stiffness_nm_per_rad is not None:
+            raise ValueError("flex_stiffness_nm_per_rad: a passive joint has no spring to a servo")
+        return link.model_copy(update={"passive": True, "along": "-z"})
+
+    @model_validator(mode="after")
+    def _pendulum_needs_arm(self) -> Robot:
+        if self.pendulum is None:
+            return self
+        if self.arm is None:
+            raise ValueError("a pendulum needs an arm to carry")
+        moving = sum(link.joint != "fixed" for link in self.arm.links.values()) * self.arm.sides
+        if moving + 1 > MAX_JOINTS:
+            raise ValueError(f"{moving + 1} joints; at most {MAX_JOINTS} are supported")
+        return self
+
+    @model_validator(mode="after")
+    def _probe_needs_arm(self) -> Robot:
+        if self.probe is not None and self.arm is None:
+            raise ValueError("a probe needs an arm to sit on")
+        if self.probe is not None and self.arm is not None:
+            on = self.probe.on
+            valid = sorted(self.arm.links)
+            if self.arm.sides == 2:
+                valid = [f"{side}_{name}" for side in ("left", "right") for name in valid]
+            if on is not None and on not in valid:
+                raise ValueError(f"probe.on is {on!r}; valid: {valid}")
+        return self
+
+    @model_validator(mode="after")
+    def _force_sensor_needs_probe(self) -> Robot:
+        if self.force_sensor is not None and self.probe is None:
+            raise ValueError("a force_sensor needs a probe: it sits in the probe's slider")
+        return self

@@ -1,0 +1,1 @@
+"""Claims, benchmarks, planner comparisons and pictures."""

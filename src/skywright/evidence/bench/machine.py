@@ -1,0 +1,81 @@
+"""What a result was measured on, and what with."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from skywright.run.run import collect_versions
+
+BUSY = 0.25
+"""Load average a core from which a result is called noisy."""
+
+
+def describe_machine() -> dict[str, Any]:
+    """Return processor, cores that may be used, memory (GB) and operating system."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "processor": _read_field("/proc/cpuinfo", "model name") or platform.processor(),
+        "architecture": platform.machine(),
+        "cores": cores,
+        "memory_gb": _read_memory_gb(),
+        "system": platform.system(),
+    }
+
+
+def collect_all_versions() -> dict[str, str]:
+    """Versions of what a run depends on, and of what the benchmarks add."""
+    out = collect_versions()
+    for name in ("llvmlite", "scipy"):
+        try:
+            out[name] = version(name)
+        except PackageNotFoundError:
+            out[name] = "unknown"
+    return out
+
+
+def read_commit() -> dict[str, Any]:
+    """Return the commit of this source, and whether tracked files differ from it; None outside."""
+    folder = Path(__file__).parent
+
+    def git(*args: str) -> str | None:
+        try:
+            done = subprocess.run(
+                ["git", *args], cwd=folder, capture_output=True, text=True, timeout=10, check=True
+            )
+        except (OSError, subprocess.SubprocessError):
+            return None
+        return done.stdout.strip()
+
+    # an installed package may sit inside somebody else's repository
+    if git("ls-files", "--error-unmatch", Path(__file__).name) is None:
+        return {"commit": None, "changed": None}
+    status = git("status", "--porcelain", "--untracked-files=no", "--", ".", "../..")
+    return {"commit": git("rev-parse", "--short=10", "HEAD"), "changed": bool(status)}
+
+
+def read_load() -> float | None:
+    """Load average of the last minute, or None where there is none."""
+    try:
+        return round(os.getloadavg()[0], 2)
+    except (OSError, AttributeError):
+        return None
+
+
+def _read_field(path: str, name: str) -> str:
+    try:
+        for line in Path(path).read_text(encoding="utf-8").splitlines():
+            if line.startswith(name):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return ""
+
+
+def _read_memory_gb() -> float | None:
+    text = _read_field("/proc/meminfo", "MemTotal")
+    return round(int(text.split()[0]) / 1e6, 1) if text else None

@@ -1,0 +1,169 @@
+"""Is the filter as sure of itself as it should be? `python -m skywright.evidence.consistency`.
+
+Flies a mission with many seeds and compares the filter's errors with its covariance: the squared
+error in units of the covariance (NEES) is chi-square distributed when the filter is consistent
+(Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001,
+section 5.4). Averaged over N independent runs, N times it is chi-square with 15 N degrees of
+freedom at each instant. The whitened innovations shall have unit variance and no memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from skywright.core.rotations import log_so3
+from skywright.description.loader import load_description
+from skywright.estimation.error_state import head_covariance
+from skywright.run.planning import MissionPlan
+from skywright.run.run import fly_and_evaluate
+from skywright.sim.inertial import WALK_EVERY
+
+Array = NDArray[np.float64]
+
+EVERY = 10  # mission ticks between values: 0.2 s
+START = 3.0  # s, the filter starts with a guess of its velocity
+PARTS = {
+    "all": slice(0, 15),
+    "position": slice(0, 3),
+    "velocity": slice(3, 6),
+    "attitude": slice(6, 9),
+    "gyroscope bias": slice(9, 12),
+    "accelerometer bias": slice(12, 15),
+}
+
+
+class Trace(NamedTuple):
+    """One flight: errors (n, 15), covariances (n, 15, 15), whitened innovations (m, 6)."""
+
+    t: Array
+    error: Array
+    covariance: Array
+    innovation: Array
+
+
+class Watcher:
+    """Collects the filter's errors while a mission flies (an evaluation.run.Observer)."""
+
+    def __init__(self) -> None:
+        self._t: list[float] = []
+        self._error: list[Array] = []
+        self._covariance: list[Array] = []
+        self._innovation: list[Array] = []
+        self._ticks, self._fused = 0, 0
+
+    def on_plan(self, plan: MissionPlan, description: Any) -> None:
+        """Nothing to do."""
+
+    def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
+        """Compare state and covariance with the truth of the same tick."""
+        flt = vehicle.belief[0]["flt"]
+        if flt["ready"] < 2.0 or t < START:
+            return
+        if flt["fused"] != self._fused:
+            self._fused = int(flt["fused"])
+            self._innovation.append(flt["nu"].copy())
+        self._ticks += 1
+        if self._ticks % EVERY == 0:
+            P = np.empty((15, 15))
+            head_covariance(vehicle.belief[0]["flt"], vehicle.belief[0]["body"]["gravity"], P)
+            self._t.append(t)
+            self._error.append(compute_error(vehicle))
+            self._covariance.append(P)
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+    def trace(self) -> Trace:
+        """What was collected."""
+        return Trace(
+            np.array(self._t), np.array(self._error), np.array(self._covariance),
+            np.array(self._innovation),
+        )  # fmt: skip
+
+
+def compute_error(vehicle: Any) -> Array:
+    """Truth less estimate (15,) of the filter's state, attitude error in W."""
+    flt, pl, im = vehicle.belief[0]["flt"], vehicle.plant[0], vehicle.inertial[0]
+    R, lever = pl["R_WB"], im["p_BI"]
+    out = np.empty(15)
+    out[0:3] = pl["p_WB"] + R @ lever - flt["p"]
+    out[3:6] = pl["v_WB"] + R @ np.cross(pl["w_WB_B"], lever) - flt["v"]
+    log_so3(np.ascontiguousarray(R @ flt["R"].T), out[6:9])
+    # the samples since the tick's start are not the filter's yet
+    bias = im["bias"][max(int(im["index"]) - 1 - int(im["n"]), 0) // WALK_EVERY]
+    out[9:12], out[12:15] = bias[:3] - flt["bg"], bias[3:] - flt["ba"]
+    return out
+
+
+def compute_nees(trace: Trace, part: slice) -> Array:
+    """Return the normalised squared error (n,) of a part of the state."""
+    e, P = trace.error[:, part], trace.covariance[:, part, part]
+    return np.asarray(np.einsum("ni,ni->n", e, np.linalg.solve(P, e[:, :, None])[:, :, 0]))
+
+
+def fly_traces(mission: str, sets: Sequence[str], seeds: Sequence[int]) -> list[Trace]:
+    """Fly a mission once a seed; raises InputError, InfeasibleError as a run does."""
+    out = []
+    for seed in seeds:
+        watcher = Watcher()
+        fly_and_evaluate(load_description(mission, sets=sets, seed=seed), observers=[watcher])
+        out.append(watcher.trace())
+    return out
+
+
+class Consistency(NamedTuple):
+    """Verdict on one part of the state over all runs."""
+
+    mean: float  # NEES over degrees of freedom; 1 is consistent
+    low: float  # bounds of the average over the runs at one instant, 95 %
+    high: float
+    inside: float  # fraction of instants within them
+
+
+def compute_consistency(traces: list[Trace], part: slice) -> Consistency:
+    """Average NEES over the runs, instant by instant."""
+    n = min(len(t.t) for t in traces)
+    nees = np.mean([compute_nees(t, part)[:n] for t in traces], axis=0)
+    dof = part.stop - part.start
+    low, high = chi2.ppf([0.025, 0.975], dof * len(traces)) / len(traces)
+    inside = float(np.mean((nees > low) & (nees < high)))
+    return Consistency(float(np.mean(nees)) / dof, low / dof, high / dof, inside)
+
+
+def compute_whiteness(traces: list[Trace]) -> tuple[Array, Array]:
+    """Return variance and correlation of neighbours, (6,) each, of the whitened innovations."""
+    nu = [t.innovation for t in traces]
+    variance = np.mean([np.mean(x**2, axis=0) for x in nu], axis=0)
+    memory = np.mean([np.mean(x[1:] * x[:-1], axis=0) for x in nu], axis=0) / variance
+    return variance, memory
+
+
+def main() -> int:
+    """Fly and print a table; exit code 1 when the whole state is not consistent."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("mission", nargs="?", default="pipe-weld-scan")
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--set", action="append", default=[], dest="sets")
+    args = parser.parse_args()
+    traces = fly_traces(args.mission, args.sets, range(1, args.seeds + 1))
+    print(f"{args.mission}, {args.seeds} seeds, {min(len(t.t) for t in traces)} instants each")
+    print("part                 NEES/n   95 % of averages   instants inside")
+    for name, part in PARTS.items():
+        c = compute_consistency(traces, part)
+        print(f"{name:20s} {c.mean:6.3f}   {c.low:.3f} .. {c.high:.3f}    {c.inside:.3f}")
+    variance, memory = compute_whiteness(traces)
+    print("innovations, variance   ", np.round(variance, 3))
+    print("innovations, correlation", np.round(memory, 3))
+    c = compute_consistency(traces, PARTS["all"])
+    return 0 if c.low < c.mean < c.high else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

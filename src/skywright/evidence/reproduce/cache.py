@@ -1,0 +1,119 @@
+"""Flights cached by content: the same flight of the same code is flown once.
+
+The key is the resolved description, what is done with it, and everything that decides the result:
+the source of the packages that fly, a user's law, and the versions of MuJoCo, numba, NumPy and
+SciPy. A damaged entry is flown again; a full or read-only disk costs the cache, not the result.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import zipfile
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.run.run import collect_versions
+
+PACKAGES = (
+    "core", "robots", "worlds", "models", "control", "estimation", "planning", "inspection", "sim",
+    "vehicle", "missions", "evaluation",
+)  # fmt: skip
+"""Packages whose source decides what a flight gives; reports and the command line do not."""
+
+FLIGHTS = (
+    "studies/reproduce/flights.py", "studies/reproduce/flights_arms.py",
+    "evidence/force_estimators.py", "studies/compare/flown.py",
+)  # fmt: skip
+"""What is done with them, beside this file."""
+
+KEEP = 3
+"""Versions of the source whose flights are kept."""
+
+
+class Record(NamedTuple):
+    """What is kept of a flight: a few words and numbers, and arrays."""
+
+    info: dict[str, Any]
+    arrays: dict[str, NDArray[Any]]
+
+
+def default_folder() -> Path:
+    """The user's cache folder for flights."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "skywright" / "reproduce"
+
+
+@lru_cache(maxsize=1)
+def hash_source() -> str:
+    """Hash of the source and of the versions that decide a flight."""
+    root = Path(__file__).resolve().parents[2]  # the package
+    files = [p for name in PACKAGES for p in sorted((root / name).rglob("*.py"))]
+    files += [root / name for name in FLIGHTS]
+    versions = {**collect_versions(), "scipy": version("scipy")}
+    digest = hashlib.sha256(json.dumps(versions, sort_keys=True).encode())
+    for path in files:
+        digest.update(path.relative_to(root).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+class Cache:
+    """A folder of flights; `folder` None keeps nothing."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        self.trouble = ""  # why the last flight could not be kept
+
+    def path(self, content: str) -> Path | None:
+        """File of the flight with this content."""
+        if self.folder is None:
+            return None
+        key = hashlib.sha256(content.encode()).hexdigest()[:24]
+        return self.folder / hash_source() / f"{key}.npz"
+
+    def load(self, content: str) -> Record | None:
+        """Return the flight, or None where it is not there or damaged."""
+        path = self.path(content)
+        if path is None or not path.is_file():
+            return None
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                info = json.loads(str(data["info"]))
+                return Record(info, {k: data[k] for k in data.files if k != "info"})
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            return None
+
+    def store(self, content: str, record: Record) -> None:
+        """Keep a flight; what goes wrong is told in `trouble`."""
+        path = self.path(content)
+        if path is None:
+            return
+        scratch = path.with_name(f"{path.stem}.{os.getpid()}.tmp")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with scratch.open("wb") as file:
+                arrays: dict[str, Any] = dict(record.arrays)
+                np.savez(file, info=np.array(json.dumps(record.info)), **arrays)
+            scratch.replace(path)
+        except OSError as error:
+            self.trouble = f"{path.parent}: flights are not kept: {error.strerror or error}"
+            with contextlib.suppress(OSError):
+                scratch.unlink()
+
+    def prune(self) -> None:
+        """Drop the flights of all but the newest versions of the source."""
+        if self.folder is None or not self.folder.is_dir():
+            return
+        versions = [p for p in self.folder.iterdir() if p.is_dir() and len(p.name) == 16]
+        versions.sort(key=lambda p: p.stat().st_mtime, reverse=True)
+        for old in versions[KEEP:]:
+            shutil.rmtree(old, ignore_errors=True)

@@ -1,0 +1,278 @@
+"""The flights that measure claims: missions, a tap on the probe, a bump into the surface.
+
+All start from ordinary descriptions; what is kept of a flight is small enough to be cached.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.analysis.identify.flight_log import IDENTIFY_FIELDS
+from skywright.core.types import SAMPLE
+from skywright.description.dump import dump_description
+from skywright.description.loader import Description, load_description
+from skywright.errors import SimulationError
+from skywright.evidence.reproduce import flights_arms
+from skywright.evidence.reproduce.cache import Record
+from skywright.evidence.reproduce.spec import Case
+from skywright.missions.skills.tables import build_retreat
+from skywright.missions.skills.tool_handling import LOW
+from skywright.missions.tool_install.metrics import compute_grasp_errors
+from skywright.models.compliant_arms import is_compliant
+from skywright.run.planning import MissionPlan, plan_mission
+from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.sim.simulation import Snapshot
+from skywright.vehicle.interface import Uav, WholeBody
+from skywright.vehicle.simulated import SimulatedVehicle
+
+Array = NDArray[np.float64]
+
+FIELDS = (
+    "t", "phase", "p_WB", "q_WB", "p_WT", "q_WT", "spring", "gap_max", "tilt", "f_normal",
+    "f_wind_W", "ref_p_WB", "ref_q_WB", "ref_p_WT", "ref_normal_W", "ec", "meas_p_WT",
+)  # fmt: skip
+"""Fields of SAMPLE that are kept."""
+
+ARM_FIELDS = (
+    "q", "deflection", "est_p_WB", "load_t_peak", "load_f_peak", "pad_f_peak",
+    *(f"{side}_{n}" for side in ("left", "right")
+      for n in ("p_WH", "ref_p_WH", "est_p_WH", "f_W", "est_f_W")),
+)  # fmt: skip
+"""Likewise of compliant arms."""
+
+CONTACT_FIELDS = (
+    "q", "est_p_WB", "force_meas", "ref_force", "pressing", "docked", "f_contact", "f_docking_W",
+    "fix_age", "pose_std",
+)  # fmt: skip
+"""Likewise of missions that press with a force sensor, and of flight modes."""
+
+TAP = (1.0, 0.0, 1.0)  # N, on the probe's holder, for one mission tick (20 ms)
+RING = 3.0  # s, watched after the tap
+LEFT = 0.5  # m, from the reference: the platform has left
+WATCH = 2.0  # s, after a bump
+
+
+def build_description(case: Case, seed: int) -> Description:
+    """The description that a case flies with one seed."""
+    return load_description(case.mission, case.robot or None, sets=case.sets, seed=seed)
+
+
+def describe_content(case: Case, description: Description) -> str:
+    """Everything that says what is flown."""
+    doing = case.model_dump(exclude={"mission", "robot", "sets", "seeds", "needs"})
+    law = description.mission.law or description.robot.control.law or ""
+    if ".py:" in law:  # a user's file is not part of the source that the cache hashes
+        doing["law"] = hashlib.sha256(Path(law.rpartition(":")[0]).read_bytes()).hexdigest()
+    return json.dumps(doing, sort_keys=True) + dump_description(description)
+
+
+def fly_case(case: Case, description: Description) -> Record:
+    """Fly one seed of a case. Raises as `skywright.run` does."""
+    return FLIGHTS[case.kind](case, description)
+
+
+class _Watcher:
+    """Keeps, every mission tick (20 ms), what samples do not hold."""
+
+    def __init__(self) -> None:
+        self.rows: list[Array] = []
+
+    def on_plan(self, plan: MissionPlan, description: Description) -> None:
+        """Nothing to do before the flight."""
+
+    def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
+        """Keep time, arm torques of the structure, and the position integral."""
+        sigma = vehicle.belief[0]["mem"]["sigma"]
+        self.rows.append(np.concatenate([[t], flex_torque(vehicle), sigma]))
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+def flex_torque(vehicle: SimulatedVehicle) -> Array:
+    """Torque (n,) N m in the arm's structural springs."""
+    model, places = vehicle.scene.model, vehicle.scene.places
+    flex = places.flex_qpos[places.flex_qpos >= 0]
+    joints = [int(np.flatnonzero(model.jnt_qposadr == q)[0]) for q in flex]
+    stiffness = np.asarray(model.jnt_stiffness, dtype=float).reshape(model.njnt, -1)[joints, 0]
+    return np.asarray(stiffness * vehicle.sim.qpos[flex])
+
+
+def _fly_mission(case: Case, description: Description) -> Record:
+    watcher = _Watcher()
+    result = fly_and_evaluate(description, [watcher])
+    info = {
+        "outcome": result.outcome,
+        "reason": result.reason,
+        "metrics": {k: v for k, v in result.metrics.items() if math.isfinite(v)},
+        "failed": [r.name for r in result.requirements if not r.passed],
+        "phases": [p._asdict() for p in result.phases],
+        "plan_s": result.plan.plan_s,
+        "depth_m": result.plan.depth_m,
+    }
+    fields = list(FIELDS)
+    if is_compliant(description.robot):
+        fields += ARM_FIELDS
+        objects = list(description.world.objects)
+        fields += [f"object{i}_p_WO" for i in range(len(objects))]
+        info |= {"objects": objects, "task": description.mission.model_dump().get("task", {})}
+    elif description.robot.force_sensor is not None:
+        fields += CONTACT_FIELDS
+    arrays = {name: result.samples[name] for name in fields}
+    if description.mission.kind == "tool-install":
+        index = description.world.things.index("tool")
+        arrays["tool_p_WO"] = result.samples[f"object{index}_p_WO"]
+        for name, along in (("grasp_error_O", 0.0), ("wait_error_O", -LOW)):
+            arrays[name] = compute_grasp_errors(result.samples, index, result.plan.task, along)
+    if description.mission.kind == "excitation":  # kept whole enough to identify from
+        arrays |= {name: result.samples[name] for name in IDENTIFY_FIELDS}
+        info["mission"] = dump_description(description)
+    arrays["watched"] = np.array(watcher.rows)
+    return Record(info, arrays)
+
+
+def _fly_to_stand_off(
+    description: Description, blocks: list[NDArray[Any]]
+) -> tuple[SimulatedVehicle, WholeBody, MissionPlan]:
+    """Fly to the stand-off before the surface, tip loop closed, and hold."""
+    plan = plan_mission(description)
+    vehicle = build_vehicle(description, blocks.append)
+    uav, body = Uav(vehicle), WholeBody(vehicle)
+    for _ in range(50):
+        vehicle.tick()
+    uav.motors(True)
+    uav.take_off(description.mission.hover_height_m)
+    _arrive(vehicle)
+    for name in ("approach", "unfold", "close_in"):
+        body.track(plan.segments[name])
+        _arrive(vehicle)
+    body.hold()
+    for _ in range(150):
+        vehicle.tick()
+    vehicle.flush()
+    blocks.clear()
+    return vehicle, body, plan
+
+
+def _arrive(vehicle: SimulatedVehicle) -> None:
+    while not vehicle.tick().arrived:
+        pass
+
+
+class _Checkpoint:
+    """The whole state of a vehicle, to come back to."""
+
+    def __init__(self, vehicle: SimulatedVehicle) -> None:
+        self._vehicle, self._physics = vehicle, Snapshot(vehicle.sim)
+        self._arrays = [vehicle.belief, vehicle.plant, vehicle.guard]
+        self._kept = [a.copy() for a in self._arrays]
+        self._table, self._xfrc = vehicle._table, vehicle.sim.xfrc.copy()
+
+    def restore(self) -> None:
+        """Put everything back; noise goes on as drawn."""
+        vehicle = self._vehicle
+        vehicle.flush()
+        vehicle.track(self._table)
+        self._physics.restore(vehicle.sim)
+        for array, kept in zip(self._arrays, self._kept, strict=True):
+            array[:] = kept
+        vehicle.sim.xfrc[:] = self._xfrc
+
+
+def _fly_taps(case: Case, description: Description) -> Record:
+    """Knock on the probe's holder and watch the tip ring, for each gain.
+
+    The position integral is off meanwhile, so that the gain in question acts alone. `tip` is
+    (gains, n, 3) m: the tip relative to the platform, NaN once the platform has left.
+    """
+    blocks: list[NDArray[Any]] = []
+    vehicle, _, _ = _fly_to_stand_off(description, blocks)
+    checkpoint = _Checkpoint(vehicle)
+    par, mass = vehicle.belief[0]["par"], float(vehicle.belief[0]["body"]["mass"])
+    holder = vehicle.scene.model.body("holder").id
+    n = round(RING * 100)
+    tip = np.full((len(case.gains), n, 3), np.nan)
+    for i, gain in enumerate(case.gains):
+        checkpoint.restore()
+        blocks.clear()
+        par["wi_p"] = 0.0
+        if case.gain == "position_n_per_m":
+            par["wn_p"] = math.sqrt(gain / mass)
+        else:
+            par["k_arm"] = gain
+        vehicle.sim.xfrc[holder, :3] = TAP
+        _watch(vehicle, 0.02)
+        vehicle.sim.xfrc[holder, :3] = 0.0
+        vehicle.flush()
+        blocks.clear()
+        _watch(vehicle, RING)
+        s = _joined(vehicle, blocks)[:n]
+        tip[i, : len(s)] = s["p_WT"] - s["p_WB"]
+    return Record({"mass": mass, "gains": case.gains}, {"tip": tip})
+
+
+def _watch(vehicle: SimulatedVehicle, seconds: float) -> None:
+    """Tick for some time, or until the platform has left its reference."""
+    end = vehicle.t + seconds
+    while vehicle.t < end - 1e-9:
+        try:
+            vehicle.tick()
+        except SimulationError:
+            return
+        if np.linalg.norm(vehicle.estimate["p_WB"] - vehicle.reference["p_WB"]) > LEFT:
+            return
+
+
+def _joined(vehicle: SimulatedVehicle, blocks: list[NDArray[Any]]) -> NDArray[Any]:
+    vehicle.flush()
+    return np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
+
+
+def _fly_bumps(case: Case, description: Description) -> Record:
+    """Touch the surface at each mean speed and watch the arm's structure.
+
+    `torque` is (speeds, n, joints) N m, every 4 ms from the start of the touch, `force` (speeds,)
+    N the largest contact force.
+    """
+    blocks: list[NDArray[Any]] = []
+    vehicle, body, plan = _fly_to_stand_off(description, blocks)
+    vehicle.n_ticks = 2
+    checkpoint = _Checkpoint(vehicle)
+    touch = plan.segments["touch"]
+    distance = float(np.linalg.norm(touch["p_WT"][0] - touch["p_WT"][-1]))
+    torques, forces = [], []
+    for speed in case.speeds_mps:
+        checkpoint.restore()
+        blocks.clear()
+        total = distance / speed
+        body.track(build_retreat(touch[-1], distance, total, back=True))
+        rows, end = [], vehicle.t + total + WATCH
+        while vehicle.t < end - 1e-9:
+            vehicle.tick()
+            rows.append(flex_torque(vehicle))
+        torques.append(np.array(rows))
+        forces.append(float(np.max(_joined(vehicle, blocks)["f_normal"])))
+    most = max(len(t) for t in torques)
+    padded = np.stack([np.pad(t, ((0, most - len(t)), (0, 0)), mode="edge") for t in torques])
+    return Record(
+        {"speeds": case.speeds_mps, "distance": distance},
+        {"torque": padded, "force": np.array(forces)},
+    )
+
+
+FLIGHTS = {
+    "mission": _fly_mission,
+    "tap": _fly_taps,
+    "bump": _fly_bumps,
+    "press": flights_arms.fly_press,
+    "hover": flights_arms.fly_hover,
+    "lean": flights_arms.fly_lean,
+}
+"""Kind of a case -> what flies it."""

@@ -1,0 +1,18 @@
+"""What a measure takes and gives."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from skywright.evidence.reproduce.cache import Record
+from skywright.reports.figures.claims import ClaimFigure
+
+Records = dict[str, list[Record]]
+"""Role of a claim -> its flights, one a seed."""
+
+
+class Measured(NamedTuple):
+    """Quantities by name, and the figure that shows them."""
+
+    values: dict[str, float]
+    figure: ClaimFigure | None

@@ -1,0 +1,112 @@
+"""Measures of Suarez 2020, section V-E: two hands together, from the mission bimanual-bench."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.errors import InputError
+from skywright.evidence.reproduce.cache import Record
+from skywright.evidence.reproduce.measured import Measured, Records
+from skywright.evidence.reproduce.series import cut
+from skywright.reports.figures.claims import ClaimFigure, Curve, Panel
+
+Array = NDArray[np.float64]
+
+
+def _values(records: list[Record], **names: str) -> dict[str, float]:
+    """The worst of all flights for metrics `bench.NAME`; a trial that failed has no number."""
+    out = {}
+    for key, name in names.items():
+        found = [r.info["metrics"].get(f"bench.{name}") for r in records]
+        if None in found:
+            reason = records[found.index(None)].info.get("reason") or "the trial was not finished"
+            raise InputError(f"no bench.{name}: {reason}")
+        out[key] = max(found, key=lambda v: -v if name == "box_lift_m" else v)
+    return {**out, "flights": float(len(records))}
+
+
+def measure_squeeze(records: Records) -> Measured:
+    """A box without handles, held by friction: (31), (32)."""
+    flights = records["bench"]
+    values = _values(flights, lift_m="box_lift_m", slip_mm="box_slip_mm", off_n="squeeze_error_n")
+    values["press_n"] = float(np.mean([r.info["metrics"]["bench.squeeze_n"] for r in flights]))
+    s = cut(flights[0], "squeeze", "lift", "hold box")
+    t = s["t"] - s["t"][0]
+    i = flights[0].info["objects"].index("box")
+    panels = [
+        Panel(
+            "Force of the hands on the box, sideways", "time (s)", "N",
+            [Curve("left", t, -s["left_f_W"][:, 1]), Curve("right", t, s["right_f_W"][:, 1])],
+            low=0.0,
+        ),
+        Panel(
+            "The box", "time (s)", "lifted (m)",
+            [Curve("", t, s[f"object{i}_p_WO"][:, 2] - s[f"object{i}_p_WO"][0, 2])],
+        ),
+    ]  # fmt: skip
+    return Measured(values, ClaimFigure(panels, "Mission bimanual-bench, first run."))
+
+
+def measure_unplug(records: Records) -> Measured:
+    """A plug pulled until it comes free, noticed by (33)."""
+    flights = records["bench"]
+    values = _values(flights, delay_s="unplug_delay_s", slip_mm="plug_slip_mm")
+    s = cut(flights[0], "pull", "unplugged")
+    t = s["t"] - s["t"][0]
+    i = flights[0].info["objects"].index("plug")
+    plug, hand = s[f"object{i}_p_WO"], s["left_p_WH"]
+    panel = Panel(
+        "Way since the pull began", "time (s)", "mm",
+        [Curve("plug", t, 1e3 * np.linalg.norm(plug - plug[0], axis=1)),
+         Curve("left hand", t, 1e3 * np.linalg.norm(hand - hand[0], axis=1))],
+        [(_threshold(flights[0]), "threshold of (33)")], low=0.0,
+    )  # fmt: skip
+    values["threshold_mm"] = _threshold(flights[0])
+    return Measured(values, ClaimFigure([panel], "Mission bimanual-bench, first run.", across=1))
+
+
+def _threshold(record: Record) -> float:
+    """Delta_th of (33) in mm."""
+    return 1e3 * float(record.info["task"]["unplug_threshold_m"])
+
+
+def measure_bar(records: Records) -> Measured:
+    """A bar led by both hands: (29), (30)."""
+    flights = records["bench"]
+    values = _values(flights, off_mm="bar_position_mm", off_deg="bar_direction_deg")
+    s = cut(flights[0], "lift bar", "turn bar", "bar forward")
+    t = s["t"] - s["t"][0]
+    i = flights[0].info["objects"].index("bar")
+    bar = s[f"object{i}_p_WO"] - s[f"object{i}_p_WO"][0]
+    goal = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])
+    goal = goal - goal[0]
+    between = s["left_p_WH"] - s["right_p_WH"]
+    heading = np.degrees(np.arctan2(-between[:, 0], between[:, 1]))
+    panels = [
+        Panel(
+            "Centre of the bar", "time (s)", "m",
+            [Curve(f"{n}", t, bar[:, k]) for k, n in enumerate("xyz")]
+            + [Curve(f"{n} asked for", t, goal[:, k], "dashed") for k, n in enumerate("xyz")],
+        ),
+        Panel("Line of both hands", "time (s)", "turned (deg)", [Curve("", t, heading)]),
+    ]  # fmt: skip
+    return Measured(values, ClaimFigure(panels, "Mission bimanual-bench, first run."))
+
+
+def measure_sensor(records: Records) -> Measured:
+    """The drift of the base, felt by arms that hold something firm."""
+    flights = records["bench"]
+    values = _values(flights, off_mm="drift_error_mm")
+    values["drift_mm"] = float(np.mean([r.info["metrics"]["bench.drift_rms_mm"] for r in flights]))
+    values["share"] = values["off_mm"] / values["drift_mm"]
+    s = cut(flights[0], "drift")
+    t = s["t"] - s["t"][0]
+    in_base = 0.5 * (s["left_est_p_WH"] + s["right_est_p_WH"]) - s["est_p_WB"]
+    felt, true = 1e3 * (in_base[0] - in_base), 1e3 * (s["p_WB"] - s["p_WB"][0])
+    axis = int(np.argmax(np.ptp(true, axis=0)))
+    panel = Panel(
+        f"Drift of the base along {'xyz'[axis]}", "time (s)", "mm",
+        [Curve("true", t, true[:, axis]), Curve("felt by the arms", t, felt[:, axis])],
+    )  # fmt: skip
+    return Measured(values, ClaimFigure([panel], "Mission bimanual-bench, first run.", across=1))

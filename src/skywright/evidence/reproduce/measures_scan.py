@@ -1,0 +1,311 @@
+"""Measures on the scan itself: contact, attitude, weld, degraded conditions, planning."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.errors import InputError
+from skywright.evidence.reproduce.cache import Record
+from skywright.evidence.reproduce.measured import Measured, Records
+from skywright.evidence.reproduce.series import (
+    along_surface,
+    attitude_error,
+    cut,
+    phase_time,
+    smooth,
+    tangential,
+)
+from skywright.inspection.eddy_current import Instrument
+from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel, Part
+from skywright.reports.figures.style import BLUE, ORANGE
+from skywright.run.metrics import LIFT_OFF_THRESHOLD
+
+Array = NDArray[np.float64]
+
+TIME = "time since the start of the run (s)"
+
+
+def _metric(record: Record, name: str) -> float:
+    return float(record.info["metrics"].get(name, math.nan))
+
+
+def _worst(records: list[Record], name: str) -> float:
+    return float(np.max([_metric(r, name) for r in records]))
+
+
+def _mean(records: list[Record], name: str) -> float:
+    return float(np.mean([_metric(r, name) for r in records]))
+
+
+def lift_off(ec: Array) -> Array:
+    """The instrument's lift-off component (n,), its own units."""
+    phase = Instrument().phase
+    return np.asarray(ec @ np.array([math.cos(phase), math.sin(phase)]))
+
+
+def measure_contact(records: Records) -> Measured:
+    """Largest lift-off signal during the scan, over all seeds."""
+    parts = [cut(r, "scan") for r in records["scan"]]
+    values = {
+        "lift_off_max": max(float(np.max(lift_off(s["ec"]))) for s in parts),
+        "lost_s": _worst(records["scan"], "contact.lost_s"),
+        "seeds": float(len(parts)),
+    }
+    s = cut(records["scan"][0], "trim", "touch", "settle", "scan", "leave")
+    panels: list[Part] = [
+        Panel(
+            "Lift-off signal from stand-off to departure", TIME, "w_l (instrument units)",
+            [Curve("", s["t"], lift_off(s["ec"]))], [(LIFT_OFF_THRESHOLD, "contact below 15")],
+        ),
+        Panel(
+            "Contact force", TIME, "normal force (N)", [Curve("", s["t"], s["f_normal"])], low=0.0
+        ),
+    ]  # fmt: skip
+    return Measured(values, ClaimFigure(panels, "The probe is in air, touches, slides, leaves."))
+
+
+def measure_air_gap(records: Records) -> Measured:
+    """Largest true gap between probe and surface during the scan."""
+    s = cut(records["scan"][0], "scan")
+    values = {"gap_max_mm": _worst(records["scan"], "contact.gap_max_mm")}
+    panel = Panel(
+        "Gap between probe and surface", TIME, "gap (mm), below 0 in contact",
+        [Curve("", s["t"], 1e3 * s["gap_max"])], [(1.0, "limit 1 mm")],
+    )  # fmt: skip
+    return Measured(values, ClaimFigure([panel], "The true gap, which only a simulation knows."))
+
+
+def measure_probe_tilt(records: Records) -> Measured:
+    """Largest angle between probe and surface normal during the scan."""
+    s = cut(records["scan"][0], "scan")
+    values = {"tilt_max_deg": _worst(records["scan"], "contact.tilt_max_deg")}
+    panel = Panel(
+        "Probe to surface normal", TIME, "angle (deg)",
+        [Curve("", s["t"], np.degrees(s["tilt"]))], [(10.0, "limit 10 deg")], low=0.0,
+    )  # fmt: skip
+    return Measured(values, ClaimFigure([panel], "Zero is perpendicular."))
+
+
+def measure_platform_offset(records: Records) -> Measured:
+    """Offsets along the surface: platform from nominal, tip from desired; with and without errors.
+
+    Along the surface, because along its normal both stand off on purpose.
+    """
+    names = {
+        "exact": "kinematics exact,\narm ten times stiffer",
+        "as_shipped": "as shipped",
+        "doubled": "calibration\nerrors doubled",
+    }
+    rows: dict[str, tuple[float, float]] = {}
+    for role in names:
+        s = cut(records[role][0], "scan")
+        platform, tip = tangential(s, "WB"), tangential(s, "WT")
+        rows[role] = (
+            1e3 * float(np.mean(np.linalg.norm(platform, axis=1))),
+            1e3 * float(np.mean(np.linalg.norm(tip, axis=1))),
+        )
+    values = {
+        "ratio": rows["as_shipped"][0] / rows["as_shipped"][1],
+        "platform_mm": rows["as_shipped"][0],
+        "tip_mm": rows["as_shipped"][1],
+        "exact_platform_mm": rows["exact"][0],
+        "doubled_platform_mm": rows["doubled"][0],
+        "doubled_tip_mm": rows["doubled"][1],
+        "platform_growth": rows["doubled"][0] / rows["exact"][0],
+    }
+    bars = Bars(
+        "Mean offset along the surface during the scan", "offset (mm)", list(names.values()),
+        ["platform from its nominal pose", "tip from its desired position"],
+        np.array([rows[r] for r in names]),
+    )  # fmt: skip
+    return Measured(
+        values,
+        ClaimFigure([bars], "The platform gives way so that the tip stays where it should be."),
+    )
+
+
+def measure_touch_down(records: Records) -> Measured:
+    """How fast the attitude error of the touch-down fades, with and without the integral.
+
+    The error is the change against the last second before the contact, so that a constant error of
+    the model does not count; observed until the sliding begins.
+    """
+    values: dict[str, float] = {}
+    curves, tilt = [], []
+    for role, label in (("with_integral", "with the integral"), ("without", "integral off")):
+        record = records[role][0]
+        s = cut(record, "trim", "touch", "settle")
+        start = phase_time(record, "touch")[0]
+        touching = (s["f_normal"] > 0.2) & (s["t"] > start)
+        if not np.any(touching):
+            raise InputError("the probe never touched the surface")
+        contact = float(s["t"][np.argmax(touching)])
+        error = smooth(attitude_error(s), 0.3)
+        before = (s["t"] > contact - 1.5) & (s["t"] < contact - 0.5)
+        change = np.degrees(np.linalg.norm(error - error[before].mean(axis=0), axis=1))
+        after = s["t"] >= contact
+        t, c = s["t"][after] - contact, change[after]
+        peak = int(np.argmax(c))
+        if role == "with_integral":
+            values["peak_deg"] = float(c[peak])
+            low = np.flatnonzero(c[peak:] < 0.2 * c[peak])
+            if len(low):
+                values["fade_s"] = float(t[peak + low[0]] - t[peak])
+                values["since_contact_s"] = float(t[peak + low[0]])
+            values["left_fraction"] = float(np.min(c[peak:]) / c[peak])
+        else:
+            values["left_without"] = float(c[-1] / c[peak])
+        keep = s["t"] > contact - 2.0
+        curves.append(Curve(label, s["t"][keep] - contact, change[keep]))
+        tilt.append(Curve(label, s["t"][keep] - contact, np.degrees(s["tilt"][keep])))
+    since = "time since the contact (s)"
+    panels: list[Part] = [
+        Panel("Platform attitude, change by the contact", since, "angle (deg)", curves, low=0.0),
+        Panel("Probe to surface normal", since, "angle (deg)", tilt, low=0.0),
+    ]
+    return Measured(
+        values, ClaimFigure(panels, "The push turns the platform; the integral turns it back.")
+    )
+
+
+def measure_weld(records: Records) -> Measured:
+    """Crossings of the weld that the processing found, and how far its line is off."""
+    runs = records["scan"]
+    values = {
+        "crossings": float(np.min([_metric(r, "weld.crossings") for r in runs])),
+        "offset_mm": _mean(runs, "weld.offset_error_mm"),
+        "offset_worst_mm": _worst(runs, "weld.offset_error_mm"),
+        "angle_deg": _mean(runs, "weld.angle_error_deg"),
+        "angle_worst_deg": _worst(runs, "weld.angle_error_deg"),
+        "seeds": float(len(runs)),
+    }
+    s = cut(runs[0], "scan")
+    phase = Instrument().phase
+    across = s["ec"] @ np.array([-math.sin(phase), math.cos(phase)])
+    offsets = [_metric(r, "weld.offset_error_mm") for r in runs]
+    angles = [_metric(r, "weld.angle_error_deg") for r in runs]
+    panels: list[Part] = [
+        Panel(
+            "Signal across the lift-off direction", TIME, "instrument units",
+            [Curve("", s["t"], across)],
+        ),
+        Bars(
+            "Error of the weld's line, one seed each", "offset (mm), angle (deg)",
+            [f"seed {i + 1}" for i in range(len(runs))], ["offset", "angle"],
+            np.array([offsets, angles]).T,
+        ),
+    ]  # fmt: skip
+    return Measured(values, ClaimFigure(panels, "Each excursion on the left is a crossing."))
+
+
+def measure_degraded(records: Records) -> Measured:
+    """Rise of the tip's error along the surface against good conditions, the same seeds."""
+    good, bad = records["good"], records["degraded"]
+    names = ("tip.tangential_rms_mm", "contact.tilt_max_deg", "weld.offset_error_mm")
+    rms = [[_metric(r, names[0]) for r in runs] for runs in (good, bad)]
+    values = {
+        "rise_mm": float(np.mean(rms[1]) - np.mean(rms[0])),
+        "ratio": float(np.mean(rms[1]) / np.mean(rms[0])),
+        "good_mm": float(np.mean(rms[0])),
+        "degraded_mm": float(np.mean(rms[1])),
+        "spread_mm": float(np.ptp(rms[0])),
+        "weld_rise_mm": _mean(bad, names[2]) - _mean(good, names[2]),
+        "lift_off_max": max(float(np.max(lift_off(cut(r, "scan")["ec"]))) for r in bad),
+        "gap_max_mm": _worst(bad, "contact.gap_max_mm"),
+        "tilt_max_deg": _worst(bad, "contact.tilt_max_deg"),
+        "crossings": float(np.min([_metric(r, "weld.crossings") for r in bad])),
+        "failed": float(sum(len(r.info["failed"]) for r in bad)),
+        "wind_n": float(
+            np.mean(
+                [np.mean(np.linalg.norm(cut(r, "scan")["f_wind_W"], axis=1)) for r in bad]
+            )
+        ),
+        "seeds": float(len(bad)),
+    }  # fmt: skip
+    curves = []
+    for runs, label, color in ((bad, "degraded", ORANGE), (good, "good conditions", BLUE)):
+        s = cut(runs[0], "scan")
+        size = 1e3 * np.linalg.norm(tangential(s, "WT"), axis=1)
+        curves.append(Curve(label, s["t"] - s["t"][0], size, color=color))
+    groups = ["tip error rms\n(mm)", "probe tilt max\n(deg)", "weld offset error\n(mm)"]
+    table = np.array([[_mean(good, n), _mean(bad, n)] for n in names])
+    panels: list[Part] = [
+        Panel(
+            "Tip error along the surface, seed 1", "time since the scan's start (s)",
+            "error (mm)", curves, low=0.0,
+        ),
+        Bars(
+            f"Means of {len(bad)} seeds", "value", groups, ["good conditions", "degraded"], table
+        ),
+    ]  # fmt: skip
+    return Measured(values, ClaimFigure(panels, "The same seeds, flown in both conditions."))
+
+
+def measure_planning(records: Records) -> Measured:
+    """Wall time of planning, and the length of the contact part."""
+    runs = records["scan"]
+    for r in runs:
+        cut(r, "scan")  # a flight that never slid measures no duration
+    times = [float(r.info["plan_s"]) for r in runs]
+    duration = float(np.mean([np.subtract(*phase_time(r, "scan")[::-1]) for r in runs]))
+    values = {
+        "plan_s": float(np.median(times)),
+        "duration_s": duration,
+        "times_faster": 9.0 / float(np.median(times)),
+    }
+    bars = Bars(
+        "Time to plan the contact trajectory", "s",
+        ["paper: about 110 s,\nIntel i5 of 2018", f"here: {duration:.0f} s,\nthis machine"], [""],
+        np.array([[9.0], [float(np.median(times))]]), log_y=True,
+    )  # fmt: skip
+    return Measured(values, ClaimFigure([bars], "Different machines: an order of magnitude only."))
+
+
+def measure_normal_error(records: Records) -> Measured:
+    """The tip's error along the normal over the scan, and what the integral does meanwhile."""
+    record = records["scan"][0]
+    s = cut(record, "touch", "settle", "scan")
+    start, end = phase_time(record, "scan")
+    normal = np.asarray(s["ref_normal_W"])
+    error = 1e3 * np.sum((s["p_WT"] - s["ref_p_WT"]) * normal, axis=1)
+    sliding = s["t"] >= start
+    watched = record.arrays["watched"]
+    inside = (watched[:, 0] >= start) & (watched[:, 0] <= end)
+    t, sigma = watched[inside, 0], watched[inside, -3:]
+    out = np.stack([np.interp(t, s["t"], normal[:, i]) for i in range(3)], axis=1)
+    along = np.sum(sigma * out, axis=1)
+    across = np.linalg.norm(along_surface(sigma, out), axis=1)
+    # in the dead zone no normal part is added: what the integral holds only turns with the normal
+    held = sigma[0] @ out.T
+    grown = along - held
+    values = {
+        "error_mm": float(np.min(error[sliding])),
+        "error_mean_mm": float(np.mean(error[sliding])),
+        "depth_mm": 1e3 * float(record.info["depth_m"]),
+        "wind_up_n": float(np.max(np.abs(grown))),
+        "would_be_n": float(np.mean(error[sliding]) * 1e-3 * (end - start)),
+        "force_drift_n": float(
+            np.mean(s["f_normal"][s["t"] > end - 10.0])
+            - np.mean(s["f_normal"][sliding & (s["t"] < start + 10.0)])
+        ),
+    }
+    panels: list[Part] = [
+        Panel(
+            "Tip from its desired position, along the outward normal", TIME, "error (mm)",
+            [Curve("", s["t"], error)], low=0.0,
+        ),
+        Panel(
+            "Position integral during the scan", TIME, "force (N)",
+            [
+                Curve("along the normal", t, along),
+                Curve("of which grown since the start", t, grown),
+                Curve("along the surface", t, across),
+            ],
+        ),
+    ]  # fmt: skip
+    return Measured(
+        values, ClaimFigure(panels, "The desired tip lies inside the pipe, so the error stays.")
+    )

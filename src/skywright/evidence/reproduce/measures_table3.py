@@ -1,0 +1,82 @@
+"""Measures of Suarez 2020, table 3: benefits and drawbacks of both configurations in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skywright.evidence.reproduce.measured import Measured, Records
+from skywright.evidence.reproduce.measures_bimanual import SHORT, load_sides
+from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
+
+
+def compute_table() -> dict[str, float]:
+    """The rows of `skywright compare` that say something about table 3."""
+    near, far = (s.values for s in load_sides())
+    diameters = (near["access.rotor_diameters"], far["access.rotor_diameters"])
+    values = {
+        "roll_ratio": near["control.roll_radps2"] / far["control.roll_radps2"],
+        "pitch_ratio": near["control.pitch_radps2"] / far["control.pitch_radps2"],
+        "period_s": far["control.swing_period_s"],
+        "near_depth_m": near["access.depth_m"], "far_depth_m": far["access.depth_m"],
+        "depth_gain_m": far["access.depth_m"] - near["access.depth_m"],
+        "near_ground": gain_near_surface(diameters[0]),
+        "far_ground": gain_near_surface(diameters[1]),
+        "near_diameters": diameters[0], "far_diameters": diameters[1],
+        "added_kg": far["mass_kg"] - near["mass_kg"],
+        "near_min": near["power.endurance_min"], "far_min": far["power.endurance_min"],
+        "near_share": near["ground.thrust_share"], "far_share": far["ground.thrust_share"],
+        "near_offset_m": near["ground.offset_m"], "far_offset_m": far["ground.offset_m"],
+    }  # fmt: skip
+    for side, row in (("near", near), ("far", far)):
+        values |= {f"{side}_kg": row["mass_kg"], f"{side}_roll": row["control.roll_radps2"],
+                   f"{side}_pitch": row["control.pitch_radps2"]}  # fmt: skip
+    return values
+
+
+def gain_near_surface(diameters: float) -> float:
+    """Share of thrust that a rotor gains so high above a surface (Cheeseman and Bennett 1955)."""
+    return 1.0 / (1.0 - (0.125 / diameters) ** 2) - 1.0
+
+
+def _show(title: str, unit: str, groups: dict[str, str], limit: str = "") -> Measured:
+    """Bars of both configurations for the quantities KEY of near_KEY and far_KEY."""
+    v = compute_table()
+    table = np.array([[v[f"near_{key}"], v[f"far_{key}"]] for key in groups])
+    bars = Bars(title, unit, list(groups.values()), SHORT, table, [(1.0, limit)] if limit else ())
+    return Measured(v, ClaimFigure([bars], "Rows of skywright compare."))
+
+
+def measure_controllability(records: Records) -> Measured:
+    """Angular acceleration that the rotors can give at hover."""
+    groups = {"roll": "roll", "pitch": "pitch"}
+    return _show("Angular acceleration that the rotors can give", "rad/s²", groups)
+
+
+def measure_narrow_access(records: Records) -> Measured:
+    """Depth of a hand in a shaft 0.5 m wide."""
+    return _show("Depth of a hand in a shaft 0.5 m wide", "m", {"depth_m": ""})
+
+
+def measure_weight(records: Records) -> Measured:
+    """Flying mass and endurance."""
+    return _show("Mass and endurance", "", {"kg": "mass (kg)", "min": "endurance (min)"})
+
+
+def measure_take_off(records: Records) -> Measured:
+    """Load of the rotors if all weight were lifted as the robot stands or lies on the ground."""
+    return _show("Most loaded rotor at lift-off", "of its limit", {"share": ""}, "limit")
+
+
+def measure_ground_effect(records: Records) -> Measured:
+    """Thrust gained over the surface that a hand touches."""
+    v = compute_table()
+    z = np.linspace(0.4, 3.2, 60)
+    panel = Panel(
+        "Thrust gained over a surface, Cheeseman and Bennett", "height (propeller diameters)", "%",
+        [
+            Curve("", z, 100.0 * np.array([gain_near_surface(d) for d in z])),
+            *(Curve(n, np.array([v[f"{k}_diameters"]]), np.array([100.0 * v[f"{k}_ground"]]),
+                    "line+points") for n, k in zip(SHORT, ("near", "far"), strict=True)),
+        ], low=0.0,
+    )  # fmt: skip
+    return Measured(v, ClaimFigure([panel], "A single rotor above level ground.", across=1))

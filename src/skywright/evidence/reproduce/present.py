@@ -1,0 +1,155 @@
+"""Claims as they are shown: on the terminal, on a page, in the docs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
+from rich.table import Table
+from rich.text import Text
+
+from skywright.evidence.reproduce.runner import ClaimResult, CriterionResult, Report, Steps
+from skywright.reports.claims import ClaimRow, CriterionRow, Heading, write_claims_page
+from skywright.run.run import collect_versions
+
+STYLES = {"reproduced": "green", "contradicted": "red", "not_comparable": "yellow"}
+SIGNS = {"<=": "≤", ">=": "≥", "==": "="}
+
+
+def write_number(value: float | None, unit: str = "") -> str:
+    """A number with three significant digits and its unit; a missing one as a dash."""
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞"
+    digits = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return f"{digits} {unit}".strip()
+
+
+def write_limit(result: CriterionResult) -> str:
+    """What a value is compared with."""
+    test = result.test
+    if test.limit is None:
+        return "not judged"
+    around = f" ± {test.tolerance:g}" if test.tolerance else ""
+    return f"{SIGNS.get(test.sense, test.sense)} {test.limit:g}{around} {test.unit}".strip()
+
+
+def write_paper_value(result: CriterionResult) -> str:
+    """What the paper prints."""
+    test = result.test
+    return "no figure" if test.paper_value is None else f"{test.paper_value:g} {test.unit}".strip()
+
+
+def count_verdicts(report: Report) -> str:
+    """One sentence with the numbers of verdicts."""
+    counts = {name: sum(c.verdict == name for c in report.claims) for name in STYLES}
+    lost = sum(bool(c.trouble) for c in report.claims)
+    return (
+        f"{counts['reproduced']} of {len(report.claims)} claims reproduced, "
+        f"{counts['contradicted']} contradicted, {counts['not_comparable']} not comparable"
+        + (f" ({lost} of these could not be measured)." if lost else ".")
+    )
+
+
+def build_row(result: ClaimResult) -> ClaimRow:
+    """A claim as the page shows it."""
+    tests = [
+        CriterionRow(
+            t.test.quantity, write_number(t.value, t.test.unit), write_limit(t), t.test.reading,
+            "" if t.passed is None else "met" if t.passed else "failed",
+        )
+        for t in result.tests
+    ]  # fmt: skip
+    first = result.tests[0]
+    return ClaimRow(
+        result.claim.id, result.claim.where, result.claim.statement, write_paper_value(first),
+        write_number(first.value, first.test.unit), result.verdict, result.explanation, tests,
+        result.figure,
+    )  # fmt: skip
+
+
+def write_page(reports: Sequence[Report], path: Path) -> None:
+    """Write claims.html."""
+    parts = []
+    for report in reports:
+        paper = report.file.paper
+        heading = Heading(
+            paper.short, paper.title, paper.reference, count_verdicts(report),
+            f"skywright reproduce {paper.id}",
+            f"({report.flown} flights flown, {report.cached} from the cache)", report.notes,
+        )  # fmt: skip
+        parts.append((heading, [build_row(c) for c in report.claims]))
+    write_claims_page(path, parts, collect_versions())
+
+
+def print_reports(reports: Sequence[Report], page: Path) -> None:
+    """Print a table a paper on standard output, then what was not reproduced and why."""
+    console = Console(highlight=False, soft_wrap=True)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=110, soft_wrap=True)
+    for report in reports:
+        _print_report(report, console)
+    console.print(f"{page}  a figure a claim", markup=False)
+
+
+def _print_report(report: Report, console: Console) -> None:
+    table = Table(
+        title=f"Claims of {report.file.paper.short}", title_justify="left", title_style="bold",
+        header_style="bold",
+    )  # fmt: skip
+    for name in ("claim", "the paper", "here", "test", "verdict"):
+        table.add_column(name, overflow="fold")
+    for c in report.claims:
+        first = c.tests[0]
+        table.add_row(
+            c.claim.id, write_paper_value(first), write_number(first.value, first.test.unit),
+            write_limit(first), Text(c.verdict.replace("_", " "), style=STYLES[c.verdict]),
+        )  # fmt: skip
+    console.print(table)
+    for c in report.claims:
+        if c.verdict != "reproduced":
+            console.print(Text(f"{c.claim.id}: ", style="bold") + Text(c.explanation))
+    console.print(count_verdicts(report))
+    for note in report.notes:
+        console.print(note, markup=False)
+
+
+class Bar(Steps):
+    """A progress bar on standard error; a line a flight where that is no terminal."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True, highlight=False)
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+        self._done = -1
+
+    def begin(self, total: int) -> None:
+        """Start the bar."""
+        if not self._console.is_terminal:
+            return
+        self._bar = Progress(
+            TextColumn("{task.description:<44}"), BarColumn(bar_width=30), MofNCompleteColumn(),
+            console=self._console, transient=True, auto_refresh=False,
+        )  # fmt: skip
+        self._task = self._bar.add_task("flights", total=total)
+        self._bar.start()
+
+    def step(self, name: str, cached: bool) -> None:
+        """Show the flight that begins."""
+        self._done += 1
+        if self._bar is None or self._task is None:
+            if not cached:
+                self._console.print(f"flying {name}", markup=False)
+            return
+        self._bar.update(self._task, description=name, completed=self._done)
+        self._bar.refresh()
+
+    def close(self) -> None:
+        """Remove the bar."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None

@@ -1,0 +1,201 @@
+"""What a claims file may say, and loading it."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from skywright.core.catalog import Entry
+from skywright.errors import InputError, neighbours
+
+DATA = Path(__file__).parent / "claims"
+
+Sense = Literal["<", "<=", ">", ">=", "=="]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Paper(_Strict):
+    """A source paper."""
+
+    id: str
+    short: str  # as in "Tognon 2018"
+    title: str
+    reference: str
+
+
+class Case(_Strict):
+    """A flight, or a family of flights, that claims may share."""
+
+    kind: Literal["mission", "tap", "bump", "press", "hover", "lean"] = "mission"
+    mission: str = "pipe-weld-scan"
+    robot: str = ""  # default: the mission's
+    sets: dict[str, Any] = {}
+    seeds: list[int] = Field(default=[1], min_length=1)
+    needs: str = ""  # told where the flight is refused
+    # tap: a knock on the probe at the stand-off, for each of these gains
+    gain: Literal["position_n_per_m", "arm_per_s"] = "position_n_per_m"
+    gains: list[float] = []
+    # bump: the last touch, at each of these mean speeds
+    speeds_mps: list[float] = []
+    # press: a hand against a box, platform clamped, with the estimator that `sets` choose
+    pose: Literal["L", "stretched"] = "L"
+    direction: Literal["up", "forward"] = "up"
+    # hover: the tip kept in place, at each of these mean winds (gusty)
+    winds_mps: list[float] = []
+    # lean: pulls back on the left hand, platform clamped, link free, one after the other
+    forces_n: list[float] = []
+
+    @model_validator(mode="after")
+    def _complete(self) -> Case:
+        if self.kind == "tap" and not self.gains:
+            raise ValueError("kind = 'tap' needs gains")
+        if self.kind == "bump" and not self.speeds_mps:
+            raise ValueError("kind = 'bump' needs speeds_mps")
+        if self.kind == "hover" and not self.winds_mps:
+            raise ValueError("kind = 'hover' needs winds_mps")
+        if self.kind == "lean" and not self.forces_n:
+            raise ValueError("kind = 'lean' needs forces_n")
+        return self
+
+
+class Criterion(_Strict):
+    """A measured quantity against a bound. `==` and printed values use the tolerance."""
+
+    quantity: str
+    unit: str = ""
+    sense: Sense = "<="
+    paper_value: float | None = None  # as printed; None where the paper prints no figure
+    tolerance: float | None = None  # around the printed value or bound
+    bound: float | None = None  # our reading of the paper's words, where it prints no figure
+    reading: str = ""  # how the words became a bound
+
+    @property
+    def limit(self) -> float | None:
+        """What the value is compared with; None where nothing can be compared."""
+        return self.paper_value if self.bound is None else self.bound
+
+
+class Why(_Strict):
+    """The explanation of each verdict; `{quantity:.2f}` is filled in from what was measured."""
+
+    reproduced: str = ""
+    contradicted: str = ""
+    not_comparable: str = ""
+
+
+class Claim(_Strict):
+    """A statement of a paper that flights can confirm or contradict."""
+
+    id: str
+    where: str  # section and figure
+    statement: str
+    measure: str  # name in `measures.MEASURES`
+    cases: dict[str, str] = {}  # role that the measure asks for -> case
+    tests: list[Criterion] = Field(min_length=1)  # the first one's quantity is the claim's value
+    why: Why = Why()
+
+
+class ClaimsFile(_Strict):
+    """A paper with its cases and claims."""
+
+    paper: Paper
+    cases: dict[str, Case] = {}
+    claims: list[Claim]
+
+    @model_validator(mode="after")
+    def _names_exist(self) -> ClaimsFile:
+        seen = set()
+        for claim in self.claims:
+            if claim.id in seen:
+                raise ValueError(f"two claims are called {claim.id!r}")
+            seen.add(claim.id)
+            for case in claim.cases.values():
+                if case not in self.cases:
+                    raise ValueError(
+                        f"claim {claim.id!r} names the case {case!r}; "
+                        f"valid: {neighbours(case, self.cases)}"
+                    )
+        return self
+
+
+class Verdict(NamedTuple):
+    """What became of a claim; `passed` is None where nothing can be compared."""
+
+    name: Literal["reproduced", "contradicted", "not_comparable"]
+    passed: list[bool | None]  # one a test
+
+
+def list_papers() -> list[str]:
+    """Names of the papers with claims."""
+    return sorted(p.stem for p in DATA.glob("*.toml"))
+
+
+def list_claims() -> list[Entry]:
+    """Every claim as PAPER/CLAIM with its statement."""
+    files = [load_claims(name) for name in list_papers()]
+    return [Entry(f"{f.paper.id}/{c.id}", c.statement) for f in files for c in f.claims]
+
+
+def load_claims(paper: str) -> ClaimsFile:
+    """Load the claims of a paper: a name of `list_papers`, or a file of one's own.
+
+    Raises InputError for an unknown name or an invalid file.
+    """
+    names = list_papers()
+    path = DATA / f"{paper}.toml" if paper in names else Path(paper)
+    if paper not in names and (path.suffix != ".toml" or not path.is_file()):
+        raise InputError(f"unknown paper {paper!r}; valid: {neighbours(paper, names)}")
+    label = f"claims of {paper}" if paper in names else str(path)
+    try:
+        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{label}: cannot be read: {error}") from None
+    try:
+        file = ClaimsFile.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{label}: {key}: {first['msg'].removeprefix('Value error, ')}") from None
+    _check_measures(file, label)
+    return file
+
+
+def _check_measures(file: ClaimsFile, label: str) -> None:
+    from skywright.evidence.reproduce.measures import MEASURES
+
+    for claim in file.claims:
+        if claim.measure not in MEASURES:
+            raise InputError(
+                f"{label}: claim {claim.id!r}: unknown measure {claim.measure!r}; "
+                f"valid: {neighbours(claim.measure, MEASURES)}"
+            )
+
+
+def judge(claim: Claim, values: dict[str, float]) -> Verdict:
+    """Compare the measured values with a claim's tests.
+
+    Not comparable where the first quantity was not measured or has nothing to be compared with;
+    reproduced where every other test passes; a missing or NaN quantity does not pass.
+    """
+    first = claim.tests[0]
+    if first.limit is None or first.quantity not in values:
+        return Verdict("not_comparable", [None] * len(claim.tests))
+    passed = [_passes(test, values.get(test.quantity, float("nan"))) for test in claim.tests]
+    return Verdict("contradicted" if False in passed else "reproduced", passed)
+
+
+def _passes(test: Criterion, value: float) -> bool | None:
+    limit, tolerance = test.limit, test.tolerance or 0.0
+    if limit is None:
+        return None  # told beside the others, not judged
+    if test.sense == "==":
+        return abs(value - limit) <= tolerance
+    if test.sense in ("<", "<="):
+        return value < limit + tolerance if test.sense == "<" else value <= limit + tolerance
+    return value > limit - tolerance if test.sense == ">" else value >= limit - tolerance

@@ -1,0 +1,118 @@
+"""What a report shows of a bar's insertion: the peg's depth, its error across, its force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skywright.missions.bar_insertion.metrics import compute_peg_way
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    WIDTH,
+    clip_phases,
+    draw_limit,
+    draw_line,
+    new_figure,
+    shade_phases,
+    stack_panels,
+)
+
+if TYPE_CHECKING:
+    from skywright.run.run import RunResult
+
+SHOWN = ("align", "lower", "insert", "draw out", "set free", "release")
+
+
+def draw_insertion(result: RunResult) -> Figure | None:
+    """Depth, error across the hole, force and angles, from over the socket to the release."""
+    s, d = result.samples, result.description
+    spans = [p for p in result.phases if p.name in SHOWN]
+    peg, socket = d.world.peg, d.world.socket
+    if not spans or peg is None or socket is None:
+        return None
+    s = s[(s["t"] >= spans[0].start_s) & (s["t"] <= spans[-1].end_s)]
+    if not len(s):
+        return None
+    t, way = s["t"], compute_peg_way(s, d)
+    figure = new_figure(WIDTH, 7.4)
+    strip, axes = stack_panels(figure, 4)
+    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
+    axes[0].set_title("Peg's end below the socket's face")
+    axes[0].set_ylabel("depth (mm)")
+    draw_line(axes[0], t, -1e3 * way.tip_S[:, 2], color=BLACK)
+    draw_limit(axes[0], 1e3 * peg.length_m, "the flange lies on the socket")
+    axes[0].set_ylim(-40.0, 1.25e3 * peg.length_m)
+    free = 0.5e3 * (socket.hole_m - peg.side_m)
+    reach = free + 1e3 * socket.chamfer_m
+    axes[1].set_title("Peg's end beside the hole's axis, in the hole's frame")
+    axes[1].set_ylabel("error (mm)")
+    axes[1].axhspan(
+        -reach, reach, color=ORANGE, alpha=0.12, lw=0, label=f"chamfer, ±{reach:.3g} mm"
+    )
+    axes[1].axhspan(-free, free, color=GREEN, alpha=0.25, lw=0, label=f"clearance, ±{free:.3g} mm")
+    for a, color in ((0, BLUE), (1, PURPLE)):
+        draw_line(axes[1], t, 1e3 * way.tip_S[:, a], color=color, label="xy"[a])
+    axes[1].set_ylim(-3.0 * reach, 3.0 * reach)
+    axes[1].legend(loc="upper right", ncols=4)
+    axes[2].set_title("Force of the peg on the socket (true, inertia left out)")
+    axes[2].set_ylabel("force (N)")
+    down, across = -way.f_W[:, 2], np.linalg.norm(way.f_W[:, :2], axis=1)
+    draw_line(axes[2], t, down, color=BLACK, label="down")
+    draw_line(axes[2], t, across, color=ORANGE, label="across")
+    draw_limit(axes[2], peg.mass_kg * d.world.gravity_mps2, "the bar's weight")
+    axes[2].legend(loc="upper left", ncols=2)
+    axes[3].set_title("Angles between peg and hole")
+    axes[3].set_ylabel("angle (deg)")
+    draw_line(axes[3], t, np.degrees(way.tilt), color=BLUE, label="tilt of the axes")
+    draw_line(axes[3], t, np.degrees(way.turn), color=GREEN, label="about the hole's axis")
+    axes[3].legend(loc="upper right", ncols=2)
+    return figure
+
+
+FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {"bar_insertion": draw_insertion}
+CAPTIONS = {
+    "bar_insertion": (
+        "The peg and the hole",
+        "How deep the peg came, how far its end was beside the hole (green: free play to each "
+        "side; orange: what the chamfer catches), how hard it pressed, and how it was turned "
+        "against the hole. The true socket is meant, which the robot knows from a survey only.",
+    ),
+}
+
+PHASES = {
+    "approach rack": "The hooks are lowered; the platform flies behind the rack.",
+    "survey": "Motion capture looks at the socket and says where it really stands.",
+    "reach under": "Platform and hooks come below the crossbar.",
+    "grasp": "The hooks rise until both feel the crossbar.",
+    "lift": "The platform rises; the springs of the arms take the bar's weight.",
+    "carry": "The bar is flown to over the socket.",
+    "align": "The platform leads the peg over the hole, the arms turn the bar along it.",
+    "lower": "The peg is lowered until it is in the hole, or stands beside it.",
+    "insert": "The bar's weight presses the peg in; the hands let go of it as far as needed.",
+    "draw out": "It did not go in: up again, for another try.",
+    "set free": "The weight passes from the hands to the socket.",
+    "release": "The hooks are drawn out of the crossbar.",
+    "carry back": "No try went in: the bar is flown back to the rack.",
+    "lay down": "The bar is put back into the rack.",
+    "look again": "The grasp missed; the bar is looked at once more.",
+    "lift arms": "The arms fold above the landing gear.",
+}
+
+
+def describe(result: RunResult) -> str:
+    """Say whether the peg came in."""
+    d = result.description
+    did = f"{d.robot.name} in world {d.world.name} "
+    tries, socket, peg = int(result.metrics.get("insert.tries", 0.0)), d.world.socket, d.world.peg
+    if result.metrics.get("insert.done") != 1.0 or socket is None or peg is None:
+        return did + f"did not put the peg into the hole ({tries} tries)"
+    often = "at the first try" if tries == 1 else f"in {tries} tries"
+    play = 1e3 * (socket.hole_m - peg.side_m)
+    return did + f"put the peg into a hole {play:.3g} mm wider, {often}"

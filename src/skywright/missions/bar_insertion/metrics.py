@@ -1,0 +1,82 @@
+"""Metrics of the kind "bar-insertion": how deep the peg came, and what it took."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.loader import Description
+from skywright.models.deviation import build_deviation
+from skywright.models.drawing import rotate_vectors
+from skywright.models.insertion_body import locate_socket
+from skywright.run.flight import PhaseRecord
+from skywright.run.metrics import in_phases
+from skywright.run.planning import MissionPlan
+
+Array = NDArray[np.float64]
+Samples = NDArray[Any]
+
+SEATED = 0.95  # of the peg's length in the hole: it is in
+BELOW_FLIGHT = ("start", "take_off", "land")
+
+
+class PegWay(NamedTuple):
+    """The peg against the true hole, a row a sample."""
+
+    tip_S: Array  # (n, 3) m, middle of the peg's end in S
+    tilt: Array  # (n,) rad, between peg and hole
+    turn: Array  # (n,) rad, of the bar about the hole's axis
+    f_W: Array  # (n, 3) N, of the peg on what it touches; inertia left out
+
+
+def compute_peg_way(samples: Samples, d: Description) -> PegWay:
+    """Return how the peg moves against the true hole, and how hard it presses."""
+    peg, socket = d.world.peg, d.world.socket
+    assert peg is not None and socket is not None
+    error = build_deviation(d.plant, d.robot, d.mission.seed).socket_error
+    p_WS, R_WS = locate_socket(socket, error)
+    i = d.world.things.index("peg")
+    q = samples[f"object{i}_q_WO"]
+    axes = [rotate_vectors(q, np.tile(np.eye(3)[a], (len(samples), 1))) for a in range(3)]
+    tip = samples[f"object{i}_p_WO"] - peg.length_m * axes[2]
+    along = np.clip(axes[2] @ R_WS[:, 2], -1.0, 1.0)
+    turn = np.arctan2(-axes[1] @ R_WS[:, 0], axes[1] @ R_WS[:, 1])
+    weight = np.array([0.0, 0.0, peg.mass_kg * d.world.gravity_mps2])
+    carried = samples["left_f_W"] + samples["right_f_W"]
+    return PegWay((tip - p_WS) @ R_WS, np.arccos(along), turn, carried - weight)
+
+
+def compute_insertion_metrics(
+    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
+) -> tuple[dict[str, float], None]:
+    """Judge the phases that were flown; what was not reached has no metric."""
+    peg = description.world.peg
+    assert peg is not None
+    out = {"insert.tries": float(sum(p.name == "lower" for p in phases))}
+    out["insert.done"] = 0.0
+    flown = ~in_phases(samples, phases, *BELOW_FLIGHT)
+    hits = (samples["f_collision"] > 0.0) & flown
+    out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
+    way = compute_peg_way(samples, description)
+    last = np.flatnonzero(in_phases(samples, phases, "return"))
+    if len(last):
+        depth = -float(way.tip_S[last[-1], 2])
+        aside = float(np.max(np.abs(way.tip_S[last[-1], :2])))
+        out["insert.depth_mm"] = 1e3 * depth
+        out["insert.done"] = float(depth > SEATED * peg.length_m and aside < 0.5 * peg.flange_m)
+    inserting = in_phases(samples, phases, "lower", "insert", "draw out", "set free")
+    if np.any(inserting):
+        pressed = np.linalg.norm(way.f_W[inserting], axis=1)
+        out["insert.force_max_n"] = float(np.max(pressed))
+    tries = [p for p in phases if p.name in ("lower", "insert")]
+    if tries:
+        begins = [p.start_s for p in tries if p.name == "lower"][-1]
+        at = min(int(np.searchsorted(samples["t"], begins)), len(samples) - 1)
+        out["insert.aim_error_mm"] = 1e3 * float(np.linalg.norm(way.tip_S[at, :2]))
+        out["insert.aim_angle_deg"] = math.degrees(abs(float(way.turn[at])))
+        first = next(p.start_s for p in phases if p.name == "align")
+        out["insert.time_s"] = tries[-1].end_s - first
+    return out, None

@@ -1,0 +1,48 @@
+"""What a mission of the kind "bar-transport" may say."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
+from skywright.description.mission.spec import Mission
+from skywright.description.robot.bar import Bar
+from skywright.description.robot.spec import Robot
+
+
+class BarTransport(Spec):
+    """Carry a bar in both hands through a world's structures, in the plane y = 0.
+
+    The flight starts at (`mission.start_x_m`, 0, `mission.hover_height_m`), arms at work.
+    """
+
+    bar_length_m: NonNegative = 2.0  # 0: nothing is carried
+    bar_diameter_m: Positive = 0.04
+    bar_mass_kg: Positive = 0.3
+    goal_x_m: Coordinate = 9.0
+    goal_z_m: float = Field(default=2.0, gt=0, le=100)
+    margin_m: Positive = 0.2  # that the plan keeps from everything
+    p1: Positive = 1.0  # weights of the plan's cost (6)
+    p2: Positive = 0.1
+    planner_slices: int = Field(default=1000, ge=1, le=1_000_000)  # of work, about a second
+    swing_plan_deg: Positive = 2.5  # of the passive joint about its equilibrium, as planned
+    plan_file: str = ""  # fly this plan instead of planning
+    duration_s: Positive | None = None  # of the carrying; default: the shortest
+
+
+class BarTransportMission(Mission):
+    """A mission of the kind "bar-transport"."""
+
+    task: BarTransport = BarTransport()
+
+    def adapt_robot(self, robot: Robot) -> Robot:
+        """Put the bar into the robot's hands."""
+        if robot.arm is None or robot.arm.sides != 2:
+            return robot
+        t = self.task
+        bar = None
+        if t.bar_length_m > 0.0:
+            bar = Bar(
+                length_m=t.bar_length_m, diameter_m=t.bar_diameter_m, mass_kg=t.bar_mass_kg
+            )  # fmt: skip
+        return robot.model_copy(update={"arm": robot.arm.model_copy(update={"bar": bar})})

@@ -1,0 +1,1 @@
+"""The mission kind `bimanual-bench`."""

@@ -1,0 +1,228 @@
+"""What a report shows of trials on the bench: a figure a trial, and the hands all along."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skywright.missions.bimanual_bench.metrics import compute_bar_errors, compute_drift
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    WIDTH,
+    clip_phases,
+    draw_limit,
+    draw_line,
+    fit_y,
+    new_figure,
+    shade_phases,
+    stack_panels,
+)
+from skywright.reports.kinds import find_task
+from skywright.run.metrics import in_phases
+
+if TYPE_CHECKING:
+    from skywright.run.run import RunResult
+
+SIDES = (("left", BLUE), ("right", ORANGE))
+
+
+def _start(
+    result: RunResult, first: str, last: str, titles: tuple[str, str], labels: tuple[str, str]
+) -> tuple[Figure, list[Any], Any] | None:
+    """Two panels over the phases from `first` to `last`, and the samples within; None without."""
+    names = [p.name for p in result.phases]
+    if first not in names or last not in names[names.index(first) :]:
+        return None
+    at = names.index(first)
+    start, end = result.phases[at].start_s, result.phases[names.index(last, at)].end_s
+    s = result.samples[(result.samples["t"] >= start) & (result.samples["t"] <= end)]
+    if len(s) < 2:
+        return None
+    figure = new_figure(WIDTH, 4.0)
+    strip, axes = stack_panels(figure, 2)
+    shade_phases(strip, axes, clip_phases(result.phases, float(s["t"][0]), float(s["t"][-1])))
+    for ax, title, label in zip(axes, titles, labels, strict=True):
+        ax.set_title(title)
+        ax.set_ylabel(label)
+    return figure, axes, s
+
+
+def _object(result: RunResult, name: str) -> int:
+    return list(result.description.world.objects).index(name)
+
+
+def draw_squeeze(result: RunResult) -> Figure | None:
+    """Force of each hand on the box, and the box's height."""
+    begun = _start(
+        result, "squeeze", "lower",
+        ("Force with which each hand squeezes", "Height above where it stood"),
+        ("force (N)", "height (mm)"),
+    )  # fmt: skip
+    if begun is None:
+        return None
+    figure, axes, s = begun
+    wanted = float(find_task(result.description).squeeze_n)
+    for (side, color), sign in zip(SIDES, (-1.0, 1.0), strict=True):
+        true = sign * s[f"{side}_f_W"][:, 1]
+        draw_line(axes[0], s["t"], true, color=color, label=f"{side}, true")
+        felt = sign * s[f"{side}_est_f_W"][:, 1]
+        draw_line(axes[0], s["t"], felt, color=color, lw=0.7, ls=":", label=f"{side}, as estimated")
+    axes[0].axhline(wanted, color=GREEN, lw=1.1, ls=":", label="asked for")
+    axes[0].set_ylim(-0.2, 1.6 * wanted)
+    axes[0].legend(loc="lower right", ncols=5)
+    box = s[f"object{_object(result, 'box')}_p_WO"][:, 2]
+    hands = 0.5 * (s["left_p_WH"] + s["right_p_WH"])[:, 2]
+    draw_line(axes[1], s["t"], 1e3 * (box - box[0]), color=GREEN, label="box")
+    draw_line(axes[1], s["t"], 1e3 * (hands - hands[0]), color=BLACK, lw=0.8, label="hands")
+    goal = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])[:, 2]
+    draw_line(axes[1], s["t"], 1e3 * (goal - goal[-1]), color=GREEN, ls=":", label="asked for")
+    axes[1].legend(loc="upper right", ncols=3)
+    return figure
+
+
+def draw_unplug(result: RunResult) -> Figure | None:
+    """Hands' and plug's way since the grasp, the threshold of (33), and the forward force."""
+    begun = _start(
+        result, "pull", "unplugged",
+        ("Way since the grasp", "Force of both hands together, backward"),
+        ("distance (mm)", "force (N)"),
+    )  # fmt: skip
+    if begun is None:
+        return None
+    figure, axes, s = begun
+    task = find_task(result.description)
+    ways = []
+    for side, color in SIDES:
+        way = 1e3 * np.linalg.norm(s[f"{side}_est_p_WH"] - s[f"{side}_est_p_WH"][0], axis=1)
+        ways.append(way)
+        draw_line(axes[0], s["t"], way, color=color, label=f"{side} hand, as estimated")
+    plug = s[f"object{_object(result, 'plug')}_p_WO"]
+    moved = 1e3 * np.linalg.norm(plug - plug[0], axis=1)
+    draw_line(axes[0], s["t"], moved, color=GREEN, label="plug")
+    draw_limit(axes[0], 1e3 * task.unplug_threshold_m, "threshold of (33)")
+    fit_y(axes[0], float(max(*ways[0], *ways[1], *moved)), low=0.0)
+    axes[0].legend(loc="upper left", ncols=3)
+    pull = -(s["left_f_W"] + s["right_f_W"])[:, 0]
+    draw_line(axes[1], s["t"], pull, color=BLUE)
+    held = result.description.world.objects["plug"].held_n
+    if held is not None:
+        draw_limit(axes[1], held, "the socket holds")
+    return figure
+
+
+def draw_bar(result: RunResult) -> Figure | None:
+    """Errors of the bar's centre and direction."""
+    begun = _start(
+        result, "lift bar", "lower bar",
+        ("Distance of the bar's centre from its pose, (29)", "Angle of the bar to its pose, (30)"),
+        ("distance (mm)", "angle (deg)"),
+    )  # fmt: skip
+    found = compute_bar_errors(result.samples, result.phases, result.description)
+    if begun is None or found is None:
+        return None
+    figure, axes, s = begun
+    near = np.isin(result.samples["t"], s["t"])
+    limits = result.description.mission.requirements
+    for ax, values, name in (
+        (axes[0], 1e3 * found.position[near], "bench.bar_position_mm"),
+        (axes[1], np.degrees(found.direction[near]), "bench.bar_direction_deg"),
+    ):
+        draw_line(ax, s["t"], values, color=BLUE)
+        if name in limits:
+            draw_limit(ax, limits[name].limit, "limit at the end of each pose")
+        fit_y(ax, float(np.max(values)), limits[name].limit if name in limits else 0.0, low=0.0)
+    return figure
+
+
+def draw_drift(result: RunResult) -> Figure | None:
+    """The base's drift, true and as the arms felt it."""
+    begun = _start(
+        result, "drift", "drift", ("Drift forward", "Drift upward"), ("way (mm)", "way (mm)")
+    )
+    found = compute_drift(result.samples, result.phases, result.description)
+    if begun is None or found is None:
+        return None
+    figure, axes, _ = begun
+    t = result.samples["t"][in_phases(result.samples, result.phases, "drift")]
+    for ax, axis in zip(axes, (0, 2), strict=True):
+        draw_line(ax, t, 1e3 * found.true[:, axis], color=GREEN, lw=2.5, label="of the base")
+        draw_line(ax, t, 1e3 * found.felt[:, axis], color=BLACK, lw=1.0, label="felt by the arms")
+        fit_y(ax, *(1e3 * f(found.true[:, axis]) for f in (np.min, np.max)))
+    axes[0].legend(loc="upper right", ncols=2)
+    return figure
+
+
+def draw_hands(result: RunResult) -> Figure | None:
+    """Forces of the hands and springs of an arm over the whole run."""
+    s = result.samples
+    if len(s) < 2:
+        return None
+    t = s["t"]
+    figure = new_figure(WIDTH, 4.4)
+    strip, axes = stack_panels(figure, 2)
+    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
+    axes[0].set_title("Force of each hand on what it touches")
+    axes[0].set_ylabel("force (N)")
+    for side, color in SIDES:
+        force = np.linalg.norm(s[f"{side}_f_W"], axis=1)
+        draw_line(axes[0], t, force, color=color, label=side)
+    axes[0].set_ylim(0.0, 8.0)
+    axes[0].legend(loc="upper left", ncols=2)
+    axes[1].set_title("Springs of the left arm")
+    axes[1].set_ylabel("deflection (deg)")
+    for j, (name, color) in enumerate(
+        zip(("pitch", "roll", "yaw", "elbow"), (BLUE, GREEN, ORANGE, PURPLE), strict=True)
+    ):
+        draw_line(axes[1], t, np.degrees(s["deflection"][:, j]), color=color, label=name)
+    fit_y(axes[1], -35.0, 25.0)
+    axes[1].legend(loc="upper left", ncols=4)
+    return figure
+
+
+FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
+    "bench_squeeze": draw_squeeze, "bench_unplug": draw_unplug, "bench_bar": draw_bar,
+    "bench_drift": draw_drift, "bench_hands": draw_hands,
+}  # fmt: skip
+CAPTIONS = {
+    "bench_squeeze": (
+        "A box between two hands",
+        "Friction alone carries the box. Its weight winds the springs of shoulder and elbow: "
+        "hands and box first sag, then a slow loop brings them to their height.",
+    ),
+    "bench_unplug": (
+        "A plug comes free",
+        "The hands are told of the release by their own way: beyond the threshold the plug must be "
+        "out. Springs that were wound by the pull let them leap a little.",
+    ),
+    "bench_bar": (
+        "A bar is led",
+        "The bar follows both hands. Each pose is judged in its last second.",
+    ),
+    "bench_drift": (
+        "Arms that feel where the base is",
+        "The hands hold a post that stands firm, so what their angles say is how the base moves.",
+    ),
+    "bench_hands": ("The whole run", "Bands are phases."),
+}
+
+
+def describe(result: RunResult) -> str:
+    """Say what the trials came to."""
+    d, found = result.description, result.metrics
+    parts = {
+        "bench.box_lift_m": ("held a box {:.0f} mm high", 1e3),
+        "bench.unplug_delay_s": ("noticed after {:.2f} s that a plug came free", 1.0),
+        "bench.bar_position_mm": ("led a bar to {:.0f} mm", 1.0),
+        "bench.drift_error_mm": ("felt the drift of its base to {:.1f} mm", 1.0),
+    }
+    said = [text.format(scale * found[k]) for k, (text, scale) in parts.items() if k in found]
+    trials = ", ".join(find_task(d).trials)
+    start = f"{d.robot.name} in world {d.world.name} tried {trials}"
+    return start + (": its two hands " + "; ".join(said) if said else "")

@@ -1,0 +1,159 @@
+"""Metrics of the kind "bimanual-bench": what two hands did to box, plug, bar and post."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.loader import Description
+from skywright.missions.bimanual_bench.task import BimanualBenchMission
+from skywright.models.drawing import rotate_vectors
+from skywright.run.flight import PhaseRecord
+from skywright.run.metrics import in_phases
+from skywright.run.planning import MissionPlan
+
+Array = NDArray[np.float64]
+Samples = NDArray[Any]
+
+FREE = 0.005  # m, a plug that has moved so far is out
+LAST_S = 1.0  # s at the end of a phase over which a pose is judged
+
+
+def compute_bench_metrics(
+    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
+) -> tuple[dict[str, float], None]:
+    """Judge the trials that were made."""
+    mission = description.mission
+    assert isinstance(mission, BimanualBenchMission)
+    names = list(description.world.objects)
+    out: dict[str, float] = {}
+    for trial in mission.task.trials:
+        judge = {"squeeze": _judge_box, "unplug": _judge_plug, "bar": _judge_bar}.get(trial)
+        if judge is not None:
+            thing = {"squeeze": "box", "unplug": "plug", "bar": "bar"}[trial]
+            out |= judge(samples, phases, names.index(thing), description)
+        else:
+            out |= _judge_drift(samples, phases, description)
+    return out, None
+
+
+def _judge_box(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
+    """How high the box was held, how far it slipped between the hands, how hard they pressed."""
+    hold = in_phases(s, phases, "hold box")
+    if not np.any(hold):
+        return {}
+    thing = d.world.objects["box"]
+    box = s[f"object{i}_p_WO"][hold]
+    press = 0.5 * (s["right_f_W"][hold][:, 1] - s["left_f_W"][hold][:, 1])
+    return {
+        "bench.box_lift_m": float(np.min(box[:, 2])) - thing.z_m,
+        "bench.box_slip_mm": _compute_slip(s, hold, i),
+        "bench.squeeze_n": float(np.mean(press)),
+        "bench.squeeze_error_n": float(np.sqrt(np.mean((press - _squeeze_n(d)) ** 2))),
+    }
+
+
+def _squeeze_n(d: Description) -> float:
+    assert isinstance(d.mission, BimanualBenchMission)
+    return d.mission.task.squeeze_n
+
+
+def _compute_slip(s: Samples, held: NDArray[np.bool_], i: int) -> float:
+    """How far (mm) thing i moved from the middle of both hands since the first of these samples."""
+    away = s[f"object{i}_p_WO"][held] - 0.5 * (s["left_p_WH"] + s["right_p_WH"])[held]
+    return 1e3 * float(np.max(np.linalg.norm(away - away[0], axis=1)))
+
+
+def _judge_plug(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
+    """Time from the plug's coming free until the hands noticed it, and whether they kept it."""
+    pull = in_phases(s, phases, "pull")
+    if not np.any(pull):
+        return {}
+    thing = d.world.objects["plug"]
+    way = np.linalg.norm(s[f"object{i}_p_WO"] - [thing.x_m, thing.y_m, thing.z_m], axis=1)
+    free = np.flatnonzero(pull & (way > FREE))
+    noticed = next((p.start_s for p in phases if p.name == "unplugged"), None)
+    if noticed is None or not len(free):  # or noticed what did not happen: hands that slip off
+        return {}
+    out = in_phases(s, phases, "unplugged")
+    return {
+        "bench.unplug_delay_s": noticed - float(s["t"][free[0]]),
+        "bench.plug_slip_mm": _compute_slip(s, out, i),
+    }
+
+
+class BarErrors(NamedTuple):
+    """Of every sample: distance (n,) m of the bar's centre, angle (n,) rad of its direction."""
+
+    position: Array
+    direction: Array
+
+
+def compute_bar_errors(s: Samples, phases: list[PhaseRecord], d: Description) -> BarErrors | None:
+    """Compare the bar with the pose asked for, (29) and (30); None where no hands closed around it.
+
+    Poses are counted from where the bar lay when they did.
+    """
+    held = in_phases(s, phases, "hold bar")
+    if not np.any(held):
+        return None
+    thing, i = d.world.objects["bar"], list(d.world.objects).index("bar")
+    middle = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])
+    goal = middle - (middle[held][-1] - [thing.x_m, thing.y_m, thing.z_m])
+    n = s["left_ref_p_WH"] - s["right_ref_p_WH"]
+    n = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
+    axis = rotate_vectors(s[f"object{i}_q_WO"], np.tile([0.0, 1.0, 0.0], (len(s), 1)))
+    cosine = np.abs(np.sum(n * axis, axis=1))
+    return BarErrors(
+        np.linalg.norm(s[f"object{i}_p_WO"] - goal, axis=1), np.arccos(np.clip(cosine, 0.0, 1.0))
+    )
+
+
+def _judge_bar(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
+    """Worst errors of the bar's true centre and direction at the end of each pose."""
+    found = compute_bar_errors(s, phases, d)
+    late = np.zeros(len(s), dtype=bool)
+    for k, phase in enumerate(phases):
+        if phase.name in ("lift bar", "turn bar", "bar forward"):
+            late |= (s["phase"] == k) & (s["t"] > phase.end_s - LAST_S)
+    if found is None or not np.any(late):
+        return {}
+    return {
+        "bench.bar_position_mm": 1e3 * float(np.max(found.position[late])),
+        "bench.bar_direction_deg": math.degrees(float(np.max(found.direction[late]))),
+    }
+
+
+class Drift(NamedTuple):
+    """Way (n, 3) m of the base while it drifted: as the arms felt it, and the true one."""
+
+    felt: Array
+    true: Array
+
+
+def compute_drift(s: Samples, phases: list[PhaseRecord], d: Description) -> Drift | None:
+    """Return the base's drift as the arms' angles tell it, and the true one.
+
+    What the hands hold does not move, so the base has moved by minus the hands' estimated motion
+    in its own frame. The estimate in W contains the estimated base: it is taken out again.
+    """
+    moving = in_phases(s, phases, "drift")
+    if not np.any(moving) or d.world.bench is None:
+        return None
+    in_base = 0.5 * (s["left_est_p_WH"] + s["right_est_p_WH"])[moving] - s["est_p_WB"][moving]
+    true = s["p_WB"][moving]
+    return Drift(in_base[0] - in_base, true - true[0])
+
+
+def _judge_drift(s: Samples, phases: list[PhaseRecord], d: Description) -> dict[str, float]:
+    found = compute_drift(s, phases, d)
+    if found is None:
+        return {}
+    error = found.felt - found.true
+    return {
+        "bench.drift_error_mm": 1e3 * float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+        "bench.drift_rms_mm": 1e3 * float(np.sqrt(np.mean(np.sum(found.true**2, axis=1)))),
+    }

@@ -1,0 +1,54 @@
+"""What a mission of the kind "bimanual-bench" may say."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field, model_validator
+
+from skywright.core.spec import Spec
+from skywright.description.mission.spec import Mission
+
+Trial = Literal["squeeze", "unplug", "bar", "position-sensor"]
+JUDGED_BY: dict[str, tuple[str, ...]] = {
+    "squeeze": ("bench.box_", "bench.squeeze_"),
+    "unplug": ("bench.unplug_", "bench.plug_"),
+    "bar": ("bench.bar_",),
+    "position-sensor": ("bench.drift_",),
+}
+"""Trial -> beginnings of the names of its metrics."""
+
+
+class BimanualBench(Spec):
+    """Two hands on a bench (Suarez 2020, section V-D and VI): which trials, and how hard."""
+
+    trials: list[Trial] = Field(
+        default=["squeeze", "unplug", "bar", "position-sensor"], min_length=1
+    )
+    squeeze_n: float = Field(default=3.5, gt=0, le=15)
+    lift_m: float = Field(default=0.05, gt=0, le=0.2)
+    hold_s: float = Field(default=5.0, gt=0, le=600)
+    unplug_threshold_m: float = Field(default=0.03, gt=0, le=1)  # Delta_th of (33)
+    bar_turn_deg: float = Field(default=10.0, ge=0, le=30)
+    drift_m: float = Field(default=0.02, ge=0, le=0.05)  # of the base, peak, while it is measured
+    drift_period_s: float = Field(default=6.0, ge=0.5, le=600)
+
+
+class BimanualBenchMission(Mission):
+    """A mission with the table `mission.task` of this kind."""
+
+    task: BimanualBench = BimanualBench()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _requirements_of_its_trials(cls, data: Any) -> Any:
+        """Ask nothing of trials that are not made."""
+        task = data.get("task") if isinstance(data, dict) else None
+        trials = task.get("trials") if isinstance(task, dict) else None
+        if not isinstance(trials, list) or not isinstance(data.get("requirements"), dict):
+            return data
+        left_out = tuple(
+            name for trial, names in JUDGED_BY.items() if trial not in trials for name in names
+        )
+        kept = {k: v for k, v in data["requirements"].items() if not k.startswith(left_out)}
+        return {**data, "requirements": kept}

@@ -1,0 +1,182 @@
+"""What a report shows of contact inspection: the flight, the forces, where the feet stood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skywright.missions.bridge_contact.metrics import compute_press, select_phases
+from skywright.reports.figures.localisation import CAPTION, draw_localisation
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    WIDTH,
+    draw_line,
+    new_figure,
+)
+
+if TYPE_CHECKING:
+    from skywright.run.run import RunResult
+
+SHADE = "#eef3f8"
+
+
+def draw_approach(result: RunResult) -> Figure | None:
+    """Position against its reference (Fig. 23): one panel an axis, and the tilt."""
+    s = result.samples
+    if not np.any(s["ref_force"] > 0.0) or result.description.world.bench is not None:
+        return None
+    figure = new_figure(WIDTH, 5.6)
+    axes = figure.subplots(4, 1, sharex=True)
+    figure.subplots_adjust(left=0.075, right=0.985, top=0.955, bottom=0.085, hspace=0.45)
+    for i, name in enumerate("xyz"):
+        axes[i].set_title(f"Position {name} of the platform")
+        axes[i].set_ylabel(f"{name} (m)")
+        draw_line(axes[i], s["t"], s["p_WB"][:, i], color=BLUE, label="flown")
+        draw_line(axes[i], s["t"], s["ref_p_WB"][:, i], color=BLACK, ls="--", label="reference")
+        if np.ptp(s["p_WB"][:, i]) < 0.2:
+            axes[i].set_ylim(*(np.mean(s["ref_p_WB"][:, i]) + np.array([-0.1, 0.1])))
+    axes[0].legend(loc="lower right", ncols=2)
+    q = s["q_WB"]
+    up = 1.0 - 2.0 * (q[:, 1] ** 2 + q[:, 2] ** 2)
+    axes[3].set_title("Tilt from level")
+    axes[3].set_ylabel("tilt (deg)")
+    draw_line(axes[3], s["t"], np.degrees(np.arccos(np.clip(up, -1.0, 1.0))), color=GREEN)
+    axes[3].set_xlabel("time (s)")
+    for ax in axes:
+        _shade(ax, result)
+    return figure
+
+
+def draw_force(result: RunResult) -> Figure | None:
+    """Force of the tip against the profile, load of the feet, and how far the robot moved."""
+    s = result.samples
+    on = s["pressing"] > 0.5
+    if not np.any(on):
+        return None
+    docks = bool(np.any(s["docked"] > 0.5)) and result.description.world.bench is None
+    figure = new_figure(WIDTH, 5.4 if docks else 3.8)
+    axes = figure.subplots(3 if docks else 2, 1, sharex=True)
+    figure.subplots_adjust(left=0.075, right=0.985, top=0.95, bottom=0.1, hspace=0.4)
+    t0, t1 = float(s["t"][on][0]) - 2.0, float(s["t"][on][-1]) + 2.0
+    part = s[(s["t"] >= t0) & (s["t"] <= t1)]
+    axes[0].set_title("Force of the tip on the structure")
+    axes[0].set_ylabel("force (N)")
+    asked = np.where(part["pressing"] > 0.5, part["ref_force"], np.nan)
+    draw_line(axes[0], part["t"], compute_press(part), color=BLUE, label="true")
+    draw_line(axes[0], part["t"], part["force_meas"], color=ORANGE, lw=0.7, label="measured")
+    draw_line(axes[0], part["t"], asked, color=BLACK, ls="--", label="asked for")
+    axes[0].legend(loc="upper right", ncols=3)
+    if docks:
+        axes[1].set_title("Load of the docking feet on the deck, all together")
+        axes[1].set_ylabel("force (N)")
+        load = np.linalg.norm(part["f_docking_W"], axis=1)
+        draw_line(axes[1], part["t"], load, color=GREEN)
+    axes[-1].set_title("Platform, from where it was when a force was first held")
+    axes[-1].set_ylabel("distance (mm)")
+    for start, color, label in (("hold ", BLUE, "docked"), ("free hold ", ORANGE, "in flight")):
+        held = select_phases(part, result.phases, start)
+        if np.any(held):
+            p = part["p_WB"]
+            away = 1e3 * np.linalg.norm(p - p[held][0], axis=1)
+            draw_line(axes[-1], part["t"], np.where(held, away, np.nan), color=color, label=label)
+    axes[-1].legend(loc="upper left")
+    axes[-1].set_xlabel("time (s)")
+    for ax in axes:
+        _shade(ax, result, t0, t1)
+    return figure
+
+
+def _shade(ax: Any, result: RunResult, start: float = -np.inf, end: float = np.inf) -> None:
+    """Grey where a force is held: a measurement."""
+    for phase in result.phases:
+        if "hold " in phase.name and phase.end_s > start and phase.start_s < end:
+            ax.axvspan(phase.start_s, phase.end_s, color=SHADE, zorder=0, lw=0)
+
+
+def draw_measurements(result: RunResult) -> Figure | None:
+    """Error of each held force: mean and spread, docked and in flight side by side."""
+    rows = []
+    for i, phase in enumerate(result.phases):
+        if "hold " in phase.name and phase.name.endswith(" N"):
+            s = result.samples[result.samples["phase"] == i]
+            if len(s):
+                error = compute_press(s) - s["ref_force"]
+                rows.append((phase.name.startswith("free"), float(s["ref_force"][0]), error))
+    if not rows:
+        return None
+    figure = new_figure(WIDTH, 3.0)
+    ax = figure.subplots()
+    figure.subplots_adjust(left=0.075, right=0.985, top=0.88, bottom=0.17)
+    ax.set_title("Force error while held: mean, and all of it")
+    for free, color, label in ((False, BLUE, "resting on its base"), (True, ORANGE, "in flight")):
+        mine = [(force, error) for is_free, force, error in rows if is_free is free]
+        if mine:
+            x = np.array([force for force, _ in mine]) + (0.06 if free else -0.06)
+            mean = np.array([float(np.mean(e)) for _, e in mine])
+            low = mean - [float(np.min(e)) for _, e in mine]
+            high = np.array([float(np.max(e)) for _, e in mine]) - mean
+            ax.errorbar(x, mean, yerr=[low, high], fmt="o", color=color, capsize=4, label=label)
+    limit = result.description.mission.requirements.get("force.rms_error_n")
+    if limit is not None:
+        for sign in (1.0, -1.0):
+            ax.axhline(sign * limit.limit, color=GREY, ls=":", lw=1.0)
+        ax.annotate(
+            f"required rms {limit.limit:g} N", (0.005, limit.limit), xytext=(2, 2),
+            xycoords=("axes fraction", "data"), textcoords="offset points", color=GREY,
+        )  # fmt: skip
+    ax.set_xlabel("force asked for (N)")
+    ax.set_ylabel("error (N)")
+    ax.legend(loc="upper left", bbox_to_anchor=(0.2, 1.0), ncols=2)
+    return figure
+
+
+FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
+    "contact-flight": draw_approach,
+    "contact-force": draw_force,
+    "contact-errors": draw_measurements,
+    "contact-localisation": draw_localisation,
+}
+CAPTIONS = {
+    "contact-force": (
+        "The forces",
+        "What the tip exerts against what was asked for. Each grey band is one measurement, with "
+        "the force held. Docked, the robot rests against the deck with a light load on its feet "
+        "and only the arm works; in flight every motion of the platform goes into the force.",
+    ),
+    "contact-errors": (
+        "How well each force was held",
+        "Points are means, bars reach from the smallest to the largest error of a measurement.",
+    ),
+    "contact-localisation": CAPTION,
+    "contact-flight": (
+        "The flight",
+        "Position and attitude follow references of their own: the platform moves without tilting "
+        "and tilts without moving. Grey bands: measurements.",
+    ),
+}
+
+
+def describe(result: RunResult) -> str:
+    """Say what was pressed, and how well."""
+    d, m = result.description, result.metrics
+    did = f"{d.robot.name} in world {d.world.name} "
+    held = sum("hold " in p.name and p.name.endswith(" N") for p in result.phases)
+    if not held:
+        return did + "made no measurement"
+    parts = []
+    if "force.rms_error_n" in m:
+        how = "clamped to its bench" if d.world.bench is not None else "docked"
+        moved = f", {m['dock.wander_mm']:.1f} mm of wander" if "dock.wander_mm" in m else ""
+        parts.append(f"{how} to {m['force.rms_error_n']:.2f} N rms{moved}")
+    if "free.rms_error_n" in m:
+        parts.append(
+            f"in flight to {m['free.rms_error_n']:.2f} N rms, {m['free.wander_mm']:.0f} mm"
+        )
+    return did + f"held {held} forces: {'; '.join(parts)}"

@@ -1,0 +1,121 @@
+"""Metrics of the kind "bridge-contact": force while held, wander while docked, speed at the touch.
+
+The force is the true one of the tip on the structure along the probe, against the reference.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.loader import Description
+from skywright.missions.bridge_contact.fly import ContactPlan
+from skywright.models.drawing import rotate_vectors
+from skywright.run.flight import PhaseRecord
+from skywright.run.metrics import OFF_SURFACE
+from skywright.run.planning import MissionPlan
+
+Array = NDArray[np.float64]
+Samples = NDArray[Any]
+
+TOUCHING = 0.05  # N on the docking feet that counts as contact
+BEFORE_S = 0.05
+
+
+def select_phases(samples: Samples, phases: list[PhaseRecord], start: str) -> NDArray[np.bool_]:
+    """Mask (n,) of samples in phases whose name begins with `start`."""
+    wanted = [i for i, p in enumerate(phases) if p.name.startswith(start)]
+    return np.isin(samples["phase"], wanted)
+
+
+def compute_press(samples: Samples) -> Array:
+    """Return the true force (n,) N of the tip on the structure along the probe."""
+    axis = rotate_vectors(samples["q_WT"], np.tile([0.0, 0.0, 1.0], (len(samples), 1)))
+    return np.asarray(-np.sum(samples["f_contact"] * axis, axis=1))
+
+
+def compute_contact_metrics(
+    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
+) -> tuple[dict[str, float], None]:
+    """Judge the phases that were flown; what was not reached has no metric."""
+    way = plan.task
+    assert isinstance(way, ContactPlan)
+    out: dict[str, float] = {}
+    held = select_phases(samples, phases, "hold ")
+    if np.any(held):
+        out.update(_judge_force(samples[held], "force"))
+        out["dock.wander_mm"] = 1e3 * _find_wander(samples, phases, "hold ")
+        out["dock.turn_deg"] = _find_turn(samples, phases)
+        out["press.fraction"] = way.largest / way.limit_n
+        out["press.limit_n"] = way.limit_n
+    speeds = _find_touches(samples, phases, way)
+    if len(speeds):
+        out["dock.touch_speed_mps"] = float(np.max(speeds))
+    flying = select_phases(samples, phases, "free hold ")
+    if np.any(flying):
+        out.update(_judge_force(samples[flying], "free"))
+        out["free.wander_mm"] = 1e3 * _find_wander(samples, phases, "free hold ")
+    sliding = select_phases(samples, phases, "slide")
+    if np.any(sliding):
+        s = samples[sliding]
+        out["slide.rms_error_n"] = _judge_force(s, "force")["force.rms_error_n"]
+        out["slide.lost_s"] = float(np.median(np.diff(s["t"]))) * float(
+            np.count_nonzero(s["gap_max"] > OFF_SURFACE)
+        )
+        way_m = np.linalg.norm(np.diff(s["p_WT"], axis=0), axis=1)
+        out["slide.length_m"] = float(np.sum(way_m[way_m < 0.05]))
+    return out, None
+
+
+def compute_bench_metrics(
+    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
+) -> tuple[dict[str, float], None]:
+    """Force of the clamped arm while each step of the staircase is held."""
+    held = select_phases(samples, phases, "hold ")
+    return (_judge_force(samples[held], "force") if np.any(held) else {}), None
+
+
+def _judge_force(s: Samples, name: str) -> dict[str, float]:
+    force = compute_press(s)
+    error = force - s["ref_force"]
+    return {
+        f"{name}.rms_error_n": float(np.sqrt(np.mean(error**2))),
+        f"{name}.mean_error_n": abs(float(np.mean(error))),
+        f"{name}.sensor_error_n": float(np.sqrt(np.mean((s["force_meas"] - force) ** 2))),
+    }
+
+
+def _find_wander(samples: Samples, phases: list[PhaseRecord], start: str) -> float:
+    """Farthest (m) that the platform is from where it was at a station's first hold."""
+    worst, first = 0.0, None
+    for i, phase in enumerate(phases):
+        if phase.name.startswith(start):
+            p = samples["p_WB"][samples["phase"] == i]
+            if len(p):
+                first = p[0] if first is None else first
+                worst = max(worst, float(np.max(np.linalg.norm(p - first, axis=1))))
+        elif phase.name.endswith("release"):
+            first = None
+    return worst
+
+
+def _find_turn(samples: Samples, phases: list[PhaseRecord]) -> float:
+    """Largest angle (deg) between the docked attitude and the reference while pressing."""
+    s = samples[select_phases(samples, phases, "hold ")]
+    dot = np.abs(np.sum(s["q_WB"] * s["ref_q_WB"], axis=1))
+    return float(np.degrees(np.max(2.0 * np.arccos(np.clip(dot, 0.0, 1.0)))))
+
+
+def _find_touches(samples: Samples, phases: list[PhaseRecord], way: ContactPlan) -> Array:
+    """Speeds (m/s) towards the deck just before the feet touch, each time they do."""
+    docking = select_phases(samples, phases, "dock") | select_phases(samples, phases, "seat")
+    on = docking & (np.linalg.norm(samples["f_docking_W"], axis=1) > TOUCHING)
+    starts = np.flatnonzero(on[1:] & ~on[:-1]) + 1
+    normal = way.stations[0].normal
+    out = []
+    for k in starts:
+        before = (samples["t"] >= samples["t"][k] - BEFORE_S) & (samples["t"] <= samples["t"][k])
+        out.append(float(np.max(samples["v_WB"][before] @ -normal)))
+    return np.array(out)

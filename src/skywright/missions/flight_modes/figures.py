@@ -1,0 +1,82 @@
+"""What a report shows of the three flight modes (Fig. 20 of Sanchez-Cuevas 2020)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skywright.reports.figures.style import BLACK, BLUE, ORANGE, WIDTH, draw_line, new_figure
+
+if TYPE_CHECKING:
+    from skywright.run.run import RunResult
+
+MODES = {
+    "standard stabilisation": "#e7f3e7",
+    "command position": "#fbf6dc",
+    "command angle": "#fbe6e2",
+    "hold angle": "#fbe6e2",
+}
+"""Phase -> background, in the paper's colours: green, yellow, red."""
+
+
+def draw_modes(result: RunResult) -> Figure | None:
+    """Roll, pitch and level position against their references."""
+    s = result.samples
+    if not len(s):
+        return None
+    figure = new_figure(WIDTH, 5.6)
+    axes = figure.subplots(4, 1, sharex=True)
+    figure.subplots_adjust(left=0.075, right=0.985, top=0.955, bottom=0.085, hspace=0.45)
+    for ax, k, name in ((axes[0], 0, "Roll"), (axes[1], 1, "Pitch")):
+        ax.set_title(name)
+        ax.set_ylabel("angle (deg)")
+        draw_line(ax, s["t"], _compute_angle(s["q_WB"], k), color=BLUE, label="flown")
+        draw_line(
+            ax, s["t"], _compute_angle(s["ref_q_WB"], k), color=BLACK, ls="--", label="reference"
+        )
+    for ax, i, name in ((axes[2], 0, "x"), (axes[3], 1, "y")):
+        ax.set_title(f"Position {name}")
+        ax.set_ylabel(f"{name} (m)")
+        draw_line(ax, s["t"], s["p_WB"][:, i], color=ORANGE)
+        draw_line(ax, s["t"], s["ref_p_WB"][:, i], color=BLACK, ls="--")
+    axes[0].legend(loc="upper left", ncols=2)
+    axes[3].set_xlabel("time (s)")
+    for ax in axes:
+        for phase in result.phases:
+            if phase.name in MODES:
+                ax.axvspan(phase.start_s, phase.end_s, color=MODES[phase.name], zorder=0, lw=0)
+    return figure
+
+
+def _compute_angle(q: np.ndarray, axis: int) -> np.ndarray:
+    """Return roll (axis 0) or pitch (1) in deg of quaternions (n, 4) wxyz."""
+    w, x, y, z = q.T
+    if axis == 0:
+        return np.asarray(np.degrees(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))))
+    return np.asarray(np.degrees(np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))))
+
+
+FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {"modes": draw_modes}
+CAPTIONS = {
+    "modes": (
+        "The three modes",
+        "Green, standard stabilisation: attitude and height are held as by a robot with level "
+        "rotors, and a tilt carries it away. Yellow, command position: it translates and stays "
+        "level. Red, command angle: it tilts and stays where it is.",
+    ),
+}
+
+
+def describe(result: RunResult) -> str:
+    """Say what was held."""
+    d, m = result.description, result.metrics
+    did = f"{d.robot.name} in world {d.world.name} "
+    if "modes.tilt_deg" not in m or "modes.translate_tilt_deg" not in m:
+        return did + "did not fly all modes"
+    return did + (
+        f"tilted by {m['modes.tilt_deg']:.1f} deg within {m['modes.position_error_mm']:.0f} mm of "
+        f"its place, and translated with at most {m['modes.translate_tilt_deg']:.1f} deg of tilt"
+    )

@@ -1,0 +1,52 @@
+"""Metrics of the kind "flight-modes": what each mode holds, and what it lets go."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.loader import Description
+from skywright.missions.flight_modes.fly import ModesPlan
+from skywright.models.drawing import rotate_vectors
+from skywright.run.flight import PhaseRecord
+from skywright.run.metrics import in_phases
+from skywright.run.planning import MissionPlan
+
+Array = NDArray[np.float64]
+Samples = NDArray[Any]
+
+
+def compute_tilt(samples: Samples) -> Array:
+    """Angle (n,) rad between the platform's axis and the vertical."""
+    up = rotate_vectors(samples["q_WB"], np.tile([0.0, 0.0, 1.0], (len(samples), 1)))[:, 2]
+    return np.asarray(np.arccos(np.clip(up, -1.0, 1.0)))
+
+
+def compute_modes_metrics(
+    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
+) -> tuple[dict[str, float], None]:
+    """Judge each mode that was flown."""
+    way = plan.task
+    assert isinstance(way, ModesPlan)
+    out = {"modes.tilt_fraction": way.due / way.limit}
+    tilt = compute_tilt(samples)
+    off = np.linalg.norm(samples["p_WB"] - samples["ref_p_WB"], axis=1)
+    held = [i for i, p in enumerate(phases) if p.name == "hold angle"]
+    if held:
+        mean = [float(np.mean(tilt[samples["phase"] == i])) for i in held]
+        out["modes.tilt_deg"] = math.degrees(min(mean))
+        out["modes.tilt_held"] = min(mean) / way.due
+        angle = in_phases(samples, phases, "command angle", "hold angle")
+        out["modes.position_error_mm"] = 1e3 * float(np.max(off[angle]))
+    move = in_phases(samples, phases, "command position")
+    if np.any(move):
+        out["modes.translate_tilt_deg"] = math.degrees(float(np.max(tilt[move])))
+        out["modes.track_error_mm"] = 1e3 * float(np.max(off[move]))
+    free = in_phases(samples, phases, "standard stabilisation")
+    if np.any(free):
+        level = samples["p_WB"][free, :2]
+        out["modes.standard_drift_m"] = float(np.max(np.linalg.norm(level - level[0], axis=1)))
+    return out, None

@@ -1,0 +1,110 @@
+"""What a report shows of a collision: force on the pad, load on the platform, recoil."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skywright.missions.impact.fly import RECOIL_S
+from skywright.missions.impact.metrics import compute_tilt, compute_turn, find_contact
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    WIDTH,
+    draw_limit,
+    draw_line,
+    fit_y,
+    new_figure,
+)
+from skywright.reports.kinds import find_task
+from skywright.run.metrics import in_phases
+
+if TYPE_CHECKING:
+    from skywright.run.run import RunResult
+
+BEFORE_S = 0.1
+
+
+def draw_impact(result: RunResult) -> Figure | None:
+    """Loads and recoil around the contact; peaks at 1 kHz."""
+    s = result.samples
+    near = in_phases(s, result.phases, "impact", "retreat")
+    first = find_contact(s, near)
+    if first is None:
+        return None
+    t0 = float(s["t"][first])
+    before = s[max(first - 1, 0)]
+    s = s[(s["t"] >= t0 - BEFORE_S) & (s["t"] <= t0 + RECOIL_S)]
+    t = s["t"] - t0
+    figure = new_figure(WIDTH, 6.2)
+    axes = figure.subplots(4, 1, sharex=True)
+    figure.subplots_adjust(left=0.075, right=0.985, top=0.955, bottom=0.08, hspace=0.5)
+    axes[0].set_title("Force on the pad, largest in each 10 ms")
+    axes[0].set_ylabel("force (N)")
+    draw_line(axes[0], t, s["pad_f_peak"], color=BLUE)
+    axes[1].set_title("Force of arms or passive link on the platform, beyond that in flight")
+    axes[1].set_ylabel("force (N)")
+    draw_line(axes[1], t, s["load_f_peak"], color=BLUE)
+    axes[2].set_title("Torque about the platform's centre")
+    axes[2].set_ylabel("torque (N m)")
+    draw_line(axes[2], t, s["load_t_peak"], color=BLUE, label="largest in each 10 ms")
+    draw_line(axes[2], t, s["load_t_B"][:, 1], color=ORANGE, lw=0.8, label="about pitch")
+    limit = result.description.mission.requirements.get("impact.peak_torque_nm")
+    if limit is not None:
+        draw_limit(axes[2], limit.limit, f"limit {limit.limit:g} N m")
+        fit_y(
+            axes[2], 0.0, float(np.max(s["load_t_peak"])), float(np.min(s["load_t_B"])), limit.limit
+        )
+    axes[2].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)
+    axes[3].set_title("Recoil")
+    axes[3].set_ylabel("angle (deg)")
+    _draw_recoil(axes[3], t, s, before, result)
+    axes[3].set_xlabel("time since the contact (s)")
+    axes[3].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4)
+    return figure
+
+
+def _draw_recoil(ax: Any, t: Any, s: Any, before: Any, result: RunResult) -> None:
+    draw_line(ax, t, np.degrees(compute_tilt(s, before)), color=BLACK, label="platform's tilt")
+    turn = np.degrees(compute_turn(s, before))
+    draw_line(ax, t, turn, color=GREY, ls="--", label="platform's heading")
+    if result.description.robot.pendulum is not None:
+        turned = np.degrees(s["q"][:, 0] - before["q"][0])
+        draw_line(ax, t, turned, color=GREEN, label="passive link")
+    if np.any(s["deflection"]):
+        wound = np.abs(s["deflection"] - before["deflection"])
+        draw_line(ax, t, np.degrees(np.max(wound, axis=1)), color=ORANGE, label="largest spring")
+
+
+FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {"impact": draw_impact}
+CAPTIONS = {
+    "impact": (
+        "The collision",
+        "What the pad feels, what arms or passive link pass on to the platform, and how platform, "
+        "link and springs give way. The first peak on the pad is the hand or link alone; what "
+        "carries it follows through springs and joints.",
+    ),
+}
+
+
+def describe(result: RunResult) -> str:
+    """Say what hit what, and how hard."""
+    d = result.description
+    did = f"{d.robot.name} in world {d.world.name} "
+    torque = result.metrics.get("impact.peak_torque_nm")
+    if torque is None:
+        return did + "never touched the pad"
+    task = find_task(d)
+    part = "hand" if task.part == "arm" else "passive link"
+    joints = "" if task.part == "link" else f", {task.joints} joints"
+    speed = result.metrics["impact.speed_mps"]
+    return did + (
+        f"ran into the pad with its {part} at {speed:.2f} m/s{joints}; the platform took up to "
+        f"{result.metrics['impact.peak_force_n']:.0f} N and {torque:.1f} N m"
+    )

@@ -1,0 +1,119 @@
+"""Metrics of the kind "impact": loads on the platform, recoil, and what the pad received."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.loader import Description
+from skywright.missions.impact.fly import RECOIL_S, ImpactPlan
+from skywright.missions.impact.task import ImpactMission
+from skywright.models.drawing import rotate_vectors
+from skywright.run.flight import PhaseRecord
+from skywright.run.metrics import in_phases
+from skywright.run.planning import MissionPlan
+
+Array = NDArray[np.float64]
+
+FELT = 0.5  # N on the pad that counts as contact
+OPEN_S = 0.05  # s without a force after which a contact counts as over
+BEFORE_S = 0.05  # s over which the speed before the contact is taken
+
+
+def compute_impact_metrics(
+    samples: NDArray[Any],
+    phases: list[PhaseRecord],
+    plan: MissionPlan,
+    description: Description,
+) -> tuple[dict[str, float], None]:
+    """Judge the collision; without one there is nothing to tell."""
+    mission, way = description.mission, plan.task
+    assert isinstance(mission, ImpactMission) and isinstance(way, ImpactPlan)
+    near = in_phases(samples, phases, "impact", "retreat")
+    first = find_contact(samples, near)
+    if first is None:
+        return {}, None
+    t0 = float(samples["t"][first])
+    speed = compute_speed(samples, first, way, mission.task.part)
+    s = samples[near & (samples["t"] >= t0)]
+    soon = s[s["t"] <= t0 + RECOIL_S]
+    before = samples[max(first - 1, 0)]
+    end = find_end(s, way.ahead)
+    out = {
+        "impact.speed_mps": speed,
+        "impact.speed_error_mps": abs(speed - mission.task.speed_mps),
+        "impact.peak_force_n": float(np.max(s["load_f_peak"])),
+        "impact.peak_torque_nm": float(np.max(s["load_t_peak"])),
+        "impact.contact_force_n": float(np.max(s["pad_f_peak"][: end + 1])),
+        "impact.contact_s": float(s["pad_touch_s"][end]),
+        "impact.impulse_ns": float(np.linalg.norm(s["pad_impulse_W"][end])),
+        "impact.recoil_deg": math.degrees(float(np.max(compute_tilt(soon, before)))),
+        "impact.yaw_deg": math.degrees(float(np.max(np.abs(compute_turn(soon, before))))),
+        "impact.overrun_m": float(np.max((soon["p_WB"] - before["p_WB"]) @ way.ahead)),
+    }
+    if description.robot.pendulum is not None:
+        turned = soon["q"][:, 0] - before["q"][0]
+        out["impact.swing_deg"] = math.degrees(float(np.max(np.abs(turned))))
+    if np.any(samples["deflection"]):
+        wound = np.max(np.abs(soon["deflection"] - before["deflection"]))
+        out["impact.deflection_deg"] = math.degrees(float(wound))
+    return out, None
+
+
+def compute_tilt(samples: NDArray[Any], before: Any) -> Array:
+    """Angle (n,) rad between the platform's vertical axis and where it pointed in `before`."""
+    up = np.tile([0.0, 0.0, 1.0], (len(samples), 1))
+    cosine = rotate_vectors(samples["q_WB"], up) @ rotate_vectors(before["q_WB"][None], up[:1])[0]
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def compute_turn(samples: NDArray[Any], before: Any) -> Array:
+    """Change (n,) rad of the platform's heading since `before`."""
+
+    def heading(q: Array) -> Array:
+        ahead = rotate_vectors(q, np.tile([1.0, 0.0, 0.0], (len(q), 1)))
+        return np.arctan2(ahead[:, 1], ahead[:, 0])
+
+    turned = heading(samples["q_WB"]) - heading(before["q_WB"][None])
+    return np.asarray((turned + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+def find_contact(samples: NDArray[Any], near: NDArray[np.bool_]) -> int | None:
+    """Return the index of the first sample with contact, or None."""
+    felt = np.flatnonzero(near & (samples["pad_f_peak"] > FELT))
+    return int(felt[0]) if len(felt) else None
+
+
+def find_end(s: NDArray[Any], ahead: Array) -> int:
+    """Return the index of the sample where the collision is over.
+
+    That is where the platform has come to rest along `ahead`, or the pad feels nothing for OPEN_S.
+    What comes later is no part of it: the flight law takes the pad for a disturbance and presses on
+    it for a second, which gives many times the robot's momentum.
+    """
+    away = s["pad_f_peak"] <= FELT
+    count = max(round(OPEN_S / float(s["t"][1] - s["t"][0])), 1) if len(s) > 1 else 1
+    for i in range(len(s) - count + 1):
+        if float(s["v_WB"][i] @ ahead) <= 0.0 or np.all(away[i : i + count]):
+            return i
+    return len(s) - 1
+
+
+def compute_speed(samples: NDArray[Any], first: int, way: ImpactPlan, part: str) -> float:
+    """Speed (m/s) along the flight of what touches, just before sample `first`."""
+    t0 = samples["t"][first]
+    used = samples[(samples["t"] < t0) & (samples["t"] >= t0 - BEFORE_S - 1e-9)]
+    if len(used) < 2:
+        return math.nan
+    p = used["p_WB"]
+    if part == "link":
+        q = used["q"][:, 0]
+        down = -way.lever * np.column_stack([np.sin(q), 0.0 * q, np.cos(q)])
+        p = p + rotate_vectors(used["q_WB"], down)
+    elif np.any(used["left_p_WH"]):
+        p = used["left_p_WH"]
+    along = p @ way.ahead
+    return float((along[-1] - along[0]) / (used["t"][-1] - used["t"][0]))

@@ -1,0 +1,111 @@
+"""What a report shows of the installation of a sensor: force, hand, platform and swing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skywright.models.rigid_body import joint_names
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    WIDTH,
+    clip_phases,
+    draw_limit,
+    draw_line,
+    fit_y,
+    new_figure,
+    shade_phases,
+    stack_panels,
+)
+from skywright.reports.kinds import find_task
+from skywright.run.metrics import in_phases
+
+if TYPE_CHECKING:
+    from skywright.run.run import RunResult
+
+FORCE_PHASES = ("approach", "touch", "press", "leave singularity", "force", "retract")
+
+
+def draw_force(result: RunResult) -> Figure | None:
+    """True, estimated and desired force; deflections of the pressing arm."""
+    s = result.samples
+    used = in_phases(s, result.phases, *FORCE_PHASES)
+    if not np.any(used):
+        return None
+    way, task = result.plan.task, find_task(result.description)
+    t0, t1 = float(s["t"][used][0]), float(s["t"][used][-1])
+    s = s[(s["t"] >= t0) & (s["t"] <= t1)]
+    t = s["t"]
+    figure = new_figure(WIDTH, 6.6)
+    strip, axes = stack_panels(figure, 4)
+    shade_phases(strip, axes, clip_phases(result.phases, t0, t1))
+    true = s["left_f_W"] @ way.normal
+    axes[0].set_title("Force of the left hand on the pipe")
+    axes[0].set_ylabel("force (N)")
+    draw_line(axes[0], t, s["left_est_f_W"] @ way.normal, color=ORANGE, lw=0.8, label="estimated")
+    draw_line(axes[0], t, true, color=BLUE, label="true")
+    draw_line(axes[0], t, s["left_ref_f_W"] @ way.normal, color=GREEN, ls=":", label="desired")
+    axes[0].legend(loc="upper left", ncols=3)
+    fit_y(axes[0], float(np.max(true)), float(np.min(true)), 1.2 * task.force_n)
+    axes[1].set_title("Springs of the left arm: shaft minus output link")
+    axes[1].set_ylabel("deflection (deg)")
+    names = joint_names(result.description.robot)
+    first = 1 if result.description.robot.pendulum is not None else 0
+    for j, color in ((first, BLUE), (first + 3, PURPLE)):
+        label = names[j].replace("left_", "").replace("_", " ")
+        draw_line(axes[1], t, np.degrees(s["deflection"][:, j]), color=color, label=label)
+    draw_limit(axes[1], -10.0, "end of the linear range, 10 deg", below=True)
+    draw_limit(axes[1], 10.0, "end of the linear range, 10 deg")
+    axes[1].legend(loc="upper left", ncols=2)
+    axes[2].set_title("Distances from the reference")
+    axes[2].set_ylabel("distance (mm)")
+    platform = 1e3 * np.linalg.norm(s["p_WB"] - s["ref_p_WB"], axis=1)
+    draw_line(axes[2], t, platform, color=BLACK, label="platform")
+    axes[2].legend(loc="upper left")
+    axes[3].set_title("Passive link" if first else "Elbow of the left arm")
+    axes[3].set_ylabel("angle (deg)")
+    draw_line(axes[3], t, np.degrees(s["q"][:, 0 if first else 3]), color=BLUE)
+    return figure
+
+
+FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {"install_force": draw_force}
+PHASES = {
+    "arms to operation pose": "The arms reach forward, to where they work.",
+    "navigate": "Along the planned way to a place before the marker.",
+    "hover check": "At rest before the pipe: how far do the hands move?",
+    "navigate on": "On to the pipe.",
+    "approach": "Towards the place of installation, which the camera sees by its marker.",
+    "push the link": "The hands push, to learn how the link swings.",
+    "swing check": "Is the pendulum at rest?",
+    "touch": "The hand moves until it feels the surface.",
+    "press": "The sensor is pressed on.",
+    "force": "The force is held, as long as the installation takes.",
+    "leave singularity": "The platform moves, so that the arm is not stretched.",
+    "retract": "The hand leaves; the sensor stays.",
+}
+"""Phase -> what is done in it."""
+
+CAPTIONS = {
+    "install_force": (
+        "Pressing the sensor on",
+        "The force of the hand on the pipe, how far the springs of the pressing arm are wound up, "
+        "how far the platform is from its place, and how the passive link hangs.",
+    ),
+}
+
+
+def describe(result: RunResult) -> str:
+    """Say what was pressed on what."""
+    d = result.description
+    force = result.metrics.get("force.mean_n")
+    did = f"{d.robot.name} in world {d.world.name} "
+    if force is None:
+        return did + "never came to pressing"
+    return did + f"pressed with {force:.2f} N in the mean"

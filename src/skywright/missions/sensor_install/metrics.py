@@ -1,0 +1,114 @@
+"""Metrics of the kind "sensor-install": force, hand, swing, platform, and what the tape did."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.loader import Description
+from skywright.missions.sensor_install.fly import InstallPlan
+from skywright.missions.sensor_install.task import SensorInstallMission
+from skywright.run.flight import PhaseRecord
+from skywright.run.metrics import in_phases
+from skywright.run.planning import MissionPlan
+
+Array = NDArray[np.float64]
+
+SWING_DECAYED = math.radians(1.0)
+BEFORE_S = 2.0  # s before the touch: where the platform stood
+PRESSING = 0.02  # N
+
+
+def compute_install_metrics(
+    samples: NDArray[Any],
+    phases: list[PhaseRecord],
+    plan: MissionPlan,
+    description: Description,
+) -> tuple[dict[str, float], None]:
+    """Judge the phases that were flown; what was not reached has no metric."""
+    out: dict[str, float] = {}
+    mission, way = description.mission, plan.task
+    assert isinstance(mission, SensorInstallMission) and isinstance(way, InstallPlan)
+    task = mission.task
+    normal = samples["left_f_W"] @ way.normal
+    hold = in_phases(samples, phases, "force")
+    if np.any(hold):
+        force = normal[hold]
+        out["force.mean_n"] = float(np.mean(force))
+        out["force.min_n"], out["force.max_n"] = float(np.min(force)), float(np.max(force))
+        out["force.mean_error_n"] = abs(out["force.mean_n"] - task.force_n)
+        out["force.rms_error_n"] = float(np.sqrt(np.mean((force - task.force_n) ** 2)))
+        felt = samples["left_est_f_W"][hold] @ way.normal
+        out["force.estimate_error_n"] = float(np.sqrt(np.mean((felt - force) ** 2)))
+        out["contact.lost_s"] = _duration(samples, hold & (normal <= 0.0))
+    hover = in_phases(samples, phases, "hover check")
+    if np.any(hover):
+        error = samples["left_p_WH"][hover] - samples["left_ref_p_WH"][hover]
+        out["tip.hover_rms_mm"] = 1e3 * _rms(error)
+        out["tip.hover_max_mm"] = 1e3 * float(np.max(np.linalg.norm(error, axis=1)))
+        drift = samples["p_WB"][hover] - samples["ref_p_WB"][hover]
+        out["platform.hover_rms_mm"] = 1e3 * _rms(drift)
+    swing = in_phases(samples, phases, "swing check")
+    if np.any(swing):
+        out.update(_judge_swing(samples["t"][swing], samples["q"][swing, 0]))
+    pressed = in_phases(samples, phases, "press", "leave singularity", "force")
+    if np.any(pressed):
+        first = int(np.argmax(pressed))
+        before = (samples["t"] < samples["t"][first]) & (
+            samples["t"] > samples["t"][first] - BEFORE_S
+        )
+        way_off = samples["p_WB"] - samples["ref_p_WB"]
+        steady = np.mean(way_off[before], axis=0)
+        out["platform.excursion_m"] = float(
+            np.max(np.linalg.norm(way_off[pressed] - steady, axis=1))
+        )
+    flown = ~in_phases(samples, phases, "start", "take_off", "land")
+    flown = ~in_phases(samples, phases, "start", "take_off", "land")
+    out.update(_judge_tape(samples[flown], normal[flown], way, description))
+    hits = (samples["f_collision"] > 0.0) & flown
+    out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
+    return out, None
+
+
+def _judge_swing(t: Array, q: Array) -> dict[str, float]:
+    """Time until the link stays within 1 deg of where it comes to rest."""
+    rest = float(np.mean(q[t > t[-1] - 1.0]))
+    out = {"swing.start_deg": math.degrees(abs(float(q[0]) - rest))}
+    outside = np.flatnonzero(np.abs(q - rest) > SWING_DECAYED)
+    out["swing.decay_s"] = float(t[outside[-1]] - t[0]) if len(outside) else 0.0
+    return out
+
+
+def _judge_tape(
+    samples: NDArray[Any], normal: Array, way: InstallPlan, description: Description
+) -> dict[str, float]:
+    """Bond from the pressing that was recorded, and whether the hand then came off without it."""
+    tape = description.world.tape
+    if tape is None or not len(samples):
+        return {}
+    t = samples["t"]
+    dt = np.diff(t, append=t[-1])
+    impulse = float(np.sum(np.where(normal > PRESSING, normal * dt, 0.0)))
+    bond = tape.strength_n * (1.0 - math.exp(-impulse / tape.press_n_s))
+    last = np.flatnonzero(normal > PRESSING)
+    left = False
+    if len(last):  # farther than the tape stretches
+        height = samples["left_p_WH"][last[-1] :] @ way.normal
+        left = height[0] - float(np.min(height)) > tape.strength_n / tape.stiffness_n_per_m
+    return {
+        "sensor.bond_n": bond,
+        "sensor.installed": float(left and bond >= tape.release_n),
+    }
+
+
+def _duration(samples: NDArray[Any], mask: NDArray[np.bool_]) -> float:
+    dt = float(np.median(np.diff(samples["t"])))
+    return dt * float(np.count_nonzero(mask))
+
+
+def _rms(error: Array) -> float:
+    """Root of the mean square of vectors (n, 3)."""
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

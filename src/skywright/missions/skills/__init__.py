@@ -1,0 +1,1 @@
+"""Mission code that several kinds share."""

@@ -1,0 +1,209 @@
+"""Lead a bar that hangs in both hooks, in flight, as one thing (Suarez 2020, (29) to (31)).
+
+Centre and direction of the bar come from the hands by (29) and (30); where they should be, the
+inverse of these gives the hands. The hands know the bar's place to some millimetres only (encoders,
+play in the gears, how the bar lies in the cradles): that error changes slowly and is taken from the
+marker on the bar.
+
+Who moves what. In free air the platform leads the bar's centre and the arms its direction, their
+joints at rest otherwise: on its springs the bar hangs stiller (2 mm) than hands that make up for
+the platform's motion can hold it (4 mm), since a servo's step of 0.33 deg is 2 mm at the hand and
+sets the bar swinging. In contact the arms press by (31), and the platform follows them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.core.types import TASK_FORCE_POSITION, TASK_JOINTS
+from skywright.missions.skills.moves import set_rest
+from skywright.missions.skills.tool_handling import Grip, Weight, measure_tool
+from skywright.models.arm_inverse_kinematics import ArmChain, compute_arm_ik
+from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
+from skywright.vehicle.simulated import MISSION_TICK
+
+if TYPE_CHECKING:
+    from skywright.run.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+
+CORRECT_S = 1.0
+"""s, in which the marker's word replaces the hands': slow against the ringing of the springs."""
+FILTER_S = 0.6  # s, over which the error of the bar is averaged
+LEAD_RATE = 0.5
+"""1/s, at which the bar is led to its goal: half of the platform's own position loop."""
+LEAD_SPEED = 0.04  # m/s
+JOINT_SPEED = 0.4  # rad/s, of joints that return to their pose
+ROOM = 1.2  # weight that is fed forward at most, over the bar's
+LEAST_N = 0.1  # N, of a force that is asked for: it has to have a direction
+LOAD_RATE = 6.0  # N/s, at which the weight that is fed forward changes
+LOST_M, LOST_ANGLE = 0.05, math.radians(15.0)  # of a bar that is not in the hooks any more
+FOLLOW_RATE = 0.5  # 1/s, of the platform behind a bar that is pressed
+
+
+class BarPose(NamedTuple):
+    """Frame O of the bar (description/world/insertion.py), as believed."""
+
+    p: Array  # (3,) m
+    R: Array  # (3, 3)
+
+
+class BarLeader:
+    """Both hands on a bar that they carry; each `step` is one tick."""
+
+    def __init__(
+        self, s: Supervisor, grip: Grip, chains: tuple[ArmChain, ArmChain], weight: float
+    ) -> None:
+        """`weight` (N) is what the hands carry now; a second is spent to learn how that feels."""
+        self.s, self.grip, self.weight = s, grip, weight
+        self._felt, self._load = Weight(s, weight), weight
+        self.correct = True  # by the marker
+        here = self._bar_of_hands()
+        p, R = measure_tool(s)
+        handle = p + R @ grip.handle
+        self._dp, self._dn, self._pitch = handle - here.p, R[:, 1] - here.n, _find_pitch(R)
+        self._error, self._turn, self._p_handle = np.zeros(3), np.zeros(3), handle
+        self._q = np.array(s.vehicle.reference["q"])
+        self._chains, self._n = chains, np.array([0.0, 1.0, 0.0])  # in a frame with the heading
+        self._q_rest = self._q - self._solve(self._n)
+        self._pressed = False
+
+    def _heading(self) -> Array:
+        R = self.s.vehicle.estimate["R_WB"]
+        return rot_z(math.atan2(R[1, 0], R[0, 0]))
+
+    def _bar_of_hands(self) -> Bar:
+        """(29), (30): the crossbar's axis lies in the cradles."""
+        p = np.array(self.s.vehicle.hands["p_WH"][:2]) + self._heading() @ self.grip.cradle
+        return compute_bar(p[0], p[1])
+
+    def _solve(self, n: Array) -> Array:
+        """Joints that hold a bar along n (3,), its centre at rest in B: (29), (30) inverted."""
+        q, width = (
+            np.zeros(len(self._q)),
+            float(np.linalg.norm(self.grip.hands[0] - self.grip.hands[1])),
+        )
+        goals = compute_bar_hands(Bar(np.mean(self.grip.hands, axis=0), n), width)
+        for chain, goal in zip(self._chains, goals, strict=True):
+            mine = slice(chain.first, chain.first + 4)
+            q[mine] = compute_arm_ik(chain, goal - chain.p_shoulder, near=self.grip.q[mine]).q
+        return q
+
+    def measure(self) -> BarPose:
+        """Return the bar's pose by (29), (30), corrected."""
+        bar = self._bar_of_hands()
+        if self.correct:
+            p, R = measure_tool(self.s)
+            share = MISSION_TICK / CORRECT_S
+            self._dp += share * (p + R @ self.grip.handle - bar.p - self._dp)
+            self._dn += share * (R[:, 1] - bar.n - self._dn)
+            self._pitch += share * (_find_pitch(R) - self._pitch)
+        n = bar.n + self._dn
+        R = build_attitude(n, self._pitch)
+        return BarPose(bar.p + self._dp - R @ self.grip.handle, R)
+
+    def lead(
+        self, p: Array, n: Array, point_O: Array, sink: float = 0.0, let_go: bool = False
+    ) -> BarPose:
+        """Lead the bar for one tick, joints at rest but for its direction; returns its pose.
+
+        `p` (3,) m is where the bar's point `point_O` (3,) m shall be, n (3,) its direction, in W.
+        With `sink` (m/s, negative to rise) the platform moves so down, and `p` counts across only.
+        The bar's weight is fed forward to springs and platform: all of it, so that a bar that
+        touches something stays in the hooks, or with `let_go` what the hands feel of it, so that it
+        passes to what it stands on.
+        """
+        s, pose = self.s, self._watch(p, n, point_O)
+        if self._pressed:
+            self._q = np.array(s.vehicle.hands["q_goal"][: s.vehicle.n_joints])
+            self._pressed = False
+        v = LEAD_RATE * self._error
+        v *= min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9))
+        if sink != 0.0:
+            v[2] = -sink
+        self._n += MISSION_TICK * LEAD_RATE * (self._heading().T @ self._turn)
+        self._n /= np.linalg.norm(self._n)
+        most = MISSION_TICK * JOINT_SPEED
+        row = set_rest(s.vehicle.reference)
+        k = s.vehicle.n_joints
+        self._q[:k] += np.clip(
+            self._q_rest[:k] + self._solve(self._n)[:k] - self._q[:k], -most, most
+        )
+        row["q"][:k], row["task"] = self._q[:k], TASK_JOINTS
+        row["p_WB"] += MISSION_TICK * v
+        row["v_WB"] = v
+        return self._send(row, pose, self.carried if let_go else self.weight)
+
+    def press(self, p: Array, n: Array, point_O: Array, force: float, gamma: float) -> BarPose:
+        """Press the bar down with `force` (N) for one tick, and lead it across: (31).
+
+        Of its weight the hands then carry so much less: what they carry already less is counted.
+        The platform follows, so that the arms keep the pose of the grip.
+        """
+        s, pose = self.s, self._watch(p, n, point_O)
+        more = max(force - (self.weight - self.carried), LEAST_N)
+        row = set_rest(s.vehicle.reference)
+        hands = np.array(s.vehicle.hands["p_WH"][:2])
+        half = 0.5 * float(np.linalg.norm(hands[0] - hands[1]))
+        across = self._error * [1.0, 1.0, 0.0]
+        for h, sign in ((0, 1.0), (1, -1.0)):
+            row["task"][h], row["gamma"][h] = TASK_FORCE_POSITION, gamma
+            row["p_WH"][h] = hands[h] + across + sign * half * self._turn
+            row["f_WH"][h], row["v_WH"][h] = [0.0, 0.0, -0.5 * more], 0.0
+        middle = 0.5 * (self.grip.hands[0] + self.grip.hands[1]) + self.grip.cradle
+        v = FOLLOW_RATE * (self._p_handle - row["R_WB"] @ middle - row["p_WB"])
+        v *= min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9))
+        row["p_WB"] += MISSION_TICK * v
+        row["v_WB"] = v
+        self._pressed = True
+        return self._send(row, pose, self.carried)
+
+    def _watch(self, p: Array, n: Array, point_O: Array) -> BarPose:
+        """Measure the bar, average its error, and feel its weight."""
+        self._felt.feel(self.s, ROOM * self.weight)
+        pose, share = self.measure(), MISSION_TICK / FILTER_S
+        self._error += share * (p - (pose.p + pose.R @ point_O) - self._error)
+        self._turn += share * (n - pose.R[:, 1] - self._turn)
+        self._p_handle += share * (pose.p + pose.R @ self.grip.handle - self._p_handle)
+        return pose
+
+    @property
+    def lost(self) -> bool:
+        """Whether the bar, as the marker says, is no longer where the hands would hold it."""
+        p, R = measure_tool(self.s)
+        away = float(np.linalg.norm(p + R @ self.grip.handle - self._bar_of_hands().p))
+        return away > LOST_M or abs(float(R[2, 1])) > math.sin(LOST_ANGLE)
+
+    @property
+    def carried(self) -> float:
+        """Of the bar's weight what the hands carry now (N), as the platform feels it."""
+        return self._felt.carried
+
+    def _send(self, row: Any, pose: BarPose, load: float) -> BarPose:
+        most = MISSION_TICK * LOAD_RATE
+        self._load += min(max(load - self._load, -most), most)
+        row["load"] = 0.5 * self._load
+        self.s.body.track(row[None])
+        self.s.tick()
+        return pose
+
+
+def _find_pitch(R: Array) -> float:
+    """Angle (rad) by which a bar R (3, 3) has turned about its own axis, from hanging level."""
+    level = np.cross(R[:, 1], [0.0, 0.0, 1.0])
+    return math.atan2(-float(R[2, 0]), float(R[:, 0] @ level) / float(np.linalg.norm(level)))
+
+
+def build_attitude(n: Array, pitch: float) -> Array:
+    """Return R_WO (3, 3) of a bar along n (3,) that is turned about it by `pitch` (rad)."""
+    y = n / np.linalg.norm(n)
+    x = np.cross(y, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    c, s = math.cos(pitch), math.sin(pitch)
+    level = np.column_stack([x, y, np.cross(x, y)])
+    return np.asarray(level @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]))

@@ -1,0 +1,71 @@
+"""How two arms with hooks hold a handle, and which robots can."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skywright.core.rotations import rot_y
+from skywright.description.robot.spec import Robot
+from skywright.description.world.insertion import Peg
+from skywright.description.world.tool import Tool
+from skywright.errors import InputError
+from skywright.missions.skills.tool_handling import DROP, LOW, Grip
+from skywright.models.arm_inverse_kinematics import build_arm_chain, compute_arm_ik, has_arm_chain
+from skywright.models.compliant_arms import find_hands, is_compliant
+from skywright.models.rigid_body import build_body_model, posture
+
+FORE = math.radians(65.0)
+"""Of the forearm from straight down, handle in the cradle: forearm and hook both slope towards it,
+by 30 and 60 deg, and stay so while the springs yield by up to 20 deg."""
+CLEAR = 0.09  # m, from the landing gear to the handle's axis
+
+
+def check_hooks(robot: Robot, mission: str) -> None:
+    """Raise InputError where a robot has no two compliant arms with hooks at its platform."""
+    if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
+        raise InputError(
+            f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
+            f"{mission} needs two, such as bimanual"
+        )
+    if robot.arm.sides != 2 or robot.arm.hand.kind != "hook":
+        raise InputError(
+            f"robot {robot.name!r} needs two arms that end in hooks: robot.arm.sides = 2 and "
+            "robot.arm.hand.kind = 'hook'"
+        )
+    if robot.pendulum is not None:
+        raise InputError(
+            f"robot {robot.name!r} carries its arms on a passive joint: on it a load that hangs in "
+            f"front would swing the link back; {mission} is for arms at the platform, such as "
+            "bimanual"
+        )
+
+
+def build_grip(robot: Robot, tool: Tool | Peg, gravity: float) -> Grip:
+    """Return how the arms hold the handle of a tool or a bar: it just clears the landing gear."""
+    assert robot.arm is not None
+    model = build_body_model(robot, gravity)
+    chain = build_arm_chain(robot)
+    gear = robot.platform.gear_radius_m * math.sqrt(0.5)  # legs at 45 deg
+    ahead = gear + CLEAR - float(chain.p_shoulder[0]) - chain.fore * math.sin(FORE)
+    lean = math.asin(min(max(ahead / chain.upper, 0.0), 0.9))
+    q = posture(robot, "working")
+    for side in range(2):
+        first = build_arm_chain(robot, side).first
+        q[first : first + 4] = [-lean, 0.0, 0.0, lean - FORE]
+    hands = find_hands(model, q)
+    R = rot_y(-FORE)  # of the forearm: it hangs along -z
+    hook, back = R[:, 0], R[:, 2]
+    reach = 0.5 * tool.handle_diameter_m + robot.arm.hand.radius_m
+    mouth = (hook + back) / math.sqrt(2.0)
+    q_low = np.array(q)
+    for side in range(2):
+        arm = build_arm_chain(robot, side)
+        here = slice(arm.first, arm.first + 4)
+        found = compute_arm_ik(
+            arm, hands[side] - arm.p_shoulder - LOW * mouth + [0.0, 0.0, DROP], near=q[here]
+        )
+        q_low[here] = found.q
+    handle = np.array([0.0, 0.0, tool.handle_height_m])
+    return Grip(q, q_low, hands, reach * (hook + back), mouth, handle)

@@ -1,0 +1,159 @@
+"""An operator puts the tool onto the pipe: Suarez 2020, section VI-A.3 and law (24).
+
+The robot brings the tool to a place beside its seat (`HAND_OVER`) and hands over: from then on the
+stick moves both hands, as one device does in the paper. Since the tool is tracked, every
+installation begins at the same place in the seat's frame, wherever pipe and bench stand; that is
+why a recorded input fits again. The hands are led in W, so that they make up for the platform's
+drift. The arms alone reach 7 cm down before their elbows are straight; so the platform follows the
+hands' goal slowly, and they work where the handle lies well in the hooks. What the operator says is
+done is believed only when the tool stands.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.missions.skills.tool_handling import (
+    LIGHT_N,
+    TILT_MAX,
+    Grip,
+    Place,
+    Weight,
+    align_tool,
+    hold_joints,
+    is_at_hand,
+    let_go,
+    measure_tool,
+)
+from skywright.run.operator import STILL, Operator, Sight, Stick
+from skywright.vehicle.simulated import MISSION_TICK
+
+if TYPE_CHECKING:
+    from skywright.run.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+
+HAND_OVER = np.array([-0.03, 0.03, 0.0])
+"""m, ahead, left, up, of the tool from the place over its seat when the operator takes over."""
+FENCE = np.array([[-0.08, -0.08, -0.06], [0.08, 0.08, 0.13]])
+"""m, from the seat: lowest and highest place that the stick can ask for."""
+SEATED_M = 0.015  # m, in height, within which a tool that is light counts as standing on the pipe
+GRACE_S = 3.0  # s, that a button held at a recording's end stays held: the weight is felt late
+LONGEST_S = 180.0  # s, that an operator is given
+FOLLOW_RATE = 1.0  # 1/s, of the platform: it is 3 cm behind hands that move at 3 cm/s
+
+
+def install_by_operator(
+    s: Supervisor, operator: Operator, grip: Grip, seat: Place, weight_n: float, v_max: float,
+    speeds: tuple[float, float],
+) -> str:  # fmt: skip
+    """Fly the phases "install" and, where it failed, "take up again".
+
+    `v_max` (m/s) is that of (24), `speeds` (m/s) those of hands and platform. Returns "" with the
+    tool standing on the pipe and the hooks drawn out, else why not, the tool lifted again where it
+    still hangs on the hooks.
+    """
+    weight = Weight(s, weight_n)
+    R = rot_z(seat.yaw)
+    align_tool(s, weight, Place(seat.p_WO + R @ HAND_OVER, seat.yaw), 1.5 * weight_n)
+    s.begin("install")
+    q, height = np.array(s.vehicle.hands["q_goal"]), _measure_height(s)
+    reason = _operate(s, operator, grip, weight, weight_n, seat, v_max)
+    s.vehicle.set_stick(STILL.axes, False)
+    if reason == "":
+        let_go(s, grip, speeds[0])
+        return ""
+    s.begin("take up again")
+    _raise_hands(s, weight, 1.5 * weight_n, height, v_max)
+    s.arms.move_to(q[: s.vehicle.n_joints])
+    s.until_arrived()
+    return reason
+
+
+def _operate(
+    s: Supervisor,
+    operator: Operator,
+    grip: Grip,
+    weight: Weight,
+    weight_n: float,
+    seat: Place,
+    v_max: float,
+) -> str:
+    """Let the operator move the hands until the tool stands; returns why it does not, or ""."""
+    R = rot_z(seat.yaw)
+    goal = R.T @ (measure_tool(s)[0] - seat.p_WO)
+    led, platform = np.zeros(3), np.array(s.vehicle.reference["p_WB"])
+    last, ended = STILL, 0.0
+    for k in range(round(LONGEST_S / MISSION_TICK)):
+        p, R_WO = measure_tool(s)
+        off = R.T @ (p - seat.p_WO)
+        light = weight.carried < LIGHT_N
+        if not is_at_hand(s, grip):
+            return explain_loss(R_WO)
+        stick = operator.read(k * MISSION_TICK, Sight(off, light))
+        if stick is None:
+            ended += MISSION_TICK
+            if not last.button or ended > GRACE_S:
+                return _explain(off, weight.carried)
+            stick = Stick(np.zeros(3), True)
+        else:
+            s.sticks.append((k * MISSION_TICK, stick))
+        last = stick
+        s.vehicle.set_stick(stick.axes, stick.button)
+        upright = R_WO[2, 2] > math.cos(TILT_MAX)
+        if stick.button and light and upright and abs(off[2]) < SEATED_M:
+            return ""
+        v = compute_hands_velocity(stick.axes, v_max, goal)
+        goal, led = goal + MISSION_TICK * v, led + MISSION_TICK * (R @ v)
+        s.arms.hands_velocity({"left": R @ v, "right": R @ v})
+        behind = platform + led - s.vehicle.reference["p_WB"]
+        weight.step(s, FOLLOW_RATE * behind, 1.5 * weight_n)
+    return f"the operator took more than {LONGEST_S:g} s"
+
+
+def compute_hands_velocity(axes: Array, v_max: float, goal: Array) -> Array:
+    """Return the velocity (3,) m/s of (24), v_max [dx, dy, dz], inside the fence.
+
+    `goal` (3,) m is where the hands have been led so far, from the seat. An axis that would lead it
+    out of the fence is left out.
+    """
+    v = v_max * axes
+    ahead = goal + MISSION_TICK * v
+    out = ((ahead < FENCE[0]) & (v < 0.0)) | ((ahead > FENCE[1]) & (v > 0.0))
+    return np.where(out, 0.0, v)
+
+
+def explain_loss(R_WO: Array) -> str:
+    """Say why a tool at R_WO (3, 3) is not led any further: tilted, or away from the hands."""
+    if R_WO[2, 2] > math.cos(TILT_MAX):
+        return "the tool fell off the hooks"
+    tilt = math.degrees(math.acos(max(R_WO[2, 2], -1.0)))
+    return f"the tool was tilted by {tilt:.0f} deg: the stick was taken away"
+
+
+def _explain(off: Array, weight: float) -> str:
+    mm = ", ".join(f"{1e3 * x:.0f}" for x in off)
+    return (
+        f"the operator's input ended before the tool stood: it was {mm} mm (ahead, left, up) from "
+        f"its place, and {weight:.1f} N hung on the hands"
+    )
+
+
+def _measure_height(s: Supervisor) -> float:
+    """Height (m) of the hands, as estimated."""
+    return float(np.mean(s.vehicle.hands["p_WH"][:2, 2]))
+
+
+def _raise_hands(s: Supervisor, weight: Weight, most: float, height: float, speed: float) -> None:
+    """Lead the hands straight up to `height` (m): a tool below comes along."""
+    up = np.array([0.0, 0.0, speed])
+    s.arms.hands_velocity({"left": up, "right": up})
+    ends = s.vehicle.t + 1.5 * max(height - _measure_height(s), 0.0) / speed
+    while _measure_height(s) < height and s.vehicle.t < ends:
+        weight.step(s, np.zeros(3), most)
+    hold_joints(s)

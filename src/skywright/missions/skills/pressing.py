@@ -1,0 +1,197 @@
+"""Touch with the probe, hold each force of a profile, measure, release: what missions share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.mission.spec import Mission
+from skywright.description.robot.spec import Robot
+from skywright.description.world.structure import Structure, build_surface, find_place
+from skywright.errors import InputError
+from skywright.missions.skills.moves import build_move, set_rest
+from skywright.run.flight import Measurement
+
+if TYPE_CHECKING:
+    from skywright.run.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+
+TIP_GAP = 0.008  # m, of the tip to the surface before the force loop takes over
+TOUCH_TIMEOUT_S = 15.0
+FELT = 0.5  # of the first force: the tip touches
+STOP_NEAR = math.radians(1.0)  # of a joint to its stop: two errors of an encoder's zero
+FORCE_OFF = 1.0  # N, and half of what is asked for, that a press in flight may be off at a stop
+OFF_S = 1.0  # s, for so long: three time constants of the force loop
+SATURATED_S = 0.1  # s, where the rotors are at their limits as well
+RETREAT = 0.15  # m, away from the surface along the probe
+
+
+class ArmStopped(Exception):
+    """An arm at its joint stop no longer controls the force."""
+
+
+class Profile(Protocol):
+    """How long each force of a profile takes."""
+
+    ramp_s: float
+    settle_s: float
+    hold_s: float
+
+
+def check_can_press(robot: Robot, mission: Mission) -> None:
+    """Raise InputError when robot or law cannot control the force of a probe."""
+    if robot.probe is None or robot.force_sensor is None:
+        raise InputError(
+            f"robot {robot.name!r} does not measure the force of a probe: it needs [robot.probe] "
+            "and [robot.force_sensor]"
+        )
+    law = mission.law or robot.control.law or ""
+    if law != "backstepping" and ".py" not in law:
+        raise InputError(
+            f"mission {mission.name!r} needs a law that controls the force: "
+            f"mission.law = 'backstepping', not {law or None!r}"
+        )
+
+
+class Presser:
+    """Moves of platform, arm and force; every one starts where the reference is."""
+
+    def __init__(self, supervisor: Supervisor, profile: Profile) -> None:
+        self.s, self.profile = supervisor, profile
+        vehicle = supervisor.vehicle
+        self.model, self.n = vehicle.model, vehicle.n_joints
+        assert vehicle.world.structure is not None
+        self.structure: Structure = vehicle.world.structure
+        self._stopped = math.inf  # s, mission time since which an arm at its stop controls nothing
+
+    def go(
+        self, phase: str | None, *, p: Array | None = None, R: Array | None = None,
+        q: Array | None = None, speed: float = 0.6, least: float = 0.0, **fields: Any,
+    ) -> None:  # fmt: skip
+        """Move to a pose with other fields of the reference changed, and wait for its end."""
+        start = set_rest(self.s.vehicle.reference)
+        end = np.array(start)
+        if p is not None:
+            end["p_WB"] = p
+        if R is not None:
+            end["R_WB"] = R
+        if q is not None:
+            end["q"][: self.n] = q
+        for name, value in fields.items():
+            end[name] = value
+        table = build_move(self.model, self.n, start, end, speed=speed, least=least)
+        if phase is not None:
+            self.s.begin(phase)
+        self.s.body.track(table)
+        self.s.until_arrived()
+
+    def press(
+        self,
+        spot: str,
+        how: str,
+        forces: list[float],
+        prefix: str,
+        load: Callable[[float], dict[str, Any]] | None = None,
+        then: Callable[[], None] | None = None,
+    ) -> str:
+        """Touch, hold each force, do `then`, release; returns what went wrong, or "".
+
+        `load` gives the fields of the reference that belong to a force (load of docking feet). In
+        flight an arm that meets its stop is drawn back from the surface.
+        """
+        s = self.s
+        s.watch = self._watch_stops if how == "flying" else None
+        try:
+            reason = self._touch(spot, forces[0], prefix, load)
+            for force in forces if not reason else ():
+                self.set_force(f"{prefix}press to {force:g} N", force, self.profile.ramp_s, load)
+                s.wait(self.profile.settle_s)
+                s.begin(f"{prefix}hold {force:g} N")
+                self._measure(spot, force, how)
+            if not reason and then is not None:
+                then()
+        except ArmStopped as stopped:
+            s.watch = None
+            self._retreat(prefix)
+            return f"{spot}: {stopped}"
+        finally:
+            s.watch, self._stopped = None, math.inf
+        self.set_force(f"{prefix}release", 0.0, self.profile.ramp_s, load)
+        self.go(None, press=0.0)
+        return reason
+
+    def _touch(
+        self, spot: str, force: float, prefix: str, load: Callable[[float], dict[str, Any]] | None
+    ) -> str:
+        """Move the tip on until it feels half of the force (N); returns what went wrong, or ""."""
+        s = self.s
+        self.set_force(f"{prefix}touch", force, 0.02, load)
+        end = s.vehicle.t + TOUCH_TIMEOUT_S
+        while s.vehicle.force < FELT * force:
+            s.tick()
+            if s.vehicle.t > end:
+                return f"{spot}: the tip felt nothing within {TOUCH_TIMEOUT_S:g} s"
+        return ""
+
+    def _watch_stops(self) -> None:
+        """Raise ArmStopped where a joint is at its stop and force or rotors have got away.
+
+        With the rotors at their limits, too, nothing is left that controls the press: at once.
+        """
+        vehicle, body = self.s.vehicle, self.model[0]
+        q, n = vehicle.estimate["q"], self.n
+        rooms = np.minimum(q[:n] - body["q_min"][:n], body["q_max"][:n] - q[:n])
+        asked = float(vehicle.reference["force"])
+        off = abs(vehicle.force - asked) > max(FORCE_OFF, 0.5 * asked)
+        if np.min(rooms) > STOP_NEAR or not (off or vehicle.saturated):
+            self._stopped = math.inf
+            return
+        self._stopped = min(self._stopped, vehicle.t)
+        if vehicle.t - self._stopped >= (SATURATED_S if vehicle.saturated else OFF_S):
+            raise ArmStopped(
+                f"the press was given up at t = {vehicle.t:.1f} s: joint "
+                f"{int(np.argmin(rooms)) + 1} of the arm is at its stop"
+                f"{' and the rotors are at their limits' if vehicle.saturated else ''}, the tip "
+                f"presses with {vehicle.force:.1f} N instead of {asked:.1f} N"
+            )
+
+    def _retreat(self, prefix: str) -> None:
+        """Draw the tip back along the probe, the arm as it is: its own way back may be barred."""
+        vehicle = self.s.vehicle
+        away = np.array(vehicle.reference["p_WB"]) - RETREAT * vehicle.estimate["R_WT"][:, 2]
+        q = np.array(vehicle.estimate["q"][: self.n])
+        self.go(f"{prefix}retreat", p=away, q=q, speed=0.4, press=0.0, force=0.0)
+
+    def set_force(
+        self, phase: str, force: float, seconds: float,
+        load: Callable[[float], dict[str, Any]] | None = None,
+    ) -> None:  # fmt: skip
+        """Lead the force to a value (N) in `seconds`."""
+        fields = {} if load is None else load(force)
+        self.go(phase, least=seconds, press=1.0, force=force, **fields)
+
+    def _measure(self, spot: str, force: float, how: str) -> None:
+        """Hold, and hand over what was measured."""
+        s = self.s
+        start, end = s.vehicle.t, s.vehicle.t + self.profile.hold_s
+        read, tips = [], []
+        while s.vehicle.t < end - 1e-9:
+            s.tick()
+            read.append(s.vehicle.force)
+            tips.append(np.array(s.vehicle.estimate["p_WT"]))
+        tip = np.mean(tips, axis=0)
+        x, y, off = (float(v) for v in find_place(build_surface(self.structure), tip))
+        s.report(
+            Measurement(
+                spot=spot, how=how, x_m=x, y_m=y, off_m=off,
+                p_W=(float(tip[0]), float(tip[1]), float(tip[2])), start_s=start,
+                end_s=s.vehicle.t, force_des_n=force, force_n=float(np.mean(read)),
+                force_std_n=float(np.std(read)), pose_std_m=s.vehicle.pose_std,
+                wander_m=float(np.max(np.linalg.norm(np.array(tips) - tip, axis=1))),
+            )
+        )  # fmt: skip

@@ -1,0 +1,90 @@
+"""What a robot that slides its probe along a structure in flight must be able to do.
+
+Sliding makes friction along the way: F mu at the tip, besides the press F. Both load the rotors,
+and friction turns the robot as well. Where the way lies in the arm's plane that turn moves the tip
+to or from the surface: with mass m, inertia I, and the tip at x along and z off the surface from
+the centre of mass, a normal force N accelerates the tip away from the surface by
+
+    N (1 / m + x (x - mu z) / I)
+
+towards one side and with a plus towards the other. Under a deck, z = 0.45 m above, that is a fifth
+of what it is without friction at mu = 0.6 and negative from mu = 0.75: pushed ahead the tip jams
+and jumps, as a piece of chalk does (Painleve). So the robot slides across its arm's plane there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.robot.spec import Robot
+from skywright.description.world.structure import Structure, build_surface
+from skywright.errors import InputError
+from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.models.contact_stance import ContactStance, compute_flying_press
+
+Array = NDArray[np.float64]
+
+WOBBLE = {"mocap": 0.2e-3, "total-station": 1.0e-3}
+"""m rms, by which a platform that presses in flight moves faster than the force loop can follow:
+the errors of its estimate. Measured, as `free.rms_error_n` over the spring (0.15 to 0.29 N and 0.5
+to 1.4 N of the F550); satellite navigation is no better than the station."""
+SIGMAS = 3.0  # of that: a lighter press is off the surface now and then
+
+
+def find_way(task: BridgeContact, structure: Structure) -> Array:
+    """Return the way (3,) m in W from a spot to the far end of the slide."""
+    surface = build_surface(structure)
+    return np.asarray(task.slide_m * surface.R_WS[:, surface.along])
+
+
+def check_slide_ends(task: BridgeContact, structure: Structure) -> None:
+    """Raise InputError where a slide would leave the structure."""
+    along = build_surface(structure).along
+    half = 0.5 * (structure.length_m, structure.width_m)[along]
+    for i, spot in enumerate(task.spots if task.slide_m else ()):
+        start = (spot.x_m, spot.y_m)[along]
+        if abs(start + task.slide_m) > half:
+            raise InputError(
+                f"mission.task.slide_m = {task.slide_m:g} m from mission.task.spots[{i}] ends at "
+                f"{'xy'[along]} = {start + task.slide_m:g} m, beside the structure, which reaches "
+                f"{half:g} m: valid is {-half - start:g} to {half - start:g} m"
+            )
+
+
+def check_wobble(robot: Robot, localisation: str, force: float, most: float) -> str:
+    """Say why a press of `force` (N) is too light to stay on while it slides, or return "".
+
+    `most` (N) is what the rotors can make, told beside.
+    """
+    assert robot.probe is not None
+    spring = robot.probe.spring_n_per_m
+    wobble = WOBBLE.get(localisation, WOBBLE["total-station"])
+    least = SIGMAS * wobble * spring
+    if force >= least:
+        return ""
+    other = "" if localisation == "mocap" else "set world.localisation='mocap', or "
+    return (
+        f"sliding at {force:g} N would lose the surface: localised by {localisation} the platform "
+        f"moves by about {1e3 * wobble:.1f} mm rms, {wobble * spring:.2f} N through the probe's "
+        f"spring, and {SIGMAS:g} times that is {least:.2f} N, of at most {most:.2f} N here: "
+        f"{other}leave the slide out (mission.task.slide_m=0)"
+    )
+
+
+def compute_sliding_press(
+    robot: Robot, stance: ContactStance, R_WB: Array, gravity: float, structure: Structure,
+    *, wind: Array, air_density: float,
+) -> float:  # fmt: skip
+    """Return the largest press (N) with which the tip slides along, there and back; NaN: none."""
+    surface = build_surface(structure)
+    along = R_WB.T @ surface.R_WS[:, surface.along]
+    return float(
+        np.min([
+            compute_flying_press(
+                robot, stance, R_WB, gravity, wind=wind, air_density=air_density,
+                pull=sign * structure.friction * along,
+            )
+            for sign in (1.0, -1.0)
+        ])
+    )  # fmt: skip

@@ -1,0 +1,301 @@
+"""Two hooks and a tool with a handle: take it up, put it down (Suarez 2020, section VI-A).
+
+A hook and the forearm behind it make a V, the cradle, that is open upward. The hands come from
+below, and the platform lifts while the springs of the arms yield. As the weight passes to the hands
+it shows in the platform's external force; that is fed forward to the springs and to the platform,
+so that the hands rise again to where they were.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.missions.skills.moves import build_move, set_rest
+from skywright.vehicle.simulated import MISSION_TICK
+
+if TYPE_CHECKING:
+    from skywright.run.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+
+LOW = 0.08  # m, from the cradle, along its mouth, to where the hands wait for the handle
+DROP = 0.06  # m, by which the platform is lower meanwhile, so that the arms need not stretch
+PRESS = 0.015  # m, that the hands aim beyond the handle, so that they touch it
+TOUCH_N = 0.4  # N, upward, at which a hand counts as touching
+TOUCH_S = 0.06  # s, for which it has to be felt
+LIFT = 0.10  # m, from which a tool counts as lifted
+FEEL_S = 0.4  # s, lag of the felt weight; the estimate's own is about as long
+NEAR_SPEED = 0.15  # m/s, of the platform beside the tool and what it stands on
+STEADY_S = 2.0  # s, to come to rest
+LIGHT_N = 0.3  # N, under which a load counts as put down
+DEEP = 0.04  # m, below its place: a tool that is lowered further has missed it
+ALIGN_RATE = 0.5  # 1/s, at which the platform makes up for where the tool hangs
+ALIGN_M = 0.004  # m, to which it does
+ALIGN_SPEED = 0.05  # m/s
+TILT_MAX = math.radians(12.0)  # of a handle that hangs in both hooks
+STRAY = 0.2  # m, from the hands: a tool further away, or tilted more, has fallen
+
+
+class Place(NamedTuple):
+    """Where a tool stands: its frame O."""
+
+    p_WO: Array  # (3,) m
+    yaw: float
+
+
+class Grip(NamedTuple):
+    """How the arms hold the handle; vectors in a level frame with the robot's heading."""
+
+    q: Array  # (n_joints,) rad, handle in the cradle
+    q_low: Array  # (n_joints,) rad, hands LOW below
+    hands: Array  # (2, 3) m, in B at q
+    cradle: Array  # (3,) m, from the hand's point to the axis of a handle that lies in the cradle
+    mouth: Array  # (3,) unit, out of the cradle
+    handle: Array  # (3,) m, middle of the handle in O
+
+
+def find_platform(grip: Grip, place: Place) -> Array:
+    """Return p_WB (3,) m from which the hands hold a tool that stands at `place`."""
+    middle = 0.5 * (grip.hands[0] + grip.hands[1]) + grip.cradle
+    return np.asarray(place.p_WO + rot_z(place.yaw) @ (grip.handle - middle))
+
+
+def measure_tool(s: Supervisor) -> tuple[Array, Array]:
+    """Return (p_WO, R_WO) of the tool as motion capture sees it now."""
+    marker, state = s.vehicle.world.marker, s.vehicle.hands
+    assert marker is not None
+    R = np.array(state["R_WM"]) @ marker.rotation.T
+    return np.array(state["p_WM"]) - R @ [marker.x_m, marker.y_m, marker.z_m], R
+
+
+def find_tool(s: Supervisor, seconds: float = 0.6) -> Place:
+    """Watch the tool for a time; return its mean place."""
+    places, ahead = [], np.zeros(3)
+    for _ in range(max(round(seconds / MISSION_TICK), 1)):
+        s.tick()
+        p, R = measure_tool(s)
+        places.append(p)
+        ahead += R[:, 0]
+    return Place(np.mean(places, axis=0), math.atan2(ahead[1], ahead[0]))
+
+
+def move_platform(
+    s: Supervisor, p: Array, yaw: float, speed: float, acceleration: float = 0.3
+) -> None:
+    """Move the platform rest to rest; hands and load keep what they were told."""
+    s.body.track(_build_move(s, p, yaw, speed, acceleration))
+    s.until_arrived()
+
+
+def _build_move(s: Supervisor, p: Array, yaw: float, speed: float, acceleration: float) -> Any:
+    start = s.vehicle.reference
+    end = start.copy()
+    end["p_WB"], end["R_WB"] = p, rot_z(yaw)
+    return build_move(
+        s.vehicle.model, s.vehicle.n_joints, start, end, speed=speed, acceleration=acceleration
+    )
+
+
+def lead_hands(s: Supervisor, grip: Grip, along: float, speed: float) -> None:
+    """Lead both hands on straight lines (23) to `along` (m) of the mouth from where they hold.
+
+    The goal is fixed to the tool, which is tracked all the time.
+    """
+    marker = s.vehicle.world.marker
+    assert marker is not None
+    goals = {}
+    for name, hand in zip(("left", "right"), grip.hands, strict=True):
+        side = np.array([0.0, hand[1], 0.0])
+        p_O = grip.handle + side - grip.cradle + along * grip.mouth
+        goals[name] = marker.rotation.T @ (p_O - [marker.x_m, marker.y_m, marker.z_m])
+    s.arms.hands_to_marker(goals, speed)
+
+
+def compute_miss(s: Supervisor, grip: Grip) -> float:
+    """Return how far (m) the worse hand is, across the handle, from where it holds it."""
+    p, R = measure_tool(s)
+    worst = 0.0
+    for h, hand in enumerate(grip.hands):
+        goal = p + R @ (grip.handle + np.array([0.0, hand[1], 0.0]) - grip.cradle)
+        worst = max(worst, float(np.linalg.norm(s.vehicle.hands["p_WH"][h] - goal)))
+    return worst
+
+
+def is_at_hand(s: Supervisor, grip: Grip) -> bool:
+    """Whether the tool is upright and near the hands; one that is not must not be followed."""
+    _, R = measure_tool(s)
+    return compute_miss(s, grip) < STRAY and R[2, 2] > math.cos(TILT_MAX)
+
+
+class Weight:
+    """The weight on the hands as the platform feels it: slow, and against a known beginning."""
+
+    def __init__(self, s: Supervisor, carried: float) -> None:
+        """`carried` (N) hangs on the hands now."""
+        self.carried = carried
+        ups = []
+        for _ in range(50):
+            s.tick()
+            ups.append(float(s.vehicle.estimate["f_ext_W"][2]))
+        self._zero = float(np.mean(ups)) + carried
+
+    def feel(self, s: Supervisor, most: float) -> None:
+        """Take in what is felt in this tick: no less than nothing, no more than `most` (N)."""
+        felt = self._zero - float(s.vehicle.estimate["f_ext_W"][2])
+        self.carried += MISSION_TICK / FEEL_S * (min(max(felt, 0.0), most) - self.carried)
+
+    def step(self, s: Supervisor, v: Array, most: float) -> None:
+        """Fly one tick at v (3,) m/s with the load that is felt, no more than `most` (N)."""
+        self.feel(s, most)
+        row = set_rest(s.vehicle.reference)
+        row["p_WB"] += MISSION_TICK * v
+        row["v_WB"] = v
+        row["load"] = 0.5 * self.carried
+        s.body.track(row[None])
+        s.tick()
+
+
+def hold_joints(s: Supervisor) -> None:
+    """Let the arms hang on their springs from where the servos lead them now."""
+    s.arms.move_to(np.array(s.vehicle.hands["q_goal"][: s.vehicle.n_joints]))
+    s.until_arrived()
+
+
+def take_up(s: Supervisor, grip: Grip, most: float, speeds: tuple[float, float]) -> float | None:
+    """Grasp the handle and lift it; returns the tool's weight (N), or None for a miss.
+
+    `speeds` (m/s) are those of hands and platform; `most` (N) is what may be lifted. The platform
+    stands DROP below where `find_platform` says. After a miss the hands wait below the handle.
+    """
+    s.begin("grasp")
+    weight = Weight(s, 0.0)
+    start, _ = measure_tool(s)
+    if not _touch(s, grip, speeds[0]):
+        let_go(s, grip, speeds[0])
+        return None
+    s.begin("lift")
+    hold_joints(s)
+    up, ends = np.array([0.0, 0.0, speeds[1]]), s.vehicle.t + 3.0 * LIFT / speeds[1]
+    height, lifted = float(s.vehicle.reference["p_WB"][2]), 0.0
+    while s.vehicle.t < ends and lifted < LIFT:
+        risen = float(s.vehicle.reference["p_WB"][2]) - height
+        weight.step(s, up if risen < 1.5 * LIFT else np.zeros(3), most)
+        lifted = float((measure_tool(s)[0] - start)[2])
+    for _ in range(round(STEADY_S / MISSION_TICK)):
+        weight.step(s, np.zeros(3), most)
+    p, R = measure_tool(s)
+    if (p - start)[2] > 0.5 * LIFT and abs(R[2, 1]) < math.sin(TILT_MAX):
+        return weight.carried
+    down = -up
+    while float(s.vehicle.reference["p_WB"][2]) > height:
+        weight.step(s, down, most)
+    let_go(s, grip, speeds[0])
+    return None
+
+
+def take_up_again(
+    s: Supervisor, grip: Grip, most: float, retries: int, speeds: tuple[float, float]
+) -> float | None:
+    """`take_up`, and up to `retries` times again after a miss, where the tool is then.
+
+    A tool that is not at hand any more, as one that was knocked over, is not followed.
+    """
+    for k in range(retries + 1):
+        if k > 0:
+            s.begin("look again")
+            place = find_tool(s)
+            p = find_platform(grip, place) - [0.0, 0.0, DROP]
+            move_platform(s, p, place.yaw, NEAR_SPEED)
+            s.wait(STEADY_S)
+        weight = take_up(s, grip, most, speeds)
+        if weight is not None:
+            return weight
+        s.end("retry")
+        if not is_at_hand(s, grip):
+            break
+    return None
+
+
+def _touch(s: Supervisor, grip: Grip, speed: float) -> bool:
+    """Raise platform and hands until both hands feel the handle; stop there.
+
+    The goals hang on the tool: hands that went on would follow a tool that they lift.
+    """
+    place = find_tool(s, MISSION_TICK)
+    lead_hands(s, grip, PRESS, speed)
+    s.body.track(_build_move(s, find_platform(grip, place), place.yaw, speed, 0.3))
+    felt, patience = 0.0, s.vehicle.t + (LOW + PRESS) / speed + 2.0 * STEADY_S
+    while s.vehicle.t < patience and felt < TOUCH_S - 1e-9 and is_at_hand(s, grip):
+        s.tick()
+        touch = bool(np.all(s.vehicle.hands["f_WH"][:2, 2] > TOUCH_N))
+        felt = felt + MISSION_TICK if touch else 0.0
+    return felt > 0.0 or compute_miss(s, grip) < 2.0 * PRESS
+
+
+def put_down(
+    s: Supervisor, grip: Grip, place: Place, weight_n: float, speeds: tuple[float, float],
+    phase: str,
+) -> bool:  # fmt: skip
+    """Bring the hanging tool over `place`, lower it (`phase`), and draw the hooks out.
+
+    The platform makes up for where the tool hangs until it stands. Where nothing takes its weight
+    at `place` it is lifted again, stays on the hooks, and False is returned.
+    """
+    weight = Weight(s, weight_n)
+    align_tool(s, weight, place, 1.5 * weight_n)
+    s.begin(phase)
+    height, ends = float(s.vehicle.reference["p_WB"][2]), s.vehicle.t + 30.0
+    while weight.carried > LIGHT_N:
+        if s.vehicle.t > ends or measure_tool(s)[0][2] < place.p_WO[2] - DEEP:
+            while float(s.vehicle.reference["p_WB"][2]) < height:
+                weight.step(s, np.array([0.0, 0.0, speeds[1]]), 1.5 * weight_n)
+            return False
+        v = _correct(place.p_WO - measure_tool(s)[0])
+        standing = weight.carried < 0.7 * weight_n
+        v = np.zeros(3) if standing else v
+        v[2] = -speeds[1]
+        weight.step(s, v, 1.5 * weight_n)
+    let_go(s, grip, speeds[0])
+    return True
+
+
+def align_tool(s: Supervisor, weight: Weight, place: Place, most: float) -> None:
+    """Bring the hanging tool over `place`, its height kept; `most` (N) as in `Weight.step`."""
+    ends, calm = s.vehicle.t + 20.0, 0
+    above = float(measure_tool(s)[0][2])
+    while s.vehicle.t < ends and calm < 50:
+        error = place.p_WO - measure_tool(s)[0]
+        error[2] = above - measure_tool(s)[0][2]
+        weight.step(s, _correct(error), most)
+        calm = calm + 1 if float(np.linalg.norm(error[:2])) < ALIGN_M else 0
+
+
+def _correct(error: Array) -> Array:
+    """Speed (3,) m/s of the platform for an error (3,) m of the tool."""
+    v = ALIGN_RATE * error
+    size = float(np.linalg.norm(v))
+    return np.asarray(v * min(1.0, ALIGN_SPEED / max(size, 1e-9)))
+
+
+def let_go(s: Supervisor, grip: Grip, speed: float) -> None:
+    """Draw the hooks out of the handle, along the mouth, and let the arms hang there.
+
+    Where there is no handle any more, the arms go low and the platform stays.
+    """
+    s.begin("release")
+    row = set_rest(s.vehicle.reference)
+    row["load"] = 0.0
+    s.body.track(row[None])
+    if not is_at_hand(s, grip):
+        s.arms.move_to(grip.q_low)
+        s.until_arrived()
+        return
+    place = find_tool(s, MISSION_TICK)
+    lead_hands(s, grip, -LOW, speed)
+    move_platform(s, find_platform(grip, place) - [0.0, 0.0, DROP], place.yaw, speed)
+    s.wait(STEADY_S)

@@ -1,0 +1,154 @@
+"""Ways of platform and arms together: straight where that is free, else the planner's."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.missions.skills.moves import (
+    JOINT_ACCELERATION,
+    JOINT_SPEED,
+    TURN_ACCELERATION,
+    TURN_SPEED,
+    set_rest,
+)
+from skywright.models.compliant_arms import find_swing
+from skywright.models.geometry import ClearanceQuery, build_clearance, compute_clearance
+from skywright.models.kinematic_tree import PlanningScene, build_planning_scene
+from skywright.models.scene import build_scene
+from skywright.planning.motion.transit import Configuration, plan_transit
+from skywright.vehicle.rest_to_rest import build_straight, duration
+
+if TYPE_CHECKING:
+    from skywright.run.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+Table = NDArray[Any]
+
+STEP = 0.05  # m, between clearance checks of a straight line
+SAME = 1e-6  # rad, below which an angle need not move
+
+
+class Way(NamedTuple):
+    """Way-points of platform and arms, start and goal included, straight in between."""
+
+    p_WB: Array  # (m, 3) m
+    yaw: Array  # (m,) rad
+    q: Array  # (m, n_joints) rad
+
+
+class Surroundings(NamedTuple):
+    """What ways are planned in."""
+
+    query: ClearanceQuery
+    scene: PlanningScene
+    model: NDArray[Any]  # (1,) of BODY_MODEL
+    passive: str | None  # joint without a motor
+    low_z: float  # m, lowest height of the platform's origin
+    margin: float  # m, kept from everything
+
+
+def build_surroundings(
+    robot: Robot, world: World, model: NDArray[Any], low_z: float, margin: float
+) -> Surroundings:
+    """Read the nominal scene."""
+    built = build_scene(robot, world)
+    passive = "pendulum" if robot.pendulum is not None else None
+    return Surroundings(
+        build_clearance(built, with_ground=True), build_planning_scene(built, robot), model,
+        passive, low_z, margin,
+    )  # fmt: skip
+
+
+def plan_way(
+    around: Surroundings, start: Configuration, goal: Configuration, rng: np.random.Generator
+) -> tuple[Way, float, str | None]:
+    """Return a way from start to goal, its clearance (m), and what blocks it.
+
+    A straight flight with the goal's heading and posture is taken where it is free, and returned
+    where there is no way. `rng` is drawn from only where it is not free.
+    """
+    a, b = start.p_WB, goal.p_WB
+    straight = Way(np.array([a, b]), np.full(2, goal.yaw), np.array([goal.q, goal.q]))
+    room, _ = check_line(around.query, a, b, rot_z(goal.yaw), goal.q)
+    if room >= around.margin:
+        return straight, room, None
+    found = plan_transit(
+        around.scene, start, goal, rng, around.margin, wanted=2 * around.margin,
+        passive=around.passive, low_z=around.low_z,
+    )  # fmt: skip
+    if found.blocked_by is not None:
+        return straight, room, found.blocked_by
+    q = np.array([find_swing(around.model, row) for row in found.q])
+    return Way(found.p_WB, found.yaw, q), found.clearance, None
+
+
+def check_line(query: ClearanceQuery, a: Array, b: Array, R: Array, q: Array) -> tuple[float, str]:
+    """Least distance (m) along a straight flight, and between what."""
+    least, what = math.inf, ""
+    for u in np.linspace(0.0, 1.0, max(math.ceil(float(np.linalg.norm(b - a)) / STEP), 1) + 1):
+        found = compute_clearance(query, a + u * (b - a), R, q)
+        if found.distance < least:
+            least = found.distance
+            what = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
+    return least, what
+
+
+def reverse_way(way: Way) -> Way:
+    """The same way back."""
+    return Way(*(x[::-1] for x in way))
+
+
+def differs(s: Supervisor, q: Array) -> bool:
+    """Whether the arms are led to another posture than q (n_joints,) rad."""
+    return float(np.max(np.abs(q - s.vehicle.reference["q"][: len(q)]))) > SAME
+
+
+def fly_way(s: Supervisor, way: Way, share: float) -> None:
+    """Fly a way with a share of the limits, a rest at each way-point, the arms in step."""
+    for p, yaw, q in zip(way.p_WB[1:], way.yaw[1:], way.q[1:], strict=True):
+        if share == 1.0 and not differs(s, q):
+            s.uav.go_to(p, yaw)
+        else:
+            s.body.track(slide_platform(s, p, share, yaw, q))
+        s.until_arrived()
+
+
+def slide_platform(
+    s: Supervisor, p: Array, share: float, yaw: float | None = None, q: Array | None = None
+) -> Table:
+    """Move the platform to p (3,) m with a share of its limits; the hands keep their task.
+
+    With `yaw` (rad) it turns, with `q` (n_joints,) rad the joints move, in step.
+    """
+    start = set_rest(s.vehicle.reference)
+    delta = p - start["p_WB"]
+    turn, joints = 0.0, np.zeros(MAX_JOINTS)
+    if yaw is not None:
+        turn = math.remainder(yaw - math.atan2(start["R_WB"][1, 0], start["R_WB"][0, 0]), math.tau)
+    if q is not None:
+        joints[: len(q)] = q - start["q"][: len(q)]
+    limits, distance = s.vehicle.limits, float(np.linalg.norm(delta))
+    bend = float(np.max(np.abs(joints)))
+    total = max(
+        duration(distance, share * limits.speed, share * limits.acceleration),
+        duration(abs(turn), share * TURN_SPEED, share * TURN_ACCELERATION),
+        duration(bend, JOINT_SPEED, JOINT_ACCELERATION),
+        1.0,
+    )
+    move = build_straight(start, start, delta, total)
+    if abs(turn) > SAME:
+        move.table["R_WB"] = np.array([rot_z(s * turn) for s in move.s]) @ start["R_WB"]
+        move.table["w_WB_B"][:, 2] = move.ds * turn
+        move.table["wd_WB_B"][:, 2] = move.dds * turn
+    if bend > SAME:
+        move.table["q"] += move.s[:, None] * joints
+        move.table["qd"] = move.ds[:, None] * joints
+    return move.table

@@ -1,0 +1,195 @@
+"""What a report shows of a tool's installation: the phases, the load, the hands at the handle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skywright.missions.skills.tool_handling import LOW
+from skywright.missions.tool_install.fly import find_places
+from skywright.missions.tool_install.metrics import compute_grasp_errors, compute_operated
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    WIDTH,
+    clip_phases,
+    draw_limit,
+    draw_line,
+    fit_y,
+    new_figure,
+    shade_phases,
+    stack_panels,
+)
+from skywright.reports.kinds import find_task
+from skywright.run.metrics import in_phases
+
+if TYPE_CHECKING:
+    from skywright.run.run import RunResult
+
+HOVER_MM = 15.0  # requirement of the mission
+
+
+def draw_phases(result: RunResult) -> Figure | None:
+    """Tool and platform over the whole flight, and the weight that the hands carry."""
+    s = result.samples
+    if not len(s):
+        return None
+    tool = s[f"object{result.description.world.things.index('tool')}_p_WO"]
+    t = s["t"]
+    figure = new_figure(WIDTH, 7.0)
+    strip, axes = stack_panels(figure, 4)
+    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
+    axes[0].set_title("Platform (lines) and tool (dashed): way")
+    axes[0].set_ylabel("x, y (m)")
+    for a, color in ((0, BLUE), (1, ORANGE)):
+        draw_line(axes[0], t, s["p_WB"][:, a], color=color, label="xy"[a])
+        draw_line(axes[0], t, tool[:, a], color=color, ls="--", lw=0.9)
+    axes[0].legend(loc="upper left", ncols=2)
+    axes[1].set_title("Heights")
+    axes[1].set_ylabel("z (m)")
+    draw_line(axes[1], t, s["p_WB"][:, 2], color=BLACK, label="platform")
+    draw_line(axes[1], t, tool[:, 2], color=GREEN, ls="--", label="tool")
+    axes[1].legend(loc="upper left", ncols=2)
+    axes[2].set_title("True upward force of each hook on the handle")
+    axes[2].set_ylabel("force (N)")
+    for side, color in (("left", BLUE), ("right", PURPLE)):
+        draw_line(axes[2], t, s[f"{side}_f_W"][:, 2], color=color, lw=0.8, label=side)
+    axes[2].legend(loc="upper left", ncols=2)
+    axes[3].set_title("Springs of the left arm: shaft minus output link")
+    axes[3].set_ylabel("deflection (deg)")
+    for j, color, label in ((0, BLUE, "shoulder pitch"), (3, PURPLE, "elbow pitch")):
+        draw_line(axes[3], t, np.degrees(s["deflection"][:, j]), color=color, lw=0.8, label=label)
+    axes[3].legend(loc="upper left", ncols=2)
+    return figure
+
+
+def draw_tracking(result: RunResult) -> Figure | None:
+    """Error of both tips at the grasp points, and the platform's way: figures 23 and 24."""
+    s = result.samples
+    hover = in_phases(s, result.phases, "hover check")
+    if not np.any(hover):
+        return None
+    s = s[hover]
+    t = s["t"]
+    index = result.description.world.things.index("tool")
+    error = 1e3 * compute_grasp_errors(s, index, result.plan.task, -LOW)
+    figure = new_figure(WIDTH, 5.4)
+    strip, axes = stack_panels(figure, 3)
+    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
+    for h, side in enumerate(("left", "right")):
+        size = np.linalg.norm(error[:, h], axis=1)
+        axes[h].set_title(f"Tracking error of the {side} tip")
+        axes[h].set_ylabel("error (mm)")
+        for a, color in ((0, BLUE), (1, ORANGE), (2, GREEN)):
+            draw_line(axes[h], t, error[:, h, a], color=color, lw=0.8, label="xyz"[a])
+        draw_line(axes[h], t, size, color=BLACK, lw=1.0, label="distance")
+        draw_limit(axes[h], HOVER_MM, "rms required, 15 mm")
+        axes[h].legend(loc="upper left", ncols=4)
+        fit_y(axes[h], HOVER_MM, float(np.max(size)), float(np.min(error[:, h])))
+    drift = 1e3 * (s["p_WB"] - s["p_WB"][0])
+    axes[2].set_title("Platform: displacement from where it was at first")
+    axes[2].set_ylabel("way (mm)")
+    for a, color in ((0, BLUE), (1, ORANGE), (2, GREEN)):
+        draw_line(axes[2], t, drift[:, a], color=color, lw=0.8, label="xyz"[a])
+    axes[2].legend(loc="lower left", ncols=3)
+    return figure
+
+
+def draw_operator(result: RunResult) -> Figure | None:
+    """What the operator's stick asked for, and what hands and tool made of it."""
+    s = result.samples[in_phases(result.samples, result.phases, "install")]
+    if not len(s) or not np.any(s["operator_stick"]):
+        return None
+    t, world = s["t"], result.description.world
+    _, seat = find_places(world, find_task(result.description))
+    way = compute_operated(s, world.things.index("tool"), seat)
+    figure = new_figure(WIDTH, 7.0)
+    strip, axes = stack_panels(figure, 4)
+    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
+    axes[0].set_title("The operator's stick: 1 is full deflection; grey: button pressed")
+    axes[0].set_ylabel("stick")
+    axes[1].set_title(
+        "Both hands' middle (lines) and where the stick led it (dotted), from the start"
+    )
+    axes[1].set_ylabel("way (mm)")
+    axes[2].set_title("The tool, from its seat on the pipe")
+    axes[2].set_ylabel("distance (mm)")
+    for a, (color, label) in enumerate(((BLUE, "ahead"), (ORANGE, "left"), (GREEN, "up"))):
+        draw_line(axes[0], t, s["operator_stick"][:, a], color=color, lw=0.8, label=label)
+        draw_line(axes[1], t, 1e3 * way["hands"][:, a], color=color, label=label)
+        draw_line(axes[1], t, 1e3 * way["goal"][:, a], color=color, ls=":", lw=1.2)
+        draw_line(axes[2], t, 1e3 * way["tool"][:, a], color=color, label=label)
+    pressed = np.flatnonzero(s["operator_button"] > 0.0)
+    if len(pressed):
+        axes[0].axvspan(t[pressed[0]], t[-1], color=GREY, alpha=0.3, lw=0.0)
+    axes[3].set_title("Weight on both hooks: none is left once the tool stands")
+    axes[3].set_ylabel("force (N)")
+    load = s["left_f_W"][:, 2] + s["right_f_W"][:, 2]
+    draw_line(axes[3], t, load, color=PURPLE, lw=0.8)
+    for ax in axes[:3]:
+        ax.axhline(0.0, color=GREY, lw=0.6)
+        ax.legend(loc="lower left" if ax is axes[1] else "upper right", ncols=3)
+    return figure
+
+
+FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
+    "tool_phases": draw_phases,
+    "tool_tracking": draw_tracking,
+    "tool_operator": draw_operator,
+}
+PHASES = {
+    "approach bench": "Arms down, then along the planned way to the tool that motion capture sees.",
+    "hover check": "Both hooks keep their points below the handle while the platform hovers.",
+    "grasp": "Platform and hooks rise, until both hands feel the handle.",
+    "lift": "The platform rises; the springs yield until the arms carry the tool's weight.",
+    "look again": "The tool was missed: its place is measured once more.",
+    "carry": "Along the planned way above everything, slowly: the tool swings in the hooks.",
+    "approach pipe": "Down over the pipe; the platform makes up for where the tool hangs.",
+    "install": "The tool is lowered until its feet, not the hands, carry it.",
+    "release": "Hooks down and out of the handle.",
+    "wait": "The tool inspects; the robot stays behind.",
+    "retrieve": "Back below the handle on the pipe.",
+    "take up again": "The input ended before the tool stood: the hands go up again.",
+    "carry back": "The same way back with the tool.",
+    "back to the bench": "Down over the place where the tool stood.",
+    "lower": "The tool is lowered until the bench carries it.",
+    "lift arms": "Arms above the landing gear.",
+}
+"""Phase -> what is done in it."""
+
+CAPTIONS = {
+    "tool_phases": (
+        "The tool's way, phase by phase",
+        "Where platform and tool were, what each hook carried, and how far the springs of the left "
+        "arm were wound up by it.",
+    ),
+    "tool_tracking": (
+        "The hands at the grasp points",
+        "How both tips kept their points at the tool while the platform hovered, and how the "
+        "platform drifted meanwhile.",
+    ),
+    "tool_operator": (
+        "The operator at the stick",
+        "What the operator did, in the seat's frame, and what came of it: the stick moves the goal "
+        "of both hands at up to the speed of a full deflection, (24); the hands follow on springs; "
+        "the tool comes to its seat, its three distances going to zero.",
+    ),
+}
+
+
+def describe(result: RunResult) -> str:
+    """Say where the tool came to stand."""
+    d = result.description
+    seat, back = result.metrics.get("tool.seat_error_mm"), result.metrics.get("tool.returned")
+    did = f"{d.robot.name} in world {d.world.name} "
+    if seat is None:
+        return did + "did not come to put the tool onto the pipe"
+    where = "brought it back" if back == 1.0 else "did not bring it back"
+    return did + f"put the tool onto the pipe, {seat:.1f} mm from its place, and {where}"

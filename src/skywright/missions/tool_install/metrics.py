@@ -1,0 +1,128 @@
+"""Metrics of the kind "tool-install": where the tool came to stand, how the hands tracked it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_from_quat, rot_z
+from skywright.description.loader import Description
+from skywright.missions.skills.tool_handling import LOW, Place
+from skywright.missions.tool_install.fly import find_places
+from skywright.missions.tool_install.task import ToolInstallMission
+from skywright.run.flight import PhaseRecord
+from skywright.run.metrics import in_phases
+from skywright.run.planning import MissionPlan
+
+Array = NDArray[np.float64]
+Samples = NDArray[Any]
+
+RETURNED_M = 0.05
+"""m, from where it stood at first: so near, and turned less, a tool counts as back on the bench."""
+RETURNED_ANGLE = math.radians(9.0)
+BELOW_FLIGHT = ("start", "take_off", "land")
+
+
+class Stance(NamedTuple):
+    """How a tool stands against where it should."""
+
+    error: Array  # (3,) m, in the place's frame: ahead, along the pipe, up
+    angle: float  # rad, between its attitude and the one wanted
+
+
+def compute_stance(samples: Samples, at: int, index: int, place: Place) -> Stance:
+    """Return how thing `index` stands in sample `at` against `place`."""
+    p, R = samples[f"object{index}_p_WO"][at], rot_from_quat(samples[f"object{index}_q_WO"][at])
+    wanted = rot_z(place.yaw)
+    cosine = 0.5 * (float(np.trace(wanted.T @ R)) - 1.0)
+    return Stance(wanted.T @ (p - place.p_WO), math.acos(min(max(cosine, -1.0), 1.0)))
+
+
+def compute_tool_metrics(
+    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
+) -> tuple[dict[str, float], None]:
+    """Judge the phases that were flown; what was not reached has no metric."""
+    out: dict[str, float] = {}
+    way, i = plan.task, description.world.things.index("tool")
+    assert isinstance(description.mission, ToolInstallMission)
+    bench, seat = find_places(description.world, description.mission.task)  # not as the map has it
+    wait = np.flatnonzero(in_phases(samples, phases, "wait"))
+    if len(wait):
+        stance = compute_stance(samples, int(wait[-1]), i, seat)
+        out["tool.seat_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
+        out["tool.seat_angle_deg"] = math.degrees(stance.angle)
+    back = np.flatnonzero(in_phases(samples, phases, "return"))
+    out["tool.returned"] = 0.0
+    if len(back):
+        stance = compute_stance(samples, int(back[-1]), i, bench)
+        out["tool.return_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
+        near = float(np.linalg.norm(stance.error)) < RETURNED_M and stance.angle < RETURNED_ANGLE
+        out["tool.returned"] = float(near)
+    out["tool.retries"] = float(sum(p.outcome == "retry" for p in phases))
+    out |= _judge_operator(samples[in_phases(samples, phases, "install")])
+    hover = in_phases(samples, phases, "hover check")
+    if np.any(hover):
+        out |= _judge_hover(samples[hover], i, way)
+    flown = ~in_phases(samples, phases, *BELOW_FLIGHT)
+    hits = (samples["f_collision"] > 0.0) & flown
+    out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
+    return out, None
+
+
+def compute_operated(samples: Samples, index: int, seat: Place) -> dict[str, Array]:
+    """Return what the stick did to the hands, ahead, left and up in the seat's frame, (n, 3) m.
+
+    `goal`: where (24) led the middle between both hands, from where it began; `hands`: where they
+    were; `tool`: where thing `index` was, from its seat.
+    """
+    R = rot_z(seat.yaw)
+    goal = 0.5 * (samples["left_ref_p_WH"] + samples["right_ref_p_WH"])
+    hands = 0.5 * (samples["left_p_WH"] + samples["right_p_WH"])
+    return {
+        "goal": (goal - goal[0]) @ R,
+        "hands": (hands - goal[0]) @ R,
+        "tool": (samples[f"object{index}_p_WO"] - seat.p_WO) @ R,
+    }
+
+
+def _judge_operator(samples: Samples) -> dict[str, float]:
+    """How long somebody was at the stick, and how well the hands followed (24)."""
+    if not np.any(samples["operator_stick"]):
+        return {}
+    error = np.zeros((len(samples), 3))
+    for side in ("left", "right"):
+        error += 0.5 * (samples[f"{side}_p_WH"] - samples[f"{side}_ref_p_WH"])
+    return {
+        "operator.time_s": float(samples["t"][-1] - samples["t"][0]),
+        "operator.hand_error_mm": 1e3 * float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+    }
+
+
+def compute_grasp_errors(samples: Samples, index: int, way: Any, along: float) -> Array:
+    """Return (n, 2, 3) m: each tip's place less its goal, `along` (m) the mouth, in W."""
+    out = np.empty((len(samples), 2, 3))
+    for k in range(len(samples)):
+        R = rot_from_quat(samples[f"object{index}_q_WO"][k])
+        for h, side in enumerate(("left", "right")):
+            hand = np.array([0.0, way.grip.hands[h][1], 0.0])
+            goal = way.grip.handle + hand - way.grip.cradle + along * way.grip.mouth
+            p = samples[f"object{index}_p_WO"][k] + R @ goal
+            out[k, h] = samples[f"{side}_p_WH"][k] - p
+    return out
+
+
+def _judge_hover(samples: Samples, index: int, way: Any) -> dict[str, float]:
+    """How both tips track their points at the tool, and how the platform drifts (fig. 23, 24)."""
+    error = compute_grasp_errors(samples, index, way, -LOW)
+    each = np.sqrt(np.mean(np.sum(error**2, axis=2), axis=0))
+    drift = samples["p_WB"] - samples["p_WB"][0]
+    return {
+        "tip.hover_rms_mm": 1e3 * float(np.max(each)),
+        "tip.hover_max_mm": 1e3 * float(np.max(np.linalg.norm(error, axis=2))),
+        "platform.hover_rms_mm": 1e3
+        * float(np.sqrt(np.mean(np.sum((samples["p_WB"] - samples["ref_p_WB"]) ** 2, axis=1)))),
+        "platform.drift_max_mm": 1e3 * float(np.max(np.linalg.norm(drift, axis=1))),
+    }

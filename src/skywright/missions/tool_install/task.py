@@ -1,0 +1,39 @@
+"""What a mission of the kind "tool-install" may say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field
+
+from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
+from skywright.description.mission.spec import Mission
+from skywright.run.operator import find_recording
+
+
+class ToolInstall(Spec):
+    """Put the inspection tool onto the pipe, wait, take it back (Suarez 2020, section VI-A)."""
+
+    along_pipe_m: Coordinate = 0.0  # of the place on the pipe, from its middle along its axis
+    wait_s: NonNegative = 10.0  # for the inspection
+    hover_s: NonNegative = 50.0  # the hands track the grasp points so long before they grasp
+    payload_max_kg: Positive = 0.6  # Table 2: 0.3 kg each arm
+    retries: int = Field(default=2, ge=0, le=10)  # of a grasp that missed
+    hand_speed_mps: float = Field(default=0.05, ge=0.01, le=0.2)
+    # of the platform, while the load passes from or to the hands
+    lift_speed_mps: float = Field(default=0.03, ge=0.01, le=0.1)
+    operator: str | None = None  # recording that installs the tool: packaged name, or CSV file
+    stick_speed_mps: float = Field(default=0.03, gt=0, le=0.2)  # v_max of (24)
+
+
+class ToolInstallMission(Mission):
+    """A mission with the table `mission.task` of this kind."""
+
+    task: ToolInstall = ToolInstall()
+
+    def find_files(self, folder: Path) -> Mission:
+        """Name the operator's recording by its path."""
+        if self.task.operator is None:
+            return self
+        path = find_recording(self.task.operator, "tool-install", folder)
+        return self.model_copy(update={"task": self.task.model_copy(update={"operator": path})})

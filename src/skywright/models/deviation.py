@@ -1,0 +1,56 @@
+"""From the root `plant` to the perturbed plant of one run."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skywright.core.streams import build_stream
+from skywright.description.mission.spec import Plant
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.models.arm_body import Deviation
+from skywright.models.insertion_body import move_socket
+from skywright.models.rigid_body import joint_names
+
+
+def build_true_world(plant: Plant, robot: Robot, world: World, seed: int) -> World:
+    """Return the world as it stands in truth, as far as a picture shows: with its socket."""
+    return move_socket(world, build_deviation(plant, robot, seed).socket_error)
+
+
+def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
+    """Draw the plant of a run: the stated errors, and the rotors' spread from the seed."""
+    rng = build_stream(seed, "plant")
+    n = len(robot.rotors.azimuth_deg)
+    gain = (1.0 + plant.rotor_gain_error) * (
+        1.0 + plant.rotor_gain_spread * np.clip(rng.standard_normal(n), -3.0, 3.0)
+    )
+    return Deviation(
+        mass_factor=1.0 + plant.mass_error,
+        inertia_factor=1.0 + plant.inertia_error,
+        com_error=np.array([plant.com_x_error_m, plant.com_y_error_m, plant.com_z_error_m]),
+        rotor_gain=gain,
+        link_length_error=plant.link_length_error_m,
+        joint_offset=np.full(len(joint_names(robot)), math.radians(plant.joint_offset_error_deg)),
+        drag_factor=1.0 + plant.drag_error,
+        marker_error=plant.marker_error_m * np.clip(rng.standard_normal(3), -3.0, 3.0),
+        pipe_error=plant.marker_error_m * np.clip(rng.standard_normal(3), -3.0, 3.0),
+        socket_error=np.array(
+            [
+                plant.socket_x_error_m,
+                plant.socket_y_error_m,
+                plant.socket_z_error_m,
+                *np.radians(
+                    [
+                        plant.socket_roll_error_deg,
+                        plant.socket_pitch_error_deg,
+                        plant.socket_yaw_error_deg,
+                    ]
+                ),
+            ]
+        ),
+        survey_error=np.repeat([plant.survey_error_m, math.radians(plant.survey_error_deg)], 3)
+        * np.clip(rng.standard_normal(6), -3.0, 3.0),
+    )

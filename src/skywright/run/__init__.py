@@ -1,0 +1,1 @@
+"""One execution of a mission: planning, flight, evaluation and its directory."""

@@ -1,0 +1,101 @@
+"""`skywright check`: everything that is wrong with a file at once, and what is only guessed."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from skywright.core.keys import iterate_leaves
+from skywright.core.spec import Source, Spec
+from skywright.core.toml_files import Layer, load_layer, merge_layers
+from skywright.core.validation import list_problems
+from skywright.description.loader import SPECS, list_layer_problems, load_description
+from skywright.description.lookup import find_kind
+from skywright.description.robot.loader import find_robot, load_robot_layers
+from skywright.description.robot.spec import Robot
+from skywright.description.world.loader import find_world
+from skywright.errors import InputError
+
+
+class CheckReport(NamedTuple):
+    """What `skywright check` found."""
+
+    label: str
+    kind: str
+    valid: bool
+    problems: list[str]
+    notes: list[str]
+
+
+def check_file(name: str) -> CheckReport:
+    """Check a robot, world or mission by name or path.
+
+    Raises InputError when there is no such file or it is no TOML.
+    """
+    kind, path = find_kind(name)
+    problems: list[str] = []
+    notes: list[str] = []
+    if kind == "mission":
+        problems = list_layer_problems(path)
+        if not problems:
+            description = load_description(path)
+            problems += _check_lift(description.robot, description.world.gravity_mps2, name)
+            notes += list_guesses(description.robot, "robot", description.sources)
+    else:
+        label = (find_robot if kind == "robot" else find_world)(path).label
+        tree, sources, origin = merge_layers(_load_layers(kind, path, problems))
+        spec = _check_root(tree, kind, origin, label, problems)
+        if "plant" in tree:
+            _check_root(tree, "plant", origin, label, problems)
+        if spec is not None:
+            notes += list_guesses(spec, kind, sources)
+        if isinstance(spec, Robot) and not problems:
+            problems += _check_lift(spec, 9.81, label)
+    return CheckReport(name, kind, not problems, problems, notes)
+
+
+def _load_layers(kind: str, path: str, problems: list[str]) -> list[Layer]:
+    """The layers of a robot, those that it extends before it, or of a world."""
+    if kind == "robot":
+        return load_robot_layers(find_robot(path), problems)
+    found = find_world(path)
+    layer = load_layer(found.path, found.label, problems)
+    for root in layer.tree:
+        if root not in (kind, "plant"):
+            problems.append(f"{layer.label}: a {kind} file cannot hold the table [{root}]")
+    return [layer]
+
+
+def _check_root(
+    tree: dict[str, Any], root: str, origin: dict[str, str], label: str, problems: list[str]
+) -> Any:
+    spec, found = list_problems(SPECS[root], tree[root], root, origin, label)
+    problems += found
+    return spec
+
+
+def _check_lift(robot: Robot, gravity: float, label: str) -> list[str]:
+    from skywright.models.capability import check_can_fly  # heavy: only robots need it
+
+    try:
+        check_can_fly(robot, gravity)
+    except InputError as error:
+        return [f"{label}: {error}"]
+    return []
+
+
+def list_guesses(spec: Spec, root: str, sources: dict[str, Source]) -> list[str]:
+    """List the assumed numbers with their ranges, and count those that have no source."""
+    lines = []
+    bare = 0
+    for key, value in iterate_leaves(spec, root):
+        source = sources.get(key)
+        if source is not None and source.kind == "assumed" and source.range is not None:
+            low, high = source.range
+            shown = f"{value:g}" if isinstance(value, int | float) else str(value)
+            note = f": {source.note}" if source.note else ""
+            lines.append(f"assumed {key} = {shown} (range {low:g} to {high:g}){note}")
+        elif source is None and isinstance(value, int | float) and not isinstance(value, bool):
+            bare += 1
+    if bare and root == "robot":
+        lines.append(f"{bare} numbers of the robot have no source (defaults included)")
+    return lines

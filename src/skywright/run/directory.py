@@ -1,0 +1,130 @@
+"""A run's directory: opened as NAME.partial, and read back, finished or not."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
+
+from skywright.core.recording import Event, read_recording
+from skywright.errors import InputError
+from skywright.run.flight import PhaseRecord
+
+SUFFIX = ".partial"
+
+
+class StoredRun(NamedTuple):
+    """What a run's directory holds besides its mission."""
+
+    samples: NDArray[Any]
+    phases: list[PhaseRecord]
+    outcome: str
+    reason: str
+    timing: dict[str, float]
+
+
+def open_directory(out: Path | None, name: str) -> tuple[Path, Path]:
+    """Choose and create NAME.partial; returns (NAME, NAME.partial).
+
+    Raises InputError when either exists or cannot be written.
+    """
+    try:
+        if out is None:
+            out = _find_free(Path("runs") / name)
+        check_free(out)
+        partial = out.with_name(out.name + SUFFIX)
+        partial.mkdir(parents=True)
+    except FileExistsError as error:
+        raise _taken(out) from error
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"cannot create {str(out)[:80]!r}: {getattr(error, 'strerror', None) or error}"
+        ) from error
+    if not os.access(partial, os.W_OK):
+        raise InputError(f"cannot write into {partial}")
+    return out, partial
+
+
+def check_free(out: Path) -> None:
+    """Refuse a name that is taken; `open_directory` asks again. Raises InputError."""
+    if out.name.endswith(SUFFIX):
+        raise InputError(f"{out}: a finished run must not be called *{SUFFIX}")
+    try:
+        if out.exists():
+            raise InputError(f"{out} exists already; give another --out or remove it")
+        if out.with_name(out.name + SUFFIX).exists():
+            raise _taken(out)
+    except (OSError, ValueError):
+        return  # a name that cannot be: told where the directory is made
+
+
+def _taken(out: Path | None) -> InputError:
+    return InputError(
+        f"{out}{SUFFIX} exists already (an interrupted run, or one that still runs); "
+        "remove it or give another --out"
+    )
+
+
+def _find_free(base: Path) -> Path:
+    out, i = base, 1
+    while out.exists() or out.with_name(out.name + SUFFIX).exists():
+        i += 1
+        out = base.with_name(f"{base.name}-{i}")
+    return out
+
+
+def write_json(path: Path, value: dict[str, Any]) -> None:
+    """Write an object of JSON; on a full disk what stood there before stays."""
+    text = json.dumps(value, indent=2, allow_nan=False)
+    fresh = path.with_name(path.name + ".new")
+    try:
+        fresh.write_text(text + "\n", encoding="utf-8")
+        fresh.replace(path)
+    except OSError:
+        with suppress(OSError):
+            fresh.unlink()
+
+
+def write_unfinished(partial: Path) -> None:
+    """Say that a run is under way: what stays there if the process is killed."""
+    value = {"outcome": "interrupted", "reason": "killed before it ended", "phases": []}
+    write_json(partial / "metrics.json", {**value, "timing": {}})
+
+
+def load_run(directory: Path) -> StoredRun:
+    """Read recording and metrics.json of a run, finished or partial.
+
+    Raises InputError when files are missing or damaged.
+    """
+    for name in ("mission.toml", "recording.mcap", "metrics.json"):
+        if not (directory / name).is_file():
+            raise InputError(f"{directory}: is no run directory, {name} is missing")
+    file = directory / "metrics.json"
+    recording = read_recording(directory / "recording.mcap")
+    try:
+        old = json.loads(file.read_text(encoding="utf-8"))
+        phases = [PhaseRecord(**p) for p in old["phases"]]
+        timing = {str(k): float(v) for k, v in old["timing"].items()}
+        outcome, reason = str(old["outcome"]), str(old["reason"])
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(f"{file}: is damaged: {error}") from error
+    if not phases:
+        end = float(recording.samples["t"][-1]) if len(recording.samples) else 0.0
+        phases = _phases_of(recording.events, end)
+    return StoredRun(recording.samples, phases, outcome, reason, timing)
+
+
+def _phases_of(events: list[Event], end: float) -> list[PhaseRecord]:
+    """Phases of a killed run, from the events that its recording noted."""
+    found = [(m.group(1), e.t) for e in events if (m := re.fullmatch(r"phase (.+)", e.text))]
+    stops = [t for _, t in found[1:]] + [max(end, found[-1][1])] if found else []
+    last = len(found) - 1
+    return [
+        PhaseRecord(name, start, stop, "interrupted" if i == last else "done")
+        for i, ((name, start), stop) in enumerate(zip(found, stops, strict=True))
+    ]

@@ -1,0 +1,226 @@
+"""The wind that a mission may ask a robot to hold, from the computed capability.
+
+Rotor loads under push and wind are checked along the plan by the planner itself, for the mean wind;
+here stands the margin that a mission keeps on top (`mission.wind_fraction`), gusts included, and
+the number for a refusal.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.description.loader import Description
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.description.world.surface import build_cylinder
+from skywright.description.world.wind import (
+    compute_direction,
+    compute_gust_sigma,
+    compute_mean_wind,
+    compute_speed,
+)
+from skywright.models.capability import build_drag_body
+from skywright.models.rigid_body import build_body_model, posture
+from skywright.models.rotors import build_rotors
+from skywright.models.statics import build_layout
+from skywright.models.wind import compute_wind_limits
+
+Array = NDArray[np.float64]
+
+HEADING_STEP_DEG = 10.0  # headings of a plan are grouped to this
+TOWARD_STEP_DEG = 5.0  # and directions of gusts
+PLACE_STEP = 0.2  # m, platform places of a plan in a fan's jet are grouped to this
+GUST_SIGMAS = 3.0
+"""Gusts count with this many standard deviations on top of the mean: the expected largest of the
+tens of gusts that pass during a scan (peak factor, Davenport 1964)."""
+SWEEP_STEPS = 9  # directions of an oscillating fan that are looked at
+GUST_DIRECTIONS = 12
+
+
+def find_exceeded_wind(description: Description, segments: dict[str, NDArray[Any]]) -> str | None:
+    """Say by how much the wind exceeds what the robot may be asked to hold, or return None.
+
+    Checked at every heading of `segments`, in a fan's jet at every place too; without a plan at
+    the heading of the start and at the one that faces the pipe. Turbulence counts with the mean
+    plus GUST_SIGMAS standard deviations of what is slower than the position loop, in its worst
+    direction. The arm is in its working posture.
+    """
+    d, wind = description, description.world.wind
+    if compute_speed(wind) == 0.0:
+        return None
+    world, robot = d.world, d.robot
+    layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
+    model = build_body_model(robot, world.gravity_mps2)
+    q = posture(robot, "working")
+    body = build_drag_body(robot, model, q, world.gravity_mps2, world.air_density_kg_m3)
+    cases = [
+        (heading, gust)
+        for heading, mean in _find_winds(d, segments)
+        for gust in _find_gusts(d, mean)
+    ]
+    gusts = np.array([gust for _, gust in cases])
+    speeds = np.linalg.norm(gusts, axis=1)
+    toward = np.degrees(np.arctan2(gusts[:, 1], gusts[:, 0])) - [heading for heading, _ in cases]
+    step = TOWARD_STEP_DEG if wind.gusty else 1e-3
+    toward = (step * np.round(toward / step) + 180.0) % 360.0 - 180.0
+    different, which = np.unique(toward, return_inverse=True)
+    tilt_max = math.radians(robot.control.tilt_max_deg)
+    limits = compute_wind_limits(layout, body, np.radians(different), tilt_max)
+    limits = np.where(np.isfinite(limits), limits, 0.0)[which]  # NaN: not even calm air is held
+    loads = speeds / np.maximum(limits, 1e-9)
+    k = int(np.argmax(loads))
+    fraction = d.mission.wind_fraction
+    if loads[k] <= fraction * (1.0 + 1e-9):
+        return None
+    speed, limit = float(speeds[k]), float(limits[k])
+    what = "wind" if not wind.gusty else f"wind with gusts (mean + {GUST_SIGMAS:g} sigma)"
+    return (
+        f"{what} of {speed:.1f} m/s exceeds {fraction * limit:.1f} m/s, {fraction:.0%} of the "
+        f"{limit:.1f} m/s that {d.robot.name} can hold when it blows toward {toward[k]:.0f} deg "
+        "(0 is ahead, 90 to the left)"
+    )
+
+
+def find_exceeded_push(description: Description, push_force: float) -> str | None:
+    """Say that gusts could lift the probe that is pressed on with `push_force` (N), or None.
+
+    The push is a deflection of the position loop, so slow gusts go into the contact force in full.
+    The integral takes up the wind of the moment in which the probe touches, a gust included, and
+    rests along the normal from then on: what is missing later is the difference of two gusts that
+    know nothing of each other, sqrt(2) of one's deviation. GUST_SIGMAS of that, dragging as the
+    nominal model says, may take `mission.wind_fraction` of the push; the rest is for drag that is
+    larger than believed.
+    """
+    d, wind = description, description.world.wind
+    speed = compute_speed(wind)
+    if not wind.gusty or speed == 0.0:
+        return None
+    if wind.kind == "fan":
+        speed = float(np.linalg.norm(compute_wind_allowance(d.robot, d.world)))
+    body, hubs = _compute_drag_factors(d.robot, d.world)
+    sigma = compute_gust_sigma(wind, speed, d.robot.control.position_bandwidth_rad_s)
+    gust = GUST_SIGMAS * math.sqrt(2.0) * float(sigma[0]) * (2.0 * body * speed + hubs)
+    fraction = d.mission.wind_fraction
+    if gust <= fraction * push_force * (1.0 + 1e-9):
+        return None
+    return (
+        f"gusts ({GUST_SIGMAS:g} sigma between touch-down and scan) drag with {gust:.2f} N, more "
+        f"than {fraction:.0%} of the {push_force:.2f} N that the probe is pressed on with, and "
+        "could lift it"
+    )
+
+
+def compute_wind_allowance(robot: Robot, world: World) -> Array:
+    """Return the steady wind (3,) m/s in W that a plan allows for: the mean.
+
+    In a fan's jet the uniform wind that drags as the jet does on a robot in the middle of it, at
+    the distance of the pipe, or else at the outlet.
+    """
+    wind = world.wind
+    direction, speed = compute_direction(wind), compute_speed(wind)
+    if wind.kind != "fan":
+        return np.asarray(speed * direction)
+    place, along = np.array([wind.fan.x_m, wind.fan.y_m, wind.fan.z_m]), 0.0
+    if world.pipe is not None:
+        along = max(float((build_cylinder(world.pipe).p_WP - place) @ direction), 0.0)
+    v = compute_equivalent_wind(robot, world, place + along * direction, 0.0)
+    return np.asarray(float(np.linalg.norm(v)) * direction)
+
+
+def compute_equivalent_wind(
+    robot: Robot, world: World, p_WB: Array, yaw: float, turn: float = 0.0
+) -> Array:
+    """Return the uniform wind (3,) m/s that drags as the mean wind does on a level robot at p_WB.
+
+    A jet is narrower than a robot, so the drag of body and hubs (hovering rotors, each in its own
+    air) is summed and a v^2 + b v = F solved for the speed; the uneven drag's torque is left out.
+    """
+    rotors = build_rotors(robot.rotors)
+    points = np.vstack([np.zeros(3), rotors.position @ rot_z(yaw).T]) + p_WB
+    air = compute_mean_wind(world.wind, points, turn)
+    if world.wind.kind != "fan":
+        return np.asarray(air[0])
+    a, b = _compute_drag_factors(robot, world)
+    force = a * float(np.linalg.norm(air[0])) * air[0] + b * air[1:].mean(axis=0)
+    size = float(np.linalg.norm(force))
+    if size < 1e-9:
+        return np.zeros(3)
+    return np.asarray(2.0 * force / (b + math.sqrt(b * b + 4.0 * a * size)))
+
+
+def _compute_drag_factors(robot: Robot, world: World) -> tuple[float, float]:
+    """Return a (kg/m) and b (kg/s) of the horizontal drag a v^2 + b v: body, and hovering hubs."""
+    rotors, p = build_rotors(robot.rotors), robot.platform
+    mass = p.mass_kg
+    if robot.arm is not None:
+        mass += sum(link.mass_kg for link in robot.arm.links.values())
+    if robot.probe is not None:
+        mass += robot.probe.mass_kg
+    n = len(rotors.position)
+    omega = math.sqrt(mass * world.gravity_mps2 / n / rotors.k_f)
+    a = 0.5 * world.air_density_kg_m3 * max(p.drag_area_x_m2, p.drag_area_y_m2)
+    return a, n * rotors.drag_coefficient * omega
+
+
+def _find_gusts(d: Description, mean: Array) -> Array:
+    """Return the mean wind (3,) and the gusts around it, (n, 3) m/s."""
+    wind = d.world.wind
+    speed = float(np.linalg.norm(mean))
+    if not wind.gusty or speed == 0.0:
+        return mean[None]
+    sigma = compute_gust_sigma(wind, speed, d.robot.control.position_bandwidth_rad_s)
+    along = mean / speed
+    across = np.array([-along[1], along[0], 0.0])
+    around = np.linspace(0.0, 2.0 * math.pi, GUST_DIRECTIONS, endpoint=False)[:, None]
+    gusts = sigma[0] * np.cos(around) * along + sigma[1] * np.sin(around) * across
+    return np.vstack([mean, mean + GUST_SIGMAS * gusts])
+
+
+def _find_winds(d: Description, segments: dict[str, NDArray[Any]]) -> list[tuple[float, Array]]:
+    """Return each distinct (heading in deg, mean wind (3,) m/s) of a plan."""
+    wind = d.world.wind
+    poses = _find_poses(d, segments)
+    if wind.kind != "fan":
+        mean = compute_mean_wind(wind, np.zeros((1, 3)))[0]
+        return [(heading, mean) for heading in sorted({h for h, _ in poses})]
+    sweep = math.radians(wind.fan.sweep_deg)
+    turns = np.linspace(-sweep, sweep, SWEEP_STEPS) if sweep > 0.0 else np.zeros(1)
+    found = {}
+    for heading, p in poses:
+        for turn in turns:
+            v = compute_equivalent_wind(d.robot, d.world, p, math.radians(heading), turn)
+            key = (heading, *np.round(v, 1).tolist())
+            found[key] = (heading, v)
+    return list(found.values())
+
+
+def _find_poses(d: Description, segments: dict[str, NDArray[Any]]) -> list[tuple[float, Array]]:
+    """Return distinct (heading in deg, place (3,) m) of a plan, or two that a mission starts from.
+
+    Places are told apart in a fan's jet only.
+    """
+    jet = d.world.wind.kind == "fan"
+    if segments:
+        found = {}
+        for table in segments.values():
+            r = table["R_WB"]
+            yaw = np.degrees(np.arctan2(r[:, 1, 0], r[:, 0, 0]))
+            headings = np.round(yaw / HEADING_STEP_DEG).astype(int)
+            places = np.round(table["p_WB"] / PLACE_STEP).astype(int) if jet else headings[:, None]
+            rows = np.unique(np.column_stack([headings, places]), axis=0, return_index=True)[1]
+            for i in rows:
+                key = (int(headings[i]), *places[i].tolist())
+                found[key] = (headings[i] * HEADING_STEP_DEG, np.array(table["p_WB"][i]))
+        return [found[k] for k in sorted(found)]
+    m = d.mission
+    start = np.array([m.start_x_m, m.start_y_m, m.hover_height_m])
+    out = [(m.start_yaw_deg, start)]
+    if d.world.pipe is not None:
+        ahead = build_cylinder(d.world.pipe).R_WP[:, 0]
+        out.append((math.degrees(math.atan2(ahead[1], ahead[0])), start))
+    return out

@@ -1,0 +1,213 @@
+"""An operator at a stick: what a mission asks of one, and the file that holds what one did.
+
+A recording is a table (CSV) with a header: `t_s` from 0 on, the stick's axes `dx, dy, dz` from -1
+to 1 (ahead, left, up, in the frame of the place that the tool goes to), `button` 0 or 1. Lines that
+begin with # are comments; one of them, `# v_max_mps = 0.03`, says the speed that a full axis stood
+for: the same input at another speed ends elsewhere. Between rows the stick stays as it is.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.errors import InputError, neighbours
+
+Array = NDArray[np.float64]
+
+COLUMNS = ("t_s", "dx", "dy", "dz", "button")
+GAP_MAX = 0.5  # s between rows: what the stick did in a longer pause nobody knows
+LONGEST = 600.0  # s
+MAX_BYTES = 10_000_000
+PACKAGED = Path(__file__).parents[1] / "missions" / "data"
+FILE = "operator.csv"
+"""In a run's directory: what its operator did."""
+
+
+class Stick(NamedTuple):
+    """What the operator does now."""
+
+    axes: Array  # (3,) each from -1 to 1: ahead, left, up
+    button: bool  # says: it stands
+
+
+STILL = Stick(np.zeros(3), False)
+
+
+class Sight(NamedTuple):
+    """What the operator sees of the work."""
+
+    off: Array  # (3,) m, the tool from its place: ahead, left, up
+    light: bool  # whether no weight is left on the hands: they move without the tool
+
+
+class Operator(Protocol):
+    """Someone, or something, at a stick."""
+
+    def read(self, t: float, sight: Sight) -> Stick | None:
+        """Return the stick at `t` (s since the operator took over); None: nobody is there now."""
+
+
+class Recording:
+    """A recorded operator: plays back, whatever is seen."""
+
+    def __init__(self, t: Array, axes: Array, button: NDArray[np.bool_], v_max: float | None):
+        """`t` (n,) s, `axes` (n, 3), `button` (n,); `v_max` (m/s) of a full axis, if known."""
+        self.t, self.axes, self.button, self.v_max = t, axes, button, v_max
+
+    def read(self, t: float, sight: Sight) -> Stick | None:
+        """Return the last row at or before `t`; None beyond the end."""
+        if t > self.t[-1] + 1e-9:
+            return None
+        i = max(int(np.searchsorted(self.t, t + 1e-9, side="right")) - 1, 0)
+        return Stick(self.axes[i], bool(self.button[i]))
+
+    def rows(self) -> list[tuple[float, Stick]]:
+        """The times (s) and what the stick did then."""
+        every = zip(self.t, self.axes, self.button, strict=True)
+        return [(float(t), Stick(axes, bool(button))) for t, axes, button in every]
+
+
+def list_recordings(mission: str) -> list[str]:
+    """Names of the recordings that come with a built-in mission."""
+    return sorted(p.stem for p in (PACKAGED / mission).glob("*.csv"))
+
+
+def find_recording(name: str, mission: str, folder: Path) -> str:
+    """Return the path of a recording: a packaged name, or a file beside `folder` or here.
+
+    Raises InputError that lists the packaged names.
+    """
+    known = list_recordings(mission)
+    if name in known:
+        return str(PACKAGED / mission / f"{name}.csv")
+    for base in (folder, Path()):
+        try:
+            path = base / Path(name).expanduser()
+            if path.is_file():
+                return str(path.resolve())
+        except (OSError, ValueError, RuntimeError):
+            continue
+    raise InputError(
+        f"mission.task.operator = {name[:80]!r}: no packaged recording and no file; packaged: "
+        f"{neighbours(name, known)}"
+    )
+
+
+def load_recording(path: Path) -> Recording:
+    """Read a recording; raises InputError that names file, line and column of what is wrong."""
+    lines = [(i, x) for i, x in enumerate(_read_text(path).splitlines(), start=1) if x.strip()]
+    rows = [(i, x) for i, x in lines if not x.lstrip().startswith("#")]
+    if not rows:
+        raise InputError(f"{path}: empty; valid: a header {','.join(COLUMNS)} and rows of numbers")
+    header = [name.strip() for name in rows[0][1].split(",")]
+    for name in COLUMNS:
+        if name not in header:
+            shown = ", ".join(n[:20] or "(empty)" for n in header[:8])
+            raise InputError(
+                f"{path}: column {name} is missing; found: {shown}; valid: {', '.join(COLUMNS)}"
+            )
+    extra = [name for name in header if name not in COLUMNS]
+    if extra or len(header) != len(COLUMNS):
+        what = f"unknown column {extra[0][:20]!r}" if extra else "a column stands twice"
+        raise InputError(f"{path}: {what}; valid: {', '.join(COLUMNS)}")
+    table = np.array([_read_row(path, line, text, header) for line, text in rows[1:]])
+    if len(table) < 2:
+        raise InputError(f"{path}: {len(table)} rows of numbers; valid: at least 2")
+    _check_times(path, table[:, 0], [line for line, _ in rows[1:]])
+    return Recording(table[:, 0], table[:, 1:4], table[:, 4] > 0.5, _read_speed(path, lines))
+
+
+def write_recording(path: Path, rows: Sequence[tuple[float, Stick]], v_max: float) -> None:
+    """Write a recording; it appears only when it is complete. Raises InputError on a full disk."""
+    text = [
+        "# Operator's input for tool-install (Suarez 2020, equation 24): each axis from -1 to 1",
+        "# dx ahead (towards the pipe), dy left (along it), dz up; button 1: the tool stands",
+        f"# v_max_mps = {v_max!r}",
+        ",".join(COLUMNS),
+    ]
+    for t, stick in rows:
+        text.append(",".join([*(repr(float(x)) for x in (t, *stick.axes)), str(int(stick.button))]))
+    fresh = path.with_name(path.name + ".partial")
+    try:
+        fresh.write_text("\n".join(text) + "\n", encoding="utf-8")
+        fresh.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _read_text(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(
+                f"{path}: larger than {MAX_BYTES // 1_000_000} MB; valid: up to {LONGEST:g} s of "
+                "rows"
+            )
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:
+        raise InputError(f"{path}: is not a text file; valid: CSV with {','.join(COLUMNS)}")
+    return text
+
+
+def _read_row(path: Path, line: int, text: str, header: list[str]) -> list[float]:
+    """Return the numbers of a row in the order of COLUMNS."""
+    cells = text.split(",")
+    if len(cells) != len(header):
+        raise InputError(
+            f"{path}: line {line} has {len(cells)} values, the header {len(header)}: cut off, or "
+            "from another file"
+        )
+    found = {}
+    for name, cell in zip(header, cells, strict=True):
+        try:
+            value = float(cell)
+        except ValueError:
+            value = math.nan
+        low, high = (0.0, LONGEST) if name == "t_s" else (-1.0, 1.0)
+        good = value in (0.0, 1.0) if name == "button" else low <= value <= high
+        if not good:  # NaN is not, either
+            valid = "0 or 1" if name == "button" else f"{low:g} to {high:g}"
+            raise InputError(
+                f"{path}: line {line}, {name} is {cell.strip()[:20]!r}; valid: {valid}"
+            )
+        found[name] = value
+    return [found[name] for name in COLUMNS]
+
+
+def _check_times(path: Path, t: Array, lines: list[int]) -> None:
+    if t[0] > GAP_MAX:
+        raise InputError(f"{path}: line {lines[0]}, t_s is {t[0]:g}; a recording begins at 0")
+    steps = np.diff(t)
+    wrong = np.flatnonzero((steps <= 0.0) | (steps > GAP_MAX))
+    if len(wrong):
+        i = int(wrong[0])
+        what = "times must grow" if steps[i] <= 0.0 else f"no more than {GAP_MAX:g} s between rows"
+        raise InputError(f"{path}: line {lines[i + 1]}, t_s is {t[i + 1]:g} after {t[i]:g}; {what}")
+
+
+def _read_speed(path: Path, lines: list[tuple[int, str]]) -> float | None:
+    """Return the speed (m/s) that a comment names."""
+    for line, text in lines:
+        match = re.fullmatch(r"\s*#\s*v_max_mps\s*=(.*)", text)
+        if match:
+            try:
+                value = float(match.group(1))
+            except ValueError:
+                value = math.nan
+            if not 0.0 < value < math.inf:
+                raise InputError(
+                    f"{path}: line {line}, v_max_mps is {match.group(1).strip()[:20]!r}; a number "
+                    "above 0 is needed"
+                )
+            return value
+    return None

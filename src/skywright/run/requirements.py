@@ -1,0 +1,54 @@
+"""Requirements: metrics with a limit that a run must meet."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable
+from typing import NamedTuple
+
+from skywright.description.mission.spec import Mission
+from skywright.errors import InputError, neighbours
+from skywright.run.names import MEANINGS
+
+_SENSES: dict[str, Callable[[float, float], bool]] = {
+    "<=": operator.le,
+    "<": operator.lt,
+    ">=": operator.ge,
+    ">": operator.gt,
+    "==": operator.eq,
+}
+
+
+class Verdict(NamedTuple):
+    """One requirement with the value that a run reached; None where nothing was measured."""
+
+    name: str
+    value: float | None
+    unit: str
+    limit: float
+    sense: str
+    passed: bool
+    source: str
+
+
+def check_requirement_names(mission: Mission) -> None:
+    """Raise InputError when a requirement names no metric: it could never be met."""
+    for name in mission.requirements:
+        if name not in MEANINGS:
+            raise InputError(
+                f"mission.requirements: {name!r} is no metric; valid: {neighbours(name, MEANINGS)}"
+            )
+
+
+def judge(mission: Mission, metrics: dict[str, float]) -> list[Verdict]:
+    """Compare metrics with the mission's requirements; a missing or NaN metric does not pass."""
+    verdicts = []
+    for name, r in mission.requirements.items():
+        value = metrics.get(name)
+        known = value is not None and math.isfinite(value)
+        passed = known and value is not None and _SENSES[r.sense](value, r.limit)
+        verdicts.append(
+            Verdict(name, value if known else None, r.unit, r.limit, r.sense, passed, r.source)
+        )
+    return verdicts

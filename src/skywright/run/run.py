@@ -1,0 +1,396 @@
+"""One execution of a mission and its directory.
+
+`run_mission` reads as a table of contents: plan, open the directory, fly, evaluate, write, rename.
+The directory is written as NAME.partial and renamed when it is complete; an interrupted, killed or
+diverged run stays NAME.partial with a recording that is readable up to the last second.
+"""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.control.registry import FULLY_ACTUATED, load_law
+from skywright.core.recording import RecordingWriter
+from skywright.core.threads import on_one_thread
+from skywright.core.types import SAMPLE
+from skywright.description.loader import Description, load_description
+from skywright.description.mission.registry import load_kind
+from skywright.description.robot.spec import Robot
+from skywright.description.world.things import Bench
+from skywright.errors import InfeasibleError, InputError, SimulationError
+from skywright.inspection.weld import WeldResult
+from skywright.models.allocation import build_allocator
+from skywright.models.capability import check_can_fly
+from skywright.models.deviation import build_deviation
+from skywright.models.rigid_body import joint_names
+from skywright.models.rotors import build_rotors
+from skywright.planning.motion.plan_file import PlanFile, write_plan_file
+from skywright.run.directory import (
+    load_run,
+    open_directory,
+    write_json,
+    write_unfinished,
+)
+from skywright.run.flight import Flight, Measurement, PhaseRecord
+from skywright.run.kinds import compute_kind_metrics
+from skywright.run.metrics import compute_common_metrics
+from skywright.run.operated import (
+    check_operator,
+    has_operator,
+    keep_operator,
+    write_mission,
+)
+from skywright.run.operator import Operator
+from skywright.run.planning import MissionPlan, plan_mission
+from skywright.run.records import RecordStore
+from skywright.run.requirements import Verdict, check_requirement_names, judge
+from skywright.run.supervisor import Supervisor
+from skywright.run.warm_up import is_compiled, start_warm_up
+from skywright.vehicle.simulated import SimulatedVehicle
+
+FLUSH_S = 1.0  # simulated seconds between writes of the recording
+
+
+class Observer(Protocol):
+    """Something that watches a run: a progress bar, the live view."""
+
+    def on_plan(self, plan: MissionPlan, description: Description) -> None:
+        """The mission is planned and about to fly."""
+
+    def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
+        """A mission tick was flown."""
+
+    def close(self) -> None:
+        """The flight is over."""
+
+
+class RunResult(NamedTuple):
+    """A finished run; `samples` is an array of SAMPLE (100 Hz, SI, frames in core/types.py)."""
+
+    description: Description
+    plan: MissionPlan
+    samples: NDArray[Any]
+    phases: list[PhaseRecord]
+    outcome: str  # succeeded, failed, aborted, interrupted, diverged
+    reason: str
+    metrics: dict[str, float]
+    requirements: list[Verdict]
+    timing: dict[str, float]
+    weld: WeldResult | None
+    directory: Path
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command-line contract."""
+        return {"succeeded": 0, "diverged": 3}.get(self.outcome, 1)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of metrics.json."""
+        d = self.description
+        return {
+            "mission": d.mission.name,
+            "robot": d.robot.name,
+            "world": d.world.name,
+            "seed": d.mission.seed,
+            "outcome": self.outcome,
+            "reason": self.reason,
+            "requirements": [r._asdict() for r in self.requirements],
+            "metrics": {k: v if np.isfinite(v) else None for k, v in self.metrics.items()},
+            "phases": [p._asdict() for p in self.phases],
+            "timing": self.timing,
+            "versions": collect_versions(),
+        }
+
+
+@on_one_thread
+def run_mission(
+    description: Description,
+    *,
+    out: Path | None = None,
+    observers: Sequence[Observer] = (),
+    write_report: Callable[[RunResult], None] | None = None,
+    records: Path | None = None,
+    operator: Operator | None = None,
+) -> RunResult:
+    """Plan, fly and evaluate a mission, and write its run directory.
+
+    `write_report` is called with the result while the directory is still NAME.partial. `records`
+    is the file (SQLite) in which contact measurements are stored as soon as they are finished.
+    `operator` is at the stick in person, in missions that have one; what it did is written beside
+    the recording (operator.csv), and mission.toml names it: the run can be repeated.
+    Raises InputError (nothing was started), InfeasibleError (no plan exists). A diverged or
+    interrupted run is returned with that outcome; its directory stays NAME.partial.
+    """
+    start = time.perf_counter()
+    if operator is not None:
+        check_operator(description)
+    plan, vehicle = _prepare(description)  # a bad law is told before anything is written
+    store = None if records is None else RecordStore(records, create=True)
+    final, partial = open_directory(out, description.mission.name)
+    write_mission(partial, description, plan)
+    write_unfinished(partial)
+    file = getattr(plan.task, "file", None)
+    if isinstance(file, PlanFile):
+        write_plan_file(partial / "plan", file)
+    try:
+        for observer in observers:
+            observer.on_plan(plan, description)
+        keep = None if store is None else _start_records(store, description, final)
+        samples, phases, flight, outcome = _fly(
+            description, plan, vehicle, partial, observers, keep, operator
+        )
+    finally:
+        if store is not None:
+            store.close()
+        for observer in observers:
+            observer.close()
+    result = _evaluate(description, plan, samples, phases, flight, outcome, partial)
+    _add_timing(result, start)
+    write_json(partial / "metrics.json", result.to_json())
+    if outcome in ("interrupted", "diverged"):
+        return result
+    try:
+        if write_report is not None:
+            write_report(result)
+    except (KeyboardInterrupt, OSError, InputError) as error:
+        reason = f"the report was not finished: {str(error) or 'interrupted by the user'}"
+        result = result._replace(outcome="interrupted", reason=reason)
+        write_json(partial / "metrics.json", result.to_json())
+        return result
+    partial.rename(final)
+    return result._replace(directory=final)
+
+
+@on_one_thread
+def fly_and_evaluate(description: Description, observers: Sequence[Observer] = ()) -> RunResult:
+    """Plan, fly and evaluate a mission without writing anything; `directory` is the current one.
+
+    The result equals that of `run_mission` bit for bit, timing excepted. Raises as it does, and
+    KeyboardInterrupt. Of the `observers` only `on_tick` is called.
+    """
+    start = time.perf_counter()
+    plan, vehicle = _prepare(description)
+    samples, phases, flight, outcome = _fly(description, plan, vehicle, None, observers)
+    result = _evaluate(description, plan, samples, phases, flight, outcome, Path())
+    _add_timing(result, start)
+    return result
+
+
+@on_one_thread
+def evaluate_directory(directory: Path) -> RunResult:
+    """Evaluate a run's directory (or NAME.partial) again from its recording.
+
+    A killed run is evaluated as interrupted, its phases taken from the recording's events.
+    Raises InputError when files are missing or damaged.
+    """
+    stored = load_run(directory)
+    description = load_description(directory)
+    plan = plan_mission(description)
+    outcome = stored.outcome if stored.outcome in ("interrupted", "diverged") else ""
+    flight = Flight(stored.outcome in ("succeeded", "failed"), stored.reason)
+    result = _evaluate(description, plan, stored.samples, stored.phases, flight, outcome, directory)
+    return result._replace(timing=stored.timing)
+
+
+def build_vehicle(
+    description: Description, on_samples: Callable[[NDArray[Any]], None] | None = None
+) -> SimulatedVehicle:
+    """Build the physics back end of a description: plant, sensors, law and estimator."""
+    d, mission = description, description.mission
+    name = mission.law or d.robot.control.law or choose_law(d.robot)
+    law = load_law(name)
+    full = bool(build_allocator(build_rotors(d.robot.rotors)).full)
+    if name in FULLY_ACTUATED and not full:
+        raise InputError(
+            f"control law {name!r} needs a fully actuated platform; the rotors of "
+            f"{d.robot.name!r} make no lateral force: use 'thrust_vectoring'"
+        )
+    world = d.world
+    if getattr(load_kind(mission.kind), "HELD", False):  # in the air, where the flight begins
+        place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
+        world = world.model_copy(update={"bench": place})
+    return SimulatedVehicle(
+        d.robot,
+        world,
+        law,
+        seed=mission.seed,
+        deviation=build_deviation(d.plant, d.robot, mission.seed),
+        start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
+        interactive=mission.mode == "interactive",
+        estimator=mission.estimator,
+        on_samples=on_samples,
+    )
+
+
+def choose_law(robot: Robot) -> str:
+    """Name the law that a run takes when neither mission nor robot names one."""
+    full = build_allocator(build_rotors(robot.rotors)).full
+    return "push_and_slide" if full else "thrust_vectoring"
+
+
+def _prepare(description: Description) -> tuple[MissionPlan, SimulatedVehicle]:
+    """Plan the mission and build its vehicle; compiles both at once where that is needed."""
+    check_can_fly(description.robot, description.world.gravity_mps2)
+    check_requirement_names(description.mission)
+    warm_up = None if is_compiled() else start_warm_up()
+    try:
+        plan = plan_mission(description)
+        if warm_up is not None:
+            plan = plan_mission(description)  # the first one compiled: its time says nothing
+        if not plan.feasible:
+            raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
+        if warm_up is not None:
+            warm_up.wait()
+    except BaseException:
+        if warm_up is not None:
+            warm_up.terminate()  # what it compiled so far is kept
+        raise
+    return plan, build_vehicle(description)
+
+
+def _add_timing(result: RunResult, start: float) -> None:
+    """Fill in what a run took since `start` (of time.perf_counter)."""
+    wall = time.perf_counter() - start
+    simulated = float(result.samples["t"][-1]) if len(result.samples) else 0.0
+    result.timing.update(
+        simulated_s=simulated, wall_s=wall, real_time_factor=simulated / wall,
+        plan_s=result.plan.plan_s,
+    )  # fmt: skip
+
+
+def _fly(
+    description: Description,
+    plan: MissionPlan,
+    vehicle: SimulatedVehicle,
+    partial: Path | None,
+    observers: Sequence[Observer],
+    on_measurement: Callable[[Measurement], None] | None = None,
+    operator: Operator | None = None,
+) -> tuple[NDArray[Any], list[PhaseRecord], Flight, str]:
+    """Fly the mission, recording as it goes; returns samples, phases, flight and outcome.
+
+    Without a directory `partial` nothing is recorded.
+    """
+    robot = description.robot
+    blocks: list[NDArray[Any]] = []
+    written = 0
+    writer: RecordingWriter | None = None
+    if partial is not None:
+        writer = RecordingWriter(
+            partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg),
+            vehicle.parts + ["operator"] * has_operator(plan, operator),
+        )  # fmt: skip
+        writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
+    vehicle.on_samples = blocks.append
+
+    def flush() -> None:
+        nonlocal written
+        vehicle.flush()
+        if writer is not None and written < len(blocks):
+            writer.append(np.concatenate(blocks[written:]))
+            written = len(blocks)
+
+    next_flush = FLUSH_S
+
+    def on_tick(t: float, phase: str) -> None:
+        nonlocal next_flush
+        if t >= next_flush:
+            next_flush = t + FLUSH_S
+            flush()
+        for observer in observers:
+            observer.on_tick(t, phase, vehicle)
+
+    def on_phase(index: int, name: str) -> None:
+        vehicle.set_phase(index)
+        if writer is not None:
+            writer.event(vehicle.t, f"phase {name}")
+
+    supervisor = Supervisor(
+        vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
+        on_measurement, operator,
+    )  # fmt: skip
+    outcome, flight = "", Flight(False, "")
+    try:
+        flight = supervisor.fly()
+    except KeyboardInterrupt:
+        if writer is None:  # nothing is kept of this flight: who asked for it ends, too
+            raise
+        outcome, flight = "interrupted", Flight(False, "interrupted by the user")
+    except SimulationError as error:
+        outcome, flight = "diverged", Flight(False, str(error))
+    except InputError as error:  # the recording cannot be written: the disk is full
+        outcome, flight = "interrupted", Flight(False, str(error))
+    supervisor.close(outcome or "done")
+    try:
+        flush()
+        if operator is not None and partial is not None and supervisor.sticks:
+            keep_operator(partial, description, supervisor.sticks)
+        if writer is not None:
+            if outcome:
+                writer.event(vehicle.t, f"{outcome}: {flight.reason}")
+            writer.close()
+    except InputError as error:
+        outcome, flight = "interrupted", Flight(False, str(error))
+    samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
+    return samples, supervisor.phases, flight, outcome
+
+
+def _start_records(
+    store: RecordStore, d: Description, directory: Path
+) -> Callable[[Measurement], None]:
+    """Store the flight; returns what stores a measurement of it."""
+    flight, started = store.add_flight(
+        structure=d.world.name, mission=d.mission.name, robot=d.robot.name, seed=d.mission.seed,
+        run=str(directory),
+    )  # fmt: skip
+    return lambda m: store.add(flight, started, m)
+
+
+def _evaluate(
+    description: Description,
+    plan: MissionPlan,
+    samples: NDArray[Any],
+    phases: list[PhaseRecord],
+    flight: Flight,
+    outcome: str,
+    directory: Path,
+) -> RunResult:
+    metrics: dict[str, float] = {}
+    weld: WeldResult | None = None
+    reason = flight.reason
+    if len(samples):
+        metrics = compute_common_metrics(samples, phases)
+        try:
+            more, weld = compute_kind_metrics(samples, phases, plan, description)
+            metrics.update(more)
+        except InputError as error:  # e.g. no approach to calibrate on after an abort
+            reason = reason or f"evaluation: {error}"
+    metrics["plan.wall_s"] = plan.plan_s
+    metrics["plan.min_clearance_m"] = plan.min_clearance_m
+    metrics["plan.min_rotor_margin"] = plan.min_rotor_margin
+    verdicts = judge(description.mission, metrics)
+    if not outcome:
+        met = all(v.passed for v in verdicts)
+        outcome = "aborted" if not flight.completed else "succeeded" if met else "failed"
+    return RunResult(
+        description, plan, samples, phases, outcome, reason, metrics, verdicts, {}, weld, directory
+    )
+
+
+def collect_versions() -> dict[str, str]:
+    """Versions of what computed a run."""
+    out = {"python": platform.python_version()}
+    for name in ("skywright", "mujoco", "numba", "numpy"):
+        try:
+            out[name] = version(name)
+        except PackageNotFoundError:
+            out[name] = "unknown"
+    return out

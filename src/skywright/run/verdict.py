@@ -1,0 +1,168 @@
+"""What a campaign answers: go or no-go, with what confidence, and what limits it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from textwrap import shorten
+from typing import NamedTuple
+
+import numpy as np
+
+from skywright.description.mission.spec import Requirement
+from skywright.run.names import MEANINGS
+from skywright.run.rows import (
+    CONFIDENCE,
+    FailureGroup,
+    Headroom,
+    Row,
+    Sensitivity,
+    compute_headroom,
+    compute_interval,
+    compute_sensitivities,
+    group_failures,
+)
+
+LIMIT_USE = "limit use"
+"""Derived metric of a row: share of the way from the median to a limit, worst requirement."""
+
+GO, NO_GO, NOT_YET = "GO", "NO-GO", "NO-GO YET"
+
+
+class Verdict(NamedTuple):
+    """The answer of a campaign, from its rows."""
+
+    answer: str
+    """GO: the interval lies above the target; NO-GO: below; NO-GO YET: it holds the target."""
+    headline: str
+    """One sentence with numbers and confidence."""
+    limited_by: str
+    """One sentence that says what limits it."""
+    runs: int
+    succeeded: int
+    rate: float
+    interval: tuple[float, float]
+    target: float
+    more_runs: int
+    """Further runs after which GO would be shown at the present rate; 0 where that never is."""
+    flown: int
+    """Runs that took off; the others were refused before."""
+    flown_interval: tuple[float, float]
+    """Of the success rate among those."""
+    outcomes: dict[str, int]
+    failures: list[FailureGroup]
+    headroom: list[Headroom]
+    sensitivities: list[Sensitivity]
+
+
+def build_verdict(
+    rows: Sequence[Row],
+    keys: Sequence[str],
+    requirements: Mapping[str, Requirement],
+    target: float,
+) -> Verdict:
+    """Judge the rows of a campaign; `target` is the success rate that an inspection needs.
+
+    `rows` must not be empty.
+    """
+    n, k = len(rows), sum(row.succeeded for row in rows)
+    low, high = (float(x) for x in compute_interval(k, n))
+    answer = GO if low >= target else NO_GO if high < target else NOT_YET
+    more = _count_more_runs(k, n, target) if answer == NOT_YET else 0
+    headroom = compute_headroom(rows, requirements)
+    with_use = add_limit_use(rows, headroom)
+    names = list(dict.fromkeys(m for row in rows for m in row.metrics))
+    wanted = [LIMIT_USE, *(m for m in requirements if m in names)]
+    wanted += sorted(m for m in names if m not in requirements and m != LIMIT_USE)
+    sensitivities = compute_sensitivities(with_use, keys, wanted)
+    failures = group_failures(rows, keys)
+    outcomes: dict[str, int] = {}
+    for row in rows:
+        outcomes[row.outcome] = outcomes.get(row.outcome, 0) + 1
+    flown = n - outcomes.get("infeasible", 0) - outcomes.get("refused", 0)
+    flown_low, flown_high = (float(x) for x in compute_interval(k, flown)) if flown else (0.0, 1.0)
+    headline = (
+        f"{k} of {n} simulated runs met every requirement ({k / n:.1%}); with {CONFIDENCE:.0%} "
+        f"confidence the true rate lies between {low:.1%} and {high:.1%}, "
+        + {
+            GO: f"above the {target:.0%} that is asked.",
+            NO_GO: f"below the {target:.0%} that is asked.",
+            NOT_YET: f"which does not settle the {target:.0%} that is asked"
+            + (f": about {more} more runs at this rate would." if more else "."),
+        }[answer]
+    )
+    reasons = {row.run: row.reason for row in rows}
+    limited = _describe_limit(failures, headroom, sensitivities, n - k, reasons)
+    return Verdict(
+        answer, headline, limited, n, k, k / n, (low, high), target, more, flown,
+        (flown_low, flown_high), outcomes, failures, headroom, sensitivities,
+    )  # fmt: skip
+
+
+def add_limit_use(rows: Sequence[Row], headroom: Sequence[Headroom]) -> list[Row]:
+    """Add to each row how far it went from the median to its tightest limit (1: at the limit).
+
+    Requirements whose median lies on the limit are left out, and rows that were not completed.
+    """
+    out = []
+    for row in rows:
+        uses = []
+        for h in headroom:
+            value = row.metrics.get(h.name, math.nan)
+            room = h.limit - h.median
+            if math.isfinite(value) and math.isfinite(room) and room != 0.0 and h.sense != "==":
+                uses.append((value - h.median) / room)
+        completed = row.outcome in ("succeeded", "failed")
+        use = max(uses) if uses and completed else math.nan
+        out.append(row._replace(metrics={**row.metrics, LIMIT_USE: use}))
+    return out
+
+
+def _count_more_runs(succeeded: int, runs: int, target: float) -> int:
+    """Runs still needed until the interval's lower end reaches the target at the present rate."""
+    rate = succeeded / runs
+    if rate <= target:
+        return 0
+    total = runs
+    while total < 100_000:
+        total = max(total + 1, int(total * 1.02))
+        if compute_interval(int(np.floor(rate * total)), total)[0] >= target:
+            return total - runs
+    return 0
+
+
+def _in_words(name: str) -> str:
+    """A metric's name and what it means."""
+    return f"{name} ({MEANINGS[name][1]})" if name in MEANINGS else name
+
+
+def _describe_limit(
+    failures: Sequence[FailureGroup],
+    headroom: Sequence[Headroom],
+    sensitivities: Sequence[Sensitivity],
+    failed: int,
+    reasons: Mapping[int, str],
+) -> str:
+    if failures:
+        worst = failures[0]
+        runs = f"{len(worst.runs)} of {failed} failed runs"
+        text = f"Limited by {_in_words(worst.requirement)} in {runs}"
+        if worst.key:
+            a, b = worst.inside
+            c, d = worst.whole
+            text += f", at {worst.key} from {a:.3g} to {b:.3g} (varied from {c:.3g} to {d:.3g})"
+        first = min(worst.runs)
+        if reasons[first]:  # no plan, given up, diverged: the word alone tells an inspector nothing
+            text += f"; run {first}: {shorten(reasons[first], 200, placeholder=' ...')}"
+        return text + "."
+    open_ended = [h for h in headroom if math.isfinite(h.used) and h.measured and h.used > 0]
+    if not open_ended:
+        return "No requirement came near its limit."
+    h = open_ended[0]
+    unit = f" {h.unit}" if h.unit else ""
+    text = f"Nearest to its limit: {_in_words(h.name)}, worst {h.worst:.3g} of {h.limit:.3g}{unit}"
+    drivers = [s for s in sensitivities if s.metric == h.name and s.significant]
+    if drivers:
+        s = max(drivers, key=lambda s: max(s.share, s.rho**2 if math.isfinite(s.rho) else 0.0))
+        text += f", driven most by {s.key} ({s.share:.0%} of its rank variance)"
+    return text + "."

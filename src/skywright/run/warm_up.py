@@ -1,0 +1,53 @@
+"""Compile the flight loop in a process of its own: `python -m skywright.run.warm_up`.
+
+The first run on a machine compiles planner and flight loop. Each takes about twenty seconds and
+one core, so a second process compiles the loop into numba's cache while the first one plans.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from skywright.description.loader import load_description
+
+
+def is_compiled() -> bool:
+    """Whether the compiled mission tick of this source lies in numba's cache."""
+    from skywright.vehicle import tick
+
+    return is_cached(tick.mission_tick)
+
+
+def is_cached(function: Any) -> bool:
+    """Whether a function of numba is compiled, in memory or on disk."""
+    if function.signatures:
+        return True
+    try:  # numba's own test: its version, and the stamp of the source
+        return bool(function._cache._cache_file._load_index())
+    except AttributeError:  # another version of numba: is there any file at all
+        folder = Path(function.stats.cache_path or ".")
+        return any(folder.glob(f"*.{function.__name__}-*.nbi"))
+
+
+def start_warm_up() -> subprocess.Popen[bytes]:
+    """Start compiling in the background; wait for the process before flying."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "skywright.run.warm_up"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def main() -> None:
+    """Tick a vehicle once: what is compiled does not depend on robot or world."""
+    from skywright.run.run import build_vehicle
+
+    build_vehicle(load_description("pipe-weld-scan")).tick()
+
+
+if __name__ == "__main__":
+    main()
