@@ -6,9 +6,9 @@ A component is a class with
   for as ports, `Normal` and `Uniform` draws;
 - `build(me, table, context)`, which fills `Me` from the table, once, in Python;
 - steps: static methods whose annotations are their ports. A step of the name `step` runs in the
-  component's `slot`; `slots` names others. `Out[X]` marks the port that a step fills (one row does),
-  `InOut[X]` one that it changes after that, everything else is read. `X | None` is an optional
-  port: None where nothing in the vehicle fills it, at no cost.
+  component's `slot`; `slots` names others. `Out[X]` marks the port that a step fills (one row
+  does), `InOut[X]` one that it changes after that, everything else is read. `X | None` is an
+  optional port: None where nothing in the vehicle fills it, at no cost.
 
 Steps are compiled by numba, or run as plain Python (`compiled = False`, interactive mode only).
 They must not allocate: scratch belongs into `Me`.
