@@ -16,12 +16,15 @@ They must not allocate: scratch belongs into `Me`.
 
 from __future__ import annotations
 
+import ctypes
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import update_wrapper
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from numba import carray, njit
+from numba import carray, njit, types
 from numpy.typing import NDArray
 
 from skywright.core.pointers import as_pointer
@@ -55,8 +58,26 @@ COMPILE = {
     "no_cfunc_wrapper": True,
 }
 """How functions are compiled that only compiled code calls."""
-helper: Callable[[Any], Any] = njit(**COMPILE)
-"""Decorator of a function that steps call."""
+
+
+class Helper:
+    """A function that steps call: compiled in compiled code, Python where Python calls it."""
+
+    def __init__(self, function: Callable[..., Any], python: Callable[..., Any]) -> None:
+        update_wrapper(self, function)
+        self._dispatcher, self._python = njit(**COMPILE)(function), python
+
+    @property
+    def _numba_type_(self) -> Any:
+        return types.Dispatcher(self._dispatcher)
+
+    def __call__(self, *args: Any) -> Any:
+        return self._python(*args)
+
+
+def helper(function: Callable[..., Any]) -> Any:
+    """Decorate a function that steps call."""
+    return Helper(function, function)
 
 
 class Output(Record):
@@ -187,13 +208,20 @@ class Effect(Component):
     group, slot, side = "effect", "effects", "plant"
 
 
-@njit(inline="always", **COMPILE)
-def words(address: int, n: int) -> Any:
+def _words(address: int, n: int) -> Any:
     """Return the `n` numbers at an address, such as `words(mj.qpos, mj.nq)`."""
     return carray(as_pointer(address), n, np.float64)
 
 
-@njit(inline="always", **COMPILE)
-def table(address: int, rows: int, columns: int) -> Any:
+def _table(address: int, rows: int, columns: int) -> Any:
     """Return the rows of numbers at an address, such as `table(mj.xfrc, mj.nbody, 6)`."""
     return carray(as_pointer(address), (rows, columns), np.float64)
+
+
+def _view(address: int, *shape: int) -> Any:
+    """Return the same where Python asks for it."""
+    raw = (ctypes.c_double * int(math.prod(shape))).from_address(int(address))
+    return np.ctypeslib.as_array(raw).reshape(shape)
+
+
+words, table = Helper(_words, _view), Helper(_table, _view)
