@@ -122,6 +122,8 @@ class Context:
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
     alive: list[Any] = field(default_factory=list)
+    carried: list[Any] = field(default_factory=list)
+    """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
 
     def keep(self, array: NDArray[Any]) -> int:
         """Return the address of a C-contiguous array, which lives as long as the vehicle."""
@@ -156,6 +158,9 @@ class Component:
     """Name of a step -> its slot, of components with several."""
     side: ClassVar[Literal["robot", "plant"]] = "robot"
     compiled: ClassVar[bool] = True
+    """False: steps run as plain Python, which flies in interactive mode only."""
+    ports: ClassVar[dict[str, str]] = {}
+    """Parameter of a step -> name of the component that fills it, where several do."""
     Table: ClassVar[type[Spec]] = Spec
 
     def __init__(self, name: str, table: Any = None) -> None:
@@ -177,6 +182,12 @@ class Component:
         """Return `n` rows of draws, (n, words); white by default."""
         size = (n, what.dtype.itemsize // 8)
         return rng.random(size) if issubclass(what, Uniform) else rng.standard_normal(size)
+
+    def before_tick(self, t: float, n_ticks: int) -> None:
+        """Do in Python what a mission tick from `t` (s) of `n_ticks` control ticks needs."""
+
+    def after_tick(self, t: float) -> None:
+        """Do in Python what follows a mission tick that ended at `t` (s)."""
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
