@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from functools import update_wrapper
 from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
 from numba import carray, njit, types
-from numba.extending import typeof_impl
 
 from skywright.core.pointers import as_pointer
 
@@ -32,16 +32,14 @@ class Helper(Generic[P, R]):
     ) -> None:
         self.py_func = python or function
         self.dispatcher = njit(**{**COMPILE, **options})(function)
-        self.__doc__, self.__name__ = function.__doc__, function.__name__
-        self.__module__, self.__wrapped__ = function.__module__, function
+        update_wrapper(self, function)
+
+    @property
+    def _numba_type_(self) -> Any:
+        return types.Dispatcher(self.dispatcher)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         return self.py_func(*args, **kwargs)
-
-
-@typeof_impl.register(Helper)
-def _typeof_helper(value: Helper[Any, Any], context: Any) -> Any:
-    return types.Dispatcher(value.dispatcher)
 
 
 def helper(function: Callable[P, R]) -> Helper[P, R]:
