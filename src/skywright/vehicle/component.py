@@ -1,0 +1,238 @@
+"""What a component of a vehicle is: everything that the author of a sensor or a law imports.
+
+A component is a class with
+- `Table`: its TOML table (a Spec: units in the keys, ranges);
+- `Me`: a Record of its parameters and memory, and further Records: `Output`s that others may ask
+  for as ports, `Normal` and `Uniform` draws;
+- `build(me, table, context)`, which fills `Me` from the table, once, in Python;
+- steps: static methods whose annotations are their ports. A step of the name `step` runs in the
+  component's `slot`; `slots` names others. `Out[X]` marks the port that a step fills (one row
+  does), `InOut[X]` one that it changes after that, everything else is read. `X | None` is an
+  optional port: None where nothing in the vehicle fills it, at no cost.
+
+Steps are compiled by numba, or run as plain Python (`compiled = False`, interactive mode only).
+They must not allocate: scratch belongs into `Me`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import update_wrapper
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+
+import numpy as np
+from numba import carray, njit, types
+from numpy.typing import NDArray
+
+from skywright.core.pointers import as_pointer
+from skywright.core.record import Array, Record
+from skywright.core.spec import Spec
+
+if TYPE_CHECKING:
+    from skywright.description.robot.spec import Robot
+    from skywright.description.world.spec import World
+    from skywright.models.allocation import Allocator
+    from skywright.models.arm_body import Deviation
+    from skywright.models.rotors import RotorSet
+    from skywright.models.scene import Scene
+
+SLOTS = (
+    "clear", "observe", "sense", "link", "body", "estimate", "reference", "control", "derive",
+    "record", "peaks", "guard", "allocate", "downlink", "actuate", "effects", "fast",
+)  # fmt: skip
+"""The parts of a control tick in order; rows of `fast` run after each physics step."""
+
+_T = TypeVar("_T")
+Out = Annotated[_T, "out"]
+"""A port that the step fills."""
+InOut = Annotated[_T, "inout"]
+"""A port that the step changes after its owner filled it."""
+
+COMPILE = {
+    "cache": True,
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+"""How functions are compiled that only compiled code calls."""
+
+
+class Helper:
+    """A function that steps call: compiled in compiled code, Python where Python calls it."""
+
+    def __init__(self, function: Callable[..., Any], python: Callable[..., Any]) -> None:
+        update_wrapper(self, function)
+        self._dispatcher, self._python = njit(**COMPILE)(function), python
+
+    @property
+    def _numba_type_(self) -> Any:
+        return types.Dispatcher(self._dispatcher)
+
+    def __call__(self, *args: Any) -> Any:
+        return self._python(*args)
+
+
+def helper(function: Callable[..., Any]) -> Any:
+    """Decorate a function that steps call."""
+    return Helper(function, function)
+
+
+class Output(Record):
+    """A record that a component fills and others may ask for as a port.
+
+    Over a delayed link the far end gets the latest one. With a first field `fresh` (float) it is
+    delivered when it is new (`fresh` 1, cleared by the framework each tick); with first fields
+    `t`, `n` (int) and arrays of rows it is a batch of samples, all of which are delivered.
+    """
+
+
+class Draws(Record):
+    """Random numbers, new at each call of the step: a row of a block.
+
+    `stream` names a stream of core/streams.py; a component from a file has one of its own.
+    """
+
+    stream: ClassVar[str] = ""
+
+
+class Normal(Draws):
+    """Unit normal numbers."""
+
+
+class Uniform(Draws):
+    """Numbers from 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a component is built from: the robot's side, nominal."""
+
+    robot: Robot
+    world: World
+    model: Any  # BODY_MODEL record, the nominal rigid body (models/rigid_body.py)
+    rotors: RotorSet
+    allocator: Allocator
+    mass: float  # kg, nominal, whole robot, arm folded
+    dt: float  # s, control period
+    h: float  # s, physics step
+    law: str  # kind of the platform's law
+    records: dict[Any, NDArray[Any]]
+    """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
+    alive: list[Any] = field(default_factory=list)
+    carried: list[Any] = field(default_factory=list)
+    """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
+
+    def keep(self, array: NDArray[Any]) -> int:
+        """Return the address of a C-contiguous array, which lives as long as the vehicle."""
+        assert array.flags.c_contiguous
+        self.alive.append(array)
+        return int(array.ctypes.data)
+
+
+@dataclass(frozen=True)
+class PlantContext(Context):
+    """What a component of the plant's side is built from: the truth as well."""
+
+    deviation: Deviation = None  # type: ignore[assignment]
+    scene: Scene = None  # type: ignore[assignment]
+    sim: Any = None  # Simulation: MuJoCo's model and data
+    seed: int = 0
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def stream(self, name: str) -> np.random.Generator:
+        """Return a new generator of a named stream of this run."""
+        from skywright.core.streams import build_stream
+
+        return build_stream(self.seed, name)
+
+
+class Component:
+    """Base of everything that runs every tick; subclass a group below."""
+
+    group: ClassVar[str] = ""
+    slot: ClassVar[str] = ""
+    slots: ClassVar[dict[str, str]] = {}
+    """Name of a step -> its slot, of components with several."""
+    side: ClassVar[Literal["robot", "plant"]] = "robot"
+    compiled: ClassVar[bool] = True
+    """False: steps run as plain Python, which flies in interactive mode only."""
+    ports: ClassVar[dict[str, str]] = {}
+    """Parameter of a step -> name of the component that fills it, where several do."""
+    Table: ClassVar[type[Spec]] = Spec
+
+    def __init__(self, name: str, table: Any = None) -> None:
+        self.name = name
+        self.table = self.Table() if table is None else table
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Fill `Me` (a NumPy record with named fields) from the table; once, in Python.
+
+        `context` is a Context, on the plant's side a PlantContext.
+        """
+
+    def get_period(self, step: str, context: Any) -> float:
+        """Return the time (s) between calls of a step: `rate_hz` of the table, else each tick."""
+        rate = getattr(self.table, "rate_hz", None)
+        return 0.0 if rate is None or self.slot == "fast" else 1.0 / rate
+
+    def draw(self, what: type[Draws], rng: np.random.Generator, n: int) -> Array:
+        """Return `n` rows of draws, (n, words); white by default."""
+        size = (n, what.dtype.itemsize // 8)
+        return rng.random(size) if issubclass(what, Uniform) else rng.standard_normal(size)
+
+    def before_tick(self, t: float, n_ticks: int) -> None:
+        """Do in Python what a mission tick from `t` (s) of `n_ticks` control ticks needs."""
+
+    def after_tick(self, t: float) -> None:
+        """Do in Python what follows a mission tick that ended at `t` (s)."""
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Yield the instances that robot and world ask for by tables of their own."""
+        return ()
+
+
+class Sensor(Component):
+    """A sensor: sees the truth of the plant, fills an Output. `[robot.sensors.NAME]`."""
+
+    group, slot, side = "sensor", "sense", "plant"
+
+
+class Estimator(Component):
+    """An estimator of the robot's state: fills Estimate. `[mission.estimator]`."""
+
+    group, slot = "estimator", "estimate"
+
+
+class Law(Component):
+    """A control law of the platform (and a rigid arm): fills WrenchCommand. `[mission.law]`."""
+
+    group, slot = "law", "control"
+
+
+class Effect(Component):
+    """A force on the plant: adds to MuJoCo's external forces. `[world.effects.NAME]`."""
+
+    group, slot, side = "effect", "effects", "plant"
+
+
+def _words(address: int, n: int) -> Any:
+    """Return the `n` numbers at an address, such as `words(mj.qpos, mj.nq)`."""
+    return carray(as_pointer(address), n, np.float64)
+
+
+def _table(address: int, rows: int, columns: int) -> Any:
+    """Return the rows of numbers at an address, such as `table(mj.xfrc, mj.nbody, 6)`."""
+    return carray(as_pointer(address), (rows, columns), np.float64)
+
+
+def _view(address: int, *shape: int) -> Any:
+    """Return the same where Python asks for it."""
+    raw = (ctypes.c_double * int(math.prod(shape))).from_address(int(address))
+    return np.ctypeslib.as_array(raw).reshape(shape)
+
+
+words, table = Helper(_words, _view), Helper(_table, _view)
