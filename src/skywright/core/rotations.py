@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.scratch import local
+
 Array = NDArray[np.float64]
 
 
@@ -103,7 +105,7 @@ def exp_so3(w: Array, out: Array) -> None:
 @njit(cache=True, error_model="numpy")
 def log_so3(r: Array, out: Array) -> None:
     """out = rotation vector of the rotation matrix `r`, angle in [0, pi]."""
-    q = np.empty(4)
+    q = local(4)
     rot_to_quat(r, q)
     sign = 1.0 if q[0] >= 0.0 else -1.0
     w = sign * q[0]
