@@ -16,12 +16,15 @@ They must not allocate: scratch belongs into `Me`.
 
 from __future__ import annotations
 
+import ctypes
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import update_wrapper
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from numba import carray, njit
+from numba import carray, njit, types
 from numpy.typing import NDArray
 
 from skywright.core.pointers import as_pointer
@@ -55,8 +58,26 @@ COMPILE = {
     "no_cfunc_wrapper": True,
 }
 """How functions are compiled that only compiled code calls."""
-helper: Callable[[Any], Any] = njit(**COMPILE)
-"""Decorator of a function that steps call."""
+
+
+class Helper:
+    """A function that steps call: compiled in compiled code, Python where Python calls it."""
+
+    def __init__(self, function: Callable[..., Any], python: Callable[..., Any]) -> None:
+        update_wrapper(self, function)
+        self._dispatcher, self._python = njit(**COMPILE)(function), python
+
+    @property
+    def _numba_type_(self) -> Any:
+        return types.Dispatcher(self._dispatcher)
+
+    def __call__(self, *args: Any) -> Any:
+        return self._python(*args)
+
+
+def helper(function: Callable[..., Any]) -> Any:
+    """Decorate a function that steps call."""
+    return Helper(function, function)
 
 
 class Output(Record):
@@ -101,6 +122,8 @@ class Context:
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
     alive: list[Any] = field(default_factory=list)
+    carried: list[Any] = field(default_factory=list)
+    """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
 
     def keep(self, array: NDArray[Any]) -> int:
         """Return the address of a C-contiguous array, which lives as long as the vehicle."""
@@ -135,6 +158,9 @@ class Component:
     """Name of a step -> its slot, of components with several."""
     side: ClassVar[Literal["robot", "plant"]] = "robot"
     compiled: ClassVar[bool] = True
+    """False: steps run as plain Python, which flies in interactive mode only."""
+    ports: ClassVar[dict[str, str]] = {}
+    """Parameter of a step -> name of the component that fills it, where several do."""
     Table: ClassVar[type[Spec]] = Spec
 
     def __init__(self, name: str, table: Any = None) -> None:
@@ -156,6 +182,12 @@ class Component:
         """Return `n` rows of draws, (n, words); white by default."""
         size = (n, what.dtype.itemsize // 8)
         return rng.random(size) if issubclass(what, Uniform) else rng.standard_normal(size)
+
+    def before_tick(self, t: float, n_ticks: int) -> None:
+        """Do in Python what a mission tick from `t` (s) of `n_ticks` control ticks needs."""
+
+    def after_tick(self, t: float) -> None:
+        """Do in Python what follows a mission tick that ended at `t` (s)."""
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
@@ -187,13 +219,20 @@ class Effect(Component):
     group, slot, side = "effect", "effects", "plant"
 
 
-@njit(inline="always", **COMPILE)
-def words(address: int, n: int) -> Any:
+def _words(address: int, n: int) -> Any:
     """Return the `n` numbers at an address, such as `words(mj.qpos, mj.nq)`."""
     return carray(as_pointer(address), n, np.float64)
 
 
-@njit(inline="always", **COMPILE)
-def table(address: int, rows: int, columns: int) -> Any:
+def _table(address: int, rows: int, columns: int) -> Any:
     """Return the rows of numbers at an address, such as `table(mj.xfrc, mj.nbody, 6)`."""
     return carray(as_pointer(address), (rows, columns), np.float64)
+
+
+def _view(address: int, *shape: int) -> Any:
+    """Return the same where Python asks for it."""
+    raw = (ctypes.c_double * int(math.prod(shape))).from_address(int(address))
+    return np.ctypeslib.as_array(raw).reshape(shape)
+
+
+words, table = Helper(_words, _view), Helper(_table, _view)
