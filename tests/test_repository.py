@@ -255,3 +255,11 @@ def test_the_metrics_page_lists_what_the_report_knows():
     spec.loader.exec_module(module)
     text = module.PAGE.read_text(encoding="utf-8")
     assert text == module.build_page(text), "run: python docs/generate_metrics.py"
+
+
+def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
+    import skywright.run.run
+    from skywright.errors import InputError
+
+    with pytest.raises(InputError, match="no-such-mission"):
+        skywright.run("no-such-mission")
