@@ -171,5 +171,3 @@ class TrackedPipe(Output):
     p_WP: Vec3  # m
     R_WP: Mat3
     pipe_samples: float  # in the mean, 0: none came yet
-
-
