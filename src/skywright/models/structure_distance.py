@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from numba import njit
 
 from skywright.core.record import Array, Mat3, Record, Vec3
+from skywright.core.scratch import local
 from skywright.description.world.structure import ARCH, CYLINDER, PLANE, Structure, build_surface
 
 
@@ -20,7 +21,6 @@ class StructureShape(Record):
     radius: float  # m
     along: int  # column of R_WS along the axis of a curved surface
     half: Annotated[Array, 2]  # m, of the surface along x_S and y_S
-    x: Vec3  # scratch
 
 
 def fill_structure(s: Any, structure: Structure) -> None:
@@ -34,7 +34,7 @@ def fill_structure(s: Any, structure: Structure) -> None:
 @njit(cache=True, error_model="numpy")
 def measure_surface(s: Any, p: Array, normal: Array) -> float:
     """Return the distance (m) of p (3,) to the surface, negative inside; fill its normal (3,)."""
-    x = s.x
+    x = local(3)
     for i in range(3):
         x[i] = 0.0
         for j in range(3):

@@ -14,6 +14,7 @@ import numpy as np
 
 from skywright.core.record import Array, Record, Vec3
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
+from skywright.core.scratch import local
 from skywright.core.types import MAX_ROTORS
 from skywright.vehicle.bus import MuJoCo, Truth
 from skywright.vehicle.component import Component, Effect, Out, table
@@ -30,14 +31,6 @@ class Drag(Effect):
         rotor_drag: float  # N/(rad/s)/(m/s)
         rotor_p: Annotated[Array, MAX_ROTORS, 3]  # m
         rotor_axis: Annotated[Array, MAX_ROTORS, 3]
-        v: Vec3  # scratch: air at the body, in B
-        va: Vec3
-        rel: Vec3
-        arm: Vec3
-        force: Vec3
-        turn: Vec3
-        fb: Vec3
-        tb: Vec3
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take areas and rotors; the deviation scales all drag."""
@@ -55,8 +48,8 @@ class Drag(Effect):
         me: Me, truth: Truth, wind: Wind, rotors: RotorState, mj: MuJoCo, out: Out[AirForce]
     ) -> None:
         xfrc = table(mj.xfrc, mj.nbody, 6)
-        v, va, rel, arm, force, turn = me.v, me.va, me.rel, me.arm, me.force, me.turn
-        fb, tb = me.fb, me.tb
+        v, va, rel, fb, tb = local(3), local(3), local(3), local(3), local(3)
+        arm, force, turn = local(3), local(3), local(3)
         for i in range(3):
             rel[i] = truth.v_WB[i] - wind.body_W[i]
         mat_t_vec(truth.R_WB, rel, va)

@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-import numpy as np
-
 from skywright.core.record import Array, Record
 from skywright.description.world.spec import Pipe
 from skywright.vehicle.bus import MuJoCo

@@ -13,7 +13,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from skywright.core.record import Array, Record, Vec3
+from skywright.core.record import Array, Record
+from skywright.core.scratch import local
 from skywright.core.types import MAX_ROTORS
 from skywright.models.structure_distance import (
     StructureShape,
@@ -41,8 +42,6 @@ class SurfaceThrust(Effect):
         n: int
         rotor_p: Annotated[Array, MAX_ROTORS, 3]  # m
         rotor_axis: Annotated[Array, MAX_ROTORS, 3]
-        hub: Vec3  # scratch
-        normal: Vec3
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the structure and the rotors."""
@@ -53,7 +52,7 @@ class SurfaceThrust(Effect):
 
     @staticmethod
     def step(me: Me, truth: Truth, out: Out[RotorGain]) -> None:
-        hub, normal, R_WB = me.hub, me.normal, truth.R_WB
+        hub, normal, R_WB = local(3), local(3), truth.R_WB
         for k in range(me.n):
             up = 0.0
             for i in range(3):

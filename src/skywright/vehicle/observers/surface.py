@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from skywright.core.record import Mat3, Record, Vec3
+from skywright.core.scratch import local
 from skywright.description.world.surface import build_cylinder
 from skywright.models.structure_distance import StructureShape, fill_structure, measure_surface
 from skywright.vehicle.bus import Truth
@@ -31,7 +32,6 @@ class SurfaceObserver(Component):
         R_WP: Mat3
         radius: float
         structure: StructureShape
-        centre: Vec3  # scratch
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the pipe or structure of the world that the tip can touch."""
@@ -52,12 +52,13 @@ class SurfaceObserver(Component):
     @staticmethod
     def step(me: Me, truth: Truth, surface: Out[Surface]) -> None:
         surface.gap = NOWHERE
+        centre = local(3)
         for i in range(3):
-            me.centre[i] = truth.p_WT[i] - me.tip_radius * truth.R_WT[i, 2]
+            centre[i] = truth.p_WT[i] - me.tip_radius * truth.R_WT[i, 2]
         if me.kind == PIPE:
-            measure_pipe(me, truth, surface)
+            measure_pipe(me, centre, surface)
         elif me.kind == STRUCTURE:
-            surface.gap = measure_surface(me.structure, me.centre, surface.normal) - me.tip_radius
+            surface.gap = measure_surface(me.structure, centre, surface.normal) - me.tip_radius
         if me.kind != NONE:
             c = 0.0
             for i in range(3):
@@ -76,11 +77,11 @@ class SurfaceObserver(Component):
 
 
 @helper
-def measure_pipe(me: Any, truth: Any, surface: Any) -> None:
-    """Fill gap, normal and unrolled place of a tip at a pipe."""
+def measure_pipe(me: Any, centre: Any, surface: Any) -> None:
+    """Fill gap, normal and unrolled place of a tip's sphere at a pipe."""
     x = y = z = 0.0
     for i in range(3):
-        d = me.centre[i] - me.p_WP[i]
+        d = centre[i] - me.p_WP[i]
         x += me.R_WP[i, 0] * d
         y += me.R_WP[i, 1] * d
         z += me.R_WP[i, 2] * d

@@ -16,6 +16,7 @@ import numpy as np
 
 from skywright.core.record import Array, Record, Vec3
 from skywright.core.rotations import mat_vec
+from skywright.core.scratch import local
 from skywright.description.world.gnss import Gnss
 from skywright.vehicle.bus import Clock, Truth
 from skywright.vehicle.component import Component, Draws, Normal, Out, Sensor, Uniform
@@ -48,7 +49,6 @@ class SatelliteReceiver(Sensor):
         t: Annotated[Array, QUEUE]
         p: Annotated[Array, QUEUE, 3]
         heading: Annotated[Array, QUEUE]
-        lever: Vec3  # scratch
 
     class Noise(Normal):
         stream = "gnss"
@@ -94,7 +94,8 @@ class SatelliteReceiver(Sensor):
         if t >= me.next - 1e-9:
             me.next += me.period
             spread = math.sqrt(1.0 - me.decay * me.decay)
-            mat_vec(truth.R_WB, me.p_BG, me.lever)
+            lever = local(3)
+            mat_vec(truth.R_WB, me.p_BG, lever)
             for i in range(3):
                 me.error[i] = me.decay * me.error[i] + spread * me.drift[i] * noise.drift[i]
             if chance.drop >= me.dropout:
@@ -105,7 +106,7 @@ class SatelliteReceiver(Sensor):
                 me.t[k] = t
                 for i in range(3):
                     me.p[k, i] = (
-                        truth.p_WB[i] + me.lever[i] + me.error[i] + me.noise[i] * noise.white[i]
+                        truth.p_WB[i] + lever[i] + me.error[i] + me.noise[i] * noise.white[i]
                     )
                 heading = math.atan2(truth.R_WB[1, 0], truth.R_WB[0, 0])
                 me.heading[k] = heading + me.heading_error + me.heading_noise * noise.heading

@@ -14,8 +14,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from skywright.core.record import Array, Mat3, Record, Vec3
+from skywright.core.record import Array, Record, Vec3
 from skywright.core.rotations import cross, mat_t_vec, mat_vec, quat_to_rot
+from skywright.core.scratch import local
 from skywright.core.types import IMU_BATCH, MAX_ROTORS
 from skywright.description.robot.spec import Sensors
 from skywright.vehicle.bus import Clock, MuJoCo
@@ -55,10 +56,6 @@ class Inertial(Sensor):
         n: int  # samples of this control tick
         gyro: Annotated[Array, IMU_BATCH, 3]
         accel: Annotated[Array, IMU_BATCH, 3]
-        R: Mat3  # scratch
-        w: Vec3
-        v: Vec3
-        a: Vec3
 
     class GyroError(Normal):
         stream = "gyro"
@@ -103,11 +100,9 @@ class Inertial(Sensor):
         return out
 
     @staticmethod
-    def sample(
-        me: Me, mj: MuJoCo, rotors: RotorState, gyro: GyroError, accel: AccelError
-    ) -> None:
+    def sample(me: Me, mj: MuJoCo, rotors: RotorState, gyro: GyroError, accel: AccelError) -> None:
         qpos, qvel = words(mj.qpos, mj.nq), words(mj.qvel, mj.nv)
-        R, w, v, a = me.R, me.w, me.v, me.a
+        R, w, v, a = local(3, 3), local(3), local(3), local(3)
         quat_to_rot(qpos[3:7], R)
         for i in range(3):
             w[i] = qvel[3 + i]

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from skywright.core.record import Array, Mat3, Record, Vec3
+from skywright.core.record import Array, Record, Vec3
 from skywright.core.rotations import exp_so3, mat_mat, mat_vec
+from skywright.core.scratch import local
 from skywright.description.world.spec import Mocap
 from skywright.vehicle.bus import Clock, Truth
 from skywright.vehicle.component import Component, Normal, Out, Sensor, Uniform, helper
@@ -42,9 +43,6 @@ class MotionCapture(Sensor):
         R: Annotated[Array, QUEUE, 3, 3]
         tip: Annotated[Array, QUEUE, 3]
         axis: Annotated[Array, QUEUE, 3]
-        turn: Vec3  # scratch
-        along: Vec3
-        rot: Mat3
 
     class Noise(Normal):
         stream = "mocap"
@@ -120,7 +118,7 @@ def expose(me: Any, truth: Any, t: float, noise: Any, artefact: Any) -> None:
     following = (i + 1) % QUEUE
     if following == me.tail:  # full: the oldest is lost, as in a real link
         me.tail = (me.tail + 1) % QUEUE
-    turn, rot, along = me.turn, me.rot, me.along
+    turn, rot, along = local(3), local(3, 3), local(3)
     for a in range(3):
         me.p[i, a] = truth.p_WB[a] + me.sigma_p * noise.p[a]
         me.tip[i, a] = truth.p_WT[a] + me.sigma_p * noise.tip[a]
@@ -143,7 +141,7 @@ def expose(me: Any, truth: Any, t: float, noise: Any, artefact: Any) -> None:
 @helper
 def spoil(me: Any, truth: Any, i: int, u: Any) -> None:
     """Turn a sample of the platform, of the probe, or of both into an artefact."""
-    turn, rot = me.turn, me.rot
+    turn, rot = local(3), local(3, 3)
     size = SMALLEST * (me.outlier_size / SMALLEST) ** u.reach
     if u.body < me.outlier:
         for a in range(3):
@@ -159,12 +157,13 @@ def spoil(me: Any, truth: Any, i: int, u: Any) -> None:
 
 @helper
 def capture_body(me: Any, p: Any, R: Any, noise: Any, p_seen: Any, R_seen: Any) -> None:
-    """Fill p_seen, R_seen with a sample of a body; `me` has sigma_p, sigma_R, turn and rot.
+    """Fill p_seen, R_seen with a sample of a body; `me` has sigma_p and sigma_R.
 
     `noise` has unit normal numbers p and R, (3,) each.
     """
+    turn, rot = local(3), local(3, 3)
     for a in range(3):
         p_seen[a] = p[a] + me.sigma_p * noise.p[a]
-        me.turn[a] = me.sigma_R * noise.R[a]
-    exp_so3(me.turn, me.rot)
-    mat_mat(R, me.rot, R_seen)
+        turn[a] = me.sigma_R * noise.R[a]
+    exp_so3(turn, rot)
+    mat_mat(R, rot, R_seen)

@@ -8,13 +8,14 @@ from typing import Any
 from skywright.core.record import Mat3, Record, Vec3
 from skywright.description.world.spec import Mocap
 from skywright.description.world.surface import build_cylinder
+from skywright.vehicle.arms.ports import PipeCapture
 from skywright.vehicle.component import Component, Normal, Out, Sensor
-from skywright.vehicle.readings import MocapSample, PipeSample
+from skywright.vehicle.readings import MocapSample
 from skywright.vehicle.sensors.mocap import capture_body
 
 
-class TrackedPipe(Sensor):
-    """Fills PipeSample with each sample of the robot."""
+class PipeTracking(Sensor):
+    """Fills PipeCapture with each sample of the robot."""
 
     Table = Mocap
 
@@ -23,8 +24,6 @@ class TrackedPipe(Sensor):
         R_WP: Mat3
         sigma_p: float
         sigma_R: float
-        turn: Vec3  # scratch
-        rot: Mat3
 
     class Noise(Normal):
         stream = "pipe"
@@ -43,7 +42,7 @@ class TrackedPipe(Sensor):
         return 0.0
 
     @staticmethod
-    def step(me: Me, mocap: MocapSample, noise: Noise, out: Out[PipeSample]) -> None:
+    def step(me: Me, mocap: MocapSample, noise: Noise, out: Out[PipeCapture]) -> None:
         if mocap.fresh > 0.0:
             out.fresh = 1.0
             capture_body(me, me.p_WP, me.R_WP, noise, out.p_WP, out.R_WP)
