@@ -7,6 +7,7 @@ of the component. A component's `Me` is always keyed by its component's name.
 from __future__ import annotations
 
 import dataclasses
+import re
 import zlib
 from collections import defaultdict
 from collections.abc import Sequence
@@ -354,6 +355,7 @@ def _shorten(error: Exception) -> str:
     """The lines of numba's message that tell what is wrong and where."""
     if isinstance(error, KeyError):
         return f"a record has no field {error}"
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    text = re.sub(r"\x1b\[\d*m", "", str(error))  # numba writes in colour
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     kept = [x for x in lines if not x.startswith(("During:", "Failed in", "This error", "<"))]
     return " ".join(kept[:3] + [x for x in lines if x.startswith("File ")][-1:])

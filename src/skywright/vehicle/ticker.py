@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Protocol
 
 from skywright.errors import SimulationError
@@ -35,7 +36,10 @@ class Ticker:
         clock = assembly.records[Clock, ""]
         self._tick, self._t, self._fired = clock["tick"], clock["t"], clock["fired"]
         self._fast, self._stop, self._error = clock["fast"], clock["stop"], clock["error"]
-        self._failed = clock["failed"]
+        self._failed, self._running = clock["failed"], clock["running"]
+        self.since: float | None = None  # of time.monotonic(), while a mission tick runs
+        self.stuck = ""  # what a time limit says of the step that it interrupts
+        self._python_row = -1
         slow = assembly.list_python_rows()
         n_control, n_all = assembly.n_control, len(assembly.rows)
         self._control = list_stretches(0, n_control, slow)
@@ -47,14 +51,18 @@ class Ticker:
         Raises SimulationError where a step raises, naming the component.
         """
         self._stop[0] = 0
-        if interactive:
-            self._run_interactive(n)
-        else:
-            a = self.assembly
-            run_ticks(
-                self._at, a.n_control, len(a.rows), self._clock_at, self.physics.model_address,
-                self.physics.data_address, n, self.n_steps,
-            )  # fmt: skip
+        self.since = time.monotonic()
+        try:
+            if interactive:
+                self._run_interactive(n)
+            else:
+                a = self.assembly
+                run_ticks(
+                    self._at, a.n_control, len(a.rows), self._clock_at,
+                    self.physics.model_address, self.physics.data_address, n, self.n_steps,
+                )  # fmt: skip
+        finally:
+            self.since = None
         if self._error[0]:
             error, place = read_error(int(self._error[0]))
             self._error[0] = 0
@@ -83,20 +91,33 @@ class Ticker:
             row = self.assembly.rows[first]
             if self._tick[0] % row["every"] != row["phase"]:
                 continue
+            self._python_row = first
             try:
                 self.assembly.run_python(first)
             except (Exception, SystemExit) as error:
+                if self.stuck:
+                    raise SimulationError(self.stuck) from error
                 raise self._explain(first, error, "") from error
+            self._python_row = -1
             if self._stop[0]:
                 return True
         return False
 
+    @property
+    def t(self) -> float:
+        """Mission time (s)."""
+        return float(self._t[0])
+
+    def find_running(self) -> tuple[str, bool]:
+        """Return the label of the component that runs now, and whether it is plain Python."""
+        python = self._python_row >= 0
+        row = self._python_row if python else int(self._running[0])
+        return self.assembly.steps[row].label, python
+
     def _explain(self, row: int, error: BaseException, place: str) -> SimulationError:
         label = self.assembly.steps[row].label
         at = f" ({place})" if place else ""
-        return SimulationError(
-            f"component {label} raised at t = {float(self._t[0]):.3f} s: {error!r}{at}"
-        )
+        return SimulationError(f"component {label} raised at t = {self.t:.3f} s: {error!r}{at}")
 
 
 def list_stretches(first: int, last: int, slow: list[int]) -> list[Stretch]:
