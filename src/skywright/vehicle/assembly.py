@@ -107,7 +107,7 @@ class Assembly:
         record, component = port.record, step.component
         if record is _me(component):
             return record, component.name
-        if record in (Clock, MuJoCo):
+        if record in (Clock, MuJoCo) or is_block(record):
             return record, ""
         fillers = self._fillers.get(record, [])
         owners = list(dict.fromkeys(s.component.name for s in fillers))
@@ -153,7 +153,9 @@ class Assembly:
                         f"{step.label} runs on the robot, which cannot see {record.__qualname__} "
                         "of the plant: ask for a sensor's output, or for Estimate"
                     )
-                if record in (Clock, MuJoCo) or record in self._fillers or port.optional:
+                if record in (Clock, MuJoCo) or is_block(record):
+                    continue
+                if record in self._fillers or port.optional:
                     continue
                 offered = sorted(r.__qualname__ for r in self._fillers)
                 raise InputError(
@@ -341,6 +343,11 @@ class Assembly:
             generator.bit_generator.state = saved
         if seed is not None:
             self._build_blocks(seed)
+
+
+def is_block(record: type[Record]) -> bool:
+    """Whether rows of a plan fill a record: it declares how, in `rules` (vehicle/follower.py)."""
+    return "rules" in vars(record)
 
 
 def _me(component: Component) -> type[Record]:
