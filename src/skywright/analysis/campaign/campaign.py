@@ -231,7 +231,7 @@ def _conclude(
     interrupted: bool,
 ) -> CampaignResult:
     """Judge the rows and write Parquet and page."""
-    from skywright.reports.campaign import Facts, write_campaign_page
+    from skywright.analysis.campaign.report import Facts, write_campaign_page
 
     base = campaign.base
     keys = [v.key for v in campaign.variations]

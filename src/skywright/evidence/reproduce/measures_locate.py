@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.locate import reach
-from skywright.estimation.localisation.drift_filter import CAMERA
+from skywright.evidence.reproduce.figures import Band, Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
-from skywright.reports.figures.claims import Band, Bars, ClaimFigure, Curve, Panel
+from skywright.models.localisation.drift_filter import CAMERA
 
 Array = NDArray[np.float64]
 
