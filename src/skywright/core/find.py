@@ -1,0 +1,211 @@
+"""Finding a class by its kind: built in, in a user's file, or in an installed package.
+
+What a description names (`kind = "airspeed"`, `kind = "my_sensor.py:Airspeed"`) becomes a class
+here. A class says to which group it belongs (`group = "sensor"`); what lies below never imports
+what it finds.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import pkgutil
+import sys
+import traceback
+from collections.abc import Iterable
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from skywright.errors import InputError, neighbours
+
+
+class Group(NamedTuple):
+    """Where classes of one group are found."""
+
+    what: str  # in messages
+    package: str  # of the built-in ones: one module or folder each
+    entry_points: str  # group of installed packages
+
+
+GROUPS = {
+    "law": Group("control law", "skywright.vehicle.laws", "skywright.components"),
+    "sensor": Group("sensor", "skywright.vehicle.sensors", "skywright.components"),
+    "estimator": Group("estimator", "skywright.vehicle.estimators", "skywright.components"),
+    "effect": Group("effect", "skywright.vehicle.effects", "skywright.components"),
+    "thing": Group("thing", "skywright.models.things", "skywright.things"),
+    "kind": Group("mission kind", "skywright.missions", "skywright.missions"),
+}
+
+
+class Kind(NamedTuple):
+    """What was found: its name (absolute for a file), the class, and the file of a user's."""
+
+    name: str
+    cls: Any
+    file: Path | None
+
+
+def find(group: str, kind: object, folders: Iterable[Path] = (), key: str = "kind") -> Kind:
+    """Return the class that `kind` names in a group.
+
+    A file is looked up in `folders` (that of the file that names it first), then in the current
+    folder. Raises InputError, which begins with `key`, for a kind that is unknown, stands twice, is
+    of another group, or whose file fails to import.
+    """
+    if not isinstance(kind, str) or not kind:
+        raise InputError(
+            f"{key}: {kind!r} is no kind of {_what(group)}; valid: {_valid('', group)}"
+        )
+    if ".py" in kind:
+        return _find_in_file(group, kind, folders, key)
+    installed = [e for e in list_entry_points(group) if e.name == kind]
+    built_in = _module_name(kind) in list_modules(group)
+    origins = (["skywright"] if built_in else []) + [e.value for e in installed]
+    if len(origins) > 1:
+        raise InputError(f"{key}: {_what(group)} {kind!r} exists twice: {', '.join(origins)}")
+    if built_in:
+        return Kind(kind, load_built_in(group, kind), None)
+    if installed:
+        try:
+            cls = installed[0].load()
+        except Exception as error:
+            raise InputError(
+                f"{key}: importing {installed[0].value} failed: {explain(error)}"
+            ) from error
+        _check_group(cls, group, installed[0].value, key)
+        return Kind(kind, cls, None)
+    raise InputError(f"{key}: {_what(group)} {kind!r} is unknown; valid: {_valid(kind, group)}")
+
+
+def list_kinds(group: str) -> list[str]:
+    """List the kinds of a group by name, built in and installed, without importing any."""
+    names = [name.replace("_", "-") if group == "kind" else name for name in list_modules(group)]
+    return sorted({*names, *(e.name for e in list_entry_points(group))})
+
+
+@lru_cache
+def list_modules(group: str) -> tuple[str, ...]:
+    """Return the names of the modules in a group's package that hold a kind, unimported."""
+    spec = importlib.util.find_spec(GROUPS[group].package)
+    if spec is None or spec.submodule_search_locations is None:
+        return ()
+    found = pkgutil.iter_modules(list(spec.submodule_search_locations))
+    return tuple(m.name for m in found if not m.name.startswith("_") and m.name not in SHARED)
+
+
+SHARED = {"skills"}
+"""Modules in a group's package that hold no kind; others begin with an underscore."""
+
+
+@lru_cache
+def list_entry_points(group: str) -> tuple[EntryPoint, ...]:
+    """Return what installed packages offer for a group.
+
+    Components of all groups share one list: their names are `GROUP.NAME`, such as `law.lqr`.
+    """
+    found = entry_points(group=GROUPS[group].entry_points)
+    if GROUPS[group].entry_points != "skywright.components":
+        return tuple(found)
+    return tuple(
+        EntryPoint(e.name.partition(".")[2], e.value, e.group)
+        for e in found
+        if e.name.partition(".")[0] == group
+    )
+
+
+@lru_cache
+def load_built_in(group: str, kind: str) -> Any:
+    """Return the one class of a group that the module of a built-in kind defines."""
+    module = importlib.import_module(f"{GROUPS[group].package}.{_module_name(kind)}")
+    found = list_classes(module, group)
+    assert len(found) == 1, f"{module.__name__} has {len(found)} classes of group {group!r}"
+    return found[0]
+
+
+def list_classes(module: Any, group: str) -> list[Any]:
+    """Return the classes of a group that a module, or a package's modules, define."""
+    return [
+        cls
+        for cls in vars(module).values()
+        if isinstance(cls, type)
+        and getattr(cls, "group", None) == group
+        and (cls.__module__ == module.__name__ or cls.__module__.startswith(module.__name__ + "."))
+        and not cls.__name__.startswith("_")
+    ]
+
+
+@lru_cache
+def load_file(path: Path) -> Any:
+    """Import a user's file under a name that is the same in every process.
+
+    numba finds compiled code of a module again by that name.
+    """
+    name = f"skywright_user_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def _find_in_file(group: str, kind: str, folders: Iterable[Path], key: str) -> Kind:
+    file, colon, name = kind.rpartition(":")
+    if not colon or not file.endswith(".py") or not name.isidentifier():
+        raise InputError(f"{key}: {kind!r}: a {_what(group)} in a file is written file.py:Class")
+    places = [base / Path(file).expanduser() for base in (*folders, Path())]
+    path = next((p.resolve() for p in places if p.is_file()), None)
+    if path is None:
+        raise InputError(
+            f"{key}: no file {file!r} beside the file that names it or in the current folder"
+        )
+    try:
+        module = load_file(path)
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{key}: importing {path} failed: {explain(error)}") from error
+    cls = getattr(module, name, None)
+    if cls is None:
+        valid = ", ".join(c.__name__ for c in list_classes(module, group)) or "none"
+        raise InputError(f"{key}: {path} has no class {name!r}; its {_what(group)}s: {valid}")
+    _check_group(cls, group, str(path), key)
+    return Kind(f"{path}:{name}", cls, path)
+
+
+def _check_group(cls: Any, group: str, where: str, key: str) -> None:
+    found = getattr(cls, "group", None)
+    if not isinstance(cls, type) or found != group:
+        named = getattr(cls, "__name__", repr(cls))
+        says = f"is a {_what(found)}" if found in GROUPS else "is none"
+        raise InputError(f"{key}: a {_what(group)} is needed; {named} in {where} {says}")
+
+
+def explain(error: BaseException) -> str:
+    """Describe an error of a user's code with the line of its file where it was raised."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{type(error).__name__}: {error.msg} (line {error.lineno})"
+    frames = traceback.extract_tb(error.__traceback__)
+    at = f" (line {frames[-1].lineno} of {Path(frames[-1].filename).name})" if frames else ""
+    return f"{type(error).__name__}: {error}{at}"
+
+
+def _module_name(kind: str) -> str:
+    return kind.replace("-", "_")
+
+
+def _what(group: str) -> str:
+    return GROUPS[group].what
+
+
+def _valid(kind: str, group: str) -> str:
+    names = list_kinds(group)
+    listed = neighbours(kind, names) if kind else ", ".join(names)
+    return f"{listed}, or 'file.py:Class'"

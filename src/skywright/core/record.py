@@ -1,0 +1,86 @@
+"""Records: one class is the NumPy type, the type that mypy checks, and the name of a port.
+
+    class Reading(Record):
+        t: float  # s
+        count: int
+        p_WB: Vec3  # m
+        table: Annotated[Array, 3, 2]
+        inner: Other  # a record in a record
+
+`Reading.dtype` is the structured NumPy type, in 8-byte words; compiled code takes a record by
+reference and reads `me.t`, `me.table[i, j]`. A record may inherit the fields of others.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Vec2 = Annotated[Array, 2]
+Vec3 = Annotated[Array, 3]
+Vec4 = Annotated[Array, 4]
+Mat3 = Annotated[Array, 3, 3]
+
+
+class Record:
+    """Base of all records; `dtype` follows from the annotations of the class and of its bases.
+
+    Raises TypeError for an annotation that is no number, array or record.
+    """
+
+    dtype: ClassVar[np.dtype[Any]]
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        # names of classes in the same body are known only here, when annotations are texts
+        hints = get_type_hints(cls, localns=_list_nested(cls), include_extras=True)
+        hints.pop("dtype", None)
+        fields = [
+            (name, *_read_hint(cls, name, hint))
+            for name, hint in hints.items()
+            if get_origin(hint) is not ClassVar
+        ]
+        cls.dtype = np.dtype(fields)
+
+
+def _list_nested(cls: type) -> dict[str, Any]:
+    return {
+        n: v for base in reversed(cls.__mro__) for n, v in vars(base).items() if isinstance(v, type)
+    }
+
+
+def _read_hint(cls: type, name: str, hint: Any) -> tuple[Any, tuple[int, ...]]:
+    """Return (base type, shape) of a field."""
+    shape: tuple[int, ...] = ()
+    if get_origin(hint) is Annotated:
+        hint, *shape_ = get_args(hint)
+        shape = tuple(shape_)
+    base = _BASES.get(hint) if not isinstance(hint, type) or hint in (int, float) else None
+    if isinstance(hint, type) and issubclass(hint, Record):
+        return hint.dtype, shape
+    array = hint in (Array, Integers)
+    if base is None or array != bool(shape) or not all(isinstance(n, int) and n > 0 for n in shape):
+        raise TypeError(
+            f"{cls.__qualname__}.{name}: {hint!r} is no field of a record; valid: float, int, "
+            "Vec3, Mat3, Annotated[Array, 3, 2], Annotated[Integers, 4], a Record"
+        )
+    return base, shape
+
+
+_BASES: dict[Any, Any] = {
+    float: np.float64,
+    int: np.int64,
+    Array: np.float64,
+    Integers: np.int64,
+}
+
+
+def fill(record: Any, source: Any) -> None:
+    """Copy the fields that two structured values share by name."""
+    for name in record.dtype.names:
+        if name in source.dtype.names:
+            record[name] = source[name]

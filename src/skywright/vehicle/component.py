@@ -1,0 +1,199 @@
+"""What a component of a vehicle is: everything that the author of a sensor or a law imports.
+
+A component is a class with
+- `Table`: its TOML table (a Spec: units in the keys, ranges);
+- `Me`: a Record of its parameters and memory, and further Records: `Output`s that others may ask
+  for as ports, `Normal` and `Uniform` draws;
+- `build(me, table, context)`, which fills `Me` from the table, once, in Python;
+- steps: static methods whose annotations are their ports. A step of the name `step` runs in the
+  component's `slot`; `slots` names others. `Out[X]` marks the port that a step fills (one row
+  does), `InOut[X]` one that it changes after that, everything else is read. `X | None` is an
+  optional port: None where nothing in the vehicle fills it, at no cost.
+
+Steps are compiled by numba, or run as plain Python (`compiled = False`, interactive mode only).
+They must not allocate: scratch belongs into `Me`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+
+import numpy as np
+from numba import carray, njit
+from numpy.typing import NDArray
+
+from skywright.core.pointers import as_pointer
+from skywright.core.record import Array, Record
+from skywright.core.spec import Spec
+
+if TYPE_CHECKING:
+    from skywright.description.robot.spec import Robot
+    from skywright.description.world.spec import World
+    from skywright.models.allocation import Allocator
+    from skywright.models.arm_body import Deviation
+    from skywright.models.rotors import RotorSet
+    from skywright.models.scene import Scene
+
+SLOTS = (
+    "clear", "observe", "sense", "link", "body", "estimate", "reference", "control", "derive",
+    "record", "peaks", "guard", "allocate", "downlink", "actuate", "effects", "fast",
+)  # fmt: skip
+"""The parts of a control tick in order; rows of `fast` run after each physics step."""
+
+_T = TypeVar("_T")
+Out = Annotated[_T, "out"]
+"""A port that the step fills."""
+InOut = Annotated[_T, "inout"]
+"""A port that the step changes after its owner filled it."""
+
+COMPILE = {
+    "cache": True,
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+"""How functions are compiled that only compiled code calls."""
+helper: Callable[[Any], Any] = njit(**COMPILE)
+"""Decorator of a function that steps call."""
+
+
+class Output(Record):
+    """A record that a component fills and others may ask for as a port.
+
+    Over a delayed link the far end gets the latest one. With a first field `fresh` (float) it is
+    delivered when it is new (`fresh` 1, cleared by the framework each tick); with first fields
+    `t`, `n` (int) and arrays of rows it is a batch of samples, all of which are delivered.
+    """
+
+
+class Draws(Record):
+    """Random numbers, new at each call of the step: a row of a block.
+
+    `stream` names a stream of core/streams.py; a component from a file has one of its own.
+    """
+
+    stream: ClassVar[str] = ""
+
+
+class Normal(Draws):
+    """Unit normal numbers."""
+
+
+class Uniform(Draws):
+    """Numbers from 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a component is built from: the robot's side, nominal."""
+
+    robot: Robot
+    world: World
+    model: Any  # BODY_MODEL record, the nominal rigid body (models/rigid_body.py)
+    rotors: RotorSet
+    allocator: Allocator
+    mass: float  # kg, nominal, whole robot, arm folded
+    dt: float  # s, control period
+    h: float  # s, physics step
+    law: str  # kind of the platform's law
+    records: dict[Any, NDArray[Any]]
+    """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
+    alive: list[Any] = field(default_factory=list)
+
+    def keep(self, array: NDArray[Any]) -> int:
+        """Return the address of a C-contiguous array, which lives as long as the vehicle."""
+        assert array.flags.c_contiguous
+        self.alive.append(array)
+        return int(array.ctypes.data)
+
+
+@dataclass(frozen=True)
+class PlantContext(Context):
+    """What a component of the plant's side is built from: the truth as well."""
+
+    deviation: Deviation = None  # type: ignore[assignment]
+    scene: Scene = None  # type: ignore[assignment]
+    sim: Any = None  # Simulation: MuJoCo's model and data
+    seed: int = 0
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def stream(self, name: str) -> np.random.Generator:
+        """Return a new generator of a named stream of this run."""
+        from skywright.core.streams import build_stream
+
+        return build_stream(self.seed, name)
+
+
+class Component:
+    """Base of everything that runs every tick; subclass a group below."""
+
+    group: ClassVar[str] = ""
+    slot: ClassVar[str] = ""
+    slots: ClassVar[dict[str, str]] = {}
+    """Name of a step -> its slot, of components with several."""
+    side: ClassVar[Literal["robot", "plant"]] = "robot"
+    compiled: ClassVar[bool] = True
+    Table: ClassVar[type[Spec]] = Spec
+
+    def __init__(self, name: str, table: Any = None) -> None:
+        self.name = name
+        self.table = self.Table() if table is None else table
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Fill `Me` (a NumPy record with named fields) from the table; once, in Python.
+
+        `context` is a Context, on the plant's side a PlantContext.
+        """
+
+    def get_period(self, step: str, context: Any) -> float:
+        """Return the time (s) between calls of a step: `rate_hz` of the table, else each tick."""
+        rate = getattr(self.table, "rate_hz", None)
+        return 0.0 if rate is None or self.slot == "fast" else 1.0 / rate
+
+    def draw(self, what: type[Draws], rng: np.random.Generator, n: int) -> Array:
+        """Return `n` rows of draws, (n, words); white by default."""
+        size = (n, what.dtype.itemsize // 8)
+        return rng.random(size) if issubclass(what, Uniform) else rng.standard_normal(size)
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Yield the instances that robot and world ask for by tables of their own."""
+        return ()
+
+
+class Sensor(Component):
+    """A sensor: sees the truth of the plant, fills an Output. `[robot.sensors.NAME]`."""
+
+    group, slot, side = "sensor", "sense", "plant"
+
+
+class Estimator(Component):
+    """An estimator of the robot's state: fills Estimate. `[mission.estimator]`."""
+
+    group, slot = "estimator", "estimate"
+
+
+class Law(Component):
+    """A control law of the platform (and a rigid arm): fills WrenchCommand. `[mission.law]`."""
+
+    group, slot = "law", "control"
+
+
+class Effect(Component):
+    """A force on the plant: adds to MuJoCo's external forces. `[world.effects.NAME]`."""
+
+    group, slot, side = "effect", "effects", "plant"
+
+
+@njit(inline="always", **COMPILE)
+def words(address: int, n: int) -> Any:
+    """Return the `n` numbers at an address, such as `words(mj.qpos, mj.nq)`."""
+    return carray(as_pointer(address), n, np.float64)
+
+
+@njit(inline="always", **COMPILE)
+def table(address: int, rows: int, columns: int) -> Any:
+    """Return the rows of numbers at an address, such as `table(mj.xfrc, mj.nbody, 6)`."""
+    return carray(as_pointer(address), (rows, columns), np.float64)
