@@ -1,6 +1,6 @@
 """Measures on where the robot is: alignment, filters, outage, and the time-consistent frame.
 
-No mission is flown: the flights are those of `studies/locate`, a recording of the sensors each.
+No mission is flown: the flights are those of `analysis/locate`, a recording of the sensors each.
 """
 
 from __future__ import annotations
