@@ -265,6 +265,14 @@ def test_the_metrics_page_lists_what_the_report_knows():
     assert text == module.build_page(text), "run: python docs/generate_metrics.py"
 
 
+def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
+    import skywright.run.run
+    from skywright.errors import InputError
+
+    with pytest.raises(InputError, match="no-such-mission"):
+        skywright.run("no-such-mission")
+
+
 # -- size and imports of the code ---------------------------------------------------------------
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
