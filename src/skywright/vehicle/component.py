@@ -17,9 +17,9 @@ They must not allocate: scratch belongs into `Me`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ SLOTS = (
 
 __all__ = [
     "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
-    "Output", "PlantContext", "Sensor", "Uniform", "helper",
+    "Output", "PlantContext", "Recorded", "Sensor", "Uniform", "helper",
     "integers", "table", "words",
 ]  # fmt: skip
 
@@ -99,6 +99,8 @@ class Context:
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
     alive: list[Any] = field(default_factory=list)
+    components: Sequence[Component] = ()
+    """All of the vehicle, at build."""
     carried: list[Any] = field(default_factory=list)
     """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
 
@@ -126,6 +128,23 @@ class PlantContext(Context):
         return build_stream(self.seed, name)
 
 
+class Recorded(NamedTuple):
+    """A column of the samples, and the field of a record that it is copied from.
+
+    `rotation`: the field is a rotation matrix, the column its quaternion (wxyz). `index` is that of
+    the field's first axis, such as a hand. `per` cuts a field at the number of joints or rotors.
+    """
+
+    name: str
+    source: type[Record]
+    field: str
+    unit: str = ""
+    meaning: str = ""
+    rotation: bool = False
+    index: int = -1
+    per: Literal["", "joint", "rotor"] = ""
+
+
 class Component:
     """Base of everything that runs every tick; subclass a group below."""
 
@@ -138,15 +157,13 @@ class Component:
     """False: steps run as plain Python, which flies in interactive mode only."""
     ports: ClassVar[dict[str, str]] = {}
     """Parameter of a step -> name of the component that fills it, where several do."""
+    columns: ClassVar[tuple[Recorded, ...]] = ()
+    """What samples tell of it, where the vehicle has the records."""
     Table: ClassVar[type[Spec]] = Spec
 
     def __init__(self, name: str, table: Any = None) -> None:
         self.name = name
         self.table: Any = self.Table() if table is None else table
-        self.memory: list[NDArray[Any]] = []
-        """Arrays outside of its records that steps change: part of a saved vehicle."""
-        self.generators: list[np.random.Generator] = []
-        """Random streams that it draws from by itself: likewise."""
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill `Me` (a NumPy record with named fields) from the table; once, in Python.
