@@ -131,7 +131,7 @@ class PlantContext(Context):
 class Recorded(NamedTuple):
     """A column of the samples, and the field of a record that it is copied from.
 
-    `rotation`: the field is a rotation matrix, the column its quaternion (wxyz). `index` is that of
+    `rotation`: the field is a rotation matrix, the column its quaternion (wxyz). `item` is that of
     the field's first axis, such as a hand. `per` cuts a field at the number of joints or rotors.
     """
 
@@ -141,7 +141,7 @@ class Recorded(NamedTuple):
     unit: str = ""
     meaning: str = ""
     rotation: bool = False
-    index: int = -1
+    item: int = -1
     per: Literal["", "joint", "rotor"] = ""
 
 

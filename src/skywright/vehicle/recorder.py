@@ -124,8 +124,8 @@ class Recorder(Component):
 def find_source(record: NDArray[Any], column: Recorded, count: int | None) -> NDArray[Any]:
     """Return the part of a (1,) record array that a column shows, as a contiguous view."""
     found: NDArray[Any] = record[column.field][0:1]
-    if column.index >= 0:
-        found = found[:, column.index]
+    if column.item >= 0:
+        found = found[:, column.item]
     if count is not None:
         found = found[:, :count]
     out = found.reshape(found.shape[1:])

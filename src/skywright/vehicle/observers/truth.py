@@ -43,7 +43,7 @@ class TruthObserver(Component):
             Truth,
             "f_collision",
             "N",
-            "largest unintended force since the last sample",
+            "largest unintended force of a sample",
         ),
     )
 
