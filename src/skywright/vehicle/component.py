@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.compiled import helper, table, words
+from skywright.core.compiled import helper, integers, table, words
 from skywright.core.record import Array, Record
 from skywright.core.spec import Spec
 
@@ -44,7 +44,8 @@ SLOTS = (
 
 __all__ = [
     "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
-    "Output", "PlantContext", "Sensor", "Uniform", "helper", "table", "words",
+    "Output", "PlantContext", "Sensor", "Uniform", "helper",
+    "integers", "table", "words",
 ]  # fmt: skip
 
 _T = TypeVar("_T")
@@ -141,7 +142,11 @@ class Component:
 
     def __init__(self, name: str, table: Any = None) -> None:
         self.name = name
-        self.table = self.Table() if table is None else table
+        self.table: Any = self.Table() if table is None else table
+        self.memory: list[NDArray[Any]] = []
+        """Arrays outside of its records that steps change: part of a saved vehicle."""
+        self.generators: list[np.random.Generator] = []
+        """Random streams that it draws from by itself: likewise."""
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill `Me` (a NumPy record with named fields) from the table; once, in Python.
