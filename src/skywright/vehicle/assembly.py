@@ -19,7 +19,7 @@ from skywright.core.record import Record, View
 from skywright.core.streams import STREAMS, build_stream
 from skywright.errors import InputError
 from skywright.vehicle.bus import Clock, MuJoCo, RotorDrive, ServoDrive, Truth
-from skywright.vehicle.component import Component, Context, Draws, Output
+from skywright.vehicle.component import Block, Component, Context, Draws, Output
 from skywright.vehicle.native import check_calls, compile_step
 from skywright.vehicle.ordering import order_steps
 from skywright.vehicle.ports import FILL, Port, Step, list_records, list_steps
@@ -106,7 +106,7 @@ class Assembly:
         record, component = port.record, step.component
         if record is _me(component):
             return record, component.name
-        if record in (Clock, MuJoCo):
+        if record in (Clock, MuJoCo) or issubclass(record, Block):
             return record, ""
         fillers = self._fillers.get(record, [])
         owners = list(dict.fromkeys(s.component.name for s in fillers))
@@ -152,7 +152,9 @@ class Assembly:
                         f"{step.label} runs on the robot, which cannot see {record.__qualname__} "
                         "of the plant: ask for a sensor's output, or for Estimate"
                     )
-                if record in (Clock, MuJoCo) or record in self._fillers or port.optional:
+                if record in (Clock, MuJoCo) or issubclass(record, Block):
+                    continue
+                if record in self._fillers or port.optional:
                     continue
                 offered = sorted(r.__qualname__ for r in self._fillers)
                 raise InputError(

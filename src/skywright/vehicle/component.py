@@ -43,7 +43,7 @@ SLOTS = (
 """The parts of a control tick in order; rows of `fast` run after each physics step."""
 
 __all__ = [
-    "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
+    "Block", "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
     "Output", "PlantContext", "Sensor", "Uniform", "helper", "table", "words",
 ]  # fmt: skip
 
@@ -61,6 +61,16 @@ class Output(Record):
     delivered when it is new (`fresh` 1, cleared by the framework each tick); with first fields
     `t`, `n` (int) and arrays of rows it is a batch of samples, all of which are delivered.
     """
+
+
+class Block(Output):
+    """A part of the reference that a component owns: the plan's rows fill it (follower.py).
+
+    Its fields are fields of a row (core/types.py: REFERENCE); `rules` tell how each is interpolated
+    between rows, linear where it tells nothing.
+    """
+
+    rules: ClassVar[dict[str, int]] = {}
 
 
 class Draws(Record):
