@@ -7,6 +7,7 @@ of the component. A component's `Me` is always keyed by its component's name.
 from __future__ import annotations
 
 import dataclasses
+import re
 import zlib
 from collections import defaultdict
 from collections.abc import Sequence
@@ -19,7 +20,7 @@ from skywright.core.record import Record, View
 from skywright.core.streams import STREAMS, build_stream
 from skywright.errors import InputError
 from skywright.vehicle.bus import Clock, MuJoCo, RotorDrive, ServoDrive, Truth
-from skywright.vehicle.component import Block, Component, Context, Draws, Output
+from skywright.vehicle.component import Component, Context, Draws, Output, ReferenceBlock
 from skywright.vehicle.native import check_calls, compile_step
 from skywright.vehicle.ordering import order_steps
 from skywright.vehicle.ports import FILL, Port, Step, list_records, list_steps
@@ -106,7 +107,7 @@ class Assembly:
         record, component = port.record, step.component
         if record is _me(component):
             return record, component.name
-        if record in (Clock, MuJoCo) or issubclass(record, Block):
+        if record in (Clock, MuJoCo) or issubclass(record, ReferenceBlock):
             return record, ""
         fillers = self._fillers.get(record, [])
         owners = list(dict.fromkeys(s.component.name for s in fillers))
@@ -152,7 +153,7 @@ class Assembly:
                         f"{step.label} runs on the robot, which cannot see {record.__qualname__} "
                         "of the plant: ask for a sensor's output, or for Estimate"
                     )
-                if record in (Clock, MuJoCo) or issubclass(record, Block):
+                if record in (Clock, MuJoCo) or issubclass(record, ReferenceBlock):
                     continue
                 if record in self._fillers or port.optional:
                     continue
@@ -356,6 +357,7 @@ def _shorten(error: Exception) -> str:
     """The lines of numba's message that tell what is wrong and where."""
     if isinstance(error, KeyError):
         return f"a record has no field {error}"
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    text = re.sub(r"\x1b\[\d*m", "", str(error))  # numba writes in colour
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     kept = [x for x in lines if not x.startswith(("During:", "Failed in", "This error", "<"))]
     return " ".join(kept[:3] + [x for x in lines if x.startswith("File ")][-1:])

@@ -43,8 +43,23 @@ SLOTS = (
 """The parts of a control tick in order; rows of `fast` run after each physics step."""
 
 __all__ = [
-    "Block", "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
-    "Output", "PlantContext", "Sensor", "Uniform", "helper", "table", "words",
+    "Component",
+    "Context",
+    "Draws",
+    "Effect",
+    "Estimator",
+    "InOut",
+    "Law",
+    "Normal",
+    "Out",
+    "Output",
+    "PlantContext",
+    "ReferenceBlock",
+    "Sensor",
+    "Uniform",
+    "helper",
+    "table",
+    "words",
 ]  # fmt: skip
 
 _T = TypeVar("_T")
@@ -63,7 +78,7 @@ class Output(Record):
     """
 
 
-class Block(Output):
+class ReferenceBlock(Output):
     """A part of the reference that a component owns: the plan's rows fill it (follower.py).
 
     Its fields are fields of a row (core/types.py: REFERENCE); `rules` tell how each is interpolated
@@ -195,6 +210,8 @@ class Law(Component):
     """A control law of the platform (and a rigid arm): fills WrenchCommand. `[mission.law]`."""
 
     group, slot = "law", "control"
+    needs_full_actuation: ClassVar[bool] = False
+    """Whether it asks for force in any direction, whatever the attitude."""
 
 
 class Effect(Component):

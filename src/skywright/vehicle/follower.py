@@ -18,12 +18,12 @@ from skywright.core.record import Integers, Record, Vec3
 from skywright.core.rotations import orthonormalise
 from skywright.core.types import HOLD, HOLD_END, LINEAR, REFERENCE, ROTATION
 from skywright.vehicle.bus import Clock, Reference
-from skywright.vehicle.component import Block, Component, Out, helper
+from skywright.vehicle.component import Component, Out, ReferenceBlock, helper
 
 MAX_RULES = 64
 
 
-class Press(Block):
+class Press(ReferenceBlock):
     """Pressing with a probe that measures its force, and resting on docking feet."""
 
     rules: ClassVar[dict[str, int]] = {"press": HOLD, "docked": HOLD}
@@ -74,7 +74,7 @@ def list_rules(records: dict[Any, NDArray[Any]]) -> list[Rule]:
 
 
 def _is_told(record: type[Record]) -> bool:
-    return record is Reference or issubclass(record, Block)
+    return record is Reference or issubclass(record, ReferenceBlock)
 
 
 class Follower(Component):

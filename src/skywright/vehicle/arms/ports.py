@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 
 from skywright.core.record import Array, Integers, Mat3, Vec3
 from skywright.core.types import HOLD, MAX_HANDS, MAX_JOINTS
-from skywright.vehicle.component import Block, Output
+from skywright.vehicle.component import Output, ReferenceBlock
 
 PerJoint = Annotated[Array, MAX_JOINTS]
 PerHand = Annotated[Array, MAX_HANDS]
@@ -94,7 +94,7 @@ class HandState(Output):
     speed_hand: float  # m/s, v of (23) where the reference gives none
 
 
-class HandsReference(Block):
+class HandsReference(ReferenceBlock):
     """What the hands shall do: a block of the reference (see the tasks in core/types.py)."""
 
     rules: ClassVar[dict[str, int]] = {"task": HOLD, "gamma": HOLD, "delta": HOLD, "tare": HOLD}
@@ -173,5 +173,3 @@ class TrackedPipe(Output):
     p_WP: Vec3  # m
     R_WP: Mat3
     pipe_samples: float  # in the mean, 0: none came yet
-
-

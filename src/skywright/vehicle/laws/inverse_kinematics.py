@@ -16,21 +16,23 @@ from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Out, helper
-from skywright.vehicle.laws._fully_actuated import FullyActuated
+from skywright.vehicle.laws._three_loops import ThreeLoops
 from skywright.vehicle.loops import arm_velocity, hold_attitude, platform_force, rest, to_body
 
 DAMPING = 0.05
 """m/rad, of the pseudo-inverse: small against the arm's reach, bounded near a stretched arm."""
 
 
-class InverseKinematics(FullyActuated):
+class InverseKinematics(ThreeLoops):
     """Tip feedback through the arm while the tip is tracked, law (2) elsewhere; law (3); platform
     on its nominal position.
     """
 
+    needs_full_actuation = True
+
     @staticmethod
     def step(
-        me: FullyActuated.Me,
+        me: ThreeLoops.Me,
         ref: Reference,
         est: Estimate,
         body: Body,

@@ -11,16 +11,18 @@ from __future__ import annotations
 from skywright.core.scratch import local
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Out
-from skywright.vehicle.laws._fully_actuated import FullyActuated
+from skywright.vehicle.laws._three_loops import ThreeLoops
 from skywright.vehicle.loops import arm_velocity, hold_attitude, platform_force, rest, to_body
 
 
-class JointSpace(FullyActuated):
+class JointSpace(ThreeLoops):
     """Laws (2), (3) and f_W = -g_1 + M_11 a^n + K^D (v^n - v) + K^P (p_R^n - p_R) + sigma."""
+
+    needs_full_actuation = True
 
     @staticmethod
     def step(
-        me: FullyActuated.Me,
+        me: ThreeLoops.Me,
         ref: Reference,
         est: Estimate,
         body: Body,

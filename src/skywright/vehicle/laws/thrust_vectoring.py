@@ -12,7 +12,7 @@ from typing import Any
 from skywright.core.scratch import local
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Out
-from skywright.vehicle.laws._fully_actuated import FullyActuated
+from skywright.vehicle.laws._three_loops import ThreeLoops
 from skywright.vehicle.laws._thrust import Thrust, ThrustTable, aim_thrust, fill_thrust
 from skywright.vehicle.loops import (
     LoopsTable,
@@ -23,15 +23,13 @@ from skywright.vehicle.loops import (
 )
 
 
-class ThrustVectoring(FullyActuated):
+class ThrustVectoring(ThreeLoops):
     """Fills f_B = (0, 0, T), t_B and qd."""
-
-    needs_full_actuation = False
 
     class Table(LoopsTable, ThrustTable):
         """[mission.law]; what it does not tell is [robot.control]'s."""
 
-    class Me(FullyActuated.Me, Thrust):
+    class Me(ThreeLoops.Me, Thrust):
         """Gains and integrals of the loops, limits of the thrust."""
 
     def build(self, me: Any, table: Any, context: Any) -> None:

@@ -13,7 +13,7 @@ from skywright.core.record import Vec3
 from skywright.core.scratch import local
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Out, helper
-from skywright.vehicle.laws._fully_actuated import FullyActuated
+from skywright.vehicle.laws._three_loops import ThreeLoops
 from skywright.vehicle.loops import (
     arm_velocity,
     force_from_errors,
@@ -28,10 +28,12 @@ DERIVATIVE = 0.004
 from rigid kinematics and does not see the arm bend, which is the point here."""
 
 
-class TipPd(FullyActuated):
+class TipPd(ThreeLoops):
     """Laws (2), (3); while the tip is tracked f_W = ... + K^D (v_E^d - v_E) + K^P e_E + sigma."""
 
-    class Me(FullyActuated.Me):
+    needs_full_actuation = True
+
+    class Me(ThreeLoops.Me):
         started: float  # 1: p_WT holds
         p_WT: Vec3  # m, tip at the last step
         v_WT: Vec3  # m/s

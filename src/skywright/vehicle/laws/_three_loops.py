@@ -1,4 +1,4 @@
-"""What the laws of a fully actuated platform after Tognon 2018 share: three loops."""
+"""Laws after Tognon 2018: loops of position, attitude and arm."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ from skywright.vehicle.loops import (
 )
 
 
-class FullyActuated(Law):
-    """A law with position, attitude and arm loop that asks for force in any direction."""
+class ThreeLoops(Law):
+    """A law with position, attitude and arm loop."""
 
-    needs_full_actuation = True
     Table = LoopsTable
 
     class Me(PositionLoop, AttitudeLoop, ArmLoop):
