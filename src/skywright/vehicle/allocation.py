@@ -66,12 +66,11 @@ class RotorAllocation(Component):
                 thrust[i] = 0.0
             out.saturated = 0.0
         else:
-            out.saturated = float(
-                allocate(
-                    B, P, words(me.t_min, n), words(me.t_max, n), me.full, cmd.f_B, cmd.t_B,
-                    est.R_WB[2], body.p_BC, thrust,
-                )  # fmt: skip
-            )
+            flag = allocate(
+                B, P, words(me.t_min, n), words(me.t_max, n), me.full, cmd.f_B, cmd.t_B,
+                est.R_WB[2], body.p_BC, thrust,
+            )  # fmt: skip
+            out.saturated = float(flag)
         for r in range(3):
             f = t = 0.0
             for i in range(n):

@@ -213,6 +213,12 @@ class Law(Component):
     needs_full_actuation: ClassVar[bool] = False
     """Whether it asks for force in any direction, whatever the attitude."""
 
+    def observe_wrench(self, context: Context) -> Array | None:
+        """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the
+        external force that the law wants observed (port Wrench); None: it wants none.
+        """
+        return None
+
 
 class Effect(Component):
     """A force on the plant: adds to MuJoCo's external forces. `[world.effects.NAME]`."""

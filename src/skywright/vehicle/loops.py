@@ -226,9 +226,7 @@ def attitude_torque(
 @helper
 def hold_attitude(me: Any, ref: Any, est: Any, body: Any, saturated: float, cmd: Any) -> None:
     """Fill `cmd.t_B` by `attitude_torque` with the reference's own attitude."""
-    attitude_torque(
-        me, ref.R_WB, ref.w_WB_B, ref.wd_WB_B, est, body, cmd.f_B, saturated, cmd.t_B
-    )
+    attitude_torque(me, ref.R_WB, ref.w_WB_B, ref.wd_WB_B, est, body, cmd.f_B, saturated, cmd.t_B)
 
 
 @helper
