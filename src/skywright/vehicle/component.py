@@ -44,8 +44,7 @@ SLOTS = (
 
 __all__ = [
     "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
-    "Output", "PlantContext", "Sensor", "Uniform", "helper",
-    "integers", "table", "words",
+    "Output", "PlantContext", "ReferenceBlock", "Sensor", "Uniform", "helper", "integers", "table", "words",
 ]  # fmt: skip
 
 _T = TypeVar("_T")
@@ -62,6 +61,16 @@ class Output(Record):
     delivered when it is new (`fresh` 1, cleared by the framework each tick); with first fields
     `t`, `n` (int) and arrays of rows it is a batch of samples, all of which are delivered.
     """
+
+
+class ReferenceBlock(Output):
+    """A part of the reference that a component owns: the plan's rows fill it (follower.py).
+
+    Its fields are fields of a row (core/types.py: REFERENCE); `rules` tell how each is interpolated
+    between rows, linear where it tells nothing.
+    """
+
+    rules: ClassVar[dict[str, int]] = {}
 
 
 class Draws(Record):
@@ -198,6 +207,14 @@ class Law(Component):
     """A control law of the platform (and a rigid arm): fills WrenchCommand. `[mission.law]`."""
 
     group, slot = "law", "control"
+    needs_full_actuation: ClassVar[bool] = False
+    """Whether it asks for force in any direction, whatever the attitude."""
+
+    def observe_wrench(self, context: Context) -> Array | None:
+        """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the
+        external force that the law wants observed (port Wrench); None: it wants none.
+        """
+        return None
 
 
 class Effect(Component):
