@@ -31,7 +31,7 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import load_world
 from skywright.errors import InputError
 from skywright.models.arm_body import Deviation
-from skywright.models.compliant_arms import spring_torque
+from skywright.models.springs import spring_torque
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,

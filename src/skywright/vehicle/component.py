@@ -187,6 +187,18 @@ class Law(Component):
     group, slot = "law", "control"
 
 
+class ArmsLaw(Component):
+    """A law of arms with position servos: fills ShaftCommand at the servos' rate."""
+
+    group, slot = "arms_law", "control"
+
+    def get_period(self, step: str, context: Any) -> float:
+        """Return the servos' period (s)."""
+        from skywright.models.compliant_arms import count_command_ticks
+
+        return count_command_ticks(context.robot) * float(context.dt)
+
+
 class Effect(Component):
     """A force on the plant: adds to MuJoCo's external forces. `[world.effects.NAME]`."""
 
