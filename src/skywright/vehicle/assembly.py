@@ -7,6 +7,7 @@ of the component. A component's `Me` is always keyed by its component's name.
 from __future__ import annotations
 
 import dataclasses
+import re
 import zlib
 from collections import defaultdict
 from collections.abc import Sequence
@@ -106,7 +107,7 @@ class Assembly:
         record, component = port.record, step.component
         if record is _me(component):
             return record, component.name
-        if record in (Clock, MuJoCo):
+        if record in (Clock, MuJoCo) or is_block(record):
             return record, ""
         fillers = self._fillers.get(record, [])
         owners = list(dict.fromkeys(s.component.name for s in fillers))
@@ -152,7 +153,9 @@ class Assembly:
                         f"{step.label} runs on the robot, which cannot see {record.__qualname__} "
                         "of the plant: ask for a sensor's output, or for Estimate"
                     )
-                if record in (Clock, MuJoCo) or record in self._fillers or port.optional:
+                if record in (Clock, MuJoCo) or is_block(record):
+                    continue
+                if record in self._fillers or port.optional:
                     continue
                 offered = sorted(r.__qualname__ for r in self._fillers)
                 raise InputError(
@@ -342,6 +345,11 @@ class Assembly:
             self._build_blocks(seed)
 
 
+def is_block(record: type[Record]) -> bool:
+    """Whether rows of a plan fill a record: it declares how, in `rules` (vehicle/follower.py)."""
+    return "rules" in vars(record)
+
+
 def _me(component: Component) -> type[Record]:
     return list_records(type(component)).get("Me", Record)
 
@@ -354,6 +362,7 @@ def _shorten(error: Exception) -> str:
     """The lines of numba's message that tell what is wrong and where."""
     if isinstance(error, KeyError):
         return f"a record has no field {error}"
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    text = re.sub(r"\x1b\[\d*m", "", str(error))  # numba writes in colour
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     kept = [x for x in lines if not x.startswith(("During:", "Failed in", "This error", "<"))]
     return " ".join(kept[:3] + [x for x in lines if x.startswith("File ")][-1:])

@@ -93,6 +93,8 @@ class Context:
     dt: float  # s, control period
     h: float  # s, physics step
     law: str  # kind of the platform's law
+    asked: frozenset[type[Record]]
+    """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
     alive: list[Any] = field(default_factory=list)
@@ -162,6 +164,12 @@ class Component:
 
     def after_tick(self, t: float) -> None:
         """Do in Python what follows a mission tick that ended at `t` (s)."""
+
+    def save(self) -> Any:
+        """Return what this object remembers besides its records."""
+
+    def restore(self, saved: Any) -> None:
+        """Go back to what `save` returned."""
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
