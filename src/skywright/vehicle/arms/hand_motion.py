@@ -135,7 +135,7 @@ def move_hand(v: ArmsView, h: int, dr: Any, smooth: bool) -> None:
     for i in range(4):
         j = first + i
         if smooth:
-            follow_profile(v.arm, j, q[i])
+            follow_profile(v, j, q[i])
             hold_joint(v, j, v.state.q_goal[j], True)
         else:
             hold_joint(v, j, q[i], False)

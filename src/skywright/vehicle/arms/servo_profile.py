@@ -29,7 +29,7 @@ def update_at_middle(x: float, w: float, goal: float) -> tuple[float, float]:
 
 @helper
 def follow_profile(v: ArmsView, j: int, goal: float) -> None:
-    """Advance joint j's profile (v.state.q_goal, v.me.w_goal) towards `goal` (rad), speed-limited."""
+    """Advance joint j's profile (q_goal, w_goal) towards `goal` (rad), speed-limited."""
     x = v.state.q_goal[j]
     reach = v.arm.speed_max * v.arm.dt
     new, w = update_at_middle(x, v.me.w_goal[j], goal)
