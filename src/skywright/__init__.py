@@ -20,7 +20,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import skywright.run  # noqa: F401 - loaded before the verb of that name, which would give way to it later
 from skywright.core.compiled_code import drop_stale_code
 from skywright.errors import InfeasibleError, InputError, SimulationError, SkywrightError
 
