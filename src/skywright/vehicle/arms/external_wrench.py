@@ -21,7 +21,6 @@ from skywright.core.record import Record, Vec3
 from skywright.core.rotations import cross, mat_t_vec, mat_vec, norm
 from skywright.core.scratch import local
 from skywright.core.types import TASK_FORCE, TASK_FORCE_POSITION
-from skywright.vehicle.arms.floating import asks_for_wrench
 from skywright.vehicle.arms.ports import (
     ArmModel,
     Floating,
@@ -56,7 +55,7 @@ class WrenchObserver(Component):
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Yield one where the platform's law has such a port."""
-        if asks_for_wrench(context):
+        if Wrench in context.asked:
             yield cls("external_wrench")
 
     def build(self, me: Any, table: Any, context: Any) -> None:

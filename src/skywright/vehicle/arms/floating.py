@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from skywright.core.find import find
 from skywright.description.robot.limbs import list_joints
 from skywright.models.floating import fill_floating
 from skywright.models.rigid_body import BodyModel, Kinematics
@@ -22,7 +21,7 @@ class FloatingBody(Component):
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Yield one where the platform's law has such a port."""
-        if asks_for_wrench(context):
+        if {Floating, Wrench} & context.asked:
             yield cls("floating")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
@@ -38,13 +37,3 @@ def find_free_joint(robot: Any) -> int:
     """Return the index in q of the joint without a servo, -1 for none."""
     free = [j for j, limb in enumerate(list_joints(robot)) if limb.servo < 0]
     return free[-1] if free else -1
-
-
-def asks_for_wrench(context: Any) -> bool:
-    """Whether the platform's law has a port for Floating or Wrench."""
-    from skywright.vehicle.ports import list_steps
-
-    law = find("law", context.law).cls
-    return any(
-        port.record in (Floating, Wrench) for step in list_steps(law("law")) for port in step.ports
-    )

@@ -15,10 +15,9 @@ import numpy as np
 from skywright.core.rotations import mat_mat, mat_vec, orthonormalise
 from skywright.core.scratch import local
 from skywright.vehicle.arms.joints import ArmComponent
-from skywright.vehicle.arms.ports import Marker, MarkerCapture, MarkerImage, TrackedPipe
+from skywright.vehicle.arms.ports import Marker, MarkerCapture, MarkerImage, PipeCapture, TrackedPipe
 from skywright.vehicle.bus import Clock, Estimate
 from skywright.vehicle.component import Out, helper
-from skywright.vehicle.readings import PipeSample
 
 AVERAGE = 0.15
 """s, over which samples are averaged."""
@@ -80,7 +79,7 @@ class PipeEstimate(ArmComponent):
         context.records[TrackedPipe, ""]["R_WP"] = np.eye(3)
 
     @staticmethod
-    def step(sample: PipeSample | None, pipe: Out[TrackedPipe]) -> None:
+    def step(sample: PipeCapture | None, pipe: Out[TrackedPipe]) -> None:
         if sample is None or sample.fresh == 0.0:
             return
         pipe.pipe_samples = min(pipe.pipe_samples + 1.0, PIPE_SAMPLES)

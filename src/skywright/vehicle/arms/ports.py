@@ -149,6 +149,14 @@ class MarkerCapture(Output):
     R_WM: Mat3
 
 
+class PipeCapture(Output):
+    """A tracked pipe's pose by motion capture."""
+
+    fresh: float
+    p_WP: Vec3  # m
+    R_WP: Mat3
+
+
 class Marker(Output):
     """Where the marker is, as estimated."""
 
