@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-
 from skywright.core.rotations import dot, mat_t_vec, norm
 from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS
@@ -46,7 +45,9 @@ def wind_for(v: ArmsView, h: int, f_W: Any, out: Any) -> float:
         out[j] = 0.0
         if v.arm.k[j] == 0.0 or v.arm.sensed[j] == 0.0:
             continue
-        k = spring_stiffness(v.arm.k[j], v.arm.linear[j], v.arm.hardening[j], v.joints.deflection[j])
+        k = spring_stiffness(
+            v.arm.k[j], v.arm.linear[j], v.arm.hardening[j], v.joints.deflection[j]
+        )
         for a in range(3):
             out[j] += v.hands.J_BP[h, a, j] * f_B[a] / k
         for a in range(3):

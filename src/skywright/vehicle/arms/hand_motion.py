@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-
 from skywright.core.rotations import cross, mat_t_vec, mat_vec, norm
 from skywright.core.scratch import local
 from skywright.models.arm_inverse_kinematics import REACHED, arm_point, solve_arm

@@ -12,8 +12,6 @@ that is off by 0.4 deg makes the joint run until K_p q_e stands against it, 16 d
 from __future__ import annotations
 
 import math
-from typing import Any
-
 
 from skywright.models.springs import joint_deflection, joint_torque
 from skywright.vehicle.arms.view import ArmsView

@@ -15,7 +15,13 @@ import numpy as np
 from skywright.core.rotations import mat_mat, mat_vec, orthonormalise
 from skywright.core.scratch import local
 from skywright.vehicle.arms.joints import ArmComponent
-from skywright.vehicle.arms.ports import Marker, MarkerCapture, MarkerImage, PipeCapture, TrackedPipe
+from skywright.vehicle.arms.ports import (
+    Marker,
+    MarkerCapture,
+    MarkerImage,
+    PipeCapture,
+    TrackedPipe,
+)
 from skywright.vehicle.bus import Clock, Estimate
 from skywright.vehicle.component import Out, helper
 

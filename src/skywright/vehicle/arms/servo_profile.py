@@ -16,7 +16,6 @@ from __future__ import annotations
 from skywright.vehicle.arms.view import ArmsView
 from skywright.vehicle.component import helper
 
-
 PROFILE_LAG = 1.5
 """Command periods by which a moving goal is followed late."""
 

@@ -22,6 +22,7 @@ from collections.abc import Iterable
 from typing import Annotated, Any
 
 import mujoco
+from skywright.vehicle.plant import AirForce, RotorState, Wind
 
 from skywright.core.record import Array, Integers, Record, Vec3
 from skywright.core.rotations import cross, mat_t_vec
@@ -32,7 +33,6 @@ from skywright.description.robot.limbs import list_limbs
 from skywright.models.rigid_body import MAX_LINKS, link_direction
 from skywright.vehicle.bus import Clock, MuJoCo, Truth
 from skywright.vehicle.component import Component, Effect, InOut, helper, table
-from skywright.vehicle.plant import AirForce, RotorState, Wind
 
 SEGMENTS = 3  # of a link
 SPREAD = 0.075  # width of a round free jet over its length (Reichardt)
@@ -114,9 +114,7 @@ def add_bar(me: Any, bar: Bar, factor: float, model: mujoco.MjModel) -> None:
 
 
 @helper
-def push_link(
-    me: Any, i: int, truth: Any, wind: Any, rotors: Any, mj: Any, dt: float
-) -> None:
+def push_link(me: Any, i: int, truth: Any, wind: Any, rotors: Any, mj: Any, dt: float) -> None:
     """Add the forces on the pieces of link `i`, about its centre of mass."""
     xfrc = table(mj.xfrc, mj.nbody, 6)
     xpos, xmat = table(mj.body_xpos, mj.nbody, 3), table(mj.body_xmat, mj.nbody, 9)
