@@ -97,6 +97,8 @@ class Context:
     """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
+    named: tuple[Component, ...] = ()
+    """Law, estimator and further parts, which the description names."""
     alive: list[Any] = field(default_factory=list)
     carried: list[Any] = field(default_factory=list)
     """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""

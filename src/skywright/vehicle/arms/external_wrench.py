@@ -30,7 +30,7 @@ from skywright.vehicle.arms.ports import (
     Wrench,
 )
 from skywright.vehicle.bus import Body, Clock, Estimate, Reference
-from skywright.vehicle.component import Component, Out, helper
+from skywright.vehicle.component import Component, Law, Out, helper
 from skywright.vehicle.estimates import RotorForce
 
 SWING_BANDWIDTH = 2.0
@@ -59,8 +59,10 @@ class WrenchObserver(Component):
             yield cls("external_wrench")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the bandwidth from the loops that answer a force."""
-        me.bandwidth[:] = compute_wrench_bandwidth(context.robot, context.world, context.model)
+        """Take the bandwidth that the law asks for."""
+        for part in context.named:
+            if isinstance(part, Law):
+                me.bandwidth[:] = part.observe_wrench(context)
 
     @staticmethod
     def step(
