@@ -11,6 +11,7 @@ from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.models.arm_body import compute_servo_lag
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
+from skywright.vehicle.arms.joints import fill_home
 from skywright.vehicle.arms.truth import ServoState
 from skywright.vehicle.bus import Clock, MuJoCo, ServoDrive
 from skywright.vehicle.component import Component, Out, words
@@ -51,6 +52,10 @@ class PositionServos(Component):
                 servo = servos[limb.servo][1]
                 me.lsb[j] = math.radians(servo.resolution_deg)
                 me.speed[j], me.tau[j] = servo.no_load_speed_rad_s, compute_servo_lag(servo)
+
+        state = context.records[ServoState, ""]
+        for angles in (state["held"], state["now"]):
+            fill_home(angles, context)
 
     @staticmethod
     def step(me: Me, clock: Clock, drive: ServoDrive, mj: MuJoCo, out: Out[ServoState]) -> None:

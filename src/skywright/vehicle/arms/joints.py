@@ -16,6 +16,7 @@ from skywright.description.robot.spec import Robot
 from skywright.models.arm_inverse_kinematics import has_arm_chain
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
 from skywright.models.rigid_body import find_tip
+from skywright.models.scene import home_pose
 from skywright.vehicle.arms.ports import ArmModel, Deflections, Joints
 from skywright.vehicle.bus import Clock, Estimate
 from skywright.vehicle.component import Component, Out
@@ -48,6 +49,7 @@ class JointEstimator(ArmComponent):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill the model from the robot's description; the links stand where the servos hold."""
         fill_arm_model(context.records[ArmModel, ""][0], context.robot)
+        fill_home(context.records[Estimate, ""]["q"], context)
 
     @staticmethod
     def step(
@@ -68,6 +70,12 @@ class JointEstimator(ArmComponent):
                     joints.deflection[j] = measured.deflection[j]
                 est.q[j] = shafts.q[j] - joints.deflection[j]
                 est.qd[j] = 0.0
+
+
+def fill_home(joints: Any, context: Any) -> None:
+    """Write the angles (..., MAX_JOINTS) rad at which the servos stand and hold at first."""
+    q = home_pose(context.robot, 0.0, 0.0, 0.0, context.world.bench)[2]
+    joints[..., : len(q)] = q
 
 
 def fill_arm_model(arm: Any, robot: Robot) -> None:

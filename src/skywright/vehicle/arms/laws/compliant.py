@@ -32,6 +32,7 @@ from skywright.vehicle.arms.hand_motion import (
     step_velocity,
 )
 from skywright.vehicle.arms.joint_loops import follow_shafts, hold_joint, step_joint
+from skywright.vehicle.arms.joints import fill_home
 from skywright.vehicle.arms.ports import (
     ArmModel,
     HandForce,
@@ -73,7 +74,10 @@ class Compliant(ArmsLaw):
         me.ki_position = 0.25 * c.deflection_bandwidth_rad_s**2 * lag
         me.ki_force = (math.pi / 6.0) / (lag + 1.5 * period)
         me.ki_hold = c.deflection_bandwidth_rad_s
-        context.records[HandState, ""]["speed_hand"] = c.hand_speed_max_mps
+        state = context.records[HandState, ""]
+        state["speed_hand"] = c.hand_speed_max_mps
+        for held in (me.theta_ref, state["q_goal"], context.records[ShaftCommand, ""]["theta"]):
+            fill_home(held, context)
 
     @staticmethod
     def step(
