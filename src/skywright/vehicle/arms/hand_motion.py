@@ -56,8 +56,8 @@ def step_position(v: ArmsView, h: int, dr: Any) -> None:
     e = local(3)
     for a in range(3):
         e[a] = v.tasks.p_WH[h, a] - v.state.p_ref[h, a]
-    v = norm(v.tasks.v_WH[h])
-    step = min((v if v > 0.0 else v.state.speed_hand) * v.arm.dt, norm(e))
+    speed = norm(v.tasks.v_WH[h])
+    step = min((speed if speed > 0.0 else v.state.speed_hand) * v.arm.dt, norm(e))
     length = max(norm(e), 1e-12)
     for a in range(3):
         dr[a] = step * e[a] / length
@@ -70,8 +70,8 @@ def step_to_marker(v: ArmsView, h: int, dr: Any) -> None:
     mat_vec(v.marker.R_WM, v.tasks.p_WH[h], e)
     for a in range(3):
         e[a] += v.marker.p_WM[a] - v.state.p_ref[h, a]
-    v = norm(v.tasks.v_WH[h])
-    step = min((v if v > 0.0 else v.state.speed_hand) * v.arm.dt, norm(e))
+    speed = norm(v.tasks.v_WH[h])
+    step = min((speed if speed > 0.0 else v.state.speed_hand) * v.arm.dt, norm(e))
     step = step if v.marker.marker_age < SIGHT else 0.0
     length = max(norm(e), 1e-12)
     for a in range(3):
@@ -81,8 +81,8 @@ def step_to_marker(v: ArmsView, h: int, dr: Any) -> None:
 @helper
 def step_velocity(v: ArmsView, h: int, dr: Any) -> None:
     """Fill dr (3,) m with the step of (24): v_max T [dx, dy, dz], here v_WH T within speed_hand."""
-    v = norm(v.tasks.v_WH[h])
-    share = min(1.0, v.state.speed_hand / v) if v > 0.0 else 0.0
+    speed = norm(v.tasks.v_WH[h])
+    share = min(1.0, v.state.speed_hand / speed) if speed > 0.0 else 0.0
     for a in range(3):
         dr[a] = share * v.tasks.v_WH[h, a] * v.arm.dt
 
