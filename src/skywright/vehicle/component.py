@@ -107,6 +107,8 @@ class Context:
     """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
+    named: tuple[Component, ...] = ()
+    """Law, estimator and further parts, which the description names."""
     alive: list[Any] = field(default_factory=list)
     carried: list[Any] = field(default_factory=list)
     """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
@@ -215,6 +217,18 @@ class Law(Component):
         external force that the law wants observed (port Wrench); None: it wants none.
         """
         return None
+
+
+class ArmsLaw(Component):
+    """A law of arms with position servos: fills ShaftCommand at the servos' rate."""
+
+    group, slot = "arms_law", "control"
+
+    def get_period(self, step: str, context: Any) -> float:
+        """Return the servos' period (s)."""
+        from skywright.models.compliant_arms import count_command_ticks
+
+        return count_command_ticks(context.robot) * float(context.dt)
 
 
 class Effect(Component):
