@@ -44,7 +44,8 @@ SLOTS = (
 
 __all__ = [
     "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
-    "Output", "PlantContext", "ReferenceBlock", "Sensor", "Uniform", "helper", "integers", "table", "words",
+    "Output", "PlantContext", "ReferenceBlock", "Sensor", "Uniform", "helper", "integers", "table",
+    "words",
 ]  # fmt: skip
 
 _T = TypeVar("_T")

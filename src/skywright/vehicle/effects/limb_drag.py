@@ -22,7 +22,6 @@ from collections.abc import Iterable
 from typing import Annotated, Any
 
 import mujoco
-from skywright.vehicle.plant import AirForce, RotorState, Wind
 
 from skywright.core.record import Array, Integers, Record, Vec3
 from skywright.core.rotations import cross, mat_t_vec
@@ -33,6 +32,7 @@ from skywright.description.robot.limbs import list_limbs
 from skywright.models.rigid_body import MAX_LINKS, link_direction
 from skywright.vehicle.bus import Clock, MuJoCo, Truth
 from skywright.vehicle.component import Component, Effect, InOut, helper, table
+from skywright.vehicle.plant import AirForce, RotorState, Wind
 
 SEGMENTS = 3  # of a link
 SPREAD = 0.075  # width of a round free jet over its length (Reichardt)

@@ -10,13 +10,12 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from skywright.vehicle.plant import SAMPLE_RATE
-
 from skywright.core.record import Integers, Record, Vec3
 from skywright.core.scratch import local
 from skywright.models.pads import find_gauges
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, InOut, Out, Output, helper, table, words
+from skywright.vehicle.plant import SAMPLE_RATE
 
 MAX_MOUNTS = 4
 MAX_PADS = 4

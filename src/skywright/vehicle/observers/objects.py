@@ -6,12 +6,12 @@ from collections.abc import Iterable
 from typing import Annotated, Any
 
 import numpy as np
-from skywright.vehicle.plant import SAMPLE_RATE
 
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_OBJECTS
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, Out, Output, words
+from skywright.vehicle.plant import SAMPLE_RATE
 
 
 class Objects(Output):

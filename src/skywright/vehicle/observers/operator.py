@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from skywright.vehicle.plant import SAMPLE_RATE
-
 from skywright.core.record import Record, Vec3
 from skywright.vehicle.component import Component, Out, Output
+from skywright.vehicle.plant import SAMPLE_RATE
 
 
 class Stick(Output):

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from skywright.vehicle.plant import SAMPLE_RATE
-
 from skywright.core.record import Integers, Record
 from skywright.core.types import MAX_JOINTS
 from skywright.models.compliant_arms import is_compliant
 from skywright.vehicle.arms.truth import SpringTruth
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, Out, words
+from skywright.vehicle.plant import SAMPLE_RATE
 
 
 class SpringObserver(Component):

@@ -6,15 +6,14 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from skywright.vehicle.readings import Shafts
-from skywright.vehicle.sensors.encoders import fill_encoders
-
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Component, Out, Sensor, words
+from skywright.vehicle.readings import Shafts
+from skywright.vehicle.sensors.encoders import fill_encoders
 
 
 class ShaftEncoders(Sensor):

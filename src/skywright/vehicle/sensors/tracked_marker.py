@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from skywright.vehicle.readings import MocapSample
-from skywright.vehicle.sensors.mocap import capture_body
-
 from skywright.core.record import Record
 from skywright.description.world.spec import Mocap
 from skywright.vehicle.arms.ports import MarkerCapture
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, Out, Sensor
+from skywright.vehicle.readings import MocapSample
 from skywright.vehicle.sensors.camera import MarkerNoise, Target, fill_target, place_target
+from skywright.vehicle.sensors.mocap import capture_body
 
 
 class MarkerTracking(Sensor):
