@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import ctypes
+import warnings
 from collections.abc import Callable
 from functools import update_wrapper
 from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
 from numba import carray, njit, types
+from numba.core.errors import NumbaExperimentalFeatureWarning
 
 from skywright.core.pointers import as_pointer
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+# a helper takes the record of a law for that of the loop that the law inherits: meant so
+warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
 
 COMPILE: Any = {
     "cache": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True,

@@ -20,7 +20,7 @@ from skywright.core.record import Record, View
 from skywright.core.streams import STREAMS, build_stream
 from skywright.errors import InputError
 from skywright.vehicle.bus import DRIVES, Clock, MuJoCo, Truth
-from skywright.vehicle.component import Component, Context, Draws, Output
+from skywright.vehicle.component import Component, Context, Draws, Output, ReferenceBlock
 from skywright.vehicle.native import check_calls, compile_step
 from skywright.vehicle.ordering import order_steps
 from skywright.vehicle.ports import FILL, Port, Step, list_records, list_steps
@@ -104,7 +104,7 @@ class Assembly:
         record, component = port.record, step.component
         if record is _me(component):
             return record, component.name
-        if record in (Clock, MuJoCo) or is_block(record):
+        if record in (Clock, MuJoCo) or issubclass(record, ReferenceBlock):
             return record, ""
         fillers = self._fillers.get(record, [])
         owners = list(dict.fromkeys(s.component.name for s in fillers))
@@ -150,7 +150,7 @@ class Assembly:
                         f"{step.label} runs on the robot, which cannot see {record.__qualname__} "
                         "of the plant: ask for a sensor's output, or for Estimate"
                     )
-                if record in (Clock, MuJoCo) or is_block(record):
+                if record in (Clock, MuJoCo) or issubclass(record, ReferenceBlock):
                     continue
                 if record in self._fillers or port.optional:
                     continue
@@ -339,11 +339,6 @@ class Assembly:
             generator.bit_generator.state = saved
         if seed is not None:
             self._build_blocks(seed)
-
-
-def is_block(record: type[Record]) -> bool:
-    """Whether rows of a plan fill a record: it declares how, in `rules` (vehicle/follower.py)."""
-    return "rules" in vars(record)
 
 
 def _me(component: Component) -> type[Record]:

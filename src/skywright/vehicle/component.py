@@ -44,7 +44,7 @@ SLOTS = (
 
 __all__ = [
     "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
-    "Output", "PlantContext", "Recorded", "Sensor", "Uniform", "helper",
+    "Output", "PlantContext", "Recorded", "ReferenceBlock", "Sensor", "Uniform", "helper",
     "integers", "table", "words",
 ]  # fmt: skip
 
@@ -62,6 +62,16 @@ class Output(Record):
     delivered when it is new (`fresh` 1, cleared by the framework each tick); with first fields
     `t`, `n` (int) and arrays of rows it is a batch of samples, all of which are delivered.
     """
+
+
+class ReferenceBlock(Output):
+    """A part of the reference that a component owns: the plan's rows fill it (follower.py).
+
+    Its fields are fields of a row (core/types.py: REFERENCE); `rules` tell how each is interpolated
+    between rows, linear where it tells nothing.
+    """
+
+    rules: ClassVar[dict[str, int]] = {}
 
 
 class Draws(Record):
@@ -98,6 +108,8 @@ class Context:
     """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
+    named: tuple[Component, ...] = ()
+    """Law, estimator and further parts, which the description names."""
     alive: list[Any] = field(default_factory=list)
     components: Sequence[Component] = ()
     """All of the vehicle, at build."""
@@ -215,6 +227,26 @@ class Law(Component):
     """A control law of the platform (and a rigid arm): fills WrenchCommand. `[mission.law]`."""
 
     group, slot = "law", "control"
+    needs_full_actuation: ClassVar[bool] = False
+    """Whether it asks for force in any direction, whatever the attitude."""
+
+    def observe_wrench(self, context: Context) -> Array | None:
+        """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the
+        external force that the law wants observed (port Wrench); None: it wants none.
+        """
+        return None
+
+
+class ArmsLaw(Component):
+    """A law of arms with position servos: fills ShaftCommand at the servos' rate."""
+
+    group, slot = "arms_law", "control"
+
+    def get_period(self, step: str, context: Any) -> float:
+        """Return the servos' period (s)."""
+        from skywright.models.compliant_arms import count_command_ticks
+
+        return count_command_ticks(context.robot) * float(context.dt)
 
 
 class Effect(Component):
