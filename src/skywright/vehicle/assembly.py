@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from skywright.core.record import Record, View
 from skywright.core.streams import STREAMS, build_stream
 from skywright.errors import InputError
-from skywright.vehicle.bus import Clock, MuJoCo, RotorDrive, ServoDrive, Truth
+from skywright.vehicle.bus import DRIVES, Clock, MuJoCo, Truth
 from skywright.vehicle.component import Component, Context, Draws, Output, ReferenceBlock
 from skywright.vehicle.native import check_calls, compile_step
 from skywright.vehicle.ordering import order_steps
@@ -32,9 +32,6 @@ FAST_BLOCK = 2000
 """The same for steps of the slot `fast`, in physics steps."""
 NEAR = "near end of the link"
 ALIGN = 64  # bytes
-DRIVES = (RotorDrive, ServoDrive)
-"""What the robot's side tells the plant: all that goes down a link."""
-
 Key = tuple[type[Record], str]
 
 
@@ -62,6 +59,7 @@ class State(NamedTuple):
     arena: NDArray[np.uint8]
     blocks: list[NDArray[Any]]
     generators: list[Any]
+    memory: list[NDArray[Any]]
 
 
 class Assembly:
@@ -207,13 +205,12 @@ class Assembly:
         return int(self.records[record, name].ctypes.data)
 
     def _list_carried(self, component: Component) -> list[Carried]:
-        """Return what a link carries in its direction."""
+        """Return what a link carries, both ways."""
         if component.group != "link":
             return []
-        slot = next(iter(component.slots.values()), component.slot)
         out = []
         for (record, name), view in self.records.items():
-            if not name.endswith(NEAR) or (record in DRIVES) != (slot == "downlink"):
+            if not name.endswith(NEAR):
                 continue
             far = self.records[record, name.removesuffix(NEAR).strip()]
             out.append(Carried(record, view.ctypes.data, far.ctypes.data))
@@ -331,16 +328,23 @@ class Assembly:
 
     def save(self) -> State:
         """Return all records, and what the random streams will give; blocks are never changed."""
-        states = [g.bit_generator.state for g in self._generators]
-        return State(self.arena.copy(), list(self._drawn), states)
+        states = [g.bit_generator.state for g in self._list_generators()]
+        memory = [m.copy() for c in self.components for m in c.memory]
+        return State(self.arena.copy(), list(self._drawn), states, memory)
+
+    def _list_generators(self) -> list[np.random.Generator]:
+        return self._generators + [g for c in self.components for g in c.generators]
 
     def restore(self, state: State, seed: int | None = None) -> None:
         """Go back to a saved state; with a `seed` the random numbers from here on are its own."""
         self.arena[:] = state.arena
         for i, drawn in enumerate(state.blocks):
             self._place(i, drawn)
-        for generator, saved in zip(self._generators, state.generators, strict=True):
-            generator.bit_generator.state = saved
+        for generator, kept in zip(self._list_generators(), state.generators, strict=True):
+            generator.bit_generator.state = kept
+        memory = [m for c in self.components for m in c.memory]
+        for array, values in zip(memory, state.memory, strict=True):
+            array[:] = values
         if seed is not None:
             self._build_blocks(seed)
 

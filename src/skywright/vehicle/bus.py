@@ -160,3 +160,7 @@ class ServoDrive(Record):
     """What the servos are told: speeds of motors (rad/s), or shaft angles (rad)."""
 
     motor: Annotated[Array, MAX_JOINTS]
+
+
+DRIVES = (RotorDrive, ServoDrive)
+"""What the robot's side tells the plant: all that goes down a link."""

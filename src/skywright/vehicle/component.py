@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.compiled import helper, table, words
+from skywright.core.compiled import helper, integers, table, words
 from skywright.core.record import Array, Record
 from skywright.core.spec import Spec
 
@@ -43,22 +43,8 @@ SLOTS = (
 """The parts of a control tick in order; rows of `fast` run after each physics step."""
 
 __all__ = [
-    "Component",
-    "Context",
-    "Draws",
-    "Effect",
-    "Estimator",
-    "InOut",
-    "Law",
-    "Normal",
-    "Out",
-    "Output",
-    "PlantContext",
-    "ReferenceBlock",
-    "Sensor",
-    "Uniform",
-    "helper",
-    "table",
+    "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
+    "Output", "PlantContext", "ReferenceBlock", "Sensor", "Uniform", "helper", "integers", "table",
     "words",
 ]  # fmt: skip
 
@@ -122,6 +108,8 @@ class Context:
     """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
+    named: tuple[Component, ...] = ()
+    """Law, estimator and further parts, which the description names."""
     alive: list[Any] = field(default_factory=list)
     carried: list[Any] = field(default_factory=list)
     """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
@@ -166,7 +154,11 @@ class Component:
 
     def __init__(self, name: str, table: Any = None) -> None:
         self.name = name
-        self.table = self.Table() if table is None else table
+        self.table: Any = self.Table() if table is None else table
+        self.memory: list[NDArray[Any]] = []
+        """Arrays outside of its records that steps change: part of a saved vehicle."""
+        self.generators: list[np.random.Generator] = []
+        """Random streams that it draws from by itself: likewise."""
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill `Me` (a NumPy record with named fields) from the table; once, in Python.
@@ -234,6 +226,18 @@ class Law(Component):
         external force that the law wants observed (port Wrench); None: it wants none.
         """
         return None
+
+
+class ArmsLaw(Component):
+    """A law of arms with position servos: fills ShaftCommand at the servos' rate."""
+
+    group, slot = "arms_law", "control"
+
+    def get_period(self, step: str, context: Any) -> float:
+        """Return the servos' period (s)."""
+        from skywright.models.compliant_arms import count_command_ticks
+
+        return count_command_ticks(context.robot) * float(context.dt)
 
 
 class Effect(Component):

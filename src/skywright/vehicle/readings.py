@@ -41,14 +41,6 @@ class MocapSample(Output):
     axis_W: Vec3  # of the probe
 
 
-class PipeSample(Output):
-    """Motion capture of a tracked pipe."""
-
-    fresh: float
-    p_WP: Vec3
-    R_WP: Mat3
-
-
 class Fix(Output):
     """Where a point of the robot was, by satellites or a total station."""
 
