@@ -21,13 +21,27 @@ import math
 from typing import Annotated, Any
 
 from skywright.core.record import Array, Mat3, Vec3, Vec4
-from skywright.core.rotations import exp_so3, log_so3, mat_mat, mat_vec, orthonormalise
+from skywright.core.rotations import mat_vec
 from skywright.core.scratch import local
 from skywright.core.types import IMU_HISTORY
+from skywright.models.localisation.drift_filter import DriftModel
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
 from skywright.vehicle.component import Estimator, Out, helper
 from skywright.vehicle.estimates import EstimatorState, RotorForce
-from skywright.vehicle.estimators._kalman import correct, inject, place_point
+from skywright.vehicle.estimators._fusion import (
+    B_,
+    DELAY_,
+    G_,
+    N_FUSION,
+    RANGE_,
+    T_,
+    advance,
+    align,
+    clear,
+    fuse_fix,
+    fuse_odometry,
+    fuse_range,
+)
 from skywright.vehicle.estimators._strapdown import (
     BA_,
     BG_,
@@ -40,27 +54,22 @@ from skywright.vehicle.estimators._strapdown import (
     SPEED_START,
     V_,
     Strapdown,
-    integrate,
+    fill_strapdown,
     predict_now,
-    propagate_covariance,
     receive_inertial,
-    shear,
 )
 from skywright.vehicle.readings import Fix, ImuBatch, Odometry, Range
+from skywright.vehicle.sensors.station import StationCamera as Station
 
-N_FUSION = 24
 PENDING = 128
 """Samples of a sensor that may wait for the horizon."""
-
-B_, T_, G_, RANGE_, DELAY_ = 15, 18, 21, 22, 23  # where the further errors start
-
-GATE_FIX = 21.1  # chi-square of 3, exceeded once in 10,000
-GATE_ODO = 30.0  # the camera has jumped, not the robot
-GATE_RANGE = 16.0
-NO_GATE = math.inf
-RUN = 5  # rejected fixes in a row: not they are wrong but the filter
 DRIFT_START = 1.0  # m
 FUSE_EVERY = 0.02  # s: the state is integrated again from the horizon each time that this moves
+LAG = 0.25
+"""s, of the horizon: 98 % of the station's samples arrive sooner."""
+# what may have changed since the calibration, 1 sigma
+TILT_SINCE, HEADING_SINCE = math.radians(0.2), math.radians(1.0)
+SCALE_SINCE, CLOCK_SINCE = 0.005, 2e-3
 
 
 class StationCamera(Estimator):
@@ -112,11 +121,45 @@ class StationCamera(Estimator):
         late: int  # came after the horizon had passed
         jumps: int  # of the camera
 
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Take what data sheets say."""
+        self._me, self._records = me, context.records
+        fill_strapdown(me, context)
+        prism, camera = context.robot.prism, context.robot.tracking_camera
+        me.p_BP = [prism.x_m, prism.y_m, prism.z_m]
+        me.r_odo = max(camera.noise_m, 1e-5) ** 2
+        me.r_odo_R = max(camera.attitude_noise_rad, 1e-5) ** 2
+        drift = DriftModel(0.0, 0.0, 0.0, 0.0)
+        me.q_yaw, me.q_tilt, me.q_scale = drift.yaw**2, drift.tilt**2, drift.scale**2
+        if context.robot.range_finder is not None:
+            r = context.robot.range_finder
+            me.r_range = max(r.noise_m, 1e-5) ** 2 + r.resolution_m**2 / 12.0
+            me.bias_0 = r.bias_m
+
+    def before_tick(self, t: float, n_ticks: int) -> None:
+        """Before the first tick: take what the calibration found."""
+        me = self._me
+        if me.lag > 0.0:
+            return
+        found = self._records[Station.Aligned, ""][0]
+        me.lag, me.R_WC, me.scale = LAG, found["R_WC"], found["scale"]
+        me.clock = found["clock"]
+        me.r_fix = max(float(found["station_noise"]), 1e-4) ** 2
+        me.q_walk_m = max(float(found["per_sqrt_m"]), 1e-3) ** 2
+        me.q_walk_s = max(float(found["per_sqrt_s"]), 1e-4) ** 2
+        me.std_0 = [
+            math.hypot(found["rotation_std"], TILT_SINCE),
+            math.hypot(found["rotation_std"], HEADING_SINCE),
+            math.hypot(found["scale_std"], SCALE_SINCE),
+            math.hypot(found["offset_std"], CLOCK_SINCE),
+        ]
+
     @staticmethod
     def step(
         me: Me,
         clock: Clock,
         imu: ImuBatch,
+        aligned: Station.Aligned,
         fix: Fix,
         odo: Odometry,
         below: Range | None,
@@ -168,185 +211,6 @@ def tell_state(me: Any, state: Any) -> None:
     """Fill what is known of the estimate."""
     state.last_fix = me.last_fix
     state.pose_std = math.sqrt(max(me.P_full[0, 0], me.P_full[1, 1], me.P_full[2, 2]))
-
-
-@helper
-def clear(H: Any) -> None:
-    """Set all of a matrix to zero."""
-    for i in range(H.shape[0]):
-        for j in range(H.shape[1]):
-            H[i, j] = 0.0
-
-
-@helper
-def _grown(me: Any, out: Any) -> None:
-    """Write g T."""
-    g = math.exp(me.growth)
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = g * me.T[i, j]
-
-
-@helper
-def advance(me: Any, last: int, gravity: float) -> None:
-    """Move the horizon up to inertial sample `last`."""
-    P = me.P_full
-    dv, turn, M, before = local(3), local(3, 3), local(3, 3), local(3)
-    grown, moved, u = local(3, 3), local(3), local(3)
-    _grown(me, grown)
-    while me.n_f < last:
-        first = me.n_f
-        end = min(first + COVARIANCE_STEP, last)
-        dt = me.h * (end - first)
-        for i in range(3):
-            before[i] = me.p_f[i]
-        integrate(me, first, end, gravity, me.p_f, me.v_f, me.R_f, dv, turn)
-        path = 0.0
-        for i in range(3):
-            moved[i] = me.p_f[i] - before[i]
-            path += moved[i] * moved[i]
-        path = math.sqrt(path)
-        mat_vec(grown, moved, u)
-        for i in range(3):
-            me.drift[i] += u[i] - moved[i]
-            for j in range(3):
-                M[i, j] = dt * grown[i, j]
-            M[i, i] -= dt
-        shear(P, B_, V_, M)
-        M[0, 0] = M[1, 1] = M[2, 2] = 0.0
-        M[0, 1], M[0, 2], M[1, 2] = u[2], -u[1], u[0]  # d(exp(turn) u) = turn x u
-        M[1, 0], M[2, 0], M[2, 1] = -u[2], u[1], -u[0]
-        shear(P, B_, T_, M)
-        for i in range(3):
-            M[i, 0], M[i, 1], M[i, 2] = u[i], 0.0, 0.0
-        shear(P, B_, G_, M)
-        propagate_covariance(me, P, dv, turn, dt)
-        for i in range(3):
-            P[B_ + i, B_ + i] += me.q_walk_s * dt + me.q_walk_m * path
-            P[T_ + i, T_ + i] += dt * (me.q_yaw if i == 2 else me.q_tilt)
-        P[G_, G_] += dt * me.q_scale
-        me.n_f = end
-    orthonormalise(me.R_f)
-
-
-@helper
-def _inject(me: Any, dx: Any) -> None:
-    """Move the estimated error into the state."""
-    turn, rot, old = local(3), local(3, 3), local(3, 3)
-    inject(me, dx)
-    for i in range(3):
-        me.drift[i] += dx[B_ + i]
-        turn[i] = dx[T_ + i]
-    exp_so3(turn, rot)
-    for i in range(3):
-        for j in range(3):
-            old[i, j] = me.T[i, j]
-    mat_mat(rot, old, me.T)
-    orthonormalise(me.T)
-    me.growth += dx[G_]
-    me.range_bias += dx[RANGE_]
-    me.delay += dx[DELAY_]
-
-
-@helper
-def fuse_fix(me: Any, z: Any) -> None:
-    """Fuse where the station saw the prism when the horizon's clock stood at the stamp."""
-    H, nu, kept, r, lever = local(3, N_FUSION), local(3), local(3), local(3), local(3)
-    dx = local(N_FUSION)
-    clear(H)
-    place_point(me, me.p_BP, H, lever)
-    far = 0.0
-    for i in range(3):
-        H[i, DELAY_] = -me.v_f[i]
-        nu[i] = z[i] - (me.p_f[i] + lever[i] - me.v_f[i] * me.delay)
-        far += nu[i] * nu[i] / 3.0
-        r[i], kept[i] = me.r_fix, nu[i]
-    if correct(me.P_full, H, kept, r, GATE_FIX, dx) < GATE_FIX:
-        me.rejected_row = 0
-    else:
-        me.rejected += 1
-        me.rejected_row += 1
-        if me.rejected_row < RUN:
-            return
-        me.rejected_row = 0
-        for i in range(3):  # lost: the position is anywhere, what the camera tells of it is not
-            me.P_full[P_ + i, P_ + i] += far
-            me.P_full[B_ + i, B_ + i] += far
-            me.P_full[P_ + i, B_ + i] -= far
-            me.P_full[B_ + i, P_ + i] -= far
-        correct(me.P_full, H, nu, r, NO_GATE, dx)
-    _inject(me, dx)
-    me.fixes += 1
-
-
-@helper
-def _align(me: Any, k: int, a: Any, R: Any) -> None:
-    """Camera sample `k` in W: position (3,) m and attitude (3, 3)."""
-    mat_vec(me.R_WC, me.odo_p[k], a)
-    for i in range(3):
-        a[i] *= me.scale
-    mat_mat(me.R_WC, me.odo_R[k], R)
-
-
-@helper
-def fuse_odometry(me: Any, k: int) -> None:
-    """Fuse camera sample `k`; a jump of the camera goes into its drift."""
-    H, nu, kept, r, lever = local(6, N_FUSION), local(6), local(6), local(6), local(3)
-    a, R, seen, rest = local(3), local(3, 3), local(3, 3), local(3, 3)
-    dx, turn = local(N_FUSION), local(3)
-    _align(me, k, a, R)
-    clear(H)
-    for i in range(3):
-        turn[i] = 0.0
-    place_point(me, turn, H, lever)
-    mat_mat(me.T, me.R_f, seen)
-    for i in range(3):
-        for j in range(3):  # R seen'
-            rest[i, j] = R[i, 0] * seen[j, 0] + R[i, 1] * seen[j, 1] + R[i, 2] * seen[j, 2]
-    log_so3(rest, turn)
-    far = 0.0
-    for i in range(3):
-        H[i, B_ + i] = 1.0
-        nu[i] = a[i] - (me.p_f[i] + lever[i] + me.drift[i])
-        far += nu[i] * nu[i] / 3.0
-        r[i] = me.r_odo
-        # log(T_true R_true (T R)') = turn + T theta
-        nu[3 + i] = turn[i]
-        H[3 + i, T_ + i] = 1.0
-        for j in range(3):
-            H[3 + i, R_ + j] = me.T[i, j]
-        r[3 + i] = me.r_odo_R
-    for i in range(6):
-        kept[i] = nu[i]
-    if not correct(me.P_full, H, kept, r, GATE_ODO, dx) < GATE_ODO:
-        me.jumps += 1
-        for i in range(3):
-            me.P_full[B_ + i, B_ + i] += far
-        correct(me.P_full, H, nu, r, NO_GATE, dx)
-    _inject(me, dx)
-
-
-@helper
-def fuse_range(me: Any, distance: float) -> None:
-    """Fuse the distance to the ground below; what is not the ground is gated."""
-    H, nu, r, lever = local(3, N_FUSION), local(1), local(1), local(3)
-    dx, one = local(N_FUSION), local(1, N_FUSION)
-    clear(H)
-    for i in range(3):
-        dx[i] = 0.0
-    place_point(me, dx, H, lever)
-    z, up = me.p_f[2] + lever[2], me.R_f[2, 2]
-    if up < 0.5:
-        return
-    for i in range(N_FUSION):
-        one[0, i] = H[2, i] / up
-    # d(R_zz) = turn_x R_yz - turn_y R_xz
-    one[0, R_] -= z / (up * up) * me.R_f[1, 2]
-    one[0, R_ + 1] += z / (up * up) * me.R_f[0, 2]
-    one[0, RANGE_] = 1.0
-    nu[0], r[0] = distance - (z / up + me.range_bias), me.r_range
-    if correct(me.P_full, one, nu, r, GATE_RANGE, dx) < GATE_RANGE:
-        _inject(me, dx)
 
 
 @helper
@@ -405,7 +269,7 @@ def start(me: Any) -> None:
             me.fix_used += 1
         return
     a, R, lever, P = local(3), local(3, 3), local(3), me.P_full
-    _align(me, k % PENDING, a, R)
+    align(me, k % PENDING, a, R)
     for i in range(3):
         for j in range(3):
             me.R_f[i, j] = R[i, j]
