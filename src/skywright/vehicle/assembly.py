@@ -59,7 +59,6 @@ class State(NamedTuple):
     arena: NDArray[np.uint8]
     blocks: list[NDArray[Any]]
     generators: list[Any]
-    memory: list[NDArray[Any]]
 
 
 class Assembly:
@@ -88,7 +87,7 @@ class Assembly:
         self.steps = order_steps(steps, self.resolve)
         self.steps.sort(key=lambda s: s.slot == "fast")
         self._own_records(context)
-        context = dataclasses.replace(context, records=self.records)
+        context = dataclasses.replace(context, records=self.records, components=self.components)
         self.context = context
         for c in self.components:
             me = self.records.get((_me(c), c.name))
@@ -328,23 +327,16 @@ class Assembly:
 
     def save(self) -> State:
         """Return all records, and what the random streams will give; blocks are never changed."""
-        states = [g.bit_generator.state for g in self._list_generators()]
-        memory = [m.copy() for c in self.components for m in c.memory]
-        return State(self.arena.copy(), list(self._drawn), states, memory)
-
-    def _list_generators(self) -> list[np.random.Generator]:
-        return self._generators + [g for c in self.components for g in c.generators]
+        states = [g.bit_generator.state for g in self._generators]
+        return State(self.arena.copy(), list(self._drawn), states)
 
     def restore(self, state: State, seed: int | None = None) -> None:
         """Go back to a saved state; with a `seed` the random numbers from here on are its own."""
         self.arena[:] = state.arena
         for i, drawn in enumerate(state.blocks):
             self._place(i, drawn)
-        for generator, kept in zip(self._list_generators(), state.generators, strict=True):
-            generator.bit_generator.state = kept
-        memory = [m for c in self.components for m in c.memory]
-        for array, values in zip(memory, state.memory, strict=True):
-            array[:] = values
+        for generator, saved in zip(self._generators, state.generators, strict=True):
+            generator.bit_generator.state = saved
         if seed is not None:
             self._build_blocks(seed)
 

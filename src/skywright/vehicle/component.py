@@ -17,9 +17,9 @@ They must not allocate: scratch belongs into `Me`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,8 @@ SLOTS = (
 
 __all__ = [
     "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
-    "Output", "PlantContext", "ReferenceBlock", "Sensor", "Uniform", "helper", "integers", "table",
-    "words",
+    "Output", "PlantContext", "Recorded", "ReferenceBlock", "Sensor", "Uniform", "helper",
+    "integers", "table", "words",
 ]  # fmt: skip
 
 _T = TypeVar("_T")
@@ -111,6 +111,8 @@ class Context:
     named: tuple[Component, ...] = ()
     """Law, estimator and further parts, which the description names."""
     alive: list[Any] = field(default_factory=list)
+    components: Sequence[Component] = ()
+    """All of the vehicle, at build."""
     carried: list[Any] = field(default_factory=list)
     """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
 
@@ -138,6 +140,23 @@ class PlantContext(Context):
         return build_stream(self.seed, name)
 
 
+class Recorded(NamedTuple):
+    """A column of the samples, and the field of a record that it is copied from.
+
+    `rotation`: the field is a rotation matrix, the column its quaternion (wxyz). `item` is that of
+    the field's first axis, such as a hand. `per` cuts a field at the number of joints or rotors.
+    """
+
+    name: str
+    source: type[Record]
+    field: str
+    unit: str = ""
+    meaning: str = ""
+    rotation: bool = False
+    item: int = -1
+    per: Literal["", "joint", "rotor"] = ""
+
+
 class Component:
     """Base of everything that runs every tick; subclass a group below."""
 
@@ -150,15 +169,13 @@ class Component:
     """False: steps run as plain Python, which flies in interactive mode only."""
     ports: ClassVar[dict[str, str]] = {}
     """Parameter of a step -> name of the component that fills it, where several do."""
+    columns: ClassVar[tuple[Recorded, ...]] = ()
+    """What samples tell of it, where the vehicle has the records."""
     Table: ClassVar[type[Spec]] = Spec
 
     def __init__(self, name: str, table: Any = None) -> None:
         self.name = name
         self.table: Any = self.Table() if table is None else table
-        self.memory: list[NDArray[Any]] = []
-        """Arrays outside of its records that steps change: part of a saved vehicle."""
-        self.generators: list[np.random.Generator] = []
-        """Random streams that it draws from by itself: likewise."""
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill `Me` (a NumPy record with named fields) from the table; once, in Python.

@@ -92,6 +92,7 @@ class ControlLink(Component):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Lay out the packets of both directions."""
         me.delay, me.jitter, me.loss = table.delay_s, table.jitter_s, table.loss_fraction
+        self._packets: list[Array] = []
         self._lay_out(me.upward, [c for c in context.carried if c.record not in DRIVES], context)
         self._lay_out(me.downward, [c for c in context.carried if c.record in DRIVES], context)
 
@@ -111,8 +112,17 @@ class ControlLink(Component):
             at += dtype.itemsize // 8
         way.packet_words = at
         packets = np.zeros((DEPTH, max(at, 1)))
-        self.memory.append(packets)
+        self._packets.append(packets)
         way.packets = context.keep(packets)
+
+    def save(self) -> Any:
+        """Return the packets under way."""
+        return [packets.copy() for packets in self._packets]
+
+    def restore(self, saved: Any) -> None:
+        """Put packets back."""
+        for packets, were in zip(self._packets, saved, strict=True):
+            packets[:] = were
 
     def draw(self, what: type[Draws], rng: np.random.Generator, n: int) -> Array:
         """Draw both directions, the jitter of all first."""

@@ -12,6 +12,8 @@ SAMPLE_RATE = 100.0
 """Hz, of the rows in slots derive, record and peaks."""
 MISSION_TICK = 0.02
 """s, between two looks of the mission at the vehicle."""
+SETTLE = 2.0
+"""s before take-off in which the estimator starts."""
 
 
 class RotorState(Output):

@@ -8,7 +8,7 @@ from typing import Any
 from skywright.core.record import Record
 from skywright.models.rotors import step_rotor_speed
 from skywright.vehicle.bus import Clock, MuJoCo, RotorDrive
-from skywright.vehicle.component import Component, Out, words
+from skywright.vehicle.component import Component, Out, Recorded, words
 from skywright.vehicle.plant import RotorGain, RotorState
 
 
@@ -25,6 +25,11 @@ class Rotors(Component):
         n: int
         k_f: float  # N/(rad/s)^2
         tau: float  # s
+
+    columns = (
+        Recorded("rotor_thrust", RotorState, "thrust", "N", "in free air", per="rotor"),
+        Recorded("rotor_speed", RotorState, "speed", "rad/s", per="rotor"),
+    )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take lag and thrust coefficient."""

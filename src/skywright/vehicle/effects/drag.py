@@ -17,7 +17,7 @@ from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.core.types import MAX_ROTORS
 from skywright.vehicle.bus import MuJoCo, Truth
-from skywright.vehicle.component import Component, Effect, Out, table
+from skywright.vehicle.component import Component, Effect, Out, Recorded, table
 from skywright.vehicle.plant import AirForce, RotorState, Wind
 
 
@@ -31,6 +31,8 @@ class Drag(Effect):
         rotor_drag: float  # N/(rad/s)/(m/s)
         rotor_p: Annotated[Array, MAX_ROTORS, 3]  # m
         rotor_axis: Annotated[Array, MAX_ROTORS, 3]
+
+    columns = (Recorded("f_wind_W", AirForce, "f_W", "N", "aerodynamic drag on the robot"),)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take areas and rotors; the deviation scales all drag."""

@@ -37,6 +37,14 @@ class GivenForces(Effect):
             raise InputError(f"no body {body!r} to push; valid: {', '.join(names)}")
         self.given[self._model.body(body).id, :3] = f_W
 
+    def save(self) -> Any:
+        """Return what is pushed."""
+        return self.given.copy()
+
+    def restore(self, saved: Any) -> None:
+        """Push that again."""
+        self.given[:] = saved
+
     @staticmethod
     def step(me: Me, mj: MuJoCo) -> None:
         given, xfrc = words(me.given, 6 * mj.nbody), words(mj.xfrc, 6 * mj.nbody)

@@ -19,7 +19,7 @@ from skywright.inspection.eddy_current import (
     ec_signal,
 )
 from skywright.vehicle.bus import Clock
-from skywright.vehicle.component import Component, InOut, Normal, Out, Output, words
+from skywright.vehicle.component import Component, InOut, Normal, Out, Output, Recorded, words
 from skywright.vehicle.guard import CONTACT_LOST, CONTACT_MADE
 from skywright.vehicle.plant import SAMPLE_RATE, Surface
 
@@ -48,6 +48,8 @@ class EddyProbe(Component):
     class Reading(Output):
         ec: Annotated[Array, 2]  # instrument units
         in_contact: int  # by the lift-off signal
+
+    columns = (Recorded("ec", Reading, "ec", "", "eddy-current signal, in instrument units"),)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Tabulate the signal of the pipe and its weld, and draw the steel's texture."""

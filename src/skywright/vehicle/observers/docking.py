@@ -7,7 +7,7 @@ from typing import Any
 
 from skywright.core.record import Record
 from skywright.vehicle.bus import MuJoCo
-from skywright.vehicle.component import Component, Out, words
+from skywright.vehicle.component import Component, Out, Recorded, words
 from skywright.vehicle.plant import Docking
 
 
@@ -18,6 +18,10 @@ class DockingObserver(Component):
 
     class Me(Record):
         force: int  # address in sensordata
+
+    columns = (
+        Recorded("f_docking_W", Docking, "f_W", "N", "of the structure on the docking feet"),
+    )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Look up the sensor's address."""

@@ -10,7 +10,7 @@ from skywright.core.types import MAX_JOINTS
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rotors import compute_power, compute_watt_per_n15
 from skywright.vehicle.bus import MuJoCo, Reference, Truth
-from skywright.vehicle.component import Component, Out, Output, words
+from skywright.vehicle.component import Component, Out, Output, Recorded, words
 from skywright.vehicle.plant import SAMPLE_RATE, JointTruth, RotorState, Surface
 
 
@@ -33,6 +33,18 @@ class Samples(Component):
         f_normal: float  # N, normal part of the force on the tip
         power: float  # W, electrical
         ref_normal_W: Vec3  # outward normal at the desired tip, zero in free flight
+
+    columns = (
+        Recorded("q", JointTruth, "q", "rad", "arm joints, output side", per="joint"),
+        Recorded("qd", JointTruth, "qd", "rad/s", "arm joints, output side", per="joint"),
+        Recorded("spring", Derived, "spring", "m", "compression of the probe's spring"),
+        Recorded("f_normal", Derived, "f_normal", "N", "normal part of the contact force"),
+        Recorded("power", Derived, "power", "W", "electrical, whole robot"),
+        Recorded(
+            "ref_normal_W", Derived, "ref_normal_W", "",
+            "outward normal at the desired tip; zero in free flight",
+        ),
+    )  # fmt: skip
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Look up the joints, and what power follows from thrust."""

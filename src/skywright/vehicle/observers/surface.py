@@ -11,7 +11,7 @@ from skywright.core.scratch import local
 from skywright.description.world.surface import build_cylinder
 from skywright.models.structure_distance import StructureShape, fill_structure, measure_surface
 from skywright.vehicle.bus import Truth
-from skywright.vehicle.component import Component, InOut, Out, helper
+from skywright.vehicle.component import Component, InOut, Out, Recorded, helper
 from skywright.vehicle.plant import SAMPLE_RATE, Surface
 
 NONE, PIPE, STRUCTURE = range(3)
@@ -32,6 +32,12 @@ class SurfaceObserver(Component):
         R_WP: Mat3
         radius: float
         structure: StructureShape
+
+    columns = (
+        Recorded("gap", Surface, "gap", "m", "tip to surface; negative is penetration"),
+        Recorded("gap_max", Surface, "gap_max", "m", "worst gap since the last sample"),
+        Recorded("tilt", Surface, "tilt", "rad", "probe axis to the inward normal of the surface"),
+    )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the pipe or structure of the world that the tip can touch."""

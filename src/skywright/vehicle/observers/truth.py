@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from skywright.core.record import Integers, Record
 from skywright.core.rotations import quat_to_rot
 from skywright.vehicle.bus import Clock, MuJoCo, Truth
-from skywright.vehicle.component import Component, InOut, Out, table, words
+from skywright.vehicle.component import Component, InOut, Out, Recorded, table, words
 from skywright.vehicle.guard import COLLISION
 from skywright.vehicle.plant import SAMPLE_RATE
 
@@ -29,6 +29,23 @@ class TruthObserver(Component):
         tip_force: int  # address of its contact sensor, -1: none
         n_contacts: int
         contact: Annotated[Integers, MAX_CONTACTS]  # addresses of unintended contacts
+
+    columns = (
+        Recorded("p_WB", Truth, "p_WB", "m", "platform"),
+        Recorded("q_WB", Truth, "R_WB", "", "platform, attitude", rotation=True),
+        Recorded("v_WB", Truth, "v_WB", "m/s", "of the platform, in W"),
+        Recorded("w_WB_B", Truth, "w_WB_B", "rad/s", "of the platform, in B"),
+        Recorded("p_WT", Truth, "p_WT", "m", "probe's tip, z out of the robot"),
+        Recorded("q_WT", Truth, "R_WT", "", "probe's tip, attitude", rotation=True),
+        Recorded("f_contact", Truth, "f_contact", "N", "force of the surface on the tip, in W"),
+        Recorded(
+            "f_collision",
+            Truth,
+            "f_collision",
+            "N",
+            "largest unintended force of a sample",
+        ),
+    )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Look up addresses in the scene."""

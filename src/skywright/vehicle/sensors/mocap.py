@@ -11,7 +11,7 @@ from skywright.core.rotations import exp_so3, mat_mat, mat_vec
 from skywright.core.scratch import local
 from skywright.description.world.spec import Mocap
 from skywright.vehicle.bus import Clock, Truth
-from skywright.vehicle.component import Component, Normal, Out, Sensor, Uniform, helper
+from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, Uniform, helper
 from skywright.vehicle.readings import MocapSample
 
 QUEUE = 64
@@ -62,6 +62,11 @@ class MotionCapture(Sensor):
         reach: float
         way: Vec3
         turn: Vec3
+
+    columns = (
+        Recorded("meas_p_WT", MocapSample, "p_WT", "m", "tip as motion capture measured it"),
+        Recorded("meas_axis_W", MocapSample, "axis_W", "", "measured probe axis, out of the robot"),
+    )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take rates and noise from the table, the markers' error from the deviation."""
