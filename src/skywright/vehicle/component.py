@@ -221,6 +221,14 @@ class Estimator(Component):
     """An estimator of the robot's state: fills Estimate. `[mission.estimator]`."""
 
     group, slot = "estimator", "estimate"
+    needs_motion_capture: ClassVar[bool] = False
+    is_truth: ClassVar[bool] = False
+    """Whether it tells the truth instead of estimating it."""
+
+    @classmethod
+    def assemble(cls, table: Any, context: Any) -> list[Component]:
+        """Return the components of this estimator for a robot in a world: most often one."""
+        return [cls("estimator", table)]
 
 
 class Law(Component):
