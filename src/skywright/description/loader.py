@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from skywright.core.catalog import Entry, Found, find_file, list_entries
+from skywright.core.find import find
 from skywright.core.keys import apply_assignments, parse_assignment
 from skywright.core.spec import Source, Spec
 from skywright.core.toml_files import Layer, describe_value, load_layer, merge_layers
 from skywright.core.validation import list_problems, validate_root
 from skywright.description.mission.registry import find_mission_spec
 from skywright.description.mission.spec import Mission, Plant
+from skywright.description.parts import (
+    Part,
+    drop_replaced,
+    normalise_layer,
+    take_kinds,
+    type_parts,
+)
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import find_world
@@ -31,11 +39,15 @@ SPECS: dict[str, type[Spec]] = {
 """The four roots and what each may hold."""
 
 
-def list_specs(tree: Mapping[str, Any]) -> dict[str, type[Spec]]:
-    """Return the specs of the four roots; that of `mission` follows from its kind."""
+def list_specs(tree: Mapping[str, Any], touched: Sequence[str] = ()) -> dict[str, type[Spec]]:
+    """Return the specs of the four roots, which follow from the kinds of mission and components.
+
+    `touched` are keys that are to be set. Raises InputError where there is no such kind.
+    """
     table = tree.get("mission")
     kind = table.get("kind") if isinstance(table, dict) else None
-    return {**SPECS, "mission": find_mission_spec(kind)}
+    specs = {**SPECS, "mission": find_mission_spec(kind)}
+    return {root: type_parts(spec, root, dict(tree), touched) for root, spec in specs.items()}
 
 
 Sets = Mapping[str, object] | Iterable[str]
@@ -52,6 +64,12 @@ class Description(NamedTuple):
     """Dotted key -> where its number comes from."""
     origin: dict[str, str]
     """Dotted key -> the file (or `--set`) that wrote it; a default has none."""
+
+    @property
+    def law(self) -> Part | None:
+        """The law that mission or robot names; the mission's goes first."""
+        named = self.robot.control.law
+        return self.mission.law or (None if named is None else Part(kind=named))
 
 
 def list_missions() -> list[Entry]:
@@ -85,15 +103,10 @@ def load_description(
     for root, spec in list_specs(tree).items():
         parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
     folder = found.path.parent
-    law = _locate_law(parts["mission"].law, "mission.law", [folder])
     # `resolved` says how a file is to be read; a loaded mission is always complete
-    parts["mission"] = parts["mission"].model_copy(update={"resolved": False, "law": law})
-    control = parts["robot"].control
-    if control.law is not None:
-        beside = Path(origin.get("robot.control.law", "")).parent  # the file that names it
-        law = _locate_law(control.law, "robot.control.law", [beside, folder])
-        control = control.model_copy(update={"law": law})
-        parts["robot"] = parts["robot"].model_copy(update={"control": control})
+    parts["mission"] = parts["mission"].model_copy(update={"resolved": False})
+    if parts["robot"].control.law is not None:
+        find("law", parts["robot"].control.law, [folder], "robot.control.law")
     parts["mission"] = parts["mission"].find_files(folder)
     parts["robot"] = parts["mission"].adapt_robot(parts["robot"])
     return Description(**parts, sources=sources, origin=origin)
@@ -106,9 +119,10 @@ def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
     try:
         layers = load_layers(found, None, None, [], None, problems)
         tree, _, origin = merge_layers(layers)
+        specs = list_specs(tree)
     except InputError as error:
         return [*problems, str(error)]
-    for root, spec in list_specs(tree).items():
+    for root, spec in specs.items():
         problems += list_problems(spec, tree.get(root, {}), root, origin, found.label)[1]
     return problems
 
@@ -131,7 +145,7 @@ def load_layers(
     problems: list[str] | None = None,
 ) -> list[Layer]:
     """Load the layers of a mission in order: robot, world, mission, assignments."""
-    mission = load_layer(found.path, found.label, problems)
+    mission = normalise_layer(load_layer(found.path, found.label, problems), found.path.parent)
     table = mission.tree.get("mission")
     if table is None:
         raise InputError(
@@ -170,6 +184,7 @@ def load_layers(
             layers += load_robot_layers(base_file, problems)
             continue
         base = load_layer(base_file.path, base_file.label, problems)
+        normalise_layer(base, base_file.path.parent)
         if root not in base.tree:
             raise InputError(
                 f"{base_file.label}: no [{root}] table; a {root} file is needed, this one holds: "
@@ -184,12 +199,16 @@ def load_layers(
         layers.append(base)
     layers.append(mission)
     others = [(k, v) for k, v in assignments if k not in ("mission.robot", "mission.world")]
+    kinds, others = take_kinds(others, "--set")
+    layers += [kinds] if kinds is not None else []
+    drop_replaced(layers)
     if chosen:
         tree = merge_layers(layers)[0]
         layers.append(apply_assignments(tree, chosen, list_specs(tree), "command line"))
     if others:
         tree = merge_layers(layers)[0]
-        layers.append(apply_assignments(tree, others, list_specs(tree), "--set"))
+        specs = list_specs(tree, [key for key, _ in others])
+        layers.append(apply_assignments(tree, others, specs, "--set"))
     if seed is not None:
         tree = merge_layers(layers)[0]
         layers.append(apply_assignments(tree, [("mission.seed", seed)], list_specs(tree), "--seed"))
@@ -198,18 +217,3 @@ def load_layers(
 
 def _drop(sources: dict[str, Source], root: str) -> dict[str, Source]:
     return {key: source for key, source in sources.items() if not key.startswith(root + ".")}
-
-
-def _locate_law(law: str | None, key: str, folders: list[Path]) -> str | None:
-    """Make the file of a user's law absolute: it is looked up in `folders`, then here."""
-    if law is None or ".py:" not in law:
-        return law
-    file, _, function = law.rpartition(":")
-    for base in [*folders, Path()]:
-        path = base / Path(file).expanduser()
-        if path.is_file():
-            return f"{path.resolve()}:{function}"
-    raise InputError(
-        f"{key}: no file {file!r} beside the file that names it or in the current folder; "
-        "a user's law is written file.py:function"
-    )

@@ -5,12 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from skywright.core.catalog import Entry, Found, find_file, list_entries
 from skywright.core.keys import apply_assignments
 from skywright.core.spec import Source
 from skywright.core.toml_files import Layer, describe_value, load_layer, merge_layers
 from skywright.core.validation import validate_root
+from skywright.description.parts import (
+    drop_replaced,
+    normalise_layer,
+    take_kinds,
+    type_parts,
+)
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 
@@ -34,7 +41,9 @@ def load_robot_layers(
 
     `heirs` are the files that led here. Raises InputError on anything wrong, a circle included.
     """
-    layer = load_layer(found.path, found.label, problems)
+    layer = normalise_layer(
+        load_layer(found.path, found.label, problems), found.path.parent
+    )
     table = layer.tree.get("robot")
     if not isinstance(table, dict):
         raise InputError(
@@ -71,9 +80,14 @@ def load_robot(
     """
     found = find_robot(name)
     layers = load_robot_layers(found)
-    if assignments:
+    kinds, others = take_kinds(list(assignments), "--set")
+    layers += [kinds] if kinds is not None else []
+    drop_replaced(layers)
+    if others:
         tree = merge_layers(layers)[0]
-        layers.append(apply_assignments(tree, list(assignments), {"robot": Robot}))
+        spec = type_parts(Robot, "robot", tree, [key for key, _ in others])
+        layers.append(apply_assignments(tree, others, {"robot": spec}))
     tree, sources, origin = merge_layers(layers)
-    robot = validate_root(Robot, tree["robot"], "robot", origin, found.label)
+    spec = type_parts(Robot, "robot", tree)
+    robot: Any = validate_root(spec, tree["robot"], "robot", origin, found.label)
     return robot, {k: s for k, s in sources.items() if k.startswith("robot.")}
