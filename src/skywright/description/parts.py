@@ -14,7 +14,7 @@ know its keys. A layer that names another kind replaces the whole table.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -145,7 +145,7 @@ def type_parts(spec: type[Spec], root: str, tree: Tree, touched: Sequence[str] =
     return extend_spec(spec, tuple(fields)) if fields else spec
 
 
-@lru_cache(maxsize=None)
+@cache
 def extend_spec(base: type[Spec], fields: tuple[tuple[str, str, str], ...]) -> type[Spec]:
     """Return a spec with tables of components: (name or TABLE.name, group, kind or "")."""
     inside: dict[str, list[tuple[str, str, str]]] = {}
@@ -167,7 +167,7 @@ def _revive(base: type[Spec], fields: Any, values: dict[str, Any]) -> Spec:
     return extend_spec(base, fields).model_validate(values)
 
 
-@lru_cache(maxsize=None)
+@cache
 def make_table(group: str, kind: str) -> type[Part]:
     """Return the spec of a component's table: `kind` and the keys of its class."""
     cls = find(group, kind).cls

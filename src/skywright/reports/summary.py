@@ -90,7 +90,7 @@ def describe_mission(description: Description) -> list[Section]:
     m = description.mission
     rows = [("robot", m.robot), ("world", m.world), ("seed", str(m.seed))]
     rows += [("control law", m.law or description.robot.control.law or "default")]
-    rows += [("estimator", m.estimator), ("hover height", f"{m.hover_height_m:g} m")]
+    rows += [("estimator", m.estimator.kind), ("hover height", f"{m.hover_height_m:g} m")]
     if m.scan is not None:
         s = m.scan
         where = f"{s.centre_angle_deg:g} deg" if s.side == "angle" else s.side

@@ -41,9 +41,7 @@ def load_robot_layers(
 
     `heirs` are the files that led here. Raises InputError on anything wrong, a circle included.
     """
-    layer = normalise_layer(
-        load_layer(found.path, found.label, problems), found.path.parent
-    )
+    layer = normalise_layer(load_layer(found.path, found.label, problems), found.path.parent)
     table = layer.tree.get("robot")
     if not isinstance(table, dict):
         raise InputError(
