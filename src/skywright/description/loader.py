@@ -5,30 +5,26 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple
 
 from skywright.core.catalog import Entry, Found, find_file, list_entries
 from skywright.core.find import find
 from skywright.core.keys import apply_assignments, parse_assignment
 from skywright.core.spec import Source, Spec
-from skywright.core.toml_files import Layer, describe_value, load_layer, merge_layers
+from skywright.core.toml_files import Layer, describe_value, merge_layers
 from skywright.core.validation import list_problems, validate_root
 from skywright.description.mission.registry import find_mission_spec
-from skywright.description.mission.spec import Mission, Plant
-from skywright.description.parts import (
-    Part,
-    drop_replaced,
-    normalise_layer,
-    take_kinds,
-    type_parts,
-)
+from skywright.description.mission.spec import Mission, Plant, T
+from skywright.description.parts import Part, drop_replaced, take_kinds, type_parts
+from skywright.description.renamed import load_layer, rename_key
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import find_world
 from skywright.description.world.spec import World
 from skywright.errors import InputError
 
-DATA = Path(__file__).parents[1] / "missions" / "data"
+MISSIONS = Path(__file__).parents[1] / "missions"
+"""A built-in mission is a file in the folder of its kind."""
 
 SPECS: dict[str, type[Spec]] = {
     "robot": Robot,
@@ -39,26 +35,29 @@ SPECS: dict[str, type[Spec]] = {
 """The four roots and what each may hold."""
 
 
-def list_specs(tree: Mapping[str, Any], touched: Sequence[str] = ()) -> dict[str, type[Spec]]:
+def list_specs(
+    tree: Mapping[str, Any], folders: Sequence[Path] = (), touched: Sequence[str] = ()
+) -> dict[str, type[Spec]]:
     """Return the specs of the four roots, which follow from the kinds of mission and components.
 
+    A kind in a file is looked up in `folders`, then here; its path is absolute in the tree then.
     `touched` are keys that are to be set. Raises InputError where there is no such kind.
     """
-    table = tree.get("mission")
-    kind = table.get("kind") if isinstance(table, dict) else None
-    specs = {**SPECS, "mission": find_mission_spec(kind)}
+    table, specs = tree.get("mission"), dict(SPECS)
+    if isinstance(table, dict) and "kind" in table:
+        table["kind"], specs["mission"] = find_mission_spec(table["kind"], folders)
     return {root: type_parts(spec, root, dict(tree), touched) for root, spec in specs.items()}
 
 
 Sets = Mapping[str, object] | Iterable[str]
 
 
-class Description(NamedTuple):
-    """Everything that a plan or a run needs to know."""
+class Description(NamedTuple, Generic[T]):
+    """Everything that a plan or a run needs to know; T is the task of the mission's kind."""
 
     robot: Robot
     world: World
-    mission: Mission
+    mission: Mission[T]
     plant: Plant
     sources: dict[str, Source]
     """Dotted key -> where its number comes from."""
@@ -67,19 +66,24 @@ class Description(NamedTuple):
 
     @property
     def law(self) -> Part | None:
-        """The law that mission or robot names; the mission's goes first."""
+        """The law that the mission names, else the robot; None: nobody names one."""
         named = self.robot.control.law
         return self.mission.law or (None if named is None else Part(kind=named))
 
 
 def list_missions() -> list[Entry]:
     """List the built-in missions."""
-    return list_entries(DATA, "mission")
+    return list_entries(_list_files(), "mission")
 
 
 def find_mission(name: str | os.PathLike[str]) -> Found:
     """Find a mission by built-in name, file, or folder (a finished run's directory)."""
-    return find_file(name, DATA, "mission")
+    return find_file(name, _list_files(), "mission")
+
+
+def _list_files() -> dict[str, Path]:
+    """The built-in missions by name."""
+    return {path.stem: path for path in sorted(MISSIONS.glob("*/*.toml"))}
 
 
 def load_description(
@@ -100,15 +104,16 @@ def load_description(
     layers = load_layers(found, robot, world, split_assignments(sets), seed)
     tree, sources, origin = merge_layers(layers)
     parts: dict[str, Any] = {}
-    for root, spec in list_specs(tree).items():
-        parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
     folder = found.path.parent
+    for root, spec in list_specs(tree, [folder]).items():
+        parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
     # `resolved` says how a file is to be read; a loaded mission is always complete
     parts["mission"] = parts["mission"].model_copy(update={"resolved": False})
     if parts["robot"].control.law is not None:
         find("law", parts["robot"].control.law, [folder], "robot.control.law")
-    parts["mission"] = parts["mission"].find_files(folder)
-    parts["robot"] = parts["mission"].adapt_robot(parts["robot"])
+    task = parts["mission"].task.find_files(folder)
+    parts["mission"] = parts["mission"].model_copy(update={"task": task})
+    parts["robot"] = task.adapt_robot(parts["robot"])
     return Description(**parts, sources=sources, origin=origin)
 
 
@@ -119,7 +124,7 @@ def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
     try:
         layers = load_layers(found, None, None, [], None, problems)
         tree, _, origin = merge_layers(layers)
-        specs = list_specs(tree)
+        specs = list_specs(tree, [found.path.parent])
     except InputError as error:
         return [*problems, str(error)]
     for root, spec in specs.items():
@@ -130,10 +135,10 @@ def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
 def split_assignments(sets: Sets) -> list[tuple[str, object]]:
     """Turn `sets` into (dotted key, value) pairs."""
     if isinstance(sets, Mapping):
-        return list(sets.items())
-    if isinstance(sets, str):
-        sets = [sets]
-    return [parse_assignment(text) for text in sets]
+        pairs: Iterable[tuple[str, object]] = sets.items()
+    else:
+        pairs = map(parse_assignment, [sets] if isinstance(sets, str) else sets)
+    return [(rename_key(key), value) for key, value in pairs]
 
 
 def load_layers(
@@ -145,7 +150,7 @@ def load_layers(
     problems: list[str] | None = None,
 ) -> list[Layer]:
     """Load the layers of a mission in order: robot, world, mission, assignments."""
-    mission = normalise_layer(load_layer(found.path, found.label, problems), found.path.parent)
+    mission = load_layer(found.path, found.label, problems)
     table = mission.tree.get("mission")
     if table is None:
         raise InputError(
@@ -156,7 +161,7 @@ def load_layers(
     folder = found.path.parent
     layers: list[Layer] = []
     chosen: list[tuple[str, object]] = []
-    for root, given, look_up in (("robot", robot, find_robot), ("world", world, find_world)):
+    for root, given, find in (("robot", robot, find_robot), ("world", world, find_world)):
         key = f"mission.{root}"
         assigned = [value for name, value in assignments if name == key]
         name: Any = given
@@ -179,12 +184,11 @@ def load_layers(
                 raise InputError(
                     f"{found.label}: {key} is {describe_value(name)}; a name or path is needed"
                 )
-        base_file = look_up(name, folders)
+        base_file = find(name, folders)
         if root == "robot":
             layers += load_robot_layers(base_file, problems)
             continue
         base = load_layer(base_file.path, base_file.label, problems)
-        normalise_layer(base, base_file.path.parent)
         if root not in base.tree:
             raise InputError(
                 f"{base_file.label}: no [{root}] table; a {root} file is needed, this one holds: "
@@ -198,20 +202,22 @@ def load_layers(
                 )
         layers.append(base)
     layers.append(mission)
-    others = [(k, v) for k, v in assignments if k not in ("mission.robot", "mission.world")]
-    kinds, others = take_kinds(others, "--set")
-    layers += [kinds] if kinds is not None else []
+    # the kind is set first: it says which keys there are
+    kinds = [pair for pair in assignments if pair[0] == "mission.kind"]
+    first = ("mission.robot", "mission.world", "mission.kind")
+    others = [pair for pair in assignments if pair[0] not in first]
+    named, others = take_kinds(others, "--set")
+    layers += [named] if named is not None else []
     drop_replaced(layers)
-    if chosen:
-        tree = merge_layers(layers)[0]
-        layers.append(apply_assignments(tree, chosen, list_specs(tree), "command line"))
-    if others:
-        tree = merge_layers(layers)[0]
-        specs = list_specs(tree, [key for key, _ in others])
-        layers.append(apply_assignments(tree, others, specs, "--set"))
-    if seed is not None:
-        tree = merge_layers(layers)[0]
-        layers.append(apply_assignments(tree, [("mission.seed", seed)], list_specs(tree), "--seed"))
+    seeds: list[tuple[str, object]] = [] if seed is None else [("mission.seed", seed)]
+    for pairs, label in (
+        (chosen, "command line"), (kinds, "--set"), (others, "--set"), (seeds, "--seed")
+    ):  # fmt: skip
+        if pairs:
+            tree = merge_layers(layers)[0]
+            touched = [key for key, _ in pairs]
+            specs = list_specs(tree, [folder], touched) if pairs is others else SPECS
+            layers.append(apply_assignments(tree, pairs, specs, label))
     return layers
 
 

@@ -7,17 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from skywright.core.catalog import Entry, Found, find_file, list_entries
+from skywright.core.catalog import Entry, Found, find_file, list_entries, list_folders
 from skywright.core.keys import apply_assignments
 from skywright.core.spec import Source
-from skywright.core.toml_files import Layer, describe_value, load_layer, merge_layers
+from skywright.core.toml_files import Layer, describe_value, merge_layers
 from skywright.core.validation import validate_root
-from skywright.description.parts import (
-    drop_replaced,
-    normalise_layer,
-    take_kinds,
-    type_parts,
-)
+from skywright.description.parts import drop_replaced, take_kinds, type_parts
+from skywright.description.renamed import load_layer
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 
@@ -26,12 +22,12 @@ DATA = Path(__file__).parent / "data"
 
 def list_robots() -> list[Entry]:
     """List the built-in robots."""
-    return list_entries(DATA, "robot")
+    return list_entries(list_folders(DATA, "robot"), "robot")
 
 
 def find_robot(name: str | os.PathLike[str], folders: Sequence[Path] = ()) -> Found:
     """Find a robot file by built-in name or path; see `core.catalog.find_file`."""
-    return find_file(name, DATA, "robot", folders)
+    return find_file(name, list_folders(DATA, "robot"), "robot", folders)
 
 
 def load_robot_layers(
@@ -41,7 +37,7 @@ def load_robot_layers(
 
     `heirs` are the files that led here. Raises InputError on anything wrong, a circle included.
     """
-    layer = normalise_layer(load_layer(found.path, found.label, problems), found.path.parent)
+    layer = load_layer(found.path, found.label, problems)
     table = layer.tree.get("robot")
     if not isinstance(table, dict):
         raise InputError(
@@ -86,6 +82,6 @@ def load_robot(
         spec = type_parts(Robot, "robot", tree, [key for key, _ in others])
         layers.append(apply_assignments(tree, others, {"robot": spec}))
     tree, sources, origin = merge_layers(layers)
-    spec = type_parts(Robot, "robot", tree)
-    robot: Any = validate_root(spec, tree["robot"], "robot", origin, found.label)
+    typed: Any = type_parts(Robot, "robot", tree)
+    robot: Robot = validate_root(typed, tree["robot"], "robot", origin, found.label)
     return robot, {k: s for k, s in sources.items() if k.startswith("robot.")}

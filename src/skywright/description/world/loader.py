@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from skywright.core.catalog import Entry, Found, find_file, list_entries
+from skywright.core.catalog import Entry, Found, find_file, list_entries, list_folders
 from skywright.core.spec import Source
-from skywright.core.toml_files import load_layer
 from skywright.core.validation import validate_root
-from skywright.description.parts import normalise_layer, type_parts
+from skywright.description.parts import type_parts
+from skywright.description.renamed import load_layer
 from skywright.description.world.spec import World
 from skywright.errors import InputError
 
@@ -20,12 +20,12 @@ DATA = Path(__file__).parent / "data"
 
 def list_worlds() -> list[Entry]:
     """List the built-in worlds."""
-    return list_entries(DATA, "world")
+    return list_entries(list_folders(DATA, "world"), "world")
 
 
 def find_world(name: str | os.PathLike[str], folders: Sequence[Path] = ()) -> Found:
     """Find a world file by built-in name or path; see `core.catalog.find_file`."""
-    return find_file(name, DATA, "world", folders)
+    return find_file(name, list_folders(DATA, "world"), "world", folders)
 
 
 def load_world(name: str | os.PathLike[str]) -> tuple[World, dict[str, Source]]:
@@ -34,11 +34,11 @@ def load_world(name: str | os.PathLike[str]) -> tuple[World, dict[str, Source]]:
     Raises InputError on an unknown name or anything wrong in the file.
     """
     found = find_world(name)
-    layer = normalise_layer(load_layer(found.path, found.label), found.path.parent)
+    layer = load_layer(found.path, found.label)
     if "world" not in layer.tree:
         raise InputError(
             f"{found.label}: no [world] table; the file holds: {', '.join(layer.tree)}"
         )
-    spec = type_parts(World, "world", layer.tree)
-    world: Any = validate_root(spec, layer.tree["world"], "world", {}, found.label)
+    typed: Any = type_parts(World, "world", layer.tree)
+    world: World = validate_root(typed, layer.tree["world"], "world", {}, found.label)
     return world, {k: s for k, s in layer.sources.items() if k.startswith("world.")}
