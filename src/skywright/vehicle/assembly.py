@@ -7,16 +7,16 @@ of the component. A component's `Me` is always keyed by its component's name.
 from __future__ import annotations
 
 import dataclasses
+import re
 import zlib
 from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
-from skywright.core.record import Record
+from skywright.core.record import Record, View
 from skywright.core.streams import STREAMS, build_stream
 from skywright.errors import InputError
 from skywright.vehicle.bus import Clock, MuJoCo, RotorDrive, ServoDrive, Truth
@@ -95,7 +95,7 @@ class Assembly:
         for c in self.components:
             me = self.records.get((_me(c), c.name))
             given = dataclasses.replace(context, carried=self._list_carried(c))
-            c.build(None if me is None else me.view(np.recarray)[0], c.table, given)
+            c.build(None if me is None else View(me[0]), c.table, given)
         self.n_control = sum(s.slot != "fast" for s in self.steps)
         self._build_rows(context)
         self._build_blocks(seed)
@@ -107,7 +107,7 @@ class Assembly:
         record, component = port.record, step.component
         if record is _me(component):
             return record, component.name
-        if record in (Clock, MuJoCo):
+        if record in (Clock, MuJoCo) or is_block(record):
             return record, ""
         fillers = self._fillers.get(record, [])
         owners = list(dict.fromkeys(s.component.name for s in fillers))
@@ -153,7 +153,9 @@ class Assembly:
                         f"{step.label} runs on the robot, which cannot see {record.__qualname__} "
                         "of the plant: ask for a sensor's output, or for Estimate"
                     )
-                if record in (Clock, MuJoCo) or record in self._fillers or port.optional:
+                if record in (Clock, MuJoCo) or is_block(record):
+                    continue
+                if record in self._fillers or port.optional:
                     continue
                 offered = sorted(r.__qualname__ for r in self._fillers)
                 raise InputError(
@@ -248,7 +250,7 @@ class Assembly:
     def _compile(self, step: Step, types: list[np.dtype[Any] | None]) -> int:
         try:
             address, code = compile_step(step.compiled, types)
-        except NumbaError as error:
+        except Exception as error:  # numba raises what its passes raise
             code_ = step.function.__code__
             raise InputError(
                 f"{step.label} does not compile ({code_.co_filename}:{code_.co_firstlineno}): "
@@ -269,11 +271,10 @@ class Assembly:
             if issubclass(port.record, Draws):
                 block = self._find_block(step.component, port.record)
                 index = int(clock["fast" if row["fast"] else "block"])
-                given.append(block[index : index + 1].view(port.record.dtype)[0])
-                given[-1] = given[-1].view(np.recarray)[0]
+                given.append(View(block[index : index + 1].view(port.record.dtype).reshape(-1)[0]))
                 continue
             key = self.resolve(step, port)
-            given.append(None if key is None else self.records[key].view(np.recarray)[0])
+            given.append(None if key is None else View(self.records[key][0]))
         step.function(*given)
 
     # --- draws -----------------------------------------------------------------------------------
@@ -344,6 +345,11 @@ class Assembly:
             self._build_blocks(seed)
 
 
+def is_block(record: type[Record]) -> bool:
+    """Whether rows of a plan fill a record: it declares how, in `rules` (vehicle/follower.py)."""
+    return "rules" in vars(record)
+
+
 def _me(component: Component) -> type[Record]:
     return list_records(type(component)).get("Me", Record)
 
@@ -354,6 +360,9 @@ def _is_repeated(component: Component, assembly: Assembly) -> bool:
 
 def _shorten(error: Exception) -> str:
     """The lines of numba's message that tell what is wrong and where."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if isinstance(error, KeyError):
+        return f"a record has no field {error}"
+    text = re.sub(r"\x1b\[\d*m", "", str(error))  # numba writes in colour
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     kept = [x for x in lines if not x.startswith(("During:", "Failed in", "This error", "<"))]
     return " ".join(kept[:3] + [x for x in lines if x.startswith("File ")][-1:])

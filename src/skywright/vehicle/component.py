@@ -10,24 +10,21 @@ A component is a class with
   does), `InOut[X]` one that it changes after that, everything else is read. `X | None` is an
   optional port: None where nothing in the vehicle fills it, at no cost.
 
-Steps are compiled by numba, or run as plain Python (`compiled = False`, interactive mode only).
+Steps are compiled by numba (`helper` decorates what they call; `words` and `table` read arrays by
+address), or run as plain Python (`compiled = False`, interactive mode only).
 They must not allocate: scratch belongs into `Me`.
 """
 
 from __future__ import annotations
 
-import ctypes
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import update_wrapper
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from numba import carray, njit, types
 from numpy.typing import NDArray
 
-from skywright.core.pointers import as_pointer
+from skywright.core.compiled import helper, table, words
 from skywright.core.record import Array, Record
 from skywright.core.spec import Spec
 
@@ -45,39 +42,16 @@ SLOTS = (
 )  # fmt: skip
 """The parts of a control tick in order; rows of `fast` run after each physics step."""
 
+__all__ = [
+    "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
+    "Output", "PlantContext", "Sensor", "Uniform", "helper", "table", "words",
+]  # fmt: skip
+
 _T = TypeVar("_T")
 Out = Annotated[_T, "out"]
 """A port that the step fills."""
 InOut = Annotated[_T, "inout"]
 """A port that the step changes after its owner filled it."""
-
-COMPILE = {
-    "cache": True,
-    "error_model": "numpy",
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
-"""How functions are compiled that only compiled code calls."""
-
-
-class Helper:
-    """A function that steps call: compiled in compiled code, Python where Python calls it."""
-
-    def __init__(self, function: Callable[..., Any], python: Callable[..., Any]) -> None:
-        update_wrapper(self, function)
-        self._dispatcher, self._python = njit(**COMPILE)(function), python
-
-    @property
-    def _numba_type_(self) -> Any:
-        return types.Dispatcher(self._dispatcher)
-
-    def __call__(self, *args: Any) -> Any:
-        return self._python(*args)
-
-
-def helper(function: Callable[..., Any]) -> Any:
-    """Decorate a function that steps call."""
-    return Helper(function, function)
 
 
 class Output(Record):
@@ -119,6 +93,8 @@ class Context:
     dt: float  # s, control period
     h: float  # s, physics step
     law: str  # kind of the platform's law
+    asked: frozenset[type[Record]]
+    """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
     alive: list[Any] = field(default_factory=list)
@@ -189,6 +165,12 @@ class Component:
     def after_tick(self, t: float) -> None:
         """Do in Python what follows a mission tick that ended at `t` (s)."""
 
+    def save(self) -> Any:
+        """Return what this object remembers besides its records."""
+
+    def restore(self, saved: Any) -> None:
+        """Go back to what `save` returned."""
+
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Yield the instances that robot and world ask for by tables of their own."""
@@ -217,22 +199,3 @@ class Effect(Component):
     """A force on the plant: adds to MuJoCo's external forces. `[world.effects.NAME]`."""
 
     group, slot, side = "effect", "effects", "plant"
-
-
-def _words(address: int, n: int) -> Any:
-    """Return the `n` numbers at an address, such as `words(mj.qpos, mj.nq)`."""
-    return carray(as_pointer(address), n, np.float64)
-
-
-def _table(address: int, rows: int, columns: int) -> Any:
-    """Return the rows of numbers at an address, such as `table(mj.xfrc, mj.nbody, 6)`."""
-    return carray(as_pointer(address), (rows, columns), np.float64)
-
-
-def _view(address: int, *shape: int) -> Any:
-    """Return the same where Python asks for it."""
-    raw = (ctypes.c_double * int(math.prod(shape))).from_address(int(address))
-    return np.ctypeslib.as_array(raw).reshape(shape)
-
-
-words, table = Helper(_words, _view), Helper(_table, _view)

@@ -20,7 +20,7 @@ from numba import from_dtype, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from skywright.vehicle.component import COMPILE
+from skywright.core.compiled import COMPILE, Helper
 
 MAX_PORTS = 12
 """Most ports of a step."""
@@ -40,6 +40,8 @@ def compile_step(function: Any, ports: Sequence[np.dtype[Any] | None]) -> tuple[
 
 @cache
 def _build_dispatcher(function: Any) -> Any:
+    if isinstance(function, Helper):
+        return function.dispatcher
     return function if hasattr(function, "py_func") else njit(**COMPILE)(function)
 
 

@@ -22,7 +22,6 @@ from skywright.core.types import BELIEF, SAMPLE
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import Pipe, World
 from skywright.errors import InputError, SimulationError
-from skywright.estimation.localisation.calibration import Calibration
 from skywright.estimation.registry import (
     check_localisation,
     fill_parameters,
@@ -36,6 +35,7 @@ from skywright.models.compliant_arms import (
     is_compliant,
 )
 from skywright.models.insertion_body import locate_socket
+from skywright.models.localisation.calibration import Calibration
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,

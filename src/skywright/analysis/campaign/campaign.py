@@ -19,10 +19,10 @@ from skywright.analysis.campaign.results import (
 )
 from skywright.analysis.campaign.runner import INTERRUPTED, RECORD, Task
 from skywright.analysis.campaign.spec import (
+    DRAWING,
     Campaign,
     build_identity,
     check_variations,
-    collect_code_versions,
     draw_run,
     load_run,
     write_command,
@@ -31,6 +31,7 @@ from skywright.analysis.campaign.store import Store, compare_identity
 from skywright.errors import InputError
 from skywright.models.capability import check_can_fly
 from skywright.run.rows import Row
+from skywright.run.source_hash import collect_code_versions
 from skywright.run.verdict import GO, Verdict, build_verdict
 from skywright.run.warm_up import is_compiled
 
@@ -239,7 +240,7 @@ def _conclude(
     interrupted: bool,
 ) -> CampaignResult:
     """Judge the rows and write table and page."""
-    from skywright.reports.campaign import Facts, write_campaign_page
+    from skywright.analysis.campaign.report import Facts, write_campaign_page
 
     base = campaign.base
     keys = [v.key for v in campaign.variations]
@@ -247,7 +248,7 @@ def _conclude(
     facts = Facts(
         base.mission.name, base.mission.description, base.robot.name, base.world.name,
         campaign.seed, runs, {v.key: v.text for v in campaign.variations}, campaign.sets, flown,
-        wall, collect_code_versions(),
+        wall, collect_code_versions(*DRAWING),
     )  # fmt: skip
     store.write(CSV, lambda path: write_csv(rows, path))
     store.write(PAGE, lambda path: write_campaign_page(path, rows, verdict, facts))
