@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.columns import has_columns
 from skywright.description.loader import Description
 from skywright.missions.impact.fly import RECOIL_S, ImpactPlan
 from skywright.missions.impact.task import ImpactMission
@@ -57,7 +58,7 @@ def compute_impact_metrics(
     if description.robot.pendulum is not None:
         turned = soon["q"][:, 0] - before["q"][0]
         out["impact.swing_deg"] = math.degrees(float(np.max(np.abs(turned))))
-    if np.any(samples["deflection"]):
+    if has_columns(samples, "deflection") and np.any(samples["deflection"]):
         wound = np.max(np.abs(soon["deflection"] - before["deflection"]))
         out["impact.deflection_deg"] = math.degrees(float(wound))
     return out, None
