@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from skywright.core import messages
 from skywright.core.cdr import build_layout
-from skywright.core.columns import Column, Stream, Topic, build_dtype
+from skywright.core.columns import Column, Stream, Topic, build_dtype, choose_topics
 from skywright.core.messages import EVENTS
 from skywright.core.recording import Event, Recording, read_recording
 from skywright.core.recording_writer import RecordingWriter
@@ -110,6 +110,28 @@ def test_every_bit_is_read_back(
     assert read.columns == recorded.columns
     assert read.topics == {t.name: dict(t.fields) for t in recorded.topics}
     assert read.complete and read.info == {"joint_names": list(names)}
+
+
+def test_columns_that_no_topic_knows_get_their_own(tmp_path: Path) -> None:
+    """A sensor of a user records what it likes; a topic that lacks a column is not written."""
+    more = (Column("airspeed", unit="m/s"), Column("flow", (3,)), Column("count", dtype="<i8"))
+    columns = tuple(c for c in FULL.columns if c.name not in ("gap", "theta")) + more
+    topics = choose_topics(columns, FULL.topics)
+    recorded = Recorded(columns, topics)
+    names = {t.name for t in topics}
+    assert not names & {"/contact/state", "/joints/shafts"}
+    own = {n for n in names if n.startswith("/recorded/")}
+    assert own == {f"/recorded/{n}" for n in (
+        "airspeed", "flow", "count", "spring", "gap_max", "tilt", "f_normal", "f_collision",
+    )}  # fmt: skip
+    samples = make_samples(50, recorded)
+    with RecordingWriter(tmp_path / "r.mcap", *recorded) as writer:
+        writer.append(samples)
+    assert read_recording(tmp_path / "r.mcap").samples.tobytes() == samples.tobytes()
+    with AnyReader([tmp_path / "r.mcap"]) as reader:
+        [flow] = [c for c in reader.connections if c.topic == "/recorded/flow"]
+        _, stamp, raw = next(reader.messages([flow]))
+        assert stamp == 0 and len(reader.deserialize(raw, flow.msgtype).data) == 3
 
 
 def test_columns_and_topics_that_do_not_fit_are_a_fault_of_ours(tmp_path: Path) -> None:

@@ -80,6 +80,30 @@ def check_columns(columns: Sequence[Column], topics: Sequence[Topic]) -> None:
     assert set(bound) == set(names) - empty, sorted(set(bound) ^ (set(names) - empty))
 
 
+def choose_topics(columns: Sequence[Column], known: Iterable[Topic]) -> tuple[Topic, ...]:
+    """Return topics that carry all columns: those known of which every column is there.
+
+    A column that none of them carries, such as that of a sensor from a file, gets the topic
+    `/recorded/NAME`.
+    """
+    names = {c.name for c in columns}
+    topics = [t for t in known if names.issuperset(t.fields.values())]
+    rest = names.difference(*(t.fields.values() for t in topics))
+    topics += [_build_own_topic(c) for c in columns if c.name in rest and 0 not in c.shape]
+    return tuple(topics)
+
+
+def _build_own_topic(column: Column) -> Topic:
+    whole = column.dtype == "<i8"
+    kind, number = ("Integers", "int64") if whole else ("Numbers", "float64")
+    path = "data" if column.shape else "data[0]"
+    return Topic(
+        f"/recorded/{column.name}", f"skywright_msgs/{kind}", "", {path: column.name},
+        lengths={"data": column.shape[0] if column.shape else 1},
+        types={f"skywright_msgs/{kind}": f"std_msgs/Header header\n{number}[] data"},
+    )  # fmt: skip
+
+
 # Topics of standard types. `stamp` and `frame_id` of headers are filled by the recording.
 
 
