@@ -128,7 +128,7 @@ def test_a_law_in_plain_python_flies_like_the_compiled_one(tmp_path):
     [
         ("pass", "", "has no static method 'step'"),
         (
-            "@staticmethod\ndef step(est: Estimate, pitot: Airspeed, cmd: Out[WrenchCommand]) -> None: ...",
+            "@staticmethod\ndef step(v: Airspeed, cmd: Out[WrenchCommand]) -> None: ...",
             "from skywright.vehicle.component import Output\nclass Airspeed(Output):\n    v: float",
             "asks for Airspeed, which nothing in this vehicle fills",
         ),
@@ -138,7 +138,8 @@ def test_a_law_in_plain_python_flies_like_the_compiled_one(tmp_path):
             "cannot see Truth",
         ),
         (
-            "@staticmethod\ndef step(est: Estimate, cmd: Out[WrenchCommand]) -> None:\n    cmd.f_B = est.nonsense",
+            "@staticmethod\ndef step(est: Estimate, cmd: Out[WrenchCommand]) -> None:\n"
+            "    cmd.f_B[0] = est.nonsense",
             "",
             "mine.py:",
         ),

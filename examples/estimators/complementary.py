@@ -1,6 +1,7 @@
 """An estimator of your own: motion capture for the position, gyroscope for the attitude.
 
-    skywright run waypoints --set mission.estimator=examples/estimators/complementary.py:Complementary
+    skywright run waypoints --robot othex \\
+        --set mission.estimator=examples/estimators/complementary.py:Complementary
 
 Position and velocity follow the samples with two gains (an alpha-beta filter, both poles at
 exp(-w T)); the attitude integrates the gyroscope and is pulled to the samples. It has no inertial
