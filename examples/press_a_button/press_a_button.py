@@ -36,6 +36,7 @@ EXTRA = 1.3  # of the actuation force, that the tip presses with
 FRACTION = 0.8  # of the press that the capability analysis computes, at most
 STAND_OFF = 0.4  # m, of the tip, on the way in and out
 CLEAR = 0.1  # m, kept from everything on the way
+BACK = 0.5  # of the actuation force, at which a pressed button comes back
 FELT_S = 0.1  # s, that the actuation force has to last
 
 
@@ -136,13 +137,15 @@ class PressAButton(MissionKind[Button, ButtonWay]):
         return Flight(not reason, reason)
 
     def metrics(self, run: Flown[Button, ButtonWay]) -> dict[str, float]:
-        force = compute_force(run.samples)
-        down = np.concatenate([[False], force >= run.task.actuation_n, [False]])
-        edges = np.flatnonzero(down[1:] != down[:-1])
-        t = np.append(run.samples["t"], run.samples["t"][-1])
-        held = t[edges[1::2]] - t[edges[::2]]
+        force, t = compute_force(run.samples), run.samples["t"]
+        presses, since = 0, math.inf
+        for f, now in zip(force, t, strict=True):
+            if f >= run.task.actuation_n:
+                since = min(since, now)
+            elif f < BACK * run.task.actuation_n:  # a button snaps: it comes back at less
+                presses, since = presses + (now - since >= FELT_S), math.inf
         return {
-            "button.presses": float(np.count_nonzero(held >= FELT_S)),
+            "button.presses": float(presses),
             "button.force_max_n": float(np.max(force, initial=0.0)),
         }
 
