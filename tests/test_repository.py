@@ -280,7 +280,7 @@ STATEMENTS = 40_000
 LONG_FILES = {
     "core/types.py", "description/robot/spec.py", "missions/bridge_contact/fly.py",
     "missions/sensor_install/fly.py", "missions/tool_install/fly.py",
-    "models/arm_inverse_kinematics.py", "models/planar_lrm.py", "models/rigid_body.py",
+    "models/arm_inverse_kinematics.py", "models/rigid_body.py",
     "sim/plant.py", "vehicle/interface.py", "vehicle/simulated.py", "vehicle/tick.py",
     "analysis/locate/locate.py",
 }  # fmt: skip

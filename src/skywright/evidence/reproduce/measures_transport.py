@@ -11,8 +11,7 @@ from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.series import cut, phase_time
-from skywright.models.planar import build_planar_lrm
-from skywright.models.planar_lrm import fill_equations
+from skywright.models.planar import build_planar_lrm, fill_equations
 from skywright.models.scene import build_scene
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skywright.models.planar_lrm import PlanarLrm, fill_equations, fill_terms
+from skywright.models.planar import PlanarLrm, fill_equations, fill_terms
 
 Array = NDArray[np.float64]
 

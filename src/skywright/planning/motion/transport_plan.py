@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from skywright.core.streams import build_stream
 from skywright.description.robot.spec import Robot
 from skywright.errors import InfeasibleError, InputError
-from skywright.models.planar import build_planar_lrm
-from skywright.models.planar_lrm import PlanarLrm
+from skywright.models.planar import PlanarLrm, build_planar_lrm
 from skywright.models.scene import build_scene
 from skywright.planning.motion.bound import choose_slices, compute_lower_bound
 from skywright.planning.motion.kinematics import compute_pose
