@@ -21,12 +21,12 @@ import sys
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from skywright.analysis.campaign.spec import build_campaign, draw_run, load_run
 from skywright.control.cascade import SHIFT_BANDWIDTH
 from skywright.control.cascade_gains import fill_cascade
+from skywright.core.arrays import Array
 from skywright.core.types import BELIEF, BODY, MAX_JOINTS, WRENCH
 from skywright.description.loader import Description
 from skywright.estimation.wrench import SWING_BANDWIDTH
@@ -40,8 +40,6 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.run.run import RunResult, fly_and_evaluate
-
-Array = NDArray[np.float64]
 
 AT_ONCE = 1e3  # rad/s, of an estimate without lag
 X, V, PHI, RATE, U, DU, DDU, F_EST, S_EST, S_SLOW, SHIFT = range(11)

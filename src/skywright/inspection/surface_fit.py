@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from skywright.core.arrays import Array
 from skywright.description.world.surface import Cylinder
 from skywright.errors import InputError
 from skywright.inspection.calibration import read_numbers, read_table
-
-Array = NDArray[np.float64]
 
 MAX_FIT_POINTS = 1500
 MIN_FIT_POINTS = 12

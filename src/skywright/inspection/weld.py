@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from skywright.core.arrays import Array
 from skywright.description.world.surface import Cylinder
 from skywright.errors import InputError
 from skywright.inspection.baseline import MAJORITY, centre_calibration
@@ -22,8 +23,6 @@ from skywright.inspection.calibration import (
 )
 from skywright.inspection.surface_fit import roll_point, unroll_points
 from skywright.inspection.weld_line import INLIER, WeldLine, estimate_weld_line, line_distance
-
-Array = NDArray[np.float64]
 
 MERGE_DISTANCE = 0.004
 """m; two flagged stretches closer than this, without leaving contact for long, are one crossing."""

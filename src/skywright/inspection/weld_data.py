@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.inspection.calibration import (
     Calibration,
@@ -26,8 +27,6 @@ from skywright.inspection.surface_fit import (
     unroll_points,
 )
 from skywright.inspection.weld import WeldResult, detect_contact, process_scan
-
-Array = NDArray[np.float64]
 
 LEAST_SEARCHED = 0.1
 """Least share of the contact samples that a calibration span must leave to be searched."""

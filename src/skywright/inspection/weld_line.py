@@ -13,11 +13,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.spec import Weld
-
-Array = NDArray[np.float64]
 
 LAG_PRIOR = 0.03
 """s, standard deviation of the unknown lag between probe signal and position."""

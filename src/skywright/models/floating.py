@@ -17,8 +17,8 @@ from typing import Any
 import mujoco
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import cross, mat_vec
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
@@ -26,7 +26,6 @@ from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene
 
-Array = NDArray[np.float64]
 Record = Any
 
 

@@ -22,15 +22,13 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.scene import Scene
-
-Array = NDArray[np.float64]
 
 TURNS = np.array([
     [1, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0], [1, 1, 1, 0, 0, 0],
@@ -154,8 +152,8 @@ def fill_equations(p: PlanarLrm, q: Array, M: Array, rhs: Array) -> None:
                     M[i, j] += inertia[body] * TURNS[body, i - 2] * TURNS[body, j - 2]
             for k in range(6):
                 rhs[i, 6 + k] -= m * (J[0, i] * curve[0, k, k] + J[1, i] * curve[1, k, k])
-            for n, (k, l) in enumerate(PAIRS):
-                rhs[i, 12 + n] -= 2.0 * m * (J[0, i] * curve[0, k, l] + J[1, i] * curve[1, k, l])
+            for n, (j, k) in enumerate(PAIRS):
+                rhs[i, 12 + n] -= 2.0 * m * (J[0, i] * curve[0, j, k] + J[1, i] * curve[1, j, k])
             rhs[i, 23] -= m * J[1, i]
     rhs[0, 0], rhs[1, 0], rhs[2, 1] = math.sin(q[2]), math.cos(q[2]), 1.0
     for i in range(4):

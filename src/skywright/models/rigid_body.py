@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import mat_mat, mat_vec, rot_about, rot_y
 from skywright.core.scratch import local
 from skywright.core.types import BODY, MAX_HANDS, MAX_JOINTS
@@ -25,7 +26,6 @@ from skywright.description.robot.limbs import Limb, end_of, list_joints, list_li
 from skywright.description.robot.spec import Link, Probe, Robot
 from skywright.models.bar import compute_bar_share
 
-Array = NDArray[np.float64]
 Record = Any  # one element of a structured array; numba sees a typed record
 
 MAX_LINKS = 12

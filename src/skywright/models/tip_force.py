@@ -10,9 +10,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot
@@ -25,8 +25,6 @@ from skywright.models.rigid_body import (
     fill_hands,
     fill_kinematics,
 )
-
-Array = NDArray[np.float64]
 
 SWING_MAX = math.radians(85.0)  # beyond, a force overcomes the weight of link and arms
 

@@ -11,8 +11,8 @@ import math
 import xml.etree.ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.limbs import (
     SIDES,
@@ -39,8 +39,6 @@ from skywright.models.rigid_body import (
     tip_rotation,
 )
 from skywright.models.rotors import build_rotors
-
-Array = NDArray[np.float64]
 
 FREE_SPEED = 1000.0  # rad/s: URDF wants a largest speed of every joint, a passive one has none
 

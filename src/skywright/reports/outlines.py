@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.robot.limbs import end_of, list_limbs
 from skywright.description.robot.spec import Robot
@@ -17,8 +17,6 @@ from skywright.description.world.surface import build_cylinder
 from skywright.models.docking_body import list_feet
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics, joint_names
 from skywright.models.rotors import build_rotors
-
-Array = NDArray[np.float64]
 
 
 class Outline(NamedTuple):

@@ -11,6 +11,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import Pipe, Weld, World
@@ -26,8 +27,6 @@ from skywright.models.drawing import (
 )
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon, merge_meshes
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Colour = tuple[int, int, int]
 
 CCW: Colour = (51, 117, 214)

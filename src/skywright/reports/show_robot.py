@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_limbs
 from skywright.description.robot.spec import Link, Robot
@@ -27,7 +27,6 @@ from skywright.reports.show_style import SIDE, STYLES, TOP, draw_dimension, draw
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 CCW, CW = "#2f6fc4", "#e07b00"
 THRUST_LENGTH = 0.16  # m, of the arrows that show where a rotor pushes

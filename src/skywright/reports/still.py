@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.surface import build_cylinder
 from skywright.models.deviation import build_true_world
 from skywright.models.drawing import (
@@ -24,7 +25,6 @@ from skywright.reports.render import Camera, Item, render_scene
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-Array = NDArray[np.float64]
 
 CCW, CW = (0.17, 0.42, 0.78), (0.45, 0.72, 0.96)
 PATH_WIDTH = 0.007  # m

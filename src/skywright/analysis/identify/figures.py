@@ -8,9 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.reports.figures.style import BLACK, BLUE, GREY, ORANGE, RED, WIDTH, new_figure
-
-Array = NDArray[np.float64]
 
 NAMES = ("x", "y", "z")
 WINDOW = 12.0  # s of the series that are shown

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.identify import figures
+from skywright.core.arrays import Array
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, render_page
-
-Array = NDArray[np.float64]
 
 
 class ParameterRow(NamedTuple):

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.surface import build_cylinder
 from skywright.models.rigid_body import posture
@@ -38,7 +39,6 @@ from skywright.reports.outlines import (
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-Array = NDArray[np.float64]
 Samples = NDArray[Any]
 
 _PARTS: dict[str, tuple[str, float]] = {
