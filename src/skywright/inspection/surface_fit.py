@@ -33,21 +33,6 @@ class SurfaceFit(NamedTuple):
     fitted: bool
 
 
-def unroll_points(cylinder: Cylinder, p: Array) -> tuple[Array, Array, Array]:
-    """(s, c, distance to the surface) in m, each (n,), of points (n, 3) in W."""
-    local = (np.asarray(p, float) - cylinder.p_WP) @ cylinder.R_WP
-    c = cylinder.radius * np.arctan2(local[:, 2], -local[:, 0])
-    return local[:, 1], c, np.hypot(local[:, 0], local[:, 2]) - cylinder.radius
-
-
-def roll_point(cylinder: Cylinder, s: float, c: float) -> Array:
-    """Point (3,) in W of the unrolled coordinates (s, c)."""
-    phi = c / cylinder.radius
-    r = cylinder.radius
-    local = np.array([-r * math.cos(phi), s, r * math.sin(phi)])
-    return np.asarray(cylinder.p_WP + cylinder.R_WP @ local)
-
-
 def build_surface(axis_point: Array, axis: Array, radius: float, p: Array) -> Cylinder:
     """A cylinder whose c = 0 faces the middle of the points `p` (n, 3) in W.
 

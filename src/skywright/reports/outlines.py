@@ -13,7 +13,7 @@ from skywright.description.robot.limbs import end_of, list_limbs
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import Box, Pipe, Tube
 from skywright.description.world.structure import PLANE, Structure, build_surface, locate_point
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, roll_points
 from skywright.models.docking_body import list_feet
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics, joint_names
 from skywright.models.rotors import build_rotors
@@ -104,9 +104,7 @@ def outline_pipe(pipe: Pipe) -> list[Outline]:
 def surface_curve(pipe: Pipe, s: Array | float, phi: Array | float) -> Array:
     """Points (n, 3) in W of the surface at axial positions `s` (m) and angles `phi` (rad)."""
     cyl = build_cylinder(pipe)
-    s, phi = np.broadcast_arrays(np.asarray(s, float), np.asarray(phi, float))
-    local = np.column_stack([-cyl.radius * np.cos(phi), s, cyl.radius * np.sin(phi)])
-    return np.asarray(local @ cyl.R_WP.T + cyl.p_WP)
+    return roll_points(cyl, np.asarray(s), cyl.radius * np.asarray(phi))[0]
 
 
 def outline_tube(tube: Tube) -> list[Outline]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.loader import Description
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.inspection.calibration import Calibration, build_calibration
 from skywright.inspection.contact_quality import compute_coverage
 from skywright.inspection.weld import WeldResult, process_scan
@@ -236,8 +236,7 @@ def _add_coverage(
         return
     cyl = build_cylinder(pipe)
     path = np.asarray(plan.scan.path_sphi)
-    d = (s["p_WT"] - cyl.p_WP) @ cyl.R_WP
-    along, around = d[:, 1], cyl.radius * np.arctan2(d[:, 2], -d[:, 0])
+    along, around, _ = unroll_points(cyl, s["p_WT"])
     out["coverage.fraction"] = compute_coverage(
         path[:, 0], cyl.radius * path[:, 1], along, around, s["gap_max"], s["tilt"]
     )
