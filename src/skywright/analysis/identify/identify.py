@@ -70,6 +70,11 @@ class Identification(NamedTuple):
             "notes": self.notes,
         }
 
+    def list_lags(self) -> list[Lag]:
+        """The responses that were identified, the rotors' first."""
+        lags = [self.rotor_lag, *self.servos]
+        return [lag for lag in lags if lag is not None and lag.identified]
+
     def list_unknown(self) -> list[str]:
         """Say one by one what the flights did not tell."""
         out = []
