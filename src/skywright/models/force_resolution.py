@@ -15,7 +15,7 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot, Servo
-from skywright.models.rigid_body import build_body_model, compute_tip, posture
+from skywright.models.rigid_body import build_body_model, compute_kinematics, posture
 
 
 class ForceResolution(NamedTuple):
@@ -62,15 +62,8 @@ def compute_force_resolution(robot: Robot, q: Array | None = None) -> ForceResol
         return None
     model = build_body_model(robot)
     at = posture(robot, "working") if q is None else np.asarray(q, dtype=np.float64)
-    axis = compute_tip(model, at)[1][:, 2]
-    step, n = 1e-6, len(at)
-    lever = np.zeros(n)
-    for j in range(n):
-        low, high = at.copy(), at.copy()
-        low[j] -= step
-        high[j] += step
-        moved = compute_tip(model, high)[0] - compute_tip(model, low)[0]
-        lever[j] = float(moved @ axis) / (2.0 * step)
+    k = compute_kinematics(model, at)
+    lever = k["R_BT"][:, 2] @ k["J_BT"][:, : len(at)]
     names = tuple(name for name, _ in list_servos(robot))
     angles = np.array([compute_servo_count(servo) for _, servo in list_servos(robot)])
     steps = robot.probe.spring_n_per_m * np.abs(map_to_servos(robot, lever)) * angles

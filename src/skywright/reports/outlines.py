@@ -15,7 +15,7 @@ from skywright.description.world.spec import Box, Pipe, Tube
 from skywright.description.world.structure import PLANE, Structure, build_surface, locate_point
 from skywright.description.world.surface import build_cylinder, roll_points
 from skywright.models.docking_body import list_feet
-from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics, joint_names
+from skywright.models.rigid_body import build_body_model, compute_kinematics, joint_names
 from skywright.models.rotors import build_rotors
 
 
@@ -65,17 +65,14 @@ def outline_arm(robot: Robot, q: Array) -> list[Outline]:
     if robot.arm is None:
         return []
     model = build_body_model(robot)
-    angles = np.zeros(len(model[0]["q_min"]))
-    angles[: len(joint_names(robot))] = q
-    k = np.zeros(1, KINEMATICS)
-    fill_kinematics(model[0], angles, k[0])
+    k = compute_kinematics(model, q[: len(joint_names(robot))])
     parts = []
     for i, limb in enumerate(list_limbs(robot)):
-        start = k[0]["p"][i]
-        end = start + k[0]["R"][i] @ np.array(end_of(limb.link))
+        start = k["p"][i]
+        end = start + k["R"][i] @ np.array(end_of(limb.link))
         parts.append(Outline(np.array([start, end]), "arm"))
     if robot.probe is not None:
-        tip, axis = k[0]["p_BT"], k[0]["R_BT"][:, 2]
+        tip, axis = k["p_BT"], k["R_BT"][:, 2]
         parts.append(Outline(np.array([tip - axis * robot.probe.length_m, tip]), "probe"))
     return parts
 
