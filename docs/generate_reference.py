@@ -19,6 +19,7 @@ from typing import Any, Literal, get_args, get_origin
 import annotated_types as limits
 from pydantic.fields import FieldInfo
 
+from skywright.core.find import find, list_kinds
 from skywright.core.spec import Spec
 from skywright.description.mission.spec import Mission, Plant
 from skywright.description.robot.spec import Robot
@@ -185,6 +186,8 @@ def _tables(path: str, model: type[Spec]) -> list[str]:
             inner = f"{path}.NAME" if path == "robot.arm" else f"{path}.{key}{suffix}"
             below += _tables(inner, sub)
             continue
+        if key == "task" and isinstance(field.annotation, typing.TypeVar):
+            continue  # each kind has its own, below
         value = ", ".join(p for p in (_type_name(field.annotation), _bounds(field)) if p)
         meaning = comments.get(key, "").replace("|", "\\|")
         rows.append(f"| `{key}` | {_unit(key)} | {_default(field)} | {value} | {meaning} |")
@@ -201,6 +204,9 @@ def build_page() -> str:
     lines = [INTRODUCTION]
     for root, model in (("robot", Robot), ("world", World), ("mission", Mission), ("plant", Plant)):
         lines += _tables(root, model)
+        for kind in list_kinds("kind") if root == "mission" else ():
+            first, *rest = _tables("mission.task", find("kind", kind).cls.task)
+            lines += [f"{first} (kind {kind})", *rest]
     return "\n".join(lines)
 
 

@@ -16,13 +16,13 @@ from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot
-from skywright.models.compliant_arms import spring_deflection, spring_torque
 from skywright.models.rigid_body import (
     build_body_model,
     compute_body,
     compute_kinematics,
     fill_gravity_torque,
 )
+from skywright.models.springs import spring_deflection, spring_torque
 
 SWING_MAX = math.radians(85.0)  # beyond, a force overcomes the weight of link and arms
 

@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 
 from skywright.core.keys import iterate_leaves
 from skywright.core.spec import Source, Spec
-from skywright.core.toml_files import Layer, load_layer, merge_layers
+from skywright.core.toml_files import Layer, merge_layers
 from skywright.core.validation import list_problems
 from skywright.description.loader import SPECS, list_layer_problems, load_description
 from skywright.description.lookup import find_kind
+from skywright.description.renamed import load_layer
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import find_world

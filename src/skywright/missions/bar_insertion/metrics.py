@@ -9,15 +9,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.loader import Description
+from skywright.missions.bar_insertion.plan import InsertionPlan
+from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.models.deviation import build_deviation
 from skywright.models.drawing import rotate_vectors
 from skywright.models.insertion_body import locate_socket
-from skywright.run.flight import PhaseRecord
+from skywright.run.flight import Flown
+from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-from skywright.run.planning import MissionPlan
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
+
+MEASURES: Measures = {
+    "insert.done": ("", "1 when the peg is in the hole at the end, hands withdrawn"),
+    "insert.depth_mm": ("mm", "depth of the peg's end below the socket's face at the end"),
+    "insert.force_max_n": ("N", "largest force of the peg on the socket, its inertia left out"),
+    "insert.tries": ("", "times that the peg was lowered onto the socket"),
+    "insert.time_s": ("s", "from the arrival over the socket until the peg was in or given up"),
+    "insert.aim_error_mm": (
+        "mm",
+        "distance of the peg's end from the hole's axis as it was last lowered",
+    ),
+    "insert.aim_angle_deg": (
+        "deg",
+        "angle between bar and hole about the hole's axis at that moment",
+    ),
+}
+"""Metric -> unit and meaning, of those that only this kind has."""
 
 SEATED = 0.95  # of the peg's length in the hole: it is in
 BELOW_FLIGHT = ("start", "take_off", "land")
@@ -49,10 +68,9 @@ def compute_peg_way(samples: Samples, d: Description) -> PegWay:
     return PegWay((tip - p_WS) @ R_WS, np.arccos(along), turn, carried - weight)
 
 
-def compute_insertion_metrics(
-    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
-) -> tuple[dict[str, float], None]:
+def compute_insertion_metrics(run: Flown[BarInsertion, InsertionPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
+    samples, phases, description = run.samples, run.phases, run.setup.description
     peg = description.world.peg
     assert peg is not None
     out = {"insert.tries": float(sum(p.name == "lower" for p in phases))}
@@ -79,4 +97,4 @@ def compute_insertion_metrics(
         out["insert.aim_angle_deg"] = math.degrees(abs(float(way.turn[at])))
         first = next(p.start_s for p in phases if p.name == "align")
         out["insert.time_s"] = tries[-1].end_s - first
-    return out, None
+    return out

@@ -9,29 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.description.loader import Description
-from skywright.description.world.spec import World
-from skywright.errors import InputError
-from skywright.missions.bimanual_bench.task import BimanualBench, BimanualBenchMission
-from skywright.models.arm_inverse_kinematics import has_arm_chain
+from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.models.bimanual import is_unplugged
-from skywright.models.compliant_arms import is_compliant
-from skywright.models.rigid_body import posture
 from skywright.run.flight import Flight
-from skywright.run.planning import MissionPlan
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
-Array = NDArray[np.float64]
 
-NEEDS = frozenset({"hands"})
-FLIES = False
+from skywright.missions.bimanual_bench.plan import BenchPlan
+
+Array = NDArray[np.float64]
 
 STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
 """m, y of each station in the world `bench`."""
@@ -39,7 +32,6 @@ APART = 0.05  # m, between hand and what it is about to press
 GAP = 0.015  # m, at which the hands stop to press from
 ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of what the hands are pressed on
 GRIP_BELOW = 0.33  # m, hands below the platform's origin at the post
-TRIAL_S = 37.0  # s, about, of one trial
 TRAVEL_S = 2.0  # s, from station to station
 SETTLE_S = 2.0
 GRASP_S = 2.0  # s, in which the force of a grasp grows
@@ -49,67 +41,27 @@ PULL_S = 10.0  # s, in which it must come free
 PULL_SPEED = 0.03  # m/s
 
 
-class BenchPlan(NamedTuple):
-    """What the trials know."""
-
-    world: World
-    folded: Array  # (n_joints,) rad
-
-
-def _way(s: Supervisor) -> BenchPlan:
-    assert isinstance(s.plan.task, BenchPlan)
-    return s.plan.task
-
-
-def plan(d: Description) -> MissionPlan:
-    """Check that robot and world are those of a bench; there is no way to plan."""
-    assert isinstance(d.mission, BimanualBenchMission)
-    robot, world = d.robot, d.world
-    if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
-        raise InputError(
-            f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
-            "bimanual-bench needs two, such as bimanual"
-        )
-    if robot.arm.sides != 2:
-        raise InputError(f"robot {robot.name!r} has one arm; bimanual-bench needs two")
-    if world.bench is None:
-        raise InputError(f"world {world.name!r} has no bench: give it a [world.bench] table")
-    needs = {"squeeze": "box", "unplug": "plug", "bar": "bar"}
-    for trial in d.mission.task.trials:
-        name = needs.get(trial)
-        if name is not None and name not in world.objects:
-            raise InputError(f"trial {trial!r} needs [world.objects.{name}] in {world.name!r}")
-        if trial == "position-sensor" and "post" not in world.obstacles:
-            raise InputError(f"trial {trial!r} needs [world.obstacles.post] in {world.name!r}")
-    total = TRIAL_S * len(d.mission.task.trials)
-    return MissionPlan(
-        True, None, 0.0, total, math.inf, math.nan, {}, None, 0.0, 0.0,
-        BenchPlan(world, posture(robot, "folded")),
-    )  # fmt: skip
-
-
-def fly(s: Supervisor) -> Flight:
+def fly(s: Supervisor[BimanualBench], way: BenchPlan) -> Flight:
     """Run the trials one after the other."""
-    assert isinstance(s.mission, BimanualBenchMission)
-    trials: dict[str, Callable[[Supervisor, BimanualBench], str]] = {
+    trials: dict[str, Callable[[Supervisor[BimanualBench], BenchPlan], str]] = {
         "squeeze": _squeeze, "unplug": _unplug, "bar": _lead_bar,
         "position-sensor": _feel_drift,
     }  # fmt: skip
     s.begin("start")
     s.wait(1.0)
     reason = ""
-    for trial in s.mission.task.trials:
+    for trial in s.task.trials:
         s.begin(f"to {trial}")
-        _travel(s, STATIONS[trial])
-        reason = trials[trial](s, s.mission.task) or reason
+        _travel(s, way, STATIONS[trial])
+        reason = trials[trial](s, way) or reason
     return Flight(not reason, reason)
 
 
-def _travel(s: Supervisor, y: float) -> None:
+def _travel(s: Supervisor, way: BenchPlan, y: float) -> None:
     """Carry the clamped platform to another station, hands back first."""
-    bench = _way(s).world.bench
+    bench = way.world.bench
     assert bench is not None
-    s.arms.move_to(_way(s).folded)
+    s.arms.move_to(way.folded)
     s.until_arrived()
     here = float(s.vehicle.reference["p_WB"][1])
     steps = max(round(TRAVEL_S / 0.02), 1)
@@ -146,13 +98,13 @@ def _leave(s: Supervisor, left: Array, right: Array) -> None:
     s.wait(2.0)
 
 
-def _faces(s: Supervisor, name: str, above: float = 0.0) -> tuple[Array, Array]:
+def _faces(s: Supervisor, way: BenchPlan, name: str, above: float = 0.0) -> tuple[Array, Array]:
     """Where (left, right) hands press on two faces of a thing or obstacle, in W.
 
     In the middle, or `above` (m) it. A ball touches with its side: the hand's point, at the end of
     a forearm that looks forward, stays its radius off and its radius ahead.
     """
-    thing = _way(s).world.objects.get(name) or _way(s).world.obstacles[name]
+    thing = way.world.objects.get(name) or way.world.obstacles[name]
     half = 0.5 * (thing.size_x_m if thing.size_y_m is None else thing.size_y_m)
     ball = float(np.max(s.vehicle.hands["pad"]))
     centre = np.array([thing.x_m + ball, thing.y_m, thing.z_m + above])
@@ -160,9 +112,10 @@ def _faces(s: Supervisor, name: str, above: float = 0.0) -> tuple[Array, Array]:
     return centre + away, centre - away
 
 
-def _squeeze(s: Supervisor, task: BimanualBench) -> str:
+def _squeeze(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
+    task = s.task
     # two balls are a hinge: gripped above its centre of mass the box hangs
-    left, right = _faces(s, "box", above=0.25 * _way(s).world.objects["box"].size_z_m)
+    left, right = _faces(s, way, "box", above=0.25 * way.world.objects["box"].size_z_m)
     s.begin("approach box")
     _approach(s, left, right)
     s.begin("squeeze")
@@ -181,9 +134,10 @@ def _squeeze(s: Supervisor, task: BimanualBench) -> str:
     return ""
 
 
-def _unplug(s: Supervisor, task: BimanualBench) -> str:
+def _unplug(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     """Pull until both hands are farther than the threshold from where they grasped: (33)."""
-    left, right = _faces(s, "plug")
+    task = s.task
+    left, right = _faces(s, way, "plug")
     s.begin("approach plug")
     _approach(s, left, right)
     s.begin("grasp plug")
@@ -206,9 +160,10 @@ def _unplug(s: Supervisor, task: BimanualBench) -> str:
     return "" if noticed else "the plug did not come free"
 
 
-def _lead_bar(s: Supervisor, task: BimanualBench) -> str:
+def _lead_bar(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     """Lead a bar between the hands through poses: (29), (30) with (31), (32)."""
-    left, right = _faces(s, "bar", above=0.25 * _way(s).world.objects["bar"].size_z_m)
+    task = s.task
+    left, right = _faces(s, way, "bar", above=0.25 * way.world.objects["bar"].size_z_m)
     centre, width = 0.5 * (left + right), float(np.linalg.norm(left - right))
     s.begin("approach bar")
     _approach(s, left, right)
@@ -216,7 +171,7 @@ def _lead_bar(s: Supervisor, task: BimanualBench) -> str:
     s.arms.squeeze(task.squeeze_n, left, right, ramp_s=GRASP_S)
     s.wait(GRASP_S + SETTLE_S)
     turn = math.radians(task.bar_turn_deg)
-    for name, way, angle in (
+    for name, by, angle in (
         ("lift bar", [0.0, 0.0, 0.06], 0.0),
         ("turn bar", [0.0, 0.0, 0.06], turn),
         ("bar forward", [0.03, 0.0, 0.06], 0.0),
@@ -224,17 +179,18 @@ def _lead_bar(s: Supervisor, task: BimanualBench) -> str:
     ):
         s.begin(name)
         n = np.array([-math.sin(angle), math.cos(angle), 0.0])
-        s.arms.bar_to(centre + way, n, width, force=task.squeeze_n)
+        s.arms.bar_to(centre + by, n, width, force=task.squeeze_n)
         s.wait(LIFT_S)
     _leave(s, left, right)
     return ""
 
 
-def _feel_drift(s: Supervisor, task: BimanualBench) -> str:
+def _feel_drift(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     """Hands pressed on a post stay where they are while the base drifts: their angles tell it."""
-    bench, post = _way(s).world.bench, _way(s).world.obstacles["post"]
+    task = s.task
+    bench, post = way.world.bench, way.world.obstacles["post"]
     assert bench is not None
-    left, right = _faces(s, "post", above=bench.z_m - GRIP_BELOW - post.z_m)
+    left, right = _faces(s, way, "post", above=bench.z_m - GRIP_BELOW - post.z_m)
     s.begin("approach post")
     _approach(s, left, right)
     s.begin("grasp post")

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.missions.skills.tool_handling import LOW
-from skywright.missions.tool_install.fly import find_places
 from skywright.missions.tool_install.metrics import compute_grasp_errors, compute_operated
+from skywright.missions.tool_install.plan import ToolPlan, find_places
+from skywright.missions.tool_install.task import ToolInstall
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -27,7 +27,7 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
-from skywright.reports.kinds import find_task
+from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 HOVER_MM = 15.0  # requirement of the mission
 
 
-def draw_phases(result: RunResult) -> Figure | None:
+def draw_phases(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """Tool and platform over the whole flight, and the weight that the hands carry."""
     s = result.samples
     if not len(s):
@@ -70,7 +70,7 @@ def draw_phases(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_tracking(result: RunResult) -> Figure | None:
+def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """Error of both tips at the grasp points, and the platform's way: figures 23 and 24."""
     s = result.samples
     hover = in_phases(s, result.phases, "hover check")
@@ -79,7 +79,7 @@ def draw_tracking(result: RunResult) -> Figure | None:
     s = s[hover]
     t = s["t"]
     index = result.description.world.things.index("tool")
-    error = 1e3 * compute_grasp_errors(s, index, result.plan.task, -LOW)
+    error = 1e3 * compute_grasp_errors(s, index, result.plan.get_way(), -LOW)
     figure = new_figure(WIDTH, 5.4)
     strip, axes = stack_panels(figure, 3)
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
@@ -102,13 +102,13 @@ def draw_tracking(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_operator(result: RunResult) -> Figure | None:
+def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """What the operator's stick asked for, and what hands and tool made of it."""
     s = result.samples[in_phases(result.samples, result.phases, "install")]
     if not len(s) or not np.any(s["operator_stick"]):
         return None
     t, world = s["t"], result.description.world
-    _, seat = find_places(world, find_task(result.description))
+    _, seat = find_places(world, result.description.mission.task)
     way = compute_operated(s, world.things.index("tool"), seat)
     figure = new_figure(WIDTH, 7.0)
     strip, axes = stack_panels(figure, 4)
@@ -139,11 +139,6 @@ def draw_operator(result: RunResult) -> Figure | None:
     return figure
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
-    "tool_phases": draw_phases,
-    "tool_tracking": draw_tracking,
-    "tool_operator": draw_operator,
-}
 PHASES = {
     "approach bench": "Arms down, then along the planned way to the tool that motion capture sees.",
     "hover check": "Both hooks keep their points below the handle while the platform hovers.",
@@ -164,27 +159,8 @@ PHASES = {
 }
 """Phase -> what is done in it."""
 
-CAPTIONS = {
-    "tool_phases": (
-        "The tool's way, phase by phase",
-        "Where platform and tool were, what each hook carried, and how far the springs of the left "
-        "arm were wound up by it.",
-    ),
-    "tool_tracking": (
-        "The hands at the grasp points",
-        "How both tips kept their points at the tool while the platform hovered, and how the "
-        "platform drifted meanwhile.",
-    ),
-    "tool_operator": (
-        "The operator at the stick",
-        "What the operator did, in the seat's frame, and what came of it: the stick moves the goal "
-        "of both hands at up to the speed of a full deflection, (24); the hands follow on springs; "
-        "the tool comes to its seat, its three distances going to zero.",
-    ),
-}
 
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[ToolInstall, ToolPlan]) -> str:
     """Say where the tool came to stand."""
     d = result.description
     seat, back = result.metrics.get("tool.seat_error_mm"), result.metrics.get("tool.returned")
@@ -193,3 +169,30 @@ def describe(result: RunResult) -> str:
         return did + "did not come to put the tool onto the pipe"
     where = "brought it back" if back == 1.0 else "did not bring it back"
     return did + f"put the tool onto the pipe, {seat:.1f} mm from its place, and {where}"
+
+
+FIGURES = Figures(
+    describe,
+    charts={
+        "tool_phases": Chart(
+            "The tool's way, phase by phase",
+            "Where platform and tool were, what each hook carried, and how far the springs of "
+            "the left arm were wound up by it.",
+            draw_phases,
+        ),
+        "tool_tracking": Chart(
+            "The hands at the grasp points",
+            "How both tips kept their points at the tool while the platform hovered, and how the "
+            "platform drifted meanwhile.",
+            draw_tracking,
+        ),
+        "tool_operator": Chart(
+            "The operator at the stick",
+            "What the operator did, in the seat's frame, and what came of it: the stick moves "
+            "the goal of both hands at up to the speed of a full deflection, (24); the hands "
+            "follow on springs; the tool comes to its seat, its three distances going to zero.",
+            draw_operator,
+        ),
+    },
+    phases=PHASES,
+)

@@ -1,0 +1,165 @@
+"""Bring the peg of a bar into a hole: look, align, lower, insert; draw out where it does not go.
+
+The steps of `bar-insertion` at the socket. What is known of the socket is a survey by motion
+capture; of the peg, what bar_leading.py measures; of contact, the weight that the hands
+feel.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.missions.bar_insertion.bar_leading import BarLeader, BarPose
+from skywright.missions.bar_insertion.task import BarInsertion
+from skywright.missions.skills.tool_handling import Grip, Place
+from skywright.vehicle.simulated import MISSION_TICK
+
+if TYPE_CHECKING:
+    from skywright.run.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+
+SURVEY_LOOKS = 50  # of motion capture at the socket, a mission tick each
+READY = 0.012  # m, of the peg's end above the socket before it is lowered
+CALM_S = 0.3  # s, for which the peg has to be over the hole
+ALIGN_MAX_S = 12.0  # s, after which it is lowered from where it is
+SINK_S = 0.4  # s without progress in the hole from which the hands press
+DRAW_MAX_S = 8.0
+STALL_S, STALL_M = 2.0, 0.001  # no more progress in the hole: the peg is jammed
+ENTERED_M = 0.003  # m, below the chamfer, from which the peg is in the hole
+SPIRAL = 0.7  # of the chamfer's reach, between neighbours
+SEAT_S, FELT = 0.4, 0.6  # s, for which so much of the asked force has to be felt on the seat
+FULL = 0.95  # of the peg's length, from which it is in
+TOUCHED = 0.7  # of the bar's weight: so little in the hands says that the peg stands on something
+TOUCH_S = 0.8  # s without progress while it is lowered: it stands beside the hole
+
+
+def survey(s: Supervisor) -> tuple[Place, Array]:
+    """Look at the socket for a time; return its place (O of a bar that is in it) and R_WS."""
+    places, R = [], np.zeros((3, 3))
+    for _ in range(SURVEY_LOOKS):
+        s.tick()
+        p, turn = s.vehicle.survey_socket()
+        places.append(p)
+        R += turn
+    u, _, vt = np.linalg.svd(R)  # the rotation nearest to the mean
+    R = u @ vt
+    return Place(np.mean(places, axis=0), math.atan2(R[1, 0], R[0, 0])), R
+
+
+def find_offset(missed: int, capture: float) -> Array:
+    """Where (2,) m, in S, to set the peg down after so many misses: a sunflower's spiral.
+
+    A miss says that the survey is wrong: the hole is elsewhere. The spiral's points are as far from
+    each other as the chamfer reaches, so that they leave no gap.
+    """
+    angle = missed * math.pi * (3.0 - math.sqrt(5.0))
+    return SPIRAL * capture * math.sqrt(missed) * np.array([math.cos(angle), math.sin(angle)])
+
+
+def build_hole(s: Supervisor, p: Array, R: Array, grip: Grip) -> Hole:
+    peg, socket = s.vehicle.world.peg, s.vehicle.world.socket
+    assert peg is not None and socket is not None
+    return Hole(
+        p, R, np.array([0.0, 0.0, -peg.length_m]), grip.handle,
+        0.5 * (socket.hole_m - peg.side_m) + socket.chamfer_m, socket.chamfer_m + ENTERED_M,
+    )  # fmt: skip
+
+
+class Hole(NamedTuple):
+    """The hole as surveyed, and the points of the bar that are led to it."""
+
+    p: Array  # (3,) m, middle of the opening
+    R: Array  # (3, 3) R_WS
+    tip: Array  # (3,) m, in O: middle of the peg's end
+    bar: Array  # (3,) m, in O: middle of the crossbar
+    capture: float  # m, across, within which the chamfer leads the peg in
+    entered: float  # m, depth from which the peg is in
+
+    def depth_of(self, pose: BarPose) -> float:
+        """How deep (m) the peg's end is below the opening."""
+        return float((self.p - pose.p - pose.R @ self.tip) @ self.R[:, 2])
+
+
+def insert(s: Supervisor, leader: BarLeader, hole: Hole, offset: Array, task: BarInsertion) -> str:
+    """One try: over the hole, down, and in; returns "in", "jammed", "missed" or "beside".
+
+    Beside is a peg that came down off its goal, blown there; one that missed came down where the
+    hole should be. Before the peg is in the hole its end is led. After that the walls lead it, and
+    the crossbar is kept over it: sideways forces and with them friction stay small. Where it meets
+    resistance, and at last on its seat, the hands press by (31).
+    """
+    peg, n, speed = s.vehicle.world.peg, hole.R[:, 1], task.lower_speed_mps
+    assert peg is not None
+    above = hole.p + hole.R[:, :2] @ offset + READY * hole.R[:, 2]
+    s.begin("align")
+    _align(s, leader, hole, above, task)
+    s.begin("lower")
+    watch, pose = Progress(s, hole), leader.measure()
+    while watch.deepest < hole.entered and watch.stalled < TOUCH_S:
+        if leader.carried < TOUCHED * leader.weight:
+            break
+        pose = leader.lead(above, n, hole.tip, sink=speed)
+        watch.step(pose)
+    if watch.deepest < hole.entered:
+        aside = hole.R.T @ (pose.p + pose.R @ hole.tip - above)
+        found = "missed" if float(np.max(np.abs(aside[:2]))) < 0.5 * hole.capture else "beside"
+    else:
+        s.begin("insert")
+        over = hole.p + hole.R[:, 2] * float(hole.bar[2] - hole.tip[2])
+        watch, pressed, found = Progress(s, hole), 0.0, "jammed"
+        while watch.stalled < STALL_S and pressed < SEAT_S:
+            if watch.stalled < SINK_S and watch.deepest < FULL * peg.length_m:
+                pose = leader.lead(over, n, hole.bar, sink=speed, let_go=True)
+            else:
+                pose = leader.press(over, n, hole.bar, task.press_share * leader.weight, task.gamma)
+            watch.step(pose)
+            seated = leader.carried < (1.0 - FELT * task.press_share) * leader.weight
+            pressed = (
+                pressed + MISSION_TICK if seated and watch.depth > FULL * peg.length_m else 0.0
+            )
+        if pressed >= SEAT_S:
+            return "in"
+    s.end("retry")
+    s.begin("draw out")
+    watch = Progress(s, hole)
+    while watch.depth > -0.5 * READY and s.vehicle.t - watch.began < DRAW_MAX_S:
+        watch.step(leader.lead(above, n, hole.tip, sink=-speed))
+    return found
+
+
+class Progress:
+    """How deep the peg is, and for how long it has not come deeper."""
+
+    def __init__(self, s: Supervisor, hole: Hole) -> None:
+        self._s, self._hole = s, hole
+        self.depth, self.deepest = math.inf, -math.inf  # m; of a bar that was not looked at yet
+        self.began = self._since = s.vehicle.t
+
+    def step(self, pose: BarPose) -> None:
+        """Take in a pose of the bar."""
+        self.depth = self._hole.depth_of(pose)
+        if self.depth > self.deepest + STALL_M:
+            self.deepest, self._since = self.depth, self._s.vehicle.t
+
+    @property
+    def stalled(self) -> float:
+        """Time (s) without progress."""
+        return float(self._s.vehicle.t - self._since)
+
+
+def _align(s: Supervisor, leader: BarLeader, hole: Hole, tip: Array, task: BarInsertion) -> None:
+    """Lead the peg's end to `tip` (3,) m and the bar along the hole, until it stays there."""
+    ends, calm, n = s.vehicle.t + ALIGN_MAX_S, 0.0, hole.R[:, 1]
+    while s.vehicle.t < ends and calm < CALM_S:
+        if leader.carried < TOUCHED * leader.weight:
+            return  # the socket is higher than the survey says
+        pose = leader.lead(tip, n, hole.tip)
+        error = tip - pose.p - pose.R @ hole.tip
+        turn = math.acos(min(abs(float(n @ pose.R[:, 1])), 1.0))
+        near = float(np.linalg.norm(error[:2])) < task.align_m and abs(error[2]) < 0.5 * READY
+        calm = calm + MISSION_TICK if near and turn < math.radians(task.align_deg) else 0.0
