@@ -11,7 +11,7 @@ import pytest
 from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.lookup import Subject, find_any
-from skywright.description.world.surface import build_cylinder, unroll
+from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.missions.scan.figures import place_at_work, scan_path
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.models.rotors import build_rotors

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from skywright.core.arrays import Array
 from skywright.core.scratch import local
 from skywright.core.types import MAX_ROTORS
 from skywright.errors import InputError

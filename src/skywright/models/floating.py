@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 from skywright.core.arrays import Array
 from skywright.core.rotations import cross, mat_vec
 from skywright.core.scratch import local
+from skywright.core.types import BODY, WRENCH
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
-from skywright.models.rigid_body import MAX_LINKS
+from skywright.models.rigid_body import MAX_LINKS, compute_kinematics, fill_body
 from skywright.models.scene import build_scene
 
 Record = Any

@@ -11,14 +11,14 @@ the robot along the probe and y along the link's y, H hands likewise.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.record import Array, Integers, Mat3, Record, Vec3
-from skywright.core.rotations import mat_mat, mat_vec, rot_about, rot_y
+from skywright.core.rotations import mat_mat, mat_vec, rot_about
 from skywright.core.scratch import local
 from skywright.core.types import BODY, MAX_HANDS, MAX_JOINTS
 from skywright.description.robot.docking import Docking
@@ -38,8 +38,6 @@ from skywright.models.part_masses import (
 )
 
 MAX_LINKS = 12
-SLIDER_INERTIA = 1e-6
-"""kg m^2 of the probe's sprung part about its own centre: small, but MuJoCo wants it above zero."""
 
 Links = Annotated[Integers, MAX_LINKS]
 
@@ -190,13 +188,6 @@ def _set_hands(m: Any, robot: Robot, limbs: list[Limb]) -> None:
         if robot.arm.bar is not None:
             mass, inertia = compute_bar_share(robot.arm.bar, robot.arm.separation_m)
             _weld(m, i, [(mass, m["hand_offset"][side], inertia)])
-
-
-def hand_inertia(robot: Robot) -> Array:
-    """Return the (3, 3) inertia of a hand about its centre: a solid ball."""
-    assert robot.arm is not None
-    hand = robot.arm.hand
-    return 0.4 * hand.mass_kg * hand.radius_m**2 * np.eye(3)
 
 
 def _add_docking(m: Any, docking: Docking) -> None:
@@ -416,7 +407,7 @@ def compute_body(model: NDArray[Any], q: Array) -> tuple[float, Array, Array]:
     return float(body[0]["mass"]), body[0]["p_BC"].copy(), body[0]["I_B"].copy()
 
 
-def compute_kinematics(model: NDArray[Any], q: Array) -> Record:
+def compute_kinematics(model: NDArray[Any], q: Array) -> Any:
     """Return a KINEMATICS record, hands included, at joints `q` (n,), n at most MAX_JOINTS."""
     k, full = np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS)
     full[: len(q)] = q

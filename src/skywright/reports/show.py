@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_to_rot
 from skywright.description.loader import Description
 from skywright.description.lookup import Subject
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import Pipe, Weld, World
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, find_weld_on_pipe, roll_points
 from skywright.models.rigid_body import posture
 from skywright.models.scene import home_pose, support_posts
 from skywright.reports.outlines import (
@@ -193,8 +192,8 @@ def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, sketch: Sketch | Non
         ax.axhline(c, color="#cccccc", lw=0.8, ls=":")
         ax.text(half, c, f" {name}", fontsize=8, va="center", color="#666666")
     if weld is not None and weld.present:
-        s, phi = _weld_curve(pipe, weld)
-        ax.plot(s, phi * radius, **STYLES["weld"], label=f"weld, {weld.angle_deg:g} deg")
+        line = find_weld_on_pipe(pipe, weld)
+        ax.plot(*line, **STYLES["weld"], label=f"weld, {weld.angle_deg:g} deg")
     if sketch is not None:
         s, phi = sketch.on_pipe.T
         if len(s) > 1:

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
-from skywright.description.world.surface import build_cylinder
+from skywright.core.arrays import Array
+from skywright.description.world.surface import build_cylinder, build_weld_line, roll_points
 from skywright.inspection.weld import WeldResult
 from skywright.models.deviation import build_true_world
 from skywright.models.drawing import (
