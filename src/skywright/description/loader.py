@@ -16,7 +16,8 @@ from skywright.description.mission.registry import find_mission_spec
 from skywright.description.mission.spec import Mission, Plant
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
-from skywright.description.world.loader import find_world
+from skywright.description.world.loader import find_world, load_world_layer, read_things
+from skywright.description.world.old_tables import translate_assignments
 from skywright.description.world.spec import World
 from skywright.errors import InputError
 
@@ -169,7 +170,7 @@ def load_layers(
         if root == "robot":
             layers += load_robot_layers(base_file, problems)
             continue
-        base = load_layer(base_file.path, base_file.label, problems)
+        base = load_world_layer(base_file, problems)
         if root not in base.tree:
             raise InputError(
                 f"{base_file.label}: no [{root}] table; a {root} file is needed, this one holds: "
@@ -182,13 +183,14 @@ def load_layers(
                     "a mission file can"
                 )
         layers.append(base)
-    layers.append(mission)
+    layers.append(read_things(mission, folder, merge_layers(layers)[0]))
     others = [(k, v) for k, v in assignments if k not in ("mission.robot", "mission.world")]
     if chosen:
         tree = merge_layers(layers)[0]
         layers.append(apply_assignments(tree, chosen, list_specs(tree), "command line"))
     if others:
         tree = merge_layers(layers)[0]
+        others = translate_assignments(others, tree)
         layers.append(apply_assignments(tree, others, list_specs(tree), "--set"))
     if seed is not None:
         tree = merge_layers(layers)[0]

@@ -17,10 +17,12 @@ from skywright.core.spec import NonNegative, Spec
 from skywright.description.loader import Description
 from skywright.description.mission.spec import Mission
 from skywright.description.world.structure import build_surface, find_place
+from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.task import PressForces
 from skywright.missions.skills.pressing import Presser, check_can_press
 from skywright.models.rigid_body import build_body_model, compute_tip
+from skywright.models.things.bench import Bench
 from skywright.run.flight import Flight
 from skywright.run.planning import MissionPlan
 
@@ -61,10 +63,11 @@ def plan(d: Description) -> MissionPlan:
     began = time.perf_counter()
     robot, world, mission = d.robot, d.world, d.mission
     assert isinstance(mission, ArmTestBenchMission)
-    if world.bench is None or world.structure is None:
+    bench = find_first(world.things, Bench)
+    if bench is None or world.structure is None:
         raise InputError(
-            f"world {world.name!r} is no test bench: it needs [world.bench] and [world.structure], "
-            "as world test-bench has"
+            f"world {world.name!r} is no test bench: it needs a thing of kind 'bench' and "
+            "[world.structure], as world test-bench has"
         )
     check_can_press(robot, mission)
     model = build_body_model(robot, world.gravity_mps2)
@@ -72,8 +75,8 @@ def plan(d: Description) -> MissionPlan:
     if n != 2:
         raise InputError(f"robot {robot.name!r} has {n} joints; the test bench is for two")
     surface, blocked = build_surface(world.structure), ""
-    base, R_WB = np.array([world.bench.x_m, world.bench.y_m, world.bench.z_m]), np.empty((3, 3))
-    quat_to_rot(np.array(world.bench.q_WB), R_WB)
+    base, R_WB = np.array([bench.x_m, bench.y_m, bench.z_m]), np.empty((3, 3))
+    quat_to_rot(np.array(bench.q_WB), R_WB)
     for name, gamma in (
         ("rest", mission.task.rest_deg),
         ("inspection", mission.task.inspection_deg),

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.missions.bar_insertion.metrics import compute_peg_way
+from skywright.missions.bar_insertion.metrics import compute_peg_way, find_task
+from skywright.models.things.peg import Peg
+from skywright.models.things.socket import Socket
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -34,9 +36,10 @@ def draw_insertion(result: RunResult) -> Figure | None:
     """Depth, error across the hole, force and angles, from over the socket to the release."""
     s, d = result.samples, result.description
     spans = [p for p in result.phases if p.name in SHOWN]
-    peg, socket = d.world.peg, d.world.socket
-    if not spans or peg is None or socket is None:
+    if not spans:
         return None
+    peg = d.world.find_thing(find_task(d).bar, Peg)
+    socket = d.world.find_thing(find_task(d).socket, Socket)
     s = s[(s["t"] >= spans[0].start_s) & (s["t"] <= spans[-1].end_s)]
     if not len(s):
         return None
@@ -110,9 +113,10 @@ def describe(result: RunResult) -> str:
     """Say whether the peg came in."""
     d = result.description
     did = f"{d.robot.name} in world {d.world.name} "
-    tries, socket, peg = int(result.metrics.get("insert.tries", 0.0)), d.world.socket, d.world.peg
-    if result.metrics.get("insert.done") != 1.0 or socket is None or peg is None:
+    tries, task = int(result.metrics.get("insert.tries", 0.0)), find_task(d)
+    if result.metrics.get("insert.done") != 1.0:
         return did + f"did not put the peg into the hole ({tries} tries)"
     often = "at the first try" if tries == 1 else f"in {tries} tries"
-    play = 1e3 * (socket.hole_m - peg.side_m)
+    hole = d.world.find_thing(task.socket, Socket).hole_m
+    play = 1e3 * (hole - d.world.find_thing(task.bar, Peg).side_m)
     return did + f"put the peg into a hole {play:.3g} mm wider, {often}"

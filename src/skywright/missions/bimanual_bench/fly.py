@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 
 from skywright.description.loader import Description
 from skywright.description.world.spec import World
+from skywright.description.world.things import find_first, locate_thing
 from skywright.errors import InputError
 from skywright.missions.bimanual_bench.task import BimanualBench, BimanualBenchMission
 from skywright.models.arm_inverse_kinematics import has_arm_chain
 from skywright.models.bimanual import is_unplugged
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import posture
+from skywright.models.things.bench import Bench
+from skywright.models.things.box import Box
 from skywright.run.flight import Flight
 from skywright.run.planning import MissionPlan
 
@@ -72,15 +75,18 @@ def plan(d: Description) -> MissionPlan:
         )
     if robot.arm.sides != 2:
         raise InputError(f"robot {robot.name!r} has one arm; bimanual-bench needs two")
-    if world.bench is None:
-        raise InputError(f"world {world.name!r} has no bench: give it a [world.bench] table")
-    needs = {"squeeze": "box", "unplug": "plug", "bar": "bar"}
-    for trial in d.mission.task.trials:
-        name = needs.get(trial)
-        if name is not None and name not in world.objects:
-            raise InputError(f"trial {trial!r} needs [world.objects.{name}] in {world.name!r}")
-        if trial == "position-sensor" and "post" not in world.obstacles:
-            raise InputError(f"trial {trial!r} needs [world.obstacles.post] in {world.name!r}")
+    if find_first(world.things, Bench) is None:
+        raise InputError(f"world {world.name!r} has no bench: give it a thing of kind 'bench'")
+    task = d.mission.task
+    needs = {
+        "squeeze": task.box, "unplug": task.plug, "bar": task.bar, "position-sensor": task.post
+    }  # fmt: skip
+    for trial in task.trials:
+        thing = world.find_thing(needs[trial], Box)
+        if not thing.moves and trial != "position-sensor":
+            raise InputError(
+                f"trial {trial!r}: world.things.{needs[trial]} does not move; set moves = true"
+            )
     total = TRIAL_S * len(d.mission.task.trials)
     return MissionPlan(
         True, None, 0.0, total, math.inf, math.nan, {}, None, 0.0, 0.0,
@@ -107,7 +113,7 @@ def fly(s: Supervisor) -> Flight:
 
 def _travel(s: Supervisor, y: float) -> None:
     """Carry the clamped platform to another station, hands back first."""
-    bench = _way(s).world.bench
+    bench = find_first(_way(s).world.things, Bench)
     assert bench is not None
     s.arms.move_to(_way(s).folded)
     s.until_arrived()
@@ -152,17 +158,17 @@ def _faces(s: Supervisor, name: str, above: float = 0.0) -> tuple[Array, Array]:
     In the middle, or `above` (m) it. A ball touches with its side: the hand's point, at the end of
     a forearm that looks forward, stays its radius off and its radius ahead.
     """
-    thing = _way(s).world.objects.get(name) or _way(s).world.obstacles[name]
-    half = 0.5 * (thing.size_x_m if thing.size_y_m is None else thing.size_y_m)
+    world = _way(s).world
+    half, p = 0.5 * world.find_thing(name, Box).size_y_m, locate_thing(world.things, name).p
     ball = float(np.max(s.vehicle.hands["pad"]))
-    centre = np.array([thing.x_m + ball, thing.y_m, thing.z_m + above])
+    centre = np.array([p[0] + ball, p[1], p[2] + above])
     away = np.array([0.0, half + ball, 0.0])
     return centre + away, centre - away
 
 
 def _squeeze(s: Supervisor, task: BimanualBench) -> str:
     # two balls are a hinge: gripped above its centre of mass the box hangs
-    left, right = _faces(s, "box", above=0.25 * _way(s).world.objects["box"].size_z_m)
+    left, right = _faces(s, task.box, above=0.25 * _way(s).world.find_thing(task.box, Box).size_z_m)
     s.begin("approach box")
     _approach(s, left, right)
     s.begin("squeeze")
@@ -183,7 +189,7 @@ def _squeeze(s: Supervisor, task: BimanualBench) -> str:
 
 def _unplug(s: Supervisor, task: BimanualBench) -> str:
     """Pull until both hands are farther than the threshold from where they grasped: (33)."""
-    left, right = _faces(s, "plug")
+    left, right = _faces(s, task.plug)
     s.begin("approach plug")
     _approach(s, left, right)
     s.begin("grasp plug")
@@ -208,7 +214,7 @@ def _unplug(s: Supervisor, task: BimanualBench) -> str:
 
 def _lead_bar(s: Supervisor, task: BimanualBench) -> str:
     """Lead a bar between the hands through poses: (29), (30) with (31), (32)."""
-    left, right = _faces(s, "bar", above=0.25 * _way(s).world.objects["bar"].size_z_m)
+    left, right = _faces(s, task.bar, above=0.25 * _way(s).world.find_thing(task.bar, Box).size_z_m)
     centre, width = 0.5 * (left + right), float(np.linalg.norm(left - right))
     s.begin("approach bar")
     _approach(s, left, right)
@@ -232,9 +238,10 @@ def _lead_bar(s: Supervisor, task: BimanualBench) -> str:
 
 def _feel_drift(s: Supervisor, task: BimanualBench) -> str:
     """Hands pressed on a post stay where they are while the base drifts: their angles tell it."""
-    bench, post = _way(s).world.bench, _way(s).world.obstacles["post"]
+    things = _way(s).world.things
+    bench, post = find_first(things, Bench), locate_thing(things, task.post)
     assert bench is not None
-    left, right = _faces(s, "post", above=bench.z_m - GRIP_BELOW - post.z_m)
+    left, right = _faces(s, task.post, above=bench.z_m - GRIP_BELOW - float(post.p[2]))
     s.begin("approach post")
     _approach(s, left, right)
     s.begin("grasp post")

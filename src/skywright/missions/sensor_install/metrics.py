@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.loader import Description
+from skywright.description.world.things import find_first
 from skywright.missions.sensor_install.fly import InstallPlan
 from skywright.missions.sensor_install.task import SensorInstallMission
+from skywright.models.things.tape import Tape
 from skywright.run.flight import PhaseRecord
 from skywright.run.metrics import in_phases
 from skywright.run.planning import MissionPlan
@@ -86,7 +88,7 @@ def _judge_tape(
     samples: NDArray[Any], normal: Array, way: InstallPlan, description: Description
 ) -> dict[str, float]:
     """Bond from the pressing that was recorded, and whether the hand then came off without it."""
-    tape = description.world.tape
+    tape = find_first(description.world.things, Tape)
     if tape is None or not len(samples):
         return {}
     t = samples["t"]

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from skywright.description.loader import Description
+from skywright.description.world.things import list_movers
 from skywright.missions.skills.tool_handling import LOW
 from skywright.missions.tool_install.fly import find_places
 from skywright.missions.tool_install.metrics import compute_grasp_errors, compute_operated
@@ -36,12 +38,17 @@ if TYPE_CHECKING:
 HOVER_MM = 15.0  # requirement of the mission
 
 
+def _find_index(d: Description) -> int:
+    """Number of the tool among the things that move."""
+    return list_movers(d.world.things).index(find_task(d).tool)
+
+
 def draw_phases(result: RunResult) -> Figure | None:
     """Tool and platform over the whole flight, and the weight that the hands carry."""
     s = result.samples
     if not len(s):
         return None
-    tool = s[f"object{result.description.world.things.index('tool')}_p_WO"]
+    tool = s[f"object{_find_index(result.description)}_p_WO"]
     t = s["t"]
     figure = new_figure(WIDTH, 7.0)
     strip, axes = stack_panels(figure, 4)
@@ -78,7 +85,7 @@ def draw_tracking(result: RunResult) -> Figure | None:
         return None
     s = s[hover]
     t = s["t"]
-    index = result.description.world.things.index("tool")
+    index = _find_index(result.description)
     error = 1e3 * compute_grasp_errors(s, index, result.plan.task, -LOW)
     figure = new_figure(WIDTH, 5.4)
     strip, axes = stack_panels(figure, 3)
@@ -109,7 +116,7 @@ def draw_operator(result: RunResult) -> Figure | None:
         return None
     t, world = s["t"], result.description.world
     _, seat = find_places(world, find_task(result.description))
-    way = compute_operated(s, world.things.index("tool"), seat)
+    way = compute_operated(s, _find_index(result.description), seat)
     figure = new_figure(WIDTH, 7.0)
     strip, axes = stack_panels(figure, 4)
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))

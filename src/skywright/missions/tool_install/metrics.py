@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_from_quat, rot_z
 from skywright.description.loader import Description
+from skywright.description.world.things import list_movers
 from skywright.missions.skills.tool_handling import LOW, Place
 from skywright.missions.tool_install.fly import find_places
 from skywright.missions.tool_install.task import ToolInstallMission
@@ -46,8 +47,8 @@ def compute_tool_metrics(
 ) -> tuple[dict[str, float], None]:
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
-    way, i = plan.task, description.world.things.index("tool")
     assert isinstance(description.mission, ToolInstallMission)
+    way, i = plan.task, list_movers(description.world.things).index(description.mission.task.tool)
     bench, seat = find_places(description.world, description.mission.task)  # not as the map has it
     wait = np.flatnonzero(in_phases(samples, phases, "wait"))
     if len(wait):
