@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skywright.analysis.campaign.report import Facts, write_campaign_page
 from skywright.description.mission.spec import Requirement
-from skywright.reports.campaign import Facts, write_campaign_page
 from skywright.run.rows import (
     Row,
     compute_headroom,
@@ -211,7 +211,7 @@ def test_page_answers_in_its_first_line(
 
 def test_of_many_conditions_those_that_act_are_drawn() -> None:
     """A condition that decides is not left out of the picture because it was named last."""
-    from skywright.reports.figures.campaign import MAX_PANELS, draw_conditions
+    from skywright.analysis.campaign.figures import MAX_PANELS, draw_conditions
 
     keys = [f"world.idle{i}" for i in range(MAX_PANELS + 3)] + ["world.wind.mean_mps"]
     rng = np.random.default_rng(4)

@@ -13,9 +13,10 @@ import skywright
 from skywright.evidence.reproduce.cache import FLIGHTS, Record
 from skywright.evidence.reproduce.flights import FLIGHTS as KINDS
 from skywright.evidence.reproduce.flights_arms import load_arms
+from skywright.evidence.reproduce.load import load_claims
 from skywright.evidence.reproduce.measures import MEASURES
 from skywright.evidence.reproduce.measures_bimanual_flown import measure_lean
-from skywright.evidence.reproduce.spec import judge, load_claims
+from skywright.evidence.reproduce.spec import judge
 
 FILE = load_claims("suarez-2020")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from skywright.evidence.reproduce import measures_motion
-from skywright.evidence.reproduce.spec import judge, load_claims
+from skywright.evidence.reproduce.load import load_claims
+from skywright.evidence.reproduce.spec import judge
 
 CLAIMS = {c.id: c for c in load_claims("caballero-2018").claims}
 

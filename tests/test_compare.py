@@ -13,7 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skywright.analysis.compare.compare import add_flights, compare_robots
+from skywright.analysis.compare.comparison import Comparison, Hover
+from skywright.analysis.compare.figures import draw_collisions
 from skywright.analysis.compare.flown import hover_once
+from skywright.analysis.compare.report import render_compare_page
 from skywright.analysis.compare.table import build_rows, judge_statements
 from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
@@ -26,9 +29,6 @@ from skywright.models.reach import PLATFORM_MARGIN, compute_reach
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
 from skywright.models.tip_force import Loaded
-from skywright.reports.compare import render_compare_page
-from skywright.reports.comparison import Comparison, Hover
-from skywright.reports.figures.compare import draw_collisions
 from skywright.run.run import collect_versions
 
 FORCES = st.tuples(*[st.floats(-2.0, 2.0)] * 3).map(np.array)

@@ -12,9 +12,10 @@ import pytest
 from click.testing import CliRunner
 
 from skywright.analysis.identify.fit import INERTIA_AXES, Fit, fit_parameters
-from skywright.analysis.identify.flight_log import FlightLog, load_log
+from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.identify import identify
 from skywright.analysis.identify.lag import fit_lag
+from skywright.analysis.identify.load import load_log
 from skywright.analysis.identify.overrides import build_overrides
 from skywright.analysis.identify.signals import build_columns
 from skywright.cli import main

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from chromium_page import open_page, wait_for
+from chromium_page import open_page
 from skywright.description.loader import load_description
 from skywright.ground.live import LiveView, build_numbers
 from skywright.run.run import RunResult, run_mission
+from waiting import Clock, wait_for
 
 QUICK = (
     "mission.waypoints=[{ x_m = 0.3, y_m = 0.0, z_m = 1.0, hold_s = 0.2 }]",
@@ -38,7 +39,13 @@ def _browser(view: LiveView) -> Iterator[None]:
 
     port = view.server.get_port()
     protocol = f"viser-v{viser.__version__}"
-    with connect(f"ws://127.0.0.1:{port}", subprotocols=[protocol], max_size=None) as ws:
+    with connect(
+        f"ws://127.0.0.1:{port}",
+        subprotocols=[protocol],
+        max_size=None,
+        open_timeout=120.0,
+        ping_interval=None,
+    ) as ws:
         zero = [0.0, 0.0, 0.0]
         camera = {
             "type": "ViewerCameraMessage", "wxyz": [1.0, *zero], "position": zero, "fov": 1.0,
@@ -102,14 +109,14 @@ def test_view_listens_on_this_computer_only(tmp_path: Path) -> None:
         pass
 
 
-def test_watched_run_is_paced_paused_and_ends_when_the_browser_closes(tmp_path: Path) -> None:
-    view = LiveView(open_browser=False, wait_s=20.0, stay_s=0.0)
+def test_watched_run_waits_is_paused_and_ends_when_the_browser_closes(tmp_path: Path) -> None:
+    view = LiveView(open_browser=False, wait_s=300.0, stay_s=0.0)
     results: list[RunResult] = []
-    times: list[tuple[float, float]] = []
+    times: list[float] = []
     tick = view.on_tick
 
     def on_tick(t: float, phase: str, vehicle: object) -> None:
-        times.append((time.monotonic(), t))
+        times.append(t)
         tick(t, phase, vehicle)  # type: ignore[arg-type]
 
     view.on_tick = on_tick  # type: ignore[method-assign]
@@ -120,25 +127,40 @@ def test_watched_run_is_paced_paused_and_ends_when_the_browser_closes(tmp_path: 
     assert not times  # the run waits for the first browser
     with _browser(view):
         wait_for(lambda: len(times) > 50)
-        wall, t = np.array(times[-1]) - np.array(times[10])
-        assert t == pytest.approx(wall, abs=0.25)  # real time
         view.paused = True
-        time.sleep(0.3)
         count = len(times)
         time.sleep(0.3)
-        assert len(times) <= count + 1
+        assert len(times) <= count + 2  # what was under way
         view.paused = False
-        view.speed = 5.0
-        time.sleep(0.1)
         start = len(times)
         wait_for(lambda: len(times) > start + 60)
-        wall, t = np.array(times[-1]) - np.array(times[start])
-        assert t > 2.0 * wall
         view.paused = True
         time.sleep(0.2)
-    thread.join(timeout=60)  # closed while paused: the run goes on at full speed
+    thread.join(timeout=300)  # closed while paused: the run goes on at full speed
     assert not thread.is_alive()
     assert results[0].outcome in ("succeeded", "failed") and view.server is None
+
+
+@pytest.mark.parametrize("speed", [0.25, 1.0, 5.0])
+def test_a_watched_run_keeps_its_pace(monkeypatch: pytest.MonkeyPatch, speed: float) -> None:
+    """The wall clock leads; a computer that is too slow, or a pause, is not made up for."""
+    clock = Clock()
+    monkeypatch.setattr("skywright.ground.live.time", clock)
+    view = LiveView(open_browser=False, wait_s=0.0)
+    monkeypatch.setattr(view, "watched", lambda: True)
+    view.speed = speed
+
+    def fly(ticks: range, cost: float) -> float:
+        """Ticks of 20 ms that take `cost` (s) to compute; returns how long they took."""
+        began = clock.t
+        for k in ticks:
+            clock.t += cost
+            view._pace(0.02 * k, "fly", None)  # type: ignore[arg-type]
+        return clock.t - began
+
+    assert fly(range(501), 0.002) == pytest.approx(10.0 / speed, abs=0.01)
+    assert fly(range(501, 1001), 1.0) == pytest.approx(500.0, abs=0.5)
+    assert fly(range(1001, 1502), 0.002) == pytest.approx(10.0 / speed, abs=0.1)
 
 
 def test_numbers_of_a_scan(tmp_path: Path) -> None:
@@ -158,18 +180,18 @@ def test_numbers_of_a_scan(tmp_path: Path) -> None:
 @pytest.mark.browser
 def test_browser_shows_the_run(chromium: str, tmp_path: Path) -> None:
     """Chromium connects, draws the panel, and the run ends after it is closed."""
-    view = LiveView(open_browser=False, wait_s=40.0, stay_s=0.0)
+    view = LiveView(open_browser=False, wait_s=300.0, stay_s=0.0)
     results: list[RunResult] = []
     thread = threading.Thread(target=lambda: results.append(_fly(view, tmp_path / "a")))
     thread.start()
     wait_for(lambda: view.server is not None and hasattr(view, "_status"))
     with open_page(chromium, view.url, tmp_path / "profile") as evaluate:
-        wait_for(view.watched, 40.0)
+        wait_for(view.watched)
 
         def text() -> str:
             return str(evaluate("document.body.innerText"))
 
-        wait_for(lambda: "busiest rotor" in text() and "pause" in text(), 30.0)
+        wait_for(lambda: "busiest rotor" in text() and "pause" in text())
         assert "waypoints: hexarotor in open" in text()
-    thread.join(timeout=60)
+    thread.join(timeout=300)
     assert not thread.is_alive() and results[0].outcome in ("succeeded", "failed")

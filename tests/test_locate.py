@@ -12,15 +12,15 @@ from click.testing import CliRunner
 
 from skywright.analysis.locate import reach
 from skywright.analysis.locate.demo import STATION_CLOCK, write_demo
-from skywright.cli import main
-from skywright.estimation.localisation.locate import locate
-from skywright.estimation.localisation.trajectory import Trajectory, interpolate_position
-from skywright.estimation.localisation.trajectory_file import (
+from skywright.analysis.locate.locate import locate
+from skywright.analysis.locate.report import FILES, render_locate_page
+from skywright.analysis.locate.trajectory_file import (
     format_table,
     format_tum,
     load_trajectory,
 )
-from skywright.reports.locate import FILES, render_locate_page
+from skywright.cli import main
+from skywright.models.localisation.trajectory import Trajectory, interpolate_position
 from skywright.vehicle.sensor_flight import build_inspection_path, simulate_flight
 
 

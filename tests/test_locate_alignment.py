@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from skywright.errors import InputError
-from skywright.estimation.localisation.calibration import calibrate
-from skywright.estimation.localisation.drift_noise import (
+from skywright.models.localisation.calibration import calibrate
+from skywright.models.localisation.drift_noise import (
     DriftNoise,
     compute_walk,
     estimate_noise,
     find_outliers,
     whiten,
 )
-from skywright.estimation.localisation.frame_alignment import (
+from skywright.models.localisation.frame_alignment import (
     METHODS,
     diagnose_geometry,
     estimate_affine,
@@ -27,8 +27,8 @@ from skywright.estimation.localisation.frame_alignment import (
     estimate_level,
     estimate_similarity,
 )
-from skywright.estimation.localisation.time_alignment import estimate_offset
-from skywright.estimation.localisation.trajectory import Trajectory
+from skywright.models.localisation.time_alignment import estimate_offset
+from skywright.models.localisation.trajectory import Trajectory
 from skywright.vehicle.sensor_flight import (
     PRISM,
     CameraErrors,

@@ -11,18 +11,18 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 from scipy.spatial.transform import Rotation
 
+from skywright.analysis.locate.drift_floor import compute_drift_floor
+from skywright.analysis.locate.fusion import find_outages
+from skywright.analysis.locate.paper_filter import PaperNoise, run_paper_filter
+from skywright.analysis.locate.trajectory_error import compute_error
 from skywright.errors import InputError
-from skywright.estimation.localisation.drift_filter import (
+from skywright.models.localisation.drift_filter import (
     CAMERA,
     STATION,
     DriftModel,
     run_drift_filter,
 )
-from skywright.estimation.localisation.drift_floor import compute_drift_floor
-from skywright.estimation.localisation.fusion import find_outages
-from skywright.estimation.localisation.paper_filter import PaperNoise, run_paper_filter
-from skywright.estimation.localisation.trajectory import Trajectory
-from skywright.estimation.localisation.trajectory_error import compute_error
+from skywright.models.localisation.trajectory import Trajectory
 
 MODEL = DriftModel(0.002, 0.0005, 0.01, 0.0, rotation_0=1e-3, scale_0=1e-3)
 

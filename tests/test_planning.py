@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import mujoco
 import numpy as np
@@ -242,9 +243,13 @@ def test_twenty_seeds_and_the_time_budget(default: MissionPlan) -> None:
     """Behind the pipe, where free flight needs the random tree; the first plan has compiled."""
     sets = ("world.pipe.yaw_deg=180",)
     d = [load_description("pipe-weld-scan", sets=sets, seed=s) for s in range(20)]
-    found = [plan_mission(x) for x in d]
+    costs, found = [], []
+    for x in d:
+        start = time.process_time()
+        found.append(plan_mission(x))
+        costs.append(time.process_time() - start)
     assert all(p.feasible for p in found), [p.blocked_by for p in found]
-    assert float(np.median([p.plan_s for p in found])) < 1.0
+    assert float(np.median(costs)) < 1.0
     again = plan_mission(d[3])
     for name, rows in again.segments.items():
         assert rows.tobytes() == found[3].segments[name].tobytes()  # same seed, same plan

@@ -96,7 +96,7 @@ def write_in_a_process(path: Path, n: int, *more: str) -> subprocess.Popen[str]:
 def test_a_killed_flight_loses_no_finished_measurement(tmp_path: Path) -> None:
     path = tmp_path / "r.db"
     process = write_in_a_process(path, 7, "die")
-    told, _ = process.communicate(timeout=60)
+    told, _ = process.communicate(timeout=300)
     assert process.returncode == -signal.SIGKILL
     store = RecordStore(path)
     assert [r.force_des_n for r in store.find()] == [float(k) for k in told.split()]
@@ -108,7 +108,7 @@ def test_two_flights_write_at_once(tmp_path: Path) -> None:
     path = tmp_path / "r.db"
     both = [write_in_a_process(path, 40) for _ in range(2)]
     for process in both:
-        process.communicate(timeout=120)
+        process.communicate(timeout=300)
         assert process.returncode == 0
     store = RecordStore(path)
     found = store.find()

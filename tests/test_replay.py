@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from chromium_page import open_page, wait_for
+from chromium_page import open_page
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_z
 from skywright.core.types import MAX_JOINTS, SAMPLE
 from skywright.description.loader import load_description
@@ -49,6 +49,7 @@ from skywright.reports.trace3d import (
     list_judged,
 )
 from skywright.run.run import RunResult, run_mission
+from waiting import wait_for
 
 SHORT = (
     "mission.scan.passes=2", "mission.scan.pass_length_m=0.04", "mission.scan.arc_deg=10",
@@ -233,9 +234,9 @@ def test_first_view_sees_everything_that_was_flown(scan: RunResult) -> None:
 
 def test_replay_is_small_quick_and_complete(scan: RunResult) -> None:
     write_replay(scan)  # imports and first use
-    start = time.perf_counter()
+    start = time.process_time()
     path = write_replay(scan)
-    assert time.perf_counter() - start < 4.0  # about 0.3 s on an idle core
+    assert time.process_time() - start < 4.0  # about 0.3 s
     assert path == scan.directory / "replay.html" and path.stat().st_size < 5_000_000
     page = path.read_text(encoding="utf-8")
     assert "<title>pipe-weld-scan: replay</title>" in page
@@ -323,31 +324,39 @@ def test_browser_plays_the_page_without_network(
         def read(selector: str) -> str:
             return str(evaluate(f"(document.querySelector({selector!r}) || {{}}).innerText"))
 
-        wait_for(lambda: f"{t:.1f} / " in read("#sky-panel .now"), 40.0)
+        wait_for(lambda: f"{t:.1f} / " in read("#sky-panel .now"))
         assert read("#sky-panel .now").startswith("scan")
         assert re.search(r"push on the pipe\s+\d\.\d\d N", read("#sky-panel table"))
         assert read("#sky-phases .on") == "scan"
-        assert evaluate("document.querySelectorAll('canvas').length")
         held = """(() => {
             const canvas = document.querySelector("#root canvas");
-            let f = canvas[Object.keys(canvas).find((k) => k.startsWith("__reactFiber$"))];
-            while (!f.memoizedProps?.value?.mutable?.current?.cameraControl) f = f.return;
-            return f.memoizedProps.value.mutable.current;
+            const key = canvas && Object.keys(canvas).find((k) => k.startsWith("__reactFiber$"));
+            let f = key ? canvas[key] : null;
+            while (f && !f.memoizedProps?.value?.mutable?.current?.cameraControl) f = f.return;
+            return f?.memoizedProps.value.mutable.current;
         })()"""
+
+        def stands_at(place: np.ndarray) -> bool:
+            """Whether the camera is there (in W; three.js has y up); no before it is known."""
+            at = evaluate(f"{held}?.camera?.matrixWorld.elements.slice(12, 15)")
+            root = evaluate(f"{held}?.nodePoseData?.['']?.wxyz")
+            if at is None or root is None:
+                return False
+            root = np.array(root, float)
+            to_world = rot_from_quat(root / np.linalg.norm(root)).T
+            return np.allclose(to_world @ np.array(at), place, atol=0.02)
+
         click = "[...document.querySelectorAll('#sky-panel .views a')].at({}).click()"
-        before = evaluate(f"{held}.camera.position.toArray()")
+        d = scan.description
+        first = build_views(d.robot, d.world, scan.samples["p_WB"][::50])[0].position
+        wait_for(lambda: stands_at(first))
         evaluate(click.format(-1))  # the first person
-        mount = find_mount(
-            scan.description.robot, build_drawing(scan.description.robot, scan.description.world)
-        )
+        mount = find_mount(d.robot, build_drawing(d.robot, d.world))
         row = scan.samples[np.searchsorted(scan.samples["t"], t + scan.samples["t"][0])]
         aboard = row["p_WB"] + rot_from_quat(row["q_WB"]) @ mount.position
-        at = f"{held}.camera.matrixWorld.elements.slice(12, 15)"
-        root = np.array(evaluate(f"{held}.nodePoseData[''].wxyz"), float)  # three.js has y up
-        to_world = rot_from_quat(root / np.linalg.norm(root)).T
-        wait_for(lambda: np.allclose(to_world @ np.array(evaluate(at)), aboard, atol=0.02), 20.0)
+        wait_for(lambda: stands_at(aboard))
         evaluate(click.format(0))
-        wait_for(lambda: np.allclose(evaluate(at), before, atol=0.02), 20.0)
+        wait_for(lambda: stands_at(first))
         evaluate("[...document.querySelectorAll('#sky-phases div')].at(-1).click()")  # back and on
         wait_for(lambda: read("#sky-panel .now").startswith("land"))
         loaded = evaluate("performance.getEntriesByType('resource').map((e) => e.name).join(' ')")

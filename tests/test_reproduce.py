@@ -15,9 +15,10 @@ from skywright.evidence.reproduce import cache as cache_module
 from skywright.evidence.reproduce import elastic, runner
 from skywright.evidence.reproduce.cache import Cache, Record
 from skywright.evidence.reproduce.flights import build_description, describe_content
+from skywright.evidence.reproduce.load import list_papers, load_claims
 from skywright.evidence.reproduce.measures import MEASURES
 from skywright.evidence.reproduce.series import band_rms, ring_growth, smooth
-from skywright.evidence.reproduce.spec import Case, Claim, list_papers, load_claims
+from skywright.evidence.reproduce.spec import Case, Claim
 from skywright.evidence.reproduce.spec import judge as judge_claim
 
 PAPER = """

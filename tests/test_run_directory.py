@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -16,6 +15,7 @@ from skywright.core import interrupt
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.run.run import Observer, fly_and_evaluate, run_mission
+from waiting import wait_for
 
 SETS = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
 
@@ -31,11 +31,7 @@ def start(tmp_path, *sets):
 
 def wait_for_recording(tmp_path, size):
     file = tmp_path / "r.partial" / "recording.mcap"
-    for _ in range(1200):
-        if file.exists() and file.stat().st_size > size:
-            return
-        time.sleep(0.05)
-    raise AssertionError("the run did not start")
+    wait_for(lambda: file.exists() and file.stat().st_size > size)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -43,7 +39,7 @@ def test_an_interrupted_run_is_complete_in_itself(tmp_path, number):
     process = start(tmp_path, "mission.mode=interactive")
     wait_for_recording(tmp_path, 500_000)
     process.send_signal(number)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=300)
     assert process.returncode == 1, err
     assert json.loads(out)["outcome"] == "interrupted"
     assert "Traceback" not in err
@@ -56,7 +52,7 @@ def test_a_killed_run_can_be_evaluated(tmp_path):
     process = start(tmp_path, "mission.mode=interactive")
     wait_for_recording(tmp_path, 500_000)
     process.kill()
-    process.communicate(timeout=60)
+    process.communicate(timeout=300)
     again = skywright.evaluate(tmp_path / "r.partial")
     assert again.outcome == "interrupted"
     assert [p.name for p in again.phases][:2] == ["start", "take_off"]

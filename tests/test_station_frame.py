@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from skywright.analysis.locate.reach import TERRAIN
+from skywright.analysis.locate.station_frame import estimate_station_pose
 from skywright.errors import InputError
-from skywright.estimation.localisation.station_frame import estimate_station_pose
 
 NAMES = [f"P{i}" for i in range(len(TERRAIN))]
 STD = 2e-3

@@ -95,7 +95,7 @@ def locate(
     DATA: the station's and the camera's recording, or one trajectory with --reference. TUM, EuRoC,
     CSV with a header, or MCAP as FILE:TOPIC.
     """
-    from skywright.estimation.localisation.locate import locate as locate_files
+    from skywright.analysis.locate.locate import locate as locate_files
 
     if demo:
         from skywright.analysis.locate.demo import write_demo
@@ -113,7 +113,7 @@ def locate(
         reference_offset=reference_offset,
     )  # fmt: skip
     if out is not None or not as_json:
-        from skywright.reports.locate import write_locate
+        from skywright.analysis.locate.report import write_locate
 
         named = Path((station or (data or (camera or "",))[0]).partition(":/")[0]).stem
         out = out or Path(f"locate-{named}")
@@ -121,7 +121,7 @@ def locate(
     if as_json:
         print_json({**report.to_json(), "directory": None if out is None else str(out)})
     else:
-        from skywright.reports.terminal_locate import print_locate
+        from skywright.analysis.locate.present import print_locate
 
         assert out is not None
         print_locate(report, out)

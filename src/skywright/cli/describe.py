@@ -130,7 +130,7 @@ def list_(kind: str | None, as_json: bool) -> None:
     listings = {"robots": list_robots, "worlds": list_worlds, "missions": list_missions}
     found = {name: call() for name, call in listings.items() if kind in (None, name)}
     if kind in (None, "claims"):  # their specs are heavy: imported only where asked for
-        from skywright.evidence.reproduce.spec import list_claims
+        from skywright.evidence.reproduce.load import list_claims
 
         found["claims"] = list_claims()
     if as_json:

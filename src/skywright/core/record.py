@@ -79,6 +79,40 @@ _BASES: dict[Any, Any] = {
 }
 
 
+class View:
+    """A record as Python sees it: `view.t`, `view.p_WB[0] = 1.0`; writes go to the array.
+
+    NumPy's own `recarray` gives a method where a field is called `sum` or `size`.
+    """
+
+    __slots__ = ("_row",)
+
+    def __init__(self, row: Any) -> None:
+        """`row` is an element of a structured array, such as `array[0]`."""
+        object.__setattr__(self, "_row", row)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self.dtype.fields:
+            raise self._unknown(name)
+        value = self._row[name]
+        return View(value) if isinstance(value, np.void) else value
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in self.dtype.fields:
+            raise self._unknown(name)
+        self._row[name] = value._row if isinstance(value, View) else value
+
+    def _unknown(self, name: str) -> AttributeError:
+        return AttributeError(f"no field {name!r}; valid: {', '.join(self.dtype.fields)}")
+
+    __getitem__, __setitem__ = __getattr__, __setattr__
+
+    @property
+    def dtype(self) -> Any:
+        """Its NumPy type."""
+        return self._row.dtype
+
+
 def fill(record: Any, source: Any) -> None:
     """Copy the fields that two structured values share by name."""
     for name in record.dtype.names:

@@ -103,14 +103,11 @@ def exp_so3(w: Array, out: Array) -> None:
 @njit(cache=True, error_model="numpy")
 def log_so3(r: Array, out: Array) -> None:
     """out = rotation vector of the rotation matrix `r`, angle in [0, pi]."""
-    q = np.empty(4)
-    rot_to_quat(r, q)
-    sign = 1.0 if q[0] >= 0.0 else -1.0
-    w = sign * q[0]
-    s = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    k = 2.0 if s < 1e-12 else 2.0 * math.atan2(s, w) / s
-    for i in range(3):
-        out[i] = sign * k * q[i + 1]
+    w, x, y, z = _quaternion(r)
+    sign = 1.0 if w >= 0.0 else -1.0
+    s = math.sqrt(x * x + y * y + z * z)
+    k = 2.0 if s < 1e-12 else 2.0 * math.atan2(s, sign * w) / s
+    out[0], out[1], out[2] = sign * k * x, sign * k * y, sign * k * z
 
 
 @njit(cache=True, error_model="numpy")
@@ -146,33 +143,30 @@ def quat_to_rot(q: Array, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def rot_to_quat(r: Array, out: Array) -> None:
-    """out = unit quaternion (wxyz) of the rotation matrix `r` (Shepperd's branches)."""
+def _quaternion(r: Array) -> tuple[float, float, float, float]:
+    """Return the unit quaternion (wxyz) of the rotation matrix `r` (Shepperd's branches)."""
     trace = r[0, 0] + r[1, 1] + r[2, 2]
     if trace > 0.0:
         s = 2.0 * math.sqrt(1.0 + trace)
-        out[0] = 0.25 * s
-        out[1] = (r[2, 1] - r[1, 2]) / s
-        out[2] = (r[0, 2] - r[2, 0]) / s
-        out[3] = (r[1, 0] - r[0, 1]) / s
-    elif r[0, 0] > r[1, 1] and r[0, 0] > r[2, 2]:
+        x, y, z = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+        return 0.25 * s, x / s, y / s, z / s
+    if r[0, 0] > r[1, 1] and r[0, 0] > r[2, 2]:
         s = 2.0 * math.sqrt(1.0 + r[0, 0] - r[1, 1] - r[2, 2])
-        out[0] = (r[2, 1] - r[1, 2]) / s
-        out[1] = 0.25 * s
-        out[2] = (r[0, 1] + r[1, 0]) / s
-        out[3] = (r[0, 2] + r[2, 0]) / s
-    elif r[1, 1] > r[2, 2]:
+        w, y, z = r[2, 1] - r[1, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]
+        return w / s, 0.25 * s, y / s, z / s
+    if r[1, 1] > r[2, 2]:
         s = 2.0 * math.sqrt(1.0 + r[1, 1] - r[0, 0] - r[2, 2])
-        out[0] = (r[0, 2] - r[2, 0]) / s
-        out[1] = (r[0, 1] + r[1, 0]) / s
-        out[2] = 0.25 * s
-        out[3] = (r[1, 2] + r[2, 1]) / s
-    else:
-        s = 2.0 * math.sqrt(1.0 + r[2, 2] - r[0, 0] - r[1, 1])
-        out[0] = (r[1, 0] - r[0, 1]) / s
-        out[1] = (r[0, 2] + r[2, 0]) / s
-        out[2] = (r[1, 2] + r[2, 1]) / s
-        out[3] = 0.25 * s
+        w, x, z = r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], r[1, 2] + r[2, 1]
+        return w / s, x / s, 0.25 * s, z / s
+    s = 2.0 * math.sqrt(1.0 + r[2, 2] - r[0, 0] - r[1, 1])
+    w, x, y = r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1]
+    return w / s, x / s, y / s, 0.25 * s
+
+
+@njit(cache=True, error_model="numpy")
+def rot_to_quat(r: Array, out: Array) -> None:
+    """out = unit quaternion (wxyz) of the rotation matrix `r`."""
+    out[0], out[1], out[2], out[3] = _quaternion(r)
 
 
 @njit(cache=True, error_model="numpy")

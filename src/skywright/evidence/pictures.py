@@ -12,12 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from skywright.analysis.compare.compare import MISSION, compare_robots
+from skywright.analysis.compare.figures import draw_pair, draw_reach, draw_reaction
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.errors import SkywrightError
 from skywright.models.capability import compute_capability
 from skywright.reports.capability import write_capability_figure
-from skywright.reports.figures.compare import draw_pair, draw_reach, draw_reaction
 from skywright.reports.figures.style import house_style, write_png
 from skywright.reports.progress import Progress, announce_compilation
 from skywright.reports.report import FIGURES

@@ -22,6 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import solve3
+from skywright.core.scratch import local
 from skywright.description.robot.limbs import SIDES, list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
@@ -34,7 +35,8 @@ joints' limits lead there. The last two come with the nearest point that the arm
 STATUS_NAMES = ("reached", "out of reach", "at a joint limit")
 
 EXACT = 1e-10  # m, what counts as reached
-ROLLS = 48  # rolls tried where the one asked for violates a limit
+ROLLS = 48  # steps of the rolls tried where the one asked for violates a limit
+TRIALS = ROLLS + 1
 STEPS = 200  # of the search for the nearest point
 GRID = 7  # postures a joint that it starts from
 
@@ -163,7 +165,7 @@ def solve_arm(
     reached: Any,
 ) -> int:  # fmt: skip
     """Fill q (4,) with IK(p, roll) and `reached` (3,) with FK(q); returns the status."""
-    goal = np.empty(3)
+    goal = local(3)
     status = _into_reach(L1, L2, p, near, q_min, q_max, goal)
     found = _solve_within(L1, L2, goal, roll, near, q_min, q_max, q)
     arm_point(L1, L2, q, reached)
@@ -216,10 +218,10 @@ def _solve_within(
     start = min(max(roll, lo), hi)
     if solve_at_roll(L1, L2, p, start, near, q_min, q_max, q) == 0.0:
         return True
-    off = np.empty(ROLLS + 1)
+    off = local(TRIALS)
     step = (hi - lo) / ROLLS
     best = 1e9  # the nearest roll that keeps the limits, on a grid
-    for i in range(ROLLS + 1):
+    for i in range(TRIALS):
         phi = lo + step * i
         off[i] = solve_at_roll(L1, L2, p, phi, near, q_min, q_max, q)
         if off[i] == 0.0 and abs(phi - start) < abs(best - start):
@@ -227,7 +229,7 @@ def _solve_within(
     other = best - math.copysign(min(step, abs(best - start)), best - start)
     if best > 1e8:  # or between its points, where the limits are kept at one roll alone
         least = 1e9
-        for i in range(ROLLS + 1):
+        for i in range(TRIALS):
             if off[i] <= off[max(i - 1, 0)] and off[i] <= off[min(i + 1, ROLLS)]:
                 phi = _least_violation(
                     L1, L2, p, max(lo, lo + step * (i - 1)), min(hi, lo + step * (i + 1)), near,
@@ -318,7 +320,7 @@ def solve_at_roll(
     x = across - z * z if a > across * abs(c2) else a * a - y * y  # what rounds less
     x = math.sqrt(max(x, 0.0))
     best_off, best_far = 1e9, 1e9
-    trial = np.empty(4)
+    trial = local(4)
     for branch in range(4):
         elbow = -1.0 if branch % 2 == 0 else 1.0  # -1: forearm forward
         ahead = 1.0 if branch < 2 else -1.0
@@ -364,7 +366,7 @@ def _search_nearest(
     angle of the elbow, from the posture given and from `near`; the best end is kept.
     """
     best = 1e9
-    x, kept, at = np.empty(4), np.empty(4), np.empty(3)
+    x, kept, at = local(4), local(4), local(3)
     for start in range(GRID + 2):
         for j in range(4):
             x[j] = min(max(near[j] if start == GRID + 1 else q[j], q_min[j]), q_max[j])
@@ -384,7 +386,7 @@ def _search_nearest(
 @njit(cache=True, error_model="numpy")
 def _best_of_grid(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, elbow: int, x: Any) -> None:
     """Fill x with the posture on a grid, at its elbow angle number `elbow`, nearest to p."""
-    trial, there = np.empty(4), np.empty(3)
+    trial, there = local(4), local(3)
     best = 1e9
     for i in range(GRID**3):
         n = i
@@ -402,9 +404,10 @@ def _best_of_grid(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, elbow: i
 @njit(cache=True, error_model="numpy")
 def _descend(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, x: Any, at: Any) -> float:
     """Move x downhill in |FK(x) - p| within the limits; fills `at` = FK(x), returns the error."""
-    J, M, r, y = np.empty((3, 4)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    trial, there = np.empty(4), np.empty(3)
-    free = np.ones(4)
+    J, M, r, y = local(3, 4), local(3, 3), local(3), local(3)
+    trial, there = local(4), local(3)
+    free = local(4)
+    free[:] = 1.0
     damping = 1e-4
     arm_point(L1, L2, x, at)
     error = _distance(p, at)

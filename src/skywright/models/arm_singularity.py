@@ -15,10 +15,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 from numba import njit
 
 from skywright.core.rotations import mat_t_vec, mat_vec, norm, solve3
+from skywright.core.scratch import local
 
 Record = Any
 
@@ -29,10 +29,10 @@ NEAR, CLEAR = 0.2, 0.3
 @njit(cache=True, error_model="numpy")
 def lever_along(J: Any, first: int, n: int, way: Any) -> float:
     """Return the lever (m) of joints first..first+n of J (3, m) along the unit vector `way`."""
-    M, x = np.zeros((3, 3)), np.empty(3)
+    M, x = local(3, 3), local(3)
     for a in range(3):
-        M[a, a] = 1e-8
         for c in range(3):
+            M[a, c] = 1e-8 if a == c else 0.0
             for j in range(first, first + n):
                 M[a, c] += J[a, j] * J[c, j]
     solve3(M, way, x)
@@ -43,7 +43,7 @@ def lever_along(J: Any, first: int, n: int, way: Any) -> float:
 def watch_singularity(b: Record, h: int, way_W: Any) -> None:
     """Fill lever, singular and shift_W of hand h for a task along way_W (zero: along the arm)."""
     arms = b.arms
-    along_A, p_B, way_B = np.empty(3), np.empty(3), np.empty(3)
+    along_A, p_B, way_B = local(3), local(3), local(3)
     for a in range(3):
         p_B[a] = arms.p_BH[h, a] - arms.p_BA[a]
     mat_t_vec(arms.R_BA, p_B, along_A)

@@ -18,6 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import mat_mat, mat_vec, rot_about, rot_y
+from skywright.core.scratch import local
 from skywright.core.types import BODY, MAX_HANDS, MAX_JOINTS
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
@@ -289,8 +290,8 @@ def _weld(m: Record, i: int, parts: list[tuple[float, Array, Array]]) -> None:
 @njit(cache=True, error_model="numpy")
 def fill_kinematics(m: Record, q: Array, k: Record) -> None:
     """Fill link frames, tip pose p_BT, R_BT and the tip Jacobians (all in B) at joints `q`."""
-    rot = np.empty((3, 3))
-    vec = np.empty(3)
+    rot = local(3, 3)
+    vec = local(3)
     for i in range(m.n_links):
         parent, joint = m.parent[i], m.joint[i]
         if parent < 0:
@@ -349,7 +350,7 @@ def fill_kinematics(m: Record, q: Array, k: Record) -> None:
 @njit(cache=True, error_model="numpy")
 def fill_hands(m: Record, k: Record) -> None:
     """Fill the hands' poses p_BH, R_BH and Jacobians J_BH from `fill_kinematics`' link frames."""
-    vec = np.empty(3)
+    vec = local(3)
     for h in range(m.n_hands):
         i = m.hand_link[h]
         mat_vec(k.R[i], m.hand_offset[h], vec)
@@ -387,7 +388,7 @@ def fill_gravity_torque(m: Record, k: Record, g_B: Array, torque: Array) -> None
     g_B (3,) m/s^2 is gravity in B (pointing down). Equals the gravity part of the mass matrix'
     companion, MuJoCo's `qfrc_bias` at rest, for the joints.
     """
-    c = np.empty(3)
+    c = local(3)
     for j in range(MAX_JOINTS):
         torque[j] = 0.0
     for n in range(m.n_links):
@@ -419,8 +420,8 @@ def fill_body(m: Record, k: Record, body: Record) -> None:
     for a in range(3):
         for b in range(3):
             body.I_B[a, b] = m.inertia0[a, b]
-    c = np.empty(3)
-    tmp = np.empty((3, 3))
+    c = local(3)
+    tmp = local(3, 3)
     for i in range(m.n_links):
         mi = m.mass[i]
         mat_vec(k.R[i], m.com[i], c)

@@ -1,1 +1,15 @@
-"""One execution of a mission: planning, flight, evaluation and its directory."""
+"""One execution of a mission: planning, flight, evaluation and its directory.
+
+Importing this package sets the attribute `run` of `skywright`, which is also a verb of the public
+API. Both are meant: `skywright.run(description)` flies, whatever was imported before.
+"""
+
+import sys
+from types import ModuleType
+
+
+class _Package(ModuleType):
+    __call__ = staticmethod(sys.modules["skywright"].run)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -1,4 +1,4 @@
-"""Compile the flight loop in a process of its own: `python -m skywright.run.warm_up`.
+"""Compile the flight loop in a process of its own, beside the planner.
 
 The first run on a machine compiles planner and flight loop. Each takes about twenty seconds and
 one core, so a second process compiles the loop into numba's cache while the first one plans.
@@ -10,8 +10,6 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
-
-from skywright.description.loader import load_description
 
 
 def is_compiled() -> bool:
@@ -35,19 +33,8 @@ def is_cached(function: Any) -> bool:
 def start_warm_up() -> subprocess.Popen[bytes]:
     """Start compiling in the background; wait for the process before flying."""
     return subprocess.Popen(
-        [sys.executable, "-m", "skywright.run.warm_up"],
+        [sys.executable, "-m", "skywright.run.compile_loop"],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-
-
-def main() -> None:
-    """Tick a vehicle once: what is compiled does not depend on robot or world."""
-    from skywright.run.run import build_vehicle
-
-    build_vehicle(load_description("pipe-weld-scan")).tick()
-
-
-if __name__ == "__main__":
-    main()

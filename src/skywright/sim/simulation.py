@@ -45,6 +45,29 @@ class Simulation:
         """Advance by `n` time steps."""
         mujoco.mj_step(self.scene.model, self.data, n)
 
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """MuJoCo's arrays by their names in vehicle.bus.MuJoCo; they never move."""
+        d = self.data
+        return {
+            "qpos": d.qpos, "qvel": d.qvel, "sensordata": d.sensordata, "site_xpos": d.site_xpos,
+            "site_xmat": d.site_xmat, "body_xpos": d.xpos, "body_xmat": d.xmat,
+            "xfrc": d.xfrc_applied, "ctrl": d.ctrl, "act": d.act,
+            "pair_friction": self.scene.model.pair_friction,
+        }  # fmt: skip
+
+    def save(self) -> tuple[mujoco.MjData, Array]:
+        """Return a copy of the physics: a forward pass would not give back what it derived."""
+        model = self.scene.model
+        copy = mujoco.MjData(model)
+        mujoco.mj_copyData(copy, model, self.data)
+        return copy, model.pair_friction.copy()
+
+    def restore(self, saved: tuple[mujoco.MjData, Array]) -> None:
+        """Go back to what `save` returned."""
+        mujoco.mj_copyData(self.data, self.scene.model, saved[0])
+        self.scene.model.pair_friction[:] = saved[1]
+
 
 class Snapshot:
     """The full physics state of a simulation, to come back to."""

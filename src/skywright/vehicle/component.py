@@ -10,21 +10,21 @@ A component is a class with
   does), `InOut[X]` one that it changes after that, everything else is read. `X | None` is an
   optional port: None where nothing in the vehicle fills it, at no cost.
 
-Steps are compiled by numba, or run as plain Python (`compiled = False`, interactive mode only).
+Steps are compiled by numba (`helper` decorates what they call; `words` and `table` read arrays by
+address), or run as plain Python (`compiled = False`, interactive mode only).
 They must not allocate: scratch belongs into `Me`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from numba import carray, njit
 from numpy.typing import NDArray
 
-from skywright.core.pointers import as_pointer
+from skywright.core.compiled import helper, table, words
 from skywright.core.record import Array, Record
 from skywright.core.spec import Spec
 
@@ -42,21 +42,16 @@ SLOTS = (
 )  # fmt: skip
 """The parts of a control tick in order; rows of `fast` run after each physics step."""
 
+__all__ = [
+    "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
+    "Output", "PlantContext", "Sensor", "Uniform", "helper", "table", "words",
+]  # fmt: skip
+
 _T = TypeVar("_T")
 Out = Annotated[_T, "out"]
 """A port that the step fills."""
 InOut = Annotated[_T, "inout"]
 """A port that the step changes after its owner filled it."""
-
-COMPILE = {
-    "cache": True,
-    "error_model": "numpy",
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
-"""How functions are compiled that only compiled code calls."""
-helper: Callable[[Any], Any] = njit(**COMPILE)
-"""Decorator of a function that steps call."""
 
 
 class Output(Record):
@@ -98,9 +93,13 @@ class Context:
     dt: float  # s, control period
     h: float  # s, physics step
     law: str  # kind of the platform's law
+    asked: frozenset[type[Record]]
+    """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
     alive: list[Any] = field(default_factory=list)
+    carried: list[Any] = field(default_factory=list)
+    """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
 
     def keep(self, array: NDArray[Any]) -> int:
         """Return the address of a C-contiguous array, which lives as long as the vehicle."""
@@ -135,6 +134,9 @@ class Component:
     """Name of a step -> its slot, of components with several."""
     side: ClassVar[Literal["robot", "plant"]] = "robot"
     compiled: ClassVar[bool] = True
+    """False: steps run as plain Python, which flies in interactive mode only."""
+    ports: ClassVar[dict[str, str]] = {}
+    """Parameter of a step -> name of the component that fills it, where several do."""
     Table: ClassVar[type[Spec]] = Spec
 
     def __init__(self, name: str, table: Any = None) -> None:
@@ -156,6 +158,18 @@ class Component:
         """Return `n` rows of draws, (n, words); white by default."""
         size = (n, what.dtype.itemsize // 8)
         return rng.random(size) if issubclass(what, Uniform) else rng.standard_normal(size)
+
+    def before_tick(self, t: float, n_ticks: int) -> None:
+        """Do in Python what a mission tick from `t` (s) of `n_ticks` control ticks needs."""
+
+    def after_tick(self, t: float) -> None:
+        """Do in Python what follows a mission tick that ended at `t` (s)."""
+
+    def save(self) -> Any:
+        """Return what this object remembers besides its records."""
+
+    def restore(self, saved: Any) -> None:
+        """Go back to what `save` returned."""
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
@@ -185,15 +199,3 @@ class Effect(Component):
     """A force on the plant: adds to MuJoCo's external forces. `[world.effects.NAME]`."""
 
     group, slot, side = "effect", "effects", "plant"
-
-
-@njit(inline="always", **COMPILE)
-def words(address: int, n: int) -> Any:
-    """Return the `n` numbers at an address, such as `words(mj.qpos, mj.nq)`."""
-    return carray(as_pointer(address), n, np.float64)
-
-
-@njit(inline="always", **COMPILE)
-def table(address: int, rows: int, columns: int) -> Any:
-    """Return the rows of numbers at an address, such as `table(mj.xfrc, mj.nbody, 6)`."""
-    return carray(as_pointer(address), (rows, columns), np.float64)

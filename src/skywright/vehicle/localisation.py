@@ -16,9 +16,9 @@ import numpy as np
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
-from skywright.estimation.localisation.calibration import Calibration, calibrate
-from skywright.estimation.localisation.drift_filter import DriftModel
-from skywright.estimation.localisation.time_alignment import estimate_offset
+from skywright.models.localisation.calibration import Calibration, calibrate
+from skywright.models.localisation.drift_filter import DriftModel
+from skywright.models.localisation.time_alignment import estimate_offset
 from skywright.sim.localisation import build_sensors, fill_localisation
 from skywright.vehicle.sensor_flight import build_inspection_path, record_flight
 

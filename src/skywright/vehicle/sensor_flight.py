@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from skywright.core.streams import build_stream
-from skywright.estimation.localisation.trajectory import Trajectory
+from skywright.models.localisation.trajectory import Trajectory
 from skywright.sim.total_station import (
     STATION_BLOCK,
     StationPrecision,

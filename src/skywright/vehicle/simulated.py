@@ -25,7 +25,6 @@ from skywright.description.world.thing import Frame as Pose
 from skywright.description.world.thing import Placed
 from skywright.description.world.things import find_carrier, find_first, locate_thing
 from skywright.errors import InputError, SimulationError
-from skywright.estimation.localisation.calibration import Calibration
 from skywright.estimation.registry import (
     check_localisation,
     fill_parameters,
@@ -38,6 +37,7 @@ from skywright.models.compliant_arms import (
     fill_arms_parameters,
     is_compliant,
 )
+from skywright.models.localisation.calibration import Calibration
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,

@@ -12,10 +12,10 @@ from skywright.analysis.campaign.local import choose_workers, count_cores, fly_l
 from skywright.analysis.campaign.progress import CampaignProgress
 from skywright.analysis.campaign.runner import INTERRUPTED, RECORD, Task
 from skywright.analysis.campaign.spec import (
+    DRAWING,
     Campaign,
     build_identity,
     check_variations,
-    collect_code_versions,
     draw_run,
     load_run,
     write_command,
@@ -30,6 +30,7 @@ from skywright.analysis.campaign.store import (
 from skywright.errors import InputError
 from skywright.models.capability import check_can_fly
 from skywright.run.rows import Row
+from skywright.run.source_hash import collect_code_versions
 from skywright.run.verdict import GO, Verdict, build_verdict
 from skywright.run.warm_up import is_compiled
 
@@ -231,7 +232,7 @@ def _conclude(
     interrupted: bool,
 ) -> CampaignResult:
     """Judge the rows and write Parquet and page."""
-    from skywright.reports.campaign import Facts, write_campaign_page
+    from skywright.analysis.campaign.report import Facts, write_campaign_page
 
     base = campaign.base
     keys = [v.key for v in campaign.variations]
@@ -239,7 +240,7 @@ def _conclude(
     facts = Facts(
         base.mission.name, base.mission.description, base.robot.name, base.world.name,
         campaign.seed, runs, {v.key: v.text for v in campaign.variations}, campaign.sets, flown,
-        wall, collect_code_versions(),
+        wall, collect_code_versions(*DRAWING),
     )  # fmt: skip
     store.write(RESULTS, lambda path: write_parquet(rows, path, identity))
     store.write(PAGE, lambda path: write_campaign_page(path, rows, verdict, facts))

@@ -16,9 +16,10 @@ from typing import Any
 
 from skywright.analysis.campaign.local import ATTEMPTS, ONE_THREAD
 from skywright.analysis.campaign.runner import Task, build_failed_row, fly_row
-from skywright.analysis.campaign.spec import collect_code_versions
+from skywright.analysis.campaign.spec import DRAWING
 from skywright.errors import InputError
 from skywright.run.rows import Row
+from skywright.run.source_hash import collect_code_versions
 
 AHEAD = 2
 """Runs handed over for each core, so that no core waits for the next."""
@@ -86,7 +87,7 @@ def count_cluster_cores() -> int:
 
 def fly_row_if_same(task: Task, versions: dict[str, str]) -> Row | dict[str, str]:
     """Fly one run, or return this machine's versions where they are not the campaign's."""
-    mine = collect_code_versions()
+    mine = collect_code_versions(*DRAWING)
     return fly_row(task) if mine == versions else mine
 
 
@@ -98,7 +99,7 @@ def fly_cluster(tasks: Iterator[Task]) -> Generator[Row, None, None]:
     import ray
     from ray.exceptions import RayError
 
-    versions = collect_code_versions()
+    versions = collect_code_versions(*DRAWING)
     remote = ray.remote(num_cpus=1, max_retries=0)(fly_row_if_same)
     flying: dict[Any, tuple[Task, int]] = {}
     again: list[tuple[Task, int]] = []

@@ -6,8 +6,6 @@ import hashlib
 import os
 import shlex
 from collections.abc import Sequence
-from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +20,10 @@ from skywright.core.toml_files import parse_value
 from skywright.description.dump import dump_description
 from skywright.description.loader import Description, load_description, split_assignments
 from skywright.errors import InputError
+from skywright.run.source_hash import collect_code_versions
 
+DRAWING = tuple(f"analysis/campaign/{name}.py" for name in ("distributions", "runner", "spec"))
+"""Files of this package that decide a row."""
 COMPANY = 8
 """Drawn runs in whose company an extreme value is tried before it is refused."""
 
@@ -171,7 +172,7 @@ def build_identity(campaign: Campaign) -> dict[str, Any]:
         ).hexdigest()[:16],
         "law": _hash_laws(campaign),
         "description": hashlib.sha256(text.encode()).hexdigest()[:16],
-        "versions": collect_code_versions(),
+        "versions": collect_code_versions(*DRAWING),
     }
 
 
@@ -192,20 +193,3 @@ def _hash_laws(campaign: Campaign) -> str | None:
                     digest.update(one.as_posix().encode() + b"\0" + one.read_bytes())
                     found = True
     return digest.hexdigest()[:16] if found else None
-
-
-@lru_cache(maxsize=1)
-def collect_code_versions() -> dict[str, str]:
-    """Versions of what computes a row; `code` is a hash of this package's own files."""
-    digest = hashlib.sha256()
-    root = Path(__file__).parents[2]
-    # what computes a row; pages, pictures and the command line may change
-    unrelated = {"reports", "ground", "studies", "cli", "__main__.py"}
-    drawing = {f"studies/campaign/{name}.py" for name in ("distributions", "runner", "spec")}
-    for path in sorted(root.rglob("*")):
-        name = path.relative_to(root)
-        related = name.parts[0] not in unrelated or name.as_posix() in drawing
-        if path.suffix in (".py", ".toml") and related:
-            digest.update(name.as_posix().encode() + b"\0" + path.read_bytes())
-    names = ("mujoco", "numba", "numpy", "scipy")
-    return {"code": digest.hexdigest()[:16], **{name: version(name) for name in names}}

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.compare import geometry as shapes
+from skywright.analysis.compare.comparison import Comparison, Install, Side, TorqueMap
 from skywright.analysis.compare.flown import Step, fly_collisions, fly_hover, fly_install
 from skywright.analysis.compare.table import build_rows, judge_statements
 from skywright.core.keys import parse_assignment
@@ -23,7 +24,6 @@ from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.reach import compute_reach
 from skywright.models.rigid_body import build_body_model, posture
 from skywright.models.tip_force import Loaded, compute_reaction_map
-from skywright.reports.comparison import Comparison, Install, Side, TorqueMap
 
 Array = NDArray[np.float64]
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.analysis.compare.comparison import Way
 from skywright.core.rotations import rot_z
 from skywright.description.loader import Description
 from skywright.description.robot.limbs import list_joints
@@ -18,7 +19,6 @@ from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import build_scene
 from skywright.models.statics import UP, build_layout, wrench_at
-from skywright.reports.comparison import Way
 from skywright.reports.kinds import find_task
 from skywright.run.planning import plan_mission
 

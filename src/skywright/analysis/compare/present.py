@@ -8,9 +8,9 @@ from pathlib import Path
 from rich.text import Text
 
 from skywright.analysis.compare.compare import MISSION
+from skywright.analysis.compare.comparison import Comparison
+from skywright.analysis.compare.report import write_compare_page
 from skywright.description.loader import load_description
-from skywright.reports.compare import write_compare_page
-from skywright.reports.comparison import Comparison
 from skywright.reports.terminal import new_console, new_table
 from skywright.run.run import collect_versions
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from skywright.reports.comparison import Row, Side, Statement
+from skywright.analysis.compare.comparison import Row, Side, Statement
 
 ENTRIES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     "Sensor under a pipe": (

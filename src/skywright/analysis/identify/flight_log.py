@@ -5,37 +5,15 @@ SI units, frames W (ENU) and B (FLU). All signals share one time axis.
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.recording import Recording, read_recording
-from skywright.core.rotations import quat_to_rot
-from skywright.description.loader import Description, load_description
-from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import World
-from skywright.errors import InputError
-from skywright.models.allocation import allocate, build_allocator, thrust_to_speed
-from skywright.models.rigid_body import build_body_model, compute_body
-from skywright.models.rotors import build_rotors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-TOUCHING = 1e-3  # m, of the probe's spring: more than its slider moves in flight
-SHORTEST = 5.0  # s of free flight below which there is nothing to learn from
-
-
-IDENTIFY_FIELDS = (
-    "t", "phase", "est_q_WB", "est_v_WB", "est_w_WB_B", "rotor_speed", "cmd_f_B", "cmd_t_B", "q",
-    "qd", "cmd_qd", "theta", "cmd_theta", "f_collision", "f_contact", "spring",
-    "f_docking_W",
-)  # fmt: skip
-"""Fields of SAMPLE that a log is built from."""
 
 
 class FlightLog(NamedTuple):
@@ -60,152 +38,3 @@ class FlightLog(NamedTuple):
     gravity: float
     air_density: float
     notes: tuple[str, ...] = ()
-
-
-def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
-    """Load a run directory, a recording.mcap, or a PX4 ULog (*.ulg; `robot` is then needed).
-
-    Raises InputError when there is no such file, it is none of these, or holds too little.
-    """
-    if path.is_dir():
-        path = path / "recording.mcap"
-        if not path.is_file():
-            raise InputError(f"{path.parent}: holds no recording.mcap; give a run's directory")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; give a run's directory, a recording or a ULog")
-    if path.suffix == ".ulg":
-        from skywright.analysis.identify.ulog import load_ulog
-
-        log = load_ulog(path, robot)
-    elif path.suffix == ".mcap":
-        log = _load_recording(path, robot)
-    else:
-        raise InputError(f"{path}: unknown kind of log; valid: a run's directory, *.mcap, *.ulg")
-    period = float(log.t[1] - log.t[0]) if len(log.t) > 1 else 0.0
-    if period * int(np.sum(log.free)) < SHORTEST:
-        raise InputError(
-            f"{path}: holds {period * int(np.sum(log.free)):.1f} s of free flight; at least "
-            f"{SHORTEST:g} s are needed"
-        )
-    return log
-
-
-def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
-    recording = read_recording(path)
-    text = recording.attachments.get("mission.toml")
-    if text is None:
-        raise InputError(f"{path}: holds no mission.toml; give the recording that a run wrote")
-    description = parse_description(text)
-    robot = robot or description.robot
-    s = recording.samples
-    if len(s) < 10:
-        raise InputError(f"{path}: holds {len(s)} samples; nothing can be learnt from them")
-    if len(robot.rotors.azimuth_deg) != recording.n_rotors:
-        raise InputError(
-            f"{path}: was flown with {recording.n_rotors} rotors; robot {robot.name!r} has "
-            f"{len(robot.rotors.azimuth_deg)}"
-        )
-    joints = tuple(limb.name for limb in list_joints(robot))
-    if joints != tuple(recording.joint_names):
-        raise InputError(
-            f"{path}: was flown by {description.robot.name!r} with joints "
-            f"{', '.join(recording.joint_names) or 'none'}; robot {robot.name!r} has "
-            f"{', '.join(joints) or 'none'}"
-        )
-    phases = _phase_names(recording, s["t"])
-    name = path.parent.name or path.name
-    log = build_log(name, robot, description.world, s, phases, recording.joint_names)
-    if robot.name != description.robot.name:
-        log = log._replace(notes=(
-            f"{name} was flown by {description.robot.name!r}; its rotors and masses are read as "
-            f"those of {robot.name!r}, which was given",
-            *log.notes,
-        ))  # fmt: skip
-    return log
-
-
-def parse_description(text: bytes) -> Description:
-    """Return the description that a resolved mission.toml holds."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "mission.toml"
-        file.write_bytes(text)
-        return load_description(file)
-
-
-def build_log(
-    name: str,
-    robot: Robot,
-    world: World,
-    s: NDArray[Any],
-    phases: NDArray[np.str_],
-    joints: tuple[str, ...],
-) -> FlightLog:
-    """Build a log from samples (k,) of a run, or what IDENTIFY_FIELDS names of them.
-
-    `phases` (k,) names the phase of each sample.
-    """
-    n, rotors = len(joints), len(robot.rotors.azimuth_deg)
-    positioned = any(servo.mode == "position" for _, servo in list_servos(robot))
-    R = np.array([_rot(q) for q in s["est_q_WB"]])
-    free = (s["f_collision"] == 0.0) & ~np.any(s["f_contact"], axis=1) & (s["spring"] < TOUCHING)
-    free &= ~np.any(s["f_docking_W"], axis=1)
-    free &= ~np.isin(phases, ["start", "take_off", "land"])
-    free &= np.all(s["rotor_speed"][:, :rotors] > 1.0, axis=1)
-    return FlightLog(
-        name=name,
-        robot=robot,
-        t=s["t"],
-        free=free,
-        v_WB=s["est_v_WB"],
-        R_WB=R,
-        w_WB_B=s["est_w_WB_B"],
-        specific_force_B=None,
-        rotor_speed=s["rotor_speed"][:, :rotors],
-        rotor_command=_commanded_speeds(robot, s, R, world.gravity_mps2, n),
-        command_is_thrust=False,
-        joints=joints,
-        q=s["q"][:, :n],
-        servo_unit="rad" if positioned else "rad/s",
-        servo_command=s["cmd_theta" if positioned else "cmd_qd"][:, :n],
-        servo_response=s["theta" if positioned else "qd"][:, :n],
-        gravity=world.gravity_mps2,
-        air_density=world.air_density_kg_m3,
-    )
-
-
-def _rot(q: Array) -> Array:
-    out = np.empty((3, 3))
-    quat_to_rot(np.ascontiguousarray(q), out)
-    return out
-
-
-def _phase_names(recording: Recording, t: Array) -> NDArray[np.str_]:
-    """Return the phase of each sample, from the recording's own events."""
-    starts = [
-        (e.t, e.text.removeprefix("phase ")) for e in recording.events if e.text[:6] == "phase "
-    ]
-    if not starts:
-        return np.full(len(t), "")
-    at = np.searchsorted([s[0] for s in starts], t + 1e-9) - 1
-    return np.array([name for _, name in starts])[np.clip(at, 0, len(starts) - 1)]
-
-
-def _commanded_speeds(robot: Robot, s: NDArray[Any], R: Array, gravity: float, n: int) -> Array:
-    """Return the rotor speeds (k, rotors) that the allocation makes of the commanded wrench."""
-    a = build_allocator(build_rotors(robot.rotors))
-    model = build_body_model(robot, gravity)
-    rotors = len(a.t_max)
-    thrust, speed = np.zeros(rotors), np.zeros(rotors)
-    out = np.zeros((len(s), rotors))
-    com, last = np.zeros(3), None
-    for i in range(len(s)):
-        if last is None or np.max(np.abs(s["q"][i, :n] - last), initial=0.0) > 0.02:
-            last = s["q"][i, :n].copy()
-            com = compute_body(model, last)[1]
-        allocate(
-            a.B, a.P, a.t_min, a.t_max, a.full, s["cmd_f_B"][i].copy(), s["cmd_t_B"][i].copy(),
-            np.ascontiguousarray(R[i, 2]), com, thrust,
-        )  # fmt: skip
-        thrust_to_speed(thrust, rotors, a.k_f, speed)
-        out[i] = speed
-    return out

@@ -17,8 +17,9 @@ from skywright.analysis.identify.fit import (
     compute_misfit,
     fit_parameters,
 )
-from skywright.analysis.identify.flight_log import FlightLog, load_log
+from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.lag import Lag, fit_rotor_lag, fit_servos
+from skywright.analysis.identify.load import load_log
 from skywright.analysis.identify.signals import POSE, Columns, build_columns
 from skywright.core.threads import on_one_thread
 from skywright.description.robot.spec import Robot

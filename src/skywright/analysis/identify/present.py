@@ -8,7 +8,12 @@ import numpy as np
 
 from skywright.analysis.identify.fit import CONFIDENCE
 from skywright.analysis.identify.identify import Identification
-from skywright.reports.identify import IdentifyPage, LagRow, ParameterRow, write_identify_page
+from skywright.analysis.identify.report import (
+    IdentifyPage,
+    LagRow,
+    ParameterRow,
+    write_identify_page,
+)
 from skywright.reports.terminal import new_console, new_table
 
 

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from skywright.analysis.locate.drift_floor import compute_drift_floor
+from skywright.analysis.locate.fusion import Events, fuse, fuse_as_printed
+from skywright.analysis.locate.station_frame import StationPose, estimate_station_pose
 from skywright.core.streams import build_stream
-from skywright.estimation.localisation.calibration import Calibration, calibrate
-from skywright.estimation.localisation.drift_filter import CAMERA, Fused
-from skywright.estimation.localisation.drift_floor import compute_drift_floor
-from skywright.estimation.localisation.fusion import Events, fuse, fuse_as_printed
-from skywright.estimation.localisation.station_frame import StationPose, estimate_station_pose
-from skywright.estimation.localisation.time_alignment import estimate_offset
+from skywright.models.localisation.calibration import Calibration, calibrate
+from skywright.models.localisation.drift_filter import CAMERA, Fused
+from skywright.models.localisation.time_alignment import estimate_offset
 from skywright.sim.tracking_camera import CameraErrors
 from skywright.vehicle.sensor_flight import (
     Flight,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from functools import partial
 
-from skywright.estimation.localisation.calibration import Calibration, calibrate
-from skywright.estimation.localisation.fusion import fuse
-from skywright.estimation.localisation.time_alignment import estimate_offset
+from skywright.analysis.locate.fusion import fuse
 from skywright.evidence.bench.rows import Row, Session, build_row
 from skywright.evidence.bench.timing import interleave, read_clock
+from skywright.models.localisation.calibration import Calibration, calibrate
+from skywright.models.localisation.time_alignment import estimate_offset
 from skywright.vehicle.sensor_flight import Flight, build_inspection_path, simulate_flight
 
 DURATION, CALIBRATION = 100.0, 40.0  # s

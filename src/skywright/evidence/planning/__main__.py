@@ -15,6 +15,7 @@ import numpy as np
 
 from skywright.errors import SkywrightError
 from skywright.evidence.planning.compare import FULL, KEPT, Found, build_kept_rows, has_ompl
+from skywright.evidence.planning.figures import Progress, Scenario, draw_convergence
 from skywright.evidence.planning.jobs import (
     CURVE_S,
     DECOUPLED,
@@ -27,7 +28,6 @@ from skywright.evidence.planning.jobs import (
     load_kept,
     run_jobs,
 )
-from skywright.reports.figures.convergence import Progress, Scenario, draw_convergence
 from skywright.reports.figures.style import house_style
 
 KINDS = (OURS, SUCCESS, DECOUPLED, PAPER, *OMPL)

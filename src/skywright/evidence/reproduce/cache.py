@@ -13,8 +13,6 @@ import json
 import os
 import shutil
 import zipfile
-from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,18 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.run.run import collect_versions
-
-PACKAGES = (
-    "core", "robots", "worlds", "models", "control", "estimation", "planning", "inspection", "sim",
-    "vehicle", "missions", "evaluation",
-)  # fmt: skip
-"""Packages whose source decides what a flight gives; reports and the command line do not."""
+from skywright.run.source_hash import collect_code_versions
 
 FLIGHTS = (
-    "studies/reproduce/flights.py", "studies/reproduce/flights_arms.py",
-    "evidence/force_estimators.py", "studies/compare/flown.py",
+    "evidence/reproduce/flights.py", "evidence/reproduce/flights_arms.py",
+    "evidence/force_estimators.py", "analysis/compare/flown.py",
 )  # fmt: skip
-"""What is done with them, beside this file."""
+"""Files beside the packages that fly: what is done with the flights."""
 
 KEEP = 3
 """Versions of the source whose flights are kept."""
@@ -52,18 +45,10 @@ def default_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "skywright" / "reproduce"
 
 
-@lru_cache(maxsize=1)
 def hash_source() -> str:
     """Hash of the source and of the versions that decide a flight."""
-    root = Path(__file__).resolve().parents[2]  # the package
-    files = [p for name in PACKAGES for p in sorted((root / name).rglob("*.py"))]
-    files += [root / name for name in FLIGHTS]
-    versions = {**collect_versions(), "scipy": version("scipy")}
-    digest = hashlib.sha256(json.dumps(versions, sort_keys=True).encode())
-    for path in files:
-        digest.update(path.relative_to(root).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    versions = {**collect_versions(), **collect_code_versions(*FLIGHTS)}
+    return hashlib.sha256(json.dumps(versions, sort_keys=True).encode()).hexdigest()[:16]
 
 
 class Cache:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.analysis.identify.flight_log import IDENTIFY_FIELDS
+from skywright.analysis.identify.load import IDENTIFY_FIELDS
 from skywright.core.types import SAMPLE
 from skywright.description.dump import dump_description
 from skywright.description.loader import Description, load_description

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from skywright.evidence.reproduce.cache import Record
-from skywright.reports.figures.claims import ClaimFigure
+from skywright.evidence.reproduce.figures import ClaimFigure
 
 Records = dict[str, list[Record]]
 """Role of a claim -> its flights, one a seed."""

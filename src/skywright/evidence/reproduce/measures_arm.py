@@ -11,6 +11,7 @@ from skywright.description.loader import load_description
 from skywright.description.robot.spec import Robot
 from skywright.evidence.reproduce import elastic
 from skywright.evidence.reproduce.cache import Record
+from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Map, Panel, Part
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.series import (
     band_rms,
@@ -21,7 +22,6 @@ from skywright.evidence.reproduce.series import (
     tangential,
 )
 from skywright.models.rigid_body import build_body_model, compute_body, posture
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Map, Panel, Part
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
+from skywright.evidence.reproduce.figures import ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.series import cut
-from skywright.reports.figures.claims import ClaimFigure, Curve, Panel
 
 Array = NDArray[np.float64]
 

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.compare.compare import MISSION, measure
+from skywright.analysis.compare.comparison import Side
 from skywright.analysis.compare.geometry import PipeDistance
 from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.surface import build_cylinder
+from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.flights_arms import load_arms
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.models.compliant_arms import find_hands, find_swing
@@ -23,8 +25,6 @@ from skywright.models.reach import ARM_MARGIN, sample_postures, split_query
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import build_scene
 from skywright.models.tip_force import Loaded
-from skywright.reports.comparison import Side
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
 
 Array = NDArray[np.float64]
 

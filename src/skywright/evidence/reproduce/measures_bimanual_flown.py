@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from skywright.description.robot.loader import load_robot
 from skywright.evidence.reproduce.cache import Record
+from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.measures_bimanual import FORCE, NAMES
 from skywright.evidence.reproduce.series import cut
 from skywright.models.tip_force import Loaded
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,7 @@ from numpy.typing import NDArray
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
-from skywright.evidence.reproduce.measured import Measured, Records
-from skywright.evidence.reproduce.series import cut
-from skywright.missions.flight_modes.figures import MODES
-from skywright.models.drawing import rotate_vectors
-from skywright.models.force_sensor import build_force_sensor, compute_count, compute_force
-from skywright.reports.figures.claims import (
+from skywright.evidence.reproduce.figures import (
     Band,
     Bars,
     Block,
@@ -25,6 +20,11 @@ from skywright.reports.figures.claims import (
     Curve,
     Panel,
 )
+from skywright.evidence.reproduce.measured import Measured, Records
+from skywright.evidence.reproduce.series import cut
+from skywright.missions.flight_modes.figures import MODES
+from skywright.models.drawing import rotate_vectors
+from skywright.models.force_sensor import build_force_sensor, compute_count, compute_force
 
 Array = NDArray[np.float64]
 

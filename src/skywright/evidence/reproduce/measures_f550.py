@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.identify.fit import fit_parameters
-from skywright.analysis.identify.flight_log import IDENTIFY_FIELDS, build_log, parse_description
+from skywright.analysis.identify.load import IDENTIFY_FIELDS, build_log, parse_description
 from skywright.analysis.identify.signals import build_columns
 from skywright.analysis.identify.truth import compute_truth
 from skywright.core.types import SAMPLE
 from skywright.description.robot.loader import load_robot
 from skywright.description.robot.spec import Robot
+from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.printed_mixer import (
     build_correct,
@@ -25,7 +26,6 @@ from skywright.models.capability import compute_capability
 from skywright.models.rigid_body import joint_names
 from skywright.models.rotors import build_rotors
 from skywright.models.sweep import TiltSweep, compute_tilt_sweep, strip_robot
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
 
 Array = NDArray[np.float64]
 

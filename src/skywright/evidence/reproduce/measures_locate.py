@@ -1,6 +1,6 @@
 """Measures on where the robot is: alignment, filters, outage, and the time-consistent frame.
 
-No mission is flown: the flights are those of `studies/locate`, a recording of the sensors each.
+No mission is flown: the flights are those of `analysis/locate`, a recording of the sensors each.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.locate import reach
-from skywright.estimation.localisation.drift_filter import CAMERA
+from skywright.evidence.reproduce.figures import Band, Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
-from skywright.reports.figures.claims import Band, Bars, ClaimFigure, Curve, Panel
+from skywright.models.localisation.drift_filter import CAMERA
 
 Array = NDArray[np.float64]
 

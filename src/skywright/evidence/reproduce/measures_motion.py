@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from skywright.description.world.scenario import get_structures
 from skywright.evidence.planning.jobs import HIGH, RESOLUTION, SCENARIOS, build_problem
+from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.planning.motion.angular import build_angular_map
 from skywright.planning.motion.bound import choose_slices, compute_lower_bound
@@ -21,7 +22,6 @@ from skywright.planning.motion.passages import list_passages
 from skywright.planning.motion.planner import check_state, plan_path, sample_reserve
 from skywright.planning.motion.rrt_star import RrtStar, plan_rrt_star
 from skywright.planning.motion.space import build_scratch
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
+from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel, Part
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.series import (
     along_surface,
@@ -19,7 +20,6 @@ from skywright.evidence.reproduce.series import (
     tangential,
 )
 from skywright.inspection.eddy_current import Instrument
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel, Part
 from skywright.reports.figures.style import BLUE, ORANGE
 from skywright.run.metrics import LIFT_OFF_THRESHOLD
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.measures_bimanual import SHORT, load_sides
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
 
 
 def compute_table() -> dict[str, float]:

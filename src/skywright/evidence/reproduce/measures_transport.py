@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
+from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.series import cut, phase_time
 from skywright.models.planar import build_planar_lrm
 from skywright.models.planar_lrm import fill_equations
 from skywright.models.scene import build_scene
-from skywright.reports.figures.claims import Bars, ClaimFigure, Curve, Panel
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 from rich.text import Text
 
+from skywright.evidence.reproduce.page import ClaimRow, CriterionRow, Heading, write_claims_page
 from skywright.evidence.reproduce.runner import ClaimResult, CriterionResult, Report, Steps
-from skywright.reports.claims import ClaimRow, CriterionRow, Heading, write_claims_page
 from skywright.run.run import collect_versions
 
 STYLES = {"reproduced": "green", "contradicted": "red", "not_comparable": "yellow"}

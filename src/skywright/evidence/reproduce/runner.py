@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 
 from skywright.errors import InputError, SkywrightError, neighbours
 from skywright.evidence.reproduce.cache import Cache, Record
+from skywright.evidence.reproduce.figures import ClaimFigure
 from skywright.evidence.reproduce.flights import build_description, describe_content, fly_case
+from skywright.evidence.reproduce.load import list_papers, load_claims
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.measures import MEASURES
 from skywright.evidence.reproduce.spec import (
@@ -20,10 +22,7 @@ from skywright.evidence.reproduce.spec import (
     ClaimsFile,
     Criterion,
     judge,
-    list_papers,
-    load_claims,
 )
-from skywright.reports.figures.claims import ClaimFigure
 
 
 class CriterionResult(NamedTuple):

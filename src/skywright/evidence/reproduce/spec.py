@@ -1,17 +1,12 @@
-"""What a claims file may say, and loading it."""
+"""What a claims file may say, and how its claims are judged."""
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from skywright.core.catalog import Entry
-from skywright.errors import InputError, neighbours
-
-DATA = Path(__file__).parent / "claims"
+from skywright.errors import neighbours
 
 Sense = Literal["<", "<=", ">", ">=", "=="]
 
@@ -129,52 +124,6 @@ class Verdict(NamedTuple):
 
     name: Literal["reproduced", "contradicted", "not_comparable"]
     passed: list[bool | None]  # one a test
-
-
-def list_papers() -> list[str]:
-    """Names of the papers with claims."""
-    return sorted(p.stem for p in DATA.glob("*.toml"))
-
-
-def list_claims() -> list[Entry]:
-    """Every claim as PAPER/CLAIM with its statement."""
-    files = [load_claims(name) for name in list_papers()]
-    return [Entry(f"{f.paper.id}/{c.id}", c.statement) for f in files for c in f.claims]
-
-
-def load_claims(paper: str) -> ClaimsFile:
-    """Load the claims of a paper: a name of `list_papers`, or a file of one's own.
-
-    Raises InputError for an unknown name or an invalid file.
-    """
-    names = list_papers()
-    path = DATA / f"{paper}.toml" if paper in names else Path(paper)
-    if paper not in names and (path.suffix != ".toml" or not path.is_file()):
-        raise InputError(f"unknown paper {paper!r}; valid: {neighbours(paper, names)}")
-    label = f"claims of {paper}" if paper in names else str(path)
-    try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{label}: cannot be read: {error}") from None
-    try:
-        file = ClaimsFile.model_validate(tree)
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{label}: {key}: {first['msg'].removeprefix('Value error, ')}") from None
-    _check_measures(file, label)
-    return file
-
-
-def _check_measures(file: ClaimsFile, label: str) -> None:
-    from skywright.evidence.reproduce.measures import MEASURES
-
-    for claim in file.claims:
-        if claim.measure not in MEASURES:
-            raise InputError(
-                f"{label}: claim {claim.id!r}: unknown measure {claim.measure!r}; "
-                f"valid: {neighbours(claim.measure, MEASURES)}"
-            )
 
 
 def judge(claim: Claim, values: dict[str, float]) -> Verdict:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from skywright.errors import InputError
+
 Array = NDArray[np.float64]
+
+MAX_DROPPED = 0.5
+MAX_POSITION = 1e8
+"""m; more is no position on Earth."""
 
 
 class Trajectory(NamedTuple):
@@ -113,3 +120,44 @@ def remove_spikes(traj: Trajectory, least: float = 0.05) -> Trajectory:
         q = None if traj.q is None else traj.q[keep]
         traj = traj._replace(t=t[keep], p=p[keep], q=q)
     return traj
+
+
+def clean(
+    path: Path, t: Array, p: Array, q: Array | None, notes: list[str], lines: list[int] | None
+) -> Trajectory:
+    """Drop what is no number, sort, drop duplicate times; a note for each, or InputError."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        good = np.isfinite(t) & np.all(np.abs(p) < MAX_POSITION, axis=1)
+        if q is not None:
+            norm = np.linalg.norm(q, axis=1)
+            upright = (norm > 0.5) & (norm < 2.0)
+            if 2 * int(np.count_nonzero(good & upright)) < max(int(np.count_nonzero(good)), 1):
+                notes.append("orientation columns hold no quaternions: ignored")
+                q = None
+            else:
+                good &= upright
+    bad = int(np.count_nonzero(~good))
+    if bad > MAX_DROPPED * len(t) or len(t) - bad < 2:
+        where = ""
+        if bad and lines is not None:
+            where = f" (line {lines[int(np.argmax(~good))]} is the first that is not)"
+        raise InputError(
+            f"{path}: {len(t) - bad} of {len(t)} rows hold a time and a position{where}; at least "
+            "2 and half of them must"
+        )
+    if bad:
+        at = f" (line {lines[int(np.argmax(~good))]} first)" if lines is not None else ""
+        notes.append(f"{bad} rows without a number in every column dropped{at}")
+    t, p = t[good], p[good]
+    q = None if q is None else q[good] / np.linalg.norm(q[good], axis=1, keepdims=True)
+    if np.any(np.diff(t) < 0):
+        notes.append("times were not in order: sorted")
+        order = np.argsort(t, kind="stable")
+        t, p, q = t[order], p[order], None if q is None else q[order]
+    keep = np.concatenate([[True], np.diff(t) > 0])
+    if not keep.all():
+        notes.append(f"{int(np.count_nonzero(~keep))} rows with a duplicate time dropped")
+        t, p, q = t[keep], p[keep], None if q is None else q[keep]
+    if len(t) < 2:
+        raise InputError(f"{path}: all rows have the same time {t[0]:g} s; at least 2 are needed")
+    return Trajectory(path.name, t, p, q, tuple(notes))

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from skywright.estimation.localisation.drift_filter import CAMERA, STATION
-from skywright.estimation.localisation.locate import Fusion, LocateReport
+from skywright.analysis.locate.locate import Fusion, LocateReport
+from skywright.models.localisation.drift_filter import CAMERA, STATION
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.reports.figures import identify as figures
+from skywright.analysis.identify import figures
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, render_page
 

@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.analysis.locate.trajectory_mcap import load_topic
 from skywright.core.mcap_file import MAGIC
 from skywright.errors import InputError
-from skywright.estimation.localisation.trajectory import Trajectory
+from skywright.models.localisation.trajectory import MAX_DROPPED, Trajectory, clean
 
 Array = NDArray[np.float64]
 
@@ -32,9 +33,6 @@ OTHER = {
     "accel", "acceleration", "cov", "covariance", "std", "sigma", "error", "e", "gyro",
 }  # fmt: skip
 MAX_BYTES = 1_000_000_000
-MAX_DROPPED = 0.5
-MAX_POSITION = 1e8
-"""m; more is no position on Earth."""
 VALID = (
     "a TUM file (t x y z qx qy qz qw), a EuRoC CSV, a CSV with a header such as "
     "t_s,x_m,y_m,z_m[,qw,qx,qy,qz], or an MCAP recording"
@@ -65,8 +63,6 @@ def load_trajectory(text: str) -> Trajectory:
     path, topic = split_topic(text)
     raw = read_bytes(path)
     if raw[: len(MAGIC)] == MAGIC[: len(raw)]:
-        from skywright.estimation.localisation.trajectory_mcap import load_topic
-
         return load_topic(path, topic)
     if topic is not None:
         raise InputError(f"{path}: is no MCAP file, so it has no topic {topic}")
@@ -323,47 +319,6 @@ def guess_time_unit(t: Array) -> tuple[Array, str]:
     if step > 1e5:  # no sensor waits a day between samples
         return t * 1e-9, "times without a unit read as ns"
     return t, ""
-
-
-def clean(
-    path: Path, t: Array, p: Array, q: Array | None, notes: list[str], lines: list[int] | None
-) -> Trajectory:
-    """Drop what is no number, sort, drop duplicate times; a note for each, or InputError."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        good = np.isfinite(t) & np.all(np.abs(p) < MAX_POSITION, axis=1)
-        if q is not None:
-            norm = np.linalg.norm(q, axis=1)
-            upright = (norm > 0.5) & (norm < 2.0)
-            if 2 * int(np.count_nonzero(good & upright)) < max(int(np.count_nonzero(good)), 1):
-                notes.append("orientation columns hold no quaternions: ignored")
-                q = None
-            else:
-                good &= upright
-    bad = int(np.count_nonzero(~good))
-    if bad > MAX_DROPPED * len(t) or len(t) - bad < 2:
-        where = ""
-        if bad and lines is not None:
-            where = f" (line {lines[int(np.argmax(~good))]} is the first that is not)"
-        raise InputError(
-            f"{path}: {len(t) - bad} of {len(t)} rows hold a time and a position{where}; at least "
-            "2 and half of them must"
-        )
-    if bad:
-        at = f" (line {lines[int(np.argmax(~good))]} first)" if lines is not None else ""
-        notes.append(f"{bad} rows without a number in every column dropped{at}")
-    t, p = t[good], p[good]
-    q = None if q is None else q[good] / np.linalg.norm(q[good], axis=1, keepdims=True)
-    if np.any(np.diff(t) < 0):
-        notes.append("times were not in order: sorted")
-        order = np.argsort(t, kind="stable")
-        t, p, q = t[order], p[order], None if q is None else q[order]
-    keep = np.concatenate([[True], np.diff(t) > 0])
-    if not keep.all():
-        notes.append(f"{int(np.count_nonzero(~keep))} rows with a duplicate time dropped")
-        t, p, q = t[keep], p[keep], None if q is None else q[keep]
-    if len(t) < 2:
-        raise InputError(f"{path}: all rows have the same time {t[0]:g} s; at least 2 are needed")
-    return Trajectory(path.name, t, p, q, tuple(notes))
 
 
 def format_table(names: Sequence[str], columns: Sequence[Array], digits: Sequence[int]) -> str:

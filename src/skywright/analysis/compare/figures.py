@@ -10,9 +10,9 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from skywright.analysis.compare.comparison import Comparison, Side
 from skywright.description.world.spec import Pipe
 from skywright.models.reach import PLATFORM_MARGIN
-from skywright.reports.comparison import Comparison, Side
 from skywright.reports.figures.style import (
     BLUE,
     GREY,

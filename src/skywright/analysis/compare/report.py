@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
+from skywright.analysis.compare import figures
+from skywright.analysis.compare.comparison import Comparison
 from skywright.description.world.spec import Pipe
-from skywright.reports.comparison import Comparison
-from skywright.reports.figures import compare as figures
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, render_page, write_page
 

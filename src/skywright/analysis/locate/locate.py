@@ -10,35 +10,35 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from skywright.errors import InputError
-from skywright.estimation.localisation.calibration import Calibration, calibrate
-from skywright.estimation.localisation.drift_filter import CAMERA, STATION, DriftModel, Fused
-from skywright.estimation.localisation.frame_alignment import METHODS
-from skywright.estimation.localisation.fusion import (
+from skywright.analysis.locate.fusion import (
     Events,
     find_outages,
     fuse,
     fuse_as_printed,
 )
-from skywright.estimation.localisation.point_file import pair_points
-from skywright.estimation.localisation.roles import assign_roles
-from skywright.estimation.localisation.station_frame import StationPose, estimate_station_pose
-from skywright.estimation.localisation.time_alignment import (
-    LEAST_OVERLAP,
-    TimeAlignment,
-    estimate_offset,
-)
-from skywright.estimation.localisation.trajectory import (
-    Trajectory,
-    find_covered,
-    find_gap_limit,
-    interpolate_rotation,
-)
-from skywright.estimation.localisation.trajectory_error import (
+from skywright.analysis.locate.point_file import pair_points
+from skywright.analysis.locate.roles import assign_roles
+from skywright.analysis.locate.station_frame import StationPose, estimate_station_pose
+from skywright.analysis.locate.trajectory_error import (
     ALIGNMENTS,
     Statistics,
     TrajectoryError,
     compute_error,
+)
+from skywright.errors import InputError
+from skywright.models.localisation.calibration import Calibration, calibrate
+from skywright.models.localisation.drift_filter import CAMERA, STATION, DriftModel, Fused
+from skywright.models.localisation.frame_alignment import METHODS
+from skywright.models.localisation.time_alignment import (
+    LEAST_OVERLAP,
+    TimeAlignment,
+    estimate_offset,
+)
+from skywright.models.localisation.trajectory import (
+    Trajectory,
+    find_covered,
+    find_gap_limit,
+    interpolate_rotation,
 )
 
 Array = NDArray[np.float64]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from skywright.estimation.localisation.locate import LocateReport
-from skywright.reports.locate import build_headline, format_length
+from skywright.analysis.locate.locate import LocateReport
+from skywright.analysis.locate.report import build_headline, format_length
 from skywright.reports.terminal import new_console, new_table
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from skywright.errors import InputError
-from skywright.estimation.localisation.trajectory import (
+from skywright.models.localisation.trajectory import (
     Trajectory,
     compute_velocity,
     find_covered,

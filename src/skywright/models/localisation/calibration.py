@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skywright.errors import InputError
-from skywright.estimation.localisation.drift_noise import (
+from skywright.models.localisation.drift_noise import (
     GATE,
     DriftNoise,
     compute_walk,
@@ -24,14 +24,14 @@ from skywright.estimation.localisation.drift_noise import (
     find_outliers,
     whiten,
 )
-from skywright.estimation.localisation.frame_alignment import (
+from skywright.models.localisation.frame_alignment import (
     FrameAlignment,
     Geometry,
     diagnose_geometry,
     estimate_affine,
     estimate_frame,
 )
-from skywright.estimation.localisation.trajectory import (
+from skywright.models.localisation.trajectory import (
     Trajectory,
     find_gap_limit,
     interpolate_position,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from skywright.reports.figures import campaign as figures
+from skywright.analysis.campaign import figures
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, render_page
 from skywright.run.rows import CONFIDENCE, Row, Value

@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.estimation.localisation.calibration import Calibration
-from skywright.estimation.localisation.drift_filter import (
+from skywright.analysis.locate.paper_filter import run_paper_filter
+from skywright.models.localisation.calibration import Calibration
+from skywright.models.localisation.drift_filter import (
     CAMERA,
     STATION,
     DriftModel,
     Fused,
     run_drift_filter,
 )
-from skywright.estimation.localisation.paper_filter import run_paper_filter
-from skywright.estimation.localisation.trajectory import (
+from skywright.models.localisation.trajectory import (
     Trajectory,
     compute_velocity,
     find_gap_limit,

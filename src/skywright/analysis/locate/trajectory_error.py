@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skywright.errors import InputError
-from skywright.estimation.localisation.frame_alignment import (
+from skywright.models.localisation.frame_alignment import (
     LEAST_POINTS,
     FrameAlignment,
     estimate_similarity,
 )
-from skywright.estimation.localisation.trajectory import (
+from skywright.models.localisation.trajectory import (
     Trajectory,
     find_gap_limit,
     interpolate_position,

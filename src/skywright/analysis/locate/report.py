@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skywright.analysis.locate import figures
+from skywright.analysis.locate.locate import Fusion, LocateReport
+from skywright.analysis.locate.trajectory_error import TrajectoryError
+from skywright.analysis.locate.trajectory_file import format_table, format_tum
 from skywright.errors import InputError
-from skywright.estimation.localisation.locate import Fusion, LocateReport
-from skywright.estimation.localisation.trajectory_error import TrajectoryError
-from skywright.estimation.localisation.trajectory_file import format_table, format_tum
-from skywright.reports.figures import locate as figures
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import Picture, build_picture, render_page
 from skywright.reports.terminal import format_number

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from skywright.errors import InputError
-from skywright.estimation.localisation.frame_alignment import estimate_level, estimate_similarity
+from skywright.models.localisation.frame_alignment import estimate_level, estimate_similarity
 
 Array = NDArray[np.float64]
 

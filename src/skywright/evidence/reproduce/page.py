@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from skywright.reports.figures.claims import ClaimFigure, draw_claim
+from skywright.evidence.reproduce.figures import ClaimFigure, draw_claim
 from skywright.reports.figures.style import WIDTH, house_style, render_svg
 from skywright.reports.page import render_page, write_page
 

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.errors import InputError
-from skywright.estimation.localisation.trajectory_file import (
-    MAX_POSITION,
+from skywright.analysis.locate.trajectory_file import (
     find_delimiter,
     name_column,
     read_bytes,
     split_row,
 )
+from skywright.errors import InputError
+from skywright.models.localisation.trajectory import MAX_POSITION
 
 Array = NDArray[np.float64]
 

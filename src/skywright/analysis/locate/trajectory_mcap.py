@@ -13,7 +13,7 @@ import numpy as np
 
 from skywright.core.mcap_file import McapContents, read_mcap
 from skywright.errors import InputError, neighbours
-from skywright.estimation.localisation.trajectory import Trajectory
+from skywright.models.localisation.trajectory import Trajectory, clean
 
 # Strings behind the header's, and whether an orientation follows the place.
 KINDS = {
@@ -82,8 +82,6 @@ def find_own_roles(path: Path) -> dict[str, str]:
 
 
 def _decode(path: Path, contents: McapContents, topic: TopicInfo) -> Trajectory:
-    from skywright.estimation.localisation.trajectory_file import clean
-
     strings, turned = KINDS[topic.kind]
     rows = np.full((topic.messages, 8), np.nan)
     for i, raw in enumerate(contents.messages.get(topic.name, [])):

@@ -1,0 +1,70 @@
+"""Functions that steps call: compiled without wrappers, plain Python when called from Python."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from functools import update_wrapper
+from typing import Any, Generic, ParamSpec, TypeVar
+
+import numpy as np
+from numba import carray, njit, types
+
+from skywright.core.pointers import as_pointer
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+COMPILE: Any = {
+    "cache": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
+}  # fmt: skip
+"""How code is compiled that only compiled code calls: half of the time is saved."""
+
+
+class Helper(Generic[P, R]):
+    """A function for compiled code; from Python it runs as Python, so that a debugger stops in it.
+
+    `python` is what runs there instead, where the function itself cannot.
+    """
+
+    def __init__(
+        self, function: Callable[P, R], python: Callable[P, R] | None = None, **options: Any
+    ) -> None:
+        self.py_func = python or function
+        self.dispatcher = njit(**{**COMPILE, **options})(function)
+        update_wrapper(self, function)
+
+    @property
+    def _numba_type_(self) -> Any:
+        return types.Dispatcher(self.dispatcher)
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        return self.py_func(*args, **kwargs)
+
+
+def helper(function: Callable[P, R]) -> Helper[P, R]:
+    """Decorate a function that steps call."""
+    return Helper(function)
+
+
+def _words(address: int, n: int) -> Any:
+    """Return the `n` numbers at an address, such as `words(mj.qpos, mj.nq)`."""
+    return carray(as_pointer(address), n, np.float64)
+
+
+def _table(address: int, rows: int, columns: int) -> Any:
+    """Return the rows of numbers at an address, such as `table(mj.xfrc, mj.nbody, 6)`."""
+    return carray(as_pointer(address), (rows, columns), np.float64)
+
+
+def _python_words(address: int, n: int) -> Any:
+    numbers: Any = (ctypes.c_double * int(n)).from_address(int(address))
+    return np.frombuffer(numbers)
+
+
+def _python_table(address: int, rows: int, columns: int) -> Any:
+    return _python_words(address, int(rows) * int(columns)).reshape(int(rows), int(columns))
+
+
+words = Helper(_words, _python_words, inline="always")
+table = Helper(_table, _python_table, inline="always")

@@ -1,1 +1,0 @@
-"""Where a robot is, from files: trajectories aligned in time and frame, and fused."""

@@ -1,0 +1,1 @@
+"""Localisation from two sources: trajectories, clocks, frames, drift."""

@@ -1,0 +1,26 @@
+"""What computed a result: a hash of the package's own files, and versions of what it stands on."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+SHOWING = {"reports", "ground", "analysis", "evidence", "cli", "__main__.py"}
+"""Packages that show or use what a flight gives, and do not decide it."""
+
+
+@cache
+def collect_code_versions(*also: str) -> dict[str, str]:
+    """Versions of what decides a flight; `code` is a hash of this package's own files.
+
+    `also` names files of the packages left out, from the package's folder, that count too.
+    """
+    digest, root = hashlib.sha256(), Path(__file__).parents[1]
+    files = [p for p in root.rglob("*") if p.suffix in (".py", ".toml")]
+    own = [p for p in files if p.relative_to(root).parts[0] not in SHOWING]
+    for path in sorted([*own, *(root / name for name in also)]):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    names = ("mujoco", "numba", "numpy", "scipy")
+    return {"code": digest.hexdigest()[:16], **{name: version(name) for name in names}}

@@ -1,0 +1,1 @@
+"""Compliant arms: springs in their joints, position servos, hands that feel forces."""

@@ -1,0 +1,368 @@
+"""Assembling a vehicle: components become records in one arena and rows of a schedule.
+
+Records are keyed by (class, name): the name is empty for what only one component fills, else that
+of the component. A component's `Me` is always keyed by its component's name.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import zlib
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.record import Record, View
+from skywright.core.streams import STREAMS, build_stream
+from skywright.errors import InputError
+from skywright.vehicle.bus import Clock, MuJoCo, RotorDrive, ServoDrive, Truth
+from skywright.vehicle.component import Component, Context, Draws, Output
+from skywright.vehicle.native import check_calls, compile_step
+from skywright.vehicle.ordering import order_steps
+from skywright.vehicle.ports import FILL, Port, Step, list_records, list_steps
+from skywright.vehicle.schedule import ROW
+
+BLOCK = 1000
+"""Control ticks for which random numbers are drawn at a time; at least one mission tick."""
+FAST_BLOCK = 2000
+"""The same for steps of the slot `fast`, in physics steps."""
+NEAR = "near end of the link"
+ALIGN = 64  # bytes
+DRIVES = (RotorDrive, ServoDrive)
+"""What the robot's side tells the plant: all that goes down a link."""
+
+Key = tuple[type[Record], str]
+
+
+class Carried(NamedTuple):
+    """What a link carries: a record's address at the end that fills it, and at the other."""
+
+    record: type[Record]
+    source: int
+    target: int
+
+
+class Block(NamedTuple):
+    """Random numbers of one component, drawn at a time."""
+
+    component: Component
+    draws: type[Draws]
+    rng: np.random.Generator
+    fast: bool
+    places: list[tuple[int, int]]  # (row, index of the draw in it) that read it
+
+
+class State(NamedTuple):
+    """A saved assembly; see Assembly.save."""
+
+    arena: NDArray[np.uint8]
+    blocks: list[NDArray[Any]]
+    generators: list[Any]
+
+
+class Assembly:
+    """The records and the schedule of a vehicle.
+
+    `rows` is the table of the schedule (ROW), `n_control` of its rows run each control tick, the
+    others after each physics step.
+    """
+
+    def __init__(self, components: Sequence[Component], context: Context, seed: int) -> None:
+        """Build all components; raises InputError where they do not fit together."""
+        check_calls()
+        self.components = list(components)
+        names = [c.name for c in self.components]
+        twice = sorted({n for n in names if names.count(n) > 1})
+        if twice:
+            raise InputError(f"two components are called {twice[0]!r}; a name stands once")
+        steps = [step for c in self.components for step in list_steps(c)]
+        self._fillers: dict[type[Record], list[Step]] = defaultdict(list)
+        for step in steps:
+            for port in step.ports:
+                if port.use == FILL and port.record is not _me(step.component):
+                    self._fillers[port.record].append(step)
+        self._linked = {s.slot for s in steps if s.component.group == "link"}
+        self._check_ports(steps)
+        self.steps = order_steps(steps, self.resolve)
+        self.steps.sort(key=lambda s: s.slot == "fast")
+        self._own_records(context)
+        context = dataclasses.replace(context, records=self.records)
+        self.context = context
+        for c in self.components:
+            me = self.records.get((_me(c), c.name))
+            given = dataclasses.replace(context, carried=self._list_carried(c))
+            c.build(None if me is None else View(me[0]), c.table, given)
+        self.n_control = sum(s.slot != "fast" for s in self.steps)
+        self._build_rows(context)
+        self._build_blocks(seed)
+
+    # --- ports -----------------------------------------------------------------------------------
+
+    def resolve(self, step: Step, port: Port) -> Key | None:
+        """Return the key of the record that a port leads to; None for an absent optional one."""
+        record, component = port.record, step.component
+        if record is _me(component):
+            return record, component.name
+        if record in (Clock, MuJoCo) or is_block(record):
+            return record, ""
+        fillers = self._fillers.get(record, [])
+        owners = list(dict.fromkeys(s.component.name for s in fillers))
+        if not owners:
+            return None
+        if len({type(s.component) for s in fillers}) > 1 or len(owners) == 1:
+            name = ""
+        elif component.name in owners:
+            name = component.name
+        else:
+            name = component.ports.get(port.name, "")
+            if name not in owners:
+                raise InputError(
+                    f"{step.label}: {record.__qualname__} is filled by several components: say "
+                    f"which one in `ports`, {{{port.name!r}: NAME}}; valid: {', '.join(owners)}"
+                )
+        if self._is_near(step, port):
+            return record, f"{name} {NEAR}".strip()
+        return record, name
+
+    def _is_near(self, step: Step, port: Port) -> bool:
+        """Whether a port is at the end of a link where its record is filled."""
+        if step.component.group == "link":
+            return False
+        plant = step.component.side == "plant"
+        if port.record in DRIVES:
+            return "downlink" in self._linked and not plant
+        return "link" in self._linked and plant and self._goes_up(port.record)
+
+    def _goes_up(self, record: type[Record]) -> bool:
+        fillers = self._fillers.get(record, [])
+        return issubclass(record, Output) and any(s.slot == "sense" for s in fillers)
+
+    def _check_ports(self, steps: list[Step]) -> None:
+        """Refuse ports that nothing fills, and the plant's records on the robot's side."""
+        for step in steps:
+            for port in step.ports:
+                record = port.record
+                if issubclass(record, Draws) or record is _me(step.component):
+                    continue
+                if step.component.side == "robot" and self._is_plants(record):
+                    raise InputError(
+                        f"{step.label} runs on the robot, which cannot see {record.__qualname__} "
+                        "of the plant: ask for a sensor's output, or for Estimate"
+                    )
+                if record in (Clock, MuJoCo) or is_block(record):
+                    continue
+                if record in self._fillers or port.optional:
+                    continue
+                offered = sorted(r.__qualname__ for r in self._fillers)
+                raise InputError(
+                    f"{step.label} asks for {record.__qualname__}, which nothing in this vehicle "
+                    f"fills; there are: {', '.join(offered)}"
+                )
+
+    def _is_plants(self, record: type[Record]) -> bool:
+        if record in (Truth, MuJoCo):
+            return True
+        fillers = self._fillers.get(record, [])
+        return any(s.component.side == "plant" for s in fillers) and not self._goes_up(record)
+
+    # --- records ---------------------------------------------------------------------------------
+
+    def _own_records(self, context: Context) -> None:
+        """Lay all records into one arena; `self.records` are (1,) views of it."""
+        keys: dict[Key, None] = {(Clock, ""): None, (MuJoCo, ""): None}
+        for c in self.components:
+            if _me(c) is not Record:
+                keys[(_me(c), c.name)] = None
+        for step in self.steps:
+            for port in step.ports:
+                key = None if issubclass(port.record, Draws) else self.resolve(step, port)
+                if key is not None:
+                    keys[key] = None
+                    keys[(key[0], key[1].removesuffix(NEAR).strip())] = None
+        sizes = [-(-r.dtype.itemsize // ALIGN) * ALIGN for r, _ in keys]
+        raw = np.zeros(sum(sizes) + ALIGN, np.uint8)
+        first = -raw.ctypes.data % ALIGN
+        self.arena = raw[first : first + sum(sizes)]
+        self.records: dict[Any, NDArray[Any]] = {}
+        at = 0
+        for (record, name), size in zip(keys, sizes, strict=True):
+            view = self.arena[at : at + record.dtype.itemsize].view(record.dtype)
+            self.records[record, name] = view
+            at += size
+        self.alive = context.alive
+
+    def get(self, record: type[Record], name: str = "") -> Any:
+        """Return the record that components fill (at the robot's end of a link), as a view.
+
+        Raises KeyError where nothing fills it.
+        """
+        return self.records[record, name][0]
+
+    def address(self, record: type[Record], name: str = "") -> int:
+        """Return the address of a record; raises KeyError where nothing fills it."""
+        return int(self.records[record, name].ctypes.data)
+
+    def _list_carried(self, component: Component) -> list[Carried]:
+        """Return what a link carries in its direction."""
+        if component.group != "link":
+            return []
+        slot = next(iter(component.slots.values()), component.slot)
+        out = []
+        for (record, name), view in self.records.items():
+            if not name.endswith(NEAR) or (record in DRIVES) != (slot == "downlink"):
+                continue
+            far = self.records[record, name.removesuffix(NEAR).strip()]
+            out.append(Carried(record, view.ctypes.data, far.ctypes.data))
+        return out
+
+    # --- rows ------------------------------------------------------------------------------------
+
+    def _build_rows(self, context: Context) -> None:
+        self.rows = np.zeros(len(self.steps), ROW)
+        self._reads: dict[tuple[Component, type[Draws]], list[tuple[int, int]]] = defaultdict(list)
+        for i, step in enumerate(self.steps):
+            row = self.rows[i]
+            period = step.component.get_period(step.name, context)
+            row["every"] = max(round(period / context.dt), 1) if period else 1
+            row["fast"], row["n"] = step.slot == "fast", len(step.ports)
+            types = [self._fill_port(i, k, step, port) for k, port in enumerate(step.ports)]
+            if step.component.compiled:
+                row["function"] = self._compile(step, types)
+
+    def _fill_port(self, i: int, k: int, step: Step, port: Port) -> np.dtype[Any] | None:
+        row = self.rows[i]
+        if issubclass(port.record, Draws):
+            d = int(row["n_draws"])
+            row["draw_port"][d], row["n_draws"] = k, d + 1
+            row["draw_stride"][d] = port.record.dtype.itemsize
+            self._reads[step.component, port.record].append((i, d))
+            return port.record.dtype
+        key = self.resolve(step, port)
+        if key is None:
+            return None
+        row["ports"][k] = self.records[key].ctypes.data
+        return port.record.dtype
+
+    def _compile(self, step: Step, types: list[np.dtype[Any] | None]) -> int:
+        try:
+            address, code = compile_step(step.compiled, types)
+        except Exception as error:  # numba raises what its passes raise
+            code_ = step.function.__code__
+            raise InputError(
+                f"{step.label} does not compile ({code_.co_filename}:{code_.co_firstlineno}): "
+                f"{_shorten(error)}"
+            ) from error
+        self.alive.append(code)
+        return address
+
+    def list_python_rows(self) -> list[int]:
+        """Return the rows that run as plain Python."""
+        return [i for i in range(len(self.rows)) if self.rows["function"][i] == 0]
+
+    def run_python(self, i: int) -> None:
+        """Run row `i` as plain Python, on the same records."""
+        step, row, clock = self.steps[i], self.rows[i], self.get(Clock)
+        given: list[Any] = []
+        for port in step.ports:
+            if issubclass(port.record, Draws):
+                block = self._find_block(step.component, port.record)
+                index = int(clock["fast" if row["fast"] else "block"])
+                given.append(View(block[index : index + 1].view(port.record.dtype).reshape(-1)[0]))
+                continue
+            key = self.resolve(step, port)
+            given.append(None if key is None else View(self.records[key][0]))
+        step.function(*given)
+
+    # --- draws -----------------------------------------------------------------------------------
+
+    def _build_blocks(self, seed: int) -> None:
+        generators: dict[str, np.random.Generator] = {}
+        self._blocks: list[Block] = []
+        self._drawn: list[NDArray[Any]] = []
+        for (component, draws), places in self._reads.items():
+            name = draws.stream
+            if name not in STREAMS or (name in generators and _is_repeated(component, self)):
+                name = f"{component.name} {draws.__qualname__}"
+            if name not in generators:
+                key = zlib.crc32(name.encode()) + (1 << 32)  # beyond the named ones
+                generators[name] = (
+                    build_stream(seed, name)
+                    if name in STREAMS
+                    else np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key,)))
+                )
+            fast = bool(self.rows["fast"][places[0][0]])
+            self._blocks.append(Block(component, draws, generators[name], fast, places))
+            self._drawn.append(np.zeros((0, 0)))
+        self._generators = list(generators.values())
+        clock = self.get(Clock)
+        clock["block"], clock["fast"] = BLOCK, FAST_BLOCK
+
+    def refill(self, n_ticks: int, n_steps: int) -> None:
+        """Draw anew where a mission tick of `n_ticks` control ticks would leave a block."""
+        clock = self.get(Clock)
+        for fast, name, size, need in (
+            (False, "block", BLOCK, n_ticks), (True, "fast", FAST_BLOCK, n_ticks * n_steps),
+        ):  # fmt: skip
+            if clock[name] + need <= size:
+                continue
+            clock[name] = 0
+            for i, block in enumerate(self._blocks):
+                if block.fast == fast:
+                    drawn = block.component.draw(block.draws, block.rng, size)
+                    self._place(i, np.ascontiguousarray(drawn, np.float64))
+
+    def _place(self, i: int, drawn: NDArray[Any]) -> None:
+        self._drawn[i] = drawn
+        for row, k in self._blocks[i].places:
+            self.rows[row]["draw_base"][k] = drawn.ctypes.data
+
+    def _find_block(self, component: Component, draws: type[Draws]) -> NDArray[Any]:
+        return next(
+            drawn
+            for block, drawn in zip(self._blocks, self._drawn, strict=True)
+            if block.component is component and block.draws is draws
+        )
+
+    # --- save and restore ------------------------------------------------------------------------
+
+    def save(self) -> State:
+        """Return all records, and what the random streams will give; blocks are never changed."""
+        states = [g.bit_generator.state for g in self._generators]
+        return State(self.arena.copy(), list(self._drawn), states)
+
+    def restore(self, state: State, seed: int | None = None) -> None:
+        """Go back to a saved state; with a `seed` the random numbers from here on are its own."""
+        self.arena[:] = state.arena
+        for i, drawn in enumerate(state.blocks):
+            self._place(i, drawn)
+        for generator, saved in zip(self._generators, state.generators, strict=True):
+            generator.bit_generator.state = saved
+        if seed is not None:
+            self._build_blocks(seed)
+
+
+def is_block(record: type[Record]) -> bool:
+    """Whether rows of a plan fill a record: it declares how, in `rules` (vehicle/follower.py)."""
+    return "rules" in vars(record)
+
+
+def _me(component: Component) -> type[Record]:
+    return list_records(type(component)).get("Me", Record)
+
+
+def _is_repeated(component: Component, assembly: Assembly) -> bool:
+    return sum(type(c) is type(component) for c in assembly.components) > 1
+
+
+def _shorten(error: Exception) -> str:
+    """The lines of numba's message that tell what is wrong and where."""
+    if isinstance(error, KeyError):
+        return f"a record has no field {error}"
+    text = re.sub(r"\x1b\[\d*m", "", str(error))  # numba writes in colour
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    kept = [x for x in lines if not x.startswith(("During:", "Failed in", "This error", "<"))]
+    return " ".join(kept[:3] + [x for x in lines if x.startswith("File ")][-1:])

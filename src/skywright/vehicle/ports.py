@@ -1,0 +1,110 @@
+"""What a step asks for: its ports, read from its annotations."""
+
+from __future__ import annotations
+
+import inspect
+import types
+from collections.abc import Callable
+from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+from skywright.core.record import Record
+from skywright.errors import InputError
+from skywright.vehicle.component import SLOTS, Component, Draws
+from skywright.vehicle.native import MAX_PORTS
+
+FILL, CHANGE, READ = range(3)
+"""What a step does with a port; within a slot rows of a port run in this order."""
+
+
+class Port(NamedTuple):
+    """A parameter of a step."""
+
+    name: str
+    record: type[Record]
+    use: int  # FILL, CHANGE or READ
+    optional: bool
+
+
+class Step(NamedTuple):
+    """A step of a component's instance."""
+
+    component: Component
+    name: str
+    function: Callable[..., None]  # undecorated
+    compiled: Any  # what numba compiles
+    slot: str
+    ports: list[Port]
+
+    @property
+    def label(self) -> str:
+        """Name in messages."""
+        return f"{self.component.name} ({type(self.component).__qualname__}.{self.name})"
+
+
+def list_steps(component: Component) -> list[Step]:
+    """Return the steps of an instance.
+
+    Raises InputError for a class without a step, an unknown slot, or a parameter that is no port.
+    """
+    cls = type(component)
+    slots = cls.slots or {"step": cls.slot}
+    out = []
+    for name, slot in slots.items():
+        found = inspect.getattr_static(cls, name, None)
+        if not isinstance(found, staticmethod):
+            raise InputError(
+                f"component {component.name!r}: {cls.__qualname__} has no static method {name!r}; "
+                "a component has a step: @staticmethod def step(me: Me, ...)"
+            )
+        if slot not in SLOTS:
+            raise InputError(
+                f"component {component.name!r}: slot {slot!r} of {cls.__qualname__}.{name} is "
+                f"unknown; valid: {', '.join(SLOTS)}"
+            )
+        function = getattr(found.__func__, "py_func", found.__func__)
+        out.append(
+            Step(component, name, function, found.__func__, slot, _read_ports(component, function))
+        )
+    return out
+
+
+def list_records(cls: type[Component]) -> dict[str, type[Record]]:
+    """Return the records that a component's class defines, by name; bases' come first."""
+    return {
+        name: value
+        for base in reversed(cls.__mro__)
+        for name, value in vars(base).items()
+        if isinstance(value, type) and issubclass(value, Record)
+    }
+
+
+def _read_ports(component: Component, function: Callable[..., None]) -> list[Port]:
+    where = f"component {component.name!r}: {function.__qualname__}"
+    try:
+        hints = get_type_hints(
+            function, localns=dict(list_records(type(component))), include_extras=True
+        )
+    except NameError as error:
+        raise InputError(f"{where}: an annotation is unknown: {error}") from error
+    out = []
+    for name in inspect.signature(function).parameters:
+        if name not in hints:
+            raise InputError(f"{where}: parameter {name!r} has no annotation: it tells the port")
+        hint, optional = hints[name], False
+        if get_origin(hint) in (Union, types.UnionType):
+            hints_ = [h for h in get_args(hint) if h is not type(None)]
+            optional = len(hints_) < len(get_args(hint))
+            hint = hints_[0]
+        marks = [m for m in getattr(hint, "__metadata__", ()) if m in ("out", "inout")]
+        kind = get_args(hint)[0] if marks else hint
+        if not (isinstance(kind, type) and issubclass(kind, Record)):
+            raise InputError(
+                f"{where}: parameter {name!r} is {kind!r}; a port is a Record, such as Estimate"
+            )
+        use = READ if not marks else FILL if marks[0] == "out" else CHANGE
+        if kind is getattr(type(component), "Me", None):
+            use = FILL
+        out.append(Port(name, kind, READ if issubclass(kind, Draws) else use, optional))
+    if len(out) > MAX_PORTS:
+        raise InputError(f"{where} has {len(out)} ports; valid: at most {MAX_PORTS}")
+    return out

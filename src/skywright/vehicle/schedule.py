@@ -1,0 +1,84 @@
+"""The tick: walks the rows of a schedule. It knows no component and is compiled once for ever.
+
+A row is a step: the address of its machine code and of its ports. Random numbers are ports that
+move on: their address is the base plus the clock's row of the block times a stride.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import carray, njit
+
+from skywright.core.pointers import as_pointer
+from skywright.sim.physics import step_physics
+from skywright.vehicle.bus import Clock
+from skywright.vehicle.native import MAX_PORTS, call_step
+
+ROW = np.dtype(
+    [
+        ("function", np.int64),  # address; 0: plain Python
+        ("n", np.int64),  # ports
+        ("ports", np.int64, MAX_PORTS),  # addresses
+        ("n_draws", np.int64),  # ports that move on
+        ("draw_port", np.int64, MAX_PORTS),
+        ("draw_base", np.int64, MAX_PORTS),  # address of the block
+        ("draw_stride", np.int64, MAX_PORTS),  # bytes a row of the block
+        ("every", np.int64),  # control ticks between calls
+        ("phase", np.int64),  # tick modulo `every` at which it is called
+        ("fast", np.int64),  # 1: called after each physics step
+    ]
+)
+CLOCK = Clock.dtype
+_SIZE, _PORTS = ROW.itemsize, ROW.fields["ports"][1]  # type: ignore[index]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def run_rows(at: int, first: int, last: int, clock_at: int) -> bool:
+    """Run the rows first to last - 1 that are due; True when the tick must end at once.
+
+    `at` is the address of the rows, `clock_at` of the clock.
+    """
+    rows, clock = carray(as_pointer(at), last, ROW), carray(as_pointer(clock_at), 1, CLOCK)[0]
+    for r in range(first, last):
+        row = rows[r]
+        if row.every != 1 and clock.tick % row.every != row.phase:
+            continue
+        clock.running = r
+        index = clock.fast if row.fast else clock.block
+        for i in range(row.n_draws):
+            row.ports[row.draw_port[i]] = row.draw_base[i] + index * row.draw_stride[i]
+        error = call_step(row.function, at + r * _SIZE + _PORTS, row.n)
+        if error != 0:
+            clock.error, clock.failed = error, r
+            return True
+        if clock.stop:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def run_ticks(
+    at: int, n_control: int, n_all: int, clock_at: int, model: int, data: int, n: int, n_steps: int
+) -> None:
+    """Run up to `n` control ticks of `n_steps` physics steps each, fewer when a guard fires."""
+    clock = carray(as_pointer(clock_at), 1, CLOCK)[0]
+    for _ in range(n):
+        if run_rows(at, 0, n_control, clock_at):
+            return
+        end_control(clock_at)
+        for _ in range(n_steps):
+            step_physics(model, data, 1)
+            if run_rows(at, n_control, n_all, clock_at):
+                return
+            clock.fast += 1
+        if clock.fired:
+            return
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def end_control(clock_at: int) -> None:
+    """Advance the clock by a control tick."""
+    clock = carray(as_pointer(clock_at), 1, CLOCK)[0]
+    clock.tick += 1
+    clock.block += 1
+    clock.t = clock.tick * clock.dt

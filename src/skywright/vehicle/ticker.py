@@ -1,0 +1,131 @@
+"""Running an assembly: whole mission ticks in one compiled call, or row by row from Python."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+from skywright.errors import SimulationError
+from skywright.vehicle.assembly import Assembly
+from skywright.vehicle.bus import Clock
+from skywright.vehicle.native import read_error
+from skywright.vehicle.schedule import end_control, run_rows, run_ticks
+
+Stretch = tuple[int, int]
+"""Rows from the first to before the last that run in one call; the last is -1 for a Python row."""
+
+
+class Physics(Protocol):
+    """What a tick steps."""
+
+    model_address: int
+    data_address: int
+
+    def step(self, n: int) -> None:
+        """Advance by n physics steps."""
+
+
+class Ticker:
+    """Runs the schedule of an assembly over a physics simulation."""
+
+    def __init__(self, assembly: Assembly, physics: Physics, n_steps: int) -> None:
+        self.assembly, self.physics, self.n_steps = assembly, physics, n_steps
+        self._at = int(assembly.rows.ctypes.data)
+        self._clock_at = assembly.address(Clock)
+        # one-element arrays: reading them costs less than fields of a record
+        clock = assembly.records[Clock, ""]
+        self._tick, self._t, self._fired = clock["tick"], clock["t"], clock["fired"]
+        self._fast, self._stop, self._error = clock["fast"], clock["stop"], clock["error"]
+        self._failed, self._running = clock["failed"], clock["running"]
+        self.since: float | None = None  # of time.monotonic(), while a mission tick runs
+        self.stuck = ""  # what a time limit says of the step that it interrupts
+        self._python_row = -1
+        slow = assembly.list_python_rows()
+        n_control, n_all = assembly.n_control, len(assembly.rows)
+        self._control = list_stretches(0, n_control, slow)
+        self._after_step = list_stretches(n_control, n_all, slow)
+
+    def run(self, n: int, interactive: bool) -> None:
+        """Run up to `n` control ticks, fewer when a guard fires.
+
+        Raises SimulationError where a step raises, naming the component.
+        """
+        self._stop[0] = 0
+        self.since = time.monotonic()
+        try:
+            if interactive:
+                self._run_interactive(n)
+            else:
+                a = self.assembly
+                run_ticks(
+                    self._at, a.n_control, len(a.rows), self._clock_at,
+                    self.physics.model_address, self.physics.data_address, n, self.n_steps,
+                )  # fmt: skip
+        finally:
+            self.since = None
+        if self._error[0]:
+            error, place = read_error(int(self._error[0]))
+            self._error[0] = 0
+            raise self._explain(int(self._failed[0]), error, place)
+
+    def _run_interactive(self, n: int) -> None:
+        for _ in range(n):
+            if self._run_stretches(self._control):
+                return
+            end_control(self._clock_at)
+            for _ in range(self.n_steps):
+                self.physics.step(1)
+                if self._run_stretches(self._after_step):
+                    return
+                self._fast[0] += 1
+            if self._fired[0]:
+                return
+
+    def _run_stretches(self, stretches: list[Stretch]) -> bool:
+        """Run the rows that are due; True when the tick must end at once."""
+        for first, last in stretches:
+            if last >= 0:
+                if run_rows(self._at, first, last, self._clock_at):
+                    return True
+                continue
+            row = self.assembly.rows[first]
+            if self._tick[0] % row["every"] != row["phase"]:
+                continue
+            self._python_row = first
+            try:
+                self.assembly.run_python(first)
+            except (Exception, SystemExit) as error:
+                if self.stuck:
+                    raise SimulationError(self.stuck) from error
+                raise self._explain(first, error, "") from error
+            self._python_row = -1
+            if self._stop[0]:
+                return True
+        return False
+
+    @property
+    def t(self) -> float:
+        """Mission time (s)."""
+        return float(self._t[0])
+
+    def find_running(self) -> tuple[str, bool]:
+        """Return the label of the component that runs now, and whether it is plain Python."""
+        python = self._python_row >= 0
+        row = self._python_row if python else int(self._running[0])
+        return self.assembly.steps[row].label, python
+
+    def _explain(self, row: int, error: BaseException, place: str) -> SimulationError:
+        label = self.assembly.steps[row].label
+        at = f" ({place})" if place else ""
+        return SimulationError(f"component {label} raised at t = {self.t:.3f} s: {error!r}{at}")
+
+
+def list_stretches(first: int, last: int, slow: list[int]) -> list[Stretch]:
+    """Split the rows from `first` to before `last` at those that run as plain Python."""
+    out: list[Stretch] = []
+    for i in [row for row in slow if first <= row < last]:
+        if i > first:
+            out.append((first, i))
+        out.append((i, -1))
+        first = i + 1
+    return [*out, (first, last)] if last > first else out
