@@ -41,27 +41,28 @@ def translate_assignments(
 ) -> list[tuple[str, Any]]:
     """Translate dotted keys (`--set`) that lead to old tables; `tree` is what they change."""
     out: list[tuple[str, Any]] = []
+    there = _read_things(tree)
     for key, value in assignments:
         root, _, rest = key.partition(".")
         table, _, inner = rest.partition(".")
         if root != "world" or table not in OLD or (not inner and not _is_table(value)):
             out.append((key, value))
             continue
-        path = _split(table, inner, _read_things(tree))
+        path = _split(table, inner, there)
         nested: Any = parse_value(value) if isinstance(value, str) else value
         for name in reversed(path):
             nested = {name: nested}
-        layer = translate_layer(Layer("--set", {"world": nested}, {}), tree)
+        layer = translate_layer(Layer("--set", {"world": nested}, {}), {"world": {"things": there}})
         things = layer.tree["world"].get("things")
         if things is None:  # nothing that could be read: the key is told to be unknown
             out.append((key, value))
             continue
-        there = _read_things(tree)
         for name, thing in things.items():
             if name in there:
                 out += [(f"world.things.{name}.{k}", v) for k, v in thing.items()]
             else:
                 out.append((f"world.things.{name}", thing))
+                there[name] = thing
     return out
 
 
