@@ -21,7 +21,8 @@ from skywright.models.bimanual import (
     estimate_platform,
     is_unplugged,
 )
-from skywright.models.compliant_arms import find_hands, spring_deflection, spring_torque
+from skywright.models.compliant_arms import find_hands
+from skywright.models.springs import spring_deflection, spring_torque
 
 HAND = np.array([0.25, 0.15, HEIGHT - 0.11 - 0.25])  # left, in the L pose
 UP, FORWARD = np.array([0.0, 0.0, 2.0]), np.array([2.0, 0.0, 0.0])

@@ -20,7 +20,6 @@ from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
 from skywright.models.arm_body import Deviation, compute_inertia_beyond, compute_servo_gains
-from skywright.models.compliant_arms import spring_deflection, spring_torque
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,
@@ -29,6 +28,7 @@ from skywright.models.rigid_body import (
     fill_kinematics,
 )
 from skywright.models.scene import Scene, build_scene
+from skywright.models.springs import spring_deflection, spring_torque
 from skywright.sim.plant import BLOCK, actuate, sense
 from skywright.sim.plant_setup import build_plant
 

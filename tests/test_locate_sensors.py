@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from skywright.sim.range_finder import (
+from skywright.models.range_finder import (
     RANGE_BLOCK,
     RangePrecision,
     build_range_finder,
     step_range_finder,
 )
-from skywright.sim.total_station import StationPrecision
-from skywright.sim.tracking_camera import CameraErrors
+from skywright.models.total_station import StationPrecision
+from skywright.models.tracking_camera import CameraErrors
 from skywright.vehicle.sensor_flight import Path, build_inspection_path, simulate_flight
 
 EXACT = CameraErrors(

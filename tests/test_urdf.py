@@ -31,7 +31,6 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import load_world
 from skywright.errors import InputError
 from skywright.models.arm_body import Deviation
-from skywright.models.compliant_arms import spring_torque
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,
@@ -43,6 +42,7 @@ from skywright.models.rigid_body import (
     joint_names,
 )
 from skywright.models.scene import Scene, build_scene, set_pose
+from skywright.models.springs import spring_torque
 from skywright.models.urdf import build_urdf
 
 ROBOTS = ("bimanual", "bimanual-longreach", "othex", "f550-bridge")

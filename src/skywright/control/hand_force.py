@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.rotations import dot, mat_t_vec, norm
-from skywright.models.compliant_arms import spring_deflection, spring_stiffness
+from skywright.models.springs import spring_deflection, spring_stiffness
 
 Record = Any
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from numba import njit
 
-from skywright.models.compliant_arms import joint_deflection, joint_torque
+from skywright.models.springs import joint_deflection, joint_torque
 
 Record = Any
 

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import ctypes
+import warnings
 from collections.abc import Callable
 from functools import update_wrapper
 from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
 from numba import carray, njit, types
+from numba.core.errors import NumbaExperimentalFeatureWarning
 
 from skywright.core.pointers import as_pointer
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+# a helper takes the record of a law for that of the loop that the law inherits: meant so
+warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
 
 COMPILE: Any = {
     "cache": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
@@ -52,6 +57,11 @@ def _words(address: int, n: int) -> Any:
     return carray(as_pointer(address), n, np.float64)
 
 
+def _integers(address: int, n: int) -> Any:
+    """Return the `n` whole numbers at an address."""
+    return carray(as_pointer(address), n, np.int64)
+
+
 def _table(address: int, rows: int, columns: int) -> Any:
     """Return the rows of numbers at an address, such as `table(mj.xfrc, mj.nbody, 6)`."""
     return carray(as_pointer(address), (rows, columns), np.float64)
@@ -62,9 +72,14 @@ def _python_words(address: int, n: int) -> Any:
     return np.frombuffer(numbers)
 
 
+def _python_integers(address: int, n: int) -> Any:
+    return _python_words(address, n).view(np.int64)
+
+
 def _python_table(address: int, rows: int, columns: int) -> Any:
     return _python_words(address, int(rows) * int(columns)).reshape(int(rows), int(columns))
 
 
 words = Helper(_words, _python_words, inline="always")
+integers = Helper(_integers, _python_integers, inline="always")
 table = Helper(_table, _python_table, inline="always")

@@ -32,6 +32,7 @@ class Group(NamedTuple):
 
 GROUPS = {
     "law": Group("control law", "skywright.vehicle.laws", "skywright.components"),
+    "arms_law": Group("arms law", "skywright.vehicle.arms.laws", "skywright.components"),
     "sensor": Group("sensor", "skywright.vehicle.sensors", "skywright.components"),
     "estimator": Group("estimator", "skywright.vehicle.estimators", "skywright.components"),
     "effect": Group("effect", "skywright.vehicle.effects", "skywright.components"),

@@ -61,7 +61,11 @@ REFERENCE = np.dtype(
         ("mode", f8),  # MODE_ below
     ]
 )
-"""A row of a plan: what a control law may be asked to follow. Rows are interpolated linearly."""
+"""A row of a plan: what a control law may be asked to follow."""
+
+LINEAR, HOLD, HOLD_END, ROTATION = range(4)
+"""Between two rows a field is interpolated, that of the first, that of the first until the second
+is reached, or a rotation interpolated."""
 
 (
     TASK_JOINTS, TASK_POSITION, TASK_VELOCITY, TASK_FORCE, TASK_FORCE_POSITION, TASK_SQUEEZE,

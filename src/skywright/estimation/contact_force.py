@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.rotations import mat_t_vec, mat_vec, solve3
-from skywright.models.compliant_arms import joint_torque
+from skywright.models.springs import joint_torque
 
 Record = Any
 

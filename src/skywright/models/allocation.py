@@ -17,6 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.scratch import local
+from skywright.core.types import MAX_ROTORS
 from skywright.errors import InputError
 from skywright.models.rotors import RotorSet
 
@@ -208,8 +210,9 @@ def allocate(
             thrust[i] = min(max(thrust[i], t_min[i]), t_max[i])
         return 0
 
-    work = np.empty((5, n))
-    up, turn, yaw, lateral, base = work[0], work[1], work[2], work[3], work[4]
+    work = local(5, MAX_ROTORS)
+    up, turn, yaw = work[0, :n], work[1, :n], work[2, :n]
+    lateral, base = work[3, :n], work[4, :n]
     cx, cy, cz = p_BC[0], p_BC[1], p_BC[2]
     # torque about the centre of mass
     mx = tx - (cy * fz - cz * fy)

@@ -25,6 +25,7 @@ from skywright.models.rigid_body import (
     fill_point_jacobian,
     find_tip,
 )
+from skywright.models.springs import joint_deflection
 
 Array = Any
 Record = Any
@@ -159,53 +160,6 @@ def _fill_gains(arms: Record, robot: Robot) -> None:
     arms["ki_hold"] = c.deflection_bandwidth_rad_s
     arms["speed_hand"] = c.hand_speed_max_mps
     arms["estimator"] = float(c.force_estimator == "torque")
-
-
-@njit(cache=True, error_model="numpy")
-def spring_torque(k: float, linear: float, hardening: float, deflection: float) -> float:
-    """Return the torque (N m) of a joint's spring: k within +-linear, harder beyond."""
-    over = abs(deflection) - linear
-    torque = k * deflection
-    if linear > 0.0 and over > 0.0:
-        torque += math.copysign((hardening - 1.0) * k * over, deflection)
-    return torque
-
-
-@njit(cache=True, error_model="numpy")
-def spring_deflection(k: float, linear: float, hardening: float, torque: float) -> float:
-    """Return the deflection (rad) under a torque (N m): the inverse of `spring_torque`."""
-    deflection = torque / k
-    if linear > 0.0 and abs(deflection) > linear:
-        beyond = (abs(torque) - k * linear) / (k * hardening)
-        deflection = math.copysign(linear + beyond, torque)
-    return deflection
-
-
-@njit(cache=True, error_model="numpy")
-def joint_torque(arms: Record, j: int, deflection: float) -> float:
-    """Return the torque (N m) of joint j at a measured deflection: (15) behind the gear's play."""
-    over = max(abs(deflection) - arms.slack[j], 0.0)
-    return spring_torque(
-        arms.k[j], arms.linear[j], arms.hardening[j], math.copysign(over, deflection)
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def joint_deflection(arms: Record, j: int, torque: float) -> float:
-    """Return the deflection (rad) of joint j under a torque (N m): inverse of `joint_torque`.
-
-    Near no torque, where the play may rest on either side, it is crossed in proportion.
-    """
-    play = arms.slack[j]
-    if play > 0.0:
-        play *= min(max(torque / (arms.k[j] * play), -1.0), 1.0)
-    return play + spring_deflection(arms.k[j], arms.linear[j], arms.hardening[j], torque)
-
-
-@njit(cache=True, error_model="numpy")
-def spring_stiffness(k: float, linear: float, hardening: float, deflection: float) -> float:
-    """Return the stiffness (N m/rad) of a joint's spring at a deflection."""
-    return k * hardening if linear > 0.0 and abs(deflection) > linear else k
 
 
 @njit(cache=True, error_model="numpy")

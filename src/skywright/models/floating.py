@@ -20,10 +20,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.rotations import cross, mat_vec
+from skywright.core.scratch import local
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
+from skywright.models.rigid_body import MAX_LINKS
 from skywright.models.scene import build_scene
 
 Array = NDArray[np.float64]
@@ -38,7 +40,7 @@ def fill_floating(m: Record, k: Record, body: Record, w: Record) -> None:
     """
     mass, c = body.mass, body.p_BC
     _fill_swing(m, k, w)
-    y, col = np.empty(3), np.empty(3)
+    y, col = local(3), local(3)
     d = 1.0
     if w.swing >= 0:
         d = w.M_ss
@@ -76,17 +78,18 @@ def _fill_swing(m: Record, k: Record, w: Record) -> None:
     w.M_ss = 0.0
     if w.swing < 0:
         return
-    carried = np.zeros(m.n_links, np.bool_)
-    c, rate, moment, pivot = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    carried = local(MAX_LINKS)
+    c, rate, moment, pivot = local(3), local(3), local(3), local(3)
     for i in range(m.n_links):
+        carried[i] = 0.0
         if m.joint[i] == w.swing:
-            carried[i] = True
+            carried[i] = 1.0
             for a in range(3):
                 w.axis[a] = k.R[i, a, m.axis[i]]
                 pivot[a] = k.p[i, a]
         elif m.parent[i] >= 0:
             carried[i] = carried[m.parent[i]]
-        if not carried[i]:
+        if carried[i] == 0.0:
             continue
         mat_vec(k.R[i], m.com[i], c)
         for a in range(3):

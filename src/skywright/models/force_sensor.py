@@ -13,25 +13,25 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.record import Record
 from skywright.description.robot.force_sensor import ForceSensor
 
-FORCE_SENSOR = np.dtype(
-    [
-        ("hard_slope", np.float64),  # N a count, below `limit`
-        ("hard_offset", np.float64),  # N
-        ("soft_slope", np.float64),  # N a count, from `limit` on
-        ("soft_offset", np.float64),  # N
-        ("limit", np.float64),  # count
-        ("top", np.float64),  # largest count
-        ("noise", np.float64),  # counts, 1 sigma
-    ]
-)
-"""Parameters of the sensor; `record[0]` is readable from compiled code."""
+
+class Converter(Record):
+    """Parameters of the sensor, readable from compiled code."""
+
+    hard_slope: float  # N a count, below `limit`
+    hard_offset: float  # N
+    soft_slope: float  # N a count, from `limit` on
+    soft_offset: float  # N
+    limit: float  # count
+    top: float  # largest count
+    noise: float  # counts, 1 sigma
 
 
 def build_force_sensor(spec: ForceSensor) -> NDArray[Any]:
-    """Return the sensor's parameters as a (1,) array of FORCE_SENSOR."""
-    out = np.zeros(1, FORCE_SENSOR)
+    """Return the sensor's parameters as a (1,) array of Converter."""
+    out = np.zeros(1, Converter.dtype)
     s = out[0]
     s["hard_slope"], s["hard_offset"] = spec.hard_slope_n_per_count, spec.hard_offset_n
     s["soft_slope"], s["soft_offset"] = spec.soft_slope_n_per_count, spec.soft_offset_n

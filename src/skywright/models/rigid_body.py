@@ -11,12 +11,13 @@ the robot along the probe and y along the link's y, H hands likewise.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.record import Array, Integers, Mat3, Record, Vec3
 from skywright.core.rotations import mat_mat, mat_vec, rot_about, rot_y
 from skywright.core.scratch import local
 from skywright.core.types import BODY, MAX_HANDS, MAX_JOINTS
@@ -25,57 +26,59 @@ from skywright.description.robot.limbs import Limb, end_of, list_joints, list_li
 from skywright.description.robot.spec import Link, Probe, Robot
 from skywright.models.bar import compute_bar_share
 
-Array = NDArray[np.float64]
-Record = Any  # one element of a structured array; numba sees a typed record
-
 MAX_LINKS = 12
 SLIDER_INERTIA = 1e-6
 """kg m^2 of the probe's sprung part about its own centre: small, but MuJoCo wants it above zero."""
 
-BODY_MODEL = np.dtype(
-    [
-        ("n_links", np.int64),
-        ("n_joints", np.int64),
-        ("gravity", np.float64),
-        ("mass0", np.float64),  # kg, platform
-        ("com0", np.float64, 3),  # m, in B
-        ("inertia0", np.float64, (3, 3)),  # kg m^2 about the origin of B
-        ("parent", np.int64, MAX_LINKS),  # link index, -1 for the platform
-        ("joint", np.int64, MAX_LINKS),  # index into q, -1 when fixed
-        ("slide", np.int64, MAX_LINKS),
-        ("axis", np.int64, MAX_LINKS),  # 0 x, 1 y, 2 z of the link frame
-        ("offset", np.float64, (MAX_LINKS, 3)),  # m, joint in the parent's frame
-        ("mass", np.float64, MAX_LINKS),
-        ("com", np.float64, (MAX_LINKS, 3)),
-        ("inertia", np.float64, (MAX_LINKS, 3, 3)),  # kg m^2 about the link's own com
-        ("tip_link", np.int64),  # -1: no arm, the tip is the origin of B
-        ("tip_offset", np.float64, 3),
-        ("tip_rot", np.float64, (3, 3)),  # R_LT
-        ("n_hands", np.int64),  # ends of arms; hand 0 is the tip where there is no probe elsewhere
-        ("hand_link", np.int64, MAX_HANDS),
-        ("hand_offset", np.float64, (MAX_HANDS, 3)),
-        ("hand_rot", np.float64, (MAX_HANDS, 3, 3)),  # R_LH
-        ("q_min", np.float64, MAX_JOINTS),
-        ("q_max", np.float64, MAX_JOINTS),
-        ("belt", np.float64, (MAX_JOINTS, MAX_JOINTS)),  # J_AM: joint = belt * motor speeds
-        ("belt_inv", np.float64, (MAX_JOINTS, MAX_JOINTS)),
-        ("motor_speed_max", np.float64, MAX_JOINTS),
-    ]
-)
+Links = Annotated[Integers, MAX_LINKS]
 
-KINEMATICS = np.dtype(
-    [
-        ("p", np.float64, (MAX_LINKS, 3)),  # m, joint origins in B
-        ("R", np.float64, (MAX_LINKS, 3, 3)),
-        ("p_BT", np.float64, 3),
-        ("R_BT", np.float64, (3, 3)),
-        ("J_BT", np.float64, (3, MAX_JOINTS)),  # m/rad, in B
-        ("Jw_BT", np.float64, (3, MAX_JOINTS)),  # rad/rad, in B
-        ("p_BH", np.float64, (MAX_HANDS, 3)),  # m, hands in B (`fill_hands`)
-        ("R_BH", np.float64, (MAX_HANDS, 3, 3)),
-        ("J_BH", np.float64, (MAX_HANDS, 3, MAX_JOINTS)),  # m/rad, in B
-    ]
-)
+
+class BodyModel(Record):
+    """The link tree of a robot."""
+
+    n_links: int
+    n_joints: int
+    gravity: float
+    mass0: float  # kg, platform
+    com0: Vec3  # m, in B
+    inertia0: Mat3  # kg m^2 about the origin of B
+    parent: Links  # link index, -1 for the platform
+    joint: Links  # index into q, -1 when fixed
+    slide: Links
+    axis: Links  # 0 x, 1 y, 2 z of the link frame
+    offset: Annotated[Array, MAX_LINKS, 3]  # m, joint in the parent's frame
+    mass: Annotated[Array, MAX_LINKS]
+    com: Annotated[Array, MAX_LINKS, 3]
+    inertia: Annotated[Array, MAX_LINKS, 3, 3]  # kg m^2 about the link's own com
+    tip_link: int  # -1: no arm, the tip is the origin of B
+    tip_offset: Vec3
+    tip_rot: Mat3  # R_LT
+    n_hands: int  # ends of arms; hand 0 is the tip where there is no probe elsewhere
+    hand_link: Annotated[Integers, MAX_HANDS]
+    hand_offset: Annotated[Array, MAX_HANDS, 3]
+    hand_rot: Annotated[Array, MAX_HANDS, 3, 3]  # R_LH
+    q_min: Annotated[Array, MAX_JOINTS]
+    q_max: Annotated[Array, MAX_JOINTS]
+    belt: Annotated[Array, MAX_JOINTS, MAX_JOINTS]  # J_AM: joint = belt * motor speeds
+    belt_inv: Annotated[Array, MAX_JOINTS, MAX_JOINTS]
+    motor_speed_max: Annotated[Array, MAX_JOINTS]
+
+
+class Kinematics(Record):
+    """The link tree at some joint angles."""
+
+    p: Annotated[Array, MAX_LINKS, 3]  # m, joint origins in B
+    R: Annotated[Array, MAX_LINKS, 3, 3]
+    p_BT: Vec3
+    R_BT: Mat3
+    J_BT: Annotated[Array, 3, MAX_JOINTS]  # m/rad, in B
+    Jw_BT: Annotated[Array, 3, MAX_JOINTS]  # rad/rad, in B
+    p_BH: Annotated[Array, MAX_HANDS, 3]  # m, hands in B (`fill_hands`)
+    R_BH: Annotated[Array, MAX_HANDS, 3, 3]
+    J_BH: Annotated[Array, MAX_HANDS, 3, MAX_JOINTS]  # m/rad, in B
+
+
+BODY_MODEL, KINEMATICS = BodyModel.dtype, Kinematics.dtype
 
 
 class ProbeParts(NamedTuple):
@@ -224,7 +227,7 @@ def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
     return out
 
 
-def _set_hands(m: Record, robot: Robot, limbs: list[Limb]) -> None:
+def _set_hands(m: Any, robot: Robot, limbs: list[Limb]) -> None:
     """Hands at the ends of the arms, their mass welded onto the last links."""
     assert robot.arm is not None
     hand = robot.arm.hand
@@ -250,7 +253,7 @@ def hand_inertia(robot: Robot) -> Array:
     return 0.4 * hand.mass_kg * hand.radius_m**2 * np.eye(3)
 
 
-def _add_docking(m: Record, docking: Docking) -> None:
+def _add_docking(m: Any, docking: Docking) -> None:
     """Weld the docking gear onto the platform."""
     mass, com, inertia = build_docking_parts(docking)
     total = m["mass0"] + mass
@@ -259,7 +262,7 @@ def _add_docking(m: Record, docking: Docking) -> None:
     m["mass0"] = total
 
 
-def _add_probe(m: Record, i: int, link: Link, probe: Probe) -> None:
+def _add_probe(m: Any, i: int, link: Link, probe: Probe) -> None:
     """Weld holder and slider (spring released) onto link `i` and set the tip."""
     parts = build_probe_parts(probe)
     rot = tip_rotation(link, probe.pitch_deg)
@@ -275,7 +278,7 @@ def _add_probe(m: Record, i: int, link: Link, probe: Probe) -> None:
     ])  # fmt: skip
 
 
-def _weld(m: Record, i: int, parts: list[tuple[float, Array, Array]]) -> None:
+def _weld(m: Any, i: int, parts: list[tuple[float, Array, Array]]) -> None:
     """Add bodies (mass, centre, inertia about it; all in the link's frame) to link `i`."""
     bodies = [(float(m["mass"][i]), m["com"][i].copy(), m["inertia"][i].copy()), *parts]
     mass = sum(b[0] for b in bodies)
@@ -288,7 +291,7 @@ def _weld(m: Record, i: int, parts: list[tuple[float, Array, Array]]) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def fill_kinematics(m: Record, q: Array, k: Record) -> None:
+def fill_kinematics(m: Any, q: Array, k: Any) -> None:
     """Fill link frames, tip pose p_BT, R_BT and the tip Jacobians (all in B) at joints `q`."""
     rot = local(3, 3)
     vec = local(3)
@@ -348,7 +351,7 @@ def fill_kinematics(m: Record, q: Array, k: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def fill_hands(m: Record, k: Record) -> None:
+def fill_hands(m: Any, k: Any) -> None:
     """Fill the hands' poses p_BH, R_BH and Jacobians J_BH from `fill_kinematics`' link frames."""
     vec = local(3)
     for h in range(m.n_hands):
@@ -361,7 +364,7 @@ def fill_hands(m: Record, k: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def fill_point_jacobian(m: Record, k: Record, link: int, p_B: Array, J: Array) -> None:
+def fill_point_jacobian(m: Any, k: Any, link: int, p_B: Array, J: Array) -> None:
     """Fill J (3, MAX_JOINTS) m/rad of a point of `link` at p_B (3,) m, in B."""
     for a in range(3):
         for j in range(MAX_JOINTS):
@@ -382,7 +385,7 @@ def fill_point_jacobian(m: Record, k: Record, link: int, p_B: Array, J: Array) -
 
 
 @njit(cache=True, error_model="numpy")
-def fill_gravity_torque(m: Record, k: Record, g_B: Array, torque: Array) -> None:
+def fill_gravity_torque(m: Any, k: Any, g_B: Array, torque: Array) -> None:
     """Fill `torque` (MAX_JOINTS,) N m (slides: N): what holds the arm at rest against gravity.
 
     g_B (3,) m/s^2 is gravity in B (pointing down). Equals the gravity part of the mass matrix'
@@ -413,7 +416,7 @@ def fill_gravity_torque(m: Record, k: Record, g_B: Array, torque: Array) -> None
 
 
 @njit(cache=True, error_model="numpy")
-def fill_body(m: Record, k: Record, body: Record) -> None:
+def fill_body(m: Any, k: Any, body: Any) -> None:
     """Fill the composite BODY record from link frames computed by `fill_kinematics`."""
     mass = m.mass0
     cx, cy, cz = m.mass0 * m.com0[0], m.mass0 * m.com0[1], m.mass0 * m.com0[2]
@@ -455,7 +458,7 @@ def fill_body(m: Record, k: Record, body: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _compute_body(m: Record, q: Array, k: Record, body: Record) -> None:
+def _compute_body(m: Any, q: Array, k: Any, body: Any) -> None:
     fill_kinematics(m, q, k)
     fill_body(m, k, body)
 

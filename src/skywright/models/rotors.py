@@ -83,13 +83,15 @@ def compute_electrical_power(rotors: RotorSet, thrust: F8, air_density: float = 
     Momentum theory: ideal power T^(3/2) / sqrt(2 rho A), over figure of merit and motor
     efficiency (Leishman, Principles of Helicopter Aerodynamics, 2nd ed., eq. 2.15 and 2.30).
     """
+    per = compute_watt_per_n15(rotors, air_density)
+    return compute_power(np.ascontiguousarray(thrust, dtype=np.float64), len(thrust), per)
+
+
+def compute_watt_per_n15(rotors: RotorSet, air_density: float) -> float:
+    """Return electrical power over thrust^(3/2) (W/N^1.5) of a rotor."""
     area = math.pi * rotors.propeller_radius**2
-    return compute_power(
-        np.ascontiguousarray(thrust, dtype=np.float64),
-        len(thrust),
-        1.0
-        / (math.sqrt(2.0 * air_density * area) * rotors.figure_of_merit * rotors.motor_efficiency),
-    )
+    ideal = math.sqrt(2.0 * air_density * area)
+    return 1.0 / (ideal * rotors.figure_of_merit * rotors.motor_efficiency)
 
 
 @njit(cache=True, error_model="numpy")

@@ -16,7 +16,6 @@ from scipy import optimize
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot
-from skywright.models.compliant_arms import spring_deflection, spring_torque
 from skywright.models.rigid_body import (
     KINEMATICS,
     build_body_model,
@@ -25,6 +24,7 @@ from skywright.models.rigid_body import (
     fill_hands,
     fill_kinematics,
 )
+from skywright.models.springs import spring_deflection, spring_torque
 
 Array = NDArray[np.float64]
 

@@ -17,31 +17,31 @@ from numpy.typing import NDArray
 from skywright.core.rotations import exp_so3, mat_mat
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
-from skywright.sim.range_finder import (
+from skywright.models.range_finder import (
     RANGE_BLOCK,
-    RANGE_FINDER,
+    Finder,
     RangePrecision,
     build_range_finder,
     draw_range_finder,
     step_range_finder,
 )
-from skywright.sim.simulation import Simulation
-from skywright.sim.total_station import (
+from skywright.models.total_station import (
     STATION_BLOCK,
-    TOTAL_STATION,
+    Station,
     StationPrecision,
     build_total_station,
     draw_total_station,
     step_total_station,
 )
-from skywright.sim.tracking_camera import (
+from skywright.models.tracking_camera import (
     CAMERA_BLOCK,
-    TRACKING_CAMERA,
     CameraErrors,
+    Tracker,
     build_tracking_camera,
     draw_tracking_camera,
     step_tracking_camera,
 )
+from skywright.sim.simulation import Simulation
 
 Array = NDArray[np.float64]
 Record = Any
@@ -51,9 +51,9 @@ f8, i8 = np.float64, np.int64
 LOCALISATION = np.dtype(
     [
         ("on", i8),
-        ("station", TOTAL_STATION),
-        ("camera", TRACKING_CAMERA),
-        ("range_finder", RANGE_FINDER),
+        ("station", Station.dtype),
+        ("camera", Tracker.dtype),
+        ("range_finder", Finder.dtype),
         ("ranges", i8),  # 1: there is a range finder
         ("clock", f8),  # s, station's clock ahead of the robot's
         ("attitude_noise", f8),  # rad, of the camera
@@ -67,7 +67,7 @@ LOCALISATION = np.dtype(
 def build_sensors(
     robot: Robot, world: World, streams: dict[str, np.random.Generator]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return (1,) arrays of TOTAL_STATION and TRACKING_CAMERA; its frame is drawn."""
+    """Return (1,) arrays of Station and Tracker; its frame is drawn."""
     prism, camera, station = robot.prism, robot.tracking_camera, world.total_station
     assert prism is not None and camera is not None
     heading, tilt, R_CW = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import cross, exp_so3, mat_mat, mat_t_vec, mat_vec, quat_to_rot
 from skywright.core.types import MAX_HANDS, MAX_JOINTS, MAX_OBJECTS, MAX_ROTORS
-from skywright.models.force_sensor import FORCE_SENSOR, measure_force
+from skywright.models.force_sensor import Converter, measure_force
 from skywright.models.rotors import step_rotor_speed
 from skywright.sim.camera import (
     CAMERA,
@@ -160,7 +160,7 @@ PLANT = np.dtype(
         # structure, force sensor, docking gear
         ("surface", SURFACE),
         ("force_on", i8),  # 1: the probe has a force sensor
-        ("force_sensor", FORCE_SENSOR),
+        ("force_sensor", Converter.dtype),
         ("force_spring", f8),  # N/m
         ("force_preload", f8),  # N
         ("noise_force", f8, BLOCK),

@@ -17,7 +17,7 @@ from skywright.description.world.things import find_first
 from skywright.models.arm_body import Deviation, compute_servo_gains, compute_servo_lag
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
 from skywright.models.force_sensor import build_force_sensor
-from skywright.models.rotors import build_rotors
+from skywright.models.rotors import build_rotors, compute_watt_per_n15
 from skywright.models.scene import Scene
 from skywright.models.things.tape import Tape
 from skywright.sim.camera import fill_camera
@@ -41,9 +41,7 @@ def build_plant(
     pl["rotor_p"][:n], pl["rotor_axis"][:n] = rotors.position, rotors.axis
     pl["k_f"], pl["rotor_tau"] = rotors.k_f, rotors.time_constant
     pl["rotor_drag"] = rotors.drag_coefficient * dev.drag_factor
-    area = math.pi * rotors.propeller_radius**2
-    ideal = math.sqrt(2.0 * world.air_density_kg_m3 * area)
-    pl["watt_per_n15"] = 1.0 / (ideal * rotors.figure_of_merit * rotors.motor_efficiency)
+    pl["watt_per_n15"] = compute_watt_per_n15(rotors, world.air_density_kg_m3)
     pl["avionics"] = robot.battery.avionics_power_w
     p = robot.platform
     areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from skywright.core.record import Record, View
 from skywright.core.streams import STREAMS, build_stream
 from skywright.errors import InputError
-from skywright.vehicle.bus import Clock, MuJoCo, RotorDrive, ServoDrive, Truth
-from skywright.vehicle.component import Component, Context, Draws, Output
+from skywright.vehicle.bus import DRIVES, Clock, MuJoCo, Truth
+from skywright.vehicle.component import Component, Context, Draws, Output, ReferenceBlock
 from skywright.vehicle.native import check_calls, compile_step
 from skywright.vehicle.ordering import order_steps
 from skywright.vehicle.ports import FILL, Port, Step, list_records, list_steps
@@ -32,9 +32,6 @@ FAST_BLOCK = 2000
 """The same for steps of the slot `fast`, in physics steps."""
 NEAR = "near end of the link"
 ALIGN = 64  # bytes
-DRIVES = (RotorDrive, ServoDrive)
-"""What the robot's side tells the plant: all that goes down a link."""
-
 Key = tuple[type[Record], str]
 
 
@@ -90,7 +87,7 @@ class Assembly:
         self.steps = order_steps(steps, self.resolve)
         self.steps.sort(key=lambda s: s.slot == "fast")
         self._own_records(context)
-        context = dataclasses.replace(context, records=self.records)
+        context = dataclasses.replace(context, records=self.records, components=self.components)
         self.context = context
         for c in self.components:
             me = self.records.get((_me(c), c.name))
@@ -107,7 +104,7 @@ class Assembly:
         record, component = port.record, step.component
         if record is _me(component):
             return record, component.name
-        if record in (Clock, MuJoCo) or is_block(record):
+        if record in (Clock, MuJoCo) or issubclass(record, ReferenceBlock):
             return record, ""
         fillers = self._fillers.get(record, [])
         owners = list(dict.fromkeys(s.component.name for s in fillers))
@@ -153,7 +150,7 @@ class Assembly:
                         f"{step.label} runs on the robot, which cannot see {record.__qualname__} "
                         "of the plant: ask for a sensor's output, or for Estimate"
                     )
-                if record in (Clock, MuJoCo) or is_block(record):
+                if record in (Clock, MuJoCo) or issubclass(record, ReferenceBlock):
                     continue
                 if record in self._fillers or port.optional:
                     continue
@@ -207,13 +204,12 @@ class Assembly:
         return int(self.records[record, name].ctypes.data)
 
     def _list_carried(self, component: Component) -> list[Carried]:
-        """Return what a link carries in its direction."""
+        """Return what a link carries, both ways."""
         if component.group != "link":
             return []
-        slot = next(iter(component.slots.values()), component.slot)
         out = []
         for (record, name), view in self.records.items():
-            if not name.endswith(NEAR) or (record in DRIVES) != (slot == "downlink"):
+            if not name.endswith(NEAR):
                 continue
             far = self.records[record, name.removesuffix(NEAR).strip()]
             out.append(Carried(record, view.ctypes.data, far.ctypes.data))
@@ -343,11 +339,6 @@ class Assembly:
             generator.bit_generator.state = saved
         if seed is not None:
             self._build_blocks(seed)
-
-
-def is_block(record: type[Record]) -> bool:
-    """Whether rows of a plan fill a record: it declares how, in `rules` (vehicle/follower.py)."""
-    return "rules" in vars(record)
 
 
 def _me(component: Component) -> type[Record]:

@@ -7,10 +7,10 @@ component that fills it.
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from skywright.core.record import Array, Mat3, Record, Vec3
-from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.core.types import HOLD, HOLD_END, MAX_JOINTS, MAX_ROTORS, ROTATION
 
 
 class Clock(Record):
@@ -69,7 +69,15 @@ class Truth(Record):
 
 
 class Reference(Record):
-    """What the platform and a rigid arm shall do now; blocks of other components come beside."""
+    """What the platform and a rigid arm shall do now; blocks of other components come beside.
+
+    `rules` say how a field is interpolated between the rows of a plan (vehicle/follower.py).
+    """
+
+    rules: ClassVar[dict[str, int]] = {
+        "track_tip": HOLD, "active": HOLD, "mode": HOLD, "dead_zone": HOLD_END,
+        "R_WB": ROTATION, "R_WT": ROTATION, "R_WS": ROTATION,
+    }  # fmt: skip
 
     t: float  # s
     p_WB: Vec3
@@ -152,3 +160,7 @@ class ServoDrive(Record):
     """What the servos are told: speeds of motors (rad/s), or shaft angles (rad)."""
 
     motor: Annotated[Array, MAX_JOINTS]
+
+
+DRIVES = (RotorDrive, ServoDrive)
+"""What the robot's side tells the plant: all that goes down a link."""

@@ -17,14 +17,14 @@ They must not allocate: scratch belongs into `Me`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.compiled import helper, table, words
+from skywright.core.compiled import helper, integers, table, words
 from skywright.core.record import Array, Record
 from skywright.core.spec import Spec
 
@@ -44,7 +44,8 @@ SLOTS = (
 
 __all__ = [
     "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
-    "Output", "PlantContext", "Sensor", "Uniform", "helper", "table", "words",
+    "Output", "PlantContext", "Recorded", "ReferenceBlock", "Sensor", "Uniform", "helper",
+    "integers", "table", "words",
 ]  # fmt: skip
 
 _T = TypeVar("_T")
@@ -61,6 +62,16 @@ class Output(Record):
     delivered when it is new (`fresh` 1, cleared by the framework each tick); with first fields
     `t`, `n` (int) and arrays of rows it is a batch of samples, all of which are delivered.
     """
+
+
+class ReferenceBlock(Output):
+    """A part of the reference that a component owns: the plan's rows fill it (follower.py).
+
+    Its fields are fields of a row (core/types.py: REFERENCE); `rules` tell how each is interpolated
+    between rows, linear where it tells nothing.
+    """
+
+    rules: ClassVar[dict[str, int]] = {}
 
 
 class Draws(Record):
@@ -97,7 +108,11 @@ class Context:
     """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
+    named: tuple[Component, ...] = ()
+    """Law, estimator and further parts, which the description names."""
     alive: list[Any] = field(default_factory=list)
+    components: Sequence[Component] = ()
+    """All of the vehicle, at build."""
     carried: list[Any] = field(default_factory=list)
     """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
 
@@ -125,6 +140,23 @@ class PlantContext(Context):
         return build_stream(self.seed, name)
 
 
+class Recorded(NamedTuple):
+    """A column of the samples, and the field of a record that it is copied from.
+
+    `rotation`: the field is a rotation matrix, the column its quaternion (wxyz). `item` is that of
+    the field's first axis, such as a hand. `per` cuts a field at the number of joints or rotors.
+    """
+
+    name: str
+    source: type[Record]
+    field: str
+    unit: str = ""
+    meaning: str = ""
+    rotation: bool = False
+    item: int = -1
+    per: Literal["", "joint", "rotor"] = ""
+
+
 class Component:
     """Base of everything that runs every tick; subclass a group below."""
 
@@ -137,11 +169,13 @@ class Component:
     """False: steps run as plain Python, which flies in interactive mode only."""
     ports: ClassVar[dict[str, str]] = {}
     """Parameter of a step -> name of the component that fills it, where several do."""
+    columns: ClassVar[tuple[Recorded, ...]] = ()
+    """What samples tell of it, where the vehicle has the records."""
     Table: ClassVar[type[Spec]] = Spec
 
     def __init__(self, name: str, table: Any = None) -> None:
         self.name = name
-        self.table = self.Table() if table is None else table
+        self.table: Any = self.Table() if table is None else table
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill `Me` (a NumPy record with named fields) from the table; once, in Python.
@@ -187,12 +221,40 @@ class Estimator(Component):
     """An estimator of the robot's state: fills Estimate. `[mission.estimator]`."""
 
     group, slot = "estimator", "estimate"
+    needs_motion_capture: ClassVar[bool] = False
+    is_truth: ClassVar[bool] = False
+    """Whether it tells the truth instead of estimating it."""
+
+    @classmethod
+    def assemble(cls, table: Any, context: Any) -> list[Component]:
+        """Return the components of this estimator for a robot in a world: most often one."""
+        return [cls("estimator", table)]
 
 
 class Law(Component):
     """A control law of the platform (and a rigid arm): fills WrenchCommand. `[mission.law]`."""
 
     group, slot = "law", "control"
+    needs_full_actuation: ClassVar[bool] = False
+    """Whether it asks for force in any direction, whatever the attitude."""
+
+    def observe_wrench(self, context: Context) -> Array | None:
+        """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the
+        external force that the law wants observed (port Wrench); None: it wants none.
+        """
+        return None
+
+
+class ArmsLaw(Component):
+    """A law of arms with position servos: fills ShaftCommand at the servos' rate."""
+
+    group, slot = "arms_law", "control"
+
+    def get_period(self, step: str, context: Any) -> float:
+        """Return the servos' period (s)."""
+        from skywright.models.compliant_arms import count_command_ticks
+
+        return count_command_ticks(context.robot) * float(context.dt)
 
 
 class Effect(Component):

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
+
+from skywright.core.record import Record
+from skywright.core.types import MAX_JOINTS
+from skywright.vehicle.bus import Clock, Estimate, Reference, ShaftCommand, Truth, WrenchCommand
+from skywright.vehicle.component import Component
+from skywright.vehicle.estimates import EstimatorState
 
 NOT_FINITE, CONTACT_MADE, CONTACT_LOST, COLLISION, LOST_CONTROL = 1, 2, 4, 8, 16
 
@@ -28,3 +38,72 @@ GUARD = np.dtype(
     ]
 )
 """Which guards are armed and which fired, and how samples are taken."""
+
+
+class CommandGuard(Component):
+    """Stops the tick where a command is not finite, so that NaN never reaches an actuator; ends the
+    mission tick where the robot no longer follows or nobody knows where it is.
+    """
+
+    slot = "guard"
+
+    class Me(Record):
+        heard: float  # s, when the localisation was last heard of, one tick ago
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Every vehicle has one."""
+        yield cls("command guard")
+
+    @staticmethod
+    def step(
+        me: Me,
+        clock: Clock,
+        ref: Reference,
+        est: Estimate,
+        state: EstimatorState | None,
+        cmd: WrenchCommand,
+        shaft: ShaftCommand | None,
+    ) -> None:
+        total = 0.0
+        for i in range(3):
+            total += cmd.f_B[i] + cmd.t_B[i]
+        for j in range(MAX_JOINTS):
+            total += cmd.qd[j]
+        if shaft is not None:
+            for j in range(MAX_JOINTS):
+                total += shaft.theta[j]
+        if not math.isfinite(total):
+            clock.fired |= NOT_FINITE
+            clock.stop = 1
+            return
+        if ref.active > 0.5:
+            error = 0.0
+            for i in range(3):
+                error += (ref.p_WB[i] - est.p_WB[i]) ** 2
+            if error > ERROR_MAX * ERROR_MAX or est.R_WB[2, 2] < UP_MIN:
+                clock.fired |= LOST_CONTROL
+        if state is not None:
+            if ref.active > 0.5 and clock.t - me.heard > FIX_AGE_MAX:
+                clock.fired |= LOST_CONTROL
+            me.heard = state.heard
+
+
+class StateGuard(Component):
+    """Stops the tick where the simulated state is not finite."""
+
+    slot, side = "guard", "plant"
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Every vehicle has one."""
+        yield cls("state guard")
+
+    @staticmethod
+    def step(clock: Clock, truth: Truth) -> None:
+        total = 0.0
+        for i in range(3):
+            total += truth.p_WB[i] + truth.v_WB[i] + truth.w_WB_B[i]
+        if not math.isfinite(total):
+            clock.fired |= NOT_FINITE
+            clock.stop = 1

@@ -25,10 +25,15 @@ def list_built_in() -> tuple[type[Component], ...]:
     found: dict[type[Component], None] = {}
     for module in _import_all(vehicle.__path__, vehicle.__name__ + "."):
         for cls in vars(module).values():
-            if isinstance(cls, type) and issubclass(cls, Component) and "wanted" in vars(cls):
+            if isinstance(cls, type) and issubclass(cls, Component) and _says(cls):
                 found[cls] = None
-    found.pop(Component, None)
     return tuple(found)
+
+
+def _says(cls: type[Component]) -> bool:
+    own: Any = cls.wanted
+    default: Any = Component.wanted
+    return own.__func__ is not default.__func__ and not cls.__name__.startswith("_")
 
 
 def _import_all(path: Any, prefix: str) -> list[Any]:

@@ -17,14 +17,14 @@ from scipy.spatial.transform import Rotation
 
 from skywright.core.streams import build_stream
 from skywright.models.localisation.trajectory import Trajectory
-from skywright.sim.total_station import (
+from skywright.models.total_station import (
     STATION_BLOCK,
     StationPrecision,
     build_total_station,
     draw_total_station,
     step_total_station,
 )
-from skywright.sim.tracking_camera import (
+from skywright.models.tracking_camera import (
     CAMERA_BLOCK,
     CameraErrors,
     build_tracking_camera,
@@ -164,7 +164,7 @@ def record_flight(
     station_clock: float = 0.0,
     camera_clock: float = 0.0,
 ) -> Seen:
-    """Fly a path past (1,) arrays of TOTAL_STATION and TRACKING_CAMERA; see `simulate_flight`."""
+    """Fly a path past (1,) arrays of Station and Tracker; see `simulate_flight`."""
     ts, cam = station, camera
     n = len(path.t)
     visible = np.ones(n, dtype=np.bool_)

@@ -7,7 +7,7 @@ from pathlib import Path
 from skywright.analysis.locate.trajectory_file import format_table, format_tum
 from skywright.core.streams import build_stream
 from skywright.errors import InputError
-from skywright.sim.tracking_camera import CameraErrors
+from skywright.models.tracking_camera import CameraErrors
 from skywright.vehicle.sensor_flight import (
     Flight,
     build_inspection_path,

@@ -21,7 +21,7 @@ from skywright.core.streams import build_stream
 from skywright.models.localisation.calibration import Calibration, calibrate
 from skywright.models.localisation.drift_filter import CAMERA, Fused
 from skywright.models.localisation.time_alignment import estimate_offset
-from skywright.sim.tracking_camera import CameraErrors
+from skywright.models.tracking_camera import CameraErrors
 from skywright.vehicle.sensor_flight import (
     Flight,
     build_inspection_path,

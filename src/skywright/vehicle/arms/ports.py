@@ -6,11 +6,11 @@ carries them), M marker. Equation numbers are those of Suarez 2020.
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from skywright.core.record import Array, Integers, Mat3, Vec3
-from skywright.core.types import MAX_HANDS, MAX_JOINTS
-from skywright.vehicle.component import Output
+from skywright.core.types import HOLD, MAX_HANDS, MAX_JOINTS
+from skywright.vehicle.component import Output, ReferenceBlock
 
 PerJoint = Annotated[Array, MAX_JOINTS]
 PerHand = Annotated[Array, MAX_HANDS]
@@ -94,8 +94,10 @@ class HandState(Output):
     speed_hand: float  # m/s, v of (23) where the reference gives none
 
 
-class HandsReference(Output):
+class HandsReference(ReferenceBlock):
     """What the hands shall do: a block of the reference (see the tasks in core/types.py)."""
+
+    rules: ClassVar[dict[str, int]] = {"task": HOLD, "gamma": HOLD, "delta": HOLD, "tare": HOLD}
 
     task: PerHand
     p_WH: HandPoints  # m, desired hand position

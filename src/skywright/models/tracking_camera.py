@@ -8,52 +8,49 @@ the map is corrected it jumps. Errors of the class of an Intel RealSense T265 (S
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.record import Array, Mat3, Record, Vec3
 from skywright.core.rotations import mat_mat, mat_vec
-
-Array = NDArray[np.float64]
-Record = Any
+from skywright.core.scratch import local
 
 CAMERA_BLOCK = 4096
 """Samples whose noise is drawn at a time."""
 
-f8, i8 = np.float64, np.int64
 
-TRACKING_CAMERA = np.dtype(
-    [
-        # what it is
-        ("period", f8),  # s, between samples
-        ("R_CW", f8, (3, 3)),  # its frame C at the start
-        ("scale", f8),  # length in C of a metre
-        ("walk_per_sqrt_m", f8),  # m per sqrt(m) of path, each axis
-        ("walk_per_sqrt_s", f8),  # m per sqrt(s), each axis
-        ("yaw_rate", f8),  # rad/s, steady drift of the heading
-        ("yaw_walk", f8),  # rad per sqrt(s)
-        ("scale_walk", f8),  # per sqrt(s)
-        ("noise_std", f8),  # m, each sample, each axis
-        ("jump_rate", f8),  # 1/s
-        ("jump_std", f8),  # m, each axis
-        # what it is doing
-        ("started", f8),
-        ("next_t", f8),  # s
-        ("p_WB", f8, 3),  # m, true, at the last sample
-        ("yaw", f8),  # rad, drift of the heading so far
-        ("growth", f8),  # drift of the scale so far
-        ("p_C", f8, 3),  # m, without the sample's own noise
-        ("index", i8),
-        ("unit", f8, (CAMERA_BLOCK, 12)),  # normal draws; the last is uniform
-        # its sample in this step
-        ("fresh", f8),
-        ("stamp", f8),  # s
-        ("p_CB", f8, 3),  # m
-        ("R_CB", f8, (3, 3)),
-    ]
-)
+class Tracker(Record):
+    """A tracking camera: what it is and what it is doing."""
+
+    # what it is
+    period: float  # s, between samples
+    R_CW: Mat3  # its frame C at the start
+    scale: float  # length in C of a metre
+    walk_per_sqrt_m: float  # m per sqrt(m) of path, each axis
+    walk_per_sqrt_s: float  # m per sqrt(s), each axis
+    yaw_rate: float  # rad/s, steady drift of the heading
+    yaw_walk: float  # rad per sqrt(s)
+    scale_walk: float  # per sqrt(s)
+    noise_std: float  # m, each sample, each axis
+    jump_rate: float  # 1/s
+    jump_std: float  # m, each axis
+    # what it is doing
+    started: float
+    next_t: float  # s
+    p_WB: Vec3  # m, true, at the last sample
+    yaw: float  # rad, drift of the heading so far
+    growth: float  # drift of the scale so far
+    p_C: Vec3  # m, without the sample's own noise
+    index: int
+    unit: Annotated[Array, CAMERA_BLOCK, 12]  # normal draws; the last is uniform
+    # its sample in this step
+    fresh: float
+    stamp: float  # s
+    p_CB: Vec3  # m
+    R_CB: Mat3
 
 
 class CameraErrors(NamedTuple):
@@ -72,9 +69,9 @@ class CameraErrors(NamedTuple):
 
 
 def build_tracking_camera(R_CW: Array, errors: CameraErrors | None = None) -> NDArray[Any]:
-    """Return a (1,) array of TRACKING_CAMERA; `draw_tracking_camera` must fill its noise first."""
+    """Return a (1,) array of Tracker; `draw_tracking_camera` must fill its noise first."""
     e = errors or CameraErrors()
-    out = np.zeros(1, TRACKING_CAMERA)
+    out = np.zeros(1, Tracker.dtype)
     cam = out[0]
     cam["period"], cam["R_CW"], cam["scale"] = 1.0 / e.rate_hz, R_CW, e.scale
     cam["walk_per_sqrt_m"], cam["walk_per_sqrt_s"] = e.walk_m_per_sqrt_m, e.walk_m_per_sqrt_s
@@ -87,7 +84,7 @@ def build_tracking_camera(R_CW: Array, errors: CameraErrors | None = None) -> ND
     return out
 
 
-def draw_tracking_camera(cam: Record, stream: np.random.Generator) -> None:
+def draw_tracking_camera(cam: Any, stream: np.random.Generator) -> None:
     """Fill the block of noise; call it whenever `index` nears CAMERA_BLOCK."""
     cam["unit"][:, :11] = stream.standard_normal((CAMERA_BLOCK, 11))
     cam["unit"][:, 11] = stream.random(CAMERA_BLOCK)
@@ -95,7 +92,7 @@ def draw_tracking_camera(cam: Record, stream: np.random.Generator) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def step_tracking_camera(cam: Record, t: float, p_WB: Array, R_WB: Array) -> None:
+def step_tracking_camera(cam: Any, t: float, p_WB: Array, R_WB: Array) -> None:
     """Take a sample if it is time to; the first one is the origin of the camera's frame."""
     cam.fresh = 0.0
     if cam.started == 0.0:
@@ -109,7 +106,7 @@ def step_tracking_camera(cam: Record, t: float, p_WB: Array, R_WB: Array) -> Non
     k, dt = cam.index % CAMERA_BLOCK, cam.period
     cam.index += 1
     u = cam.unit[k]
-    moved, step = np.empty(3), np.empty(3)
+    moved, step = local(3), local(3)
     length = 0.0
     for i in range(3):
         moved[i] = p_WB[i] - cam.p_WB[i]
@@ -122,7 +119,8 @@ def step_tracking_camera(cam: Record, t: float, p_WB: Array, R_WB: Array) -> Non
         moved[i] += walk * u[i] + jump * u[3 + i]
     cam.yaw += cam.yaw_rate * dt + cam.yaw_walk * math.sqrt(dt) * u[6]
     cam.growth += cam.scale_walk * math.sqrt(dt) * u[7]
-    frame, turn, R_CW = np.zeros((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
+    frame, turn, R_CW = local(3, 3), local(3, 3), local(3, 3)
+    turn[:] = 0.0
     c, s = math.cos(cam.yaw), math.sin(cam.yaw)
     turn[0, 0], turn[0, 1], turn[1, 0], turn[1, 1], turn[2, 2] = c, -s, s, c, 1.0
     for i in range(3):

@@ -5,37 +5,35 @@ Of the class of a LightWare SF11/C (Sanchez-Cuevas 2020, section 2).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Record = Any
+from skywright.core.record import Array, Record
 
 RANGE_BLOCK = 512
 """Samples whose noise is drawn at a time."""
 
-f8, i8 = np.float64, np.int64
 
-RANGE_FINDER = np.dtype(
-    [
-        ("period", f8),  # s
-        ("range_min", f8),  # m
-        ("range_max", f8),  # m
-        ("resolution", f8),  # m
-        ("bias", f8),  # m, fixed in a run
-        ("noise_std", f8),  # m
-        ("next_t", f8),  # s
-        ("index", i8),
-        ("unit", f8, RANGE_BLOCK),
-        # its sample in this step
-        ("fresh", f8),
-        ("valid", f8),  # 0: nothing within range
-        ("stamp", f8),  # s
-        ("distance", f8),  # m
-    ]
-)
+class Finder(Record):
+    """A range finder: what it is and what it is doing."""
+
+    period: float  # s
+    range_min: float  # m
+    range_max: float  # m
+    resolution: float  # m
+    bias: float  # m, fixed in a run
+    noise_std: float  # m
+    next_t: float  # s
+    index: int
+    unit: Annotated[Array, RANGE_BLOCK]
+    # its sample in this step
+    fresh: float
+    valid: float  # 0: nothing within range
+    stamp: float  # s
+    distance: float  # m
 
 
 class RangePrecision(NamedTuple):
@@ -52,9 +50,9 @@ class RangePrecision(NamedTuple):
 def build_range_finder(
     stream: np.random.Generator, precision: RangePrecision | None = None
 ) -> NDArray[Any]:
-    """Return a (1,) array of RANGE_FINDER, its bias and first block of noise drawn."""
+    """Return a (1,) array of Finder, its bias and first block of noise drawn."""
     s = precision or RangePrecision()
-    out = np.zeros(1, RANGE_FINDER)
+    out = np.zeros(1, Finder.dtype)
     rf = out[0]
     rf["period"], rf["range_min"], rf["range_max"] = 1.0 / s.rate_hz, s.range_min_m, s.range_max_m
     rf["resolution"], rf["noise_std"] = s.resolution_m, s.noise_std_m
@@ -63,14 +61,14 @@ def build_range_finder(
     return out
 
 
-def draw_range_finder(rf: Record, stream: np.random.Generator) -> None:
+def draw_range_finder(rf: Any, stream: np.random.Generator) -> None:
     """Fill the block of noise; call it whenever `index` nears RANGE_BLOCK."""
     rf["unit"] = stream.standard_normal(RANGE_BLOCK)
     rf["index"] = 0
 
 
 @njit(cache=True, error_model="numpy")
-def step_range_finder(rf: Record, t: float, distance: float) -> None:
+def step_range_finder(rf: Any, t: float, distance: float) -> None:
     """Take a sample if it is time to; `distance` (m) is the true one along the beam, inf: none."""
     rf.fresh = 0.0
     if t < rf.next_t - 1e-9:

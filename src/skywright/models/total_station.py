@@ -8,53 +8,50 @@ of the class of a Leica MS50 with a GRZ101 prism (Sanchez-Cuevas 2020, section 2
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.record import Array, Record, Vec3
 from skywright.core.rotations import cross, mat_vec
-
-Array = NDArray[np.float64]
-Record = Any
+from skywright.core.scratch import local
 
 STATION_BLOCK = 512
 """Measurements whose noise is drawn at a time."""
 QUEUE = 16
 """Measurements that may be under way on the link."""
 
-f8, i8 = np.float64, np.int64
 
-TOTAL_STATION = np.dtype(
-    [
-        # what it is
-        ("p_WS", f8, 3),  # m, where the station stands
-        ("p_BP", f8, 3),  # m, prism on the robot
-        ("interval_min", f8),  # s, between measurements
-        ("interval_mean", f8),  # s
-        ("latency_min", f8),  # s, from the measurement to its arrival
-        ("latency_mean", f8),  # s
-        ("range_std", f8),  # m, along the line of sight
-        ("angle_std", f8),  # rad
-        ("pointing_std", f8),  # m, across: the instrument aims at a prism of some size
-        ("relock_time", f8),  # s in sight before it measures again
-        # what it is doing
-        ("next_t", f8),  # s, of the next measurement
-        ("seen_since", f8),  # s, negative infinity: never lost
-        ("sent", f8),  # s, arrival of the last one sent: they do not overtake each other
-        ("index", i8),  # into the block
-        ("unit", f8, (STATION_BLOCK, 5)),  # two exponential draws, three normal ones
-        ("n", i8),  # under way
-        ("queue_stamp", f8, QUEUE),
-        ("queue_arrival", f8, QUEUE),
-        ("queue_p", f8, (QUEUE, 3)),
-        # what arrived in this step
-        ("fresh", f8),  # 1: a measurement arrived
-        ("stamp", f8),  # s, when it was measured
-        ("p_WP", f8, 3),  # m, the prism
-    ]
-)
+class Station(Record):
+    """A total station: what it is and what it is doing."""
+
+    # what it is
+    p_WS: Vec3  # m, where the station stands
+    p_BP: Vec3  # m, prism on the robot
+    interval_min: float  # s, between measurements
+    interval_mean: float  # s
+    latency_min: float  # s, from the measurement to its arrival
+    latency_mean: float  # s
+    range_std: float  # m, along the line of sight
+    angle_std: float  # rad
+    pointing_std: float  # m, across: the instrument aims at a prism of some size
+    relock_time: float  # s in sight before it measures again
+    # what it is doing
+    next_t: float  # s, of the next measurement
+    seen_since: float  # s, negative infinity: never lost
+    sent: float  # s, arrival of the last one sent: they do not overtake each other
+    index: int  # into the block
+    unit: Annotated[Array, STATION_BLOCK, 5]  # two exponential draws, three normal ones
+    n: int  # under way
+    queue_stamp: Annotated[Array, QUEUE]
+    queue_arrival: Annotated[Array, QUEUE]
+    queue_p: Annotated[Array, QUEUE, 3]
+    # what arrived in this step
+    fresh: float  # 1: a measurement arrived
+    stamp: float  # s, when it was measured
+    p_WP: Vec3  # m, the prism
 
 
 class StationPrecision(NamedTuple):
@@ -73,9 +70,9 @@ class StationPrecision(NamedTuple):
 def build_total_station(
     p_WS: Array, p_BP: Array, precision: StationPrecision | None = None
 ) -> NDArray[Any]:
-    """Return a (1,) array of TOTAL_STATION; `draw_total_station` must fill its noise first."""
+    """Return a (1,) array of Station; `draw_total_station` must fill its noise first."""
     s = precision or StationPrecision()
-    out = np.zeros(1, TOTAL_STATION)
+    out = np.zeros(1, Station.dtype)
     ts = out[0]
     ts["p_WS"], ts["p_BP"] = p_WS, p_BP
     ts["interval_min"], ts["interval_mean"] = 1.0 / s.rate_max_hz, 1.0 / s.rate_mean_hz
@@ -87,7 +84,7 @@ def build_total_station(
     return out
 
 
-def draw_total_station(ts: Record, stream: np.random.Generator) -> None:
+def draw_total_station(ts: Any, stream: np.random.Generator) -> None:
     """Fill the block of noise; call it whenever `index` nears STATION_BLOCK."""
     ts["unit"][:, :2] = stream.standard_exponential((STATION_BLOCK, 2))
     ts["unit"][:, 2:] = stream.standard_normal((STATION_BLOCK, 3))
@@ -95,7 +92,7 @@ def draw_total_station(ts: Record, stream: np.random.Generator) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def step_total_station(ts: Record, t: float, p_WB: Array, R_WB: Array, visible: bool) -> None:
+def step_total_station(ts: Any, t: float, p_WB: Array, R_WB: Array, visible: bool) -> None:
     """Measure if it is time to, and deliver what has arrived by `t`.
 
     `visible`: the line of sight from `p_WS` to the prism is free. One measurement is delivered a
@@ -127,9 +124,9 @@ def step_total_station(ts: Record, t: float, p_WB: Array, R_WB: Array, visible: 
 
 
 @njit(cache=True, error_model="numpy")
-def _measure(ts: Record, t: float, p_WB: Array, R_WB: Array, k: int) -> None:
+def _measure(ts: Any, t: float, p_WB: Array, R_WB: Array, k: int) -> None:
     """Put a measurement of the prism on the link, its noise along and across the line of sight."""
-    p, sight, side, up = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    p, sight, side, up = local(3), local(3), local(3), local(3)
     mat_vec(R_WB, ts.p_BP, p)
     for i in range(3):
         p[i] += p_WB[i]

@@ -1,0 +1,66 @@
+"""Distance of a point to the surface of a structure, and its normal there; compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+from numba import njit
+
+from skywright.core.record import Array, Mat3, Record, Vec3
+from skywright.core.scratch import local
+from skywright.description.world.structure import ARCH, CYLINDER, PLANE, Structure, build_surface
+
+
+class StructureShape(Record):
+    """A structure's surface (description/world/structure.py)."""
+
+    p_WS: Vec3
+    R_WS: Mat3
+    shape: int  # PLANE, CYLINDER, ARCH
+    radius: float  # m
+    along: int  # column of R_WS along the axis of a curved surface
+    half: Annotated[Array, 2]  # m, of the surface along x_S and y_S
+
+
+def fill_structure(s: Any, structure: Structure) -> None:
+    """Fill a StructureShape."""
+    found = build_surface(structure)
+    s["p_WS"], s["R_WS"], s["shape"] = found.p_WS, found.R_WS, found.shape
+    s["radius"], s["along"] = found.radius, found.along
+    s["half"] = [0.5 * structure.length_m, 0.5 * structure.width_m]
+
+
+@njit(cache=True, error_model="numpy")
+def measure_surface(s: Any, p: Array, normal: Array) -> float:
+    """Return the distance (m) of p (3,) to the surface, negative inside; fill its normal (3,)."""
+    x = local(3)
+    for i in range(3):
+        x[i] = 0.0
+        for j in range(3):
+            x[i] += s.R_WS[j, i] * (p[j] - s.p_WS[j])
+    if s.shape == PLANE:
+        for i in range(3):
+            normal[i] = s.R_WS[i, 2]
+        return float(x[2])
+    out = 1.0 if s.shape == CYLINDER else -1.0
+    across = 1 - s.along
+    height = x[2] + out * s.radius
+    far = max(math.sqrt(x[across] * x[across] + height * height), 1e-9)
+    for i in range(3):
+        normal[i] = out * (x[across] * s.R_WS[i, across] + height * s.R_WS[i, 2]) / far
+    return float(out * (far - s.radius))
+
+
+@njit(cache=True, error_model="numpy")
+def is_below(s: Any, p: Array) -> bool:
+    """Whether the edge of a plane or pillar does not pass beside the point."""
+    if s.shape == ARCH:
+        return True
+    for c in range(2):
+        x = 0.0
+        for i in range(3):
+            x += s.R_WS[i, c] * (p[i] - s.p_WS[i])
+        if abs(x) > s.half[c]:
+            return False
+    return True

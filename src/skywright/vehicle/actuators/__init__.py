@@ -1,0 +1,1 @@
+"""Actuators: what the robot's commands move in the plant."""

@@ -1,0 +1,67 @@
+"""Servos that take speeds: MuJoCo integrates them to an angle and closes the loop there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+import numpy as np
+
+from skywright.core.record import Array, Integers, Record
+from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.models.arm_body import compute_servo_gains
+from skywright.models.compliant_arms import is_compliant
+from skywright.vehicle.bus import MuJoCo, ServoDrive
+from skywright.vehicle.component import Component, words
+
+
+class VelocityServos(Component):
+    """Writes MuJoCo's controls behind those of the rotors.
+
+    The integrated command of a stalled servo stops: it would leap when it comes free.
+    """
+
+    slot, side = "actuate", "plant"
+
+    class Me(Record):
+        n: int  # joints
+        n_servos: int
+        first: int  # control of the first servo
+        servo: Annotated[Integers, MAX_JOINTS]  # of each joint, -1: passive
+        qpos: Annotated[Integers, MAX_JOINTS]
+        motor_from_joint: Annotated[Array, MAX_JOINTS, MAX_JOINTS]  # inverse of the belt
+        lag: Annotated[Array, MAX_JOINTS]  # rad, command ahead of the motor at the stall torque
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Look up joints, belt and stall torques."""
+        robot, n = context.robot, context.scene.n_joints
+        me.n, me.first = n, len(context.rotors.thrust_min)
+        me.qpos[:n] = context.scene.places.joint_qpos
+        for j, limb in enumerate(list_joints(robot)):
+            me.servo[j] = limb.servo
+        servos = list_servos(robot)
+        me.n_servos = k = len(servos)
+        belt = np.eye(k) if robot.arm.belt is None else np.array(robot.arm.belt)
+        me.motor_from_joint[:k, :k] = np.linalg.inv(belt)
+        for j, (_, servo) in enumerate(servos):
+            me.lag[j] = servo.stall_torque_nm / compute_servo_gains(robot, j)[0]
+
+    @staticmethod
+    def step(me: Me, drive: ServoDrive, mj: MuJoCo) -> None:
+        ctrl, act, qpos = words(mj.ctrl, mj.nu), words(mj.act, mj.na), words(mj.qpos, mj.nq)
+        for j in range(me.n):
+            if me.servo[j] >= 0:
+                ctrl[me.first + me.servo[j]] = drive.motor[j]
+        for j in range(me.n_servos):
+            ahead = act[j]
+            for i in range(me.n):
+                ahead -= me.motor_from_joint[j, i] * qpos[me.qpos[i]]
+            if abs(ahead) > me.lag[j] and ahead * ctrl[me.first + j] > 0.0:
+                ctrl[me.first + j] = 0.0
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Arms whose servos take speeds have them."""
+        if context.scene.n_joints and not is_compliant(context.robot):
+            yield cls("velocity servos")

@@ -1,0 +1,107 @@
+"""From the law's command to what rotors and servos are told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+from skywright.core.compiled import table, words
+from skywright.core.record import Array, Record
+from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.models.allocation import allocate, thrust_to_speed
+from skywright.models.compliant_arms import is_compliant
+from skywright.vehicle.bus import (
+    Allocated,
+    Body,
+    Estimate,
+    Reference,
+    RotorDrive,
+    ServoDrive,
+    WrenchCommand,
+)
+from skywright.vehicle.component import Component, Out
+
+
+class RotorAllocation(Component):
+    """Fills RotorDrive and Allocated from the commanded wrench (models/allocation.py)."""
+
+    slot = "allocate"
+
+    class Me(Record):
+        B: int  # addresses of the allocator's arrays
+        P: int
+        t_min: int
+        t_max: int
+        full: int
+        n: int  # rotors
+        k_f: float  # N/(rad/s)^2
+        thrust: Annotated[Array, MAX_ROTORS]  # N
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Every vehicle has one."""
+        yield cls("allocation")
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Take the nominal rotors."""
+        a = context.allocator
+        me.B, me.P = context.keep(a.B), context.keep(a.P)
+        me.t_min, me.t_max = context.keep(a.t_min), context.keep(a.t_max)
+        me.full, me.n, me.k_f = a.full, len(a.t_min), a.k_f
+
+    @staticmethod
+    def step(
+        me: Me,
+        ref: Reference,
+        est: Estimate,
+        body: Body,
+        cmd: WrenchCommand,
+        out: Out[Allocated],
+        drive: Out[RotorDrive],
+    ) -> None:
+        n = me.n
+        B, P, thrust = table(me.B, 6, n), table(me.P, n, 6), me.thrust[:n]
+        if ref.active < 0.5:
+            for i in range(n):
+                thrust[i] = 0.0
+            out.saturated = 0.0
+        else:
+            flag = allocate(
+                B, P, words(me.t_min, n), words(me.t_max, n), me.full, cmd.f_B, cmd.t_B,
+                est.R_WB[2], body.p_BC, thrust,
+            )  # fmt: skip
+            out.saturated = float(flag)
+        for r in range(3):
+            f = t = 0.0
+            for i in range(n):
+                f += B[r, i] * thrust[i]
+                t += B[r + 3, i] * thrust[i]
+            out.f_B_alloc[r], out.t_B_alloc[r] = f, t
+        thrust_to_speed(thrust, n, me.k_f, drive.speed)
+
+
+class SpeedServos(Component):
+    """Fills ServoDrive with motor speeds from the commanded joint speeds, through the belt."""
+
+    slot = "allocate"
+
+    class Me(Record):
+        belt_inv: Annotated[Array, MAX_JOINTS, MAX_JOINTS]
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Arms with springs take angles."""
+        if not is_compliant(context.robot):
+            yield cls("servos")
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Take the nominal belt."""
+        me.belt_inv = context.model["belt_inv"]
+
+    @staticmethod
+    def step(me: Me, body: Body, cmd: WrenchCommand, drive: Out[ServoDrive]) -> None:
+        for j in range(body.n_joints):
+            v = 0.0
+            for i in range(body.n_joints):
+                v += me.belt_inv[j, i] * cmd.qd[i]
+            drive.motor[j] = v

@@ -1,0 +1,1 @@
+"""Laws of arms with position servos; a module is a kind."""

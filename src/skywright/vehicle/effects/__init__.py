@@ -1,0 +1,1 @@
+"""Effects: forces on the plant besides its rotors and servos."""

@@ -1,0 +1,21 @@
+"""What estimators tell besides Estimate; an estimator of a user need not fill these."""
+
+from __future__ import annotations
+
+from skywright.core.record import Vec3
+from skywright.vehicle.component import Output
+
+
+class RotorForce(Output):
+    """What the rotors make, as believed."""
+
+    f_B: Vec3  # N
+
+
+class EstimatorState(Output):
+    """How an estimator does."""
+
+    ready: float  # 1: Estimate holds
+    heard: float  # s, when the localisation was last heard of
+    last_fix: float  # s, stamp of the newest fix that was used, where fixes come by themselves
+    pose_std: float  # m, largest standard deviation of the position; NaN where it is not known

@@ -1,0 +1,1 @@
+"""Estimators of the robot's state: a module each, with one class."""

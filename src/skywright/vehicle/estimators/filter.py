@@ -1,0 +1,263 @@
+"""Error-state Kalman filter of inertial unit and external localisation, at a delayed horizon.
+
+External localisation is motion capture (`fuse`), or fixes of a point (_position_fix.py).
+
+State: position p and velocity v of the inertial unit in W, attitude R_WB, gyroscope bias b_g and
+accelerometer bias b_a in B. The error is (dp, dv, dtheta, db_g, db_a), 15 numbers, with the
+attitude error in W: R_true = exp(dtheta) R (Sola, Quaternion kinematics for the error-state Kalman
+filter, 2017, arXiv 1711.02508, section 7, "global angular errors").
+
+Delay: a motion-capture sample is fused into the state of its exposure, then the inertial samples
+since are integrated again. The covariance lives at the horizon only, so each inertial sample
+enters it once and nothing is stored or rewound; for samples in order this equals the filter that
+would have had them without delay, followed by a prediction. The state is integrated at the rate
+of the inertial unit (1 kHz), the covariance in steps of at most COVARIANCE_STEP samples.
+
+Integration and covariance step are in _strapdown.py.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+import numpy as np
+
+from skywright.core.record import Array, Mat3, Vec3
+from skywright.core.rotations import log_so3, mat_t_mat, mat_vec
+from skywright.core.scratch import local
+from skywright.core.types import IMU_HISTORY
+from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
+from skywright.vehicle.component import Component, Estimator, InOut, Out, helper
+from skywright.vehicle.estimates import EstimatorState, RotorForce
+from skywright.vehicle.estimators._kalman import correct, inject, place_point
+from skywright.vehicle.estimators._position_fix import (
+    FixNoise,
+    fuse_fix,
+    move_to_fix,
+    start_from_fix,
+)
+from skywright.vehicle.estimators._strapdown import (
+    BA_,
+    BG_,
+    HOLD_RATE,
+    MASK,
+    N_STATE,
+    P_,
+    R_,
+    SPEED_START,
+    V_,
+    Strapdown,
+    advance,
+    fill_strapdown,
+    predict_now,
+    receive_inertial,
+)
+from skywright.vehicle.estimators._tip import TIP_WALK, correct_tip
+from skywright.vehicle.estimators.station_camera import StationCamera
+from skywright.vehicle.readings import Fix, ImuBatch, MocapSample
+
+GATE = 22.46  # chi-square of 6 at 99.9 %
+RESTART_AFTER = 10  # rejected samples in a row that agree with each other
+AGREE_P, AGREE_R = 0.1, 0.2  # m, rad: how far two good samples may be apart
+AGREE_SIGMAS = 4.0  # of two fixes, on top
+
+
+class Filter(Estimator):
+    """Fills Estimate from inertial unit and motion capture, or fixes of a point."""
+
+    class Me(Strapdown, FixNoise):
+        r_p: float  # m^2, motion capture
+        r_R: float  # rad^2
+        # what the gate saw
+        nu: Annotated[Array, 6]  # innovation over its standard deviation, last fused sample
+        nis: float  # its square, last sample
+        fused: int
+        rejected: int
+        rejected_row: int
+        last_p: Vec3
+        last_R: Mat3
+
+    @classmethod
+    def assemble(cls, table: Any, context: Any) -> list[Component]:
+        """Return the filter for the world's localisation."""
+        if context.world.localisation == "total-station":
+            return StationCamera.assemble(StationCamera.Table(), context)
+        return super().assemble(table, context)
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Take what data sheets say."""
+        fill_strapdown(me, context)
+        m, fix, s = context.world.mocap, context.world.gnss.errors, context.robot.sensors
+        # a fix's correlated errors look like motion: they are not weighed, and stay in the estimate
+        me.p_BF = [s.antenna_x_m, s.antenna_y_m, s.antenna_z_m]
+        noise = [fix.noise_level_m, fix.noise_level_m, fix.noise_up_m]
+        me.r_fix = np.maximum(noise, 1e-5) ** 2
+        me.r_heading = max(math.radians(fix.heading_noise_deg), 1e-5) ** 2
+        # a perfect sensor would leave nothing to weigh: a floor far below any real one
+        me.r_p = max(m.position_noise_m, 1e-5) ** 2
+        me.r_R = max(m.attitude_noise_rad, 1e-5) ** 2
+        me.q_c, me.P_c = TIP_WALK**2, 1e-4
+        me.r_c = 2.0 * me.r_p  # the platform's own error counts too
+
+    @staticmethod
+    def step(
+        me: Me,
+        clock: Clock,
+        imu: ImuBatch,
+        mocap: InOut[MocapSample] | None,
+        fix: Fix | None,
+        body: Body,
+        allocated: Allocated,
+        est: Out[Estimate],
+        rotor: Out[RotorForce],
+        state: Out[EstimatorState],
+    ) -> None:
+        est.t = clock.t
+        before, changed = me.n, False
+        if imu.n > 0:
+            receive_inertial(me, imu, body)
+        if mocap is not None and mocap.fresh > 0.0:
+            state.heard = clock.t
+            changed = use_mocap(me, mocap, imu.t, body.gravity)
+        if fix is not None and fix.fresh > 0.0:
+            state.heard = clock.t
+            changed = changed or use_fix(me, fix, imu.t, body.gravity)
+        state.ready = 1.0 if me.ready == 2.0 else 0.0
+        if me.ready < 2.0:
+            return
+        if me.n - me.n_f > IMU_HISTORY // 2:  # nothing to fuse for long: keep up with the ring
+            advance(me, me.n - IMU_HISTORY // 4, body.gravity)
+            changed = True
+        predict_now(me, imu, body, allocated, est, rotor, clock.t, before, changed)
+        state.pose_std = math.sqrt(max(me.P[0, 0], me.P[1, 1], me.P[2, 2]))
+
+
+@helper
+def fuse(me: Any, mocap: Any) -> bool:
+    """Fuse a motion-capture sample taken at the horizon; False when the gate rejects it."""
+    H, nu, r, lever = local(6, N_STATE), local(6), local(6), local(3)
+    rot, turn, dx = local(3, 3), local(3), local(N_STATE)
+    for i in range(6):
+        for j in range(N_STATE):
+            H[i, j] = 0.0
+    for i in range(3):
+        turn[i] = 0.0
+    place_point(me, turn, H, lever)
+    for i in range(3):
+        for j in range(3):  # R_meas R_f'
+            rot[i, j] = (
+                mocap.R_WB[i, 0] * me.R_f[j, 0]
+                + mocap.R_WB[i, 1] * me.R_f[j, 1]
+                + mocap.R_WB[i, 2] * me.R_f[j, 2]
+            )
+    log_so3(rot, turn)
+    for i in range(3):
+        nu[i] = mocap.p_WB[i] - (me.p_f[i] + lever[i])
+        r[i] = me.r_p
+        nu[3 + i] = turn[i]
+        H[3 + i, R_ + i] = 1.0
+        r[3 + i] = me.r_R
+    me.nis = correct(me.P, H, nu, r, GATE, dx)
+    if not me.nis < GATE:
+        return False
+    for i in range(6):
+        me.nu[i] = nu[i]
+    inject(me, dx)
+    return True
+
+
+@helper
+def agrees_with_last(me: Any, mocap: Any) -> bool:
+    """Whether a sample lies near the last unused one; keeps it as the last unused one."""
+    rot, turn = local(3, 3), local(3)
+    mat_t_mat(me.last_R, mocap.R_WB, rot)
+    log_so3(rot, turn)
+    far = angle = 0.0
+    for i in range(3):
+        far += (mocap.p_WB[i] - me.last_p[i]) ** 2
+        angle += turn[i] ** 2
+        me.last_p[i] = mocap.p_WB[i]
+        for j in range(3):
+            me.last_R[i, j] = mocap.R_WB[i, j]
+    return far < AGREE_P**2 and angle < AGREE_R**2
+
+
+@helper
+def start_at(me: Any, mocap: Any, n: int) -> None:
+    """Begin at rest at a motion-capture sample taken at inertial sample `n`."""
+    lever = local(3)
+    mat_vec(mocap.R_WB, me.p_BI, lever)
+    for i in range(N_STATE):
+        for j in range(N_STATE):
+            me.P[i, j] = 0.0
+    for i in range(3):
+        me.p_f[i] = mocap.p_WB[i] + lever[i]
+        me.v_f[i] = 0.0
+        me.bg[i] = me.ba[i] = 0.0
+        for j in range(3):
+            me.R_f[i, j] = mocap.R_WB[i, j]
+        me.P[P_ + i, P_ + i] = me.r_p
+        me.P[V_ + i, V_ + i] = SPEED_START**2
+        me.P[R_ + i, R_ + i] = me.r_R
+        me.P[BG_ + i, BG_ + i] = me.p_bg
+        me.P[BA_ + i, BA_ + i] = me.p_ba
+    me.n_f = n
+    me.ready = 2.0
+    me.rejected_row = 0
+
+
+@helper
+def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
+    """Bring the horizon to the exposure and fuse; False when nothing changed."""
+    n = me.n - int((t - mocap.t) / me.h + 0.5)
+    if n > me.n or n < 0 or n <= me.n - IMU_HISTORY:
+        return False  # not of this stretch of data
+    if me.ready < 2.0:  # two samples that agree begin the filter: one may be an artefact
+        agrees = agrees_with_last(me, mocap)
+        if me.ready == 1.0 and agrees:
+            start_at(me, mocap, n)
+        me.ready = max(me.ready, 1.0)
+        return me.ready == 2.0
+    if n < me.n_f:
+        return False
+    advance(me, n, gravity)
+    if fuse(me, mocap):
+        me.fused += 1
+        me.rejected_row = 0
+    else:
+        me.rejected += 1
+        me.rejected_row = me.rejected_row + 1 if agrees_with_last(me, mocap) else 1
+        if me.rejected_row >= RESTART_AFTER:  # they agree with each other: the filter is wrong
+            start_at(me, mocap, n)
+    correct_tip(me, mocap, me.c_B, me.p_f, me.R_f, me.p_BI, me.p_BT[(n - 1) & MASK])
+    return True
+
+
+@helper
+def use_fix(me: Any, fix: Any, t: float, gravity: float) -> bool:
+    """Bring the horizon to the time of a fix and fuse it; False when nothing changed."""
+    n = me.n - int((t - fix.t) / me.h + 0.5)
+    if n > me.n or n < me.n_f or n <= me.n - IMU_HISTORY:
+        return False
+    far = spread = 0.0
+    for i in range(3):
+        far += (fix.p[i] - me.last_p[i]) ** 2
+        spread += me.r_fix[i]
+        me.last_p[i] = fix.p[i]
+    agrees = far < AGREE_P**2 + AGREE_SIGMAS**2 * spread
+    if me.ready < 2.0:
+        if me.ready == 1.0 and agrees:
+            start_from_fix(me, fix, n, gravity, SPEED_START)
+        me.ready = max(me.ready, 1.0)
+        return me.ready == 2.0
+    advance(me, n, gravity)
+    if fuse_fix(me, fix):
+        me.fused += 1
+        me.rejected_row = 0
+    else:
+        me.rejected += 1
+        me.rejected_row = me.rejected_row + 1 if agrees else 1
+        if me.rejected_row >= RESTART_AFTER:
+            move_to_fix(me, fix, SPEED_START, HOLD_RATE)
+    return True

@@ -1,0 +1,153 @@
+"""The reference of now: rows of a plan, interpolated each tick.
+
+A row (core/types.py: REFERENCE) holds the fields of several records: the bus' Reference and blocks
+that components own, such as Press here. Each field goes to the record that has it, by the rule that
+the record declares in `rules`; linear where it declares none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.compiled import table, words
+from skywright.core.record import Integers, Record, Vec3
+from skywright.core.rotations import orthonormalise
+from skywright.core.types import HOLD, HOLD_END, LINEAR, REFERENCE, ROTATION
+from skywright.vehicle.bus import Clock, Reference
+from skywright.vehicle.component import Component, Out, ReferenceBlock, helper
+
+MAX_RULES = 64
+
+
+class Press(ReferenceBlock):
+    """Pressing with a probe that measures its force, and resting on docking feet."""
+
+    rules: ClassVar[dict[str, int]] = {"press": HOLD, "docked": HOLD}
+
+    press: float  # 1: the arm controls the force, 0: its joints
+    force: float  # N, that the tip shall exert along the probe's axis
+    docked: float  # 1: feet rest on the structure, so the platform's integrals rest
+    f_feet_B: Vec3  # N, planned force of the structure on the docking feet
+    t_feet_B: Vec3  # N m, about the origin of B
+
+
+class Rule(NamedTuple):
+    """Words of a row that go to one place in one way."""
+
+    first: int
+    last: int
+    rule: int
+    target: int  # address
+
+
+def list_rules(records: dict[Any, NDArray[Any]]) -> list[Rule]:
+    """Return where each field of a row goes, among (1,) arrays by (class, name).
+
+    Fields that no record has are left out; neighbours that go on in the same way become one rule.
+    """
+    owners = [(k[0], v) for k, v in records.items() if _is_told(k[0])]
+    out: list[Rule] = []
+    for name in REFERENCE.names or ():
+        owner = next(((r, v) for r, v in owners if name in r.dtype.fields), None)
+        if owner is None or name == "t":
+            continue
+        record, view = owner
+        kind, at = REFERENCE.fields[name][:2]  # type: ignore[index]
+        rule = record.rules.get(name, LINEAR)
+        target = view.ctypes.data + record.dtype.fields[name][1]
+        first, last = at // 8, (at + kind.itemsize) // 8
+        before = out[-1] if out else None
+        if (
+            before is not None
+            and rule == before.rule != ROTATION
+            and before.last == first
+            and before.target + 8 * (before.last - before.first) == target
+        ):
+            out[-1] = before._replace(last=last)
+        else:
+            out.append(Rule(first, last, rule, target))
+    return out
+
+
+def _is_told(record: type[Record]) -> bool:
+    return record is Reference or issubclass(record, ReferenceBlock)
+
+
+class Follower(Component):
+    """Fills Reference and its blocks from the rows that are tracked."""
+
+    slot = "reference"
+
+    class Me(Record):
+        rows: int  # address of the table
+        n: int
+        width: int  # words of a row
+        t0: float  # s, mission time at which the table starts
+        cursor: int
+        n_rules: int
+        rules: Annotated[Integers, MAX_RULES, 4]
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Every vehicle has one."""
+        yield cls("reference")
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Find the records that rows are told to."""
+        self._me, self._records = me, context.records
+        rules = list_rules(context.records)
+        me.width, me.n_rules = REFERENCE.itemsize // 8, len(rules)
+        me.rules[: len(rules)] = rules
+        ref = context.records[Reference, ""][0]
+        ref["R_WB"] = ref["R_WT"] = ref["R_WS"] = np.eye(3)
+
+    def track(self, rows: NDArray[Any], t: float) -> None:
+        """Follow `rows` (REFERENCE, C-contiguous) from mission time `t` (s) on.
+
+        What is commanded before the next tick builds on the first row.
+        """
+        assert rows.flags.c_contiguous
+        self._rows, me = rows, self._me
+        me.rows, me.n, me.t0, me.cursor = rows.ctypes.data, len(rows), t, 0
+        for (record, _), view in self._records.items():
+            if _is_told(record):
+                for name in record.dtype.names:
+                    view[name] = rows[0][name]
+
+    @staticmethod
+    def step(me: Me, clock: Clock, ref: Out[Reference]) -> None:
+        t, n = clock.t - me.t0, me.n
+        rows = table(me.rows, n, me.width)
+        i = me.cursor
+        while i < n - 2 and rows[i + 1, 0] <= t:
+            i += 1
+        me.cursor = i
+        lo, hi = rows[i], rows[min(i + 1, n - 1)]
+        span = hi[0] - lo[0]
+        u = 0.0 if span <= 0.0 else min(max((t - lo[0]) / span, 0.0), 1.0)
+        for r in range(me.n_rules):
+            interpolate(me.rules[r], lo, hi, u)
+        ref.t = clock.t
+
+
+@helper
+def interpolate(rule: Any, lo: Any, hi: Any, u: float) -> None:
+    """Write the words of a rule at the share `u` (0 to 1) of the way from row `lo` to `hi`."""
+    first, n = rule[0], rule[1] - rule[0]
+    out = words(rule[3], n)
+    if rule[2] == HOLD or (rule[2] == HOLD_END and u < 1.0):
+        for k in range(n):
+            out[k] = lo[first + k]
+    elif rule[2] == HOLD_END:
+        for k in range(n):
+            out[k] = hi[first + k]
+    else:
+        w = 1.0 - u
+        for k in range(n):
+            out[k] = w * lo[first + k] + u * hi[first + k]
+    if rule[2] == ROTATION:
+        orthonormalise(table(rule[3], 3, 3))

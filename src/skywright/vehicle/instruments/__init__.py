@@ -1,0 +1,1 @@
+"""Instruments: what the robot carries to inspect."""

@@ -1,0 +1,258 @@
+"""Gains of the cascade, from the bandwidths in the robot file.
+
+- Rate loop: attitude bandwidth times the loop separation. A lead keeps the phase margin in spite of
+  the rotors' lag and of the sampling: k / (s (lead s + 1)) e^(-T s) crosses over near k.
+- A loop that meets a resonance (a link that bends, arms on springs) sees the inertia `I_free` above
+  it, less than `I_eff`. Its gain is limited so that FREE_MARGIN remains there; the axis' attitude
+  and the platform's motion along it are slower by the same factor.
+- Velocity loop: position bandwidth times the separation.
+- A link on a joint without a servo: position, velocity and swing gain follow together from the
+  planar model of platform and link, `place_swing_poles`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.types import BODY, MAX_JOINTS
+from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.spec import Control, Robot
+from skywright.description.world.spec import World
+from skywright.errors import InputError
+from skywright.models.floating import compute_free_inertia, fill_floating
+from skywright.models.rigid_body import KINEMATICS, fill_body, fill_kinematics, posture
+from skywright.models.rotors import build_rotors
+from skywright.vehicle.arms.ports import Floating
+
+Array = NDArray[np.float64]
+
+DELAY_TICKS = 1.5  # control ticks from the gyroscope to the rotors: half a sample, hold, computing
+FREE_MARGIN = math.radians(35.0)  # rad, of the rate loop above a resonance
+YAW = 0.4  # of roll and pitch: yaw has little torque (PX4's default weight of yaw, MC_YAW_WEIGHT)
+SLOWEST_SWING, FASTEST_SWING = 0.8, 2.0  # poles of the swing over its natural frequency
+SLOWEST_HUNG = 0.3  # with the platform held, a link swings slower than with one that gives way
+
+
+class SwingModel(NamedTuple):
+    """Platform and link in the plane of the swing."""
+
+    mass: float  # kg, whole robot
+    first: float  # kg m, first moment of the link about its joint
+    second: float  # kg m^2, inertia about it
+    gravity: float  # m/s^2
+
+    @property
+    def natural(self) -> float:
+        """Frequency (rad/s) with the platform free to move."""
+        reduced = self.mass * self.second - self.first**2
+        return math.sqrt(self.gravity * self.first * self.mass / reduced)
+
+    @property
+    def pull(self) -> float:
+        """Force of the link on a platform that stands, over the mass, an angle (m/s^2)."""
+        return self.gravity * self.first**2 / (self.mass * self.second)
+
+
+class SwingGains(NamedTuple):
+    """Force over mass against the errors: a = -(position x + velocity v + swing psi')."""
+
+    position: float  # 1/s^2
+    velocity: float  # 1/s
+    swing: float  # m/s
+    poles: Array  # (2,) complex, of the platform's motion and of the swing
+
+
+class CascadeGains(NamedTuple):
+    """All gains; (3,) along the platform's axes forward, left, up, or about those of B."""
+
+    k_position: Array  # 1/s, velocity asked for a metre of error
+    k_velocity: Array  # 1/s, acceleration asked for 1 m/s of error
+    k_swing: float  # m/s^2 against 1 rad/s of a passive joint's swing
+    k_attitude: Array  # 1/s, rate asked for a radian of error
+    k_rate: Array  # 1/s, angular acceleration asked for 1 rad/s of error
+    k_integral: Array  # 1/s, of the torque
+    lead: float  # s, what is left of the rotors' lag
+    rotor_tau: float  # s, believed rotor lag
+    wrench: Array  # rad/s, bandwidth of the estimated external force
+
+
+def compute_lead(k_rate: float, rotor_tau: float, delay: float, margin: float) -> float:
+    """Return the lag (s) that the lead must leave of `rotor_tau` for a phase margin (rad).
+
+    Raises InputError when the delay alone takes the margin.
+    """
+    spare = 0.5 * math.pi - margin - k_rate * delay
+    if spare <= 0.0:
+        raise InputError(
+            f"robot.control: a rate loop of {k_rate:.3g} rad/s (attitude_bandwidth_rad_s times "
+            f"loop_separation) has no phase margin of {math.degrees(margin):.3g} deg at rate_hz "
+            f"and world.link.delay_s; valid: below {(0.5 * math.pi - margin) / delay:.3g} rad/s"
+        )
+    return min(math.tan(spare) / k_rate, rotor_tau)
+
+
+def compute_free_factor(k_rate: float, lead: float, delay: float) -> float:
+    """Return by how much the rate loop's gain may rise until FREE_MARGIN is left."""
+    lo, hi = 0.0, 1e4
+    for _ in range(60):
+        mid = 0.5 * (lo + hi)
+        spare = 0.5 * math.pi - math.atan(lead * mid) - delay * mid - FREE_MARGIN
+        lo, hi = (mid, hi) if spare > 0.0 else (lo, mid)
+    return max(lo * math.hypot(1.0, lead * lo) / k_rate, 1.0)
+
+
+def attitude_lag(s: complex, k_attitude: float, k_rate: float, lead: float) -> complex:
+    """Return attitude over desired attitude of the closed inner loops at `s` (rad/s)."""
+    gain = k_attitude * k_rate
+    return gain / (s * s * (lead * s + 1.0) + k_rate * s + gain)
+
+
+def place_swing_poles(
+    m: SwingModel, lag: Any, k_position: float, k_velocity: float, damping: float,
+    angle: float = 0.0,
+) -> SwingGains:  # fmt: skip
+    """Place the poles of platform and swing through the attitude loop's lag.
+
+    Planar model, psi the link's angle in W: m x'' - b psi'' = f, -b x'' + J psi'' + b g psi = 0,
+    f = -lag(s) m (k_x x + k_v v + k_s psi'). Each pole s demands 1 + lag k . z(s) = 0, linear in
+    the gains. Two poles of the platform's motion, s^2 + k_v s + k_v k_x, and two of the swing with
+    `damping`, whose frequency is where the gain on the angle psi itself is `angle` (m/s^2): with
+    zero a link that is held at an angle moves the platform nowhere.
+
+    Raises InputError when no such frequency exists.
+    """
+    found = _find_swing(m, lag, k_position, k_velocity, damping, angle)
+    if found is None:
+        dampings = np.linspace(0.02, damping, 50)
+        within = [
+            d for d in dampings if _find_swing(m, lag, k_position, k_velocity, float(d), angle)
+        ]
+        most = f"at most {within[-1]:.2f} is" if within else "no damping is"
+        raise InputError(
+            f"robot.control.swing_damping = {damping:g}: {most} within reach of this "
+            "attitude_bandwidth_rad_s and position_bandwidth_rad_s"
+        )
+    return found
+
+
+def _find_swing(
+    m: SwingModel, lag: Any, k_position: float, k_velocity: float, damping: float, wanted: float
+) -> SwingGains | None:
+    """`place_swing_poles` at the frequency that needs the gain `wanted` on the angle, if any."""
+    motion = np.roots([1.0, k_velocity, k_velocity * k_position]).astype(complex)
+    both = [motion[0]] if abs(motion[0].imag) > 1e-9 else list(motion)
+    reduced = m.mass * m.second - m.first**2
+
+    def gains(frequency: float) -> tuple[Array, complex]:
+        swing = frequency * complex(-damping, math.sqrt(1.0 - damping**2))
+        rows: list[Array] = []
+        right: list[float] = []
+        for s in [*both, swing]:
+            angle = m.first / (reduced * s * s + m.mass * m.first * m.gravity)
+            x = (m.second - m.first**2 * m.gravity * angle) / (reduced * s * s)
+            row, value = m.mass * np.array([x, s * x, angle, s * angle]), -1.0 / lag(s)
+            rows.append(row.real)
+            right.append(value.real)
+            if abs(s.imag) > 1e-9:  # a pair of poles: two equations
+                rows.append(row.imag)
+                right.append(value.imag)
+        return np.linalg.solve(np.array(rows), np.array(right)), swing
+
+    slowest = SLOWEST_SWING if wanted == 0.0 else SLOWEST_HUNG
+    grid = m.natural * np.linspace(slowest, FASTEST_SWING, 61)
+    angle_gain = [gains(w)[0][2] - wanted for w in grid]
+    changes = [i for i in range(60) if angle_gain[i] * angle_gain[i + 1] <= 0.0]
+    if not changes:
+        return None
+    lo, hi = grid[changes[0]], grid[changes[0] + 1]
+    rising = angle_gain[changes[0]] < 0.0
+    for _ in range(50):
+        mid = 0.5 * (lo + hi)
+        lo, hi = (mid, hi) if (gains(mid)[0][2] < wanted) == rising else (lo, mid)
+    k, swing = gains(0.5 * (lo + hi))
+    return SwingGains(float(k[0]), float(k[1]), float(k[3]), np.array([motion[0], swing]))
+
+
+def compute_cascade_gains(
+    c: Control, robot: Robot, world: World, model: Any, inverted: bool = False
+) -> CascadeGains:
+    """Return the gains that follow from the bandwidths `c`; `model` is a BodyModel record.
+
+    `inverted`: for the law `model_inversion`, whose gains act on what the platform weighs beside
+    a free link, and which adds the link's pull: in this model a gain of -b^2 g / (m J) on psi.
+    Raises InputError where a loop has no phase margin, or no poles of the swing exist.
+    """
+    q = posture(robot, "working")
+    floating, body = np.zeros(1, Floating.dtype)[0], np.zeros(1, BODY)[0]
+    floating["swing"] = -1
+    for j, limb in enumerate(list_joints(robot)):
+        if limb.servo < 0:
+            floating["swing"] = j
+    full, k = np.zeros(MAX_JOINTS), np.zeros(1, KINEMATICS)[0]
+    full[: len(q)] = q
+    fill_kinematics(model, full, k)
+    fill_body(model, k, body)
+    fill_floating(model, k, body, floating)
+    inertia = np.diag(floating["I_eff"])
+    lead, tau, scale = _scale_rate_loop(c, robot, world, inertia)
+    k_rate = c.attitude_bandwidth_rad_s * c.loop_separation * scale
+    k_attitude = c.attitude_bandwidth_rad_s * scale
+    # leaning about left moves forward, about forward moves left
+    share = np.array([k_attitude[1], k_attitude[0], c.attitude_bandwidth_rad_s])
+    share /= c.attitude_bandwidth_rad_s
+    found = CascadeGains(
+        k_position=share * c.position_bandwidth_rad_s,
+        k_velocity=share * c.position_bandwidth_rad_s * c.loop_separation,
+        k_swing=0.0,
+        k_attitude=k_attitude,
+        k_rate=k_rate,
+        k_integral=c.attitude_integral_rad_s * k_attitude / c.attitude_bandwidth_rad_s,
+        lead=lead,
+        rotor_tau=tau,
+        # A level force is answered by leaning: its estimate is one separation below that loop, for
+        # the robot bends and its arms swing on springs, of which its momentum in the rigid model
+        # knows nothing. Thrust answers a vertical force at once.
+        wrench=share * c.attitude_bandwidth_rad_s / [c.loop_separation, c.loop_separation, 1],
+    )
+    if floating["swing"] < 0:
+        return found
+    along = int(abs(floating["axis"][0]) > 0.5)  # 0: swings forward, 1: to the side
+    turn = 1 - along
+    first = float(np.linalg.norm(floating["L_s"]))
+    m = SwingModel(float(body["mass"]), first, float(floating["M_ss"]), float(world.gravity_mps2))
+    gains = place_swing_poles(
+        m,
+        lambda s: attitude_lag(s, float(k_attitude[turn]), float(k_rate[turn]), lead),
+        float(found.k_position[along]),
+        float(found.k_velocity[along]),
+        c.swing_damping,
+        -m.pull if inverted else 0.0,
+    )
+    if inverted:
+        beside = 1.0 - m.pull / m.gravity  # mass that the platform feels, over the whole
+        gains = SwingGains(
+            gains.position / beside, gains.velocity / beside, gains.swing / beside, gains.poles
+        )
+    found.k_velocity[along] = gains.velocity
+    found.k_position[along] = gains.position / gains.velocity
+    return found._replace(k_swing=gains.swing)
+
+
+def _scale_rate_loop(
+    c: Control, robot: Robot, world: World, inertia: Array
+) -> tuple[float, float, Array]:
+    """Return lead (s), rotor lag (s) and the shares (3,) of the loops' gains about B's axes."""
+    k_rate = c.attitude_bandwidth_rad_s * c.loop_separation
+    # what the link takes each way counts like the sampling: 10 ms cost 23 deg at 20 rad/s, more
+    # where the loop is faster (above a resonance)
+    delay = DELAY_TICKS / c.rate_hz + 2.0 * world.link.delay_s
+    tau = build_rotors(robot.rotors).time_constant
+    lead = compute_lead(k_rate, tau, delay, math.radians(c.phase_margin_deg))
+    free = compute_free_inertia(robot, world, posture(robot, "working"))
+    scale = np.minimum(1.0, compute_free_factor(k_rate, lead, delay) * free / inertia)
+    scale[2] *= YAW
+    return lead, tau, scale

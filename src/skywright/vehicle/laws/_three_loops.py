@@ -1,0 +1,31 @@
+"""Laws after Tognon 2018: loops of position, attitude and arm."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skywright.vehicle.component import Law
+from skywright.vehicle.loops import (
+    ArmLoop,
+    AttitudeLoop,
+    LoopsTable,
+    PositionLoop,
+    fill_arm,
+    fill_attitude,
+    fill_position,
+)
+
+
+class ThreeLoops(Law):
+    """A law with position, attitude and arm loop."""
+
+    Table = LoopsTable
+
+    class Me(PositionLoop, AttitudeLoop, ArmLoop):
+        """Gains and integrals of the three loops."""
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Fill gains from bandwidths."""
+        fill_position(me, table, context)
+        fill_attitude(me, table, context)
+        fill_arm(me, table, context)

@@ -1,0 +1,360 @@
+"""Sanchez-Cuevas 2020, section 4: backstepping with integral action, contact fed forward.
+
+Of each axis, with z_1 = x_d - x, chi its integral, alpha = x_d' + lambda chi + k_1 z_1 and
+z_2 = alpha - x', equations (42) to (44) give
+
+    x'' = x_d'' + (1 - k_1^2 + lambda) z_1 + (k_1 + k_2) z_2 - k_1 lambda chi
+
+which is stable for all positive gains and equals the PID x_d'' + (1 + lambda + k_1 k_2) z_1 +
+(k_1 + k_2) z_1' + k_2 lambda chi (put z_2 in). Printed errors mended: e_p = p_d - p in (28), the
+sign of k^2 in K (E004-1, E004-2), the lever in (24) (E004-6), only the force is turned in (23)
+(E004-7). The attitude's error is a rotation vector instead of Euler angles (E004-4).
+
+Platform, (25) and (26): mass and inertia of the arm's present pose, and less the contact wrench:
+that of the tip from the measured force (24), that of the docking feet as planned. Arm, (27), (30)
+and (31): along the probe the force F_d + k_f (F_d - F), across it the joints. Servos take speeds,
+and a speed of the tip against the probe's spring is a rate of force, so (31) becomes
+v = F_d' / K + k_f (F_d - F) / K: the servo map of section 4.
+
+It is a PID, so k_1, k_2 and lambda follow from the PID's stiffness, damping and integral:
+
+    K_p = 1 + lambda + k_1 k_2,   K_d = k_1 + k_2,   K_i = k_2 lambda
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from scipy.optimize import brentq
+
+from skywright.core.record import Vec3
+from skywright.core.rotations import cross, mat_t_mat, mat_t_vec, mat_vec
+from skywright.core.scratch import local
+from skywright.core.types import MAX_JOINTS
+from skywright.errors import InputError
+from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
+from skywright.vehicle.component import Law, Out, helper
+from skywright.vehicle.follower import Press
+from skywright.vehicle.loops import (
+    SLOW,
+    ArmLoop,
+    LoopsTable,
+    arm_velocity,
+    choose_bandwidths,
+    fill_arm,
+    rest,
+)
+
+TIP_SPEED = 0.03
+"""m/s, at which the arm moves the tip at most while it controls the force, or finds the surface."""
+TOUCHING = 0.2  # N
+REACH = 0.03
+"""m, that the force loop moves the tip ahead of where the reference has it, and no farther."""
+FOLLOW = 0.5
+"""rad/s, at which the platform follows the arm: a sixth of the force loop's and of its own."""
+SHIFT_MAX = 0.05  # m
+DAMPING = 1e-6
+"""m^2/rad^2, of the inverse of the arm's Jacobian: 1 mm of lever."""
+
+
+class Backstepping(Law):
+    """Fills f_B, t_B and qd."""
+
+    needs_full_actuation = True
+    Table = LoopsTable
+
+    class Me(ArmLoop):
+        dt: float  # s, control period
+        k_p: Vec3  # k_1, k_2 (1/s) and lambda (1/s^2) of the position
+        k_R: Vec3  # the same of the attitude
+        k_force: float  # 1/s, of the arm's force loop
+        spring: float  # N/m, of a probe with a force sensor; 0: none
+        friction: float  # believed coefficient of the surface
+        thrust_max: float  # N, all rotors together along z_B
+        f_integral_max: float  # N
+        t_integral_max: float  # N m
+        sigma: Vec3  # m s, chi of the position, in W
+        theta: Vec3  # rad s, chi of the attitude, in B
+        shift: float  # m, of the platform along the probe
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Fill gains from bandwidths; raises InputError where there are none.
+
+        The force loop takes the arm's bandwidth: it integrates, and the servos answer a speed as a
+        critically damped pair of poles at 1 / T_v does, a lag of 2 T_v = 0.08 s. At 3 rad/s that
+        costs 14 deg of phase. The probe's spring makes a speed of the tip a rate of force.
+        """
+        c, robot = choose_bandwidths(table, context), context.robot
+        me.k_p = compute_backstepping_gains(
+            c.position_bandwidth_rad_s, c.position_damping, c.position_integral_rad_s
+        )
+        me.k_R = compute_backstepping_gains(
+            c.attitude_bandwidth_rad_s, c.attitude_damping, c.attitude_integral_rad_s
+        )
+        fill_arm(me, table, context)
+        me.dt, me.k_force, me.friction = context.dt, me.k_arm, c.friction_feed_forward
+        if robot.force_sensor is not None and robot.probe is not None:
+            me.spring = robot.probe.spring_n_per_m
+        rotors, weight = context.rotors, context.mass * context.world.gravity_mps2
+        me.thrust_max = float((rotors.thrust_max * rotors.axis[:, 2]).sum())
+        me.f_integral_max, me.t_integral_max = 0.4 * weight, 0.1 * weight
+
+    @staticmethod
+    def step(
+        me: Me,
+        ref: Reference,
+        press: Press,
+        est: Estimate,
+        body: Body,
+        allocated: Allocated,
+        cmd: Out[WrenchCommand],
+    ) -> None:
+        command_arm(me, ref, press, est, body, cmd)
+        if ref.active < 0.5:
+            rest(me, cmd)
+            return
+        command_platform(me, ref, press, est, body, allocated.saturated, cmd)
+
+
+def compute_backstepping_gains(
+    bandwidth: float, damping: float, integral: float
+) -> tuple[float, float, float]:
+    """Return k_1, k_2 (1/s) and lambda (1/s^2), all positive.
+
+    K_p = w^2, K_d = 2 zeta w, K_i = w_i w^2 as in the other laws. k_2 is the largest root of
+    1 + K_i / k_2 + (K_d - k_2) k_2 = K_p. Raises InputError where no positive gains make that PID:
+    k_1 k_2 is at most (zeta w)^2, so K_p - 1 beyond it needs more damping.
+    """
+    kp, kd, ki = bandwidth**2, 2.0 * damping * bandwidth, integral * bandwidth**2
+
+    def excess(k2: float) -> float:
+        return 1.0 + ki / k2 + (kd - k2) * k2 - kp
+
+    low, high = 0.5 * kd, kd
+    if not excess(low) >= 0.0 >= excess(high):
+        raise InputError(
+            f"no backstepping gains for a bandwidth of {bandwidth:g} rad/s with damping "
+            f"{damping:g} and integral {integral:g} rad/s: valid is a bandwidth above 1 rad/s with "
+            "a damping from 1 and an integral well below it"
+        )
+    k2 = float(brentq(excess, low, high, xtol=1e-12))
+    return kd - k2, k2, ki / k2
+
+
+@helper
+def backstep(z1: float, z1_dot: float, chi: float, k1: float, k2: float, lam: float) -> float:
+    """Return x'' - x_d'' by (42) to (44)."""
+    z2 = z1_dot + lam * chi + k1 * z1
+    return (1.0 - k1 * k1 + lam) * z1 + (k1 + k2) * z2 - k1 * lam * chi
+
+
+@helper
+def add_friction(me: Any, ref: Any, est: Any, body: Any, f: Any) -> None:
+    """Add the believed Coulomb friction of a desired sliding to f (3,) N in B, `me.friction` F.
+
+    Without it the platform would have to be off by mu F over its stiffness before the tip moves,
+    which is centimetres. It fades below SLOW.
+    """
+    v_B = local(3)
+    mat_t_vec(est.R_WB, ref.v_WB, v_B)
+    along = 0.0
+    for i in range(3):
+        along += v_B[i] * body.R_BT[i, 2]
+    speed = SLOW * SLOW
+    for i in range(3):
+        v_B[i] -= along * body.R_BT[i, 2]
+        speed += v_B[i] * v_B[i]
+    for i in range(3):
+        f[i] -= me.friction * max(est.f_tip, 0.0) * v_B[i] / math.sqrt(speed)
+
+
+@helper
+def find_contact_wrench(me: Any, ref: Any, press: Any, est: Any, body: Any, f: Any, t: Any) -> None:
+    """Fill force (3,) N and torque (3,) N m about B's origin of the structure on the robot, in B.
+
+    Tip: (24) for any arm, -F along the probe, at the tip. Feet: as planned.
+    """
+    for i in range(3):
+        f[i] = 0.0
+        t[i] = 0.0
+    if press.press > 0.5:
+        for i in range(3):
+            f[i] = -est.f_tip * body.R_BT[i, 2]
+        add_friction(me, ref, est, body, f)
+        cross(body.p_BT, f, t)
+    if press.docked > 0.5:
+        for i in range(3):
+            f[i] += press.f_feet_B[i]
+            t[i] += press.t_feet_B[i]
+
+
+@helper
+def find_extension(ref: Any, body: Any) -> float:
+    """How far (m) the arm has the tip ahead of where the reference has it, along the probe."""
+    total = 0.0
+    p_W, p_B = local(3), local(3)
+    for i in range(3):
+        p_W[i] = ref.p_WT[i] - ref.p_WB[i]
+    mat_t_vec(ref.R_WB, p_W, p_B)
+    for i in range(3):
+        total += body.R_BT[i, 2] * (body.p_BT[i] - p_B[i])
+    return total
+
+
+@helper
+def follow_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, shift_W: Any) -> None:
+    """Fill the shift (3,) m of the platform's reference that brings the arm back to its pose.
+
+    While it presses in flight the platform follows along the probe what the arm has reached out,
+    slower than the force loop, so that static errors of place do not use up the arm's way. It goes
+    back in the same way. `me.shift` holds the shift (m).
+    """
+    axis = local(3)
+    mat_vec(est.R_WB, body.R_BT[:, 2], axis)
+    if press.press > 0.5 and press.docked < 0.5:
+        rate = FOLLOW * find_extension(ref, body)
+    else:
+        rate = -FOLLOW * me.shift
+    me.shift = min(max(me.shift + me.dt * rate, -SHIFT_MAX), SHIFT_MAX)
+    for i in range(3):
+        shift_W[i] = me.shift * axis[i]
+
+
+@helper
+def command_platform(
+    me: Any, ref: Any, press: Any, est: Any, body: Any, saturated: float, cmd: Any
+) -> None:
+    """(25) and (26): fill `cmd.f_B` and `cmd.t_B`."""
+    k, lam = me.k_p, me.k_p[2]
+    m = body.mass
+    integrate = saturated == 0.0 and press.docked < 0.5
+    standard = ref.mode > 0.5
+    f_W, f_free, f_C, t_C = local(3), local(3), local(3), local(3)
+    shift, total = local(3), 0.0
+    follow_arm(me, ref, press, est, body, shift)
+    for i in range(3):
+        f_W[i] = 0.0
+        if standard and i < 2:
+            me.sigma[i] = 0.0
+            continue
+        z1 = ref.p_WB[i] + shift[i] - est.p_WB[i]
+        z1_dot = ref.v_WB[i] - est.v_WB[i]
+        f_W[i] = m * (ref.a_WB[i] + backstep(z1, z1_dot, me.sigma[i], k[0], k[1], lam))
+        if integrate:
+            me.sigma[i] += me.dt * z1
+        total += me.sigma[i] * me.sigma[i]
+    f_W[2] += m * body.gravity
+    largest = me.f_integral_max / max(m * k[1] * lam, 1e-9)
+    if total > largest * largest:
+        for i in range(3):
+            me.sigma[i] *= largest / math.sqrt(total)
+    if standard:  # coplanar logic: thrust along z_B alone, height held
+        f_free[0] = 0.0
+        f_free[1] = 0.0
+        f_free[2] = min(max(f_W[2] / max(est.R_WB[2, 2], 0.5), 0.0), me.thrust_max)
+    else:
+        mat_t_vec(est.R_WB, f_W, f_free)
+    find_contact_wrench(me, ref, press, est, body, f_C, t_C)
+    for i in range(3):
+        cmd.f_B[i] = f_free[i] - f_C[i]
+    command_torque(me, ref, est, body, cmd, f_free, t_C, integrate)
+
+
+@helper
+def command_torque(
+    me: Any, ref: Any, est: Any, body: Any, cmd: Any, f_free: Any, t_C: Any, integrate: bool
+) -> None:
+    """(26), about the centre of mass: t_B = I_C w_d' + w x I_C w + c x f - t_C.
+
+    f is the whole force on the robot but its weight, so rotors and contact together.
+    """
+    k, lam = me.k_R, me.k_R[2]
+    rel, e, w_des = local(3, 3), local(3), local(3)
+    acc, spin, gyro, lever = local(3), local(3), local(3), local(3)
+    mat_t_mat(est.R_WB, ref.R_WB, rel)
+    e[0] = 0.5 * (rel[2, 1] - rel[1, 2])
+    e[1] = 0.5 * (rel[0, 2] - rel[2, 0])
+    e[2] = 0.5 * (rel[1, 0] - rel[0, 1])
+    mat_vec(rel, ref.w_WB_B, w_des)
+    for i in range(3):
+        acc[i] = ref.wd_WB_B[i] + backstep(
+            e[i], w_des[i] - est.w_WB_B[i], me.theta[i], k[0], k[1], lam
+        )
+    c, m = body.p_BC, body.mass
+    cc = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
+    for i in range(3):
+        spin[i] = 0.0
+        cmd.t_B[i] = 0.0
+        own = 0.0
+        for j in range(3):
+            inertia = body.I_B[i, j] + m * c[i] * c[j] - (m * cc if i == j else 0.0)
+            cmd.t_B[i] += inertia * acc[j]
+            spin[i] += inertia * est.w_WB_B[j]
+            if i == j:
+                own = inertia
+        if integrate:
+            most = me.t_integral_max / max(own * k[1] * lam, 1e-9)
+            me.theta[i] = min(max(me.theta[i] + me.dt * e[i], -most), most)
+    cross(est.w_WB_B, spin, gyro)
+    cross(c, f_free, lever)
+    for i in range(3):
+        cmd.t_B[i] += gyro[i] + lever[i] - t_C[i]
+
+
+@helper
+def find_approach(ref: Any, est: Any, body: Any) -> float:
+    """Speed (m/s) of the tip along the probe that the platform makes beside its reference's.
+
+    A reference that slides along the surface moves along a probe that leans, and not towards it.
+    """
+    v_W, v_B, turn, total = local(3), local(3), local(3), 0.0
+    for i in range(3):
+        v_W[i] = est.v_WB[i] - ref.v_WB[i]
+    mat_t_vec(est.R_WB, v_W, v_B)
+    cross(est.w_WB_B, body.p_BT, turn)
+    for i in range(3):
+        total += (v_B[i] + turn[i]) * body.R_BT[i, 2]
+    return total
+
+
+@helper
+def command_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, cmd: Any) -> None:
+    """(27), (30), (31) through the servo map: fill `cmd.qd`."""
+    arm_velocity(me, ref, est, body, cmd.qd)
+    if press.press < 0.5 or me.spring <= 0.0:
+        return
+    n = body.n_joints
+    along = (press.force - est.f_tip) * me.k_force / me.spring
+    along = min(max(along, -TIP_SPEED), TIP_SPEED)
+    if press.docked < 0.5:  # in flight the arm takes back what the platform moves
+        along -= find_approach(ref, est, body)
+    p_W, p_B, across = local(3), local(3), 0.0
+    for i in range(3):
+        p_W[i] = ref.p_WT[i] - ref.p_WB[i]
+    mat_t_vec(ref.R_WB, p_W, p_B)
+    for i in range(3):
+        across += body.R_BT[i, 0] * (p_B[i] - body.p_BT[i])
+    if find_extension(ref, body) > REACH:  # nothing there, or it has gone
+        along = min(along, 0.0)
+    across = min(max(me.k_arm * across, -TIP_SPEED), TIP_SPEED)
+    if est.f_tip > TOUCHING:  # friction holds the tip: to insist would only load arm and tip
+        across = 0.0
+    J = local(2, MAX_JOINTS)
+    for j in range(n):
+        J[0, j] = J[1, j] = 0.0
+        for i in range(3):
+            J[0, j] += body.R_BT[i, 2] * body.J_BT[i, j]
+            J[1, j] += body.R_BT[i, 0] * body.J_BT[i, j]
+    # joint speeds of least size that move the tip so: J^T (J J^T + e I)^-1 v
+    aa, cc, ac = DAMPING, DAMPING, 0.0
+    for j in range(n):
+        aa += J[0, j] * J[0, j]
+        cc += J[1, j] * J[1, j]
+        ac += J[0, j] * J[1, j]
+    det = aa * cc - ac * ac
+    x = (cc * along - ac * across) / det
+    y = (aa * across - ac * along) / det
+    for j in range(n):
+        v = J[0, j] * x + J[1, j] * y
+        cmd.qd[j] = min(max(v, -me.motor_speed_max[j]), me.motor_speed_max[j])

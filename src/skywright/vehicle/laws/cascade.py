@@ -1,0 +1,346 @@
+"""Cascade as autopilots fly it: position P, velocity P, attitude P, rate PI with a lead.
+
+Loops (PX4's structure): velocity asked = v_des + k e; acceleration = k (velocity error), less the
+damping of a swinging link; the force for it, with every known external force cancelled, points the
+thrust; rate asked = k (attitude error); angular acceleration = k (rate error). The torque for it
+comes from models/floating.py, so that a link on a joint without a servo, arms that moved and forces
+at the hands turn the platform no more than the model is wrong. The velocity loop needs no integral
+of its own: the estimated force f_rest_W is one. All gains follow from bandwidths.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+from pydantic import Field
+
+from skywright.core.record import Array, Vec2, Vec3
+from skywright.core.rotations import cross, log_so3, mat_t_mat, mat_t_vec, mat_vec, norm
+from skywright.core.scratch import local
+from skywright.core.spec import Positive
+from skywright.errors import InputError
+from skywright.models.rigid_body import compute_body, posture
+from skywright.vehicle.arms.ports import Floating, Hands, Wrench
+from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
+from skywright.vehicle.component import Context, Law, Out, helper
+from skywright.vehicle.laws._cascade_gains import CascadeGains, compute_cascade_gains
+from skywright.vehicle.laws._thrust import Thrust, ThrustTable, aim_thrust, fill_thrust
+from skywright.vehicle.link_arc import compute_link_arc
+from skywright.vehicle.loops import (
+    ArmLoop,
+    ArmTable,
+    AttitudeTable,
+    arm_velocity,
+    choose_bandwidths,
+    fill_arm,
+)
+
+JERK_MAX = 3.0
+"""m/s^3, of a reference; a larger step is one between two tables."""
+SHIFT_BANDWIDTH = 3.0
+"""rad/s, of the tip's shift; the estimates that it is made of are of 2 to 3 rad/s themselves."""
+
+
+class Cascade(Law):
+    """Fills f_B = (0, 0, T), t_B and qd."""
+
+    inverted: ClassVar[bool] = False
+
+    class Table(AttitudeTable, ArmTable, ThrustTable):
+        """[mission.law]; what it does not tell is [robot.control]'s."""
+
+        position_bandwidth_rad_s: Positive | None = None
+        loop_separation: float | None = Field(default=None, ge=1.5)
+        phase_margin_deg: float | None = Field(default=None, ge=30.0, lt=90.0)
+        swing_damping: float | None = Field(default=None, gt=0.0, lt=1.0)
+        speed_max_mps: Positive | None = None
+
+    class Me(ArmLoop, Thrust):
+        dt: float  # s, control period
+        k_position: Vec3  # 1/s, velocity asked for a metre of error; forward, left, up
+        k_velocity: Vec3  # 1/s, acceleration asked for 1 m/s of error
+        k_swing: float  # m/s^2 against 1 rad/s of a passive joint's swing
+        k_attitude: Vec3  # 1/s, rate asked for a radian of error about the axes of B
+        k_rate: Vec3  # 1/s, angular acceleration asked for 1 rad/s of error
+        k_integral: Vec3  # 1/s, of the torque about the axes of B
+        lead: float  # s, what is left of the rotors' lag
+        rotor_tau: float  # s, believed rotor lag
+        speed_max: float  # m/s, asked for by the position loop
+        f_external_max: float  # N, of an external force that is cancelled
+        t_integral_max: float  # N m
+        theta: Vec3  # N m, integral of the torque
+        t_lag: Vec3  # N m, lagging part of the torque
+        shift: Vec3  # m, of the platform for its tip
+        a_last: Vec2  # m/s^2, of the reference at the last step
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Fill gains from bandwidths.
+
+        Raises InputError where these give no stable loops, or cannot take off along a link's arc.
+        """
+        gains = self._compute_gains(context)
+        for name in gains._fields:
+            if name != "wrench":
+                me[name] = getattr(gains, name)
+        fill_arm(me, table, context)
+        fill_thrust(me, table, context)
+        me.dt, me.speed_max = context.dt, choose_bandwidths(table, context).speed_max_mps
+        weight = context.mass * context.world.gravity_mps2
+        me.f_external_max, me.t_integral_max = 0.4 * weight, 0.1 * weight
+        check_balance(gains, context)
+
+    def observe_wrench(self, context: Context) -> Array:
+        """Return the bandwidths (3,) rad/s of the external force that is cancelled."""
+        return self._compute_gains(context).wrench
+
+    def _compute_gains(self, context: Context) -> CascadeGains:
+        c = choose_bandwidths(self.table, context)
+        return compute_cascade_gains(c, context.robot, context.world, context.model, self.inverted)
+
+    @staticmethod
+    def step(
+        me: Me,
+        ref: Reference,
+        est: Estimate,
+        body: Body,
+        floating: Floating,
+        wrench: Wrench,
+        hands: Hands | None,
+        allocated: Allocated,
+        cmd: Out[WrenchCommand],
+    ) -> None:
+        if begin(me, ref, est, body, cmd):
+            f_W = local(3)
+            acceleration_for_motion(me, ref, est, body, floating, wrench, hands, f_W)
+            force_for_motion(me, body, wrench, f_W)
+            apply_force(me, ref, est, body, floating, wrench, allocated.saturated, cmd, f_W)
+
+
+def check_balance(gains: CascadeGains, context: Context) -> None:
+    """Raise InputError where the roll loop is too slow for the take-off along a link's arc.
+
+    On the end of its link the robot is an inverted pendulum sideways, which falls at sqrt(g / h):
+    the attitude has to answer faster.
+    """
+    robot, world = context.robot, context.world
+    arc = compute_link_arc(robot, context.model.reshape(1))
+    if arc is None:
+        return
+    _, com, _ = compute_body(context.model.reshape(1), posture(robot, "working"))
+    falls = math.sqrt(world.gravity_mps2 / (arc.top + com[2]))
+    found, rate = float(gains.k_attitude[0]), robot.control.rate_hz
+    if found < falls:
+        raise InputError(
+            f"robot.control: at rate_hz = {rate:g} and world.link.delay_s = "
+            f"{world.link.delay_s:g} the roll loop reaches {found:.2f} rad/s; to take off "
+            f"on the end of its link {robot.name!r} needs {falls:.2f} rad/s: raise "
+            "rate_hz or lower delay_s"
+        )
+
+
+@helper
+def begin(me: Any, ref: Any, est: Any, body: Any, cmd: Any) -> bool:
+    """Fill `cmd.qd`; returns whether the motors are on. Off, everything is at rest."""
+    arm_velocity(me, ref, est, body, cmd.qd)
+    if ref.active >= 0.5:
+        return True
+    for i in range(3):
+        me.theta[i] = me.t_lag[i] = me.shift[i] = 0.0
+        cmd.f_B[i] = 0.0
+        cmd.t_B[i] = 0.0
+    return False
+
+
+@helper
+def apply_force(
+    me: Any, ref: Any, est: Any, body: Any, floating: Any, wrench: Any, saturated: float, cmd: Any,
+    f_W: Any,
+) -> None:  # fmt: skip
+    """Make a force f_W (3,) N by thrust and attitude."""
+    R_des, acc = local(3, 3), local(3)
+    thrust = aim_thrust(me, ref, est, body, f_W, R_des)
+    cmd.f_B[0], cmd.f_B[1], cmd.f_B[2] = 0.0, 0.0, thrust
+    angular_acceleration(me, ref, est, R_des, acc)
+    torque_for_turn(me, est, body, floating, wrench, saturated, cmd, acc)
+
+
+@helper
+def force_for_motion(me: Any, body: Any, wrench: Any, f_W: Any) -> None:
+    """Turn the acceleration f_W (3,) m/s^2 into the rotors' force (N) for it, in place.
+
+    External forces are cancelled.
+    """
+    f_W[2] += body.gravity
+    rest_W = local(3)
+    size = 0.0
+    for i in range(3):
+        rest_W[i] = wrench.f_hands_W[i] + wrench.f_rest_W[i]
+        size += rest_W[i] * rest_W[i]
+    size = min(1.0, me.f_external_max / max(math.sqrt(size), 1e-9))
+    for i in range(3):
+        f_W[i] = body.mass * f_W[i] - size * rest_W[i]
+
+
+@helper
+def acceleration_for_motion(
+    me: Any, ref: Any, est: Any, body: Any, floating: Any, wrench: Any, hands: Any, a_W: Any
+) -> None:
+    """Acceleration a_W (3,) m/s^2 that the loops ask of the platform, the reference's included."""
+    # axes of the platform, level: forward, left, up
+    forward, left = local(2), local(2)
+    x, y = est.R_WB[0, 0], est.R_WB[1, 0]
+    size = max(math.sqrt(x * x + y * y), 1e-3)
+    forward[0], forward[1] = x / size, y / size
+    left[0], left[1] = -forward[1], forward[0]
+    e, v, a = local(3), local(3), local(3)
+    shift, rate = local(3), local(3)
+    shift_for_tip(me, ref, est, body, floating, wrench, hands, shift, rate)
+    for i in range(3):
+        shift[i] += ref.p_WB[i]
+        rate[i] += ref.v_WB[i]
+    into_axes(forward, left, shift, est.p_WB, e)
+    into_axes(forward, left, rate, est.v_WB, v)
+    speed = 0.0
+    for i in range(3):
+        e[i] *= me.k_position[i]
+        speed += e[i] * e[i]
+    scale = min(1.0, me.speed_max / max(math.sqrt(speed), 1e-9))
+    for i in range(3):
+        a[i] = me.k_velocity[i] * (scale * e[i] + v[i])
+    if floating.swing >= 0:
+        damp_swing(me, ref, est, body, floating, wrench, forward, left, a)
+    a_W[0] = forward[0] * a[0] + left[0] * a[1] + ref.a_WB[0]
+    a_W[1] = forward[1] * a[0] + left[1] * a[1] + ref.a_WB[1]
+    a_W[2] = a[2] + ref.a_WB[2]
+
+
+@helper
+def shift_for_tip(
+    me: Any, ref: Any, est: Any, body: Any, floating: Any, wrench: Any, hands: Any, shift: Any,
+    rate: Any,
+) -> None:  # fmt: skip
+    """Fill shift (3,) m and rate (3,) m/s: the platform gives way so that the tip stays.
+
+    Only where the reference tracks the tip. The estimated torque s about a link's joint turns it by
+    s / (m l g) from where it hangs; the estimated force f leans the platform by f / (m g). Both
+    come from external forces alone, so no loop closes over what the platform's own motion does to
+    the link; low-passed twice they do not see what the model leaves out of it (with the torque
+    low-passed once the platform rings at 22 rad/s).
+    """
+    goal, axis, vec = local(3), local(3), local(3)
+    for i in range(3):
+        goal[i] = axis[i] = 0.0
+    if ref.track_tip > 0.5:
+        along, joint = 0.0, body.p_BT[2]
+        if floating.swing >= 0:
+            mat_vec(est.R_WB, floating.axis, axis)
+            turn = wrench.s_slow / (max(norm(floating.L_s), 1e-6) * body.gravity)
+            mat_vec(est.R_WB, body.J_BT[:, floating.swing], vec)
+            for i in range(2):
+                goal[i] = -turn * vec[i]
+                along += axis[i] * (wrench.f_hands_W[i] + wrench.f_rest_W[i])
+            if hands is not None:
+                joint = hands.p_BA[2]
+        for i in range(2):  # what hangs on the joint leans with the platform only along its axis
+            across = wrench.f_hands_W[i] + wrench.f_rest_W[i] - along * axis[i]
+            goal[i] += (along * axis[i] * body.p_BT[2] + across * joint) / (
+                body.mass * body.gravity
+            )
+    k = -math.expm1(-SHIFT_BANDWIDTH * me.dt)
+    for i in range(3):
+        rate[i] = k * (goal[i] - me.shift[i])
+        me.shift[i] += rate[i]
+        rate[i] /= me.dt
+        shift[i] = me.shift[i]
+
+
+@helper
+def into_axes(forward: Any, left: Any, a: Any, b: Any, out: Any) -> None:
+    """Write a - b in the level axes (forward, left, up)."""
+    x, y = a[0] - b[0], a[1] - b[1]
+    out[0] = forward[0] * x + forward[1] * y
+    out[1] = left[0] * x + left[1] * y
+    out[2] = a[2] - b[2]
+
+
+@helper
+def damp_swing(
+    me: Any, ref: Any, est: Any, body: Any, floating: Any, wrench: Any, forward: Any, left: Any,
+    a: Any,
+) -> None:  # fmt: skip
+    """Suarez 2020's passive link: move the platform with the link's swing, a = -k psi'.
+
+    psi' is the link's rate in W less the rates that belong to what is wanted: the reference's own
+    (take-off and landing along the link's arc), the lag a / g behind a reference that accelerates,
+    and that of the balance under a changing force. Only the rate is fed back: a link that wind or
+    contact holds at an angle pulls the platform nowhere.
+    """
+    axis, jerk = local(3), local(2)
+    mat_vec(est.R_WB, floating.axis, axis)
+    rate = est.qd[floating.swing] - ref.qd[floating.swing] - wrench.balance_rate
+    for i in range(2):
+        jerk[i] = min(max((ref.a_WB[i] - me.a_last[i]) / me.dt, -JERK_MAX), JERK_MAX)
+        me.a_last[i] = ref.a_WB[i]
+    rate -= (jerk[0] * axis[1] - jerk[1] * axis[0]) / body.gravity
+    for i in range(3):
+        rate += floating.axis[i] * est.w_WB_B[i]
+    # a link that turns about the axis moves its end backward: along z x axis
+    a[0] -= me.k_swing * rate * (forward[0] * axis[1] - forward[1] * axis[0])
+    a[1] -= me.k_swing * rate * (left[0] * axis[1] - left[1] * axis[0])
+    a[0] += (forward[0] * jerk[0] + forward[1] * jerk[1]) / me.k_attitude[1]
+    a[1] += (left[0] * jerk[0] + left[1] * jerk[1]) / me.k_attitude[0]
+
+
+@helper
+def angular_acceleration(me: Any, ref: Any, est: Any, R_des: Any, acc: Any) -> None:
+    """Attitude and rate loop: the angular acceleration acc (3,) rad/s^2 in B."""
+    rel, turn, w_des, spin = local(3, 3), local(3), local(3), local(3)
+    mat_t_mat(est.R_WB, R_des, rel)
+    log_so3(rel, turn)
+    spin[0], spin[1], spin[2] = 0.0, 0.0, ref.w_WB_B[2]
+    mat_vec(rel, spin, w_des)
+    for i in range(3):
+        acc[i] = me.k_rate[i] * (me.k_attitude[i] * turn[i] + w_des[i] - est.w_WB_B[i])
+
+
+@helper
+def torque_for_turn(
+    me: Any, est: Any, body: Any, floating: Any, wrench: Any, saturated: float, cmd: Any, acc: Any
+) -> None:
+    """Torque cmd.t_B that turns the platform with `acc`, ahead of the rotors' lag.
+
+    The lead (1 + tau s) / (1 + lead s) acts on the loops' part only; what is fed forward is slow.
+    """
+    t_fb, spin, gyro = local(3), local(3), local(3)
+    g_B, u_v, u_w = local(3), local(3), local(3)
+    for i in range(3):
+        t_fb[i], spin[i] = 0.0, 0.0
+        for j in range(3):
+            t_fb[i] += floating.I_eff[i, j] * acc[j]
+            spin[i] += floating.I_eff[i, j] * est.w_WB_B[j]
+        g_B[i] = -body.gravity * est.R_WB[2, i]
+    cross(est.w_WB_B, spin, gyro)
+    cross(body.p_BC, g_B, u_w)  # gravity moment about B
+    for i in range(3):
+        u_w[i] = body.mass * u_w[i] + wrench.t_hands_B[i]
+        spin[i] = wrench.f_hands_W[i] + wrench.f_rest_W[i]
+    mat_t_vec(est.R_WB, spin, u_v)
+    u_s = wrench.s_hands
+    for i in range(3):
+        u_v[i] += cmd.f_B[i] + body.mass * g_B[i]
+        u_s += floating.L_s[i] * g_B[i]
+    ahead = me.rotor_tau / me.lead
+    blend = -math.expm1(-me.dt / me.lead)
+    for i in range(3):
+        lead = t_fb[i]
+        if i < 2:  # yaw is slow enough without, and its little torque costs much thrust
+            lead = ahead * t_fb[i] + (1.0 - ahead) * me.t_lag[i]
+            me.t_lag[i] += blend * (t_fb[i] - me.t_lag[i])
+        t = lead + gyro[i] - u_w[i] + floating.A[i, 3] * u_s + me.theta[i]
+        for j in range(3):
+            t += floating.A[i, j] * u_v[j]
+        cmd.t_B[i] = t
+        if saturated == 0.0:
+            me.theta[i] += me.dt * me.k_integral[i] * t_fb[i]
+            me.theta[i] = min(max(me.theta[i], -me.t_integral_max), me.t_integral_max)

@@ -1,0 +1,101 @@
+"""Distributed model inversion for a platform whose arms hang on a passive link (Caballero 2018).
+
+The paper shows a block diagram (figure 4) and says that the laws "make use of nonlinear strategies
+based on model inversion"; it prints no equation and no gain. This is such a law for the model (3),
+one part a subsystem, each inverting the rows of the model that it commands:
+
+- platform: loops on position and velocity ask for u1', u3' (and the same across the plane). With
+  the platform so accelerated the passive row of (3) tells how the free link will turn,
+
+      M_ss q'' = L_s . (g - v') + s_ext,
+
+  and the translational rows what force that takes, the link's reaction included:
+
+      f = m (v' - g) + L_s q'' + L_s' q' - f_ext.
+
+  The platform then moves as if nothing hung on it: mass m - |L_s|^2 / M_ss, no pull of the swing.
+- attitude: the thrust points along f, and the rotational rows give the torque for the angular
+  acceleration that the loops ask for, the joint free (the same inversion as the cascade's).
+- passive joint: no motor. The platform damps it: part of v' is against the link's rate.
+- arms: their servos hold angles; the arms' law inverts the statics of the joints.
+
+Rows are inverted one after the other, the translational ones at the attitude of now: attitude
+follows within a tenth of a second. Accelerations of the arm joints are left to the estimated
+external force; a transport moves them at some tenths of rad/s.
+
+Against the cascade, which leaves the link's pull to the poles that its gains place: the same gains
+mean less force, for they act on the smaller mass, and the pull of a swinging link, which brings
+platform and link back together, is cancelled. See docs/papers/caballero-2018.md for both in gusts.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+from skywright.core.rotations import cross, mat_t_vec, mat_vec
+from skywright.core.scratch import local
+from skywright.vehicle.arms.ports import Floating, Hands, Wrench
+from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
+from skywright.vehicle.component import Out, helper
+from skywright.vehicle.laws.cascade import Cascade, acceleration_for_motion, apply_force, begin
+
+
+class ModelInversion(Cascade):
+    """Fills f_B = (0, 0, T), t_B and qd."""
+
+    inverted: ClassVar[bool] = True
+
+    @staticmethod
+    def step(
+        me: Cascade.Me,
+        ref: Reference,
+        est: Estimate,
+        body: Body,
+        floating: Floating,
+        wrench: Wrench,
+        hands: Hands | None,
+        allocated: Allocated,
+        cmd: Out[WrenchCommand],
+    ) -> None:
+        if begin(me, ref, est, body, cmd):
+            a_W, f_W = local(3), local(3)
+            acceleration_for_motion(me, ref, est, body, floating, wrench, hands, a_W)
+            invert_translation(me, est, body, floating, wrench, a_W, f_W)
+            apply_force(me, ref, est, body, floating, wrench, allocated.saturated, cmd, f_W)
+
+
+@helper
+def invert_translation(
+    me: Any, est: Any, body: Any, floating: Any, wrench: Any, a_W: Any, f_W: Any
+) -> None:
+    """Rotors' force f_W (3,) N with which the platform accelerates with a_W (3,) m/s^2.
+
+    At constant attitude; the passive joint turns freely, all other joints stand.
+    """
+    f_ext, size = local(3), 0.0
+    for i in range(3):
+        f_ext[i] = wrench.f_hands_W[i] + wrench.f_rest_W[i]
+        size += f_ext[i] * f_ext[i]
+    size = min(1.0, me.f_external_max / max(math.sqrt(size), 1e-9))
+    for i in range(3):
+        f_W[i] = body.mass * a_W[i] - size * f_ext[i]
+    f_W[2] += body.mass * body.gravity
+    if floating.swing < 0:
+        return
+    fall, fall_B, pull, pull_W = local(3), local(3), local(3), local(3)
+    for i in range(3):
+        fall[i] = -a_W[i]
+    fall[2] -= body.gravity
+    mat_t_vec(est.R_WB, fall, fall_B)
+    acc, rate = wrench.s_hands + wrench.s_rest, est.qd[floating.swing]
+    for i in range(3):
+        acc += floating.L_s[i] * fall_B[i]
+        rate += floating.axis[i] * est.w_WB_B[i]
+    acc /= floating.M_ss
+    cross(floating.axis, floating.L_s, pull)  # d L_s / dq
+    for i in range(3):
+        pull[i] = floating.L_s[i] * acc + pull[i] * rate * rate
+    mat_vec(est.R_WB, pull, pull_W)
+    for i in range(3):
+        f_W[i] += pull_W[i]

@@ -1,0 +1,52 @@
+"""The hands of compliant arms: where they are, and what they exert."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+from skywright.core.record import Integers, Record
+from skywright.core.types import MAX_HANDS
+from skywright.models.compliant_arms import is_compliant
+from skywright.vehicle.arms.truth import HandTruth, TapePull
+from skywright.vehicle.bus import MuJoCo
+from skywright.vehicle.component import Component, Out, table, words
+
+
+class HandObserver(Component):
+    """Fills HandTruth; forces are one physics step old. A tape's tension counts as a force."""
+
+    slot, side = "observe", "plant"
+
+    class Me(Record):
+        n: int
+        site: Annotated[Integers, MAX_HANDS]
+        force: Annotated[Integers, MAX_HANDS]  # address of the contact sensor, -1: none
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Robots with compliant arms have one."""
+        if is_compliant(context.robot):
+            yield cls("hands")
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Look up addresses in the scene."""
+        index = context.scene.places
+        me.n = len(index.hand_sites)
+        me.site[: me.n] = index.hand_sites
+        me.force[:] = -1
+        me.force[: me.n] = index.sensor_hand_force
+
+    @staticmethod
+    def step(me: Me, mj: MuJoCo, tape: TapePull | None, out: Out[HandTruth]) -> None:
+        sensordata = words(mj.sensordata, mj.nsensor)
+        xpos, xmat = table(mj.site_xpos, mj.nsite, 3), table(mj.site_xmat, mj.nsite, 9)
+        for h in range(me.n):
+            for i in range(3):
+                out.p_WH[h, i] = xpos[me.site[h], i]
+                out.f_WH[h, i] = sensordata[me.force[h] + i] if me.force[h] >= 0 else 0.0
+                for j in range(3):
+                    out.R_WH[h, i, j] = xmat[me.site[h], 3 * i + j]
+        if tape is not None:
+            for i in range(3):
+                out.f_WH[tape.hand, i] -= tape.pull * tape.normal_W[i]

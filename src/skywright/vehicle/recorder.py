@@ -1,0 +1,141 @@
+"""The recorder: copies fields of records into samples, by a list that components contribute."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.record import Record
+from skywright.core.rotations import rot_to_quat
+from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, WrenchCommand
+from skywright.vehicle.component import Component, Recorded, helper, integers, table, words
+from skywright.vehicle.plant import SAMPLE_RATE
+
+SAMPLES = 256
+"""Rows between deliveries."""
+SAMPLES_A_TICK = 16
+"""More than one mission tick can write."""
+MOVE = 4
+"""Numbers of a move: source's address, byte in the row, words, 1 for a rotation."""
+
+
+class Recorder(Component):
+    """Writes a row of the samples at SAMPLE_RATE; the vehicle takes them before they are full.
+
+    Columns of components that a vehicle lacks do not exist.
+    """
+
+    slot, side = "record", "plant"
+
+    class Me(Record):
+        rows: int  # address of the samples
+        row_bytes: int
+        n: int  # rows written
+        moves: int  # address of (n_moves, MOVE)
+        n_moves: int
+
+    columns = (
+        Recorded("t", Clock, "t", "s", "simulated time from the start of the run"),
+        Recorded("phase", Clock, "phase", "", "index into the run's phases"),
+        Recorded("est_p_WB", Estimate, "p_WB", "m", "platform, estimated"),
+        Recorded("est_q_WB", Estimate, "R_WB", "", "platform, estimated attitude", rotation=True),
+        Recorded("est_v_WB", Estimate, "v_WB", "m/s", "estimated"),
+        Recorded("est_w_WB_B", Estimate, "w_WB_B", "rad/s", "estimated"),
+        Recorded("est_p_WT", Estimate, "p_WT", "m", "tip, estimated"),
+        Recorded("est_f_ext_W", Estimate, "f_ext_W", "N", "external force, estimated"),
+        Recorded("ref_p_WB", Reference, "p_WB", "m", "platform, nominal"),
+        Recorded("ref_q_WB", Reference, "R_WB", "", "platform, nominal attitude", rotation=True),
+        Recorded("ref_q", Reference, "q", "rad", "arm joints, nominal", per="joint"),
+        Recorded("ref_p_WT", Reference, "p_WT", "m", "desired tip; inside while pushing"),
+        Recorded("ref_q_WT", Reference, "R_WT", "", "desired tip, attitude", rotation=True),
+        Recorded("cmd_f_B", WrenchCommand, "f_B", "N", "force that the law asks of the rotors"),
+        Recorded("cmd_t_B", WrenchCommand, "t_B", "N m", "torque that it asks of the rotors"),
+        Recorded("cmd_qd", WrenchCommand, "qd", "rad/s", "commanded joint speeds", per="joint"),
+        Recorded("saturated", Allocated, "saturated", "", "1: the allocation gave something up"),
+    )
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Lay out the samples, and list what goes where."""
+        counts = {"joint": context.scene.n_joints, "rotor": len(context.rotors.thrust_min)}
+        self.recorded: dict[str, Recorded] = {}
+        sources: list[NDArray[Any]] = []
+        fields: list[Any] = []
+        others = [c for c in context.components if c is not self]
+        for component in (self, *others):
+            several = sum(type(c) is type(component) for c in others) > 1
+            for column in component.columns:
+                own = (column.source, component.name)
+                found = context.records.get(own, context.records.get((column.source, "")))
+                if found is None:
+                    continue
+                name = f"{component.name}_{column.name}" if several else column.name
+                self.recorded[name] = column
+                source = find_source(found, column, counts.get(column.per))
+                sources.append(source)
+                shape = (4,) if column.rotation else source.shape
+                fields.append((name, source.dtype.str, shape))
+        self.dtype = np.dtype(fields)
+        self._rows = np.zeros(SAMPLES, self.dtype)
+        moves = [
+            (s.ctypes.data, self.dtype.fields[f[0]][1], s.size, c.rotation)  # type: ignore[index]
+            for s, f, c in zip(sources, fields, self.recorded.values(), strict=True)
+            if s.size
+        ]
+        me.rows, me.row_bytes = context.keep(self._rows), self.dtype.itemsize
+        me.moves, me.n_moves = context.keep(np.array(moves, np.int64)), len(moves)
+        self._me = me
+
+    def get_period(self, step: str, context: Any) -> float:
+        """One row a sample."""
+        return 1.0 / SAMPLE_RATE
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there is no room for another mission tick."""
+        return int(self._me.n) > SAMPLES - SAMPLES_A_TICK
+
+    def take(self) -> NDArray[Any]:
+        """Return a copy of the rows written so far, and begin anew."""
+        n, self._me.n = int(self._me.n), 0
+        raw = self._rows.view(np.uint8)[: n * self.dtype.itemsize]
+        return raw.copy().view(self.dtype)  # as bytes: NumPy copies rows field by field
+
+    @staticmethod
+    def step(me: Me) -> None:
+        row = me.rows + me.n * me.row_bytes
+        moves = integers(me.moves, MOVE * me.n_moves)
+        for m in range(0, MOVE * me.n_moves, MOVE):
+            source, target, n = moves[m], row + moves[m + 1], moves[m + 2]
+            if moves[m + 3]:
+                rot_to_quat(table(source, 3, 3), words(target, 4))
+            else:
+                copy_words(source, target, n)
+        me.n += 1
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Every vehicle has one."""
+        yield cls("recorder")
+
+
+def find_source(record: NDArray[Any], column: Recorded, count: int | None) -> NDArray[Any]:
+    """Return the part of a (1,) record array that a column shows, as a contiguous view."""
+    found: NDArray[Any] = record[column.field][0:1]
+    if column.item >= 0:
+        found = found[:, column.item]
+    if count is not None:
+        found = found[:, :count]
+    out = found.reshape(found.shape[1:])
+    assert out.size == 0 or np.shares_memory(out, record)
+    return out
+
+
+@helper
+def copy_words(source: int, target: int, n: int) -> None:
+    """Copy `n` 8-byte words between addresses."""
+    a, b = integers(source, n), integers(target, n)
+    for k in range(n):
+        b[k] = a[k]

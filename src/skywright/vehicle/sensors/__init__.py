@@ -1,0 +1,1 @@
+"""Sensors: each sees the truth of the plant and fills a reading."""

@@ -1,0 +1,52 @@
+"""The force sensor of a probe: the potentiometer reads the spring's travel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from skywright.core.record import Record
+from skywright.description.robot.force_sensor import ForceSensor
+from skywright.models.force_sensor import Converter, build_force_sensor, measure_force
+from skywright.vehicle.bus import Estimate, MuJoCo
+from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, words
+from skywright.vehicle.readings import TipForce
+
+
+class ProbeForce(Sensor):
+    """Fills TipForce every control tick."""
+
+    Table = ForceSensor
+
+    class Me(Record):
+        converter: Converter
+        spring: float  # N/m
+        preload: float  # N
+        slider: int  # address in qpos
+
+    class Noise(Normal):
+        stream = "force"
+        count: float
+
+    columns = (
+        Recorded("force_meas", Estimate, "f_tip", "N", "by the probe's sensor, less its slider"),
+    )
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Take the calibration and the spring."""
+        probe = context.robot.probe
+        me.converter = build_force_sensor(table)[0]
+        me.spring, me.preload = probe.spring_n_per_m, probe.spring_preload_n
+        me.slider = context.scene.places.slider_qpos
+
+    @staticmethod
+    def step(me: Me, mj: MuJoCo, noise: Noise, out: Out[TipForce]) -> None:
+        spring = me.preload - me.spring * words(mj.qpos, mj.nq)[me.slider]
+        out.force = measure_force(me.converter, spring, noise.count)
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Robots whose probe has one."""
+        robot = context.robot
+        if robot.probe is not None and robot.force_sensor is not None:
+            yield cls("probe force", robot.force_sensor)
