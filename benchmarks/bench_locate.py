@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from skywright.studies.locate import reach
 
-from skywright.sim.tracking_camera import CameraErrors
+from skywright.analysis.locate import reach
+from skywright.models.tracking_camera import CameraErrors
 
 CAMERAS = {
     "1.5 cm per sqrt(m)": CameraErrors(),

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 from conditions_table import write_table
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
 
+from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.run.planning import plan_mission
 
 SLOPE_DEG, WIND_MPS = 10.0, 4.0
 KINDS = ("none", "steady", "dryden", "steady")
@@ -59,7 +59,7 @@ def find_limit(row: dict[str, Any]) -> float:
     plan = plan_mission(load_description("bridge-contact", sets=sets))
     if not plan.feasible:
         return math.nan
-    task: Any = plan.task
+    task: Any = plan.way
     calm = row["world.structure.slope_deg"] == 0.0 and row["world.wind.mean_mps"] == 0.0
     return float((0.95 if calm else 0.8) * task.limit_n)
 

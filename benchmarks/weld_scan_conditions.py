@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 from conditions_table import write_table
-from skywright.missions.limits import find_exceeded_push, find_exceeded_wind
-from skywright.missions.loader import load_description
-from skywright.missions.planning import plan_mission
+
+from skywright.description.loader import load_description
+from skywright.run.limits import find_exceeded_push, find_exceeded_wind
+from skywright.run.planning import plan_mission
 
 FASTEST = 6.0  # m/s
 KINDS = ("steady", "fan", "sweep", "dryden")
@@ -65,7 +66,7 @@ def find_limit(row: dict[str, Any]) -> float:
 
     def allowed(speed: float) -> bool:
         d = load_description("pipe-weld-scan", sets={**row, "world.wind.mean_mps": speed})
-        push = find_exceeded_push(d, plan.push_force_n)
+        push = find_exceeded_push(d, plan.way.push_force_n)
         return push is None and find_exceeded_wind(d, plan.segments) is None
 
     return _bisect(allowed, FASTEST)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from skywright.run.names import MEANINGS
+from skywright.run.names import list_all_measures
 
 PAGE = Path(__file__).parent / "reference" / "metrics.md"
 BEGIN, END = "<!-- metrics -->\n", "<!-- end of metrics -->\n"
@@ -17,7 +17,10 @@ def build_page(text: str) -> str:
     """Return the page with its table made anew."""
     head, rest = text.split(BEGIN)
     tail = rest.split(END)[1]
-    rows = [f"| `{name}` | {unit} | {meaning} |" for name, (unit, meaning) in MEANINGS.items()]
+    rows = [
+        f"| `{name}` | {unit} | {meaning} |"
+        for name, (unit, meaning) in list_all_measures().items()
+    ]
     table = "\n".join(["| name | unit | meaning |", "|---|---|---|", *rows])
     return head + BEGIN + "\n" + table + "\n\n" + END + tail
 

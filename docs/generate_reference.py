@@ -194,6 +194,8 @@ def _tables(path: str, model: type[Spec]) -> list[str]:
             inner = f"{path}.NAME" if path == "robot.arm" else f"{path}.{key}{suffix}"
             below += _tables(inner, sub)
             continue
+        if key == "task" and isinstance(field.annotation, typing.TypeVar):
+            continue  # each kind has its own, below
         value = ", ".join(p for p in (_type_name(field.annotation), _bounds(field)) if p)
         meaning = comments.get(key, "").replace("|", "\\|")
         rows.append(f"| `{key}` | {_unit(key)} | {_default(field)} | {value} | {meaning} |")
@@ -211,6 +213,9 @@ def build_page() -> str:
     lines = [INTRODUCTION]
     for root, model in (("robot", Robot), ("world", World), ("mission", Mission), ("plant", Plant)):
         lines += _tables(root, model)
+        for kind in list_kinds("kind") if root == "mission" else ():
+            first, *rest = _tables("mission.task", find("kind", kind).cls.task)
+            lines += [f"{first} (kind {kind})", *rest]
     return "\n".join(lines)
 
 

@@ -33,7 +33,7 @@ force = samples["f_normal"][samples["phase"] == scan]  # N
 print(f"push while scanning: {force.mean():.2f} N, from {force.min():.2f} to {force.max():.2f} N")
 
 # %% The weld, as the instrument's processing found it
-line = result.weld.line
+line = result.details.line
 print(f"weld at {np.degrees(line.angle):.2f} deg from the circumference")
 print(f"standard deviation {np.degrees(line.std_angle):.2f} deg, {1e3 * line.std_offset:.1f} mm")
 

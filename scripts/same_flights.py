@@ -20,8 +20,6 @@ from pathlib import Path
 
 import numpy as np
 
-import skywright
-
 SHORT = {
     "scan": ("pipe-weld-scan", 14.0),
     "longreach": ("impact", 12.0),
@@ -52,18 +50,15 @@ class Stop:
         pass
 
 
-def list_missions() -> list[str]:
-    data = Path(skywright.__file__).parent / "missions"
-    return sorted(p.parent.name for p in data.glob("**/mission.toml"))
-
-
 def list_cases(arguments: argparse.Namespace) -> list[tuple[str, str, float, int, str]]:
     """Return (case, mission, cut, seed, mode) of what is asked for."""
     seeds = [int(s) for s in arguments.seeds.split(",")]
     if arguments.only:
         names = arguments.only.split(",")
     elif arguments.all:
-        names = [m for m in list_missions() if m != "follow-plan"]
+        from skywright.description.loader import list_missions
+
+        names = [e.name for e in list_missions() if e.name != "follow-plan"]
     else:
         names = []
     if names:

@@ -6,14 +6,17 @@ import contextlib
 import warnings
 
 from skywright.errors import InputError
-from skywright.run.kinds import compute_kind_metrics
+from skywright.run.flight import Flown
+from skywright.run.kind import load_kind
 from skywright.run.metrics import compute_common_metrics
 from skywright.run.run import RunResult
+from skywright.run.setup import Setup
 
 
 def check_cuts(result: RunResult) -> None:
     """Judge the flight as if it had ended with each phase's first samples, and in its middle."""
-    s = result.samples
+    s, setup = result.samples, Setup(result.description)
+    kind = load_kind(result.description.mission.kind)
     for k, phase in enumerate(result.phases):
         for end in (phase.start_s, phase.start_s + 0.011, 0.5 * (phase.start_s + phase.end_s)):
             cut = s[s["t"] <= end]
@@ -25,4 +28,4 @@ def check_cuts(result: RunResult) -> None:
                 warnings.simplefilter("error")
                 compute_common_metrics(cut, phases)
                 with contextlib.suppress(InputError):  # that there is too little to judge
-                    compute_kind_metrics(cut, phases, result.plan, result.description)
+                    kind.metrics(Flown(setup, result.plan, cut, phases))

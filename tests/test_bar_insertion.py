@@ -15,9 +15,9 @@ from skywright.description.loader import load_description
 from skywright.description.world.thing import Frame, Solid
 from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
-from skywright.missions.bar_insertion.fly import InsertionPlan, plan
-from skywright.missions.skills.bar_leading import build_attitude
-from skywright.missions.skills.insertion import find_offset
+from skywright.missions.bar_insertion.bar_leading import build_attitude
+from skywright.missions.bar_insertion.insertion import find_offset
+from skywright.missions.bar_insertion.plan import InsertionPlan, plan
 from skywright.models.arm_body import Deviation
 from skywright.models.arm_inverse_kinematics import compute_arm_ik
 from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
@@ -29,6 +29,7 @@ from skywright.models.scene import Scene, build_scene
 from skywright.models.things.peg import Peg
 from skywright.models.things.socket import Socket
 from skywright.run.run import fly_and_evaluate
+from skywright.run.setup import Setup
 
 DESCRIPTION = load_description("bar-insertion")
 PEG = DESCRIPTION.world.find_thing("peg", Peg)
@@ -165,7 +166,7 @@ def test_the_search_leaves_no_gap() -> None:
 
 def test_the_arms_turn_the_bar_as_29_and_30_invert() -> None:
     """Joints for a turned bar: forward kinematics and (30) give its direction, (29) its centre."""
-    found = plan(DESCRIPTION).task
+    found = plan(Setup(DESCRIPTION)).way
     assert isinstance(found, InsertionPlan)
     n = rot_z(math.radians(5.0)) @ np.array([0.0, 1.0, 0.05])
     n /= np.linalg.norm(n)
@@ -192,7 +193,7 @@ def test_the_arms_turn_the_bar_as_29_and_30_invert() -> None:
     ],
 )
 def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
-    found = plan(load_description("bar-insertion", sets=sets))
+    found = plan(Setup(load_description("bar-insertion", sets=sets)))
     assert not found.feasible and found.blocked_by is not None
     assert message in found.blocked_by
 
@@ -223,7 +224,7 @@ def test_wrong_worlds_and_robots_are_input_errors(
     robot: str | None, sets: list[str], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        plan(load_description("bar-insertion", robot=robot, sets=sets))
+        plan(Setup(load_description("bar-insertion", robot=robot, sets=sets)))
 
 
 def test_the_peg_is_inserted_and_left_there() -> None:

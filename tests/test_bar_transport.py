@@ -101,4 +101,4 @@ def test_an_empty_world_is_flown_straight() -> None:
         load_description("bar-transport", world="open", sets={"mission.task.planner_slices": 50})
     )
     assert plan.feasible
-    assert plan.task.file.metrics["plan.cost"] == pytest.approx(9.0, abs=0.05)
+    assert plan.metrics["plan.cost"] == pytest.approx(9.0, abs=0.05)

@@ -12,7 +12,7 @@ import pytest
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
-from skywright.missions.skills.sliding import find_way
+from skywright.missions.bridge_contact.sliding import find_way
 from skywright.models.contact_stance import compute_flying_press, find_free_stance
 from skywright.models.docked import build_docked, find_stance
 from skywright.models.docked_balance import compute_docked_balance
@@ -176,8 +176,8 @@ def test_a_tilt_beyond_the_limit_is_refused() -> None:
     plan = plan_mission(load_description("flight-modes", sets=sets))
     assert not plan.feasible and "4.9 deg" in str(plan.blocked_by)
     plan = plan_mission(load_description("flight-modes", sets={"world.wind.mean_mps": 2.0}))
-    assert plan.feasible and plan.task.due == pytest.approx(0.7 * plan.task.limit)
-    assert plan.task.limit < math.radians(8.0)
+    assert plan.feasible and plan.way.due == pytest.approx(0.7 * plan.way.limit)
+    assert plan.way.limit < math.radians(8.0)
     with pytest.raises(InputError, match="backstepping"):
         plan_mission(load_description("flight-modes", sets={"mission.law": "tip_pd"}))
 
@@ -204,7 +204,7 @@ def test_under_a_deck_the_arm_stands_across_the_slide(slope: float) -> None:
     d = load_description("wall-contact", world="bridge", sets=sets)
     plan = plan_mission(d)
     assert plan.feasible, plan.blocked_by
-    station, stance = plan.task.stations[0], plan.task.free
+    station, stance = plan.way.stations[0], plan.way.free
     way = station.R_dock.T @ find_way(d.mission.task, d.world.structure)
     assert np.array([way[0], way[2]]) == pytest.approx(np.zeros(2), abs=1e-9)
     mass, c, inertia = compute_body(build_body_model(d.robot), stance.q)

@@ -41,7 +41,7 @@ robot = "hexarotor"
 world = "open"
 hover_height_m = 0.6
 
-[[mission.waypoints]]
+[[mission.task.points]]
 x_m = 0.3
 y_m = 0.0
 z_m = 0.6
@@ -156,7 +156,7 @@ def test_a_row_repeats_alone_bit_for_bit(
 def test_a_scan_flown_by_a_worker_repeats_here(hop: Path) -> None:
     """The probe's table and the weld's statistics sum much: threads of BLAS must not show."""
     vary = ["world.pipe.friction=uniform(0.1,0.3)"]
-    short = ["mission.scan.passes=2", "mission.scan.pass_length_m=0.1"]
+    short = ["mission.task.passes=2", "mission.task.pass_length_m=0.1"]
     campaign = build_campaign("pipe-weld-scan", vary, sets=short)
     (row,) = run_campaign(campaign, 1, out=Path("c")).rows
     alone = fly_and_evaluate(load_run(campaign, draw_run(campaign, 0)))

@@ -189,7 +189,7 @@ def test_a_bad_csv_is_refused_with_its_line(tmp_path: Path, content: str, words:
         (["world.pipe.diameter=uniform(0.3,0.6)"], [], "diameter_m"),
         (["world.pipe.diameter_m=uniform(-0.1,0.6)"], [], "the draw -0.1 is refused"),
         (["world.pipe.friction=normal(0.05,0.2)"], [], "is refused"),
-        (["mission.scan.passes=uniform(2,5)"], [], "is refused"),
+        (["mission.task.passes=uniform(2,5)"], [], "is refused"),
         (["world.wind.kind=choice(none,stead)"], [], "'stead'"),
         (["world.pipe.friction=uniform(0,1)"] * 2, [], "varies twice"),
         (["world.pipe.friction=uniform(0,1)"], ["world.pipe.friction=0.1"], "choose one"),
@@ -226,7 +226,7 @@ def test_the_command_of_a_run_loads_the_same_description() -> None:
     campaign = build_campaign(
         "pipe-weld-scan",
         ["world.pipe.diameter_m=uniform(0.3,0.6)", "world.wind.kind=choice(steady)",
-         "mission.scan.passes=choice(3,4)"],
+         "mission.task.passes=choice(3,4)"],
         sets=["world.wind.mean_mps=2"], seed=5,
     )  # fmt: skip
     one = draw_run(campaign, 11)

@@ -22,7 +22,7 @@ from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
-from skywright.missions.sensor_install.fly import build_pose
+from skywright.missions.sensor_install.plan import build_pose
 from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.reach import PLATFORM_MARGIN, compute_reach

@@ -175,8 +175,8 @@ def test_worlds_and_missions_load() -> None:
 
 def test_scan_asks_what_the_paper_asks() -> None:
     d = load_description("pipe-weld-scan")
-    assert d.mission.scan is not None and d.world.pipe is not None
-    assert (d.mission.scan.arc_deg, d.mission.scan.passes) == (40.0, 4)
+    assert d.world.pipe is not None
+    assert (d.mission.task.arc_deg, d.mission.task.passes) == (40.0, 4)
     assert (d.world.pipe.diameter_m, d.world.pipe.length_m) == (0.4, 0.5)
     limits = {name: (r.sense, r.limit) for name, r in d.mission.requirements.items()}
     assert limits == {

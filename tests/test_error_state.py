@@ -25,7 +25,7 @@ from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
 
 G = 9.81
-SHORT = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
+SHORT = ["mission.task.passes=1", "mission.task.pass_length_m=0.03"]
 
 
 def skew(a):

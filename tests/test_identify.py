@@ -22,13 +22,12 @@ from skywright.cli import main
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.description.robot.spec import Robot
-from skywright.description.world.loader import load_world
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotors import build_rotors
 from skywright.planning.excitation import Excitation, build_sines, plan_excitation, share_lines
-from skywright.run.planning import build_mission_loads
 from skywright.run.run import run_mission
+from skywright.run.setup import Setup
 from ulog_file import write_ulog
 
 ROBOT = load_robot("f550-bridge")[0]
@@ -457,10 +456,9 @@ EXCITATION = Excitation(40.0, math.radians(4), math.radians(12), 0.8, 0.15, 1.2)
 
 
 def plan(robot: Robot) -> Any:
-    world = load_world("open")[0]
+    setup = Setup(load_description("excitation")._replace(robot=robot))
     return plan_excitation(
-        robot, build_mission_loads(robot, world), EXCITATION, np.array([0, 0, 2.0, 0.3]),
-        posture(robot, "folded"), 9.81,
+        robot, setup.loads, EXCITATION, np.array([0, 0, 2.0, 0.3]), posture(robot, "folded"), 9.81
     )  # fmt: skip
 
 

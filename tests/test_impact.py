@@ -177,7 +177,7 @@ def test_a_stiff_robot_is_dumped_and_loaded_as_it_flew(tmp_path: object) -> None
 def test_the_link_touches_before_anything_else() -> None:
     d = load_description("impact", sets=["mission.task.part=link"])
     plan = plan_mission(d)
-    assert plan.feasible and plan.task.touched == "pendulum shell"
+    assert plan.feasible and plan.way.touched == "pendulum shell"
     # an obstacle high enough meets the propellers first, and the plan says so
     tall = load_description("impact", robot="bimanual", sets=["world.things.bar.size_z_m=1.2"])
     blocked = plan_mission(tall)

@@ -143,7 +143,7 @@ def test_losses_are_lost():
 
 
 HARD = [
-    "mission.scan.passes=1", "mission.scan.pass_length_m=0.03",
+    "mission.task.passes=1", "mission.task.pass_length_m=0.03",
     "world.link.delay_s=0.004", "world.link.jitter_s=0.002", "world.link.loss_fraction=0.01",
     "world.mocap.rate_hz=30", "world.mocap.outlier_fraction=0.02",
 ]  # fmt: skip

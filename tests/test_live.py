@@ -22,7 +22,7 @@ from skywright.run.run import RunResult, run_mission
 from waiting import Clock, wait_for
 
 QUICK = (
-    "mission.waypoints=[{ x_m = 0.3, y_m = 0.0, z_m = 1.0, hold_s = 0.2 }]",
+    "mission.task.points=[{ x_m = 0.3, y_m = 0.0, z_m = 1.0, hold_s = 0.2 }]",
     "mission.hover_height_m=0.8",
 )
 

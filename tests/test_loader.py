@@ -32,7 +32,7 @@ def mission_file(folder: Path, more: str = "", head: str = "") -> Path:
     """A small waypoint mission; `more` is appended, `head` goes inside [mission]."""
     text = (
         f'[mission]\nname = "m"\nkind = "waypoints"\nrobot = "hexarotor"\nworld = "open"\n{head}\n'
-        "[[mission.waypoints]]\nx_m = 1.0\ny_m = 0.0\nz_m = 1.5\n" + more
+        "[[mission.task.points]]\nx_m = 1.0\ny_m = 0.0\nz_m = 1.5\n" + more
     )
     return write(folder, "m.toml", text)
 
@@ -154,7 +154,7 @@ def toml_value(value: object) -> str:
         ("robot.arm.motor1.stall_torque_nm=5", 5.0),
         ("mission.requirements.contact.gap_max_mm.limit=0.5", 0.5),
         ("mission.requirements.tip.new_mm.limit=3", 3.0),  # a requirement of one's own
-        ("mission.scan.depth_m=0.01", 0.01),  # unset by default
+        ("mission.task.depth_m=0.01", 0.01),  # unset by default
         ("world.wind.kind=steady", "steady"),
         ("world.wind.kind='steady'", "steady"),
         ("world.pipe.supports=false", False),
@@ -188,9 +188,9 @@ def test_set_reaches_list_items_and_new_tables() -> None:
 
 
 def test_set_reaches_list_tables() -> None:
-    d = load_description(WAYPOINTS, sets=["mission.waypoints.0.x_m=0.5"])
-    assert d.mission.waypoints[0].x_m == 0.5
-    assert d.mission.waypoints[1] == load_description(WAYPOINTS).mission.waypoints[1]
+    d = load_description(WAYPOINTS, sets=["mission.task.points.0.x_m=0.5"])
+    assert d.mission.task.points[0].x_m == 0.5
+    assert d.mission.task.points[1] == load_description(WAYPOINTS).mission.task.points[1]
 
 
 def test_sets_as_mapping() -> None:
@@ -216,7 +216,7 @@ def test_optional_table_is_created_by_a_valid_key_only() -> None:
         ("robot.arm.motor1.stall_torque=5", ["stall_torque_nm (in newton metres)"]),
         ("wrold.pipe.diameter_m=0.3", ["'wrold'", "robot, world, mission, plant"]),
         ("mission.requirements.contact.gap_max.limit2=1", ["contact.gap_max_mm"]),
-        ("mission.waypoints.0.x_m=1", ["mission.waypoints", "empty"]),
+        ("mission.task.points.0.x_m=1", ["mission.task", "points"]),
         ("robot.rotors.alpha_deg.6=1", ["0 to 5"]),
         ("robot.rotors.alpha_deg.-1=1", ["0 to 5"]),
         ("world.pipe.diameter_m.x=1", ["single value"]),
@@ -232,7 +232,7 @@ def test_optional_table_is_created_by_a_valid_key_only() -> None:
         ("world.mocap.rate_hz=0", ["world.mocap.rate_hz is 0", "greater than 0"]),
         ("robot.control.rate_hz=0", ["robot.control.rate_hz is 0", "greater than 0"]),
         ("world.wind.kind=gale", ["'gale'", "'none', 'steady'"]),
-        ("mission.scan.passes=2.5", ["2.5", "whole number"]),
+        ("mission.task.passes=2.5", ["2.5", "whole number"]),
         ("mission.seed=-1", ["-1", "at least 0"]),
         ("world.pipe=3", ["world.pipe is a table", "3"]),
         ("robot.platform.mass_kg={value=1.7}", ["robot.platform.mass_kg", "without source"]),

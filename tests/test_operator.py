@@ -19,6 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from websockets.sync.client import connect
 
+import skywright.missions.tool_install
 from skywright import cli
 from skywright.core.recording import read_recording
 from skywright.core.rotations import rot_x, rot_z
@@ -31,9 +32,12 @@ from skywright.ground.operator_model import (
     ModelOperator,
 )
 from skywright.ground.operators import HOLD_HZ, Person, UdpOperator, ViewOperator, parse_datagram
-from skywright.missions.skills.operated_install import FENCE, compute_hands_velocity, explain_loss
-from skywright.missions.tool_install.fly import find_places
-from skywright.missions.tool_install.task import ToolInstallMission
+from skywright.missions.tool_install.operated_install import (
+    FENCE,
+    compute_hands_velocity,
+    explain_loss,
+)
+from skywright.missions.tool_install.plan import find_places
 from skywright.run import operator as operator_file
 from skywright.run.operator import (
     COLUMNS,
@@ -191,14 +195,17 @@ def test_a_recording_too_large_is_not_read(tmp_path: Path, monkeypatch: pytest.M
         load_recording(path)
 
 
+TOOL_INSTALL = Path(skywright.missions.tool_install.__file__).parent
+
+
 def test_the_packaged_recordings_are_found_by_name() -> None:
-    assert list_recordings("tool-install") == ["careful", "hasty"]
+    assert list_recordings(TOOL_INSTALL) == ["careful", "hasty"]
     assert sorted(MANNERS) == ["careful", "hasty"]
-    for name in list_recordings("tool-install"):
+    for name in list_recordings(TOOL_INSTALL):
         d = load_description("tool-install", sets={"mission.task.operator": name})
-        found = load_recording(Path(d.mission.task.operator))  # type: ignore[attr-defined]
+        found = load_recording(Path(d.mission.task.operator))
         assert found.button[-1] and not found.button[0]
-        assert found.v_max == d.mission.task.stick_speed_mps  # type: ignore[attr-defined]
+        assert found.v_max == d.mission.task.stick_speed_mps
 
 
 @pytest.mark.parametrize(
@@ -415,7 +422,6 @@ def test_a_packaged_recording_installs_the_tool_elsewhere(tmp_path: Path) -> Non
     phase = [p.name for p in result.phases].index("install")
     s = result.samples[result.samples["phase"] == phase][::2]  # once a mission tick
     # (24): the goal of both hands moves at v_max times the stick, in the frame of the seat
-    assert isinstance(result.description.mission, ToolInstallMission)
     _, seat = find_places(result.description.world, result.description.mission.task)
     v = (0.03 * s["operator_stick"] @ rot_z(seat.yaw).T)[5:300]
     for side in ("left", "right"):
@@ -427,7 +433,7 @@ def test_a_packaged_recording_installs_the_tool_elsewhere(tmp_path: Path) -> Non
 
     # the run's directory is complete in itself, and the recording holds the stick
     kept = load_recording(tmp_path / "a" / FILE)
-    packaged = load_recording(Path(result.description.mission.task.operator))  # type: ignore[attr-defined]
+    packaged = load_recording(Path(result.description.mission.task.operator))
     assert kept.axes.tobytes() == packaged.axes.tobytes()
     assert f'operator = "{FILE}"' in (tmp_path / "a" / "mission.toml").read_text()
     stored = read_recording(tmp_path / "a" / "recording.mcap").samples

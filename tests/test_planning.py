@@ -21,7 +21,8 @@ from skywright.models.scene import build_scene, set_pose
 from skywright.models.things.box import Box
 from skywright.planning.inverse_dynamics import build_motion, compute_wrench
 from skywright.planning.patterns import build_pattern, build_time_law, eval_time_law
-from skywright.run.planning import MissionPlan, build_mission_loads, plan_mission
+from skywright.run.planning import MissionPlan, plan_mission
+from skywright.run.setup import Setup
 
 SCAN_SEGMENTS = ["approach", "unfold", "close_in", "touch", "scan", "leave", "fold", "return"]
 
@@ -211,7 +212,7 @@ def test_limits_hold_along_the_whole_plan(sets: tuple[str, ...]) -> None:
     found = plan_mission(d)
     assert found.feasible and found.scan is not None
     scene = build_scene(d.robot, d.world)
-    query, loads = build_clearance(scene), build_mission_loads(d.robot, d.world)
+    query, loads = build_clearance(scene), Setup(d).loads
     data = mujoco.MjData(scene.model)
     joints = [d.robot.arm.links[n] for n in ("link1", "link2")]
     for name, rows in found.segments.items():
@@ -232,7 +233,7 @@ def test_limits_hold_along_the_whole_plan(sets: tuple[str, ...]) -> None:
             mujoco.mj_inverse(scene.model, data)
             J = np.zeros((3, scene.model.nv))
             mujoco.mj_jacSite(scene.model, data, J, None, scene.places.tip_site)
-            push = found.push_force_n * row["R_WS"][:, 2] * (row["dead_zone"] > 0)
+            push = found.way.push_force_n * row["R_WS"][:, 2] * (row["dead_zone"] > 0)
             need = data.qfrc_inverse - J.T @ push
             thrust = loads.P @ np.concatenate([row["R_WB"].T @ need[:3], need[3:6]])
             # the joints' accelerations are left out here: a little room
@@ -261,11 +262,11 @@ def test_twenty_seeds_and_the_time_budget(default: MissionPlan) -> None:
         ("world.pipe.diameter_m=0.3", "world.pipe.yaw_deg=90"),
         ("world.pipe.diameter_m=0.6", "world.pipe.yaw_deg=-120", "world.pipe.inclination_deg=30"),
         ("world.pipe.inclination_deg=90",),
-        ('mission.scan.side="top"',),
-        ('mission.scan.side="top"', "world.pipe.inclination_deg=30"),
-        ('mission.scan.side="underside"', "world.pipe.supports=false"),
-        ('mission.scan.pattern="line"',),
-        ('mission.scan.pattern="spiral"',),
+        ('mission.task.side="top"',),
+        ('mission.task.side="top"', "world.pipe.inclination_deg=30"),
+        ('mission.task.side="underside"', "world.pipe.supports=false"),
+        ('mission.task.pattern="line"',),
+        ('mission.task.pattern="spiral"',),
         ('world.wind.kind="steady"', "world.wind.mean_mps=4", "world.wind.toward_deg=90"),
     ],
 )
@@ -279,10 +280,10 @@ def test_plans_over_the_promised_range(sets: tuple[str, ...]) -> None:
     ("sets", "reason"),
     [
         (("world.pipe.diameter_m=0.05",), "mm apart"),
-        (("mission.scan.pass_length_m=0.6",), "reach"),
-        (("mission.scan.depth_m=0.2",), "pipe too thin"),
+        (("mission.task.pass_length_m=0.6",), "reach"),
+        (("mission.task.depth_m=0.2",), "pipe too thin"),
         (("mission.start_x_m=1.9", "mission.hover_height_m=1.5"), "platform and pipe"),
-        (('mission.scan.side="underside"',), "support"),  # propellers between the posts
+        (('mission.task.side="underside"',), "support"),  # propellers between the posts
         (("world.pipe.z_m=0.5",), "ground"),
         (
             ('world.wind.kind="steady"', "world.wind.mean_mps=9", "world.wind.toward_deg=90"),
@@ -331,7 +332,7 @@ def test_waypoints_for_every_robot(robot: str) -> None:
     found = plan_mission(d)
     assert found.feasible, found.blocked_by
     assert list(found.segments) == [f"waypoint {i}" for i in range(1, 5)]
-    for rows, w in zip(found.segments.values(), d.mission.waypoints, strict=True):
+    for rows, w in zip(found.segments.values(), d.mission.task.points, strict=True):
         np.testing.assert_allclose(rows[-1]["p_WB"], [w.x_m, w.y_m, w.z_m], atol=1e-9)
         yaw = math.degrees(math.atan2(rows[-1]["R_WB"][1, 0], rows[-1]["R_WB"][0, 0]))
         assert (yaw - w.yaw_deg + 180) % 360 - 180 == pytest.approx(0.0, abs=1e-6)
@@ -350,7 +351,7 @@ def test_waypoints_lead_around_what_is_in_the_way() -> None:
     """A crate on the straight line between two way-points: the flight goes around it and rests."""
     d = load_description("waypoints")
     straight = plan_mission(d)
-    a, b = d.mission.waypoints[:2]
+    a, b = d.mission.task.points[:2]
     crate = Box(
         x_m=(a.x_m + b.x_m) / 2, y_m=(a.y_m + b.y_m) / 2, z_m=1.0,
         size_x_m=0.2, size_y_m=0.2, size_z_m=2.0,
@@ -388,8 +389,8 @@ def test_arms_of_zero_one_and_three_joints() -> None:
             }
         )
         robot = d.robot.model_copy(update={"arm": changed})
-        task = d.mission.scan.model_copy(update=scan)
-        mission = d.mission.model_copy(update={"scan": task})
+        task = d.mission.task.model_copy(update=scan)
+        mission = d.mission.model_copy(update={"task": task})
         return plan_mission(d._replace(robot=robot, mission=mission))
 
     assert fly(stiff, 0, pattern="line").feasible

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.plant_parts import Plant, build_context, build_part, build_plant, view
 
+from plant_parts import Plant, build_context, build_part, build_plant, view
 from skywright.core.record import View
 from skywright.core.rotations import quat_to_rot
 from skywright.core.streams import build_stream

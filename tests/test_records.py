@@ -22,8 +22,7 @@ from hypothesis import strategies as st
 from skywright.cli import main
 from skywright.errors import InputError
 from skywright.run import records
-from skywright.run.flight import Measurement
-from skywright.run.records import RecordStore
+from skywright.run.records import Measurement, RecordStore
 from skywright.run.records_export import (
     Origin,
     build_geojson,

@@ -52,8 +52,8 @@ from skywright.run.run import RunResult, run_mission
 from waiting import wait_for
 
 SHORT = (
-    "mission.scan.passes=2", "mission.scan.pass_length_m=0.04", "mission.scan.arc_deg=10",
-    "mission.scan.speed_mps=0.02", "mission.requirements.weld.crossings.limit=2",
+    "mission.task.passes=2", "mission.task.pass_length_m=0.04", "mission.task.arc_deg=10",
+    "mission.task.speed_mps=0.02", "mission.requirements.weld.crossings.limit=2",
 )  # fmt: skip
 
 

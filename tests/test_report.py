@@ -29,15 +29,15 @@ from skywright.reports.figures.paths import join_angles
 from skywright.reports.figures.style import Span, clip_phases, thin, write_png
 from skywright.reports.progress import Progress
 from skywright.reports.render import Camera, Item, render_scene
-from skywright.reports.report import FIGURES, render_report, write_report
-from skywright.run.names import MEANINGS
+from skywright.reports.report import list_figures, render_report, write_report
+from skywright.run.names import list_all_measures
 from skywright.run.requirements import judge
 from skywright.run.run import RunResult, run_mission
 from skywright.run.warm_up import is_cached
 
 SHORT = (
-    "mission.scan.passes=2", "mission.scan.pass_length_m=0.04", "mission.scan.arc_deg=10",
-    "mission.scan.speed_mps=0.02", "mission.requirements.weld.crossings.limit=2",
+    "mission.task.passes=2", "mission.task.pass_length_m=0.04", "mission.task.arc_deg=10",
+    "mission.task.speed_mps=0.02", "mission.requirements.weld.crossings.limit=2",
 )  # fmt: skip
 
 
@@ -138,7 +138,7 @@ def test_what_a_run_assumed_is_listed_with_its_range(scan: RunResult, text_only:
     text = _Page(render_report(scan)).text
     assert "plant.mass_error" in text and "world.pipe.friction" in text
     assert "push_and_slide" in text
-    assert "Changed for this run" in text and "mission.scan.passes" in text
+    assert "Changed for this run" in text and "mission.task.passes" in text
 
 
 def test_report_of_waypoints(flight: RunResult) -> None:
@@ -151,7 +151,7 @@ def test_report_of_waypoints(flight: RunResult) -> None:
 
 
 def test_every_metric_has_a_meaning(scan: RunResult, flight: RunResult) -> None:
-    assert {*scan.metrics, *flight.metrics} <= set(MEANINGS)
+    assert {*scan.metrics, *flight.metrics} <= set(list_all_measures())
 
 
 def test_the_same_run_gives_the_same_report(flight: RunResult) -> None:
@@ -163,7 +163,9 @@ def test_failed_requirement_is_named_in_the_first_sentence(
 ) -> None:
     worse = {**scan.metrics, "contact.tilt_max_deg": 12.0}
     failed = scan._replace(
-        metrics=worse, requirements=judge(scan.description.mission, worse), outcome="failed"
+        metrics=worse,
+        requirements=judge(scan.description.mission.requirements, worse),
+        outcome="failed",
     )
     text = _Page(render_report(failed)).text
     assert "requirements failed: contact.tilt_max_deg" in text
@@ -198,9 +200,9 @@ def _cut(result: RunResult, phase: str) -> RunResult:
     phases = [*result.phases[:i], p._replace(end_s=end, outcome="retry")]
     samples = result.samples[result.samples["t"] <= end]
     return result._replace(
-        samples=samples, phases=phases, weld=None, metrics={}, outcome="aborted",
+        samples=samples, phases=phases, details=None, metrics={}, outcome="aborted",
         reason="no lasting contact at the first touch", timing={},
-        requirements=judge(result.description.mission, {}),
+        requirements=judge(result.description.mission.requirements, {}),
     )  # fmt: skip
 
 
@@ -223,13 +225,13 @@ def test_run_without_samples(scan: RunResult) -> None:
 
 
 def test_no_weld_found(scan: RunResult, text_only: None) -> None:
-    assert scan.weld is not None
-    weld = scan.weld._replace(line=None, crossings=())
-    text = _Page(render_report(scan._replace(weld=weld))).text
+    assert scan.details is not None
+    weld = scan.details._replace(line=None, crossings=())
+    text = _Page(render_report(scan._replace(details=weld))).text
     assert "No weld was found." in text and "The pipe has one" in text
     d = scan.description
     bare = d._replace(world=d.world.model_copy(update={"weld": None}))
-    text = _Page(render_report(scan._replace(weld=weld, description=bare))).text
+    text = _Page(render_report(scan._replace(details=weld, description=bare))).text
     assert "The pipe has none" in text
 
 
@@ -257,10 +259,11 @@ def test_unwritable_directory_is_one_line(flight: RunResult, tmp_path: Path) -> 
 
 
 def test_figure_that_a_run_cannot_have(flight: RunResult, tmp_path: Path) -> None:
-    assert FIGURES["weld_map"](flight) is None
+    figures = {**list_figures("scan"), **list_figures("waypoints")}
+    assert figures["weld_map"](flight) is None
     with pytest.raises(InputError, match="nothing to draw"):
-        write_png(FIGURES["weld_map"], flight, tmp_path / "map.png")
-    write_png(FIGURES["flight_path"], flight, tmp_path / "path.png")
+        write_png(figures["weld_map"], flight, tmp_path / "map.png")
+    write_png(figures["flight_path"], flight, tmp_path / "path.png")
     assert (tmp_path / "path.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -274,7 +277,7 @@ def test_tip_errors_split_along_and_across_the_surface(scan: RunResult) -> None:
     on = np.isin(scan.samples["phase"], scanning)
     rms = 1e3 * math.sqrt(float(np.mean(along[on] ** 2)))
     assert rms == pytest.approx(scan.metrics["tip.tangential_rms_mm"], rel=1e-9)
-    assert np.median(out[on]) == pytest.approx(scan.plan.depth_m, rel=0.1)
+    assert np.median(out[on]) == pytest.approx(scan.plan.way.depth_m, rel=0.1)
 
 
 @given(
@@ -324,7 +327,7 @@ def test_pictures_of_the_docs_are_made_by_the_command(repository: Path) -> None:
     for name in (*PICTURES, *ROBOTS, *COMPARED):
         assert f"images/{name}" in text, f"{name} is made but nowhere shown"
         assert (repository / "docs/images" / name).is_file()
-    assert {figure for _, figure in PICTURES.values()} <= set(FIGURES)
+    assert {figure for _, figure in PICTURES.values()} <= set(list_figures("scan"))
 
 
 # --- progress ----------------------------------------------------------------------------------

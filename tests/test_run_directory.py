@@ -17,7 +17,7 @@ from skywright.errors import InputError
 from skywright.run.run import Observer, fly_and_evaluate, run_mission
 from waiting import wait_for
 
-SETS = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
+SETS = ["mission.task.passes=1", "mission.task.pass_length_m=0.03"]
 
 
 def start(tmp_path, *sets):

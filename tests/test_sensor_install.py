@@ -14,7 +14,7 @@ from skywright.core.rotations import rot_z
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.errors import InputError
-from skywright.missions.sensor_install.fly import (
+from skywright.missions.sensor_install.plan import (
     BEHIND,
     MARGIN,
     RISE,
@@ -29,6 +29,7 @@ from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
 from skywright.models.things.box import Box
 from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.setup import Setup
 
 DESCRIPTION = load_description("sensor-install")
 CHECKS_OFF = ["mission.task.hover_s=0", "mission.task.swing_deg=0"]
@@ -88,7 +89,7 @@ def test_every_pipe_of_the_range_has_a_way() -> None:
     for diameter in (0.1, 0.4):
         for height in (2.2, 3.5):
             sets = [f"world.pipe.diameter_m={diameter}", f"world.pipe.z_m={height}"]
-            assert plan(load_description("sensor-install", sets=sets)).feasible
+            assert plan(Setup(load_description("sensor-install", sets=sets))).feasible
 
 
 @pytest.mark.parametrize("pose", ["L", "stretched"])
@@ -96,7 +97,7 @@ def test_a_force_at_which_a_servo_stalls_is_refused(pose: str) -> None:
     """Virtual work by finite differences of height and potential, not by the Jacobian."""
     sets = [f"mission.task.pose={pose}", "mission.task.force_n=2"]
     d = load_description("sensor-install", sets=sets)
-    way = plan(d).task
+    way = plan(Setup(d)).way
     model, servos = build_body_model(d.robot), list_servos(d.robot)
     joints, step = list_joints(d.robot), 1e-6
 
@@ -115,17 +116,17 @@ def test_a_force_at_which_a_servo_stalls_is_refused(pose: str) -> None:
             limit = min(limit, (stall - math.copysign(1.0, lever) * hold) / abs(lever))
     assert 2.0 < limit < 10.0
     asked = {"mission.task.pose": pose, "mission.task.force_n": limit + 0.02}
-    refused = plan(load_description("sensor-install", sets=asked))
+    refused = plan(Setup(load_description("sensor-install", sets=asked)))
     assert not refused.feasible and f"at {limit:.2g} N the servo of left_" in str(
         refused.blocked_by
     )
     asked["mission.task.force_n"] = limit - 0.02
-    assert plan(load_description("sensor-install", sets=asked)).feasible
+    assert plan(Setup(load_description("sensor-install", sets=asked))).feasible
 
 
 def test_what_is_in_the_way_is_flown_around_or_named() -> None:
     """A lamp that hangs on the way to the pipe; a crate that leaves no room at the start."""
-    way = plan(DESCRIPTION).task
+    way = plan(Setup(DESCRIPTION)).way
     assert len(way.to_far.p_WB) == 2 == len(way.to_below.p_WB)  # straight where that is free
 
     def put(p: np.ndarray, size: float) -> Description:
@@ -135,15 +136,15 @@ def test_what_is_in_the_way_is_flown_around_or_named() -> None:
         return DESCRIPTION._replace(world=world)
 
     d = put((way.p_far + way.p_below) / 2 + [0.0, 0.0, 0.15], 0.08)
-    found = plan(d)
-    there = found.task.to_below
+    found = plan(Setup(d))
+    there = found.way.to_below
     assert found.feasible and len(there.p_WB) > 2
     np.testing.assert_allclose(there.p_WB[[0, -1]], [way.p_far, way.p_below], atol=1e-9)
     query = build_clearance(build_scene(d.robot, d.world), with_ground=True)
     for a, b, yaw, q in zip(there.p_WB, there.p_WB[1:], there.yaw[1:], there.q[1:], strict=False):
         room, _ = check_line(query, a, b, rot_z(yaw), q)  # by other code than the planner's
         assert room > MARGIN - 0.005
-    refused = plan(put(way.home, 0.3))
+    refused = plan(Setup(put(way.home, 0.3)))
     assert not refused.feasible and "start: platform and lamp" in str(refused.blocked_by)
 
 

@@ -12,13 +12,12 @@ from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.lookup import Subject, find_any
 from skywright.description.world.surface import build_cylinder, unroll
+from skywright.missions.scan.figures import place_at_work, scan_path
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.reports.show import (
-    _place_at_work,
     draw_mission,
     draw_world,
-    scan_path,
     write_show_figure,
 )
 from skywright.reports.show_robot import CCW, CW, draw_robot, pad_joints
@@ -71,10 +70,10 @@ def test_thrust_arrows_point_along_the_rotor_axes() -> None:
 
 def test_robot_at_work_touches_the_middle_of_the_scan() -> None:
     """Also where the pipe is turned: the tip is on the surface, the probe square on it."""
-    sets = ("world.pipe.yaw_deg=40", "mission.scan.centre_s_m=0.03")
+    sets = ("world.pipe.yaw_deg=40", "mission.task.centre_s_m=0.03")
     d = load_description("pipe-weld-scan", sets=sets)
-    assert d.world.pipe is not None and d.mission.scan is not None
-    ghost = _place_at_work(d.robot, d.world.pipe, d.mission.scan)
+    assert d.world.pipe is not None
+    ghost = place_at_work(d.robot, d.world.pipe, d.mission.task)
     assert ghost is not None
     place, heading = ghost
     q = pad_joints(posture(d.robot, "working"))
@@ -86,22 +85,22 @@ def test_robot_at_work_touches_the_middle_of_the_scan() -> None:
 
 
 def test_underside_has_no_working_pose_of_a_level_platform() -> None:
-    d = load_description("pipe-weld-scan", sets=("mission.scan.side=underside",))
-    assert d.world.pipe is not None and d.mission.scan is not None
-    assert _place_at_work(d.robot, d.world.pipe, d.mission.scan) is None
+    d = load_description("pipe-weld-scan", sets=("mission.task.side=underside",))
+    assert d.world.pipe is not None
+    assert place_at_work(d.robot, d.world.pipe, d.mission.task) is None
     assert "from the side" in _texts(draw_mission(d))
 
 
 def test_scan_path_covers_the_sector() -> None:
     d = load_description("pipe-weld-scan")
-    assert d.world.pipe is not None and d.mission.scan is not None
-    s, phi = scan_path(d.mission.scan, d.world.pipe)
-    assert np.ptp(s) == pytest.approx(d.mission.scan.pass_length_m)
-    assert math.degrees(np.ptp(phi)) == pytest.approx(d.mission.scan.arc_deg)
+    assert d.world.pipe is not None
+    s, phi = scan_path(d.mission.task, d.world.pipe)
+    assert np.ptp(s) == pytest.approx(d.mission.task.pass_length_m)
+    assert math.degrees(np.ptp(phi)) == pytest.approx(d.mission.task.arc_deg)
 
 
 def test_pattern_that_does_not_fit_is_said_so() -> None:
-    d = load_description("pipe-weld-scan", sets=("mission.scan.pass_length_m=0.9",))
+    d = load_description("pipe-weld-scan", sets=("mission.task.pass_length_m=0.9",))
     assert "does not fit" in _texts(draw_mission(d))
 
 

@@ -12,7 +12,7 @@ from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
 
-SHORT = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
+SHORT = ["mission.task.passes=1", "mission.task.pass_length_m=0.03"]
 
 
 def fly(sets, fault=None):

@@ -20,7 +20,7 @@ from skywright.errors import InputError
 from skywright.estimation.marker import estimate_pipe
 from skywright.missions.skills.hook_grip import build_grip
 from skywright.missions.skills.tool_handling import find_platform
-from skywright.missions.tool_install.fly import (
+from skywright.missions.tool_install.plan import (
     MARGIN,
     ToolPlan,
     draw_map,
@@ -34,6 +34,7 @@ from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
 from skywright.models.things.tool import Tool, compute_diameters, compute_seat
 from skywright.run.run import RunResult, fly_and_evaluate
+from skywright.run.setup import Setup
 from skywright.vehicle.simulated import SimulatedVehicle
 
 DESCRIPTION = load_description("tool-install")
@@ -185,7 +186,7 @@ def test_the_mean_of_a_tracked_pipe_is_better_than_a_sample() -> None:
 
 def test_the_platform_stands_where_the_hands_hold_the_handle() -> None:
     exact = ["plant.map_error_m=0", "plant.map_error_deg=0"]
-    found = plan(load_description("tool-install", sets=exact)).task
+    found = plan(Setup(load_description("tool-install", sets=exact))).way
     assert isinstance(found, ToolPlan)
     model = build_body_model(DESCRIPTION.robot)
     hands = find_hands(model, found.grip.q) + find_platform(found.grip, found.seat)
@@ -205,7 +206,7 @@ def test_the_platform_stands_where_the_hands_hold_the_handle() -> None:
     ],
 )
 def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
-    found = plan(load_description("tool-install", sets=sets))
+    found = plan(Setup(load_description("tool-install", sets=sets)))
     assert not found.feasible and found.blocked_by is not None
     assert message in found.blocked_by
 
@@ -214,14 +215,14 @@ def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
 def test_the_way_to_the_bench_keeps_clear_of_the_tool(yaw: float) -> None:
     """By MuJoCo's own distances, which planning does not use: the planner has to see the tool."""
     d = load_description("tool-install", sets={"world.things.tool.yaw_deg": yaw})
-    found = plan(d)
-    assert found.feasible and isinstance(found.task, ToolPlan)
+    found = plan(Setup(d))
+    assert found.feasible and isinstance(found.way, ToolPlan)
     query = build_clearance(build_scene(d.robot, d.world), with_ground=True)
     least = math.inf
-    for a, b in itertools.pairwise(found.task.to_bench):
+    for a, b in itertools.pairwise(found.way.to_bench):
         for u in np.linspace(0.0, 1.0, 201):
             x = (1.0 - u) * a + u * b
-            at = compute_clearance(query, x[:3], rot_z(float(x[3])), found.task.grip.q_low)
+            at = compute_clearance(query, x[:3], rot_z(float(x[3])), found.way.grip.q_low)
             least = min(least, at.distance)
     assert least > MARGIN - 0.002  # between two rows of the check
 
@@ -270,7 +271,7 @@ def test_wrong_robots_and_tasks_are_input_errors(
         return load_description("tool-install", robot=robot, sets=sets)
 
     with pytest.raises(InputError, match=message):
-        plan(load())
+        plan(Setup(load()))
 
 
 def test_the_tool_is_installed_and_brought_back() -> None:
@@ -283,7 +284,7 @@ def test_the_tool_is_installed_and_brought_back() -> None:
     m = result.metrics
     names = [p.name for p in result.phases]
     _, seat = find_places(result.description.world, result.description.mission.task)
-    off = np.linalg.norm(result.plan.task.seat.p_WO - seat.p_WO)
+    off = np.linalg.norm(result.plan.way.seat.p_WO - seat.p_WO)
     assert off > 0.01  # of the map: the pipe is put to use where it is seen
     order = [
         "take_off", "approach bench", "grasp", "lift", "carry", "approach pipe", "install", "wait",

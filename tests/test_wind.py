@@ -26,6 +26,7 @@ from skywright.description.world.wind import (
     jet_speed,
 )
 from skywright.errors import InputError
+from skywright.missions.scan.metrics import find_lifts
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene
 from skywright.run.limits import (
@@ -35,7 +36,6 @@ from skywright.run.limits import (
     find_exceeded_push,
     find_exceeded_wind,
 )
-from skywright.run.metrics import find_lifts
 from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
@@ -333,7 +333,7 @@ FAN = ["world.wind.kind=fan", "world.wind.mean_mps=6", "world.wind.fan.sweep_deg
 
 def _fly(*sets: str) -> np.ndarray:
     """Fly a short scan and return its samples."""
-    short = ["mission.scan.passes=1", "mission.scan.pass_length_m=0.03"]
+    short = ["mission.task.passes=1", "mission.task.pass_length_m=0.03"]
     d = load_description("pipe-weld-scan", sets=[*short, *sets])
     plan = plan_mission(d)
     assert plan.feasible, plan.blocked_by

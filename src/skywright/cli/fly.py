@@ -83,14 +83,13 @@ def plan(
     if out is not None and found.feasible:
         from skywright.planning.motion.plan_file import write_plan_file
 
-        file = getattr(found.task, "file", None)
-        if file is None:
+        if found.file is None:
             raise InputError(
                 f"mission {description.mission.name!r} has no plan file to write; missions of the "
                 "kind bar-transport do"
             )
         check_folder(out.parent).mkdir(parents=True, exist_ok=True)
-        write_plan_file(out, file)
+        write_plan_file(out, found.file)
     if as_json:
         print_json(found.to_json())
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,31 +25,33 @@ class Entry(NamedTuple):
     description: str
 
 
-def list_names(data: Path, kind: str) -> list[str]:
-    """List the built-in names of a kind: the folders of `data` that hold `<kind>.toml`."""
-    return sorted(p.parent.name for p in data.glob(f"*/{kind}.toml"))
+def list_folders(data: Path, kind: str) -> dict[str, Path]:
+    """List the built-in files of a kind by name: those that folders of `data` hold."""
+    return {p.parent.name: p for p in sorted(data.glob(f"*/{kind}.toml"))}
 
 
-def list_entries(data: Path, kind: str) -> list[Entry]:
+def list_entries(known: Mapping[str, Path], kind: str) -> list[Entry]:
     """List the built-in descriptions of a kind with their one-line descriptions."""
-    entries = []
-    for name in list_names(data, kind):
-        root = tomllib.loads((data / name / f"{kind}.toml").read_text(encoding="utf-8"))[kind]
-        entries.append(Entry(name, root.get("description", "")))
-    return entries
+    return [
+        Entry(name, tomllib.loads(path.read_text(encoding="utf-8"))[kind].get("description", ""))
+        for name, path in sorted(known.items())
+    ]
 
 
 def find_file(
-    name: str | os.PathLike[str], data: Path, kind: str, folders: Sequence[Path] = ()
+    name: str | os.PathLike[str],
+    known: Mapping[str, Path],
+    kind: str,
+    folders: Sequence[Path] = (),
 ) -> Found:
-    """Find a description by built-in name, or by the path of a file or of a folder that holds one.
+    """Find a description by built-in name (in `known`), or by the path of a file or its folder.
 
     A relative path is looked up in `folders` in order, then in the current folder.
     Raises InputError that lists the built-in names.
     """
     text = os.fspath(name)
-    if text in list_names(data, kind):
-        return Found(data / text / f"{kind}.toml", f"{kind} {text}")
+    if text in known:
+        return Found(known[text], f"{kind} {text}")
     if text and "\0" not in text:
         for folder in [*folders, Path()]:
             path = folder / Path(text).expanduser()
@@ -60,9 +62,8 @@ def find_file(
                     return Found(path, str(path))
             except OSError:  # a name longer than the file system allows
                 continue
-    names = list_names(data, kind)
     shown = text if len(text) <= 80 else text[:77] + "..."
     raise InputError(
         f"unknown {kind} {shown!r}: no built-in name and no file; "
-        f"built-in {kind}s: {neighbours(text, names, count=20)}"
+        f"built-in {kind}s: {neighbours(text, known, count=20)}"
     )

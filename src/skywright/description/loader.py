@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple
 
 from skywright.core.catalog import Entry, Found, find_file, list_entries
 from skywright.core.keys import apply_assignments, parse_assignment
 from skywright.core.spec import Source, Spec
-from skywright.core.toml_files import Layer, describe_value, load_layer, merge_layers
+from skywright.core.toml_files import Layer, describe_value, merge_layers
 from skywright.core.validation import list_problems, validate_root
 from skywright.description.mission.registry import find_mission_spec
-from skywright.description.mission.spec import Mission, Plant
+from skywright.description.mission.spec import Mission, Plant, T
+from skywright.description.renamed import load_layer, rename_key
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import find_world, load_world_layer, read_things
@@ -21,7 +22,8 @@ from skywright.description.world.old_tables import translate_assignments
 from skywright.description.world.spec import World
 from skywright.errors import InputError
 
-DATA = Path(__file__).parents[1] / "missions" / "data"
+MISSIONS = Path(__file__).parents[1] / "missions"
+"""A built-in mission is a file in the folder of its kind."""
 
 SPECS: dict[str, type[Spec]] = {
     "robot": Robot,
@@ -32,22 +34,28 @@ SPECS: dict[str, type[Spec]] = {
 """The four roots and what each may hold."""
 
 
-def list_specs(tree: Mapping[str, Any]) -> dict[str, type[Spec]]:
-    """Return the specs of the four roots; that of `mission` follows from its kind."""
+def list_specs(tree: Mapping[str, Any], folders: Sequence[Path] = ()) -> dict[str, type[Spec]]:
+    """Return the specs of the four roots; that of `mission` follows from its kind.
+
+    A kind in a file is looked up in `folders`, then here; its path is absolute in the tree then.
+    Raises InputError where there is no such kind.
+    """
     table = tree.get("mission")
-    kind = table.get("kind") if isinstance(table, dict) else None
-    return {**SPECS, "mission": find_mission_spec(kind)}
+    if not isinstance(table, dict) or "kind" not in table:
+        return SPECS
+    table["kind"], spec = find_mission_spec(table["kind"], folders)
+    return {**SPECS, "mission": spec}
 
 
 Sets = Mapping[str, object] | Iterable[str]
 
 
-class Description(NamedTuple):
-    """Everything that a plan or a run needs to know."""
+class Description(NamedTuple, Generic[T]):
+    """Everything that a plan or a run needs to know; T is the task of the mission's kind."""
 
     robot: Robot
     world: World
-    mission: Mission
+    mission: Mission[T]
     plant: Plant
     sources: dict[str, Source]
     """Dotted key -> where its number comes from."""
@@ -57,12 +65,17 @@ class Description(NamedTuple):
 
 def list_missions() -> list[Entry]:
     """List the built-in missions."""
-    return list_entries(DATA, "mission")
+    return list_entries(_list_files(), "mission")
 
 
 def find_mission(name: str | os.PathLike[str]) -> Found:
     """Find a mission by built-in name, file, or folder (a finished run's directory)."""
-    return find_file(name, DATA, "mission")
+    return find_file(name, _list_files(), "mission")
+
+
+def _list_files() -> dict[str, Path]:
+    """The built-in missions by name."""
+    return {path.stem: path for path in sorted(MISSIONS.glob("*/*.toml"))}
 
 
 def load_description(
@@ -83,9 +96,9 @@ def load_description(
     layers = load_layers(found, robot, world, split_assignments(sets), seed)
     tree, sources, origin = merge_layers(layers)
     parts: dict[str, Any] = {}
-    for root, spec in list_specs(tree).items():
-        parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
     folder = found.path.parent
+    for root, spec in list_specs(tree, [folder]).items():
+        parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
     law = _locate_law(parts["mission"].law, "mission.law", [folder])
     # `resolved` says how a file is to be read; a loaded mission is always complete
     parts["mission"] = parts["mission"].model_copy(update={"resolved": False, "law": law})
@@ -95,8 +108,9 @@ def load_description(
         law = _locate_law(control.law, "robot.control.law", [beside, folder])
         control = control.model_copy(update={"law": law})
         parts["robot"] = parts["robot"].model_copy(update={"control": control})
-    parts["mission"] = parts["mission"].find_files(folder)
-    parts["robot"] = parts["mission"].adapt_robot(parts["robot"])
+    task = parts["mission"].task.find_files(folder)
+    parts["mission"] = parts["mission"].model_copy(update={"task": task})
+    parts["robot"] = task.adapt_robot(parts["robot"])
     return Description(**parts, sources=sources, origin=origin)
 
 
@@ -107,9 +121,10 @@ def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
     try:
         layers = load_layers(found, None, None, [], None, problems)
         tree, _, origin = merge_layers(layers)
+        specs = list_specs(tree, [found.path.parent])
     except InputError as error:
         return [*problems, str(error)]
-    for root, spec in list_specs(tree).items():
+    for root, spec in specs.items():
         problems += list_problems(spec, tree.get(root, {}), root, origin, found.label)[1]
     return problems
 
@@ -117,10 +132,10 @@ def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
 def split_assignments(sets: Sets) -> list[tuple[str, object]]:
     """Turn `sets` into (dotted key, value) pairs."""
     if isinstance(sets, Mapping):
-        return list(sets.items())
-    if isinstance(sets, str):
-        sets = [sets]
-    return [parse_assignment(text) for text in sets]
+        pairs: Iterable[tuple[str, object]] = sets.items()
+    else:
+        pairs = map(parse_assignment, [sets] if isinstance(sets, str) else sets)
+    return [(rename_key(key), value) for key, value in pairs]
 
 
 def load_layers(
@@ -184,17 +199,19 @@ def load_layers(
                 )
         layers.append(base)
     layers.append(read_things(mission, folder, merge_layers(layers)[0]))
-    others = [(k, v) for k, v in assignments if k not in ("mission.robot", "mission.world")]
-    if chosen:
-        tree = merge_layers(layers)[0]
-        layers.append(apply_assignments(tree, chosen, list_specs(tree), "command line"))
-    if others:
-        tree = merge_layers(layers)[0]
-        others = translate_assignments(others, tree)
-        layers.append(apply_assignments(tree, others, list_specs(tree), "--set"))
-    if seed is not None:
-        tree = merge_layers(layers)[0]
-        layers.append(apply_assignments(tree, [("mission.seed", seed)], list_specs(tree), "--seed"))
+    # the kind is set first: it says which keys there are
+    kinds = [pair for pair in assignments if pair[0] == "mission.kind"]
+    first = ("mission.robot", "mission.world", "mission.kind")
+    others = [pair for pair in assignments if pair[0] not in first]
+    seeds: list[tuple[str, object]] = [] if seed is None else [("mission.seed", seed)]
+    for pairs, label in (
+        (chosen, "command line"), (kinds, "--set"), (others, "--set"), (seeds, "--seed")
+    ):  # fmt: skip
+        if pairs:
+            tree = merge_layers(layers)[0]
+            specs = list_specs(tree, [folder]) if pairs is others else SPECS
+            pairs = translate_assignments(pairs, tree)
+            layers.append(apply_assignments(tree, pairs, specs, label))
     return layers
 
 

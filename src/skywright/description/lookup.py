@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from skywright.core.spec import Source
-from skywright.core.toml_files import ROOTS, load_layer
+from skywright.core.toml_files import ROOTS
 from skywright.description.loader import Description, list_missions, load_description
+from skywright.description.renamed import load_layer
 from skywright.description.robot.loader import list_robots, load_robot
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import list_worlds, load_world

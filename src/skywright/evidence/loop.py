@@ -97,7 +97,7 @@ def read_gains(description: Description) -> Gains:
 def build_loop_model(description: Description) -> LoopModel:
     """Build the model of a weld scan's robot and world; the wind may be still, steady or dryden."""
     d, robot = description, description.robot
-    assert robot.probe is not None and d.mission.scan is not None and d.world.pipe is not None
+    assert robot.probe is not None and d.world.pipe is not None
     model = build_body_model(robot, d.world.gravity_mps2)
     q = posture(robot, "working")
     mass, p_BC, inertia = compute_body(model, q)
@@ -125,7 +125,7 @@ def build_loop_model(description: Description) -> LoopModel:
     drag = d.world.pipe.friction * robot.probe.force_n
     return LoopModel(
         mass, inertia, -p_BC, p_BT - p_BC, robot.probe.spring_n_per_m,
-        d.world.pipe.friction, drag / d.mission.scan.speed_mps,
+        d.world.pipe.friction, drag / d.mission.task.speed_mps,
         robot.rotors.time_constant_s, DEAD_TICKS / robot.control.rate_hz,
         (wrench[:3] - wrench[3:]).T / 0.2, sigma, time, along,
     )  # fmt: skip

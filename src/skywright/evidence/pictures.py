@@ -20,7 +20,7 @@ from skywright.models.capability import compute_capability
 from skywright.reports.capability import write_capability_figure
 from skywright.reports.figures.style import house_style, write_png
 from skywright.reports.progress import Progress, announce_compilation
-from skywright.reports.report import FIGURES
+from skywright.reports.report import list_figures
 from skywright.run.run import RunResult, run_mission
 
 PICTURES: dict[str, tuple[str, str]] = {
@@ -51,7 +51,8 @@ def write_pictures(folder: Path, say: Callable[[str], None] = print) -> list[Pat
                 description = load_description(mission)
                 out = Path(scratch) / mission
                 runs[mission] = run_mission(description, out=out, observers=[Progress()])
-            written.append(write_png(FIGURES[figure], runs[mission], folder / name))
+            figures = list_figures(runs[mission].description.mission.kind)
+            written.append(write_png(figures[figure], runs[mission], folder / name))
             say(str(written[-1]))
     pair = compare_robots(*PAIR, fly=False)
     pipe = load_description(MISSION).world.pipe

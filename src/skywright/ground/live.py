@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from skywright.core.types import SAMPLE
 from skywright.reports.scene3d import Scene3d, build_views, set_camera, start_server, stop_server
 from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
+from skywright.run.kind import load_kind
 
 if TYPE_CHECKING:
     from skywright.description.loader import Description
@@ -88,13 +89,11 @@ class LiveView:
         self.server = start_server(self.host, self.port)
         self._scene = Scene3d(self.server, d.robot, d.world)
         self._judged_phases = list_judged(d.robot, d.world)
-        if plan.scan is not None:
-            self._scene.draw_path(plan.scan.path_sphi)
+        self._scene.draw_sketch(load_kind(d.mission.kind).figures().sketch(d, plan.way))
         start = np.array([d.mission.start_x_m, d.mission.start_y_m, 0.0])
         planned = [table["p_WB"][::25] for table in plan.segments.values() if len(table)]
         views = build_views(d.robot, d.world, np.concatenate([start[None], *planned]))
         set_camera(self.server, views[0])
-        self._scene.draw_waypoints([np.array([w.x_m, w.y_m, w.z_m]) for w in d.mission.waypoints])
         self._scene.draw_wind(views[0].look_at + [0.0, 0.0, 0.75])
         self._build_panel(d)
         wait = f" (waiting up to {self.wait_s:g} s for a browser)" if self.wait_s > 0 else ""

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from skywright.core.keys import iterate_leaves
 from skywright.models.deviation import build_deviation
-from skywright.reports.kinds import load_figures
 from skywright.reports.summary import (
     describe_inertial,
     describe_link,
     describe_localisation,
     describe_wind,
 )
-from skywright.run.names import MEANINGS
+from skywright.run.kind import load_kind
+from skywright.run.names import list_measures
 from skywright.run.run import choose_law
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def describe_outcome(result: RunResult) -> str:
         return "The run was interrupted by the user."
     if result.outcome == "diverged":
         return f"The simulation failed: {result.reason}."
-    did = load_figures(result.description.mission.kind).describe(result)
+    did = load_kind(result.description.mission.kind).figures().describe(result)
     if not total:
         return f"{did}. The mission sets no requirement."
     if failed:
@@ -70,8 +70,9 @@ def describe_outcome(result: RunResult) -> str:
 def list_metrics(result: RunResult) -> list[Row]:
     """All metrics with unit and meaning, the judged ones included."""
     rows = []
+    measures = list_measures(result.description.mission.kind)
     for name, value in sorted(result.metrics.items()):
-        unit, meaning = MEANINGS.get(name, ("", ""))
+        unit, meaning = measures.get(name, ("", ""))
         rows.append(Row(name, f"{format_value(value)} {unit}".strip(), meaning))
     return rows
 
@@ -170,9 +171,6 @@ def list_timing(result: RunResult) -> list[Row]:
         least, first = format_value(m["plan.lower_bound"]), 1e3 * m["plan.first_solution_s"]
         note = f"no path costs less than {least}; the first one was found after {first:.1f} ms"
         rows.append(Row("cost of the path", format_value(m["plan.cost"]), note))
-    if result.plan.push_force_n > 0.0:
-        rows.append(Row("planned push", f"{format_value(plan.push_force_n)} N",
-                        f"desired tip {1e3 * plan.depth_m:.0f} mm inside the surface"))  # fmt: skip
     for key, name, unit in (
         ("simulated_s", "simulated time", "s"),
         ("wall_s", "computing time before this report", "s"),

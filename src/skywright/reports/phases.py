@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skywright.reports.kinds import load_figures
+from skywright.run.kind import load_kind
 
 COMMON = {
     "start": "The estimator runs, the motors stand.",
@@ -14,5 +14,4 @@ COMMON = {
 
 def explain_phase(kind: str, name: str) -> str:
     """Return what is done in the phase `name` of a mission of a kind, or ""."""
-    known: dict[str, str] = {**COMMON, **getattr(load_figures(kind), "PHASES", {})}
-    return known.get(name, "")
+    return load_kind(kind).figures().phases.get(name, COMMON.get(name, ""))

@@ -37,6 +37,7 @@ from skywright.reports.scene3d import (
     stop_server,
 )
 from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
+from skywright.run.kind import load_kind
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
@@ -100,10 +101,8 @@ def _record(
     """Draw the scene, play the samples that are `shown` into viser's recorder."""
     d = result.description
     scene = Scene3d(server, d.robot, d.world, build_socket_error(d.plant))
-    if result.plan.scan is not None:
-        scene.draw_path(result.plan.scan.path_sphi)
+    scene.draw_sketch(load_kind(d.mission.kind).figures().sketch(d, result.plan.way))
     set_camera(server, views[0])
-    scene.draw_waypoints([np.array([w.x_m, w.y_m, w.z_m]) for w in d.mission.waypoints])
     scene.draw_wind(views[0].look_at + [0.0, 0.0, 0.75])
     poses = scene.compute_poses(shown)
     if len(shown):
@@ -119,7 +118,8 @@ def _record(
     judged = np.isin(shown["phase"], [i for i, p in enumerate(result.phases) if p.name in names])
     trace, colours = build_trace(shown, judged, d.robot.arm is not None)
     every = max(1, math.ceil(len(shown) / MAX_CHUNKS), round(FRAME_RATE))
-    crossings = list(enumerate(result.weld.crossings)) if result.weld is not None else []
+    weld = result.details if isinstance(result.details, WeldResult) else None
+    crossings = list(enumerate(weld.crossings)) if weld is not None else []
     start = 0
     for i in range(1, len(shown)):
         serializer.insert_sleep(float(shown["t"][i] - shown["t"][i - 1]))
@@ -129,8 +129,8 @@ def _record(
             start = i
         while crossings and (shown["t"][i] >= crossings[0][1].t or i == len(shown) - 1):
             _draw_crossing(scene, *crossings.pop(0))
-            if not crossings and result.weld is not None:  # the last one completes the line
-                _draw_estimate(scene, result.weld)
+            if not crossings and weld is not None:  # the last one completes the line
+                _draw_estimate(scene, weld)
     return str(serializer.as_html())
 
 
@@ -208,7 +208,7 @@ def build_overlay_data(result: RunResult, samples: NDArray[Any]) -> dict[str, An
          "outcome": p.outcome, "what": explain_phase(d.mission.kind, p.name)}
         for p in result.phases
     ]  # fmt: skip
-    found = result.weld is not None and result.weld.line is not None
+    found = isinstance(result.details, WeldResult) and result.details.line is not None
     step = max(1, round(100.0 / NUMBER_RATE))
     rows = samples[::step]
     return {

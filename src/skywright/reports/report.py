@@ -12,10 +12,10 @@ from skywright.errors import InputError
 from skywright.reports import explain
 from skywright.reports.figures import paths, plan, series
 from skywright.reports.figures.style import house_style
-from skywright.reports.kinds import list_figures, load_figures
 from skywright.reports.page import Picture, build_picture, render_page
 from skywright.reports.phases import explain_phase
-from skywright.run.names import MEANINGS
+from skywright.run.kind import load_kind
+from skywright.run.names import list_measures
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
@@ -27,16 +27,16 @@ def _draw_hero(result: RunResult) -> Figure | None:
     return draw_hero(result)
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
-    "hero": _draw_hero,
-    **list_figures(),
-    "tip_path": paths.draw_tip_path,
-    "flight_path": paths.draw_flight_path,
-    "contact_series": series.draw_contact_series,
-    "flight_series": series.draw_flight_series,
-    "plan": plan.draw_plan,
-}
-"""Every figure by name; each is None where a run has nothing to show."""
+def list_figures(kind: str) -> dict[str, Callable[[RunResult], Figure | None]]:
+    """Return the figures of missions of a kind by name; each is None with nothing to show."""
+    return {
+        "hero": _draw_hero,
+        **{name: chart.draw for name, chart in load_kind(kind).figures().charts.items()},
+        "tip_path": paths.draw_tip_path,
+        "flight_path": paths.draw_flight_path,
+        "flight_series": series.draw_flight_series,
+        "plan": plan.draw_plan,
+    }
 
 
 def write_report(result: RunResult) -> None:
@@ -53,8 +53,12 @@ def render_report(result: RunResult) -> str:
     from skywright.run.run import collect_versions
 
     kind = result.description.mission.kind
+    figures = load_kind(kind).figures()
     with house_style():
-        task = _draw_task(result)
+        task = [
+            build_picture(chart.title, chart.draw(result), chart.caption)
+            for chart in figures.charts.values()
+        ]
         motion = _draw_motion(result)
         planning = build_picture(
             "Clearance and rotor margin of the plan", plan.draw_plan(result),
@@ -65,11 +69,12 @@ def render_report(result: RunResult) -> str:
         "report.html.j2",
         result=result,
         d=result.description,
-        kind=kind,
+        section=figures.title,
+        notes=figures.notes(result),
         truth=result.description.mission.estimator == "truth",
         completed=result.outcome in ("succeeded", "failed"),
         outcome=explain.describe_outcome(result),
-        meanings=MEANINGS,
+        meanings=list_measures(kind),
         signs={"<=": "≤", ">=": "≥", "==": "="},
         number=explain.format_value,
         task=[p for p in task if p],
@@ -81,18 +86,9 @@ def render_report(result: RunResult) -> str:
         changes=explain.list_changes(result),
         assumptions=explain.list_assumptions(result),
         metrics=explain.list_metrics(result),
-        explain_phase=partial(explain_phase, result.description.mission.kind),
+        explain_phase=partial(explain_phase, kind),
         versions=collect_versions(),
     )
-
-
-def _draw_task(result: RunResult) -> list[Picture | None]:
-    """What belongs to the mission's kind."""
-    module = load_figures(result.description.mission.kind)
-    return [
-        build_picture(title, module.FIGURES[name](result), caption)
-        for name, (title, caption) in module.CAPTIONS.items()
-    ]
 
 
 def _draw_motion(result: RunResult) -> list[Picture | None]:
@@ -107,15 +103,8 @@ def _draw_motion(result: RunResult) -> list[Picture | None]:
             "Robot and world drawn to scale, the robot at its start (pale) and at work.",
         ),
         build_picture(
-            "While the probe is at the surface", series.draw_contact_series(result),
-            "Grey and white bands are phases, named on top. Dashed red lines are limits, "
-            "dotted green ones what is expected.",
-        ),
-        build_picture(
             "The whole flight", series.draw_flight_series(result),
-            "Bands are phases. While pushing, the platform stands off its reference on "
-            "purpose: the reference lies inside the surface."
-            if result.description.mission.kind == "scan"
-            else "Bands are phases. Dashed red lines are limits.",
+            "Bands are phases. Dashed red lines are limits. While a probe that slides is pushed "
+            "on, the platform stands off its reference on purpose: that lies inside the surface.",
         ),
     ]  # fmt: skip

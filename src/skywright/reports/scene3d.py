@@ -25,6 +25,7 @@ from skywright.models.drawing import (
     rotate_vectors,
 )
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon, merge_meshes
+from skywright.run.kind import Sketch
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -183,16 +184,17 @@ class Scene3d:
         mesh = build_ribbon(points + lift * normals, normals, width)
         self._mesh(name, mesh, colour, 1.0, double=True)
 
-    def draw_waypoints(self, points: list[Array]) -> None:
-        """Draw numbered way-points (3,) in W."""
-        for i, p in enumerate(points):
+    def draw_sketch(self, sketch: Sketch) -> None:
+        """Draw a mission's numbered way-points and its path on the pipe."""
+        self._draw_path(sketch.on_pipe)
+        for i, p in enumerate(sketch.points):
             self.server.scene.add_icosphere(
                 f"/waypoints/{i}", radius=0.025, color=WAYPOINT, subdivisions=2, position=p
             )
             self.server.scene.add_label(f"/waypoints/{i}/name", f"{i + 1}", position=(0, 0, 0.05))
 
-    def draw_path(self, path_sphi: Array) -> None:
-        """Draw the planned path on the pipe: (n, 2) s (m) and phi (rad)."""
+    def _draw_path(self, path_sphi: Array) -> None:
+        """Draw a path on the pipe: (n, 2) s (m) and phi (rad)."""
         if self.world.pipe is None or len(path_sphi) < 2:
             return
         s, c = path_sphi[:, 0], 0.5 * self.world.pipe.diameter_m * path_sphi[:, 1]

@@ -11,18 +11,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from skywright.core.rotations import quat_to_rot, rot_z
+from skywright.core.rotations import quat_to_rot
 from skywright.description.loader import Description
 from skywright.description.lookup import Subject
-from skywright.description.mission.spec import Scan
-from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import Pipe, Weld, World
 from skywright.description.world.surface import build_cylinder
-from skywright.description.world.surface import surface_point as compute_surface_point
-from skywright.models.rigid_body import build_body_model, compute_tip, posture
+from skywright.models.rigid_body import posture
 from skywright.models.scene import home_pose, support_posts
-from skywright.planning.patterns import SIDES, build_pattern
 from skywright.reports.outlines import (
     Outline,
     move,
@@ -33,7 +29,7 @@ from skywright.reports.outlines import (
     place,
     surface_curve,
 )
-from skywright.reports.show_robot import draw_robot, pad_joints
+from skywright.reports.show_robot import draw_robot
 from skywright.reports.show_style import (
     SIDE,
     STYLES,
@@ -42,6 +38,7 @@ from skywright.reports.show_style import (
     draw_parts,
     label_axes,
 )
+from skywright.run.kind import Sketch, load_kind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -161,7 +158,9 @@ def draw_world(world: World) -> Figure:
 def draw_mission(description: Description) -> Figure:
     """Draw a mission: world, robot at its start and at work, way-points or the scan's path."""
     mission, world, robot = description.mission, description.world, description.robot
-    columns = 2 if world.pipe is None or mission.scan is None else 3
+    sketch = load_kind(mission.kind).figures().sketch(description, None)
+    unrolled = world.pipe is not None and bool(sketch.label)
+    columns = 3 if unrolled else 2
     figure, axes = _figure(columns, _title(mission.name, mission.description), 5.2 * columns)
     yaw = math.radians(mission.start_yaw_deg)
     start, quat, _ = home_pose(robot, world, mission.start_x_m, mission.start_y_m, yaw)
@@ -169,71 +168,31 @@ def draw_mission(description: Description) -> Figure:
     quat_to_rot(quat, R_WB)
     extra = place(outline_robot(robot, posture(robot, "folded")), start, R_WB)
     hover = start * [1, 1, 0] + [0, 0, mission.hover_height_m]
-    if mission.kind == "waypoints":
-        points = [start, hover] + [np.array([w.x_m, w.y_m, w.z_m]) for w in mission.waypoints]
-        extra.append(Outline(np.array(points), "path"))
-    if mission.scan is not None and world.pipe is not None:
-        s, phi = scan_path(mission.scan, world.pipe)
-        if len(s) > 1:
-            extra.append(Outline(surface_curve(world.pipe, s, phi), "scan"))
-        ghost = _place_at_work(robot, world.pipe, mission.scan)
-        if ghost is not None:
-            at, heading = ghost
+    if len(sketch.points):
+        extra.append(Outline(np.vstack([start, hover, sketch.points]), "path"))
+    if unrolled and world.pipe is not None:
+        if len(sketch.on_pipe) > 1:
+            extra.append(Outline(surface_curve(world.pipe, *sketch.on_pipe.T), "scan"))
+        if sketch.at_work is not None:
+            at, heading = sketch.at_work
             extra.append(Outline(np.array([start, hover, at]), "path"))
             body = move(outline_robot(robot, posture(robot, "working")), at, heading)
             for ax, view in zip(axes, (TOP, SIDE), strict=False):
                 draw_parts(ax, body, view, alpha=0.35)
-        _draw_unrolled(axes[2], world.pipe, world.weld, mission.scan)
+        _draw_unrolled(axes[2], world.pipe, world.weld, sketch)
     _draw_scene(axes[:2], world, extra)
     for ax, view in zip(axes, (TOP, SIDE), strict=False):
-        for i, w in enumerate(mission.waypoints):
-            p = (w.x_m, w.y_m, w.z_m)
+        for i, p in enumerate(sketch.points):
             ax.plot(p[view[0]], p[view[1]], "o", color="#009988", ms=5)
             ax.annotate(
                 f"{i + 1}", (p[view[0]], p[view[1]]), (5, 5), fontsize=9, textcoords="offset points"
             )
-    what = "way-points" if mission.waypoints else "way and scan" if mission.scan else ""
-    more = f", {what} (green)" if what else ""
+    more = f", {sketch.name} (green)" if sketch.name else ""
     axes[0].set_title(f"from above: robot at its start{more}", fontsize=10)
     return figure
 
 
-def _place_at_work(
-    robot: Robot, pipe: Pipe, scan: Scan
-) -> tuple[NDArray[np.float64], float] | None:
-    """Position and heading of the level platform with the probe square on the scan's middle.
-
-    None where a level platform in working posture cannot point the probe there (top, underside).
-    """
-    if robot.probe is None:
-        return None
-    middle = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
-    cyl = build_cylinder(pipe)
-    tip, normal = np.zeros(3), np.zeros(3)
-    compute_surface_point(cyl, scan.centre_s_m, middle, tip, normal)
-    p_BT, R_BT = compute_tip(build_body_model(robot), pad_joints(posture(robot, "working")))
-    heading = math.atan2(-normal[1], -normal[0]) - math.atan2(R_BT[1, 2], R_BT[0, 2])
-    R = rot_z(heading)
-    if float(R @ R_BT[:, 2] @ normal) > -0.95:
-        return None
-    return tip - R @ p_BT, heading
-
-
-def scan_path(scan: Scan, pipe: Pipe) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The scan's path as (s, phi), n points; empty where the pattern does not fit on the pipe."""
-    centre = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
-    corners = build_pattern(
-        scan.pattern, 0.5 * pipe.diameter_m, 0.5 * pipe.length_m, centre,
-        math.radians(scan.arc_deg), scan.passes, scan.pass_length_m, scan.centre_s_m,
-    ).corners  # fmt: skip
-    if len(corners) < 2:
-        return np.zeros(0), np.zeros(0)
-    u = np.linspace(0.0, len(corners) - 1.0, 40 * (len(corners) - 1) + 1)
-    index = np.arange(len(corners))
-    return np.interp(u, index, corners[:, 0]), np.interp(u, index, corners[:, 1])
-
-
-def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, scan: Scan | None) -> None:
+def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, sketch: Sketch | None) -> None:
     """Draw the unrolled surface: s along the axis, c around the circumference."""
     radius, half = pipe.diameter_m / 2, pipe.length_m / 2
     around = math.pi * radius
@@ -249,11 +208,10 @@ def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, scan: Scan | None) -
     if weld is not None and weld.present:
         s, phi = _weld_curve(pipe, weld)
         ax.plot(s, phi * radius, **STYLES["weld"], label=f"weld, {weld.angle_deg:g} deg")
-    if scan is not None:
-        s, phi = scan_path(scan, pipe)
-        label = f"{scan.pattern}, {scan.passes} passes" if scan.pattern != "line" else "line"
+    if sketch is not None:
+        s, phi = sketch.on_pipe.T
         if len(s) > 1:
-            ax.plot(s, phi * radius, **STYLES["scan"], label=label)
+            ax.plot(s, phi * radius, **STYLES["scan"], label=sketch.label)
             ax.plot(s[0], phi[0] * radius, "o", color="#009988", ms=5, label="its start")
         else:
             ax.text(0.5, 0.5, "the pattern does not fit", transform=ax.transAxes, ha="center")

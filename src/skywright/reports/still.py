@@ -10,6 +10,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
 from skywright.description.world.surface import build_cylinder
+from skywright.inspection.weld import WeldResult
 from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import (
     build_drawing,
@@ -45,7 +46,7 @@ def render_run(result: RunResult, width: int, height: int, t: float | None = Non
     if t is not None:
         i = min(int(np.searchsorted(samples["t"], t)), len(samples) - 1)
     items = _build_items(result, samples[i])
-    if len(scan) and result.weld is not None:
+    if len(scan) and isinstance(result.details, WeldResult):
         items += _paint_scan(result, samples[scan], samples["t"][i])
     return np.asarray(render_scene(items, _place_camera(result, samples[i]), width, height))
 
@@ -100,8 +101,8 @@ def _build_items(result: RunResult, row: Any) -> list[Item]:
 
 def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Item]:
     """The weld, the path coloured by the weld signal, and the estimated line, as bands."""
-    weld, pipe = result.weld, result.description.world.pipe
-    assert weld is not None and pipe is not None
+    weld, pipe = result.details, result.description.world.pipe
+    assert isinstance(weld, WeldResult) and pipe is not None
     items = []
     true = result.description.world.weld
     low, high = float(np.nanmin(weld.c)) - 0.02, float(np.nanmax(weld.c)) + 0.02

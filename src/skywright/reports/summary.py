@@ -93,15 +93,11 @@ def describe_mission(description: Description) -> list[Section]:
     rows = [("robot", m.robot), ("world", m.world), ("seed", str(m.seed))]
     rows += [("control law", m.law or description.robot.control.law or "default")]
     rows += [("estimator", m.estimator), ("hover height", f"{m.hover_height_m:g} m")]
-    if m.scan is not None:
-        s = m.scan
-        where = f"{s.centre_angle_deg:g} deg" if s.side == "angle" else s.side
-        rows.append(("scan", f"{s.pattern} of {s.passes} passes x {s.pass_length_m:g} m"))
-        rows.append(("sector", f"{where}, {s.arc_deg:g} deg of the circumference"))
-        rows.append(("speed", f"{s.speed_mps * 1000:g} mm/s"))
-    for i, w in enumerate(m.waypoints, 1):
-        place = f"({w.x_m:g}, {w.y_m:g}, {w.z_m:g}) m"
-        rows.append((f"way-point {i}", f"{place}, heading {w.yaw_deg:g} deg, {w.hold_s:g} s"))
+    task = [
+        (key.removeprefix("task."), f"{value:g}" if isinstance(value, float) else str(value))
+        for key, value in iterate_leaves(m.task, "task")
+        if value is not None
+    ]
     limits = [
         (name, f"{r.sense} {r.limit:g}{' ' + r.unit if r.unit else ''}")
         for name, r in m.requirements.items()
@@ -112,6 +108,7 @@ def describe_mission(description: Description) -> list[Section]:
     ]
     return [
         Section("Mission", rows),
+        Section("Task", task),
         Section("Requirements", limits),
         Section("Plant (how the truth deviates)", plant),
     ]

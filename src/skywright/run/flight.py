@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+
+from numpy.typing import NDArray
+
+from skywright.description.mission.spec import T
+from skywright.run.kind import P
+
+if TYPE_CHECKING:
+    from skywright.run.planning import MissionPlan
+    from skywright.run.setup import Setup
+
+Samples = NDArray[Any]
+R = TypeVar("R")
 
 
 class PhaseRecord(NamedTuple):
@@ -14,26 +27,40 @@ class PhaseRecord(NamedTuple):
     outcome: str  # "done", "retry", "failed"
 
 
-class Measurement(NamedTuple):
-    """One contact measurement: where, when, how hard, and how well the place was known."""
-
-    spot: str
-    how: str  # "docked" or "flying"
-    x_m: float  # place of the tip in the structure's frame S
-    y_m: float
-    off_m: float  # off the surface, as estimated: what the place errs by across it
-    p_W: tuple[float, float, float]  # m, the same place in W
-    start_s: float  # mission time
-    end_s: float
-    force_des_n: float
-    force_n: float  # mean of the force sensor
-    force_std_n: float
-    pose_std_m: float  # standard deviation of the platform's place, as the estimator says
-    wander_m: float  # farthest that the estimated tip was from its mean
-
-
 class Flight(NamedTuple):
     """How a mission went."""
 
     completed: bool
     reason: str  # why it was cut short, or ""
+
+
+class Flown(Generic[T, P]):
+    """A flight as it is judged: what was asked, planned and recorded."""
+
+    def __init__(
+        self,
+        setup: Setup[T],
+        plan: MissionPlan[P],
+        samples: Samples,
+        phases: list[PhaseRecord],
+    ) -> None:
+        """`samples` (n,) of SAMPLE are those of the whole run (100 Hz)."""
+        self.setup, self.plan, self.samples, self.phases = setup, plan, samples, phases
+        self._found: dict[Callable[..., Any], Any] = {}
+
+    @property
+    def task(self) -> T:
+        """What the mission's kind was asked to do."""
+        return self.setup.task
+
+    @property
+    def way(self) -> P:
+        """What the kind keeps of its plan."""
+        return self.plan.get_way()
+
+    def once(self, compute: Callable[[Flown[T, P]], R]) -> R:
+        """Return what `compute` makes of this flight, computed when first asked for."""
+        if compute not in self._found:
+            self._found[compute] = compute(self)
+        found: R = self._found[compute]
+        return found

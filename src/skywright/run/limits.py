@@ -8,6 +8,7 @@ the number for a refusal.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,9 @@ SWEEP_STEPS = 9  # directions of an oscillating fan that are looked at
 GUST_DIRECTIONS = 12
 
 
-def find_exceeded_wind(description: Description, segments: dict[str, NDArray[Any]]) -> str | None:
+def find_exceeded_wind(
+    description: Description, segments: Mapping[str, NDArray[Any]]
+) -> str | None:
     """Say by how much the wind exceeds what the robot may be asked to hold, or return None.
 
     Checked at every heading of `segments`, in a fan's jet at every place too; without a plan at
@@ -181,7 +184,7 @@ def _find_gusts(d: Description, mean: Array) -> Array:
     return np.vstack([mean, mean + GUST_SIGMAS * gusts])
 
 
-def _find_winds(d: Description, segments: dict[str, NDArray[Any]]) -> list[tuple[float, Array]]:
+def _find_winds(d: Description, segments: Mapping[str, NDArray[Any]]) -> list[tuple[float, Array]]:
     """Return each distinct (heading in deg, mean wind (3,) m/s) of a plan."""
     wind = d.world.wind
     poses = _find_poses(d, segments)
@@ -199,7 +202,7 @@ def _find_winds(d: Description, segments: dict[str, NDArray[Any]]) -> list[tuple
     return list(found.values())
 
 
-def _find_poses(d: Description, segments: dict[str, NDArray[Any]]) -> list[tuple[float, Array]]:
+def _find_poses(d: Description, segments: Mapping[str, NDArray[Any]]) -> list[tuple[float, Array]]:
     """Return distinct (heading in deg, place (3,) m) of a plan, or two that a mission starts from.
 
     Places are told apart in a fan's jet only.

@@ -1,8 +1,14 @@
-"""Every metric's name, unit and meaning: one list for requirements, reports and docs."""
+"""Every metric's name, unit and meaning: for requirements, reports and docs.
+
+Here stand the metrics that kinds share; each kind has its own beside what computes them.
+"""
 
 from __future__ import annotations
 
-MEANINGS: dict[str, tuple[str, str]] = {
+from skywright.core.find import list_kinds
+from skywright.run.kind import Measures, load_kind
+
+COMMON: Measures = {
     "flight.duration_s": ("s", "from the start to the motors' stop"),
     "flight.energy_wh": ("Wh", "electrical energy used"),
     "flight.saturated_s": ("s", "time in which the allocation had to cut the command"),
@@ -11,155 +17,24 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "estimate.outage_s": ("s", "time without the total station, beyond 0.6 s each time"),
     "estimate.outage_max_mm": ("mm", "estimate.position_max_mm meanwhile"),
     "estimate.sigmas": ("", "rms of the error of an axis over what the filter states"),
-    "contact.gap_max_mm": (
-        "mm",
-        "worst air gap between probe and surface while scanning; in gusts without hops",
-    ),
     "contact.lost_s": (
         "s",
         "time without contact while scanning, as the instrument says; in gusts without hops",
     ),
-    "contact.hops": ("", "times off the surface (gap above 0.1 mm) shorter than 0.05 s"),
-    "contact.hop_max_mm": ("mm", "worst air gap of those hops"),
-    "contact.off_max_s": ("s", "longest time off the surface, hop or not, rounded up to 0.01 s"),
-    "contact.no_force_s": ("s", "time without contact force while scanning (truth)"),
-    "contact.tilt_max_deg": ("deg", "worst angle between probe and surface normal while scanning"),
-    "contact.duration_s": ("s", "time of the scan"),
     "contact.collisions": ("", "contacts of anything but the probe's tip"),
-    "contact.retries": ("", "touches or scans that had to be repeated"),
     "force.mean_n": ("N", "mean force of the probe on the surface while scanning"),
     "force.min_n": ("N", "smallest force while scanning"),
     "force.max_n": ("N", "largest force while scanning"),
     "force.mean_error_n": ("N", "distance of the mean force from the desired one while it is held"),
     "force.rms_error_n": ("N", "rms distance of the force from the desired one while it is held"),
-    "force.estimate_error_n": ("N", "rms distance of the estimated from the true force"),
     "force.sensor_error_n": ("N", "rms distance of the force sensor from the true force"),
-    "dock.touch_speed_mps": ("m/s", "fastest of the docking feet towards the deck as they touch"),
-    "dock.wander_mm": (
-        "mm",
-        "farthest that the docked platform is, while forces are held, from where it was at first",
-    ),
-    "dock.turn_deg": ("deg", "largest angle of the docked platform from the deck while pressing"),
-    "press.limit_n": ("N", "largest press that the capability analysis computes here, docked"),
-    "press.fraction": ("", "largest force of the profile over that"),
-    "free.rms_error_n": ("N", "as force.rms_error_n, but in flight without the docking gear"),
-    "free.mean_error_n": ("N", "likewise the mean error"),
-    "free.sensor_error_n": ("N", "likewise of the force sensor"),
-    "free.wander_mm": ("mm", "as dock.wander_mm, in flight"),
-    "slide.rms_error_n": ("N", "rms error of the force while the tip slides along the structure"),
-    "slide.lost_s": ("s", "time off the surface (gap above 0.1 mm) meanwhile"),
-    "slide.length_m": ("m", "way of the tip along the structure"),
-    "modes.tilt_deg": ("deg", "least tilt reached and held while the position is held"),
-    "modes.tilt_held": ("", "`modes.tilt_deg` over the tilt that is due"),
-    "modes.tilt_fraction": (
-        "",
-        "the tilt that is due over the computed hover limit",
-    ),
-    "modes.position_error_mm": ("mm", "largest distance from the place while tilting"),
-    "modes.translate_tilt_deg": ("deg", "largest tilt while translating"),
-    "modes.track_error_mm": ("mm", "largest distance from the path while translating"),
-    "modes.standard_drift_m": ("m", "how far standard stabilisation drifted"),
     "tip.hover_rms_mm": (
         "mm",
         "rms distance of the (worse) hand from the point that it tracks while hovering",
     ),
     "tip.hover_max_mm": ("mm", "largest such distance"),
     "platform.hover_rms_mm": ("mm", "rms distance of the platform from its place meanwhile"),
-    "platform.excursion_m": ("m", "how far pressing moves the platform from where it stood"),
-    "swing.start_deg": ("deg", "angle from which the passive link was let go"),
-    "swing.decay_s": ("s", "time until it stays within 1 deg of rest"),
-    "sensor.bond_n": ("N", "strength of the tape after the pressing"),
-    "sensor.installed": ("", "1 when the sensor stayed on the surface, 0 when it came off again"),
-    "tool.seat_error_mm": (
-        "mm",
-        "distance of the tool on the pipe from its place, hands withdrawn, after the wait",
-    ),
-    "tool.seat_angle_deg": ("deg", "angle of the tool there to the attitude it should have"),
-    "tool.return_error_mm": ("mm", "distance of the tool, back on the bench, from where it stood"),
-    "tool.returned": ("", "1 when it stands there within 5 cm, upright"),
-    "tool.retries": ("", "grasps that missed"),
-    "operator.time_s": ("s", "how long the operator was at the stick"),
-    "operator.hand_error_mm": (
-        "mm",
-        "rms distance of the hands' middle from where the operator's stick led it, (24)",
-    ),
-    "insert.done": ("", "1 when the peg is in the hole at the end, hands withdrawn"),
-    "insert.depth_mm": ("mm", "depth of the peg's end below the socket's face at the end"),
-    "insert.force_max_n": ("N", "largest force of the peg on the socket, its inertia left out"),
-    "insert.tries": ("", "times that the peg was lowered onto the socket"),
-    "insert.time_s": ("s", "from the arrival over the socket until the peg was in or given up"),
-    "insert.aim_error_mm": (
-        "mm",
-        "distance of the peg's end from the hole's axis as it was last lowered",
-    ),
-    "insert.aim_angle_deg": (
-        "deg",
-        "angle between bar and hole about the hole's axis at that moment",
-    ),
-    "platform.drift_max_mm": (
-        "mm",
-        "farthest that the platform came from where it was as the tracking of grasp points began",
-    ),
-    "bench.box_lift_m": ("m", "least height of the held box above where it stood"),
-    "bench.box_slip_mm": ("mm", "farthest that the box moved between the hands while held"),
-    "bench.squeeze_n": ("N", "mean force of a hand on the box while held"),
-    "bench.squeeze_error_n": ("N", "rms distance of that force from the desired one"),
-    "bench.unplug_delay_s": ("s", "time from the plug's coming free until it was noticed"),
-    "bench.plug_slip_mm": ("mm", "farthest that the freed plug then moved between the hands"),
-    "bench.bar_position_mm": ("mm", "worst distance of the bar from its pose, of three poses"),
-    "bench.bar_direction_deg": ("deg", "worst angle of the bar to its pose"),
-    "bench.drift_error_mm": ("mm", "rms error of the base's drift as the arms felt it"),
-    "bench.drift_rms_mm": ("mm", "rms of that drift"),
-    "impact.speed_mps": ("m/s", "speed of what touches, just before it does"),
-    "impact.speed_error_mps": ("m/s", "its distance from the commanded speed"),
-    "impact.peak_force_n": (
-        "N",
-        "largest force of arms or passive link on the platform, beyond that in flight (at 1 kHz)",
-    ),
-    "impact.peak_torque_nm": ("N m", "likewise the torque about the platform's centre"),
-    "impact.contact_s": ("s", "time in contact until the contact opens or the platform stands"),
-    "impact.contact_force_n": ("N", "largest force on the pad in that time (at 1 kHz)"),
-    "impact.impulse_ns": (
-        "N s",
-        "momentum given to the pad in that time, what the rotors push included",
-    ),
-    "impact.recoil_deg": ("deg", "how far the platform tilts from its attitude before, within 1 s"),
-    "impact.yaw_deg": ("deg", "how far its heading turns within 1 s"),
-    "impact.swing_deg": ("deg", "how far the passive link turns within 1 s"),
-    "impact.deflection_deg": ("deg", "how far a spring of the left arm is wound up beyond flight"),
-    "impact.overrun_m": ("m", "how far the platform goes on after the contact"),
-    "tip.tangential_rms_mm": ("mm", "rms distance of the tip from its path, along the surface"),
-    "tip.tangential_max_mm": ("mm", "largest such distance"),
-    "platform.attitude_error_max_deg": ("deg", "largest attitude error while scanning"),
-    "platform.offset_rms_mm": (
-        "mm",
-        "rms distance of the platform from its nominal pose",
-    ),
     "platform.tilt_max_deg": ("deg", "largest tilt from level"),
-    "touch.attitude_error_max_deg": ("deg", "largest attitude error while touching"),
-    "rotors.thrust_max_fraction": ("", "largest rotor thrust over the rotor's limit, scanning"),
-    "weld.contact_fraction": ("", "share of the scan in contact, as the instrument says"),
-    "weld.crossings": ("", "crossings of the path with the weld at which it was found"),
-    "weld.offset_error_mm": (
-        "mm",
-        "distance between the estimated and the true weld line, at the middle of its crossings",
-    ),
-    "weld.angle_error_deg": ("deg", "angle between estimated and true weld line"),
-    "weld.offset_std_mm": ("mm", "uncertainty of the weld line's offset that the fit states"),
-    "weld.angle_std_deg": ("deg", "uncertainty of the weld line's angle that the fit states"),
-    "coverage.fraction": ("", "share of the planned path inspected within 1 mm and 10 deg"),
-    "transport.contacts": ("", "contacts of robot, hands or bar with anything while carrying"),
-    "transport.clearance_min_m": (
-        "m",
-        "smallest distance of robot and bar to structures, ground and the area's limits",
-    ),
-    "transport.duration_s": ("s", "time of the carrying, without take-off and landing"),
-    "transport.energy_wh": ("Wh", "electrical energy used in it"),
-    "tip.tracking_max_m": ("m", "largest distance of the bar's middle from the plan"),
-    "tip.tracking_rms_m": ("m", "rms of that distance"),
-    "platform.tracking_max_m": ("m", "largest distance of the platform from the plan"),
-    "swing.max_deg": ("deg", "largest angle of the passive link from the plan's"),
-    "swing.rms_deg": ("deg", "rms of that angle"),
     "plan.cost": ("", "cost (6) of Caballero 2018 of the flown path"),
     "plan.lower_bound": ("", "below which no path's cost can be"),
     "plan.first_solution_s": ("s", "time until the planner had its first path"),
@@ -174,3 +49,16 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "position.final_error_m": ("m", "mean distance while holding the last way-point"),
 }
 """Metric -> unit and meaning."""
+
+
+def list_measures(kind: str) -> Measures:
+    """Return the metrics that missions of a kind may have: metric -> unit and meaning."""
+    return {**COMMON, **load_kind(kind).measures}
+
+
+def list_all_measures() -> Measures:
+    """Return the metrics of all kinds; every kind is imported."""
+    found = dict(COMMON)
+    for kind in list_kinds("kind"):
+        found |= load_kind(kind).measures
+    return found

@@ -6,20 +6,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from skywright.core.find import list_kinds
 from skywright.description.dump import dump_description
 from skywright.description.loader import Description
-from skywright.description.mission.registry import load_kind
-from skywright.description.mission.spec import KINDS
 from skywright.errors import InputError
-from skywright.run.operator import FILE, Recording, Stick, write_recording
+from skywright.run.kind import load_kind
+from skywright.run.operator import FILE, Stick, write_recording
 from skywright.run.planning import MissionPlan
 
 
 def check_operator(description: Description) -> None:
     """Raise InputError where nobody can be at the stick, or a recording is there already."""
     mission: Any = description.mission
-    if not getattr(load_kind(mission.kind), "OPERATED", False):
-        valid = [k for k in KINDS if getattr(load_kind(k), "OPERATED", False)]
+    if not load_kind(mission.kind).operated:
+        valid = [kind for kind in list_kinds("kind") if load_kind(kind).operated]
         raise InputError(
             f"--operator: mission {mission.name!r} has no operator; kinds that have one: "
             f"{', '.join(valid)}"
@@ -31,16 +31,10 @@ def check_operator(description: Description) -> None:
         )
 
 
-def has_operator(plan: MissionPlan, operator: object) -> bool:
-    """Whether a stick is in use, in person or from a recording."""
-    return operator is not None or getattr(plan.task, "operator", None) is not None
-
-
-def write_mission(partial: Path, description: Description, plan: MissionPlan) -> None:
-    """Write mission.toml, and the recording of the operator that it names beside it."""
-    recording = getattr(plan.task, "operator", None)
-    if isinstance(recording, Recording):
-        keep_operator(partial, description, recording.rows())
+def write_mission(partial: Path, description: Description, plan: MissionPlan[Any]) -> None:
+    """Write mission.toml, and beside it what it names: the operator's recording, a kind's file."""
+    if plan.operator is not None:
+        keep_operator(partial, description, plan.operator.rows())
     else:
         _dump(partial, description)
 
@@ -59,6 +53,12 @@ def keep_operator(
 
 
 def _dump(partial: Path, description: Description) -> None:
+    file, colon, name = description.mission.kind.rpartition(":")
+    if colon:  # a user's kind: its source is kept, so that the run can be repeated
+        copy = partial / Path(file).name
+        copy.write_bytes(Path(file).read_bytes())
+        mission = description.mission.model_copy(update={"kind": f"{copy.name}:{name}"})
+        description = description._replace(mission=mission)
     fresh = partial / "mission.toml.new"
     fresh.write_text(dump_description(description), encoding="utf-8")
     fresh.replace(partial / "mission.toml")

@@ -25,7 +25,6 @@ COLUMNS = ("t_s", "dx", "dy", "dz", "button")
 GAP_MAX = 0.5  # s between rows: what the stick did in a longer pause nobody knows
 LONGEST = 600.0  # s
 MAX_BYTES = 10_000_000
-PACKAGED = Path(__file__).parents[1] / "missions" / "data"
 FILE = "operator.csv"
 """In a run's directory: what its operator did."""
 
@@ -74,19 +73,19 @@ class Recording:
         return [(float(t), Stick(axes, bool(button))) for t, axes, button in every]
 
 
-def list_recordings(mission: str) -> list[str]:
-    """Names of the recordings that come with a built-in mission."""
-    return sorted(p.stem for p in (PACKAGED / mission).glob("*.csv"))
+def list_recordings(packaged: Path) -> list[str]:
+    """Names of the recordings that come with a kind of mission, in its folder."""
+    return sorted(p.stem for p in packaged.glob("*.csv"))
 
 
-def find_recording(name: str, mission: str, folder: Path) -> str:
-    """Return the path of a recording: a packaged name, or a file beside `folder` or here.
+def find_recording(name: str, packaged: Path, folder: Path) -> str:
+    """Return the path of a recording: a name in `packaged`, or a file in `folder` or here.
 
     Raises InputError that lists the packaged names.
     """
-    known = list_recordings(mission)
+    known = list_recordings(packaged)
     if name in known:
-        return str(PACKAGED / mission / f"{name}.csv")
+        return str(packaged / f"{name}.csv")
     for base in (folder, Path()):
         try:
             path = base / Path(name).expanduser()

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from skywright.errors import InputError
-from skywright.run.flight import Measurement
 
 T = TypeVar("T")
 
@@ -40,6 +39,24 @@ SCHEMA = (
     ) STRICT""",
     "CREATE INDEX measurements_place ON measurements (x_m, y_m)",
 )
+
+
+class Measurement(NamedTuple):
+    """One contact measurement: where, when, how hard, and how well the place was known."""
+
+    spot: str
+    how: str  # "docked" or "flying"
+    x_m: float  # place of the tip in the structure's frame S
+    y_m: float
+    off_m: float  # off the surface, as estimated: what the place errs by across it
+    p_W: tuple[float, float, float]  # m, the same place in W
+    start_s: float  # mission time
+    end_s: float
+    force_des_n: float
+    force_n: float  # mean of the force sensor
+    force_std_n: float
+    pose_std_m: float  # standard deviation of the platform's place, as the estimator says
+    wander_m: float  # farthest that the estimated tip was from its mean
 
 
 class Record(NamedTuple):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from skywright.description.mission.spec import Mission
+from skywright.description.mission.spec import Mission, Requirement
 from skywright.errors import InputError, neighbours
-from skywright.run.names import MEANINGS
+from skywright.run.names import list_measures
 
 _SENSES: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -33,18 +33,19 @@ class Verdict(NamedTuple):
 
 
 def check_requirement_names(mission: Mission) -> None:
-    """Raise InputError when a requirement names no metric: it could never be met."""
+    """Raise InputError when a requirement names no metric of the kind: it could never be met."""
+    valid = list_measures(mission.kind)
     for name in mission.requirements:
-        if name not in MEANINGS:
+        if name not in valid:
             raise InputError(
-                f"mission.requirements: {name!r} is no metric; valid: {neighbours(name, MEANINGS)}"
+                f"mission.requirements: {name!r} is no metric; valid: {neighbours(name, valid)}"
             )
 
 
-def judge(mission: Mission, metrics: dict[str, float]) -> list[Verdict]:
-    """Compare metrics with the mission's requirements; a missing or NaN metric does not pass."""
+def judge(requirements: Mapping[str, Requirement], metrics: Mapping[str, float]) -> list[Verdict]:
+    """Compare metrics with what is required; a missing or NaN metric does not pass."""
     verdicts = []
-    for name, r in mission.requirements.items():
+    for name, r in requirements.items():
         value = metrics.get(name)
         known = value is not None and math.isfinite(value)
         passed = known and value is not None and _SENSES[r.sense](value, r.limit)

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Generic, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,36 +22,34 @@ from skywright.core.recording import RecordingWriter
 from skywright.core.threads import on_one_thread
 from skywright.core.types import SAMPLE
 from skywright.description.loader import Description, load_description
-from skywright.description.mission.registry import load_kind
+from skywright.description.mission.spec import T
 from skywright.description.robot.spec import Robot
 from skywright.errors import InfeasibleError, InputError, SimulationError
-from skywright.inspection.weld import WeldResult
 from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
-from skywright.models.deviation import build_deviation
 from skywright.models.rigid_body import joint_names
 from skywright.models.rotors import build_rotors
 from skywright.models.things.bench import Bench
-from skywright.planning.motion.plan_file import PlanFile, write_plan_file
+from skywright.planning.motion.plan_file import write_plan_file
 from skywright.run.directory import (
     load_run,
     open_directory,
     write_json,
     write_unfinished,
 )
-from skywright.run.flight import Flight, Measurement, PhaseRecord
-from skywright.run.kinds import compute_kind_metrics
+from skywright.run.flight import Flight, Flown, PhaseRecord
+from skywright.run.kind import P, load_kind
 from skywright.run.metrics import compute_common_metrics
 from skywright.run.operated import (
     check_operator,
-    has_operator,
     keep_operator,
     write_mission,
 )
 from skywright.run.operator import Operator
 from skywright.run.planning import MissionPlan, plan_mission
-from skywright.run.records import RecordStore
+from skywright.run.records import Measurement, RecordStore
 from skywright.run.requirements import Verdict, check_requirement_names, judge
+from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.run.warm_up import is_compiled, start_warm_up
 from skywright.vehicle.simulated import SimulatedVehicle
@@ -62,7 +60,7 @@ FLUSH_S = 1.0  # simulated seconds between writes of the recording
 class Observer(Protocol):
     """Something that watches a run: a progress bar, the live view."""
 
-    def on_plan(self, plan: MissionPlan, description: Description) -> None:
+    def on_plan(self, plan: MissionPlan[Any], description: Description) -> None:
         """The mission is planned and about to fly."""
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
@@ -72,11 +70,11 @@ class Observer(Protocol):
         """The flight is over."""
 
 
-class RunResult(NamedTuple):
+class RunResult(NamedTuple, Generic[T, P]):
     """A finished run; `samples` is an array of SAMPLE (100 Hz, SI, frames in core/types.py)."""
 
-    description: Description
-    plan: MissionPlan
+    description: Description[T]
+    plan: MissionPlan[P]
     samples: NDArray[Any]
     phases: list[PhaseRecord]
     outcome: str  # succeeded, failed, aborted, interrupted, diverged
@@ -84,7 +82,8 @@ class RunResult(NamedTuple):
     metrics: dict[str, float]
     requirements: list[Verdict]
     timing: dict[str, float]
-    weld: WeldResult | None
+    details: Any
+    """What the mission's kind found beyond numbers; of a scan a WeldResult, or None."""
     directory: Path
 
     @property
@@ -132,14 +131,14 @@ def run_mission(
     start = time.perf_counter()
     if operator is not None:
         check_operator(description)
-    plan, vehicle = _prepare(description)  # a bad law is told before anything is written
+    setup = Setup(description)
+    plan, vehicle = _prepare(setup)  # a bad law is told before anything is written
     store = None if records is None else RecordStore(records, create=True)
     final, partial = open_directory(out, description.mission.name)
     write_mission(partial, description, plan)
     write_unfinished(partial)
-    file = getattr(plan.task, "file", None)
-    if isinstance(file, PlanFile):
-        write_plan_file(partial / "plan", file)
+    if plan.file is not None:
+        write_plan_file(partial / "plan", plan.file)
     try:
         for observer in observers:
             observer.on_plan(plan, description)
@@ -152,7 +151,7 @@ def run_mission(
             store.close()
         for observer in observers:
             observer.close()
-    result = _evaluate(description, plan, samples, phases, flight, outcome, partial)
+    result = _evaluate(Flown(setup, plan, samples, phases), flight, outcome, partial)
     _add_timing(result, start)
     write_json(partial / "metrics.json", result.to_json())
     if outcome in ("interrupted", "diverged"):
@@ -177,9 +176,10 @@ def fly_and_evaluate(description: Description, observers: Sequence[Observer] = (
     KeyboardInterrupt. Of the `observers` only `on_tick` is called.
     """
     start = time.perf_counter()
-    plan, vehicle = _prepare(description)
+    setup = Setup(description)
+    plan, vehicle = _prepare(setup)
     samples, phases, flight, outcome = _fly(description, plan, vehicle, None, observers)
-    result = _evaluate(description, plan, samples, phases, flight, outcome, Path())
+    result = _evaluate(Flown(setup, plan, samples, phases), flight, outcome, Path())
     _add_timing(result, start)
     return result
 
@@ -193,28 +193,36 @@ def evaluate_directory(directory: Path) -> RunResult:
     """
     stored = load_run(directory)
     description = load_description(directory)
-    plan = plan_mission(description)
+    setup = Setup(description)
+    plan = plan_mission(description, setup)
     outcome = stored.outcome if stored.outcome in ("interrupted", "diverged") else ""
     flight = Flight(stored.outcome in ("succeeded", "failed"), stored.reason)
-    result = _evaluate(description, plan, stored.samples, stored.phases, flight, outcome, directory)
+    flown = Flown(setup, plan, stored.samples, stored.phases)
+    result = _evaluate(flown, flight, outcome, directory)
     return result._replace(timing=stored.timing)
 
 
 def build_vehicle(
-    description: Description, on_samples: Callable[[NDArray[Any]], None] | None = None
+    description: Description,
+    on_samples: Callable[[NDArray[Any]], None] | None = None,
+    setup: Setup[Any] | None = None,
 ) -> SimulatedVehicle:
-    """Build the physics back end of a description: plant, sensors, law and estimator."""
+    """Build the physics back end of a description: plant, sensors, law and estimator.
+
+    `setup` is what has been built of the description.
+    """
     d, mission = description, description.mission
+    setup = setup or Setup(description)
     name = mission.law or d.robot.control.law or choose_law(d.robot)
     law = load_law(name)
-    full = bool(build_allocator(build_rotors(d.robot.rotors)).full)
+    full = bool(setup.allocator.full)
     if name in FULLY_ACTUATED and not full:
         raise InputError(
             f"control law {name!r} needs a fully actuated platform; the rotors of "
             f"{d.robot.name!r} make no lateral force: use 'thrust_vectoring'"
         )
     world = d.world
-    if getattr(load_kind(mission.kind), "HELD", False):  # in the air, where the flight begins
+    if load_kind(mission.kind).held:  # in the air, where the flight begins
         place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
         world = world.add_thing("clamp", place)
     return SimulatedVehicle(
@@ -222,7 +230,7 @@ def build_vehicle(
         world,
         law,
         seed=mission.seed,
-        deviation=build_deviation(d.plant, d.robot, mission.seed),
+        deviation=setup.deviation,
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
         interactive=mission.mode == "interactive",
         estimator=mission.estimator,
@@ -236,15 +244,16 @@ def choose_law(robot: Robot) -> str:
     return "push_and_slide" if full else "thrust_vectoring"
 
 
-def _prepare(description: Description) -> tuple[MissionPlan, SimulatedVehicle]:
+def _prepare(setup: Setup[Any]) -> tuple[MissionPlan[Any], SimulatedVehicle]:
     """Plan the mission and build its vehicle; compiles both at once where that is needed."""
+    description = setup.description
     check_can_fly(description.robot, description.world.gravity_mps2)
     check_requirement_names(description.mission)
     warm_up = None if is_compiled() else start_warm_up()
     try:
-        plan = plan_mission(description)
+        plan = plan_mission(description, setup)
         if warm_up is not None:
-            plan = plan_mission(description)  # the first one compiled: its time says nothing
+            plan = plan_mission(description, setup)  # the first one compiled: its time says nothing
         if not plan.feasible:
             raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
         if warm_up is not None:
@@ -253,7 +262,7 @@ def _prepare(description: Description) -> tuple[MissionPlan, SimulatedVehicle]:
         if warm_up is not None:
             warm_up.terminate()  # what it compiled so far is kept
         raise
-    return plan, build_vehicle(description)
+    return plan, build_vehicle(description, setup=setup)
 
 
 def _add_timing(result: RunResult, start: float) -> None:
@@ -268,7 +277,7 @@ def _add_timing(result: RunResult, start: float) -> None:
 
 def _fly(
     description: Description,
-    plan: MissionPlan,
+    plan: MissionPlan[Any],
     vehicle: SimulatedVehicle,
     partial: Path | None,
     observers: Sequence[Observer],
@@ -286,7 +295,7 @@ def _fly(
     if partial is not None:
         writer = RecordingWriter(
             partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg),
-            vehicle.parts + ["operator"] * has_operator(plan, operator),
+            vehicle.parts + ["operator"] * (operator is not None or plan.operator is not None),
         )  # fmt: skip
         writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
     vehicle.on_samples = blocks.append
@@ -354,35 +363,30 @@ def _start_records(
     return lambda m: store.add(flight, started, m)
 
 
-def _evaluate(
-    description: Description,
-    plan: MissionPlan,
-    samples: NDArray[Any],
-    phases: list[PhaseRecord],
-    flight: Flight,
-    outcome: str,
-    directory: Path,
-) -> RunResult:
+def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -> RunResult[T, P]:
+    description, plan = run.setup.description, run.plan
+    kind = load_kind(description.mission.kind)
     metrics: dict[str, float] = {}
-    weld: WeldResult | None = None
+    details: Any = None
     reason = flight.reason
-    if len(samples):
-        metrics = compute_common_metrics(samples, phases)
+    if len(run.samples):
+        metrics = compute_common_metrics(run.samples, run.phases)
         try:
-            more, weld = compute_kind_metrics(samples, phases, plan, description)
-            metrics.update(more)
+            metrics.update(kind.metrics(run))
+            details = kind.result(run)
         except InputError as error:  # e.g. no approach to calibrate on after an abort
             reason = reason or f"evaluation: {error}"
     metrics["plan.wall_s"] = plan.plan_s
     metrics["plan.min_clearance_m"] = plan.min_clearance_m
     metrics["plan.min_rotor_margin"] = plan.min_rotor_margin
-    verdicts = judge(description.mission, metrics)
+    verdicts = judge(kind.requirements(run.setup, run.way), metrics)
     if not outcome:
         met = all(v.passed for v in verdicts)
         outcome = "aborted" if not flight.completed else "succeeded" if met else "failed"
     return RunResult(
-        description, plan, samples, phases, outcome, reason, metrics, verdicts, {}, weld, directory
-    )
+        description, plan, run.samples, run.phases, outcome, reason, metrics, verdicts, {}, details,
+        directory,
+    )  # fmt: skip
 
 
 def collect_versions() -> dict[str, str]:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.interrupt import check_interrupt
-from skywright.description.mission.registry import load_kind
-from skywright.description.mission.spec import Mission
-from skywright.run.flight import Flight, Measurement, PhaseRecord
+from skywright.description.mission.spec import Mission, T
+from skywright.run.flight import Flight, PhaseRecord
+from skywright.run.kind import load_kind
 from skywright.run.operator import Operator, Stick
 from skywright.run.planning import MissionPlan
+from skywright.run.records import Measurement
 from skywright.vehicle.guard import FIX_AGE_MAX, LOST_CONTROL
 from skywright.vehicle.interface import Arms, Backend, Probe, Uav, WholeBody, require
 
@@ -29,14 +30,14 @@ class LostControl(Exception):
     """The robot no longer follows its reference; there is nothing left to command."""
 
 
-class Supervisor:
+class Supervisor(Generic[T]):
     """Flies a mission's phases; `phases` grows while it does."""
 
     def __init__(
         self,
         vehicle: Backend,
-        mission: Mission,
-        plan: MissionPlan,
+        mission: Mission[T],
+        plan: MissionPlan[Any],
         ground_height: float,
         on_phase: Callable[[int, str], None] | None = None,
         on_tick: Callable[[float, str], None] | None = None,
@@ -46,16 +47,17 @@ class Supervisor:
         """`ground_height` (m): of the platform's origin when it stands on its feet.
 
         `on_measurement` is called with each contact measurement as soon as it is finished;
-        `operator` is there in person, beside what the mission's file says.
+        `operator` is there in person, beside what the plan has.
         """
-        self.vehicle, self.mission, self.plan = vehicle, mission, plan
+        self.vehicle, self.mission, self._plan = vehicle, mission, plan
+        self.kind, self.task, self.segments = load_kind(mission.kind), mission.task, plan.segments
         self.ground_height = ground_height
         self.phases: list[PhaseRecord] = []
         self._on_phase, self._on_tick = on_phase, on_tick
         self._on_measurement = on_measurement
         self.measurements: list[Measurement] = []
         self.watch: Callable[[], None] | None = None  # called each tick; may raise to stop a move
-        self.operator = operator
+        self.operator = operator or plan.operator
         self.sticks: list[tuple[float, Stick]] = []  # s since it took over, and what it did
         self._open: tuple[str, float] | None = None
         self.uav, self.arms = Uav(vehicle), Arms(vehicle)
@@ -70,17 +72,17 @@ class Supervisor:
             return Flight(False, str(error))
 
     def _fly(self) -> Flight:
-        kind = load_kind(self.mission.kind)
-        require(self.vehicle, kind.NEEDS, self.mission.name)
-        if not getattr(kind, "FLIES", True):
-            flight: Flight = kind.fly(self)
+        kind, way = self.kind, self._plan.get_way()
+        require(self.vehicle, kind.needs, self.mission.name)
+        if not kind.flies:
+            flight = kind.fly(self, way)
             self.end("done")
             return flight
         self.begin("start")
         self.wait(SPIN_UP)
         self.wait_for_estimate()
         self.uav.motors(True)
-        if getattr(kind, "HELD", False):
+        if kind.held:
             self.begin("release")
             self.vehicle.release()
             self.wait(RELEASE)
@@ -89,8 +91,8 @@ class Supervisor:
             self.uav.take_off(self.mission.hover_height_m)
             self.until_arrived()
             self.wait(1.0)
-        flight = kind.fly(self)
-        if not getattr(kind, "LANDS", True):
+        flight = kind.fly(self, way)
+        if not kind.lands:
             self.end("done")
             return flight
         self.begin("land")

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.description.mission.spec import Requirement
-from skywright.run.names import MEANINGS
+from skywright.run.kind import Measures
+from skywright.run.names import COMMON
 from skywright.run.rows import (
     CONFIDENCE,
     FailureGroup,
@@ -60,10 +61,11 @@ def build_verdict(
     keys: Sequence[str],
     requirements: Mapping[str, Requirement],
     target: float,
+    measures: Measures = COMMON,
 ) -> Verdict:
     """Judge the rows of a campaign; `target` is the success rate that an inspection needs.
 
-    `rows` must not be empty.
+    `measures` say what the metrics mean. `rows` must not be empty.
     """
     n, k = len(rows), sum(row.succeeded for row in rows)
     low, high = (float(x) for x in compute_interval(k, n))
@@ -92,7 +94,7 @@ def build_verdict(
         }[answer]
     )
     reasons = {row.run: row.reason for row in rows}
-    limited = _describe_limit(failures, headroom, sensitivities, n - k, reasons)
+    limited = _describe_limit(failures, headroom, sensitivities, n - k, reasons, measures)
     return Verdict(
         answer, headline, limited, n, k, k / n, (low, high), target, more, flown,
         (flown_low, flown_high), outcomes, failures, headroom, sensitivities,
@@ -131,9 +133,9 @@ def _count_more_runs(succeeded: int, runs: int, target: float) -> int:
     return 0
 
 
-def _in_words(name: str) -> str:
+def _in_words(name: str, measures: Measures) -> str:
     """A metric's name and what it means."""
-    return f"{name} ({MEANINGS[name][1]})" if name in MEANINGS else name
+    return f"{name} ({measures[name][1]})" if name in measures else name
 
 
 def _describe_limit(
@@ -142,11 +144,12 @@ def _describe_limit(
     sensitivities: Sequence[Sensitivity],
     failed: int,
     reasons: Mapping[int, str],
+    measures: Measures,
 ) -> str:
     if failures:
         worst = failures[0]
         runs = f"{len(worst.runs)} of {failed} failed runs"
-        text = f"Limited by {_in_words(worst.requirement)} in {runs}"
+        text = f"Limited by {_in_words(worst.requirement, measures)} in {runs}"
         if worst.key:
             a, b = worst.inside
             c, d = worst.whole
@@ -160,7 +163,8 @@ def _describe_limit(
         return "No requirement came near its limit."
     h = open_ended[0]
     unit = f" {h.unit}" if h.unit else ""
-    text = f"Nearest to its limit: {_in_words(h.name)}, worst {h.worst:.3g} of {h.limit:.3g}{unit}"
+    name = _in_words(h.name, measures)
+    text = f"Nearest to its limit: {name}, worst {h.worst:.3g} of {h.limit:.3g}{unit}"
     drivers = [s for s in sensitivities if s.metric == h.name and s.significant]
     if drivers:
         s = max(drivers, key=lambda s: max(s.share, s.rho**2 if math.isfinite(s.rho) else 0.0))

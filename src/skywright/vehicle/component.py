@@ -144,7 +144,8 @@ class Recorded(NamedTuple):
     """A column of the samples, and the field of a record that it is copied from.
 
     `rotation`: the field is a rotation matrix, the column its quaternion (wxyz). `item` is that of
-    the field's first axis, such as a hand. `per` cuts a field at the number of joints or rotors.
+    the field's first axis, such as a hand. `per` cuts that axis at the number of joints, rotors,
+    hands or objects that there are.
     """
 
     name: str
@@ -154,7 +155,7 @@ class Recorded(NamedTuple):
     meaning: str = ""
     rotation: bool = False
     item: int = -1
-    per: Literal["", "joint", "rotor"] = ""
+    per: Literal["", "joint", "rotor", "hand", "object"] = ""
 
 
 class Component:

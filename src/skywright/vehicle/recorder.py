@@ -18,6 +18,7 @@ SAMPLES = 256
 """Rows between deliveries."""
 SAMPLES_A_TICK = 16
 """More than one mission tick can write."""
+MAX_ITEMS = 64
 MOVE = 4
 """Numbers of a move: source's address, byte in the row, words, 1 for a rotation."""
 
@@ -59,7 +60,11 @@ class Recorder(Component):
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Lay out the samples, and list what goes where."""
-        counts = {"joint": context.scene.n_joints, "rotor": len(context.rotors.thrust_min)}
+        index = context.scene.places
+        counts = {
+            "joint": context.scene.n_joints, "rotor": len(context.rotors.thrust_min),
+            "hand": len(index.hand_sites), "object": len(index.object_qpos),
+        }  # fmt: skip
         self.recorded: dict[str, Recorded] = {}
         sources: list[NDArray[Any]] = []
         fields: list[Any] = []
@@ -69,7 +74,7 @@ class Recorder(Component):
             for column in component.columns:
                 own = (column.source, component.name)
                 found = context.records.get(own, context.records.get((column.source, "")))
-                if found is None:
+                if found is None or column.item >= counts.get(column.per, MAX_ITEMS):
                     continue
                 name = f"{component.name}_{column.name}" if several else column.name
                 self.recorded[name] = column
@@ -126,7 +131,7 @@ def find_source(record: NDArray[Any], column: Recorded, count: int | None) -> ND
     found: NDArray[Any] = record[column.field][0:1]
     if column.item >= 0:
         found = found[:, column.item]
-    if count is not None:
+    elif count is not None:
         found = found[:, :count]
     out = found.reshape(found.shape[1:])
     assert out.size == 0 or np.shares_memory(out, record)

@@ -29,7 +29,10 @@ from skywright.analysis.campaign.store import (
 )
 from skywright.errors import InputError
 from skywright.models.capability import check_can_fly
+from skywright.run.kind import load_kind
+from skywright.run.names import list_measures
 from skywright.run.rows import Row
+from skywright.run.setup import Setup
 from skywright.run.source_hash import collect_code_versions
 from skywright.run.verdict import GO, Verdict, build_verdict
 from skywright.run.warm_up import is_compiled
@@ -236,7 +239,9 @@ def _conclude(
 
     base = campaign.base
     keys = [v.key for v in campaign.variations]
-    verdict = build_verdict(rows, keys, base.mission.requirements, target)
+    kind = base.mission.kind
+    requirements = load_kind(kind).requirements(Setup(base), None)
+    verdict = build_verdict(rows, keys, requirements, target, list_measures(kind))
     facts = Facts(
         base.mission.name, base.mission.description, base.robot.name, base.world.name,
         campaign.seed, runs, {v.key: v.text for v in campaign.variations}, campaign.sets, flown,

@@ -18,7 +18,7 @@ from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError, SkywrightError
-from skywright.missions.sensor_install.fly import build_pose
+from skywright.missions.sensor_install.plan import build_pose
 from skywright.models.capability import check_can_fly, compute_capability
 from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.reach import compute_reach

@@ -12,14 +12,13 @@ from skywright.core.rotations import rot_z
 from skywright.description.loader import Description
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
-from skywright.missions.sensor_install.fly import InstallPlan, list_legs
+from skywright.missions.sensor_install.plan import InstallPlan, list_legs
 from skywright.models.extents import compute_extents, compute_swing_period
 from skywright.models.geometry import ClearanceCore, build_clearance, query_clearance
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import build_scene
 from skywright.models.statics import UP, build_layout, wrench_at
-from skywright.reports.kinds import find_task
 from skywright.run.planning import plan_mission
 
 Array = NDArray[np.float64]
@@ -55,7 +54,7 @@ def measure_way(d: Description) -> Way:
     Raises InputError where the mission is not for this robot.
     """
     plan = plan_mission(d)
-    way = plan.task
+    way = plan.way
     assert isinstance(way, InstallPlan)
     ask = PipeDistance(d)
     R = rot_z(way.yaw)
@@ -75,8 +74,7 @@ def measure_way(d: Description) -> Way:
 
 def _hand_below(way: InstallPlan, d: Description) -> Array:
     """Where the hand is at the stand-off (3,) m."""
-    task = find_task(d)
-    return np.asarray(way.contact - task.stand_off_m * way.normal)
+    return np.asarray(way.contact - d.mission.task.stand_off_m * way.normal)
 
 
 def measure_access(robot: Robot, hang: Array) -> float:

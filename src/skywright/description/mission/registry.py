@@ -1,22 +1,29 @@
-"""Kinds of missions by name: one module each (missions/kinds), imported when needed."""
+"""The spec of a mission: the common keys, and the task of its kind."""
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from skywright.description.mission.spec import KINDS, TASKS, Mission
+from skywright.core.find import find
+from skywright.description.mission.spec import Mission, Task
+from skywright.errors import InputError
 
 
-def load_kind(name: str) -> Any:
-    """Return the module of a kind of mission (missions/kinds/__init__.py says what it holds)."""
-    return importlib.import_module(KINDS[name])
+def find_mission_spec(kind: object, folders: Sequence[Path] = ()) -> tuple[str, type[Mission[Any]]]:
+    """Return a kind's resolved name (the path of a file is absolute) and its missions' spec.
+
+    Raises InputError where there is no such kind.
+    """
+    found = find("kind", kind, folders, "mission.kind")
+    task = found.cls.task if hasattr(found.cls, "task") else None
+    if not isinstance(task, type) or not issubclass(task, Task):
+        raise InputError(f"mission.kind: {found.name!r} lacks a class of tasks: task = ...")
+    mission: Any = Mission  # the task is known at run time only
+    return found.name, mission[task]
 
 
-def find_mission_spec(name: object) -> type[Mission]:
-    """Return the spec of missions of a kind; the common one where the kind is unknown."""
-    if not isinstance(name, str) or name not in TASKS:
-        return Mission
-    module, _, cls = TASKS[name].partition(":")
-    spec: type[Mission] = getattr(importlib.import_module(module), cls)
-    return spec
+def revive_mission(kind: str, values: Mapping[str, Any]) -> Mission[Any]:
+    """Build a mission from what `Mission.__reduce__` wrote."""
+    return find_mission_spec(kind)[1].model_validate(values)

@@ -3,38 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Generic, Literal, Self, TypeVar
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 from skywright.description.robot.spec import Robot
-
-
-class Scan(Spec):
-    """A scan pattern on the pipe's unrolled surface (s along the axis, c around it)."""
-
-    pattern: Literal["raster", "line", "spiral"] = "raster"
-    side: Literal["side", "top", "underside", "angle"] = "side"
-    centre_angle_deg: float = 0.0  # circumferential angle of the sector's middle, side = "angle"
-    arc_deg: float = Field(default=40.0, gt=0, le=180)
-    passes: int = Field(default=4, ge=1, le=100)  # axial passes; each makes two corners
-    pass_length_m: float = Field(default=0.2, ge=1e-3, le=100.0)
-    centre_s_m: float = 0.0
-    speed_mps: float = Field(default=0.01, ge=1e-4, le=1.0)
-    depth_m: Positive | None = None  # of the desired tip inside the surface; default from force_n
-    stand_off_m: Positive = 0.05  # tip distance before touching
-    retries: int = Field(default=2, ge=0, le=10)
-
-
-class Waypoint(Spec):
-    """A platform pose to reach and hold."""
-
-    x_m: Coordinate
-    y_m: Coordinate
-    z_m: float = Field(gt=0, le=1000)
-    yaw_deg: float = 0.0
-    hold_s: float = Field(default=2.0, ge=0, le=3600)
 
 
 class Requirement(Spec):
@@ -46,45 +20,27 @@ class Requirement(Spec):
     source: str = ""
 
 
-KINDS = {
-    "bar-insertion": "skywright.missions.bar_insertion.fly",
-    "bar-transport": "skywright.missions.bar_transport.fly",
-    "impact": "skywright.missions.impact.fly",
-    "scan": "skywright.missions.scan.fly",
-    "waypoints": "skywright.missions.waypoints.fly",
-    "bimanual-bench": "skywright.missions.bimanual_bench.fly",
-    "sensor-install": "skywright.missions.sensor_install.fly",
-    "tool-install": "skywright.missions.tool_install.fly",
-    "excitation": "skywright.missions.excitation.fly",
-    "bridge-contact": "skywright.missions.bridge_contact.fly",
-    "arm-test-bench": "skywright.missions.arm_test_bench.fly",
-    "flight-modes": "skywright.missions.flight_modes.fly",
-    "follow-plan": "skywright.missions.follow_plan.fly",
-}
-"""Kind of mission -> its module; a new kind is one more module and one more line."""
+class Task(Spec):
+    """What one kind of mission is about: the table `mission.task`; each kind has its own."""
 
-TASKS = {
-    "bar-insertion": "skywright.missions.bar_insertion.task:BarInsertionMission",
-    "bar-transport": "skywright.missions.bar_transport.task:BarTransportMission",
-    "bridge-contact": "skywright.missions.bridge_contact.task:BridgeContactMission",
-    "arm-test-bench": "skywright.missions.arm_test_bench.fly:ArmTestBenchMission",
-    "flight-modes": "skywright.missions.flight_modes.fly:FlightModesMission",
-    "bimanual-bench": "skywright.missions.bimanual_bench.task:BimanualBenchMission",
-    "follow-plan": "skywright.missions.follow_plan.task:FollowPlanMission",
-    "impact": "skywright.missions.impact.task:ImpactMission",
-    "sensor-install": "skywright.missions.sensor_install.task:SensorInstallMission",
-    "tool-install": "skywright.missions.tool_install.task:ToolInstallMission",
-    "excitation": "skywright.missions.excitation.fly:ExcitationMission",
-}
-"""Kind of mission -> "module:class" of its spec, where it has a table `mission.task`."""
+    def adapt_robot(self, robot: Robot) -> Robot:
+        """Return the robot as this mission flies it; a kind may change it."""
+        return robot
+
+    def find_files(self, folder: Path) -> Self:
+        """Return the task with absolute paths of the files that it names, beside `folder`."""
+        return self
 
 
-class Mission(Spec):
-    """The root `mission`; a kind with a table `task` of its own has a subclass."""
+T = TypeVar("T", bound=Task)
+
+
+class Mission(Spec, Generic[T]):
+    """The root `mission`; T is the task of its kind."""
 
     name: Name
     description: str = ""
-    kind: str
+    kind: str  # name, or "file.py:Class"
     robot: str
     world: str
     seed: int = Field(default=1, ge=0)
@@ -98,32 +54,19 @@ class Mission(Spec):
     start_yaw_deg: float = 0.0
     wind_fraction: Fraction = 0.7  # of the computed wind limit that a mission may use
     planner_time_s: Positive = 20.0  # before the planner gives up
-    scan: Scan | None = None
-    waypoints: list[Waypoint] = []
+    task: T
     requirements: dict[str, Requirement] = {}
 
-    def adapt_robot(self, robot: Robot) -> Robot:
-        """Return the robot as this mission flies it; a kind may change it."""
-        return robot
-
-    def find_files(self, folder: Path) -> Mission:
-        """Return the mission with absolute paths of the files that it names, beside `folder`."""
-        return self
-
-    @field_validator("kind")
+    @model_validator(mode="before")
     @classmethod
-    def _kind_is_known(cls, kind: str) -> str:
-        if kind not in KINDS:
-            raise ValueError(f"unknown kind {kind!r}; valid: {', '.join(KINDS)}")
-        return kind
+    def _task_may_be_left_out(cls, data: Any) -> Any:
+        return {"task": {}, **data} if isinstance(data, dict) else data
 
-    @model_validator(mode="after")
-    def _kind_has_its_table(self) -> Mission:
-        if self.kind == "scan" and self.scan is None:
-            raise ValueError("kind = 'scan' needs a [mission.scan] table")
-        if self.kind == "waypoints" and not self.waypoints:
-            raise ValueError("kind = 'waypoints' needs at least one [[mission.waypoints]]")
-        return self
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by kind: the class is made at run time, and the task may be a user's."""
+        from skywright.description.mission.registry import revive_mission
+
+        return revive_mission, (self.kind, self.model_dump())
 
 
 class Plant(Spec):

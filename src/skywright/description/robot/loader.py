@@ -6,11 +6,12 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from skywright.core.catalog import Entry, Found, find_file, list_entries
+from skywright.core.catalog import Entry, Found, find_file, list_entries, list_folders
 from skywright.core.keys import apply_assignments
 from skywright.core.spec import Source
-from skywright.core.toml_files import Layer, describe_value, load_layer, merge_layers
+from skywright.core.toml_files import Layer, describe_value, merge_layers
 from skywright.core.validation import validate_root
+from skywright.description.renamed import load_layer
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 
@@ -19,12 +20,12 @@ DATA = Path(__file__).parent / "data"
 
 def list_robots() -> list[Entry]:
     """List the built-in robots."""
-    return list_entries(DATA, "robot")
+    return list_entries(list_folders(DATA, "robot"), "robot")
 
 
 def find_robot(name: str | os.PathLike[str], folders: Sequence[Path] = ()) -> Found:
     """Find a robot file by built-in name or path; see `core.catalog.find_file`."""
-    return find_file(name, DATA, "robot", folders)
+    return find_file(name, list_folders(DATA, "robot"), "robot", folders)
 
 
 def load_robot_layers(

@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from skywright.core.catalog import Entry, Found, find_file, list_entries
+from skywright.core.catalog import Entry, Found, find_file, list_entries, list_folders
 from skywright.core.spec import Source
-from skywright.core.toml_files import Layer, load_layer
+from skywright.core.toml_files import Layer
 from skywright.core.validation import validate_root
+from skywright.description.renamed import load_layer
 from skywright.description.world.old_tables import translate_layer
 from skywright.description.world.spec import World
 from skywright.errors import InputError
@@ -20,12 +21,12 @@ DATA = Path(__file__).parent / "data"
 
 def list_worlds() -> list[Entry]:
     """List the built-in worlds."""
-    return list_entries(DATA, "world")
+    return list_entries(list_folders(DATA, "world"), "world")
 
 
 def find_world(name: str | os.PathLike[str], folders: Sequence[Path] = ()) -> Found:
     """Find a world file by built-in name or path; see `core.catalog.find_file`."""
-    return find_file(name, DATA, "world", folders)
+    return find_file(name, list_folders(DATA, "world"), "world", folders)
 
 
 def load_world_layer(found: Found, problems: list[str] | None = None) -> Layer:

@@ -31,7 +31,7 @@ FLIGHT_LIMIT = 20.0
 RUN_LIMIT = 1.0
 """MB a run: ours, for a worker that flies a campaign's runs one after the other."""
 
-SHORT = ("mission.scan.passes=2", "mission.scan.pass_length_m=0.05")
+SHORT = ("mission.task.passes=2", "mission.task.pass_length_m=0.05")
 
 
 def measure(session: Session) -> list[Row]:

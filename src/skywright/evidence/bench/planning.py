@@ -22,8 +22,8 @@ CASES: dict[str, tuple[str, ...]] = {
     "thin_inclined_far_side": (
         "world.pipe.diameter_m=0.3", "world.pipe.inclination_deg=-30", "world.pipe.yaw_deg=150",
     ),
-    "top": ('mission.scan.side="top"',),
-    "underside": ('mission.scan.side="underside"',),
+    "top": ('mission.task.side="top"',),
+    "underside": ('mission.task.side="underside"',),
 }  # fmt: skip
 REFUSED = {"underside"}
 """Cases without a plan (the posts are in the way): the time until that is known."""

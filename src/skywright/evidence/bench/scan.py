@@ -56,7 +56,7 @@ def measure(session: Session) -> list[Row]:
 
 def fly_passes(passes: int, out: Path) -> Cost:
     """Plan, then run a scan of some passes."""
-    description = load_scan(f"mission.scan.passes={passes}")
+    description = load_scan(f"mission.task.passes={passes}")
     begin = read_clock()
     plan_mission(description)
     plan = read_clock() - begin

@@ -13,7 +13,7 @@ from skywright.evidence.bench.flights import SCAN
 from skywright.evidence.bench.rows import Row, Session, build_row, build_unmeasured_row
 from skywright.evidence.bench.timing import compute_ratios
 
-SHORT = ("mission.scan.passes=2", "mission.scan.pass_length_m=0.1")
+SHORT = ("mission.task.passes=2", "mission.task.pass_length_m=0.1")
 
 
 def measure(session: Session) -> list[Row]:

@@ -23,10 +23,12 @@ from skywright.errors import SimulationError
 from skywright.evidence.reproduce import flights_arms
 from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.spec import Case
+from skywright.missions.excitation.task import ExcitationTask
+from skywright.missions.scan.plan import ScanWay
 from skywright.missions.skills.tables import build_retreat
 from skywright.missions.skills.tool_handling import LOW
 from skywright.missions.tool_install.metrics import compute_grasp_errors
-from skywright.missions.tool_install.task import ToolInstallMission
+from skywright.missions.tool_install.task import ToolInstall
 from skywright.models.compliant_arms import is_compliant
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.run import build_vehicle, fly_and_evaluate
@@ -117,7 +119,7 @@ def _fly_mission(case: Case, description: Description) -> Record:
         "failed": [r.name for r in result.requirements if not r.passed],
         "phases": [p._asdict() for p in result.phases],
         "plan_s": result.plan.plan_s,
-        "depth_m": result.plan.depth_m,
+        "depth_m": way.depth_m if isinstance(way := result.plan.way, ScanWay) else 0.0,
     }
     fields = list(FIELDS)
     if is_compliant(description.robot):
@@ -128,12 +130,12 @@ def _fly_mission(case: Case, description: Description) -> Record:
     elif description.robot.force_sensor is not None:
         fields += CONTACT_FIELDS
     arrays = {name: result.samples[name] for name in fields}
-    if isinstance(description.mission, ToolInstallMission):
+    if isinstance(description.mission.task, ToolInstall):
         index = list_movers(description.world.things).index(description.mission.task.tool)
         arrays["tool_p_WO"] = result.samples[f"object{index}_p_WO"]
         for name, along in (("grasp_error_O", 0.0), ("wait_error_O", -LOW)):
-            arrays[name] = compute_grasp_errors(result.samples, index, result.plan.task, along)
-    if description.mission.kind == "excitation":  # kept whole enough to identify from
+            arrays[name] = compute_grasp_errors(result.samples, index, result.plan.get_way(), along)
+    if isinstance(description.mission.task, ExcitationTask):  # kept whole enough to identify from
         arrays |= {name: result.samples[name] for name in IDENTIFY_FIELDS}
         info["mission"] = dump_description(description)
     arrays["watched"] = np.array(watcher.rows)

@@ -18,7 +18,7 @@ from skywright.description.robot.loader import load_robot
 from skywright.evidence.force_estimators import measure
 from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.spec import Case
-from skywright.missions.sensor_install.fly import build_pose
+from skywright.missions.sensor_install.plan import build_pose
 from skywright.models.compliant_arms import find_swing
 from skywright.models.rigid_body import build_body_model
 from skywright.models.tip_force import Loaded

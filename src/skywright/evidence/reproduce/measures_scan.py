@@ -20,8 +20,8 @@ from skywright.evidence.reproduce.series import (
     tangential,
 )
 from skywright.inspection.eddy_current import Instrument
+from skywright.missions.scan.metrics import LIFT_OFF_THRESHOLD
 from skywright.reports.figures.style import BLUE, ORANGE
-from skywright.run.metrics import LIFT_OFF_THRESHOLD
 
 Array = NDArray[np.float64]
 

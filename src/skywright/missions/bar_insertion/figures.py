@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.missions.bar_insertion.metrics import compute_peg_way, find_task
+from skywright.missions.bar_insertion.metrics import compute_peg_way
+from skywright.missions.bar_insertion.plan import InsertionPlan
+from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.models.things.peg import Peg
 from skywright.models.things.socket import Socket
 from skywright.reports.figures.style import (
@@ -25,6 +26,7 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
+from skywright.run.kind import Chart, Figures
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
@@ -32,14 +34,14 @@ if TYPE_CHECKING:
 SHOWN = ("align", "lower", "insert", "draw out", "set free", "release")
 
 
-def draw_insertion(result: RunResult) -> Figure | None:
+def draw_insertion(result: RunResult[BarInsertion, InsertionPlan]) -> Figure | None:
     """Depth, error across the hole, force and angles, from over the socket to the release."""
     s, d = result.samples, result.description
     spans = [p for p in result.phases if p.name in SHOWN]
     if not spans:
         return None
-    peg = d.world.find_thing(find_task(d).bar, Peg)
-    socket = d.world.find_thing(find_task(d).socket, Socket)
+    peg = d.world.find_thing(d.mission.task.bar, Peg)
+    socket = d.world.find_thing(d.mission.task.socket, Socket)
     s = s[(s["t"] >= spans[0].start_s) & (s["t"] <= spans[-1].end_s)]
     if not len(s):
         return None
@@ -79,16 +81,6 @@ def draw_insertion(result: RunResult) -> Figure | None:
     return figure
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {"bar_insertion": draw_insertion}
-CAPTIONS = {
-    "bar_insertion": (
-        "The peg and the hole",
-        "How deep the peg came, how far its end was beside the hole (green: free play to each "
-        "side; orange: what the chamfer catches), how hard it pressed, and how it was turned "
-        "against the hole. The true socket is meant, which the robot knows from a survey only.",
-    ),
-}
-
 PHASES = {
     "approach rack": "The hooks are lowered; the platform flies behind the rack.",
     "survey": "Motion capture looks at the socket and says where it really stands.",
@@ -109,14 +101,29 @@ PHASES = {
 }
 
 
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[BarInsertion, InsertionPlan]) -> str:
     """Say whether the peg came in."""
     d = result.description
     did = f"{d.robot.name} in world {d.world.name} "
-    tries, task = int(result.metrics.get("insert.tries", 0.0)), find_task(d)
+    tries, task = int(result.metrics.get("insert.tries", 0.0)), d.mission.task
     if result.metrics.get("insert.done") != 1.0:
         return did + f"did not put the peg into the hole ({tries} tries)"
     often = "at the first try" if tries == 1 else f"in {tries} tries"
     hole = d.world.find_thing(task.socket, Socket).hole_m
     play = 1e3 * (hole - d.world.find_thing(task.bar, Peg).side_m)
     return did + f"put the peg into a hole {play:.3g} mm wider, {often}"
+
+
+FIGURES = Figures(
+    describe,
+    charts={
+        "bar_insertion": Chart(
+            "The peg and the hole",
+            "How deep the peg came, how far its end was beside the hole (green: free play to each "
+            "side; orange: what the chamfer catches), how hard it pressed, and how it was turned "
+            "against the hole. The true socket is meant, which the robot knows from a survey only.",
+            draw_insertion,
+        ),
+    },
+    phases=PHASES,
+)

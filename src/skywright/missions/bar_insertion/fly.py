@@ -8,23 +8,15 @@ rest is done by the chamfer, the springs of the arms, and trying again (docs/how
 
 from __future__ import annotations
 
-import math
-import time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
-from skywright.description.loader import Description
-from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import World
-from skywright.description.world.things import locate_thing
-from skywright.errors import InputError
-from skywright.missions.bar_insertion.task import BarInsertion, BarInsertionMission
-from skywright.missions.skills.bar_leading import BarLeader
-from skywright.missions.skills.hook_grip import build_grip, check_hooks
-from skywright.missions.skills.insertion import build_hole, find_offset, insert, survey
+from skywright.missions.bar_insertion.bar_leading import BarLeader
+from skywright.missions.bar_insertion.insertion import build_hole, find_offset, insert, survey
+from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.tool_handling import (
     DROP,
     LIFT,
@@ -33,7 +25,6 @@ from skywright.missions.skills.tool_handling import (
     STEADY_S,
     Grip,
     Place,
-    find_marker,
     find_platform,
     find_tool,
     hold_joints,
@@ -43,179 +34,30 @@ from skywright.missions.skills.tool_handling import (
     put_down,
     take_up_again,
 )
-from skywright.models.arm_inverse_kinematics import ArmChain, build_arm_chain
-from skywright.models.geometry import build_clearance, compute_clearance
-from skywright.models.rigid_body import posture
-from skywright.models.scene import build_scene
-from skywright.models.things.peg import Peg
-from skywright.models.things.socket import Socket
 from skywright.run.flight import Flight
-from skywright.run.planning import MissionPlan, find_hover
 from skywright.vehicle.simulated import MISSION_TICK
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
+
+from skywright.missions.bar_insertion.plan import BACK, InsertionPlan
+
 Array = NDArray[np.float64]
-
-NEEDS = frozenset({"uav", "hands"})
-
-BACK = 0.35  # m, behind rack and socket, where the platform comes from and goes to
 RELEASE_S = 1.5  # s, in which the hands let the weight go
 CARRY_SPEED, CARRY_ACCELERATION = 0.3, 0.2
-ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
-HAND_ROOM = 0.03  # m, from a hand's hook to the crossbar's end
-KEPT = 0.02  # m, from everything, where the hands work
-STEP = 0.05  # m, between looks at the way
-HANDLING_S = 60.0  # s, about, of everything but the ways
 
 
-class InsertionPlan(NamedTuple):
-    """Where things and robot will be, as known before take-off."""
-
-    grip: Grip
-    chains: tuple[ArmChain, ArmChain]
-    folded: Array  # (n_joints,) rad
-    rack: Place
-    socket: Place  # as the world file has it, with the peg in it
-    home: Array  # (4,) m, rad
-    most_n: float  # weight that may be lifted
-
-
-def plan(d: Description) -> MissionPlan:
-    """Find poses and check the straight ways; what cannot be is told."""
-    assert isinstance(d.mission, BarInsertionMission)
-    robot, world, task, began = d.robot, d.world, d.mission.task, time.perf_counter()
-    _check_input(robot, world, task)
-    grip = build_grip(robot, world.find_thing(task.bar, Peg), world.gravity_mps2)
-    places = [
-        Place(p, math.atan2(R[1, 0], R[0, 0]))
-        for p, R in (locate_thing(world.things, name) for name in (task.rack, task.socket))
-    ]
-    found = InsertionPlan(
-        grip, (build_arm_chain(robot, 0), build_arm_chain(robot, 1)), posture(robot, "folded"),
-        places[0], places[1], find_hover(d),
-        ROOM * task.payload_max_kg * world.gravity_mps2,
-    )  # fmt: skip
-    blocked = _find_misfit(robot, world, task)
-    least = math.inf
-    if blocked is None:
-        least, blocked = _find_blocked_way(robot, world.drop_things(task.bar), found)
-    return MissionPlan(
-        blocked is None, blocked, time.perf_counter() - began, HANDLING_S, least, math.nan, {},
-        None, 0.0, 0.0, found,
-    )  # fmt: skip
-
-
-def _check_input(robot: Robot, world: World, task: BarInsertion) -> None:
-    """Raise InputError where robot or world are not those of this mission."""
-    peg = world.find_thing(task.bar, Peg)
-    blocks = [(name, world.find_thing(name, Socket)) for name in (task.rack, task.socket)]
-    find_marker(world, task.bar)
-    if not blocks[1][1].tracked:
-        raise InputError(
-            f"world {world.name!r}: where the socket is, motion capture finds: "
-            f"[world.things.{task.socket}] tracked = true"
-        )
-    check_hooks(robot, "bar-insertion")
-    for name, block in blocks:
-        if block.hole_m <= peg.side_m:
-            raise InputError(
-                f"world.things.{name}.hole_m = {block.hole_m:g}: the peg of side_m = "
-                f"{peg.side_m:g} does not go in; valid: above {peg.side_m:g}"
-            )
-        if block.hole_m + 2.0 * block.chamfer_m >= peg.flange_m:
-            raise InputError(
-                f"world.things.{name}.hole_m = {block.hole_m:g}: the bar's flange of "
-                f"{peg.flange_m:g} m would fall through; valid: below the flange, chamfer included"
-            )
-        if block.depth_m <= peg.length_m:
-            raise InputError(
-                f"world.things.{name}.depth_m = {block.depth_m:g}: the peg is {peg.length_m:g} m "
-                f"long; valid: above {peg.length_m:g}"
-            )
-        z = float(locate_thing(world.things, name).p[2])
-        if z <= block.depth_m:
-            raise InputError(
-                f"world.things.{name}.z_m = {z:g}: its hole would reach into the ground; valid: "
-                f"above depth_m = {block.depth_m:g}"
-            )
-
-
-def _find_misfit(robot: Robot, world: World, task: BarInsertion) -> str | None:
-    """Say why bar, socket and arms do not go together, or return None."""
-    peg = world.find_thing(task.bar, Peg)
-    assert robot.arm is not None
-    if peg.mass_kg > task.payload_max_kg:
-        return (
-            f"the bar weighs {peg.mass_kg:g} kg, more than the arms may lift "
-            f"(mission.task.payload_max_kg = {task.payload_max_kg:g})"
-        )
-    apart = robot.arm.separation_m
-    needed = apart + 2.0 * (robot.arm.hand.radius_m + HAND_ROOM)
-    if peg.handle_length_m < needed:
-        return (
-            f"the hands are {apart:g} m apart; the crossbar of {peg.handle_length_m:g} m is too "
-            f"short to be held, {needed:.3f} m are needed"
-        )
-    for name in (task.rack, task.socket):
-        block = world.find_thing(name, Socket)
-        width = max(block.width_m, peg.flange_m)
-        room = apart - 2.0 * (robot.arm.hand.radius_m + HAND_ROOM)
-        if width > room:
-            return (
-                f"the {name} is {width:g} m wide; between the hands there is room for {room:.3f} m"
-            )
-    return None
-
-
-def _find_blocked_way(robot: Robot, world: World, way: InsertionPlan) -> tuple[float, str | None]:
-    """Fly the straight ways in thought: (least distance m, what is in the way or None).
-
-    The world is without the bar: it is what the hands touch.
-    """
-    query = build_clearance(build_scene(robot, world), with_ground=True)
-    grip = way.grip
-    at = [find_platform(grip, place) for place in (way.rack, way.socket)]
-    behind = [
-        p - BACK * rot_z(place.yaw)[:, 0] - [0.0, 0.0, DROP]
-        for p, place in zip(at, (way.rack, way.socket), strict=True)
-    ]
-    up = np.array([0.0, 0.0, LIFT])
-    legs = [
-        ("to the rack", way.home[:3], float(way.home[3]), behind[0], way.rack.yaw, grip.q_low),
-        ("at the rack", behind[0], way.rack.yaw, at[0], way.rack.yaw, grip.q_low),
-        ("to the socket", at[0] + up, way.rack.yaw, at[1] + up, way.socket.yaw, grip.q),
-        ("at the socket", at[1] + up, way.socket.yaw, at[1], way.socket.yaw, grip.q),
-        ("away from the socket", at[1], way.socket.yaw, behind[1], way.socket.yaw, grip.q_low),
-        ("home", behind[1], way.socket.yaw, way.home[:3], float(way.home[3]), grip.q_low),
-    ]
-    least = math.inf
-    for name, a, yaw_a, b, yaw_b, q in legs:
-        for u in np.linspace(0.0, 1.0, max(math.ceil(float(np.linalg.norm(b - a)) / STEP), 1) + 1):
-            found = compute_clearance(query, a + u * (b - a), rot_z(yaw_a + u * (yaw_b - yaw_a)), q)
-            least = min(least, found.distance)
-            if found.distance < KEPT:
-                pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
-                return least, (
-                    f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m, {KEPT:.2f} m "
-                    "are kept"
-                )
-    return least, None
-
-
-def fly(s: Supervisor) -> Flight:
+def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
     """Fly the phases between take-off and landing."""
-    assert isinstance(s.mission, BarInsertionMission)
-    task, way = s.mission.task, s.plan.task
-    assert isinstance(way, InsertionPlan)
+    task = s.task
     speeds = (task.hand_speed_mps, task.lift_speed_mps)
     s.begin("approach rack")
     s.arms.move_to(way.grip.q_low)
     s.until_arrived()
     _go_behind(s, way.grip, way.rack, s.vehicle.limits.speed)
     s.begin("survey")
-    hole, R_WS = survey(s, task.socket)
+    hole, R_WS = survey(s, s.task.socket)
     s.begin("reach under")
     move_platform(
         s, find_platform(way.grip, find_tool(s)) - [0.0, 0.0, DROP], way.rack.yaw, NEAR_SPEED
@@ -231,7 +73,7 @@ def fly(s: Supervisor) -> Flight:
     move_platform(s, above, hole.yaw, CARRY_SPEED, CARRY_ACCELERATION)
     leader = BarLeader(s, way.grip, way.chains, weight)
     leader.correct = task.bar_pose == "marker"
-    opening, missed, found = build_hole(s, hole.p_WO, R_WS, way.grip, task), 0, ""
+    opening, missed, found = build_hole(s, hole.p_WO, R_WS, way.grip, s.task), 0, ""
     for _ in range(task.tries):
         found = insert(s, leader, opening, find_offset(missed, opening.capture), task)
         if found == "in" or leader.lost:

@@ -10,17 +10,35 @@ from numpy.typing import NDArray
 
 from skywright.description.loader import Description
 from skywright.description.world.things import list_movers, locate_thing
-from skywright.missions.bar_insertion.task import BarInsertion, BarInsertionMission
+from skywright.missions.bar_insertion.plan import InsertionPlan
+from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import rotate_vectors
 from skywright.models.things._build import find_offsets
 from skywright.models.things.peg import Peg
-from skywright.run.flight import PhaseRecord
+from skywright.run.flight import Flown
+from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-from skywright.run.planning import MissionPlan
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
+
+MEASURES: Measures = {
+    "insert.done": ("", "1 when the peg is in the hole at the end, hands withdrawn"),
+    "insert.depth_mm": ("mm", "depth of the peg's end below the socket's face at the end"),
+    "insert.force_max_n": ("N", "largest force of the peg on the socket, its inertia left out"),
+    "insert.tries": ("", "times that the peg was lowered onto the socket"),
+    "insert.time_s": ("s", "from the arrival over the socket until the peg was in or given up"),
+    "insert.aim_error_mm": (
+        "mm",
+        "distance of the peg's end from the hole's axis as it was last lowered",
+    ),
+    "insert.aim_angle_deg": (
+        "deg",
+        "angle between bar and hole about the hole's axis at that moment",
+    ),
+}
+"""Metric -> unit and meaning, of those that only this kind has."""
 
 SEATED = 0.95  # of the peg's length in the hole: it is in
 BELOW_FLIGHT = ("start", "take_off", "land")
@@ -35,15 +53,9 @@ class PegWay(NamedTuple):
     f_W: Array  # (n, 3) N, of the peg on what it touches; inertia left out
 
 
-def find_task(d: Description) -> BarInsertion:
-    """Return the task of a bar insertion."""
-    assert isinstance(d.mission, BarInsertionMission)
-    return d.mission.task
-
-
-def compute_peg_way(samples: Samples, d: Description) -> PegWay:
+def compute_peg_way(samples: Samples, d: Description[BarInsertion]) -> PegWay:
     """Return how the peg moves against the true hole, and how hard it presses."""
-    task, things = find_task(d), d.world.things
+    task, things = d.mission.task, d.world.things
     peg = d.world.find_thing(task.bar, Peg)
     offsets = find_offsets(things, build_socket_error(d.plant))
     p_WS, R_WS = locate_thing(things, task.socket, offsets=offsets)
@@ -58,11 +70,10 @@ def compute_peg_way(samples: Samples, d: Description) -> PegWay:
     return PegWay((tip - p_WS) @ R_WS, np.arccos(along), turn, carried - weight)
 
 
-def compute_insertion_metrics(
-    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
-) -> tuple[dict[str, float], None]:
+def compute_insertion_metrics(run: Flown[BarInsertion, InsertionPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
-    peg = description.world.find_thing(find_task(description).bar, Peg)
+    samples, phases, description = run.samples, run.phases, run.setup.description
+    peg = description.world.find_thing(run.task.bar, Peg)
     out = {"insert.tries": float(sum(p.name == "lower" for p in phases))}
     out["insert.done"] = 0.0
     flown = ~in_phases(samples, phases, *BELOW_FLIGHT)
@@ -87,4 +98,4 @@ def compute_insertion_metrics(
         out["insert.aim_angle_deg"] = math.degrees(abs(float(way.turn[at])))
         first = next(p.start_s for p in phases if p.name == "align")
         out["insert.time_s"] = tries[-1].end_s - first
-    return out, None
+    return out

@@ -6,11 +6,11 @@ from typing import Literal
 
 from pydantic import Field
 
-from skywright.core.spec import Positive, Spec
-from skywright.description.mission.spec import Mission
+from skywright.core.spec import Positive
+from skywright.description.mission.spec import Task
 
 
-class BarInsertion(Spec):
+class BarInsertion(Task):
     """Put the peg below a bar into the socket: (29) to (31) of Suarez 2020."""
 
     bar: str = "peg"  # names of the things: the bar with its peg, where it stands, where it goes
@@ -29,9 +29,3 @@ class BarInsertion(Spec):
     align_deg: Positive = 1.0  # of the bar's direction
     hand_speed_mps: Positive = 0.05
     lift_speed_mps: Positive = 0.03  # of the platform, while the load passes from or to the hands
-
-
-class BarInsertionMission(Mission):
-    """A mission with the table `mission.task` of this kind."""
-
-    task: BarInsertion = BarInsertion()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from skywright.missions.bar_transport.metrics import (
     compute_swing,
     compute_tip_errors,
 )
+from skywright.missions.bar_transport.task import BarTransport
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -32,9 +32,10 @@ from skywright.reports.figures.style import (
     draw_line,
     new_figure,
 )
-from skywright.reports.kinds import find_task
 from skywright.reports.outlines import outline_robot
+from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
+from skywright.run.setup import Setup
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
@@ -47,7 +48,7 @@ LEAST_SPAN_DEG = 5.0  # of an axis of angles
 PLANNED = {"color": BLACK, "lw": 1.0, "ls": (0, (4, 2))}
 
 
-def draw_snapshots(result: RunResult) -> Figure | None:
+def draw_snapshots(result: RunResult[BarTransport, None]) -> Figure | None:
     """The flight from the side, and from above: figures 7 and 9 of the paper."""
     s = _carry(result)
     if len(s) < SNAPSHOTS:
@@ -105,7 +106,7 @@ def draw_snapshots(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_histories(result: RunResult) -> Figure | None:
+def draw_histories(result: RunResult[BarTransport, None]) -> Figure | None:
     """Coordinates against the plan, figures 8 and 10 of the paper, and what is left of errors."""
     s = _carry(result)
     if len(s) < 2:
@@ -149,7 +150,7 @@ def draw_histories(result: RunResult) -> Figure | None:
     axes[3, 1].set_title("Clearance of robot and bar")
     axes[3, 1].set_ylabel("m")
     d = result.description
-    draw_line(axes[3, 1], t, compute_clearances(s, d.robot, d.world), color=BLUE)
+    draw_line(axes[3, 1], t, compute_clearances(s, Setup(d)), color=BLUE)
     limit = d.mission.requirements.get("transport.clearance_min_m")
     if limit is not None:
         draw_limit(axes[3, 1], limit.limit, f"limit {limit.limit:g} m")
@@ -159,13 +160,13 @@ def draw_histories(result: RunResult) -> Figure | None:
     return figure
 
 
-def _carry(result: RunResult) -> Samples:
+def _carry(result: RunResult[BarTransport, None]) -> Samples:
     s = result.samples
     found: Samples = s[in_phases(s, result.phases, *CARRYING)][::2]
     return found
 
 
-def _count(result: RunResult) -> int:
+def _count(result: RunResult[BarTransport, None]) -> int:
     arm = result.description.robot.arm
     assert arm is not None
     return 1 + 2 * len(arm.links)
@@ -179,7 +180,7 @@ def _choose(s: Samples) -> list[int]:
     return [int(np.argmin(np.abs(way - w))) for w in wanted[:-1]] + [len(s) - 1]
 
 
-def _bar_ends(s: Samples, result: RunResult) -> Array:
+def _bar_ends(s: Samples, result: RunResult[BarTransport, None]) -> Array:
     """Return both ends of the bar (n, 3, 2) m; without one, the hands."""
     arm = result.description.robot.arm
     left, right = s["left_p_WH"], s["right_p_WH"]
@@ -209,10 +210,6 @@ def _draw_structures(ax: Axes, world: Any, a: int) -> None:
         )
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
-    "transport_snapshots": draw_snapshots,
-    "transport_histories": draw_histories,
-}
 PHASES = {
     "start pose": "To where the plan begins, the bar in both hands.",
     "transport": "Along the plan: platform, arms and bar together, the passive link swings freely.",
@@ -220,28 +217,35 @@ PHASES = {
 }
 """Phase -> what is done in it."""
 
-CAPTIONS = {
-    "transport_snapshots": (
-        "The flight",
-        "Blue: platform; orange: link and arms; green: bar; yellow: pipes; dashed red: the area "
-        "that nothing may leave. Each view shows everything, near and far: posts in the way from "
-        "the side stand beside it, and from above the bar may pass below pipes that it seems to "
-        "meet.",
-    ),
-    "transport_histories": (
-        "Flown and planned",
-        "The planned pitch is zero: the planner keeps the platform level.",
-    ),
-}
 
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[BarTransport, None]) -> str:
     """Say what was carried where."""
     d = result.description
-    task = find_task(d)
+    task = d.mission.task
     what = f"a bar of {task.bar_length_m:g} m and {task.bar_mass_kg:g} kg"
     if task.bar_length_m == 0.0:
         what = "nothing"
     seed = d.world.scenario_seed
     where = f"world {d.world.name}" + ("" if seed is None else f", scenario {seed}")
     return f"{d.robot.name} carried {what} to x = {task.goal_x_m:g} m in {where}"
+
+
+FIGURES = Figures(
+    describe,
+    charts={
+        "transport_snapshots": Chart(
+            "The flight",
+            "Blue: platform; orange: link and arms; green: bar; yellow: pipes; dashed red: the "
+            "area that nothing may leave. Each view shows everything, near and far: posts in the "
+            "way from the side stand beside it, and from above the bar may pass below pipes that "
+            "it seems to meet.",
+            draw_snapshots,
+        ),
+        "transport_histories": Chart(
+            "Flown and planned",
+            "The planned pitch is zero: the planner keeps the platform level.",
+            draw_histories,
+        ),
+    },
+    phases=PHASES,
+)

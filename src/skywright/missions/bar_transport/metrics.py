@@ -9,40 +9,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_from_quat
-from skywright.description.loader import Description
-from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
-from skywright.description.world.spec import World
-from skywright.models.geometry import build_clearance, compute_area_clearance, compute_clearance
-from skywright.models.scene import build_scene
-from skywright.planning.motion.plan_file import PlanFile
-from skywright.run.flight import PhaseRecord
+from skywright.models.geometry import compute_area_clearance, compute_clearance
+from skywright.run.flight import Flown
+from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-from skywright.run.planning import MissionPlan
+from skywright.run.setup import Setup
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
 
+MEASURES: Measures = {
+    "transport.contacts": ("", "contacts of robot, hands or bar with anything while carrying"),
+    "transport.clearance_min_m": (
+        "m",
+        "smallest distance of robot and bar to structures, ground and the area's limits",
+    ),
+    "transport.duration_s": ("s", "time of the carrying, without take-off and landing"),
+    "transport.energy_wh": ("Wh", "electrical energy used in it"),
+    "tip.tracking_max_m": ("m", "largest distance of the bar's middle from the plan"),
+    "tip.tracking_rms_m": ("m", "rms of that distance"),
+    "platform.tracking_max_m": ("m", "largest distance of the platform from the plan"),
+    "swing.max_deg": ("deg", "largest angle of the passive link from the plan's"),
+    "swing.rms_deg": ("deg", "rms of that angle"),
+}
+"""Metric -> unit and meaning."""
 CARRYING = ("transport", "plan", "settle")
 
 
-def compute_transport_metrics(
-    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
-) -> tuple[dict[str, float], None]:
+def compute_transport_metrics(run: Flown[Any, None]) -> dict[str, float]:
     """Judge the phases in which the plan is followed."""
-    out: dict[str, float] = {}
-    file = getattr(plan.task, "file", None)
-    if isinstance(file, PlanFile):
-        out |= file.metrics
-    mask = in_phases(samples, phases, *CARRYING)
+    samples, robot = run.samples, run.setup.robot
+    out = run.plan.metrics
+    mask = in_phases(samples, run.phases, *CARRYING)
     if not np.any(mask):
-        return out, None
+        return out
     s = samples[mask]
     dt = float(np.median(np.diff(s["t"]))) if len(s) > 1 else 0.0
     hits = (s["f_collision"] > 0.0) | (np.abs(s["left_f_W"]).max(axis=1) > 0.0)
     hits |= np.abs(s["right_f_W"]).max(axis=1) > 0.0
     out["transport.contacts"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]) + int(hits[0]))
-    clearance = compute_clearances(s, description.robot, description.world)
+    clearance = compute_clearances(s, run.setup)
     out["transport.clearance_min_m"] = float(np.min(clearance))
     out["transport.duration_s"] = dt * len(s)
     out["transport.energy_wh"] = float(np.sum(s["power"])) * dt / 3600.0
@@ -51,11 +58,11 @@ def compute_transport_metrics(
     out["tip.tracking_rms_m"] = float(np.sqrt(np.mean(tip**2)))
     off = np.linalg.norm(s["p_WB"] - s["ref_p_WB"], axis=1)
     out["platform.tracking_max_m"] = float(np.max(off))
-    if description.robot.pendulum is not None:
+    if robot.pendulum is not None:
         swing = np.degrees(compute_swing(s))
         out["swing.max_deg"] = float(np.max(np.abs(swing)))
         out["swing.rms_deg"] = float(np.sqrt(np.mean(swing**2)))
-    return out, None
+    return out
 
 
 def compute_tip_errors(s: Samples) -> Array:
@@ -83,11 +90,10 @@ def compute_swing(s: Samples) -> Array:
     return np.asarray(angle - s["ref_q"][:, 0])
 
 
-def compute_clearances(s: Samples, robot: Robot, world: World) -> Array:
+def compute_clearances(s: Samples, setup: Setup[Any]) -> Array:
     """Return the true distance (n,) m of robot and bar to the world and to its area's limits."""
-    scene = build_scene(robot, world)
-    query = build_clearance(scene)
-    area = get_structures(world).area
+    scene, query = setup.scene, setup.clearance
+    area = get_structures(setup.world).area
     limits = None
     if area is not None:
         limits = np.array([

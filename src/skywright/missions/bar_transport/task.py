@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
-from skywright.description.mission.spec import Mission
+from skywright.core.spec import Coordinate, NonNegative, Positive
+from skywright.description.mission.spec import Task
 from skywright.description.robot.bar import Bar
 from skywright.description.robot.spec import Robot
 
 
-class BarTransport(Spec):
+class BarTransport(Task):
     """Carry a bar in both hands through a world's structures, in the plane y = 0.
 
     The flight starts at (`mission.start_x_m`, 0, `mission.hover_height_m`), arms at work.
@@ -29,20 +29,14 @@ class BarTransport(Spec):
     plan_file: str = ""  # fly this plan instead of planning
     duration_s: Positive | None = None  # of the carrying; default: the shortest
 
-
-class BarTransportMission(Mission):
-    """A mission of the kind "bar-transport"."""
-
-    task: BarTransport = BarTransport()
-
     def adapt_robot(self, robot: Robot) -> Robot:
         """Put the bar into the robot's hands."""
         if robot.arm is None or robot.arm.sides != 2:
             return robot
-        t = self.task
         bar = None
-        if t.bar_length_m > 0.0:
+        if self.bar_length_m > 0.0:
             bar = Bar(
-                length_m=t.bar_length_m, diameter_m=t.bar_diameter_m, mass_kg=t.bar_mass_kg
+                length_m=self.bar_length_m, diameter_m=self.bar_diameter_m,
+                mass_kg=self.bar_mass_kg,
             )  # fmt: skip
         return robot.model_copy(update={"arm": robot.arm.model_copy(update={"bar": bar})})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +9,8 @@ from matplotlib.figure import Figure
 
 from skywright.description.world.things import list_movers
 from skywright.missions.bimanual_bench.metrics import compute_bar_errors, compute_drift
+from skywright.missions.bimanual_bench.plan import BenchPlan
+from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -25,7 +26,7 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
-from skywright.reports.kinds import find_task
+from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
 
 if TYPE_CHECKING:
@@ -35,7 +36,11 @@ SIDES = (("left", BLUE), ("right", ORANGE))
 
 
 def _start(
-    result: RunResult, first: str, last: str, titles: tuple[str, str], labels: tuple[str, str]
+    result: RunResult[BimanualBench, BenchPlan],
+    first: str,
+    last: str,
+    titles: tuple[str, str],
+    labels: tuple[str, str],
 ) -> tuple[Figure, list[Any], Any] | None:
     """Two panels over the phases from `first` to `last`, and the samples within; None without."""
     names = [p.name for p in result.phases]
@@ -55,11 +60,11 @@ def _start(
     return figure, axes, s
 
 
-def _object(result: RunResult, name: str) -> int:
+def _object(result: RunResult[BimanualBench, BenchPlan], name: str) -> int:
     return list_movers(result.description.world.things).index(name)
 
 
-def draw_squeeze(result: RunResult) -> Figure | None:
+def draw_squeeze(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """Force of each hand on the box, and the box's height."""
     begun = _start(
         result, "squeeze", "lower",
@@ -69,7 +74,7 @@ def draw_squeeze(result: RunResult) -> Figure | None:
     if begun is None:
         return None
     figure, axes, s = begun
-    wanted = float(find_task(result.description).squeeze_n)
+    wanted = float(result.description.mission.task.squeeze_n)
     for (side, color), sign in zip(SIDES, (-1.0, 1.0), strict=True):
         true = sign * s[f"{side}_f_W"][:, 1]
         draw_line(axes[0], s["t"], true, color=color, label=f"{side}, true")
@@ -78,7 +83,7 @@ def draw_squeeze(result: RunResult) -> Figure | None:
     axes[0].axhline(wanted, color=GREEN, lw=1.1, ls=":", label="asked for")
     axes[0].set_ylim(-0.2, 1.6 * wanted)
     axes[0].legend(loc="lower right", ncols=5)
-    box = s[f"object{_object(result, find_task(result.description).box)}_p_WO"][:, 2]
+    box = s[f"object{_object(result, result.description.mission.task.box)}_p_WO"][:, 2]
     hands = 0.5 * (s["left_p_WH"] + s["right_p_WH"])[:, 2]
     draw_line(axes[1], s["t"], 1e3 * (box - box[0]), color=GREEN, label="box")
     draw_line(axes[1], s["t"], 1e3 * (hands - hands[0]), color=BLACK, lw=0.8, label="hands")
@@ -88,7 +93,7 @@ def draw_squeeze(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_unplug(result: RunResult) -> Figure | None:
+def draw_unplug(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """Hands' and plug's way since the grasp, the threshold of (33), and the forward force."""
     begun = _start(
         result, "pull", "unplugged",
@@ -98,7 +103,7 @@ def draw_unplug(result: RunResult) -> Figure | None:
     if begun is None:
         return None
     figure, axes, s = begun
-    task = find_task(result.description)
+    task = result.description.mission.task
     ways = []
     for side, color in SIDES:
         way = 1e3 * np.linalg.norm(s[f"{side}_est_p_WH"] - s[f"{side}_est_p_WH"][0], axis=1)
@@ -118,7 +123,7 @@ def draw_unplug(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_bar(result: RunResult) -> Figure | None:
+def draw_bar(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """Errors of the bar's centre and direction."""
     begun = _start(
         result, "lift bar", "lower bar",
@@ -142,7 +147,7 @@ def draw_bar(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_drift(result: RunResult) -> Figure | None:
+def draw_drift(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """The base's drift, true and as the arms felt it."""
     begun = _start(
         result, "drift", "drift", ("Drift forward", "Drift upward"), ("way (mm)", "way (mm)")
@@ -160,7 +165,7 @@ def draw_drift(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_hands(result: RunResult) -> Figure | None:
+def draw_hands(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """Forces of the hands and springs of an arm over the whole run."""
     s = result.samples
     if len(s) < 2:
@@ -187,34 +192,7 @@ def draw_hands(result: RunResult) -> Figure | None:
     return figure
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
-    "bench_squeeze": draw_squeeze, "bench_unplug": draw_unplug, "bench_bar": draw_bar,
-    "bench_drift": draw_drift, "bench_hands": draw_hands,
-}  # fmt: skip
-CAPTIONS = {
-    "bench_squeeze": (
-        "A box between two hands",
-        "Friction alone carries the box. Its weight winds the springs of shoulder and elbow: "
-        "hands and box first sag, then a slow loop brings them to their height.",
-    ),
-    "bench_unplug": (
-        "A plug comes free",
-        "The hands are told of the release by their own way: beyond the threshold the plug must be "
-        "out. Springs that were wound by the pull let them leap a little.",
-    ),
-    "bench_bar": (
-        "A bar is led",
-        "The bar follows both hands. Each pose is judged in its last second.",
-    ),
-    "bench_drift": (
-        "Arms that feel where the base is",
-        "The hands hold a post that stands firm, so what their angles say is how the base moves.",
-    ),
-    "bench_hands": ("The whole run", "Bands are phases."),
-}
-
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[BimanualBench, BenchPlan]) -> str:
     """Say what the trials came to."""
     d, found = result.description, result.metrics
     parts = {
@@ -224,6 +202,41 @@ def describe(result: RunResult) -> str:
         "bench.drift_error_mm": ("felt the drift of its base to {:.1f} mm", 1.0),
     }
     said = [text.format(scale * found[k]) for k, (text, scale) in parts.items() if k in found]
-    trials = ", ".join(find_task(d).trials)
+    trials = ", ".join(d.mission.task.trials)
     start = f"{d.robot.name} in world {d.world.name} tried {trials}"
     return start + (": its two hands " + "; ".join(said) if said else "")
+
+
+FIGURES = Figures(
+    describe,
+    charts={
+        "bench_squeeze": Chart(
+            "A box between two hands",
+            "Friction alone carries the box. Its weight winds the springs of shoulder and elbow: "
+            "hands and box first sag, then a slow loop brings them to their height.",
+            draw_squeeze,
+        ),
+        "bench_unplug": Chart(
+            "A plug comes free",
+            "The hands are told of the release by their own way: beyond the threshold the plug "
+            "must be out. Springs that were wound by the pull let them leap a little.",
+            draw_unplug,
+        ),
+        "bench_bar": Chart(
+            "A bar is led",
+            "The bar follows both hands. Each pose is judged in its last second.",
+            draw_bar,
+        ),
+        "bench_drift": Chart(
+            "Arms that feel where the base is",
+            "The hands hold a post that stands firm, so what their angles say is how the base "
+            "moves.",
+            draw_drift,
+        ),
+        "bench_hands": Chart(
+            "The whole run",
+            "Bands are phases.",
+            draw_hands,
+        ),
+    },
+)

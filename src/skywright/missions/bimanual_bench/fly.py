@@ -9,32 +9,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.description.loader import Description
-from skywright.description.world.spec import World
 from skywright.description.world.things import find_first, locate_thing
-from skywright.errors import InputError
-from skywright.missions.bimanual_bench.task import BimanualBench, BimanualBenchMission
-from skywright.models.arm_inverse_kinematics import has_arm_chain
+from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.models.bimanual import is_unplugged
-from skywright.models.compliant_arms import is_compliant
-from skywright.models.rigid_body import posture
 from skywright.models.things.bench import Bench
 from skywright.models.things.box import Box
 from skywright.run.flight import Flight
-from skywright.run.planning import MissionPlan
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
-Array = NDArray[np.float64]
 
-NEEDS = frozenset({"hands"})
-FLIES = False
+from skywright.missions.bimanual_bench.plan import BenchPlan
+
+Array = NDArray[np.float64]
 
 STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
 """m, y of each station in the world `bench`."""
@@ -42,7 +35,6 @@ APART = 0.05  # m, between hand and what it is about to press
 GAP = 0.015  # m, at which the hands stop to press from
 ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of what the hands are pressed on
 GRIP_BELOW = 0.33  # m, hands below the platform's origin at the post
-TRIAL_S = 37.0  # s, about, of one trial
 TRAVEL_S = 2.0  # s, from station to station
 SETTLE_S = 2.0
 GRASP_S = 2.0  # s, in which the force of a grasp grows
@@ -52,70 +44,27 @@ PULL_S = 10.0  # s, in which it must come free
 PULL_SPEED = 0.03  # m/s
 
 
-class BenchPlan(NamedTuple):
-    """What the trials know."""
-
-    world: World
-    folded: Array  # (n_joints,) rad
-
-
-def _way(s: Supervisor) -> BenchPlan:
-    assert isinstance(s.plan.task, BenchPlan)
-    return s.plan.task
-
-
-def plan(d: Description) -> MissionPlan:
-    """Check that robot and world are those of a bench; there is no way to plan."""
-    assert isinstance(d.mission, BimanualBenchMission)
-    robot, world = d.robot, d.world
-    if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
-        raise InputError(
-            f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
-            "bimanual-bench needs two, such as bimanual"
-        )
-    if robot.arm.sides != 2:
-        raise InputError(f"robot {robot.name!r} has one arm; bimanual-bench needs two")
-    if find_first(world.things, Bench) is None:
-        raise InputError(f"world {world.name!r} has no bench: give it a thing of kind 'bench'")
-    task = d.mission.task
-    needs = {
-        "squeeze": task.box, "unplug": task.plug, "bar": task.bar, "position-sensor": task.post
-    }  # fmt: skip
-    for trial in task.trials:
-        thing = world.find_thing(needs[trial], Box)
-        if not thing.moves and trial != "position-sensor":
-            raise InputError(
-                f"trial {trial!r}: world.things.{needs[trial]} does not move; set moves = true"
-            )
-    total = TRIAL_S * len(d.mission.task.trials)
-    return MissionPlan(
-        True, None, 0.0, total, math.inf, math.nan, {}, None, 0.0, 0.0,
-        BenchPlan(world, posture(robot, "folded")),
-    )  # fmt: skip
-
-
-def fly(s: Supervisor) -> Flight:
+def fly(s: Supervisor[BimanualBench], way: BenchPlan) -> Flight:
     """Run the trials one after the other."""
-    assert isinstance(s.mission, BimanualBenchMission)
-    trials: dict[str, Callable[[Supervisor, BimanualBench], str]] = {
+    trials: dict[str, Callable[[Supervisor[BimanualBench], BenchPlan], str]] = {
         "squeeze": _squeeze, "unplug": _unplug, "bar": _lead_bar,
         "position-sensor": _feel_drift,
     }  # fmt: skip
     s.begin("start")
     s.wait(1.0)
     reason = ""
-    for trial in s.mission.task.trials:
+    for trial in s.task.trials:
         s.begin(f"to {trial}")
-        _travel(s, STATIONS[trial])
-        reason = trials[trial](s, s.mission.task) or reason
+        _travel(s, way, STATIONS[trial])
+        reason = trials[trial](s, way) or reason
     return Flight(not reason, reason)
 
 
-def _travel(s: Supervisor, y: float) -> None:
+def _travel(s: Supervisor, way: BenchPlan, y: float) -> None:
     """Carry the clamped platform to another station, hands back first."""
-    bench = find_first(_way(s).world.things, Bench)
+    bench = find_first(way.world.things, Bench)
     assert bench is not None
-    s.arms.move_to(_way(s).folded)
+    s.arms.move_to(way.folded)
     s.until_arrived()
     here = float(s.vehicle.reference["p_WB"][1])
     steps = max(round(TRAVEL_S / 0.02), 1)
@@ -152,23 +101,25 @@ def _leave(s: Supervisor, left: Array, right: Array) -> None:
     s.wait(2.0)
 
 
-def _faces(s: Supervisor, name: str, above: float = 0.0) -> tuple[Array, Array]:
+def _faces(s: Supervisor, way: BenchPlan, name: str, above: float = 0.0) -> tuple[Array, Array]:
     """Where (left, right) hands press on two faces of a thing or obstacle, in W.
 
     In the middle, or `above` (m) it. A ball touches with its side: the hand's point, at the end of
     a forearm that looks forward, stays its radius off and its radius ahead.
     """
-    world = _way(s).world
-    half, p = 0.5 * world.find_thing(name, Box).size_y_m, locate_thing(world.things, name).p
-    ball = float(np.max(s.vehicle.hands["pad"]))
+    half = 0.5 * way.world.find_thing(name, Box).size_y_m
+    p, ball = locate_thing(way.world.things, name).p, float(np.max(s.vehicle.hands["pad"]))
     centre = np.array([p[0] + ball, p[1], p[2] + above])
     away = np.array([0.0, half + ball, 0.0])
     return centre + away, centre - away
 
 
-def _squeeze(s: Supervisor, task: BimanualBench) -> str:
+def _squeeze(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
+    task = s.task
     # two balls are a hinge: gripped above its centre of mass the box hangs
-    left, right = _faces(s, task.box, above=0.25 * _way(s).world.find_thing(task.box, Box).size_z_m)
+    left, right = _faces(
+        s, way, task.box, above=0.25 * way.world.find_thing(task.box, Box).size_z_m
+    )
     s.begin("approach box")
     _approach(s, left, right)
     s.begin("squeeze")
@@ -187,9 +138,10 @@ def _squeeze(s: Supervisor, task: BimanualBench) -> str:
     return ""
 
 
-def _unplug(s: Supervisor, task: BimanualBench) -> str:
+def _unplug(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     """Pull until both hands are farther than the threshold from where they grasped: (33)."""
-    left, right = _faces(s, task.plug)
+    task = s.task
+    left, right = _faces(s, way, task.plug)
     s.begin("approach plug")
     _approach(s, left, right)
     s.begin("grasp plug")
@@ -212,9 +164,12 @@ def _unplug(s: Supervisor, task: BimanualBench) -> str:
     return "" if noticed else "the plug did not come free"
 
 
-def _lead_bar(s: Supervisor, task: BimanualBench) -> str:
+def _lead_bar(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     """Lead a bar between the hands through poses: (29), (30) with (31), (32)."""
-    left, right = _faces(s, task.bar, above=0.25 * _way(s).world.find_thing(task.bar, Box).size_z_m)
+    task = s.task
+    left, right = _faces(
+        s, way, task.bar, above=0.25 * way.world.find_thing(task.bar, Box).size_z_m
+    )
     centre, width = 0.5 * (left + right), float(np.linalg.norm(left - right))
     s.begin("approach bar")
     _approach(s, left, right)
@@ -222,7 +177,7 @@ def _lead_bar(s: Supervisor, task: BimanualBench) -> str:
     s.arms.squeeze(task.squeeze_n, left, right, ramp_s=GRASP_S)
     s.wait(GRASP_S + SETTLE_S)
     turn = math.radians(task.bar_turn_deg)
-    for name, way, angle in (
+    for name, by, angle in (
         ("lift bar", [0.0, 0.0, 0.06], 0.0),
         ("turn bar", [0.0, 0.0, 0.06], turn),
         ("bar forward", [0.03, 0.0, 0.06], 0.0),
@@ -230,18 +185,18 @@ def _lead_bar(s: Supervisor, task: BimanualBench) -> str:
     ):
         s.begin(name)
         n = np.array([-math.sin(angle), math.cos(angle), 0.0])
-        s.arms.bar_to(centre + way, n, width, force=task.squeeze_n)
+        s.arms.bar_to(centre + by, n, width, force=task.squeeze_n)
         s.wait(LIFT_S)
     _leave(s, left, right)
     return ""
 
 
-def _feel_drift(s: Supervisor, task: BimanualBench) -> str:
+def _feel_drift(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     """Hands pressed on a post stay where they are while the base drifts: their angles tell it."""
-    things = _way(s).world.things
-    bench, post = find_first(things, Bench), locate_thing(things, task.post)
+    task = s.task
+    bench, post = find_first(way.world.things, Bench), locate_thing(way.world.things, task.post)
     assert bench is not None
-    left, right = _faces(s, task.post, above=bench.z_m - GRIP_BELOW - float(post.p[2]))
+    left, right = _faces(s, way, task.post, above=bench.z_m - GRIP_BELOW - float(post.p[2]))
     s.begin("approach post")
     _approach(s, left, right)
     s.begin("grasp post")

@@ -10,57 +10,66 @@ from numpy.typing import NDArray
 
 from skywright.description.loader import Description
 from skywright.description.world.things import find_first, list_movers, locate_thing
-from skywright.missions.bimanual_bench.task import BimanualBench, BimanualBenchMission
+from skywright.missions.bimanual_bench.plan import BenchPlan
+from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.models.drawing import rotate_vectors
 from skywright.models.things.bench import Bench
-from skywright.run.flight import PhaseRecord
+from skywright.run.flight import Flown, PhaseRecord
+from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-from skywright.run.planning import MissionPlan
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
+
+MEASURES: Measures = {
+    "bench.box_lift_m": ("m", "least height of the held box above where it stood"),
+    "bench.box_slip_mm": ("mm", "farthest that the box moved between the hands while held"),
+    "bench.squeeze_n": ("N", "mean force of a hand on the box while held"),
+    "bench.squeeze_error_n": ("N", "rms distance of that force from the desired one"),
+    "bench.unplug_delay_s": ("s", "time from the plug's coming free until it was noticed"),
+    "bench.plug_slip_mm": ("mm", "farthest that the freed plug then moved between the hands"),
+    "bench.bar_position_mm": ("mm", "worst distance of the bar from its pose, of three poses"),
+    "bench.bar_direction_deg": ("deg", "worst angle of the bar to its pose"),
+    "bench.drift_error_mm": ("mm", "rms error of the base's drift as the arms felt it"),
+    "bench.drift_rms_mm": ("mm", "rms of that drift"),
+}
+"""Metric -> unit and meaning, of those that only this kind has."""
 
 FREE = 0.005  # m, a plug that has moved so far is out
 LAST_S = 1.0  # s at the end of a phase over which a pose is judged
 
 
-def compute_bench_metrics(
-    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
-) -> tuple[dict[str, float], None]:
+def compute_bench_metrics(run: Flown[BimanualBench, BenchPlan]) -> dict[str, float]:
     """Judge the trials that were made."""
-    mission = description.mission
-    assert isinstance(mission, BimanualBenchMission)
-    names, task = list_movers(description.world.things), mission.task
+    samples, phases, description = run.samples, run.phases, run.setup.description
+    names, task = list_movers(description.world.things), run.task
     out: dict[str, float] = {}
-    for trial in mission.task.trials:
+    for trial in run.task.trials:
         judge = {"squeeze": _judge_box, "unplug": _judge_plug, "bar": _judge_bar}.get(trial)
         if judge is not None:
             thing = {"squeeze": task.box, "unplug": task.plug, "bar": task.bar}[trial]
             out |= judge(samples, phases, names.index(thing), description)
         else:
             out |= _judge_drift(samples, phases, description)
-    return out, None
+    return out
 
 
-def _judge_box(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
+def _judge_box(
+    s: Samples, phases: list[PhaseRecord], i: int, d: Description[BimanualBench]
+) -> dict[str, float]:
     """How high the box was held, how far it slipped between the hands, how hard they pressed."""
     hold = in_phases(s, phases, "hold box")
     if not np.any(hold):
         return {}
-    stood = locate_thing(d.world.things, _find_task(d).box).p
+    stood = locate_thing(d.world.things, d.mission.task.box).p
     box = s[f"object{i}_p_WO"][hold]
     press = 0.5 * (s["right_f_W"][hold][:, 1] - s["left_f_W"][hold][:, 1])
     return {
         "bench.box_lift_m": float(np.min(box[:, 2])) - float(stood[2]),
         "bench.box_slip_mm": _compute_slip(s, hold, i),
         "bench.squeeze_n": float(np.mean(press)),
-        "bench.squeeze_error_n": float(np.sqrt(np.mean((press - _find_task(d).squeeze_n) ** 2))),
+        "bench.squeeze_error_n": float(np.sqrt(np.mean((press - d.mission.task.squeeze_n) ** 2))),
     }
-
-
-def _find_task(d: Description) -> BimanualBench:
-    assert isinstance(d.mission, BimanualBenchMission)
-    return d.mission.task
 
 
 def _compute_slip(s: Samples, held: NDArray[np.bool_], i: int) -> float:
@@ -69,12 +78,14 @@ def _compute_slip(s: Samples, held: NDArray[np.bool_], i: int) -> float:
     return 1e3 * float(np.max(np.linalg.norm(away - away[0], axis=1)))
 
 
-def _judge_plug(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
+def _judge_plug(
+    s: Samples, phases: list[PhaseRecord], i: int, d: Description[BimanualBench]
+) -> dict[str, float]:
     """Time from the plug's coming free until the hands noticed it, and whether they kept it."""
     pull = in_phases(s, phases, "pull")
     if not np.any(pull):
         return {}
-    was = locate_thing(d.world.things, _find_task(d).plug).p
+    was = locate_thing(d.world.things, d.mission.task.plug).p
     way = np.linalg.norm(s[f"object{i}_p_WO"] - was, axis=1)
     free = np.flatnonzero(pull & (way > FREE))
     noticed = next((p.start_s for p in phases if p.name == "unplugged"), None)
@@ -94,7 +105,9 @@ class BarErrors(NamedTuple):
     direction: Array
 
 
-def compute_bar_errors(s: Samples, phases: list[PhaseRecord], d: Description) -> BarErrors | None:
+def compute_bar_errors(
+    s: Samples, phases: list[PhaseRecord], d: Description[BimanualBench]
+) -> BarErrors | None:
     """Compare the bar with the pose asked for, (29) and (30); None where no hands closed around it.
 
     Poses are counted from where the bar lay when they did.
@@ -102,7 +115,7 @@ def compute_bar_errors(s: Samples, phases: list[PhaseRecord], d: Description) ->
     held = in_phases(s, phases, "hold bar")
     if not np.any(held):
         return None
-    things, name = d.world.things, _find_task(d).bar
+    things, name = d.world.things, d.mission.task.bar
     lay, i = locate_thing(things, name).p, list_movers(things).index(name)
     middle = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])
     goal = middle - (middle[held][-1] - lay)
@@ -115,7 +128,9 @@ def compute_bar_errors(s: Samples, phases: list[PhaseRecord], d: Description) ->
     )
 
 
-def _judge_bar(s: Samples, phases: list[PhaseRecord], i: int, d: Description) -> dict[str, float]:
+def _judge_bar(
+    s: Samples, phases: list[PhaseRecord], i: int, d: Description[BimanualBench]
+) -> dict[str, float]:
     """Worst errors of the bar's true centre and direction at the end of each pose."""
     found = compute_bar_errors(s, phases, d)
     late = np.zeros(len(s), dtype=bool)
@@ -137,7 +152,9 @@ class Drift(NamedTuple):
     true: Array
 
 
-def compute_drift(s: Samples, phases: list[PhaseRecord], d: Description) -> Drift | None:
+def compute_drift(
+    s: Samples, phases: list[PhaseRecord], d: Description[BimanualBench]
+) -> Drift | None:
     """Return the base's drift as the arms' angles tell it, and the true one.
 
     What the hands hold does not move, so the base has moved by minus the hands' estimated motion
@@ -151,7 +168,9 @@ def compute_drift(s: Samples, phases: list[PhaseRecord], d: Description) -> Drif
     return Drift(in_base[0] - in_base, true - true[0])
 
 
-def _judge_drift(s: Samples, phases: list[PhaseRecord], d: Description) -> dict[str, float]:
+def _judge_drift(
+    s: Samples, phases: list[PhaseRecord], d: Description[BimanualBench]
+) -> dict[str, float]:
     found = compute_drift(s, phases, d)
     if found is None:
         return {}

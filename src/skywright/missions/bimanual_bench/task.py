@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from skywright.core.spec import Spec
-from skywright.description.mission.spec import Mission
+from skywright.description.mission.spec import Task
 
 Trial = Literal["squeeze", "unplug", "bar", "position-sensor"]
 JUDGED_BY: dict[str, tuple[str, ...]] = {
@@ -19,7 +18,7 @@ JUDGED_BY: dict[str, tuple[str, ...]] = {
 """Trial -> beginnings of the names of its metrics."""
 
 
-class BimanualBench(Spec):
+class BimanualBench(Task):
     """Two hands on a bench (Suarez 2020, section V-D and VI): which trials, and how hard."""
 
     trials: list[Trial] = Field(
@@ -36,23 +35,3 @@ class BimanualBench(Spec):
     bar_turn_deg: float = Field(default=10.0, ge=0, le=30)
     drift_m: float = Field(default=0.02, ge=0, le=0.05)  # of the base, peak, while it is measured
     drift_period_s: float = Field(default=6.0, ge=0.5, le=600)
-
-
-class BimanualBenchMission(Mission):
-    """A mission with the table `mission.task` of this kind."""
-
-    task: BimanualBench = BimanualBench()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _requirements_of_its_trials(cls, data: Any) -> Any:
-        """Ask nothing of trials that are not made."""
-        task = data.get("task") if isinstance(data, dict) else None
-        trials = task.get("trials") if isinstance(task, dict) else None
-        if not isinstance(trials, list) or not isinstance(data.get("requirements"), dict):
-            return data
-        left_out = tuple(
-            name for trial, names in JUDGED_BY.items() if trial not in trials for name in names
-        )
-        kept = {k: v for k, v in data["requirements"].items() if not k.startswith(left_out)}
-        return {**data, "requirements": kept}

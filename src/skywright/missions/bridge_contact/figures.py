@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +10,8 @@ from matplotlib.figure import Figure
 from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
 from skywright.missions.bridge_contact.metrics import compute_press, select_phases
+from skywright.missions.bridge_contact.plan import ContactPlan
+from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.models.things.bench import Bench
 from skywright.reports.figures.localisation import CAPTION, draw_localisation
 from skywright.reports.figures.style import (
@@ -23,6 +24,7 @@ from skywright.reports.figures.style import (
     draw_line,
     new_figure,
 )
+from skywright.run.kind import Chart, Figures
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
@@ -34,7 +36,7 @@ def _is_clamped(world: World) -> bool:
     return find_first(world.things, Bench) is not None
 
 
-def draw_approach(result: RunResult) -> Figure | None:
+def draw_approach(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
     """Position against its reference (Fig. 23): one panel an axis, and the tilt."""
     s = result.samples
     if not np.any(s["ref_force"] > 0.0) or _is_clamped(result.description.world):
@@ -61,7 +63,7 @@ def draw_approach(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_force(result: RunResult) -> Figure | None:
+def draw_force(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
     """Force of the tip against the profile, load of the feet, and how far the robot moved."""
     s = result.samples
     on = s["pressing"] > 0.5
@@ -100,14 +102,19 @@ def draw_force(result: RunResult) -> Figure | None:
     return figure
 
 
-def _shade(ax: Any, result: RunResult, start: float = -np.inf, end: float = np.inf) -> None:
+def _shade(
+    ax: Any,
+    result: RunResult[BridgeContact, ContactPlan],
+    start: float = -np.inf,
+    end: float = np.inf,
+) -> None:
     """Grey where a force is held: a measurement."""
     for phase in result.phases:
         if "hold " in phase.name and phase.end_s > start and phase.start_s < end:
             ax.axvspan(phase.start_s, phase.end_s, color=SHADE, zorder=0, lw=0)
 
 
-def draw_measurements(result: RunResult) -> Figure | None:
+def draw_measurements(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
     """Error of each held force: mean and spread, docked and in flight side by side."""
     rows = []
     for i, phase in enumerate(result.phases):
@@ -144,33 +151,7 @@ def draw_measurements(result: RunResult) -> Figure | None:
     return figure
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
-    "contact-flight": draw_approach,
-    "contact-force": draw_force,
-    "contact-errors": draw_measurements,
-    "contact-localisation": draw_localisation,
-}
-CAPTIONS = {
-    "contact-force": (
-        "The forces",
-        "What the tip exerts against what was asked for. Each grey band is one measurement, with "
-        "the force held. Docked, the robot rests against the deck with a light load on its feet "
-        "and only the arm works; in flight every motion of the platform goes into the force.",
-    ),
-    "contact-errors": (
-        "How well each force was held",
-        "Points are means, bars reach from the smallest to the largest error of a measurement.",
-    ),
-    "contact-localisation": CAPTION,
-    "contact-flight": (
-        "The flight",
-        "Position and attitude follow references of their own: the platform moves without tilting "
-        "and tilts without moving. Grey bands: measurements.",
-    ),
-}
-
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[BridgeContact, ContactPlan]) -> str:
     """Say what was pressed, and how well."""
     d, m = result.description, result.metrics
     did = f"{d.robot.name} in world {d.world.name} "
@@ -187,3 +168,30 @@ def describe(result: RunResult) -> str:
             f"in flight to {m['free.rms_error_n']:.2f} N rms, {m['free.wander_mm']:.0f} mm"
         )
     return did + f"held {held} forces: {'; '.join(parts)}"
+
+
+FIGURES = Figures(
+    describe,
+    charts={
+        "contact-force": Chart(
+            "The forces",
+            "What the tip exerts against what was asked for. Each grey band is one measurement, "
+            "with the force held. Docked, the robot rests against the deck with a light load on "
+            "its feet and only the arm works; in flight every motion of the platform goes into "
+            "the force.",
+            draw_force,
+        ),
+        "contact-errors": Chart(
+            "How well each force was held",
+            "Points are means, bars reach from the smallest to the largest error of a measurement.",
+            draw_measurements,
+        ),
+        "contact-localisation": Chart(*CAPTION, draw_localisation),
+        "contact-flight": Chart(
+            "The flight",
+            "Position and attitude follow references of their own: the platform moves without "
+            "tilting and tilts without moving. Grey bands: measurements.",
+            draw_approach,
+        ),
+    },
+)

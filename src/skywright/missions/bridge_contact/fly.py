@@ -8,349 +8,38 @@ rubber feet hold against what is left.
 
 from __future__ import annotations
 
-import math
-import time
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.rotations import exp_so3, log_so3, rot_z
-from skywright.description.loader import Description
-from skywright.description.world.structure import Structure, build_surface, locate_point
-from skywright.description.world.wind import compute_direction, compute_speed
-from skywright.errors import InputError
-from skywright.missions.bridge_contact.task import BridgeContact, BridgeContactMission
-from skywright.missions.skills.pressing import TIP_GAP, Presser, check_can_press
-from skywright.missions.skills.sliding import (
-    check_slide_ends,
-    check_wobble,
-    compute_sliding_press,
+from skywright.missions.bridge_contact.sliding import (
     find_way,
 )
+from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.missions.skills.pressing import TIP_GAP, Presser
 from skywright.models.contact_stance import (
     ContactStance,
-    compute_flying_press,
-    find_free_stance,
-    find_tip_pose,
 )
-from skywright.models.docked import build_docked, find_stance
-from skywright.models.docked_balance import DockedBalance, compute_docked_balance
-from skywright.models.docked_map import Condition, compute_worst_press
-from skywright.models.geometry import ClearanceQuery, build_clearance, compute_clearance
-from skywright.models.hover_tilt import compute_hover_tilt
-from skywright.models.rigid_body import build_body_model, compute_tip, posture
-from skywright.models.scene import build_scene
 from skywright.run.flight import Flight
-from skywright.run.planning import MissionPlan, find_hover
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
+
+from skywright.missions.bridge_contact.plan import ContactPlan, Station
+
 Array = NDArray[np.float64]
-
-NEEDS = frozenset({"uav", "whole_body", "probe"})
-
-TILT_FRACTION = 0.85  # of the computed hover tilt, that a flying robot is asked for
-READY_GAP = 0.04  # m, of the tip below the feet while docking
-CLEAR = 0.10  # m, from everything on the way
-NEAR = 0.02  # m, from everything but the structure at the place of contact
 SEAT_S, UNSEAT_S = 2.0, 1.5  # s, in which the feet are loaded and relieved
 SEATED_M = 0.03  # m, of the feet to the deck, as estimated
-FOOT_LOADS = (1.0, 0.75, 0.5)  # N, of each foot at least: the most that the rotors allow
-
-
-class Station(NamedTuple):
-    """One place of contact and the poses before it."""
-
-    name: str
-    place: Array  # (2,) m in S
-    p_contact: Array  # (3,) m in W
-    normal: Array  # (3,) outward
-    yaw: float
-    R_level: Array  # (3, 3)
-    R_dock: Array  # (3, 3) docked or pressing attitude
-    tilt_limit: float  # rad, computed hover limit in the wind there
-    R_approach: Array  # (3, 3) what hovering allows of it
-    p_dock: Array  # (3,) m, platform with its feet on the deck (NaN without docking)
-    p_press: Array  # (3,) m, platform with its tip on the surface, flying (NaN without)
-
-
-class ContactPlan(NamedTuple):
-    """What the mission will do."""
-
-    stations: list[Station]
-    q_ready: Array  # rad, tip below the feet
-    q_touch: Array  # rad, tip TIP_GAP below the surface while docked
-    dock_tip: Array  # (3,) m in B, where the docked tip touches
-    free: ContactStance | None
-    rest: DockedBalance | None  # docked, not pressing
-    pressed: DockedBalance | None  # docked, at the largest force
-    largest: float  # N, largest force of the profile
-    limit_n: float  # N, computed docked press here
-    free_limit_n: float  # N, computed press in flight
-    free_forces: list[float]  # N, of the profile, that may be pressed in flight
-
-
-def plan(d: Description) -> MissionPlan:
-    """Place the robot, compute what it may press, check the way."""
-    robot, world = d.robot, d.world
-    assert isinstance(d.mission, BridgeContactMission)
-    task = d.mission.task
-    structure = _check(d, task)
-    began = time.perf_counter()
-    model = build_body_model(robot, world.gravity_mps2)
-    working = posture(robot, "working")
-    free = None
-    if not task.dock or task.without_gear:
-        free = find_free_stance(robot, structure.facing)
-    dock_tip, q_ready, q_touch = np.full(3, math.nan), working, working
-    if robot.docking is not None and structure.facing == "down":
-        tip = compute_tip(model, working)[0]
-        dock_tip = np.array([tip[0], tip[1], robot.docking.height_m])
-        q_ready = find_tip_pose(model, working, dock_tip - [0.0, 0.0, READY_GAP])
-        q_touch = find_tip_pose(model, working, dock_tip - [0.0, 0.0, TIP_GAP])
-    q_hover = q_ready if task.dock else free.q if free else working
-    stations = [
-        _build_station(d, np.array([spot.x_m, spot.y_m]), spot.name or f"spot {i + 1}",
-                       dock_tip, free, q_hover, bool(task.slide_m))
-        for i, spot in enumerate(task.spots)
-    ]  # fmt: skip
-    blocked, largest = _check_hover(d, stations), max(task.forces_n)
-    limit = free_limit = math.nan
-    rest = pressed = None
-    if task.dock and not blocked:
-        limit, rest, pressed, blocked = _plan_docked(d, task, structure, stations[0], largest)
-    free_forces: list[float] = []
-    if free is not None:
-        free_limit, free_forces, refused = _plan_flying(d, task, structure, free, stations)
-        blocked = blocked or refused
-    if free is not None and not task.dock and not blocked:
-        blocked = _check_tilt(stations)
-    if not blocked:
-        blocked = _check_way(d, stations, task, free, q_ready)
-    found = ContactPlan(
-        stations, q_ready, q_touch, dock_tip, free, rest, pressed, largest, limit, free_limit,
-        free_forces,
-    )  # fmt: skip
-    each = task.ramp_s + task.settle_s + task.hold_s
-    total = len(stations) * (len(task.forces_n) + len(free_forces)) * each + 40.0
-    return MissionPlan(
-        not blocked, blocked or None, time.perf_counter() - began, total, math.nan, math.nan, {},
-        None, 0.0, 0.0, found,
-    )  # fmt: skip
-
-
-def _check(d: Description, task: BridgeContact) -> Structure:
-    """Raise InputError when robot, world or law lack what the mission is about."""
-    robot, structure = d.robot, d.world.structure
-    if structure is None:
-        raise InputError(
-            f"world {d.world.name!r} has no structure to inspect: give it a [world.structure], "
-            "as worlds bridge, tunnel and test-bench have"
-        )
-    check_can_press(robot, d.mission)
-    if task.dock and structure.facing != "down":
-        raise InputError(
-            "the structure faces to the side and docking needs one that faces down: "
-            "set mission.task.dock=false"
-        )
-    if task.dock and robot.docking is None:
-        raise InputError(
-            f"robot {robot.name!r} has no docking gear: set mission.task.dock=false, or give it "
-            "a [robot.docking] table"
-        )
-    for i, spot in enumerate(task.spots):
-        if abs(spot.x_m) > 0.5 * structure.length_m or (
-            structure.shape == "plane" and abs(spot.y_m) > 0.5 * structure.width_m
-        ):
-            raise InputError(
-                f"mission.task.spots[{i}] = ({spot.x_m:g}, {spot.y_m:g}) m lies beside the "
-                f"structure, which reaches {0.5 * structure.length_m:g} m along x and "
-                f"{0.5 * structure.width_m:g} m along y"
-            )
-    check_slide_ends(task, structure)
-    return structure
-
-
-def _build_station(
-    d: Description, place: Array, name: str, dock_tip: Array, free: ContactStance | None,
-    q_hover: Array, slides: bool,
-) -> Station:  # fmt: skip
-    """Return the poses at a place: z_B against a surface that faces down, x_B against a wall."""
-    structure = d.world.structure
-    assert structure is not None
-    p, R = locate_point(build_surface(structure), place)
-    normal = np.array(R[:, 2])
-    if structure.facing == "down":
-        # the arm's plane lies across a slide (missions/skills/sliding.py)
-        z, x = -normal, np.array(R[:, 1 if slides else 0])
-        yaw = math.atan2(x[1], x[0])
-        R_dock = np.ascontiguousarray(np.column_stack([x, np.cross(z, x), z]))
-    else:
-        yaw = math.atan2(-normal[1], -normal[0])
-        R_dock = rot_z(yaw)
-    R_level = rot_z(yaw)
-    turn, part = np.empty(3), np.empty((3, 3))
-    log_so3(np.ascontiguousarray(R_level.T @ R_dock), turn)
-    angle = float(np.linalg.norm(turn))
-    wind = compute_speed(d.world.wind) * compute_direction(d.world.wind)
-    tilt_limit = compute_hover_tilt(
-        d.robot, q_hover, d.world.gravity_mps2, wind=R_level.T @ wind,
-        air_density=d.world.air_density_kg_m3,
-    )  # fmt: skip
-    scale = 1.0 if angle < 1e-9 else min(1.0, TILT_FRACTION * tilt_limit / angle)
-    exp_so3(scale * turn, part)
-    p_press = np.full(3, math.nan) if free is None else p - R_dock @ free.tip
-    return Station(
-        name, place, p, normal, yaw, R_level, R_dock, tilt_limit, R_level @ part,
-        p - R_dock @ dock_tip, p_press,
-    )  # fmt: skip
-
-
-def _plan_docked(
-    d: Description, task: BridgeContact, structure: Structure, station: Station, largest: float
-) -> tuple[float, DockedBalance | None, DockedBalance | None, str]:
-    """Return the computed press (N), the balances at no and at the largest force, or a refusal."""
-    robot, world = d.robot, d.world
-    docked = build_docked(robot, gravity=world.gravity_mps2, air_density=world.air_density_kg_m3)
-    stance = find_stance(docked)
-    slope, speed = math.radians(structure.slope_deg), compute_speed(world.wind)
-    rises = math.radians(structure.slope_toward_deg) - station.yaw
-    blows = compute_direction(world.wind)
-    condition = Condition(
-        slope, rises, speed, math.atan2(blows[1], blows[0]) - station.yaw if speed else None
-    )
-    limit = compute_worst_press(docked, stance, condition).force
-    calm = slope == 0.0 and speed == 0.0
-    fraction = task.calm_fraction if calm else task.force_fraction
-    if not largest <= fraction * limit * (1.0 + 1e-9):  # NaN: it cannot stay docked
-        where = f"docked at {structure.slope_deg:g} deg and {speed:.1f} m/s of wind"
-        return limit, None, None, _refuse(largest, limit, fraction, where, robot.name)
-    full = build_docked(robot, thrust_fraction=1.0, gravity=world.gravity_mps2)
-    for load in FOOT_LOADS:
-        rest = compute_docked_balance(full, stance, 0.0, R_WB=station.R_dock, foot_load=load)
-        pressed = compute_docked_balance(full, stance, largest, R_WB=station.R_dock, foot_load=load)
-        if rest is not None and pressed is not None and pressed.margin > 0.02:
-            return limit, rest, pressed, ""
-    return limit, None, None, (
-        f"no balance of rotors and feet at {largest:g} N that keeps every foot loaded"
-    )  # fmt: skip
-
-
-def _plan_flying(
-    d: Description, task: BridgeContact, structure: Structure, free: ContactStance,
-    stations: list[Station],
-) -> tuple[float, list[float], str]:  # fmt: skip
-    """Return the computed press (N), the forces of the profile within it, and any refusal."""
-    robot, g, rho = d.robot, d.world.gravity_mps2, d.world.air_density_kg_m3
-    speed, fraction = compute_speed(d.world.wind), task.force_fraction
-    wind, air = speed * compute_direction(d.world.wind), f" in {speed:.1f} m/s of wind"
-    limit = float(np.min([
-        compute_flying_press(robot, free, s.R_dock, g, wind=wind, air_density=rho)
-        for s in stations
-    ]))  # fmt: skip
-    forces, blocked = [f for f in task.forces_n if f <= fraction * limit], ""
-    if not task.dock and len(forces) < len(task.forces_n):
-        where = "in flight" + (air if speed else "")
-        blocked = _refuse(max(task.forces_n), limit, fraction, where, robot.name)
-    elif task.slide_m:
-        most = float(np.min([
-            compute_sliding_press(
-                robot, free, s.R_dock, g, structure, wind=wind, air_density=rho
-            )
-            for s in stations
-        ]))  # fmt: skip
-        if not task.slide_force_n <= fraction * most:
-            where = f"sliding at friction {structure.friction:g}" + (air if speed else "")
-            blocked = _refuse(task.slide_force_n, most, fraction, where, robot.name)
-        else:
-            blocked = check_wobble(robot, d.world.localisation, task.slide_force_n, fraction * most)
-    return limit, forces, blocked
-
-
-def _refuse(force: float, limit: float, fraction: float, where: str, robot: str) -> str:
-    if math.isnan(limit):
-        return f"{robot} cannot stay {where}"
-    return (
-        f"a press of {force:g} N {where} exceeds {fraction * limit:.2f} N, {fraction:.0%} of the "
-        f"{limit:.2f} N that {robot} can make there (skywright capability)"
-    )
-
-
-def _check_hover(d: Description, stations: list[Station]) -> str:
-    if any(math.isnan(s.tilt_limit) for s in stations):
-        speed = compute_speed(d.world.wind)
-        return f"{d.robot.name} cannot hover level in {speed:.1f} m/s of wind (capability)"
-    return ""
-
-
-def _check_tilt(stations: list[Station]) -> str:
-    for s in stations:
-        angle = math.acos(min(max(float(s.R_dock[2, 2]), -1.0), 1.0))
-        if angle > TILT_FRACTION * s.tilt_limit * (1.0 + 1e-9):
-            return (
-                f"{s.name}: the surface asks for a tilt of {math.degrees(angle):.1f} deg in "
-                f"flight; {TILT_FRACTION:.0%} of the computed hover limit are "
-                f"{math.degrees(TILT_FRACTION * s.tilt_limit):.1f} deg"
-            )
-    return ""
-
-
-def _check_way(
-    d: Description, stations: list[Station], task: BridgeContact, free: ContactStance | None,
-    q_ready: Array,
-) -> str:  # fmt: skip
-    """Say what stands in the way from the hover point to the stations, or return ""."""
-    query = build_clearance(build_scene(d.robot, d.world), with_ground=False)
-    last, folded = find_hover(d)[:3], posture(d.robot, "folded")
-    for s in stations:
-        q, p = (q_ready, s.p_dock) if task.dock else (free.q if free else folded, s.p_press)
-        stand = p + task.stand_off_m * s.normal
-        if stand[2] < d.robot.platform.gear_height_m + CLEAR:
-            return f"{s.name}: the robot would stand off {stand[2]:.2f} m above the ground"
-        for u in np.linspace(0.0, 1.0, 12):
-            blocked = _find_near(query, last + u * (stand - last), s.R_level, q, CLEAR, s.name)
-            if blocked:
-                return blocked
-        blocked = _find_near(
-            query, p + 2.5 * NEAR * s.normal, s.R_approach, q if task.dock else folded, NEAR, s.name
-        )
-        if blocked:
-            return blocked
-        if free and task.slide_m:
-            assert d.world.structure is not None
-            far = s.p_press + 2.5 * NEAR * s.normal + find_way(task, d.world.structure)
-            if far[2] < d.robot.platform.gear_height_m + CLEAR:
-                return f"{s.name}: the slide would end {far[2]:.2f} m above the ground"
-            for u in np.linspace(0.0, 1.0, 12):
-                at = far - u * find_way(task, d.world.structure)
-                blocked = _find_near(query, at, s.R_approach, free.q, 0.5 * NEAR, s.name)
-                if blocked:
-                    return f"on the slide, {blocked}"
-        last = stand
-    return ""
-
-
-def _find_near(query: ClearanceQuery, p: Array, R: Array, q: Array, least: float, name: str) -> str:
-    found = compute_clearance(query, p, R, q)
-    if found.distance >= least:
-        return ""
-    pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
-    return (
-        f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m < {least:g} m at "
-        f"({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m"
-    )
 
 
 # --- flight ---------------------------------------------------------------------------------------
 
 
-def fly(s: Supervisor) -> Flight:
+def fly(s: Supervisor[BridgeContact], way: ContactPlan) -> Flight:
     """Inspect every station docked, then once more in flight."""
-    way = s.plan.task
-    assert isinstance(way, ContactPlan) and isinstance(s.mission, BridgeContactMission)
-    pilot = Pilot(s, way, s.mission.task)
+    pilot = Pilot(s, way, s.task)
     home = np.array(s.vehicle.reference)
     reason = beside = ""
     for station in way.stations:

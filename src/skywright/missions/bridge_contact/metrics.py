@@ -10,15 +10,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.description.loader import Description
-from skywright.missions.bridge_contact.fly import ContactPlan
+from skywright.missions.bridge_contact.plan import ContactPlan
+from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.models.drawing import rotate_vectors
-from skywright.run.flight import PhaseRecord
+from skywright.run.flight import Flown, PhaseRecord
+from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE
-from skywright.run.planning import MissionPlan
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
+
+MEASURES: Measures = {
+    "dock.touch_speed_mps": ("m/s", "fastest of the docking feet towards the deck as they touch"),
+    "dock.wander_mm": (
+        "mm",
+        "farthest that the docked platform is, while forces are held, from where it was at first",
+    ),
+    "dock.turn_deg": ("deg", "largest angle of the docked platform from the deck while pressing"),
+    "press.limit_n": ("N", "largest press that the capability analysis computes here, docked"),
+    "press.fraction": ("", "largest force of the profile over that"),
+    "free.rms_error_n": ("N", "as force.rms_error_n, but in flight without the docking gear"),
+    "free.mean_error_n": ("N", "likewise the mean error"),
+    "free.sensor_error_n": ("N", "likewise of the force sensor"),
+    "free.wander_mm": ("mm", "as dock.wander_mm, in flight"),
+    "slide.rms_error_n": ("N", "rms error of the force while the tip slides along the structure"),
+    "slide.lost_s": ("s", "time off the surface (gap above 0.1 mm) meanwhile"),
+    "slide.length_m": ("m", "way of the tip along the structure"),
+}
+"""Metric -> unit and meaning, of those that only this kind has."""
 
 TOUCHING = 0.05  # N on the docking feet that counts as contact
 BEFORE_S = 0.05
@@ -36,12 +55,9 @@ def compute_press(samples: Samples) -> Array:
     return np.asarray(-np.sum(samples["f_contact"] * axis, axis=1))
 
 
-def compute_contact_metrics(
-    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
-) -> tuple[dict[str, float], None]:
+def compute_contact_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
-    way = plan.task
-    assert isinstance(way, ContactPlan)
+    samples, phases, way = run.samples, run.phases, run.way
     out: dict[str, float] = {}
     held = select_phases(samples, phases, "hold ")
     if np.any(held):
@@ -66,15 +82,13 @@ def compute_contact_metrics(
         )
         way_m = np.linalg.norm(np.diff(s["p_WT"], axis=0), axis=1)
         out["slide.length_m"] = float(np.sum(way_m[way_m < 0.05]))
-    return out, None
+    return out
 
 
-def compute_bench_metrics(
-    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
-) -> tuple[dict[str, float], None]:
+def compute_bench_metrics(run: Flown[Any, Any]) -> dict[str, float]:
     """Force of the clamped arm while each step of the staircase is held."""
-    held = select_phases(samples, phases, "hold ")
-    return (_judge_force(samples[held], "force") if np.any(held) else {}), None
+    held = select_phases(run.samples, run.phases, "hold ")
+    return _judge_force(run.samples[held], "force") if np.any(held) else {}
 
 
 def _judge_force(s: Samples, name: str) -> dict[str, float]:

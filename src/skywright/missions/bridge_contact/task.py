@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
-from skywright.description.mission.spec import Mission
+from skywright.description.mission.spec import Task
 
 
 def _check_forces(forces: list[float]) -> list[float]:
@@ -31,7 +31,7 @@ class Spot(Spec):
     name: str = ""
 
 
-class BridgeContact(Spec):
+class BridgeContact(Task):
     """Press the probe's tip on a structure with a profile of forces, docked or flying.
 
     Each force is reached over `ramp_s`, given `settle_s`, and held for `hold_s`: one measurement.
@@ -51,9 +51,3 @@ class BridgeContact(Spec):
     slide_m: Coordinate = 0.0  # along the structure under force, in flight; 0: left out
     slide_force_n: Positive = 2.0
     slide_speed_mps: float = Field(default=0.05, ge=0.005, le=0.5)
-
-
-class BridgeContactMission(Mission):
-    """A mission of the kind "bridge-contact"."""
-
-    task: BridgeContact = BridgeContact()

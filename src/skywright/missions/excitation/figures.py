@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
-
+from skywright.missions.excitation.task import ExcitationTask
 from skywright.reports.explain import format_value
+from skywright.run.kind import Figures
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {}
-CAPTIONS: dict[str, tuple[str, str]] = {}
 
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[ExcitationTask, None]) -> str:
     """Say what was flown."""
     d = result.description
     moves = sum(name.startswith("excite") for name in result.plan.segments)
@@ -25,3 +21,8 @@ def describe(result: RunResult) -> str:
         f"{d.robot.name} in world {d.world.name} shook itself in {moves} postures of its arm "
         f"within {seconds} s (`skywright identify` learns from it)"
     )
+
+
+FIGURES = Figures(
+    describe,
+)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from skywright.missions.flight_modes.plan import ModesPlan
+from skywright.missions.flight_modes.task import ModesTask
 from skywright.reports.figures.style import BLACK, BLUE, ORANGE, WIDTH, draw_line, new_figure
+from skywright.run.kind import Chart, Figures
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
@@ -22,7 +24,7 @@ MODES = {
 """Phase -> background, in the paper's colours: green, yellow, red."""
 
 
-def draw_modes(result: RunResult) -> Figure | None:
+def draw_modes(result: RunResult[ModesTask, ModesPlan]) -> Figure | None:
     """Roll, pitch and level position against their references."""
     s = result.samples
     if not len(s):
@@ -59,18 +61,7 @@ def _compute_angle(q: np.ndarray, axis: int) -> np.ndarray:
     return np.asarray(np.degrees(np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))))
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {"modes": draw_modes}
-CAPTIONS = {
-    "modes": (
-        "The three modes",
-        "Green, standard stabilisation: attitude and height are held as by a robot with level "
-        "rotors, and a tilt carries it away. Yellow, command position: it translates and stays "
-        "level. Red, command angle: it tilts and stays where it is.",
-    ),
-}
-
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[ModesTask, ModesPlan]) -> str:
     """Say what was held."""
     d, m = result.description, result.metrics
     did = f"{d.robot.name} in world {d.world.name} "
@@ -80,3 +71,17 @@ def describe(result: RunResult) -> str:
         f"tilted by {m['modes.tilt_deg']:.1f} deg within {m['modes.position_error_mm']:.0f} mm of "
         f"its place, and translated with at most {m['modes.translate_tilt_deg']:.1f} deg of tilt"
     )
+
+
+FIGURES = Figures(
+    describe,
+    charts={
+        "modes": Chart(
+            "The three modes",
+            "Green, standard stabilisation: attitude and height are held as by a robot with level "
+            "rotors, and a tilt carries it away. Yellow, command position: it translates and stays "
+            "level. Red, command angle: it tilts and stays where it is.",
+            draw_modes,
+        ),
+    },
+)

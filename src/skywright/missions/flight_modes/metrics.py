@@ -8,15 +8,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.description.loader import Description
-from skywright.missions.flight_modes.fly import ModesPlan
+from skywright.missions.flight_modes.plan import ModesPlan
+from skywright.missions.flight_modes.task import ModesTask
 from skywright.models.drawing import rotate_vectors
-from skywright.run.flight import PhaseRecord
+from skywright.run.flight import Flown
+from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-from skywright.run.planning import MissionPlan
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
+
+MEASURES: Measures = {
+    "modes.tilt_deg": ("deg", "least tilt reached and held while the position is held"),
+    "modes.tilt_held": ("", "`modes.tilt_deg` over the tilt that is due"),
+    "modes.tilt_fraction": ("", "the tilt that is due over the computed hover limit"),
+    "modes.position_error_mm": ("mm", "largest distance from the place while tilting"),
+    "modes.translate_tilt_deg": ("deg", "largest tilt while translating"),
+    "modes.track_error_mm": ("mm", "largest distance from the path while translating"),
+    "modes.standard_drift_m": ("m", "how far standard stabilisation drifted"),
+}
+"""Metric -> unit and meaning, of those that only this kind has."""
 
 
 def compute_tilt(samples: Samples) -> Array:
@@ -25,12 +36,9 @@ def compute_tilt(samples: Samples) -> Array:
     return np.asarray(np.arccos(np.clip(up, -1.0, 1.0)))
 
 
-def compute_modes_metrics(
-    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
-) -> tuple[dict[str, float], None]:
+def compute_modes_metrics(run: Flown[ModesTask, ModesPlan]) -> dict[str, float]:
     """Judge each mode that was flown."""
-    way = plan.task
-    assert isinstance(way, ModesPlan)
+    samples, phases, way = run.samples, run.phases, run.way
     out = {"modes.tilt_fraction": way.due / way.limit}
     tilt = compute_tilt(samples)
     off = np.linalg.norm(samples["p_WB"] - samples["ref_p_WB"], axis=1)
@@ -49,4 +57,4 @@ def compute_modes_metrics(
     if np.any(free):
         level = samples["p_WB"][free, :2]
         out["modes.standard_drift_m"] = float(np.max(np.linalg.norm(level - level[0], axis=1)))
-    return out, None
+    return out

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from skywright.core.spec import Spec
-from skywright.description.mission.spec import Mission
+from skywright.description.mission.spec import Task
 
 
-class FollowPlan(Spec):
+class FollowPlan(Task):
     """Fly a plan file as it is; the flight starts over its first row."""
 
     plan_file: str = ""  # NAME.csv or NAME.toml, see docs/howto/plan-a-transport.md
-
-
-class FollowPlanMission(Mission):
-    """A mission of the kind "follow-plan"."""
-
-    task: FollowPlan = FollowPlan()

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.missions.impact.fly import RECOIL_S
 from skywright.missions.impact.metrics import compute_tilt, compute_turn, find_contact
+from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
+from skywright.missions.impact.task import Impact
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -22,7 +22,7 @@ from skywright.reports.figures.style import (
     fit_y,
     new_figure,
 )
-from skywright.reports.kinds import find_task
+from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 BEFORE_S = 0.1
 
 
-def draw_impact(result: RunResult) -> Figure | None:
+def draw_impact(result: RunResult[Impact, ImpactPlan]) -> Figure | None:
     """Loads and recoil around the contact; peaks at 1 kHz."""
     s = result.samples
     near = in_phases(s, result.phases, "impact", "retreat")
@@ -70,7 +70,9 @@ def draw_impact(result: RunResult) -> Figure | None:
     return figure
 
 
-def _draw_recoil(ax: Any, t: Any, s: Any, before: Any, result: RunResult) -> None:
+def _draw_recoil(
+    ax: Any, t: Any, s: Any, before: Any, result: RunResult[Impact, ImpactPlan]
+) -> None:
     draw_line(ax, t, np.degrees(compute_tilt(s, before)), color=BLACK, label="platform's tilt")
     turn = np.degrees(compute_turn(s, before))
     draw_line(ax, t, turn, color=GREY, ls="--", label="platform's heading")
@@ -82,25 +84,14 @@ def _draw_recoil(ax: Any, t: Any, s: Any, before: Any, result: RunResult) -> Non
         draw_line(ax, t, np.degrees(np.max(wound, axis=1)), color=ORANGE, label="largest spring")
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {"impact": draw_impact}
-CAPTIONS = {
-    "impact": (
-        "The collision",
-        "What the pad feels, what arms or passive link pass on to the platform, and how platform, "
-        "link and springs give way. The first peak on the pad is the hand or link alone; what "
-        "carries it follows through springs and joints.",
-    ),
-}
-
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[Impact, ImpactPlan]) -> str:
     """Say what hit what, and how hard."""
     d = result.description
     did = f"{d.robot.name} in world {d.world.name} "
     torque = result.metrics.get("impact.peak_torque_nm")
     if torque is None:
         return did + "never touched the pad"
-    task = find_task(d)
+    task = d.mission.task
     part = "hand" if task.part == "arm" else "passive link"
     joints = "" if task.part == "link" else f", {task.joints} joints"
     speed = result.metrics["impact.speed_mps"]
@@ -108,3 +99,17 @@ def describe(result: RunResult) -> str:
         f"ran into the pad with its {part} at {speed:.2f} m/s{joints}; the platform took up to "
         f"{result.metrics['impact.peak_force_n']:.0f} N and {torque:.1f} N m"
     )
+
+
+FIGURES = Figures(
+    describe,
+    charts={
+        "impact": Chart(
+            "The collision",
+            "What the pad feels, what arms or passive link pass on to the platform, and how "
+            "platform, link and springs give way. The first peak on the pad is the hand or link "
+            "alone; what carries it follows through springs and joints.",
+            draw_impact,
+        ),
+    },
+)

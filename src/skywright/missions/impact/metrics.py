@@ -8,43 +8,58 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.description.loader import Description
-from skywright.missions.impact.fly import RECOIL_S, ImpactPlan
-from skywright.missions.impact.task import ImpactMission
+from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
+from skywright.missions.impact.task import Impact
 from skywright.models.drawing import rotate_vectors
-from skywright.run.flight import PhaseRecord
+from skywright.run.flight import Flown
+from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-from skywright.run.planning import MissionPlan
 
 Array = NDArray[np.float64]
+
+MEASURES: Measures = {
+    "impact.speed_mps": ("m/s", "speed of what touches, just before it does"),
+    "impact.speed_error_mps": ("m/s", "its distance from the commanded speed"),
+    "impact.peak_force_n": (
+        "N",
+        "largest force of arms or passive link on the platform, beyond that in flight (at 1 kHz)",
+    ),
+    "impact.peak_torque_nm": ("N m", "likewise the torque about the platform's centre"),
+    "impact.contact_s": ("s", "time in contact until the contact opens or the platform stands"),
+    "impact.contact_force_n": ("N", "largest force on the pad in that time (at 1 kHz)"),
+    "impact.impulse_ns": (
+        "N s",
+        "momentum given to the pad in that time, what the rotors push included",
+    ),
+    "impact.recoil_deg": ("deg", "how far the platform tilts from its attitude before, within 1 s"),
+    "impact.yaw_deg": ("deg", "how far its heading turns within 1 s"),
+    "impact.swing_deg": ("deg", "how far the passive link turns within 1 s"),
+    "impact.deflection_deg": ("deg", "how far a spring of the left arm is wound up beyond flight"),
+    "impact.overrun_m": ("m", "how far the platform goes on after the contact"),
+}
+"""Metric -> unit and meaning, of those that only this kind has."""
 
 FELT = 0.5  # N on the pad that counts as contact
 OPEN_S = 0.05  # s without a force after which a contact counts as over
 BEFORE_S = 0.05  # s over which the speed before the contact is taken
 
 
-def compute_impact_metrics(
-    samples: NDArray[Any],
-    phases: list[PhaseRecord],
-    plan: MissionPlan,
-    description: Description,
-) -> tuple[dict[str, float], None]:
+def compute_impact_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
     """Judge the collision; without one there is nothing to tell."""
-    mission, way = description.mission, plan.task
-    assert isinstance(mission, ImpactMission) and isinstance(way, ImpactPlan)
+    samples, phases, task, way = run.samples, run.phases, run.task, run.way
     near = in_phases(samples, phases, "impact", "retreat")
     first = find_contact(samples, near)
     if first is None:
-        return {}, None
+        return {}
     t0 = float(samples["t"][first])
-    speed = compute_speed(samples, first, way, mission.task.part)
+    speed = compute_speed(samples, first, way, task.part)
     s = samples[near & (samples["t"] >= t0)]
     soon = s[s["t"] <= t0 + RECOIL_S]
     before = samples[max(first - 1, 0)]
     end = find_end(s, way.ahead)
     out = {
         "impact.speed_mps": speed,
-        "impact.speed_error_mps": abs(speed - mission.task.speed_mps),
+        "impact.speed_error_mps": abs(speed - task.speed_mps),
         "impact.peak_force_n": float(np.max(s["load_f_peak"])),
         "impact.peak_torque_nm": float(np.max(s["load_t_peak"])),
         "impact.contact_force_n": float(np.max(s["pad_f_peak"][: end + 1])),
@@ -54,13 +69,13 @@ def compute_impact_metrics(
         "impact.yaw_deg": math.degrees(float(np.max(np.abs(compute_turn(soon, before))))),
         "impact.overrun_m": float(np.max((soon["p_WB"] - before["p_WB"]) @ way.ahead)),
     }
-    if description.robot.pendulum is not None:
+    if run.setup.robot.pendulum is not None:
         turned = soon["q"][:, 0] - before["q"][0]
         out["impact.swing_deg"] = math.degrees(float(np.max(np.abs(turned))))
     if np.any(samples["deflection"]):
         wound = np.max(np.abs(soon["deflection"] - before["deflection"]))
         out["impact.deflection_deg"] = math.degrees(float(wound))
-    return out, None
+    return out
 
 
 def compute_tilt(samples: NDArray[Any], before: Any) -> Array:

@@ -6,8 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from skywright.core.spec import Spec
-from skywright.description.mission.spec import Mission
+from skywright.description.mission.spec import Task
 from skywright.description.robot.spec import Robot
 
 _SPRING = {
@@ -18,7 +17,7 @@ _SPRING = {
 }
 
 
-class Impact(Spec):
+class Impact(Task):
     """Fly into a padded obstacle with the left hand or with the passive link."""
 
     speed_mps: float = Field(default=0.5, ge=0.05, le=1.5)
@@ -27,15 +26,9 @@ class Impact(Spec):
     joints: Literal["compliant", "stiff"] = "compliant"  # stiff: no springs between servo and link
     reaction_s: float = Field(default=0.1, ge=0, le=1)  # from the contact to the order to stop
 
-
-class ImpactMission(Mission):
-    """A mission of the kind "impact"."""
-
-    task: Impact = Impact()
-
     def adapt_robot(self, robot: Robot) -> Robot:
-        """Take the springs out of the joints where the mission says so."""
-        if self.task.joints == "compliant" or robot.arm is None:
+        """Take the springs out of the joints where the task says so."""
+        if self.joints == "compliant" or robot.arm is None:
             return robot
         links = {n: link.model_copy(update=_SPRING) for n, link in robot.arm.links.items()}
         return robot.model_copy(update={"arm": robot.arm.model_copy(update={"links": links})})

@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
+from skywright.core.rotations import rot_z
+from skywright.description.loader import Description
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import Pipe
+from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import surface_point as compute_surface_point
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT, compute_contact_map
 from skywright.inspection.eddy_current import Instrument
 from skywright.inspection.weld import detect_contact
+from skywright.missions.scan.metrics import LIFT_OFF_THRESHOLD
+from skywright.missions.scan.plan import ScanWay
+from skywright.missions.scan.task import Scan
+from skywright.models.rigid_body import build_body_model, compute_tip, posture
+from skywright.planning.patterns import SIDES, build_pattern
 from skywright.reports.figures.paths import select_scan, unroll_points
+from skywright.reports.figures.series import draw_contact_series
 from skywright.reports.figures.style import LIMIT, WIDTH, new_figure, new_map
 from skywright.reports.weld_map import draw_impedance_plane, draw_weld_map, draw_weld_signal
-from skywright.run.metrics import LIFT_OFF_THRESHOLD, in_phases
+from skywright.run.kind import Chart, Figures, Sketch
+from skywright.run.metrics import in_phases
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
@@ -25,22 +38,24 @@ if TYPE_CHECKING:
 CELL = 0.008  # m, of the contact map
 
 
-def draw_map(result: RunResult) -> Figure | None:
+def draw_map(result: RunResult[Scan, ScanWay]) -> Figure | None:
     """Weld signal on the unrolled pipe with the true and the estimated line."""
-    if result.weld is None:
+    if result.details is None:
         return None
-    seen = np.isfinite(result.weld.s + result.weld.c)
+    seen = np.isfinite(result.details.s + result.details.c)
     if not seen.any():
         return None
-    figure, ax = new_map(result.weld.s[seen], result.weld.c[seen], 0.2, below=0.85, right=0.65)
-    draw_weld_map(ax, result.weld, result.description.world.weld)
+    figure, ax = new_map(
+        result.details.s[seen], result.details.c[seen], 0.2, below=0.85, right=0.65
+    )
+    draw_weld_map(ax, result.details, result.description.world.weld)
     ax.grid(False)
     return figure
 
 
-def draw_instrument(result: RunResult) -> Figure | None:
+def draw_instrument(result: RunResult[Scan, ScanWay]) -> Figure | None:
     """Impedance plane, its part near contact, and both components over time."""
-    weld = result.weld
+    weld = result.details
     if weld is None:
         return None
     ec = select_scan(result)["ec"]
@@ -72,7 +87,7 @@ def draw_instrument(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_contact_quality(result: RunResult) -> Figure | None:
+def draw_contact_quality(result: RunResult[Scan, ScanWay]) -> Figure | None:
     """Worst gap, tilt and lift-off of each 8 mm cell of the unrolled pipe."""
     s = select_scan(result)
     if len(s) < 2 or result.description.world.pipe is None:
@@ -115,11 +130,6 @@ def draw_contact_quality(result: RunResult) -> Figure | None:
     return figure
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
-    "weld_map": draw_map,
-    "contact_quality": draw_contact_quality,
-    "instrument": draw_instrument,
-}
 PHASES = {
     "approach": "Along the planned way to the pipe, arm folded.",
     "unfold": "The arm takes the pose in which it measures.",
@@ -134,35 +144,13 @@ PHASES = {
 }
 """Phase -> what is done in it."""
 
-CAPTIONS = {
-    "weld_map": (
-        "Weld map",
-        "The scanned part of the pipe, unrolled flat. Each dot is a reading of the probe, "
-        "brighter where it sees more weld. A red line is where the processing says that the "
-        "weld runs, a dashed black one where it is in truth.",
-    ),
-    "contact_quality": (
-        "Contact quality",
-        "The worst value in each cell of 8 mm that the probe passed. Dark is good, red is "
-        "beyond the limit; cells without colour were not visited. The lift-off signal is "
-        "what the instrument itself knows of the gap.",
-    ),
-    "instrument": (
-        "What the instrument showed",
-        "An eddy-current instrument shows a point in a plane. Lifting the probe moves it "
-        "along the lift-off curve, a weld moves it across. Right: the part near contact. "
-        "Below: both movements over the scan; a weld is seen where the ochre line passes "
-        "the threshold.",
-    ),
-}
 
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[Scan, ScanWay]) -> str:
     """Say what was scanned and found."""
     d = result.description
     contact = result.metrics.get("contact.duration_s", 0.0)
     did = f"{d.robot.name} in world {d.world.name} scanned for {contact:.0f} s"
-    line = result.weld.line if result.weld is not None else None
+    line = result.details.line if result.details is not None else None
     if line is None:
         return did + " and found no weld"
     return did + (
@@ -170,3 +158,112 @@ def describe(result: RunResult) -> str:
         f"{math.degrees(line.angle):.1f} deg ± {math.degrees(line.std_angle):.1f} deg "
         "from the circumference"
     )
+
+
+def scan_path(scan: Scan, pipe: Pipe) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The scan's path as (s, phi), n points; empty where the pattern does not fit on the pipe."""
+    centre = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
+    corners = build_pattern(
+        scan.pattern, 0.5 * pipe.diameter_m, 0.5 * pipe.length_m, centre,
+        math.radians(scan.arc_deg), scan.passes, scan.pass_length_m, scan.centre_s_m,
+    ).corners  # fmt: skip
+    if len(corners) < 2:
+        return np.zeros(0), np.zeros(0)
+    u = np.linspace(0.0, len(corners) - 1.0, 40 * (len(corners) - 1) + 1)
+    index = np.arange(len(corners))
+    return np.interp(u, index, corners[:, 0]), np.interp(u, index, corners[:, 1])
+
+
+def place_at_work(robot: Robot, pipe: Pipe, scan: Scan) -> tuple[NDArray[np.float64], float] | None:
+    """Position and heading of the level platform with the probe square on the scan's middle.
+
+    None where a level platform in working posture cannot point the probe there (top, underside).
+    """
+    if robot.probe is None:
+        return None
+    middle = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
+    cyl = build_cylinder(pipe)
+    tip, normal = np.zeros(3), np.zeros(3)
+    compute_surface_point(cyl, scan.centre_s_m, middle, tip, normal)
+    p_BT, R_BT = compute_tip(build_body_model(robot), posture(robot, "working"))
+    heading = math.atan2(-normal[1], -normal[0]) - math.atan2(R_BT[1, 2], R_BT[0, 2])
+    R = rot_z(heading)
+    if float(R @ R_BT[:, 2] @ normal) > -0.95:
+        return None
+    return tip - R @ p_BT, heading
+
+
+def sketch(d: Description[Scan], way: ScanWay | None) -> Sketch:
+    """Return the pattern, or the planned path, and the platform at work."""
+    scan, pipe = d.mission.task, d.world.pipe
+    if pipe is None:
+        return Sketch()
+    on_pipe = np.column_stack(scan_path(scan, pipe)) if way is None else way.path_sphi
+    label = f"{scan.pattern}, {scan.passes} passes" if scan.pattern != "line" else "line"
+    at_work = place_at_work(d.robot, pipe, scan)
+    return Sketch("way and scan", on_pipe=on_pipe, label=label, at_work=at_work)
+
+
+def list_notes(result: RunResult[Scan, ScanWay]) -> list[str]:
+    """Say what the pictures do not: why there is no map, or no weld on it."""
+    weld, true = result.details, result.description.world.weld
+    if weld is None:
+        scanned = any(p.name == "scan" for p in result.phases)
+        why = "the scan could not be evaluated" if scanned else "the run never came to scanning"
+        more = f" ({result.reason})" if result.reason else ""
+        return [f"There is nothing to map: {why}{more}."]
+    notes = [f"Note: {note}" for note in weld.notes]
+    if weld.line is not None:
+        return notes
+    where = "The pipe has none."
+    if true is not None and true.present:
+        where = (
+            "The pipe has one, on the scanned part or beside it: see the map, the contact "
+            "quality and the instrument's signal."
+        )
+    return [f"No weld was found. {where}", *notes]
+
+
+def draw_contact(result: RunResult[Scan, ScanWay]) -> Figure | None:
+    """The probe at the surface over time, beside what was planned."""
+    way = result.plan.get_way()
+    return draw_contact_series(result, way.push_force_n, way.depth_m)
+
+
+FIGURES = Figures(
+    describe,
+    charts={
+        "weld_map": Chart(
+            "Weld map",
+            "The scanned part of the pipe, unrolled flat. Each dot is a reading of the probe, "
+            "brighter where it sees more weld. A red line is where the processing says that the "
+            "weld runs, a dashed black one where it is in truth.",
+            draw_map,
+        ),
+        "contact_quality": Chart(
+            "Contact quality",
+            "The worst value in each cell of 8 mm that the probe passed. Dark is good, red is "
+            "beyond the limit; cells without colour were not visited. The lift-off signal is "
+            "what the instrument itself knows of the gap.",
+            draw_contact_quality,
+        ),
+        "instrument": Chart(
+            "What the instrument showed",
+            "An eddy-current instrument shows a point in a plane. Lifting the probe moves it "
+            "along the lift-off curve, a weld moves it across. Right: the part near contact. "
+            "Below: both movements over the scan; a weld is seen where the ochre line passes "
+            "the threshold.",
+            draw_instrument,
+        ),
+        "contact_series": Chart(
+            "While the probe is at the surface",
+            "Grey and white bands are phases, named on top. Dashed red lines are limits, dotted "
+            "green ones what is expected.",
+            draw_contact,
+        ),
+    },
+    phases=PHASES,
+    title="Inspection",
+    notes=list_notes,
+    sketch=sketch,
+)

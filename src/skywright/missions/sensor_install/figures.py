@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from skywright.missions.sensor_install.plan import InstallPlan
+from skywright.missions.sensor_install.task import SensorInstall
 from skywright.models.rigid_body import joint_names
 from skywright.reports.figures.style import (
     BLACK,
@@ -24,7 +25,7 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
-from skywright.reports.kinds import find_task
+from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
 
 if TYPE_CHECKING:
@@ -33,13 +34,13 @@ if TYPE_CHECKING:
 FORCE_PHASES = ("approach", "touch", "press", "leave singularity", "force", "retract")
 
 
-def draw_force(result: RunResult) -> Figure | None:
+def draw_force(result: RunResult[SensorInstall, InstallPlan]) -> Figure | None:
     """True, estimated and desired force; deflections of the pressing arm."""
     s = result.samples
     used = in_phases(s, result.phases, *FORCE_PHASES)
     if not np.any(used):
         return None
-    way, task = result.plan.task, find_task(result.description)
+    way, task = result.plan.get_way(), result.description.mission.task
     t0, t1 = float(s["t"][used][0]), float(s["t"][used][-1])
     s = s[(s["t"] >= t0) & (s["t"] <= t1)]
     t = s["t"]
@@ -75,7 +76,6 @@ def draw_force(result: RunResult) -> Figure | None:
     return figure
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {"install_force": draw_force}
 PHASES = {
     "arms to operation pose": "The arms reach forward, to where they work.",
     "navigate": "Along the planned way to a place before the marker.",
@@ -92,16 +92,8 @@ PHASES = {
 }
 """Phase -> what is done in it."""
 
-CAPTIONS = {
-    "install_force": (
-        "Pressing the sensor on",
-        "The force of the hand on the pipe, how far the springs of the pressing arm are wound up, "
-        "how far the platform is from its place, and how the passive link hangs.",
-    ),
-}
 
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[SensorInstall, InstallPlan]) -> str:
     """Say what was pressed on what."""
     d = result.description
     force = result.metrics.get("force.mean_n")
@@ -109,3 +101,17 @@ def describe(result: RunResult) -> str:
     if force is None:
         return did + "never came to pressing"
     return did + f"pressed with {force:.2f} N in the mean"
+
+
+FIGURES = Figures(
+    describe,
+    charts={
+        "install_force": Chart(
+            "Pressing the sensor on",
+            "The force of the hand on the pipe, how far the springs of the pressing arm are "
+            "wound up, how far the platform is from its place, and how the passive link hangs.",
+            draw_force,
+        ),
+    },
+    phases=PHASES,
+)

@@ -8,33 +8,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.description.loader import Description
+from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
-from skywright.missions.sensor_install.fly import InstallPlan
-from skywright.missions.sensor_install.task import SensorInstallMission
+from skywright.missions.sensor_install.plan import InstallPlan
+from skywright.missions.sensor_install.task import SensorInstall
 from skywright.models.things.tape import Tape
-from skywright.run.flight import PhaseRecord
+from skywright.run.flight import Flown
+from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-from skywright.run.planning import MissionPlan
 
 Array = NDArray[np.float64]
+
+MEASURES: Measures = {
+    "force.estimate_error_n": ("N", "rms distance of the estimated from the true force"),
+    "platform.excursion_m": ("m", "how far pressing moves the platform from where it stood"),
+    "swing.start_deg": ("deg", "angle from which the passive link was let go"),
+    "swing.decay_s": ("s", "time until it stays within 1 deg of rest"),
+    "sensor.bond_n": ("N", "strength of the tape after the pressing"),
+    "sensor.installed": ("", "1 when the sensor stayed on the surface, 0 when it came off again"),
+}
+"""Metric -> unit and meaning, of those that only this kind has."""
 
 SWING_DECAYED = math.radians(1.0)
 BEFORE_S = 2.0  # s before the touch: where the platform stood
 PRESSING = 0.02  # N
 
 
-def compute_install_metrics(
-    samples: NDArray[Any],
-    phases: list[PhaseRecord],
-    plan: MissionPlan,
-    description: Description,
-) -> tuple[dict[str, float], None]:
+def compute_install_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
-    mission, way = description.mission, plan.task
-    assert isinstance(mission, SensorInstallMission) and isinstance(way, InstallPlan)
-    task = mission.task
+    samples, phases, task, way = run.samples, run.phases, run.task, run.way
     normal = samples["left_f_W"] @ way.normal
     hold = in_phases(samples, phases, "force")
     if np.any(hold):
@@ -68,11 +71,10 @@ def compute_install_metrics(
             np.max(np.linalg.norm(way_off[pressed] - steady, axis=1))
         )
     flown = ~in_phases(samples, phases, "start", "take_off", "land")
-    flown = ~in_phases(samples, phases, "start", "take_off", "land")
-    out.update(_judge_tape(samples[flown], normal[flown], way, description))
+    out.update(_judge_tape(samples[flown], normal[flown], way, run.setup.world))
     hits = (samples["f_collision"] > 0.0) & flown
     out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
-    return out, None
+    return out
 
 
 def _judge_swing(t: Array, q: Array) -> dict[str, float]:
@@ -85,10 +87,10 @@ def _judge_swing(t: Array, q: Array) -> dict[str, float]:
 
 
 def _judge_tape(
-    samples: NDArray[Any], normal: Array, way: InstallPlan, description: Description
+    samples: NDArray[Any], normal: Array, way: InstallPlan, world: World
 ) -> dict[str, float]:
     """Bond from the pressing that was recorded, and whether the hand then came off without it."""
-    tape = find_first(description.world.things, Tape)
+    tape = find_first(world.things, Tape)
     if tape is None or not len(samples):
         return {}
     t = samples["t"]

@@ -6,11 +6,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from skywright.core.spec import Spec
-from skywright.description.mission.spec import Mission
+from skywright.description.mission.spec import Task
 
 
-class SensorInstall(Spec):
+class SensorInstall(Task):
     """Press a sensor on a pipe from below with the left hand (Suarez 2020, section VI-B).
 
     `pose` is that of the pressing arm: "L" (upper arm down, forearm level: first trial) or
@@ -28,9 +27,3 @@ class SensorInstall(Spec):
         default=50.0, ge=0, le=3600
     )  # the hand tracks a fixed point for so long; 0: left out
     swing_deg: float = Field(default=10.0, ge=0, le=30)  # the link is let go from here; 0: left out
-
-
-class SensorInstallMission(Mission):
-    """A mission with the table `mission.task` of this kind."""
-
-    task: SensorInstall = SensorInstall()

@@ -13,9 +13,8 @@ from skywright.description.loader import Description, Sets, load_description, sp
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
-from skywright.models.geometry import build_clearance, compute_clearance
+from skywright.models.geometry import ClearanceQuery, compute_clearance
 from skywright.models.rigid_body import joint_names
-from skywright.models.scene import build_scene
 from skywright.planning.motion.plan_file import PlanFile, load_plan_file
 
 TOLERANCE = 0.05  # share by which a plan may exceed a robot's limit
@@ -45,7 +44,7 @@ def load_plan_description(
             "mission.start_yaw_deg": math.degrees(yaw),
         }  # fmt: skip
         mission, robot, world = "follow-plan", robot or plan.robot, world or plan.world
-    elif not hasattr(getattr(load_description(mission).mission, "task", None), "plan_file"):
+    elif not hasattr(load_description(mission).mission.task, "plan_file"):
         raise InputError(
             f"mission {os.fspath(mission)!r} flies no plan file; missions that do: bar-transport, "
             "follow-plan (that of --plan alone)"
@@ -94,12 +93,11 @@ def _check_limits(file: str, plan: PlanFile, robot: Robot) -> None:
             )
 
 
-def find_closest(plan: PlanFile, d: Description) -> tuple[float, str]:
+def find_closest(plan: PlanFile, query: ClearanceQuery) -> tuple[float, str]:
     """Return the smallest distance (m) of the planned poses to the world, and what comes so near.
 
     Every row is looked at; rows of a plan lie millimetres apart.
     """
-    query = build_clearance(build_scene(d.robot, d.world))
     least, what = math.inf, ""
     for t, pose, q in zip(plan.t, plan.pose, plan.q, strict=True):
         found = compute_clearance(query, pose[:3], rot_z(float(pose[3])), q)

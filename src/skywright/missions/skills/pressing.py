@@ -14,7 +14,7 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.structure import Structure, build_surface, find_place
 from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
-from skywright.run.flight import Measurement
+from skywright.run.records import Measurement
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor

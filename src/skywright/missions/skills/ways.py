@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.core.types import MAX_JOINTS
-from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import World
 from skywright.missions.skills.moves import (
     JOINT_ACCELERATION,
     JOINT_SPEED,
@@ -20,10 +18,10 @@ from skywright.missions.skills.moves import (
     set_rest,
 )
 from skywright.models.compliant_arms import find_swing
-from skywright.models.geometry import ClearanceQuery, build_clearance, compute_clearance
-from skywright.models.kinematic_tree import PlanningScene, build_planning_scene
-from skywright.models.scene import build_scene
+from skywright.models.geometry import ClearanceQuery, compute_clearance
+from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.motion.transit import Configuration, plan_transit
+from skywright.run.setup import Setup
 from skywright.vehicle.rest_to_rest import build_straight, duration
 
 if TYPE_CHECKING:
@@ -55,16 +53,12 @@ class Surroundings(NamedTuple):
     margin: float  # m, kept from everything
 
 
-def build_surroundings(
-    robot: Robot, world: World, model: NDArray[Any], low_z: float, margin: float
-) -> Surroundings:
+def build_surroundings(setup: Setup[Any], margin: float) -> Surroundings:
     """Read the nominal scene."""
-    built = build_scene(robot, world)
-    passive = "pendulum" if robot.pendulum is not None else None
+    passive = "pendulum" if setup.robot.pendulum is not None else None
     return Surroundings(
-        build_clearance(built, with_ground=True), build_planning_scene(built, robot), model,
-        passive, low_z, margin,
-    )  # fmt: skip
+        setup.clearance, setup.planning_scene, setup.model, passive, setup.limits.ground, margin
+    )
 
 
 def plan_way(

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.description.loader import Description
 from skywright.description.world.things import list_movers
 from skywright.missions.skills.tool_handling import LOW
-from skywright.missions.tool_install.fly import find_places
 from skywright.missions.tool_install.metrics import compute_grasp_errors, compute_operated
+from skywright.missions.tool_install.plan import ToolPlan, find_places
+from skywright.missions.tool_install.task import ToolInstall
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -29,7 +28,7 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
-from skywright.reports.kinds import find_task
+from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
 
 if TYPE_CHECKING:
@@ -38,17 +37,18 @@ if TYPE_CHECKING:
 HOVER_MM = 15.0  # requirement of the mission
 
 
-def _find_index(d: Description) -> int:
+def _find_index(result: RunResult[ToolInstall, ToolPlan]) -> int:
     """Number of the tool among the things that move."""
-    return list_movers(d.world.things).index(find_task(d).tool)
+    d = result.description
+    return list_movers(d.world.things).index(d.mission.task.tool)
 
 
-def draw_phases(result: RunResult) -> Figure | None:
+def draw_phases(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """Tool and platform over the whole flight, and the weight that the hands carry."""
     s = result.samples
     if not len(s):
         return None
-    tool = s[f"object{_find_index(result.description)}_p_WO"]
+    tool = s[f"object{_find_index(result)}_p_WO"]
     t = s["t"]
     figure = new_figure(WIDTH, 7.0)
     strip, axes = stack_panels(figure, 4)
@@ -77,7 +77,7 @@ def draw_phases(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_tracking(result: RunResult) -> Figure | None:
+def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """Error of both tips at the grasp points, and the platform's way: figures 23 and 24."""
     s = result.samples
     hover = in_phases(s, result.phases, "hover check")
@@ -85,8 +85,8 @@ def draw_tracking(result: RunResult) -> Figure | None:
         return None
     s = s[hover]
     t = s["t"]
-    index = _find_index(result.description)
-    error = 1e3 * compute_grasp_errors(s, index, result.plan.task, -LOW)
+    index = _find_index(result)
+    error = 1e3 * compute_grasp_errors(s, index, result.plan.get_way(), -LOW)
     figure = new_figure(WIDTH, 5.4)
     strip, axes = stack_panels(figure, 3)
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
@@ -109,14 +109,14 @@ def draw_tracking(result: RunResult) -> Figure | None:
     return figure
 
 
-def draw_operator(result: RunResult) -> Figure | None:
+def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """What the operator's stick asked for, and what hands and tool made of it."""
     s = result.samples[in_phases(result.samples, result.phases, "install")]
     if not len(s) or not np.any(s["operator_stick"]):
         return None
     t, world = s["t"], result.description.world
-    _, seat = find_places(world, find_task(result.description))
-    way = compute_operated(s, _find_index(result.description), seat)
+    _, seat = find_places(world, result.description.mission.task)
+    way = compute_operated(s, _find_index(result), seat)
     figure = new_figure(WIDTH, 7.0)
     strip, axes = stack_panels(figure, 4)
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
@@ -146,11 +146,6 @@ def draw_operator(result: RunResult) -> Figure | None:
     return figure
 
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {
-    "tool_phases": draw_phases,
-    "tool_tracking": draw_tracking,
-    "tool_operator": draw_operator,
-}
 PHASES = {
     "approach bench": "Arms down, then along the planned way to the tool that motion capture sees.",
     "hover check": "Both hooks keep their points below the handle while the platform hovers.",
@@ -171,27 +166,8 @@ PHASES = {
 }
 """Phase -> what is done in it."""
 
-CAPTIONS = {
-    "tool_phases": (
-        "The tool's way, phase by phase",
-        "Where platform and tool were, what each hook carried, and how far the springs of the left "
-        "arm were wound up by it.",
-    ),
-    "tool_tracking": (
-        "The hands at the grasp points",
-        "How both tips kept their points at the tool while the platform hovered, and how the "
-        "platform drifted meanwhile.",
-    ),
-    "tool_operator": (
-        "The operator at the stick",
-        "What the operator did, in the seat's frame, and what came of it: the stick moves the goal "
-        "of both hands at up to the speed of a full deflection, (24); the hands follow on springs; "
-        "the tool comes to its seat, its three distances going to zero.",
-    ),
-}
 
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[ToolInstall, ToolPlan]) -> str:
     """Say where the tool came to stand."""
     d = result.description
     seat, back = result.metrics.get("tool.seat_error_mm"), result.metrics.get("tool.returned")
@@ -200,3 +176,30 @@ def describe(result: RunResult) -> str:
         return did + "did not come to put the tool onto the pipe"
     where = "brought it back" if back == 1.0 else "did not bring it back"
     return did + f"put the tool onto the pipe, {seat:.1f} mm from its place, and {where}"
+
+
+FIGURES = Figures(
+    describe,
+    charts={
+        "tool_phases": Chart(
+            "The tool's way, phase by phase",
+            "Where platform and tool were, what each hook carried, and how far the springs of "
+            "the left arm were wound up by it.",
+            draw_phases,
+        ),
+        "tool_tracking": Chart(
+            "The hands at the grasp points",
+            "How both tips kept their points at the tool while the platform hovered, and how the "
+            "platform drifted meanwhile.",
+            draw_tracking,
+        ),
+        "tool_operator": Chart(
+            "The operator at the stick",
+            "What the operator did, in the seat's frame, and what came of it: the stick moves "
+            "the goal of both hands at up to the speed of a full deflection, (24); the hands "
+            "follow on springs; the tool comes to its seat, its three distances going to zero.",
+            draw_operator,
+        ),
+    },
+    phases=PHASES,
+)

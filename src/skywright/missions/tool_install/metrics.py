@@ -9,17 +9,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_from_quat, rot_z
-from skywright.description.loader import Description
 from skywright.description.world.things import list_movers
 from skywright.missions.skills.tool_handling import LOW, Place
-from skywright.missions.tool_install.fly import find_places
-from skywright.missions.tool_install.task import ToolInstallMission
-from skywright.run.flight import PhaseRecord
+from skywright.missions.tool_install.plan import ToolPlan, find_places
+from skywright.missions.tool_install.task import ToolInstall
+from skywright.run.flight import Flown
+from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-from skywright.run.planning import MissionPlan
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
+
+MEASURES: Measures = {
+    "tool.seat_error_mm": (
+        "mm",
+        "distance of the tool on the pipe from its place, hands withdrawn, after the wait",
+    ),
+    "tool.seat_angle_deg": ("deg", "angle of the tool there to the attitude it should have"),
+    "tool.return_error_mm": ("mm", "distance of the tool, back on the bench, from where it stood"),
+    "tool.returned": ("", "1 when it stands there within 5 cm, upright"),
+    "tool.retries": ("", "grasps that missed"),
+    "operator.time_s": ("s", "how long the operator was at the stick"),
+    "operator.hand_error_mm": (
+        "mm",
+        "rms distance of the hands' middle from where the operator's stick led it, (24)",
+    ),
+    "platform.drift_max_mm": (
+        "mm",
+        "farthest that the platform came from where it was as the tracking of grasp points began",
+    ),
+}
+"""Metric -> unit and meaning, of those that only this kind has."""
 
 RETURNED_M = 0.05
 """m, from where it stood at first: so near, and turned less, a tool counts as back on the bench."""
@@ -42,14 +62,12 @@ def compute_stance(samples: Samples, at: int, index: int, place: Place) -> Stanc
     return Stance(wanted.T @ (p - place.p_WO), math.acos(min(max(cosine, -1.0), 1.0)))
 
 
-def compute_tool_metrics(
-    samples: Samples, phases: list[PhaseRecord], plan: MissionPlan, description: Description
-) -> tuple[dict[str, float], None]:
+def compute_tool_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
-    assert isinstance(description.mission, ToolInstallMission)
-    way, i = plan.task, list_movers(description.world.things).index(description.mission.task.tool)
-    bench, seat = find_places(description.world, description.mission.task)  # not as the map has it
+    samples, phases, way, world = run.samples, run.phases, run.way, run.setup.world
+    i = list_movers(world.things).index(run.task.tool)
+    bench, seat = find_places(world, run.task)  # not as the map has it
     wait = np.flatnonzero(in_phases(samples, phases, "wait"))
     if len(wait):
         stance = compute_stance(samples, int(wait[-1]), i, seat)
@@ -70,7 +88,7 @@ def compute_tool_metrics(
     flown = ~in_phases(samples, phases, *BELOW_FLIGHT)
     hits = (samples["f_collision"] > 0.0) & flown
     out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
-    return out, None
+    return out
 
 
 def compute_operated(samples: Samples, index: int, seat: Place) -> dict[str, Array]:
@@ -102,7 +120,7 @@ def _judge_operator(samples: Samples) -> dict[str, float]:
     }
 
 
-def compute_grasp_errors(samples: Samples, index: int, way: Any, along: float) -> Array:
+def compute_grasp_errors(samples: Samples, index: int, way: ToolPlan, along: float) -> Array:
     """Return (n, 2, 3) m: each tip's place less its goal, `along` (m) the mouth, in W."""
     out = np.empty((len(samples), 2, 3))
     for k in range(len(samples)):
@@ -115,7 +133,7 @@ def compute_grasp_errors(samples: Samples, index: int, way: Any, along: float) -
     return out
 
 
-def _judge_hover(samples: Samples, index: int, way: Any) -> dict[str, float]:
+def _judge_hover(samples: Samples, index: int, way: ToolPlan) -> dict[str, float]:
     """How both tips track their points at the tool, and how the platform drifts (fig. 23, 24)."""
     error = compute_grasp_errors(samples, index, way, -LOW)
     each = np.sqrt(np.mean(np.sum(error**2, axis=2), axis=0))

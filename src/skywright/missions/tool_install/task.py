@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Self
 
 from pydantic import Field
 
-from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
-from skywright.description.mission.spec import Mission
+from skywright.core.spec import Coordinate, NonNegative, Positive
+from skywright.description.mission.spec import Task
 from skywright.run.operator import find_recording
 
 
-class ToolInstall(Spec):
+class ToolInstall(Task):
     """Put the inspection tool onto the pipe, wait, take it back (Suarez 2020, section VI-A)."""
 
     tool: str = "tool"  # name of the thing that is installed
@@ -26,15 +27,9 @@ class ToolInstall(Spec):
     operator: str | None = None  # recording that installs the tool: packaged name, or CSV file
     stick_speed_mps: float = Field(default=0.03, gt=0, le=0.2)  # v_max of (24)
 
-
-class ToolInstallMission(Mission):
-    """A mission with the table `mission.task` of this kind."""
-
-    task: ToolInstall = ToolInstall()
-
-    def find_files(self, folder: Path) -> Mission:
+    def find_files(self, folder: Path) -> Self:
         """Name the operator's recording by its path."""
-        if self.task.operator is None:
+        if self.operator is None:
             return self
-        path = find_recording(self.task.operator, "tool-install", folder)
-        return self.model_copy(update={"task": self.task.model_copy(update={"operator": path})})
+        path = find_recording(self.operator, Path(__file__).parent, folder)
+        return self.model_copy(update={"operator": path})

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
+import numpy as np
 
+from skywright.description.loader import Description
+from skywright.missions.waypoints.task import Waypoints
 from skywright.reports.explain import format_value
+from skywright.run.kind import Figures, Sketch
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-FIGURES: dict[str, Callable[[RunResult], Figure | None]] = {}
-CAPTIONS: dict[str, tuple[str, str]] = {}
 
-
-def describe(result: RunResult) -> str:
+def describe(result: RunResult[Waypoints, None]) -> str:
     """Say what was flown."""
     d = result.description
     seconds = format_value(result.metrics.get("flight.duration_s"))
-    return (
-        f"{d.robot.name} in world {d.world.name} flew {len(d.mission.waypoints)} way-points in "
-        f"{seconds} s"
-    )
+    points = d.mission.task.points
+    return f"{d.robot.name} in world {d.world.name} flew {len(points)} way-points in {seconds} s"
+
+
+def sketch(d: Description[Waypoints], way: None) -> Sketch:
+    """Return the way-points."""
+    points = np.array([[p.x_m, p.y_m, p.z_m] for p in d.mission.task.points])
+    return Sketch("way-points", points)
+
+
+FIGURES = Figures(describe, sketch=sketch)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
+from skywright.inspection.weld import WeldResult
 from skywright.reports.figures.style import new_figure
 from skywright.reports.still import render_run
 from skywright.reports.weld_map import draw_weld_map
@@ -18,7 +19,8 @@ DPI = 125
 
 def draw_hero(result: RunResult) -> Figure | None:
     """Still of the robot beside the weld map; None for a run without one."""
-    if result.weld is None:
+    weld = result.details
+    if not isinstance(weld, WeldResult):
         return None
     width, height = 12.0, 5.4
     figure = new_figure(width, height)
@@ -28,7 +30,7 @@ def draw_hero(result: RunResult) -> Figure | None:
     ax.imshow(picture, interpolation="none", aspect="auto")
     ax.set_axis_off()
     chart = figure.add_axes((0.55, 0.185, 0.415, 0.72), anchor="N")
-    draw_weld_map(chart, result.weld, result.description.world.weld)
+    draw_weld_map(chart, weld, result.description.world.weld)
     chart.grid(False)
     for x, text in (
         (0.015, "The robot slides an eddy-current probe over a pipe ..."),

@@ -34,6 +34,7 @@ from skywright.reports.outlines import (
     outline_things,
     outline_tube,
 )
+from skywright.run.kind import load_kind
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
@@ -111,6 +112,8 @@ def draw_flight_path(result: RunResult) -> Figure | None:
         (0, 2, "Seen from the side (along y)", "x (m)", "z, height (m)", (0.565, 0.12, 0.42, 0.74)),
     )
     parts, robots = _outline_world(result), _outline_robots(result)
+    d = result.description
+    points = load_kind(d.mission.kind).figures().sketch(d, result.plan.way).points
     for a, b, title, x_label, y_label, box in views:
         ax = figure.add_axes(box)
         _draw_parts(ax, parts, a, b)
@@ -124,11 +127,10 @@ def draw_flight_path(result: RunResult) -> Figure | None:
         ax.plot(
             s["p_WB"][::step, a], s["p_WB"][::step, b], color=BLUE, lw=1.1, label="flown platform"
         )
-        if result.plan.scan is not None:
+        if result.description.robot.probe is not None:
             tip = s["p_WT"][::step]
             ax.plot(tip[:, a], tip[:, b], color=ORANGE, lw=0.8, label="tip")
-        for i, w in enumerate(result.description.mission.waypoints):
-            p = (w.x_m, w.y_m, w.z_m)
+        for i, p in enumerate(points):
             ax.plot(p[a], p[b], "o", mfc="white", mec=BLACK, ms=11, zorder=6)
             ax.text(p[a], p[b], f"{i + 1}", ha="center", va="center", fontsize=7.5, zorder=7)
         _draw_wind(ax, result, a, b)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,10 +29,7 @@ Array = NDArray[np.float64]
 
 def draw_plan(result: RunResult) -> Figure | None:
     """Planned clearance and rotor margin along the plan's segments, end to end."""
-    traces = getattr(result.plan.scan, "traces", None)
-    if not traces:
-        return None
-    t, clearance, margin, spans = _join(result.plan.segments, traces)
+    t, clearance, margin, spans = _join(result.plan.segments, result.plan.traces)
     if len(t) < 2:
         return None
     figure = new_figure(WIDTH, 3.9)
@@ -60,7 +58,7 @@ def draw_plan(result: RunResult) -> Figure | None:
 
 
 def _join(
-    segments: dict[str, NDArray[Any]], traces: dict[str, NDArray[Any]]
+    segments: Mapping[str, NDArray[Any]], traces: Mapping[str, NDArray[Any]]
 ) -> tuple[Array, Array, Array, list[Span]]:
     """Put the segments one after the other; times from the start of the first."""
     times, clearances, margins, spans = [], [], [], []

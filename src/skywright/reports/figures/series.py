@@ -73,8 +73,11 @@ def find_limit(result: RunResult, name: str) -> float | None:
     return next((r.limit for r in result.requirements if r.name == name), None)
 
 
-def draw_contact_series(result: RunResult) -> Figure | None:
-    """Tip error, gap, tilt, force, attitude and rotor loads while the probe is at the surface."""
+def draw_contact_series(result: RunResult, push: float, depth: float) -> Figure | None:
+    """Tip error, gap, tilt, force, attitude and rotor loads while the probe is at the surface.
+
+    `push` (N) and `depth` (m, of the desired tip in the surface) are what was planned.
+    """
     window = find_contact_window(result)
     if window is None or result.description.world.structure is not None:  # has its own pictures
         return None
@@ -88,7 +91,7 @@ def draw_contact_series(result: RunResult) -> Figure | None:
     strip, axes = stack_panels(figure, 7)
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
     _draw_tangential(axes[0], t, along, result)
-    _draw_normal(axes[1], t, out, result)
+    _draw_normal(axes[1], t, out, 1e3 * depth)
     _draw_gap(axes[2], t, s, result)
     limit = find_limit(result, "contact.tilt_max_deg")
     touching = s["gap"] < 5e-3
@@ -96,7 +99,6 @@ def draw_contact_series(result: RunResult) -> Figure | None:
     _draw_single(axes[3], t, tilt, "Probe tilt from the surface's normal", "tilt (deg)", BLUE)
     _limit_above(axes[3], tilt, limit, "limit {:g} deg")
     _draw_single(axes[4], t, s["f_normal"], "Force of the probe on the surface", "force (N)", BLUE)
-    push = result.plan.push_force_n
     axes[4].axhline(push, color=GREEN, lw=1.1, ls=":", label=f"planned push {push:.2g} N")
     axes[4].legend(loc="lower right")
     fit_y(axes[4], float(np.max(s["f_normal"])), push, low=0.0)
@@ -179,8 +181,8 @@ def _draw_tangential(ax: Axes, t: Array, along: Array, result: RunResult) -> Non
     fit_y(ax, top, limit or 0.0, low=0.0)
 
 
-def _draw_normal(ax: Axes, t: Array, out: Array, result: RunResult) -> None:
-    depth = 1e3 * result.plan.depth_m
+def _draw_normal(ax: Axes, t: Array, out: Array, depth: float) -> None:
+    """`depth` (mm) is the planned one."""
     _draw_single(
         ax, t, 1e3 * out,
         "Tip error along the normal: the desired tip lies inside the surface, "

@@ -14,7 +14,7 @@ from skywright.models.compliant_arms import count_command_ticks, is_compliant
 from skywright.vehicle.arms.joints import fill_home
 from skywright.vehicle.arms.truth import ServoState
 from skywright.vehicle.bus import Clock, MuJoCo, ServoDrive
-from skywright.vehicle.component import Component, Out, words
+from skywright.vehicle.component import Component, Out, Recorded, words
 
 
 class PositionServos(Component):
@@ -34,6 +34,10 @@ class PositionServos(Component):
         lsb: Annotated[Array, MAX_JOINTS]  # rad, of a command; 0: exact
         speed: Annotated[Array, MAX_JOINTS]  # rad/s
         tau: Annotated[Array, MAX_JOINTS]  # s, lag, before the inner loop's
+
+    columns = (
+        Recorded("cmd_theta", ServoState, "held", "rad", "commanded shaft angles", per="joint"),
+    )
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 from skywright.core.record import Record
 from skywright.core.rotations import mat_t_vec, mat_vec, solve3
 from skywright.core.scratch import local
+from skywright.description.robot.limbs import SIDES
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
 from skywright.models.springs import joint_torque
 from skywright.vehicle.arms.ports import (
@@ -29,7 +30,7 @@ from skywright.vehicle.arms.ports import (
     Joints,
 )
 from skywright.vehicle.bus import Estimate
-from skywright.vehicle.component import Component, Out, helper
+from skywright.vehicle.component import Component, Out, Recorded, helper
 
 SINGULAR = 1e-3
 """m, lever below which a direction of force is taken as unobservable."""
@@ -49,6 +50,13 @@ class _ForceEstimator(Component):
     across: ClassVar[float] = 0.0
 
     Me = Tare
+    columns = tuple(
+        Recorded(
+            f"{side}_est_f_W", HandForce, "f_WH", "N",
+            f"force that the {side} hand exerts, estimated", item=h, per="hand",
+        )
+        for h, side in enumerate(SIDES)
+    )  # fmt: skip
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

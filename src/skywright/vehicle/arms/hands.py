@@ -9,6 +9,7 @@ from skywright.core.record import Record
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.limbs import SIDES
 from skywright.models.compliant_arms import count_command_ticks
 from skywright.models.rigid_body import (
     BodyModel,
@@ -22,7 +23,7 @@ from skywright.models.springs import joint_deflection
 from skywright.vehicle.arms.joints import ArmComponent
 from skywright.vehicle.arms.ports import ArmModel, Hands, HandsReference, Joints
 from skywright.vehicle.bus import Estimate
-from skywright.vehicle.component import InOut, Out, helper
+from skywright.vehicle.component import InOut, Out, Recorded, helper
 
 DEFLECTION_STEPS, DEFLECTION_TOLERANCE = 20, 2e-4  # a tick at most; rad: encoders have 0.2 deg
 
@@ -38,6 +39,25 @@ class HandKinematics(ArmComponent):
 
     class Me(Record):
         stiff: Kinematics  # at the shafts
+
+    columns = tuple(
+        column
+        for h, side in enumerate(SIDES)
+        for column in (
+            Recorded(
+                f"{side}_est_p_WH", Hands, "p_WH", "m", f"{side} hand, estimated", item=h,
+                per="hand",
+            ),
+            Recorded(
+                f"{side}_ref_p_WH", HandsReference, "p_WH", "m", f"{side} hand, desired", item=h,
+                per="hand",
+            ),
+            Recorded(
+                f"{side}_ref_f_W", HandsReference, "f_WH", "N",
+                f"force that the {side} hand shall exert", item=h, per="hand",
+            ),
+        )
+    )  # fmt: skip
 
     def get_period(self, step: str, context: Any) -> float:
         """Return the servos' period (s)."""

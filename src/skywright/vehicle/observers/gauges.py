@@ -14,7 +14,16 @@ from skywright.core.record import Integers, Record, Vec3
 from skywright.core.scratch import local
 from skywright.models.gauges import find_gauges
 from skywright.vehicle.bus import MuJoCo
-from skywright.vehicle.component import Component, InOut, Out, Output, helper, table, words
+from skywright.vehicle.component import (
+    Component,
+    InOut,
+    Out,
+    Output,
+    Recorded,
+    helper,
+    table,
+    words,
+)
 from skywright.vehicle.plant import SAMPLE_RATE
 
 MAX_MOUNTS = 4
@@ -51,6 +60,17 @@ class Gauges(Component):
         zero: int  # 1: the next step's wrench is the one to count from
         f_zero_B: Vec3
         t_zero_B: Vec3
+
+    columns = (
+        Recorded("load_f_B", Loads, "f_B", "N", "force of arms or link on the platform"),
+        Recorded("load_t_B", Loads, "t_B", "N m", "their torque about the origin of B"),
+        Recorded("load_f_peak", Loads, "f_peak", "N", "largest size since the last sample"),
+        Recorded("load_t_peak", Loads, "t_peak", "N m", "largest size since the last sample"),
+        Recorded("pad_f_W", Loads, "pad_f_W", "N", "contact force on the pads"),
+        Recorded("pad_f_peak", Loads, "pad_peak", "N", "largest since the last sample"),
+        Recorded("pad_impulse_W", Loads, "impulse_W", "N s", "given to the pads so far"),
+        Recorded("pad_touch_s", Loads, "touch_s", "s", "in contact so far"),
+    )
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

@@ -7,10 +7,11 @@ from typing import Annotated, Any
 
 from skywright.core.record import Integers, Record
 from skywright.core.types import MAX_HANDS
+from skywright.description.robot.limbs import SIDES
 from skywright.models.compliant_arms import is_compliant
 from skywright.vehicle.arms.truth import HandTruth, TapePull
 from skywright.vehicle.bus import MuJoCo
-from skywright.vehicle.component import Component, Out, table, words
+from skywright.vehicle.component import Component, Out, Recorded, table, words
 
 
 class HandObserver(Component):
@@ -22,6 +23,22 @@ class HandObserver(Component):
         n: int
         site: Annotated[Integers, MAX_HANDS]
         force: Annotated[Integers, MAX_HANDS]  # address of the contact sensor, -1: none
+
+    columns = tuple(
+        column
+        for h, side in enumerate(SIDES)
+        for column in (
+            Recorded(f"{side}_p_WH", HandTruth, "p_WH", "m", f"{side} hand", item=h, per="hand"),
+            Recorded(
+                f"{side}_q_WH", HandTruth, "R_WH", "", f"{side} hand, attitude", rotation=True,
+                item=h, per="hand",
+            ),
+            Recorded(
+                f"{side}_f_W", HandTruth, "f_WH", "N",
+                f"force that the {side} hand exerts on what it touches", item=h, per="hand",
+            ),
+        )
+    )  # fmt: skip
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

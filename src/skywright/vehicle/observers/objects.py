@@ -10,7 +10,7 @@ import numpy as np
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_OBJECTS
 from skywright.vehicle.bus import MuJoCo
-from skywright.vehicle.component import Component, Out, Output, words
+from skywright.vehicle.component import Component, Out, Output, Recorded, words
 from skywright.vehicle.plant import SAMPLE_RATE
 
 
@@ -29,6 +29,17 @@ class ObjectObserver(Component):
     class Me(Record):
         n: int
         qpos: Annotated[Integers, MAX_OBJECTS]
+
+    columns = tuple(
+        column
+        for i in range(MAX_OBJECTS)
+        for column in (
+            Recorded(f"object{i}_p_WO", Objects, "p_WO", "m", "thing", item=i, per="object"),
+            Recorded(
+                f"object{i}_q_WO", Objects, "q_WO", "", "thing, attitude", item=i, per="object"
+            ),
+        )
+    )
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

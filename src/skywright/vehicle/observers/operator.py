@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from skywright.core.record import Record, Vec3
-from skywright.vehicle.component import Component, Out, Output
+from skywright.vehicle.component import Component, Out, Output, Recorded
 from skywright.vehicle.plant import SAMPLE_RATE
 
 
@@ -24,6 +24,11 @@ class Operator(Component):
     class Me(Record):
         stick: Vec3
         button: float
+
+    columns = (
+        Recorded("operator_stick", Stick, "stick", "", "each axis from -1 to 1"),
+        Recorded("operator_button", Stick, "button", "", "1: pressed"),
+    )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Nobody touches it at first."""

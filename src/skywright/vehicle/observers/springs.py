@@ -10,7 +10,7 @@ from skywright.core.types import MAX_JOINTS
 from skywright.models.compliant_arms import is_compliant
 from skywright.vehicle.arms.truth import SpringTruth
 from skywright.vehicle.bus import MuJoCo
-from skywright.vehicle.component import Component, Out, words
+from skywright.vehicle.component import Component, Out, Recorded, words
 from skywright.vehicle.plant import SAMPLE_RATE
 
 
@@ -23,6 +23,11 @@ class SpringObserver(Component):
         n: int
         qpos: Annotated[Integers, MAX_JOINTS]
         flex: Annotated[Integers, MAX_JOINTS]  # -1: rigid
+
+    columns = (
+        Recorded("theta", SpringTruth, "theta", "rad", "servo shafts", per="joint"),
+        Recorded("deflection", SpringTruth, "deflection", "rad", "theta less q", per="joint"),
+    )
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

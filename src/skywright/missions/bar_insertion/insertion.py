@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.missions.bar_insertion.bar_leading import BarLeader, BarPose
 from skywright.missions.bar_insertion.task import BarInsertion
-from skywright.missions.skills.bar_leading import BarLeader, BarPose
 from skywright.missions.skills.tool_handling import Grip, Place
 from skywright.models.things.peg import Peg
 from skywright.models.things.socket import Socket

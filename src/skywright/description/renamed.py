@@ -1,0 +1,92 @@
+"""Keys that have another name now: files and assignments that use the old one still load.
+
+One line in RENAMED a key or table. Whoever uses an old name is told the new one on standard error,
+once a file.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from skywright.core import toml_files
+from skywright.core.toml_files import Layer, Tree
+from skywright.errors import InputError
+
+RENAMED: Mapping[str, str] = {
+    "mission.scan": "mission.task",
+    "mission.waypoints": "mission.task.points",
+}
+"""Old key -> new one; what lies below a table moves along."""
+
+
+def load_layer(path: Path, label: str | None = None, problems: list[str] | None = None) -> Layer:
+    """Read one description file as `core.toml_files.load_layer` does, old keys renamed."""
+    return rename_keys(toml_files.load_layer(path, label, problems))
+
+
+def rename_keys(layer: Layer) -> Layer:
+    """Return the layer with new names; an empty value under an old one is left out.
+
+    Raises InputError where a value stands under both.
+    """
+    for old, new in RENAMED.items():
+        table, name = _find_parent(layer.tree, old)
+        if table is None or name not in table:
+            continue
+        value = table.pop(name)
+        if value in ({}, []):
+            continue
+        _tell(layer.label, old, new)
+        _put(layer.tree, new.split("."), value, layer.label, old)
+        layer = layer._replace(sources={_replace(k, old, new): s for k, s in layer.sources.items()})
+    return layer
+
+
+def rename_key(key: str, label: str = "--set") -> str:
+    """Return the present name of a dotted key."""
+    for old, new in RENAMED.items():
+        if key == old or key.startswith(old + "."):
+            _tell(label, old, new)
+            return _replace(key, old, new)
+    return key
+
+
+def _replace(key: str, old: str, new: str) -> str:
+    return new + key[len(old) :] if key == old or key.startswith(old + ".") else key
+
+
+def _find_parent(tree: Tree, key: str) -> tuple[Tree | None, str]:
+    """Return the table that holds a dotted key (None: there is none), and the key's last part."""
+    *parents, name = key.split(".")
+    table: Any = tree
+    for parent in parents:
+        table = table.get(parent) if isinstance(table, dict) else None
+    return (table if isinstance(table, dict) else None), name
+
+
+def _put(tree: Tree, path: list[str], value: Any, label: str, old: str) -> None:
+    """Write a value at `path`; a table goes into the one that is there."""
+    key = ".".join(path)
+    *parents, name = path
+    for parent in parents:
+        child = tree.setdefault(parent, {})
+        if not isinstance(child, dict):
+            raise InputError(f"{label}: {old} is now {key}, and {parent} is no table here")
+        tree = child
+    here = tree.get(name)
+    if isinstance(here, dict) and isinstance(value, dict):
+        for child, inner in value.items():
+            _put(here, [child], inner, label, f"{old}.{child}")
+    elif name in tree:
+        raise InputError(f"{label}: {old} is now {key}, and both are given; keep the new one")
+    else:
+        tree[name] = value
+
+
+@lru_cache
+def _tell(label: str, old: str, new: str) -> None:
+    print(f"skywright: {label}: {old} is now called {new}", file=sys.stderr)

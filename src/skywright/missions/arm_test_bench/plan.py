@@ -1,0 +1,77 @@
+"""The arm's test bench (Sanchez-Cuevas 2020, section 5.2): clamped, pressing up a force staircase.
+
+Rest at gamma = (95, 152) deg, inspection position (61, 55) deg near the surface, force control.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skywright.core.rotations import quat_to_rot
+from skywright.description.world.structure import find_place
+from skywright.description.world.things import find_first
+from skywright.errors import InputError
+from skywright.missions.arm_test_bench.task import BenchTask
+from skywright.missions.skills.pressing import check_can_press
+from skywright.models.rigid_body import compute_tip
+from skywright.models.things.bench import Bench
+from skywright.run.planning import MissionPlan
+from skywright.run.setup import Setup
+
+if TYPE_CHECKING:
+    pass
+
+
+NEAREST, FARTHEST = 0.002, 0.04  # m, of the tip to the surface in the inspection position
+
+
+def find_joints(gamma_deg: list[float]) -> np.ndarray:
+    """Return the joints (rad) of the paper's angles: shoulder = gamma_1 - 90, elbow = -gamma_2."""
+    return np.radians([gamma_deg[0] - 90.0, -gamma_deg[1]])
+
+
+def plan(setup: Setup[BenchTask]) -> MissionPlan[None]:
+    """Check the poses against joints and surface."""
+    began = time.perf_counter()
+    d, robot, world, task = setup.description, setup.robot, setup.world, setup.task
+    bench = find_first(world.things, Bench)
+    if bench is None or setup.surface is None:
+        raise InputError(
+            f"world {world.name!r} is no test bench: it needs a thing of kind 'bench' and "
+            "[world.structure], as world test-bench has"
+        )
+    check_can_press(robot, d.mission)
+    model = setup.model
+    n = int(model[0]["n_joints"])
+    if n != 2:
+        raise InputError(f"robot {robot.name!r} has {n} joints; the test bench is for two")
+    surface, blocked = setup.surface, ""
+    base, R_WB = np.array([bench.x_m, bench.y_m, bench.z_m]), np.empty((3, 3))
+    quat_to_rot(np.array(bench.q_WB), R_WB)
+    for name, gamma in (
+        ("rest", task.rest_deg),
+        ("inspection", task.inspection_deg),
+    ):
+        q = find_joints(gamma)
+        low, high = model[0]["q_min"][:2], model[0]["q_max"][:2]
+        if np.any(q < low - 1e-9) or np.any(q > high + 1e-9):
+            raise InputError(
+                f"mission.task.{name}_deg = {gamma}: beyond the joints' limits of "
+                f"{robot.name!r}, shoulder {90 + math.degrees(low[0]):.0f} to "
+                f"{90 + math.degrees(high[0]):.0f}, elbow {-math.degrees(high[1]):.0f} to "
+                f"{-math.degrees(low[1]):.0f} deg"
+            )
+        gap = float(find_place(surface, base + R_WB @ compute_tip(model, q)[0])[2])
+        if gap < NEAREST or (name == "inspection" and gap > FARTHEST):
+            blocked = (
+                f"{name} position: the tip is {1e3 * gap:.0f} mm from the surface; the inspection "
+                f"begins {1e3 * NEAREST:.0f} to {1e3 * FARTHEST:.0f} mm from it"
+            )
+    total = 12.0 + len(task.forces_n) * (task.ramp_s + task.settle_s + task.hold_s)
+    return MissionPlan(
+        not blocked, blocked or None, time.perf_counter() - began, total
+    )  # fmt: skip

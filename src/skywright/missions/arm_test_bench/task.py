@@ -1,0 +1,25 @@
+"""What a mission of the kind "arm-test-bench" may say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from skywright.core.spec import NonNegative
+from skywright.description.mission.spec import Task
+from skywright.missions.bridge_contact.task import PressForces
+
+if TYPE_CHECKING:
+    pass
+
+
+class BenchTask(Task):
+    """The staircase of forces, and the paper's two poses as its gamma_1, gamma_2."""
+
+    rest_deg: list[float] = Field(default=[95.0, 152.0], min_length=2, max_length=2)
+    inspection_deg: list[float] = Field(default=[61.0, 55.0], min_length=2, max_length=2)
+    forces_n: PressForces = [2.0, 4.0, 6.0, 8.0]
+    ramp_s: float = Field(default=1.0, ge=0.1, le=60)
+    settle_s: NonNegative = 3.0
+    hold_s: float = Field(default=4.0, ge=0.2, le=600)

@@ -1,0 +1,48 @@
+"""What a mission of the kind "excitation" may say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import Field, model_validator
+
+from skywright.core.spec import NonNegative, Positive
+from skywright.description.mission.spec import Task
+from skywright.planning.excitation import (
+    RAMP,
+    Excitation,
+    count_lines,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+LINES = 3  # fewest sines that a channel needs
+
+
+class ExcitationTask(Task):
+    """What is moved, and how much; amplitudes are peaks and shrink where the rotors ask for it."""
+
+    duration_s: float = Field(default=40.0, ge=4 * RAMP, le=600)  # of each pose
+    poses: list[Literal["folded", "working"]] = Field(default=["folded"], min_length=1)
+    tilt_deg: NonNegative = 4.0  # roll and pitch, where the rotors allow a free attitude
+    yaw_deg: NonNegative = 12.0
+    acceleration_mps2: NonNegative = 0.8
+    low_hz: Positive = 0.15
+    high_hz: float = Field(default=1.2, gt=0, le=5)
+    joint_deg: NonNegative = 0.0  # swing of the arm's joints after each pose; 0: none
+    joint_duration_s: float = Field(default=20.0, ge=4 * RAMP, le=600)
+
+    @model_validator(mode="after")
+    def _band_holds_lines(self) -> ExcitationTask:
+        for name, channels in (("duration_s", 6), ("joint_duration_s", 2)):
+            e = Excitation(getattr(self, name), 0, 0, 0, self.low_hz, self.high_hz)
+            if count_lines(e, channels) < LINES:
+                least = channels * LINES / max(self.high_hz - self.low_hz, 1e-9) + 2 * RAMP
+                raise ValueError(
+                    f"{name} = {getattr(self, name):g} with a band of {self.low_hz:g} to "
+                    f"{self.high_hz:g} Hz gives too few frequencies to tell directions "
+                    f"apart: about {least:.0f} s are needed, or a wider band"
+                )
+        return self

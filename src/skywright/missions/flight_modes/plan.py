@@ -1,0 +1,83 @@
+"""The three flight modes of Sanchez-Cuevas 2020, section 5.3, one after the other (Fig. 20).
+
+Standard stabilisation holds attitude and height as a coplanar robot would; position is left alone.
+Command position translates with the attitude held level, command angle tilts with the position
+held. The last two are one law with different references.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.description.world.wind import compute_direction, compute_speed
+from skywright.errors import InputError
+from skywright.missions.flight_modes.task import ModesTask
+from skywright.models.hover_tilt import compute_hover_tilt
+from skywright.models.rigid_body import posture
+from skywright.run.planning import MissionPlan
+from skywright.run.setup import Setup
+
+if TYPE_CHECKING:
+    pass
+
+Array = NDArray[np.float64]
+
+CALM_FRACTION, WINDY_FRACTION = 0.85, 0.7
+"""Of the computed hover tilt that must be held; the rest is for gusts and errors of the model."""
+LEAST_TILT = math.radians(9.0)
+"""To be held in calm air, where the limit allows."""
+LAG = math.radians(0.5)
+"""By which the attitude stays behind on the average of a hold, while the integral learns the
+torque of the new attitude: it is asked for on top, up to the limit."""
+
+
+class ModesPlan(NamedTuple):
+    """What is asked for, and what could be."""
+
+    tilt: float  # rad, reference
+    due: float  # rad, to be held
+    limit: float  # rad, computed hover tilt, in the wind of the world
+    calm: bool
+
+
+def plan(setup: Setup[ModesTask]) -> MissionPlan[ModesPlan]:
+    """Compute the tilt limit; refuse a tilt beyond it."""
+    began = time.perf_counter()
+    d, task = setup.description, setup.task
+    law = d.mission.law or d.robot.control.law
+    if law != "backstepping":
+        raise InputError(
+            f"mission {d.mission.name!r} needs mission.law = 'backstepping', which knows the "
+            f"modes; not {law!r}"
+        )
+    wind = compute_speed(d.world.wind) * compute_direction(d.world.wind)
+    limit = compute_hover_tilt(
+        d.robot, posture(d.robot, "folded"), d.world.gravity_mps2,
+        wind=rot_z(math.radians(d.mission.start_yaw_deg)).T @ wind,
+        air_density=d.world.air_density_kg_m3,
+    )  # fmt: skip
+    calm = d.world.wind.kind == "none"
+    due = max(CALM_FRACTION * limit, min(LEAST_TILT, limit)) if calm else WINDY_FRACTION * limit
+    if task.tilt_deg is not None:
+        due = math.radians(task.tilt_deg)
+    tilt = max(due, min(due + LAG, limit))
+    blocked, air = None, "" if calm else f" in {compute_speed(d.world.wind):.1f} m/s of wind"
+    if math.isnan(limit):
+        blocked = f"{d.robot.name} cannot hover level{air} (skywright capability)"
+    elif limit <= 0.0:
+        blocked = f"{d.robot.name} cannot tilt in place{air}: it has no lateral force"
+    elif due > limit:
+        blocked = (
+            f"a tilt of {math.degrees(due):.1f} deg exceeds the {math.degrees(limit):.1f} deg at "
+            f"which {d.robot.name} can hover in place{air} (skywright capability)"
+        )
+    return MissionPlan(
+        blocked is None, blocked, time.perf_counter() - began, 60.0,
+        way=ModesPlan(tilt, due, limit, calm),
+    )  # fmt: skip

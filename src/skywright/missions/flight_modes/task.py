@@ -1,0 +1,23 @@
+"""What a mission of the kind "flight-modes" may say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from skywright.core.spec import Positive
+from skywright.description.mission.spec import Task
+
+if TYPE_CHECKING:
+    pass
+
+
+class ModesTask(Task):
+    """How far each mode goes."""
+
+    tilt_deg: float | None = Field(default=None, gt=0, le=30)  # default: see plan()
+    distance_m: float = Field(default=1.0, gt=0, le=20)
+    standard_tilt_deg: float = Field(default=2.0, gt=0, le=15)
+    standard_s: float = Field(default=0.5, gt=0, le=3)  # tilted; it drifts meanwhile
+    hold_s: Positive = 2.0

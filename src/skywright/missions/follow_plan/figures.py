@@ -1,0 +1,22 @@
+"""What a report shows of a flight along a plan file: nothing that other flights lack."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from skywright.missions.follow_plan.task import FollowPlan
+from skywright.reports.explain import format_value
+from skywright.run.kind import Figures
+
+if TYPE_CHECKING:
+    from skywright.run.run import RunResult
+
+
+def describe(result: RunResult[FollowPlan, None]) -> str:
+    """Say what was flown."""
+    d = result.description
+    seconds = format_value(result.metrics.get("transport.duration_s"))
+    return f"{d.robot.name} in world {d.world.name} followed a plan for {seconds} s"
+
+
+FIGURES = Figures(describe)

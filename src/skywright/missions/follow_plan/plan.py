@@ -1,0 +1,34 @@
+"""Fly a plan file of platform and joints through the vehicle layer, whoever planned it."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from skywright.errors import InputError
+from skywright.missions.follow_plan.task import FollowPlan
+from skywright.missions.skills.plan_flight import find_closest, load_checked_plan
+from skywright.run.planning import MissionPlan
+from skywright.run.setup import Setup
+from skywright.vehicle.plan_table import build_plan_table
+
+if TYPE_CHECKING:
+    pass
+
+
+def plan(setup: Setup[FollowPlan]) -> MissionPlan[None]:
+    """Read and check the file; a plan that touches something is refused."""
+    began = time.perf_counter()
+    d, file = setup.description, setup.task.plan_file
+    if not file:
+        raise InputError(
+            "mission.task.plan_file is empty: name a plan file, or `skywright run --plan FILE`"
+        )
+    found = load_checked_plan(file, d)
+    clearance, what = find_closest(found, setup.clearance)
+    table = build_plan_table(found, setup.model)
+    blocked = None if clearance > 0.0 else f"{file}: {what} touch"
+    return MissionPlan(
+        blocked is None, blocked, time.perf_counter() - began, float(found.t[-1]), clearance,
+        segments={"plan": table}, file=found,
+    )  # fmt: skip

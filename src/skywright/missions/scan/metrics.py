@@ -1,0 +1,198 @@
+"""Metrics of the kind "scan": contact, tracking, the weld that was found, coverage.
+
+Truth is used to judge (gap, tilt, tip error, weld position); what the inspection itself uses
+(instrument and motion capture) is the same data that a real flight would record.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.loader import Description
+from skywright.inspection.calibration import Calibration, build_calibration
+from skywright.inspection.contact_quality import compute_coverage
+from skywright.inspection.weld import WeldResult, process_scan
+from skywright.inspection.weld_line import compute_line_error
+from skywright.missions.scan.plan import ScanWay
+from skywright.missions.scan.task import Scan
+from skywright.run.flight import Flown, PhaseRecord
+from skywright.run.kind import Measures
+from skywright.run.metrics import OFF_SURFACE, in_phases, quat_angle
+
+Array = NDArray[np.float64]
+Samples = NDArray[Any]
+
+LIFT_OFF_THRESHOLD = 15.0  # instrument units, Tognon 2018 section VII
+WELD_THRESHOLD = 1.4
+HOP_S = 0.05
+"""s, a shorter time off the surface is a hop: in gusts it is counted, but is no lost contact."""
+
+MEASURES: Measures = {
+    "contact.gap_max_mm": (
+        "mm",
+        "worst air gap between probe and surface while scanning; in gusts without hops",
+    ),
+    "contact.hops": ("", "times off the surface (gap above 0.1 mm) shorter than 0.05 s"),
+    "contact.hop_max_mm": ("mm", "worst air gap of those hops"),
+    "contact.off_max_s": ("s", "longest time off the surface, hop or not, rounded up to 0.01 s"),
+    "contact.no_force_s": ("s", "time without contact force while scanning (truth)"),
+    "contact.tilt_max_deg": ("deg", "worst angle between probe and surface normal while scanning"),
+    "contact.duration_s": ("s", "time of the scan"),
+    "contact.retries": ("", "touches or scans that had to be repeated"),
+    "tip.tangential_rms_mm": ("mm", "rms distance of the tip from its path, along the surface"),
+    "tip.tangential_max_mm": ("mm", "largest such distance"),
+    "platform.attitude_error_max_deg": ("deg", "largest attitude error while scanning"),
+    "platform.offset_rms_mm": ("mm", "rms distance of the platform from its nominal pose"),
+    "touch.attitude_error_max_deg": ("deg", "largest attitude error while touching"),
+    "rotors.thrust_max_fraction": ("", "largest rotor thrust over the rotor's limit, scanning"),
+    "weld.contact_fraction": ("", "share of the scan in contact, as the instrument says"),
+    "weld.crossings": ("", "crossings of the path with the weld at which it was found"),
+    "weld.offset_error_mm": (
+        "mm",
+        "distance between the estimated and the true weld line, at the middle of its crossings",
+    ),
+    "weld.angle_error_deg": ("deg", "angle between estimated and true weld line"),
+    "weld.offset_std_mm": ("mm", "uncertainty of the weld line's offset that the fit states"),
+    "weld.angle_std_deg": ("deg", "uncertainty of the weld line's angle that the fit states"),
+    "coverage.fraction": ("", "share of the planned path inspected within 1 mm and 10 deg"),
+}
+"""Metric -> unit and meaning, of those that only this kind has."""
+
+
+def compute_scan_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
+    """Contact, tracking, weld and coverage of a scan."""
+    samples, phases, description = run.samples, run.phases, run.setup.description
+    out: dict[str, float] = {}
+    scan = in_phases(samples, phases, "scan")
+    if not np.any(scan):
+        return out
+    s = samples[scan]
+    dt = float(np.median(np.diff(s["t"]))) if len(s) > 1 else 0.0
+    axis = _instrument_axis()
+    lift = s["ec"] @ axis
+    away = find_lifts(s["gap_max"], dt)
+    hops = [a for a in away if a.duration_s < HOP_S]
+    out["contact.hops"] = float(len(hops))
+    out["contact.hop_max_mm"] = 1e3 * max((h.gap for h in hops), default=0.0)
+    out["contact.off_max_s"] = max((a.duration_s for a in away), default=0.0)
+    counts = np.ones(len(s), bool)
+    if description.world.wind.gusty:
+        for hop in hops:
+            counts[hop.start : hop.end] = False
+    out["contact.gap_max_mm"] = 1e3 * max(float(np.max(s["gap_max"][counts], initial=0.0)), 0.0)
+    out["contact.lost_s"] = dt * float(np.count_nonzero(lift[counts] >= LIFT_OFF_THRESHOLD))
+    out["contact.no_force_s"] = dt * float(np.count_nonzero(s["f_normal"] <= 0.0))
+    out["contact.tilt_max_deg"] = math.degrees(float(np.max(s["tilt"])))
+    out["contact.duration_s"] = dt * len(s)
+    out["contact.retries"] = float(sum(p.outcome == "retry" for p in phases))
+    out["force.mean_n"] = float(np.mean(s["f_normal"]))
+    out["force.min_n"] = float(np.min(s["f_normal"]))
+    out["force.max_n"] = float(np.max(s["f_normal"]))
+    normal = s["ref_normal_W"]
+    error = s["p_WT"] - s["ref_p_WT"]
+    tangential = error - np.sum(error * normal, axis=1)[:, None] * normal
+    size = np.linalg.norm(tangential, axis=1)
+    out["tip.tangential_rms_mm"] = 1e3 * float(np.sqrt(np.mean(size**2)))
+    out["tip.tangential_max_mm"] = 1e3 * float(np.max(size))
+    attitude = quat_angle(s["q_WB"], s["ref_q_WB"])
+    out["platform.attitude_error_max_deg"] = math.degrees(float(np.max(attitude)))
+    offset = s["p_WB"] - s["ref_p_WB"]
+    out["platform.offset_rms_mm"] = 1e3 * float(np.sqrt(np.mean(np.sum(offset**2, axis=1))))
+    touch = in_phases(samples, phases, "touch", "settle")
+    if np.any(touch):
+        a = quat_angle(samples["q_WB"][touch], samples["ref_q_WB"][touch])
+        out["touch.attitude_error_max_deg"] = math.degrees(float(np.max(a)))
+    fractions = samples["rotor_thrust"][scan]
+    rotors = description.robot.rotors
+    n = len(rotors.azimuth_deg)
+    out["rotors.thrust_max_fraction"] = float(np.max(fractions[:, :n])) / rotors.thrust_max_n
+    weld = run.once(process_weld)
+    if weld is not None:
+        _add_weld_metrics(out, weld, description)
+    _add_coverage(out, s, run)
+    return out
+
+
+class Lift(NamedTuple):
+    """One time off the surface."""
+
+    start: int  # first sample
+    end: int  # one past the last sample
+    duration_s: float  # rounded up to samples
+    gap: float  # m, largest
+
+
+def find_lifts(gap_max: Array, dt: float) -> list[Lift]:
+    """Return the times off the surface in `gap_max` (n,) m, the worst gap since the sample before.
+
+    Off is a gap above OFF_SURFACE; `dt` (s) is the time between samples.
+    """
+    off = np.concatenate([[False], gap_max > OFF_SURFACE, [False]])
+    edges = np.flatnonzero(off[1:] != off[:-1]).tolist()
+    return [
+        Lift(a, b, round((b - a) * dt, 6), float(np.max(gap_max[a:b])))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
+
+
+def _instrument_axis() -> Array:
+    from skywright.inspection.eddy_current import Instrument
+
+    phase = Instrument().phase
+    return np.array([math.cos(phase), math.sin(phase)])
+
+
+def process_weld(run: Flown[Scan, ScanWay]) -> WeldResult | None:
+    """Calibrate on the last approach before the scan, then process the scan's own data.
+
+    None where it never came to scanning. Raises InputError where the approach tells too little.
+    """
+    cylinder = run.setup.cylinder
+    s = run.samples[in_phases(run.samples, run.phases, "scan")]
+    if cylinder is None or not len(s):
+        return None
+    calibration = calibrate_on_touch(run.samples, run.phases)
+    result = process_scan(s["t"], s["ec"], s["meas_p_WT"], cylinder, calibration)
+    if result.line is None:
+        return result
+    # all crossings share the calibration error of the probe's markers, so no fit can see it
+    shared = math.hypot(result.line.std_offset, run.setup.world.mocap.calibration_m)
+    return result._replace(line=result.line._replace(std_offset=shared))
+
+
+def calibrate_on_touch(samples: Samples, phases: list[PhaseRecord]) -> Calibration:
+    """The touch before the scan is the calibration: from air to contact."""
+    touch = in_phases(samples, phases, "touch", "settle")
+    return build_calibration(
+        samples["ec"][touch],
+        lift_off_threshold=LIFT_OFF_THRESHOLD,
+        weld_threshold=WELD_THRESHOLD,
+    )
+
+
+def _add_weld_metrics(out: dict[str, float], weld: WeldResult, description: Description) -> None:
+    out["weld.contact_fraction"] = weld.contact_fraction
+    out["weld.crossings"] = float(sum(c.on_line or weld.line is None for c in weld.crossings))
+    true = description.world.weld
+    if weld.line is None or true is None or not true.present:
+        return
+    offset, angle = compute_line_error(weld.line, true)
+    out["weld.offset_error_mm"] = 1e3 * abs(offset)
+    out["weld.angle_error_deg"] = math.degrees(abs(angle))
+    out["weld.offset_std_mm"] = 1e3 * weld.line.std_offset
+    out["weld.angle_std_deg"] = math.degrees(weld.line.std_angle)
+
+
+def _add_coverage(out: dict[str, float], s: Samples, run: Flown[Scan, ScanWay]) -> None:
+    cyl, path = run.setup.cylinder, run.way.path_sphi
+    if cyl is None:
+        return
+    d = (s["p_WT"] - cyl.p_WP) @ cyl.R_WP
+    along, around = d[:, 1], cyl.radius * np.arctan2(d[:, 2], -d[:, 0])
+    out["coverage.fraction"] = compute_coverage(
+        path[:, 0], cyl.radius * path[:, 1], along, around, s["gap_max"], s["tilt"]
+    )

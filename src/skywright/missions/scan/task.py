@@ -1,0 +1,26 @@
+"""What a mission of the kind "scan" may say."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from skywright.core.spec import Positive
+from skywright.description.mission.spec import Task
+
+
+class Scan(Task):
+    """A scan pattern on the pipe's unrolled surface (s along the axis, c around it)."""
+
+    pattern: Literal["raster", "line", "spiral"] = "raster"
+    side: Literal["side", "top", "underside", "angle"] = "side"
+    centre_angle_deg: float = 0.0  # circumferential angle of the sector's middle, side = "angle"
+    arc_deg: float = Field(default=40.0, gt=0, le=180)
+    passes: int = Field(default=4, ge=1, le=100)  # axial passes; each makes two corners
+    pass_length_m: float = Field(default=0.2, ge=1e-3, le=100.0)
+    centre_s_m: float = 0.0
+    speed_mps: float = Field(default=0.01, ge=1e-4, le=1.0)
+    depth_m: Positive | None = None  # of the desired tip inside the surface; default from force_n
+    stand_off_m: Positive = 0.05  # tip distance before touching
+    retries: int = Field(default=2, ge=0, le=10)

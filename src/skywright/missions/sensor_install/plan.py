@@ -1,0 +1,189 @@
+"""Press a sensor on a pipe from below with one hand (Suarez 2020, section VI-B).
+
+Nine phases as in the paper: take off, arms to the operation pose, navigate, approach, hand to the
+contact, force, retract, return, land; before the approach two checks of the robot itself: how well
+the hand keeps a point in space, and how fast a swing of the passive link decays.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.core.streams import build_stream
+from skywright.core.types import BODY, MAX_JOINTS, WRENCH
+from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
+from skywright.missions.sensor_install.task import SensorInstall
+from skywright.missions.skills.ways import (
+    Way,
+    build_surroundings,
+    check_line,
+    plan_way,
+)
+from skywright.models.compliant_arms import find_hands, find_swing, is_compliant
+from skywright.models.floating import fill_floating
+from skywright.models.rigid_body import (
+    KINEMATICS,
+    fill_body,
+    fill_kinematics,
+    posture,
+)
+from skywright.models.tip_force import Loaded
+from skywright.planning.motion.transit import Configuration
+from skywright.run.planning import MissionPlan
+from skywright.run.setup import Setup
+
+if TYPE_CHECKING:
+    pass
+
+Array = NDArray[np.float64]
+Table = NDArray[Any]
+
+MARGIN = 0.1  # m, kept from everything on the way
+BEHIND = 0.17  # m, from the pipe's surface to the axis of what carries the arms
+NEAR_MARGIN = 0.02  # m, kept by what does not touch while the hand presses
+RISE = math.radians(15.0)  # of the forearm towards the hand: it must not touch beside the hand
+STRETCHED_DEG = (-80.0, 0.0, 0.0, -20.0)  # shoulder pitch, roll, yaw, elbow: near the singularity
+
+
+class InstallPlan(NamedTuple):
+    """Where the robot will be; platform poses are those of the working pose of the arms."""
+
+    contact: Array  # (3,) m, on the pipe
+    yaw: float
+    normal: Array  # (3,) direction of pressing
+    q: Array  # (n_joints,) rad, operation pose, swing in equilibrium
+    q_good: Array  # the same in the L pose
+    p_far: Array  # (3,) m, platform behind and below
+    p_below: Array  # below the pipe
+    p_near: Array  # hand at the stand-off
+    hover_hand: Array  # (3,) m, the left hand in the good pose at p_far
+    home: Array  # (3,) m, hover
+    folded: Array  # (n_joints,) rad
+    swing_rad_s: float  # frequency of the link under a platform at rest, 0 without one
+    to_far: Way  # from home
+    to_below: Way  # from p_far
+
+
+def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
+    """Place the robot for the contact and find the ways there and back."""
+    d, robot, world = setup.description, setup.robot, setup.world
+    task = setup.task
+    if setup.cylinder is None:
+        raise InputError(f"world {world.name!r} has no pipe: give it a [world.pipe] table")
+    if not is_compliant(robot):
+        raise InputError(
+            f"robot {robot.name!r} has no arm with position servos: sensor-install needs one, "
+            "such as bimanual-longreach"
+        )
+    began = time.perf_counter()
+    cylinder = setup.cylinder
+    ahead = cylinder.R_WP[:, 0]
+    yaw = math.atan2(ahead[1], ahead[0])
+    up = cylinder.R_WP[:, 2]
+    contact = cylinder.p_WP - cylinder.radius * up
+    model = setup.model
+    q = find_swing(model, build_pose(robot, task.pose, cylinder.radius))
+    q_good = find_swing(model, build_pose(robot, "L", cylinder.radius))
+    R = rot_z(yaw)
+
+    def place(hand: Array) -> Array:
+        return hand - R @ find_hands(model, q)[0]
+
+    low = contact - task.approach_below_m * up
+    p_below = place(low)
+    p_far = p_below - (robot.platform.diameter_m + 0.5) * R[:, 0]
+    hover = setup.hover
+    around = build_surroundings(setup, MARGIN)
+    rng = build_stream(d.mission.seed, "planner")
+    home = Configuration(hover[:3], float(hover[3]), q_good)
+    to_far, room_far, no_far = plan_way(around, home, Configuration(p_far, yaw, q_good), rng)
+    far, below = Configuration(p_far, yaw, q), Configuration(p_below, yaw, q)
+    to_below, room_below, no_below = plan_way(around, far, below, rng)
+    found = InstallPlan(
+        contact, yaw, up, q, q_good,
+        p_far=p_far,
+        p_below=p_below,
+        p_near=place(contact - task.stand_off_m * up),
+        hover_hand=p_far + R @ find_hands(model, q_good)[0],
+        home=hover[:3],
+        folded=posture(robot, "folded"),
+        swing_rad_s=compute_swing_frequency(model, q, world.gravity_mps2),
+        to_far=to_far,
+        to_below=to_below,
+    )  # fmt: skip
+    legs = list_legs(found)
+    least, blocked = min(room_far, room_below), None
+    if no_far is not None or no_below is not None:
+        blocked = f"navigate: {no_far}" if no_far is not None else f"navigate on: {no_below}"
+    for name, a, b, pose, margin in (legs[0], legs[-1]):
+        distance, what = check_line(around.query, a, b, R, pose)
+        least = min(least, distance)
+        if distance < margin and blocked is None:
+            blocked = (
+                f"{name}: {what} come within {max(distance, 0.0):.3f} m, {margin:.2f} m are kept"
+            )
+    most, joint = Loaded(robot, q, world.gravity_mps2).compute_push_limit(R.T @ up)
+    if task.force_n > most and blocked is None:
+        blocked = f"force: at {most:.2g} N the servo of {joint} stalls; asked: {task.force_n:g} N"
+    speed = robot.control.speed_max_mps
+    length = sum(float(np.linalg.norm(b - a)) for _, a, b, _, _ in legs)
+    return MissionPlan(
+        blocked is None, blocked, time.perf_counter() - began,
+        2.0 * 1.875 * length / speed + task.hold_s + task.hover_s, least, way=found,
+    )  # fmt: skip
+
+
+def list_legs(way: InstallPlan) -> list[tuple[str, Array, Array, Array, float]]:
+    """Return the straight flights to the stand-off: (phase, from, to, joints, margin kept)."""
+    legs = [("arms to the operation pose", way.home, way.home, way.folded, MARGIN)]
+    for name, there in (("navigate", way.to_far), ("navigate on", way.to_below)):
+        corners = zip(there.p_WB, there.p_WB[1:], there.q[1:], strict=False)
+        legs += [(name, a, b, q, MARGIN) for a, b, q in corners]
+    return [*legs, ("approach", way.p_below, way.p_near, way.q, NEAR_MARGIN)]
+
+
+def compute_swing_frequency(model: Table, q: Array, gravity: float) -> float:
+    """Return the frequency (rad/s) of the passive first joint with the platform at rest, or 0."""
+    if len(q) == 0 or model[0]["motor_speed_max"][0] > 0.0:
+        return 0.0
+    full, k, body = np.zeros(MAX_JOINTS), np.zeros(1, KINEMATICS), np.zeros(1, BODY)
+    w = np.zeros(1, WRENCH)
+    full[: len(q)] = q
+    fill_kinematics(model[0], full, k[0])
+    fill_body(model[0], k[0], body[0])
+    fill_floating(model[0], k[0], body[0], w[0])
+    return math.sqrt(gravity * float(np.linalg.norm(w[0]["L_s"])) / float(w[0]["M_ss"]))
+
+
+def build_pose(robot: Robot, pose: str, radius: float) -> Array:
+    """Return q (n_joints,) rad of the operation pose, the right arm held as the left.
+
+    L: the forearm rises a little towards the hand. The upper arm hangs, or leans forward as far as
+    the pipe's radius asks, so that what carries the arms stays clear of the pipe.
+    """
+    assert robot.arm is not None
+    joints = list_joints(robot)
+    q = posture(robot, "working")
+    upper = max(limb.link.length_m for limb in joints if limb.side == 0)
+    fore = math.cos(RISE) * [limb.link.length_m for limb in joints if limb.side == 0][-1]
+    lean = math.asin(min(max((radius + BEHIND - fore) / upper, 0.0), 0.9))
+    angles = np.array([-lean, 0.0, 0.0, lean - RISE - math.pi / 2])
+    if pose == "stretched":
+        angles = np.radians(STRETCHED_DEG)
+    for side in range(robot.arm.sides):
+        mine = [j for j, limb in enumerate(joints) if limb.side == side]
+        if len(mine) != 4:
+            raise InputError(
+                f"robot {robot.name!r} has arms of {len(mine)} joints; sensor-install needs 4: "
+                "shoulder pitch, roll, yaw and elbow"
+            )
+        q[mine] = angles
+    return q

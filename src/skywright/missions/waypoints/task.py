@@ -1,0 +1,24 @@
+"""What a mission of the kind "waypoints" may say."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from skywright.core.spec import Coordinate, Spec
+from skywright.description.mission.spec import Task
+
+
+class Waypoint(Spec):
+    """A platform pose to reach and hold."""
+
+    x_m: Coordinate
+    y_m: Coordinate
+    z_m: float = Field(gt=0, le=1000)
+    yaw_deg: float = 0.0
+    hold_s: float = Field(default=2.0, ge=0, le=3600)
+
+
+class Waypoints(Task):
+    """Way-points in the order in which they are flown."""
+
+    points: list[Waypoint] = Field(min_length=1)

@@ -1,0 +1,141 @@
+"""A kind of mission: what it asks for, how it is planned, flown, judged and shown.
+
+Each kind is one folder of `skywright.missions`, one class in a user's file, or one class of an
+installed package (entry points `skywright.missions`); `core/find.py` finds it by its name. The
+class is small: its methods import what they need when they are called, so that a kind costs nothing
+until it is used.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.find import find
+from skywright.description.mission.spec import Requirement, T
+from skywright.errors import InputError
+
+if TYPE_CHECKING:
+    from skywright.description.loader import Description
+    from skywright.run.flight import Flight, Flown
+    from skywright.run.planning import MissionPlan
+    from skywright.run.run import RunResult
+    from skywright.run.setup import Setup
+    from skywright.run.supervisor import Supervisor
+
+Measures = Mapping[str, tuple[str, str]]
+"""Metric -> its unit and what it means."""
+P = TypeVar("P")
+"""What a kind keeps of its plan; None where the segments say all."""
+
+
+class Chart(NamedTuple):
+    """A picture of a report."""
+
+    title: str
+    caption: str
+    draw: Callable[[RunResult[Any, Any]], Any]
+    """From a run to a figure of matplotlib, or None with nothing to show."""
+
+
+class Sketch(NamedTuple):
+    """What is drawn of a mission beside robot and world, in pictures and 3-D views."""
+
+    name: str = ""  # in a legend
+    points: NDArray[np.float64] = np.zeros((0, 3))  # m in W, way-points
+    on_pipe: NDArray[np.float64] = np.zeros((0, 2))  # s (m) and phi (rad) of a path on the pipe
+    label: str = ""  # of that path
+    at_work: tuple[NDArray[np.float64], float] | None = None  # p (3,) m and heading (rad)
+
+
+class Figures(NamedTuple):
+    """What a report shows of a kind of mission."""
+
+    describe: Callable[[RunResult[Any, Any]], str]
+    """What was done, as the beginning of a sentence ("ROBOT in world W ...")."""
+    charts: Mapping[str, Chart] = {}
+    """Name -> picture, in the order of the page."""
+    phases: Mapping[str, str] = {}
+    """Phase -> what is done in it, one sentence."""
+    title: str = "Task"
+    """Of the report's section with these pictures."""
+    notes: Callable[[RunResult[Any, Any]], list[str]] = lambda _: []
+    """Sentences before them."""
+    sketch: Callable[[Description[Any], Any], Sketch] = lambda _, way: Sketch()
+    """What is drawn of the mission, before a plan is made (None) and after."""
+
+
+class MissionKind(ABC, Generic[T, P]):
+    """A kind of mission with tasks T and plans P."""
+
+    group: ClassVar[str] = "kind"
+    task: type[T]
+    """The spec of `mission.task`."""
+    needs: ClassVar[frozenset[str]]
+    """What a back end must offer (vehicle/interface.py)."""
+    flies: ClassVar[bool] = True
+    """Whether the robot leaves the ground; otherwise `fly` does everything."""
+    lands: ClassVar[bool] = True
+    """Whether the flight ends with a landing; otherwise where `fly` leaves it."""
+    held: ClassVar[bool] = False
+    """Whether the robot is held in the air at the start, and let go."""
+    operated: ClassVar[bool] = False
+    """Whether somebody may be at the stick; the task has `operator` and `stick_speed_mps` then."""
+
+    @property
+    def measures(self) -> Measures:
+        """The metrics of this kind alone; run/names.py has those that kinds share."""
+        return {}
+
+    @abstractmethod
+    def plan(self, setup: Setup[T]) -> MissionPlan[P]:
+        """Plan; what cannot be is told in `blocked_by`.
+
+        Raises InputError where robot or world lack what the mission is about.
+        """
+
+    @abstractmethod
+    def fly(self, s: Supervisor[T], way: P) -> Flight:
+        """Fly the phases between take-off and landing; `s.segments` are those of the plan."""
+
+    def requirements(self, setup: Setup[T], way: P | None) -> dict[str, Requirement]:
+        """Return what a run must meet, by metric: by default what the mission's file says.
+
+        It may depend on what was asked, and on the plan (None: there is none yet).
+        """
+        return setup.description.mission.requirements
+
+    @abstractmethod
+    def metrics(self, run: Flown[T, P]) -> dict[str, float]:
+        """Judge a flight; what was not reached has no metric.
+
+        Raises InputError when the samples do not allow it (a flight cut short).
+        """
+
+    def result(self, run: Flown[T, P]) -> object:
+        """Return what was found beyond numbers (`RunResult.details`)."""
+        return None
+
+    @abstractmethod
+    def figures(self) -> Figures:
+        """Return what a report shows."""
+
+
+def load_kind(name: str) -> MissionKind[Any, Any]:
+    """Return a kind of mission by its name, or by `file.py:Class` with an absolute path.
+
+    Raises InputError where there is none, or where it lacks something.
+    """
+    cls = find("kind", name, key="mission.kind").cls
+    if not issubclass(cls, MissionKind):
+        raise InputError(f"mission.kind: {name!r}: class {cls.__name__} is no MissionKind")
+    lacks = [n for n in ("task", "needs") if not hasattr(cls, n)]
+    lacks += sorted(cls.__abstractmethods__)
+    if lacks:
+        raise InputError(f"mission.kind: {name!r} lacks {', '.join(lacks)}")
+    kind: MissionKind[Any, Any] = cls()
+    return kind
