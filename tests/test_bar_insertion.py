@@ -199,10 +199,9 @@ def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
 
 
 def test_a_socket_behind_a_wall_is_out_of_reach() -> None:
-    wall = {"x_m": 1.1, "y_m": 0.4, "z_m": 1.0, "size_x_m": 0.05, "size_y_m": 0.3, "size_z_m": 2.0}
-    found = plan(
-        load_description("bar-insertion", sets={"world.things.wall": {"kind": "box"} | wall})
-    )
+    wall = {"kind": "box", "x_m": 1.1, "y_m": 0.4, "z_m": 1.0, "size_x_m": 0.05, "size_y_m": 0.3,
+            "size_z_m": 2.0}  # fmt: skip
+    found = plan(Setup(load_description("bar-insertion", sets={"world.things.wall": wall})))
     assert not found.feasible and "wall come within" in str(found.blocked_by)
 
 

@@ -230,9 +230,7 @@ def test_the_way_to_the_bench_keeps_clear_of_the_tool(yaw: float) -> None:
 def test_a_tool_under_a_shelf_is_out_of_reach() -> None:
     shelf = {"kind": "box", "x_m": 2.0, "y_m": -1.0, "z_m": 1.45, "size_x_m": 0.4, "size_y_m": 0.6,
              "size_z_m": 0.05}  # fmt: skip
-    found = plan(
-        load_description("tool-install", sets={"world.things.shelf": {"kind": "box"} | shelf})
-    )
+    found = plan(Setup(load_description("tool-install", sets={"world.things.shelf": shelf})))
     assert not found.feasible and "shelf come within" in str(found.blocked_by)
 
 
