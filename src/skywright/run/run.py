@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.control.registry import FULLY_ACTUATED, load_law
-from skywright.core.recording import RecordingWriter
+from skywright.core.columns import build_dtype
 from skywright.core.threads import on_one_thread
-from skywright.core.types import SAMPLE
 from skywright.description.loader import Description, load_description
 from skywright.description.mission.spec import T
 from skywright.description.robot.spec import Robot
@@ -28,7 +27,6 @@ from skywright.description.world.things import Bench
 from skywright.errors import InfeasibleError, InputError, SimulationError
 from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
-from skywright.models.rigid_body import joint_names
 from skywright.models.rotors import build_rotors
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.run.directory import (
@@ -38,6 +36,7 @@ from skywright.run.directory import (
     write_unfinished,
 )
 from skywright.run.flight import Flight, Flown, PhaseRecord
+from skywright.run.flight_recording import FlightRecording
 from skywright.run.kind import P, load_kind
 from skywright.run.metrics import compute_common_metrics
 from skywright.run.operated import (
@@ -71,7 +70,7 @@ class Observer(Protocol):
 
 
 class RunResult(NamedTuple, Generic[T, P]):
-    """A finished run; `samples` is an array of SAMPLE (100 Hz, SI, frames in core/types.py)."""
+    """A finished run; `samples` holds the recorded columns (100 Hz; vehicle/columns.py)."""
 
     description: Description[T]
     plan: MissionPlan[P]
@@ -289,15 +288,13 @@ def _fly(
     Without a directory `partial` nothing is recorded.
     """
     robot = description.robot
+    if operator is not None or plan.operator is not None:
+        vehicle.recorded = vehicle.list_recorded("operator")
     blocks: list[NDArray[Any]] = []
     written = 0
-    writer: RecordingWriter | None = None
+    writer: FlightRecording | None = None
     if partial is not None:
-        writer = RecordingWriter(
-            partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg),
-            vehicle.parts + ["operator"] * (operator is not None or plan.operator is not None),
-        )  # fmt: skip
-        writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
+        writer = FlightRecording(partial, robot, vehicle.recorded)
     vehicle.on_samples = blocks.append
 
     def flush() -> None:
@@ -320,7 +317,7 @@ def _fly(
     def on_phase(index: int, name: str) -> None:
         vehicle.set_phase(index)
         if writer is not None:
-            writer.event(vehicle.t, f"phase {name}")
+            writer.phase(vehicle.t, name)
 
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
@@ -348,8 +345,8 @@ def _fly(
             writer.close()
     except InputError as error:
         outcome, flight = "interrupted", Flight(False, str(error))
-    samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
-    return samples, supervisor.phases, flight, outcome
+    blocks = blocks or [np.zeros(0, build_dtype(vehicle.recorded.columns))]
+    return np.concatenate(blocks), supervisor.phases, flight, outcome
 
 
 def _start_records(

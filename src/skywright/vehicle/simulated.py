@@ -41,6 +41,7 @@ from skywright.models.rigid_body import (
     build_body_model,
     compute_body,
     compute_tip,
+    joint_names,
     posture,
 )
 from skywright.models.rotors import build_rotors
@@ -54,6 +55,7 @@ from skywright.sim.plant import BLOCK
 from skywright.sim.plant_setup import build_plant
 from skywright.sim.simulation import Simulation
 from skywright.sim.wind import count_noise
+from skywright.vehicle.columns import Recorded, list_recorded
 from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
 from skywright.vehicle.interface import Limits, Table, Ticked
@@ -162,13 +164,14 @@ class SimulatedVehicle:
         weld = world.weld if world.pipe is not None else None
         self.probe_signal = build_probe_signal(pipe, weld, build_stream(seed, "texture"))
         self.samples = np.zeros(SAMPLES, SAMPLE)
+        self.recorded = self.list_recorded()
         self.frame = Frame(
             self.belief, self.plant, self.inertial, self.link, self.guard, self.model, self.kin,
             self.samples, self.sim, self.allocator, self.thrust, self.probe_signal,
             0 if law.compiled is None else law.compiled.address, self.estimator.compiled.address,
             arms_law.compiled.address,
         )  # fmt: skip
-        self._raw, self._written = self.samples.view(np.uint8), 0
+        self._written = 0
         self.on_samples = on_samples
         # fields that every mission tick reads, as plain arrays
         self._time, self._table_t0 = self.belief["t"], self.belief["table_t0"]
@@ -185,15 +188,15 @@ class SimulatedVehicle:
 
     # --- Backend ---------------------------------------------------------------------------------
 
-    @property
-    def parts(self) -> list[str]:
-        """What samples hold beyond every robot's (core/messages.py: PARTS)."""
+    def list_recorded(self, *more: str) -> Recorded:
+        """Return columns and topics of this robot and world, and of `more` PARTS."""
         pl = self.plant[0]
         have = {
             "hands": pl["positioned"], "objects": pl["n_objects"], "loads": pl["loads"]["on"],
             "force": pl["force_on"], "localisation": pl["localisation"]["on"],
         }  # fmt: skip
-        return [name for name, on in have.items() if on]
+        parts = [name for name, on in have.items() if on]
+        return list_recorded(joint_names(self.robot), len(self.thrust), [*parts, *more])
 
     @property
     def t(self) -> float:
@@ -282,8 +285,7 @@ class SimulatedVehicle:
         """Deliver the samples taken since the last delivery."""
         n, self._written = self._written, 0
         if n and self.on_samples is not None:
-            # as bytes: NumPy copies structured rows field by field
-            self.on_samples(self._raw[: n * SAMPLE.itemsize].copy().view(SAMPLE))
+            self.on_samples(self.recorded.select(self.samples[:n]))
 
     def in_contact(self) -> bool:
         """Whether the instrument's lift-off signal says contact."""
