@@ -161,7 +161,7 @@ def load_layers(
     folder = found.path.parent
     layers: list[Layer] = []
     chosen: list[tuple[str, object]] = []
-    for root, given, find in (("robot", robot, find_robot), ("world", world, find_world)):
+    for root, given, look_up in (("robot", robot, find_robot), ("world", world, find_world)):
         key = f"mission.{root}"
         assigned = [value for name, value in assignments if name == key]
         name: Any = given
@@ -184,7 +184,7 @@ def load_layers(
                 raise InputError(
                     f"{found.label}: {key} is {describe_value(name)}; a name or path is needed"
                 )
-        base_file = find(name, folders)
+        base_file = look_up(name, folders)
         if root == "robot":
             layers += load_robot_layers(base_file, problems)
             continue

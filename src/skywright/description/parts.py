@@ -160,6 +160,8 @@ def extend_spec(base: type[Spec], fields: tuple[tuple[str, str, str], ...]) -> t
         child: Any = base.model_fields[head].annotation
         new[head] = (extend_spec(child, tuple(parts)), ...)
     out = create_model(base.__name__, __base__=base, **new)
+    if base.__reduce__ is not object.__reduce__:  # it knows itself how
+        return out
     return _make_picklable(out, _revive, base, fields)
 
 

@@ -10,8 +10,8 @@ from skywright.core.toml_files import Layer, merge_layers
 from skywright.core.validation import list_problems
 from skywright.description.loader import SPECS, list_layer_problems, load_description
 from skywright.description.lookup import find_kind
-from skywright.description.renamed import load_layer
 from skywright.description.parts import type_parts
+from skywright.description.renamed import load_layer
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import find_world

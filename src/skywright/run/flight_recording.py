@@ -12,7 +12,7 @@ from skywright.description.robot.spec import Robot
 from skywright.models.link_frames import LinkFrames
 from skywright.models.rigid_body import joint_names
 from skywright.models.urdf import build_urdf
-from skywright.vehicle.columns import Recorded
+from skywright.vehicle.simulated import Recorded
 
 EVERY = 2
 """Samples between transforms of the links: 50 Hz, between which viewers interpolate."""

@@ -17,17 +17,13 @@ from typing import Any, Generic, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.control.registry import FULLY_ACTUATED, load_law
 from skywright.core.columns import build_dtype
 from skywright.core.threads import on_one_thread
 from skywright.description.loader import Description, load_description
 from skywright.description.mission.spec import T
-from skywright.description.robot.spec import Robot
 from skywright.description.world.things import Bench
 from skywright.errors import InfeasibleError, InputError, SimulationError
-from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
-from skywright.models.rotors import build_rotors
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.run.directory import (
     load_run,
@@ -45,12 +41,14 @@ from skywright.run.operated import (
     write_mission,
 )
 from skywright.run.operator import Operator
+from skywright.run.parts import build_estimator, build_law, build_named
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.records import Measurement, RecordStore
 from skywright.run.requirements import Verdict, check_requirement_names, judge
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.run.warm_up import is_compiled, start_warm_up
+from skywright.vehicle.observers.operator import Operator as OperatorStick
 from skywright.vehicle.simulated import SimulatedVehicle
 
 FLUSH_S = 1.0  # simulated seconds between writes of the recording
@@ -212,35 +210,25 @@ def build_vehicle(
     """
     d, mission = description, description.mission
     setup = setup or Setup(description)
-    name = mission.law or d.robot.control.law or choose_law(d.robot)
-    law = load_law(name)
-    full = bool(setup.allocator.full)
-    if name in FULLY_ACTUATED and not full:
-        raise InputError(
-            f"control law {name!r} needs a fully actuated platform; the rotors of "
-            f"{d.robot.name!r} make no lateral force: use 'thrust_vectoring'"
-        )
     world = d.world
     if load_kind(mission.kind).held:  # in the air, where the flight begins
         place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
         world = world.model_copy(update={"bench": place})
+    parts = build_named(d)
+    if load_kind(mission.kind).operated:
+        parts.append(OperatorStick("operator"))
     return SimulatedVehicle(
         d.robot,
         world,
-        law,
+        build_law(d),
+        build_estimator(d),
         seed=mission.seed,
         deviation=setup.deviation,
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
         interactive=mission.mode == "interactive",
-        estimator=mission.estimator,
+        parts=parts,
         on_samples=on_samples,
     )
-
-
-def choose_law(robot: Robot) -> str:
-    """Name the law that a run takes when neither mission nor robot names one."""
-    full = build_allocator(build_rotors(robot.rotors)).full
-    return "push_and_slide" if full else "thrust_vectoring"
 
 
 def _prepare(setup: Setup[Any]) -> tuple[MissionPlan[Any], SimulatedVehicle]:
@@ -288,8 +276,6 @@ def _fly(
     Without a directory `partial` nothing is recorded.
     """
     robot = description.robot
-    if operator is not None or plan.operator is not None:
-        vehicle.recorded = vehicle.list_recorded("operator")
     blocks: list[NDArray[Any]] = []
     written = 0
     writer: FlightRecording | None = None

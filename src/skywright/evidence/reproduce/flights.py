@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from skywright.analysis.identify.load import IDENTIFY_FIELDS
 from skywright.core.columns import build_dtype, has_columns
-from skywright.description.dump import dump_description
+from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import Description, load_description
 from skywright.errors import SimulationError
 from skywright.evidence.reproduce import flights_arms
@@ -70,9 +69,8 @@ def build_description(case: Case, seed: int) -> Description:
 def describe_content(case: Case, description: Description) -> str:
     """Everything that says what is flown."""
     doing = case.model_dump(exclude={"mission", "robot", "sets", "seeds", "needs"})
-    law = description.mission.law or description.robot.control.law or ""
-    if ".py:" in law:  # a user's file is not part of the source that the cache hashes
-        doing["law"] = hashlib.sha256(Path(law.rpartition(":")[0]).read_bytes()).hexdigest()
+    for path in list_sources(description):  # no part of the source that the cache hashes
+        doing[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
     return json.dumps(doing, sort_keys=True) + dump_description(description)
 
 
