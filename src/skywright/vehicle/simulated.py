@@ -275,7 +275,7 @@ class SimulatedVehicle:
 
     @property
     def hands(self) -> dict[str, Any]:
-        """Copies of what the arms' components tell of the hands, by field (vehicle/arms/ports.py)."""
+        """Copies of what components tell of the hands, by field (vehicle/arms/ports.py)."""
         records = [self.read(r) for r in HAND_RECORDS if (r, "") in self.assembly.records]
         return {name: record[name] for record in records for name in record.dtype.names}
 
