@@ -47,10 +47,10 @@ def test_places_are_found_again(
     p, R = locate_point(surface, np.array([x, y]))
     assert pytest.approx(np.eye(3), abs=1e-12) == R.T @ R and np.linalg.det(R) == pytest.approx(1)
     assert find_place(surface, p + off * R[:, 2]) == pytest.approx([x, y, off], abs=1e-9)
-    record = np.zeros(1, StructureShape.dtype)
-    fill_structure(record[0], build_structure(shape, facing, yaw, slope, toward))
+    record = view(StructureShape)
+    fill_structure(record, build_structure(shape, facing, yaw, slope, toward))
     normal = np.empty(3)
-    assert measure_surface(record[0], p + off * R[:, 2], normal) == pytest.approx(off, abs=1e-9)
+    assert measure_surface(record, p + off * R[:, 2], normal) == pytest.approx(off, abs=1e-9)
     assert normal == pytest.approx(R[:, 2], abs=1e-9)
 
 
