@@ -17,15 +17,13 @@ from typing import Any, Generic, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.recording import RecordingWriter
+from skywright.core.columns import build_dtype
 from skywright.core.threads import on_one_thread
-from skywright.core.types import SAMPLE
 from skywright.description.loader import Description, load_description
 from skywright.description.mission.spec import T
 from skywright.description.world.things import Bench
 from skywright.errors import InfeasibleError, InputError, SimulationError
 from skywright.models.capability import check_can_fly
-from skywright.models.rigid_body import joint_names
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.run.directory import (
     load_run,
@@ -34,6 +32,7 @@ from skywright.run.directory import (
     write_unfinished,
 )
 from skywright.run.flight import Flight, Flown, PhaseRecord
+from skywright.run.flight_recording import FlightRecording
 from skywright.run.kind import P, load_kind
 from skywright.run.metrics import compute_common_metrics
 from skywright.run.operated import (
@@ -49,7 +48,8 @@ from skywright.run.requirements import Verdict, check_requirement_names, judge
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.run.warm_up import is_compiled, start_warm_up
-from skywright.vehicle.assembled import SimulatedVehicle
+from skywright.vehicle.observers.operator import Operator as OperatorStick
+from skywright.vehicle.simulated import SimulatedVehicle
 
 FLUSH_S = 1.0  # simulated seconds between writes of the recording
 
@@ -68,7 +68,7 @@ class Observer(Protocol):
 
 
 class RunResult(NamedTuple, Generic[T, P]):
-    """A finished run; `samples` is an array of SAMPLE (100 Hz, SI, frames in core/types.py)."""
+    """A finished run; `samples` holds the recorded columns (100 Hz; vehicle/columns.py)."""
 
     description: Description[T]
     plan: MissionPlan[P]
@@ -214,6 +214,9 @@ def build_vehicle(
     if load_kind(mission.kind).held:  # in the air, where the flight begins
         place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
         world = world.model_copy(update={"bench": place})
+    parts = build_named(d)
+    if load_kind(mission.kind).operated:
+        parts.append(OperatorStick("operator"))
     return SimulatedVehicle(
         d.robot,
         world,
@@ -223,7 +226,7 @@ def build_vehicle(
         deviation=setup.deviation,
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
         interactive=mission.mode == "interactive",
-        parts=build_named(d),
+        parts=parts,
         on_samples=on_samples,
     )
 
@@ -275,13 +278,9 @@ def _fly(
     robot = description.robot
     blocks: list[NDArray[Any]] = []
     written = 0
-    writer: RecordingWriter | None = None
+    writer: FlightRecording | None = None
     if partial is not None:
-        writer = RecordingWriter(
-            partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg),
-            vehicle.parts + ["operator"] * (operator is not None or plan.operator is not None),
-        )  # fmt: skip
-        writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
+        writer = FlightRecording(partial, robot, vehicle.recorded)
     vehicle.on_samples = blocks.append
 
     def flush() -> None:
@@ -304,7 +303,7 @@ def _fly(
     def on_phase(index: int, name: str) -> None:
         vehicle.set_phase(index)
         if writer is not None:
-            writer.event(vehicle.t, f"phase {name}")
+            writer.phase(vehicle.t, name)
 
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
@@ -332,8 +331,8 @@ def _fly(
             writer.close()
     except InputError as error:
         outcome, flight = "interrupted", Flight(False, str(error))
-    samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
-    return samples, supervisor.phases, flight, outcome
+    blocks = blocks or [np.zeros(0, build_dtype(vehicle.recorded.columns))]
+    return np.concatenate(blocks), supervisor.phases, flight, outcome
 
 
 def _start_records(

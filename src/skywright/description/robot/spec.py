@@ -190,7 +190,7 @@ class Hand(Spec):
 
 
 TAKEN = re.compile(
-    r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|(hand|rotor|object)\s?\d*"
+    r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|map|(left_|right_)?contact|(hand|rotor|object)\s?\d*"
 )
 """Parts and joints that are there anyway: links have other names."""
 

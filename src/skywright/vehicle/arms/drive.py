@@ -32,7 +32,7 @@ class PositionDrive(Component):
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Count the joints; the servos hold where they stand."""
-        me.n_joints = context.model[0]["n_joints"]
+        me.n_joints = context.model["n_joints"]
         for (record, _), view in context.records.items():
             if record is ServoDrive:
                 fill_home(view["motor"], context)

@@ -7,6 +7,7 @@ deflection (14). Where no encoder measures it, it is that of the arm's weight (h
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -34,7 +35,7 @@ class ArmComponent(Component):
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Yield one for a robot with compliant arms."""
         if is_compliant(context.robot) and "step" in vars(cls):
-            yield cls(cls.__module__.rpartition(".")[2])
+            yield cls(re.sub(r"(?<!^)(?=[A-Z])", " ", cls.__name__).lower())
 
 
 class JointEstimator(ArmComponent):

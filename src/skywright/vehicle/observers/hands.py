@@ -44,7 +44,7 @@ class HandObserver(Component):
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Robots with compliant arms have one."""
         if is_compliant(context.robot):
-            yield cls("hands")
+            yield cls("hand truth")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Look up addresses in the scene."""
