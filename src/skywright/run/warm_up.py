@@ -13,10 +13,10 @@ from typing import Any
 
 
 def is_compiled() -> bool:
-    """Whether the compiled mission tick of this source lies in numba's cache."""
-    from skywright.vehicle import tick
+    """Whether the compiled schedule of this source lies in numba's cache."""
+    from skywright.vehicle import schedule
 
-    return is_cached(tick.mission_tick)
+    return is_cached(schedule.run_ticks)
 
 
 def is_cached(function: Any) -> bool:
