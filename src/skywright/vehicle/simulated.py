@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.columns import Column, Topic
-from skywright.core.record import Record
+from skywright.core.record import Record, View
 from skywright.core.rotations import exp_so3, quat_to_rot, rot_z
 from skywright.core.streams import build_stream
 from skywright.core.types import REFERENCE
@@ -273,9 +273,24 @@ class SimulatedVehicle:
         """
         self.find(GivenForces).push(body, f_W)
 
+    def get_memory(self, name: str) -> View:
+        """Return parameters and memory of the component called `name`, to look at or to change.
+
+        Raises InputError for an unknown name.
+        """
+        for (record, owner), rows in self.assembly.records.items():
+            if owner == name and record in self.assembly.memories:
+                return View(rows[0])
+        names = ", ".join(c.name for c in self.assembly.components)
+        raise InputError(f"no component {name!r} with a memory; components: {names}")
+
+    def read_memory(self, name: str) -> Any:
+        """Return a copy of what `get_memory` gives."""
+        return self.get_memory(name).copy()
+
     @property
     def hands(self) -> dict[str, Any]:
-        """Copies of what the arms' components tell of the hands, by field (vehicle/arms/ports.py)."""
+        """What the arms' components tell of the hands, by field (vehicle/arms/ports.py)."""
         records = [self.read(r) for r in HAND_RECORDS if (r, "") in self.assembly.records]
         return {name: record[name] for record in records for name in record.dtype.names}
 
@@ -283,9 +298,8 @@ class SimulatedVehicle:
     def recorded(self) -> Recorded:
         """What samples hold."""
         columns = self._recorder.list_columns()
-        return Recorded(
-            columns, list_topics(columns, joint_names(self.robot), len(self.rotors.axis))
-        )
+        joints, n_rotors = joint_names(self.robot), len(self.rotors.axis)
+        return Recorded(columns, list_topics(columns, joints, n_rotors))
 
     @property
     def last_sample(self) -> Any:

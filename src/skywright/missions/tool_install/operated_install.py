@@ -31,7 +31,7 @@ from skywright.missions.skills.tool_handling import (
     measure_tool,
 )
 from skywright.run.operator import STILL, Operator, Sight, Stick
-from skywright.vehicle.simulated import MISSION_TICK
+from skywright.vehicle.plant import MISSION_TICK
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
