@@ -25,11 +25,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from skywright.analysis.campaign.spec import build_campaign, draw_run, load_run
-from skywright.control.cascade import SHIFT_BANDWIDTH
-from skywright.control.cascade_gains import fill_cascade
-from skywright.core.types import BELIEF, BODY, MAX_JOINTS, WRENCH
+from skywright.core.types import BODY, MAX_JOINTS
 from skywright.description.loader import Description
-from skywright.estimation.wrench import SWING_BANDWIDTH
 from skywright.missions.bar_transport.metrics import compute_tip_errors
 from skywright.models.floating import fill_floating
 from skywright.models.rigid_body import (
@@ -40,6 +37,10 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.run.run import RunResult, fly_and_evaluate
+from skywright.vehicle.arms.external_wrench import SWING_BANDWIDTH
+from skywright.vehicle.arms.ports import Floating
+from skywright.vehicle.laws._cascade_gains import compute_cascade_gains
+from skywright.vehicle.laws.cascade import SHIFT_BANDWIDTH
 
 Array = NDArray[np.float64]
 
@@ -71,24 +72,23 @@ class Loop(NamedTuple):
 def build_loop(d: Description) -> Loop:
     """Return the loop of a robot that flies the cascade, in its working posture."""
     model = build_body_model(d.robot, d.world.gravity_mps2)
-    b, wrench, body = np.zeros(1, BELIEF), np.zeros(1, WRENCH), np.zeros(1, BODY)
+    wrench, body = np.zeros(1, Floating.dtype), np.zeros(1, BODY)
     k, q = np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS)
     working = posture(d.robot, "working")
     q[: len(working)] = working
-    fill_cascade(b[0], d.robot, d.world, model)
+    gains = compute_cascade_gains(d.robot.control, d.robot, d.world, model[0])
     fill_kinematics(model[0], q, k[0])
     fill_body(model[0], k[0], body[0])
     wrench[0]["swing"] = 0
     fill_floating(model[0], k[0], body[0], wrench[0])
-    par = b[0]["par"]
     assert d.robot.pendulum is not None and d.robot.pendulum.z_m is not None
     joint = -d.robot.pendulum.z_m
     return Loop(
         float(body[0]["mass"]), float(np.linalg.norm(wrench[0]["L_s"])), float(wrench[0]["M_ss"]),
         d.world.gravity_mps2, joint, -float(body[0]["p_BT"][2]) - joint,
-        float(par["k_position"][0]), float(par["k_velocity"][0]), float(par["k_swing"]),
-        float(par["k_attitude"][1]), float(par["k_rate"][1]), float(par["lead"]),
-        float(b[0]["wrench"]["bandwidth"][0]), SWING_BANDWIDTH,
+        float(gains.k_position[0]), float(gains.k_velocity[0]), float(gains.k_swing),
+        float(gains.k_attitude[1]), float(gains.k_rate[1]), float(gains.lead),
+        float(gains.wrench[0]), SWING_BANDWIDTH,
     )  # fmt: skip
 
 
