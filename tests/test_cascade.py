@@ -163,7 +163,8 @@ def hover(name: str, swing_deg: float = 0.0, sets: tuple[str, ...] = ()) -> Simu
     data.act[:] = data.actuator_length[model.nu - model.na :]
     for (record, _), view in a.records.items():  # servos and what is believed of them
         for field in {"theta", "theta_ref", "held", "now", "motor"} & set(record.dtype.names or ()):
-            view[0][field][:n] = q
+            if view[0][field].shape == (MAX_JOINTS,):
+                view[0][field][:n] = q
         if record in (Estimate, Shafts):
             view[0]["q"][:n] = q
     weight, rotors = float(a.get(Body)["mass"]) * 9.81, v.rotors
