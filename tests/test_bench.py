@@ -91,7 +91,9 @@ def test_bare_stepping_repeats_the_flight_bit_for_bit(in_contact):
 def test_timing_a_row_leaves_the_vehicle_as_it_was(in_contact):
     vehicle = in_contact
     before = vehicle.assembly.arena.copy()
-    for row in range(len(vehicle.assembly.steps)):
+    timed = [i for i, s in enumerate(vehicle.assembly.steps) if s.slot in ("estimate", "control")]
+    assert timed
+    for row in timed:
         assert tick.time_row(vehicle, row) > 0.0
     assert np.array_equal(vehicle.assembly.arena, before)
 
