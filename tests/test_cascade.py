@@ -9,14 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from skywright.control.cascade_gains import (
-    SwingModel,
-    attitude_lag,
-    compute_free_factor,
-    compute_lead,
-    place_swing_poles,
-)
-from skywright.core.types import BODY, MAX_JOINTS, WRENCH
+from skywright.core.types import BODY, MAX_JOINTS
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.models.floating import compute_free_inertia, fill_floating
@@ -30,7 +23,19 @@ from skywright.models.rigid_body import (
 from skywright.models.scene import build_scene
 from skywright.run.run import build_vehicle
 from skywright.sim.limb_drag import downwash
+from skywright.vehicle.arms.ports import Floating, Wrench
+from skywright.vehicle.bus import Body, Estimate
+from skywright.vehicle.estimates import RotorForce
+from skywright.vehicle.laws._cascade_gains import (
+    SwingModel,
+    attitude_lag,
+    compute_free_factor,
+    compute_lead,
+    place_swing_poles,
+)
 from skywright.vehicle.link_arc import compute_link_arc, plan_landing, plan_take_off
+from skywright.vehicle.plant import RotorState
+from skywright.vehicle.readings import Shafts
 from skywright.vehicle.simulated import SimulatedVehicle
 
 LONG = "bimanual-longreach"
@@ -39,7 +44,7 @@ LONG = "bimanual-longreach"
 def compute_floating(name: str, q: Any) -> tuple[Any, Any, Any]:
     robot = load_description("waypoints", robot=name).robot
     model = build_body_model(robot)
-    w, k, body = np.zeros(1, WRENCH), np.zeros(1, KINEMATICS), np.zeros(1, BODY)
+    w, k, body = np.zeros(1, Floating.dtype), np.zeros(1, KINEMATICS), np.zeros(1, BODY)
     w[0]["swing"] = 0 if robot.pendulum is not None else -1
     full = np.zeros(MAX_JOINTS)
     full[: len(q)] = q
@@ -149,21 +154,23 @@ def hover(name: str, swing_deg: float = 0.0, sets: tuple[str, ...] = ()) -> Simu
     """A vehicle in the air at 2 m, at rest, its link turned by `swing_deg`."""
     rows: list[Any] = []
     v = build_vehicle(load_description("waypoints", robot=name, sets=list(sets)), rows.append)
-    q, n, b = posture(v.robot, "working"), v.n_joints, v.belief[0]
+    q, n, a = posture(v.robot, "working"), v.n_joints, v.assembly
     if v.robot.pendulum is not None:
         q[0] = math.radians(swing_deg)
     model, data = v.scene.model, v.sim.data
     v.sim.qpos[2], v.sim.qpos[v.scene.places.joint_qpos] = 2.0, q
     mujoco.mj_forward(model, data)
     data.act[:] = data.actuator_length[model.nu - model.na :]
-    pl, angles = v.plant[0], [b["cmd"]["theta"], b["arms"]["theta_ref"], b["est"]["q"]]
-    angles += [b["meas"]["q"], pl["servo_now"], pl["servo_held"], v.link[0]["motor"]]
-    for field in angles:
-        field[:n] = q
-    weight, rotors = float(b["body"]["mass"]) * 9.81, v.rotors
+    for (record, _), view in a.records.items():  # servos and what is believed of them
+        for field in {"theta", "theta_ref", "held", "now", "motor"} & set(record.dtype.names or ()):
+            if view[0][field].shape == (MAX_JOINTS,):
+                view[0][field][:n] = q
+        if record in (Estimate, Shafts):
+            view[0]["q"][:n] = q
+    weight, rotors = float(a.get(Body)["mass"]) * 9.81, v.rotors
     count = len(rotors.thrust_min)
-    v.plant[0]["rotor_speed"][:count] = math.sqrt(weight / count / rotors.k_f)
-    b["obs"]["f_B"][2], b["est"]["p_WB"][2] = weight, 2.0
+    a.get(RotorState)["speed"][:count] = math.sqrt(weight / count / rotors.k_f)
+    a.get(RotorForce)["f_B"][2], a.get(Estimate)["p_WB"][2] = weight, 2.0
     row = v._table.copy()
     row["p_WB"][:, 2], row["active"], row["q"][:, :n] = 2.0, 1.0, q
     if v.robot.pendulum is not None:
@@ -208,21 +215,20 @@ def test_a_push_of_2_n_on_a_hand_moves_the_platform_by_at_most_3_cm(name: str) -
     s = fly(v, 3.0)
     assert np.max(np.linalg.norm(s["p_WB"] - before, axis=1)) < 0.03
     # the observer reads the force (the plant is 3 % off in mass and in rotor gain: a bias)
-    w = v.belief[0]["wrench"]
-    bias = w["f_rest_W"].copy()
+    bias = v.read(Wrench)["f_rest_W"]
     v.push("hand0", np.zeros(3))
     fly(v, 3.0)
-    np.testing.assert_allclose(bias - w["f_rest_W"], [0.0, 0.0, -2.0], atol=0.3)
+    np.testing.assert_allclose(bias - v.read(Wrench)["f_rest_W"], [0.0, 0.0, -2.0], atol=0.3)
 
 
 def test_the_swing_angle_tells_a_level_force() -> None:
     """Suarez 2020, section VI-C: static balance of force and weight of the link."""
     v = hover(LONG)
     fly(v, 5.0)
-    zero = float(v.belief[0]["wrench"]["f_swing"])
+    zero = float(v.read(Wrench)["f_swing"])
     v.push("hand0", np.array([-2.0, 0.0, 0.0]))
     fly(v, 6.0)
-    assert float(v.belief[0]["wrench"]["f_swing"]) - zero == pytest.approx(2.0, abs=0.3)
+    assert float(v.read(Wrench)["f_swing"]) - zero == pytest.approx(2.0, abs=0.3)
 
 
 # -- take-off and landing -------------------------------------------------------------------------

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench import HEIGHT, L_POSE, Bench
-from skywright.control.servo_profile import update_at_middle
 from skywright.errors import InputError
 from skywright.evidence.force_estimators import measure
 from skywright.models.bimanual import (
@@ -23,6 +22,7 @@ from skywright.models.bimanual import (
 )
 from skywright.models.compliant_arms import find_hands
 from skywright.models.springs import spring_deflection, spring_torque
+from skywright.vehicle.arms.servo_profile import update_at_middle
 
 HAND = np.array([0.25, 0.15, HEIGHT - 0.11 - 0.25])  # left, in the L pose
 UP, FORWARD = np.array([0.0, 0.0, 2.0]), np.array([2.0, 0.0, 0.0])
