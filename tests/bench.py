@@ -76,7 +76,3 @@ class Bench:
             self.v.tick()
         self.v.flush()
         return np.concatenate(self.rows)
-
-    @property
-    def arms_state(self):
-        return self.v.hands

@@ -24,6 +24,7 @@ from skywright.description.world.things import Bench
 from skywright.models.compliant_arms import find_hands
 from skywright.models.rigid_body import build_body_model
 from skywright.run.run import build_vehicle
+from skywright.vehicle.arms.ports import HandState
 from skywright.vehicle.interface import Arms
 
 Array = NDArray[np.float64]
@@ -95,11 +96,11 @@ def measure(
     wait(SETTLE)
     rows = wait(HOLD)
     true, said = rows["left_f_W"] @ way, rows["left_est_f_W"] @ way
-    state = vehicle.hands
+    state = vehicle.read(HandState)
     return Row(
         pose, direction, estimator, tare, float(true.mean()),
         float(np.sqrt(np.mean((true - FORCE) ** 2))), float(said.mean()),
-        float(state["lever"][0]), bool(state["saturated"][0]),
+        float(state.lever[0]), bool(state.saturated[0]),
     )  # fmt: skip
 
 

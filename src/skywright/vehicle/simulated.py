@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from skywright.control.backstepping_gains import fill_backstepping
 from skywright.control.cascade_gains import fill_cascade
 from skywright.control.registry import CASCADED, Law, load_arms_law
+from skywright.core.record import View, fill
 from skywright.core.rotations import exp_so3, quat_to_rot
 from skywright.core.streams import build_stream
 from skywright.core.types import BELIEF, SAMPLE
@@ -56,7 +57,7 @@ from skywright.sim.simulation import Simulation
 from skywright.sim.wind import count_noise
 from skywright.vehicle.frame import Frame
 from skywright.vehicle.guard import GUARD, NOT_FINITE
-from skywright.vehicle.interface import Limits, Table, Ticked
+from skywright.vehicle.interface import Limits, R, Table, Ticked
 from skywright.vehicle.link_arc import LinkArc, compute_link_arc
 from skywright.vehicle.localisation import prepare_localisation
 from skywright.vehicle.tick import (
@@ -210,10 +211,11 @@ class SimulatedVehicle:
         """A copy of the ESTIMATE at the last control tick."""
         return self.belief[0]["est"].copy()
 
-    @property
-    def hands(self) -> Any:
-        """A copy of the ARMS record at the last arms' tick."""
-        return self.belief[0]["arms"].copy()
+    def read(self, record: type[R], name: str = "") -> R:
+        """Return a copy of a record of the arms at their last tick."""
+        out = np.zeros(1, record.dtype)[0]
+        fill(out, self.belief[0]["arms"])
+        return cast(R, View(out))
 
     @property
     def localised(self) -> bool:

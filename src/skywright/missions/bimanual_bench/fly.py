@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.models.bimanual import is_unplugged
 from skywright.run.flight import Flight
+from skywright.vehicle.arms.ports import ArmModel, Hands
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
@@ -106,7 +107,7 @@ def _faces(s: Supervisor, way: BenchPlan, name: str, above: float = 0.0) -> tupl
     """
     thing = way.world.objects.get(name) or way.world.obstacles[name]
     half = 0.5 * (thing.size_x_m if thing.size_y_m is None else thing.size_y_m)
-    ball = float(np.max(s.vehicle.hands["pad"]))
+    ball = float(np.max(s.vehicle.read(ArmModel).pad))
     centre = np.array([thing.x_m + ball, thing.y_m, thing.z_m + above])
     away = np.array([0.0, half + ball, 0.0])
     return centre + away, centre - away
@@ -143,17 +144,17 @@ def _unplug(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     s.begin("grasp plug")
     s.arms.squeeze(task.squeeze_n, left, right, ramp_s=GRASP_S)
     s.wait(GRASP_S + SETTLE_S)
-    grasp = np.array(s.vehicle.hands["p_WH"])
+    grasp = np.array(s.vehicle.read(Hands).p_WH)
     s.begin("pull")
     start, noticed = s.vehicle.t, False
     back = np.array([-PULL, 0.0, 0.0])
     s.arms.squeeze(task.squeeze_n, left + back, right + back, speed=PULL_SPEED)
     while s.vehicle.t - start < PULL_S and not noticed:
         s.tick()
-        hands = s.vehicle.hands["p_WH"]
+        hands = s.vehicle.read(Hands).p_WH
         noticed = all(is_unplugged(grasp[h], hands[h], task.unplug_threshold_m) for h in (0, 1))
     s.begin("unplugged" if noticed else "stuck")
-    here = np.array(s.vehicle.hands["p_WH"])
+    here = np.array(s.vehicle.read(Hands).p_WH)
     s.arms.squeeze(task.squeeze_n, here[0], here[1])
     s.wait(SETTLE_S)
     _leave(s, here[0], here[1])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.missions.skills.moves import build_move, set_rest
+from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
 from skywright.vehicle.simulated import MISSION_TICK
 
 if TYPE_CHECKING:
@@ -67,10 +68,10 @@ def find_platform(grip: Grip, place: Place) -> Array:
 
 def measure_tool(s: Supervisor) -> tuple[Array, Array]:
     """Return (p_WO, R_WO) of the tool as motion capture sees it now."""
-    marker, state = s.vehicle.world.marker, s.vehicle.hands
+    marker, seen = s.vehicle.world.marker, s.vehicle.read(Marker)
     assert marker is not None
-    R = np.array(state["R_WM"]) @ marker.rotation.T
-    return np.array(state["p_WM"]) - R @ [marker.x_m, marker.y_m, marker.z_m], R
+    R = seen.R_WM @ marker.rotation.T
+    return seen.p_WM - R @ [marker.x_m, marker.y_m, marker.z_m], R
 
 
 def find_tool(s: Supervisor, seconds: float = 0.6) -> Place:
@@ -122,7 +123,7 @@ def compute_miss(s: Supervisor, grip: Grip) -> float:
     worst = 0.0
     for h, hand in enumerate(grip.hands):
         goal = p + R @ (grip.handle + np.array([0.0, hand[1], 0.0]) - grip.cradle)
-        worst = max(worst, float(np.linalg.norm(s.vehicle.hands["p_WH"][h] - goal)))
+        worst = max(worst, float(np.linalg.norm(s.vehicle.read(Hands).p_WH[h] - goal)))
     return worst
 
 
@@ -162,7 +163,7 @@ class Weight:
 
 def hold_joints(s: Supervisor) -> None:
     """Let the arms hang on their springs from where the servos lead them now."""
-    s.arms.move_to(np.array(s.vehicle.hands["q_goal"][: s.vehicle.n_joints]))
+    s.arms.move_to(np.array(s.vehicle.read(HandState).q_goal[: s.vehicle.n_joints]))
     s.until_arrived()
 
 
@@ -232,7 +233,7 @@ def _touch(s: Supervisor, grip: Grip, speed: float) -> bool:
     felt, patience = 0.0, s.vehicle.t + (LOW + PRESS) / speed + 2.0 * STEADY_S
     while s.vehicle.t < patience and felt < TOUCH_S - 1e-9 and is_at_hand(s, grip):
         s.tick()
-        touch = bool(np.all(s.vehicle.hands["f_WH"][:2, 2] > TOUCH_N))
+        touch = bool(np.all(s.vehicle.read(HandForce).f_WH[:2, 2] > TOUCH_N))
         felt = felt + MISSION_TICK if touch else 0.0
     return felt > 0.0 or compute_miss(s, grip) < 2.0 * PRESS
 
