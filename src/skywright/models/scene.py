@@ -9,6 +9,7 @@ Both come from the same code, so geometry has one source.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import mujoco
@@ -72,10 +73,21 @@ class Scene(NamedTuple):
     n_joints: int
 
 
-def build_scene(robot: Robot, world: World, deviation: Deviation | None = None) -> Scene:
-    """Compile the nominal model, or with `deviation` the plant."""
+def build_scene(
+    robot: Robot,
+    world: World,
+    deviation: Deviation | None = None,
+    extend: Iterable[Callable[[mujoco.MjSpec], None]] = (),
+) -> Scene:
+    """Compile the nominal model, or with `deviation` the plant.
+
+    `extend` are called with what is to be compiled, to add to it.
+    """
+    spec = build_spec(robot, world, deviation)
+    for add in extend:
+        add(spec)
     try:
-        model = build_spec(robot, world, deviation).compile()
+        model = spec.compile()
     except ValueError as error:  # sizes that no other check knows, in MuJoCo's words
         what = " ".join(str(error).split())
         raise InputError(f"robot {robot.name!r} in world {world.name!r}: {what}") from None

@@ -41,6 +41,7 @@ def check_file(name: str) -> CheckReport:
             description = load_description(path)
             problems += _check_lift(description.robot, description.world.gravity_mps2, name)
             notes += list_guesses(description.robot, "robot", description.sources)
+            notes += list_guesses(description.mission, "mission", description.sources)
     else:
         label = (find_robot if kind == "robot" else find_world)(path).label
         tree, sources, origin = merge_layers(_load_layers(kind, path, problems))

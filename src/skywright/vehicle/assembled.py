@@ -83,7 +83,8 @@ class SimulatedVehicle:
         self.interactive = interactive
         self.n_steps, self.dt = check_rate(robot)
         self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
-        self.scene = build_scene(robot, world, deviation)
+        extend = [part.extend_scene for part in parts]
+        self.scene = build_scene(robot, world, deviation, extend)
         self.n_joints = self.scene.n_joints
         self.offers = list_offers(robot)
         c = robot.control
