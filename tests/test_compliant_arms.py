@@ -178,6 +178,7 @@ def test_a_goal_out_of_reach_is_noticed_and_does_not_wind_up():
     b.wait(3.0)
     assert b.v.read(HandState).saturated[0] == 1.0
     shoulder = np.array([0.0, 0.15, HEIGHT - 0.11])
+    # the clamp gives way
     assert (
         np.linalg.norm(b.v.read(HandState).p_ref[0] - shoulder) <= 0.5 + 1e-4
     )  # the clamp gives way
