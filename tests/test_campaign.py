@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import json
 import math
@@ -28,7 +29,7 @@ from skywright.analysis.campaign.spec import (
     load_run,
 )
 from skywright.analysis.campaign.store import Store, decode_row, encode_row
-from skywright.core.recording import RecordingWriter
+from skywright.core.recording_writer import RecordingWriter
 from skywright.errors import InputError
 from skywright.run.rows import Row
 from skywright.run.run import fly_and_evaluate
@@ -103,7 +104,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Row]]:
     before = Path.cwd()
     os.chdir(folder)
     try:
-        result = run_campaign(build(), 6, out=Path("c"))
+        result = run_campaign(build(), 6, out=Path("c"), parquet=True)
     finally:
         os.chdir(before)
     return folder, result.rows
@@ -121,7 +122,7 @@ def test_rows_are_complete_and_differ(flown: tuple[Path, list[Row]]) -> None:
         assert 0 <= row.varied["world.wind.mean_mps"] <= 4
         assert all(math.isfinite(v) for v in row.metrics.values())
     assert {p.name for p in (folder / "c").iterdir()} == {
-        "campaign.json", "campaign.html", "results.parquet", "runs.jsonl",
+        "campaign.json", "campaign.html", "results.csv", "results.parquet", "runs.jsonl",
     }  # fmt: skip
 
 
@@ -137,6 +138,29 @@ def test_parquet_holds_every_row(flown: tuple[Path, list[Row]]) -> None:
         assert cell["failed"] == list(row.failed) and cell["command"] == row.command
     identity = json.loads(table.schema.metadata[b"skywright.campaign"])
     assert identity == json.loads((folder / "c" / "campaign.json").read_text())
+
+
+def test_csv_holds_every_row(flown: tuple[Path, list[Row]]) -> None:
+    folder, rows = flown
+    with (folder / "c" / "results.csv").open(newline="") as file:
+        cells = list(csv.DictReader(file))
+    for row, cell in zip(rows, cells, strict=True):
+        assert (int(cell["run"]), int(cell["seed"])) == (row.run, row.seed)
+        assert (cell["outcome"], cell["command"]) == (row.outcome, row.command)
+        assert all(float(cell[k]) == v for k, v in {**row.varied, **row.metrics}.items())
+        assert cell["failed"].split() == list(row.failed)
+
+
+def test_parquet_without_its_extra_is_refused_before_anything_flies(
+    flown: tuple[Path, list[Row]], hop: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)  # as if it were not installed
+    with pytest.raises(InputError, match=r"skywright\[parquet\]"):
+        run_campaign(build(), 1, out=Path("c"), parquet=True)
+    assert not Path("c").exists()
+    rows = run_campaign(build(), 1, out=Path("c"), workers=1).rows
+    assert Path("c/results.csv").is_file() and not Path("c/results.parquet").exists()
+    assert strip(rows) == strip(flown[1][:1])
 
 
 def test_a_row_repeats_alone_bit_for_bit(

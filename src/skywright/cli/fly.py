@@ -127,11 +127,12 @@ def plan(
     show_default=True,
     help="Success rate that must be shown for a GO.",
 )
+@click.option("--parquet", is_flag=True, help="Also write results.parquet (extra 'parquet').")
 @as_json_option
 def campaign(
     mission: str, runs: int, vary: tuple[str, ...], robot: str | None, world: str | None,
     sets: tuple[str, ...], seed: int | None, out: Path | None, workers: int | None,
-    ray: str | None, record: str, target: float, as_json: bool,
+    ray: str | None, record: str, target: float, parquet: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """Fly MISSION many times under varied conditions: go or no-go.
 
@@ -145,7 +146,7 @@ def campaign(
     plan = build_campaign(mission, vary, robot=robot, world=world, sets=sets, seed=seed)
     result = run_campaign(
         plan, runs, out=out, workers=workers, ray=ray, record=record, target=target,
-        progress=not as_json,
+        parquet=parquet, progress=not as_json,
     )  # fmt: skip
     if as_json:
         print_json(result.to_json())

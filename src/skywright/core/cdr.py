@@ -10,20 +10,17 @@ holes, and NumPy fills the holes of many messages column by column.
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 HEADER = b"\x00\x01\x00\x00"
 """CDR header: little endian, no options."""
 
 PRIMITIVES = {
-    "uint8": "<u1",
-    "byte": "<u1",
-    "int32": "<i4",
-    "uint32": "<u4",
-    "int64": "<i8",
-    "float64": "<f8",
-}
+    "bool": "<u1", "byte": "<u1", "char": "<u1", "uint8": "<u1", "int8": "<i1", "uint16": "<u2",
+    "int16": "<i2", "uint32": "<u4", "int32": "<i4", "uint64": "<u8", "int64": "<i8",
+    "float32": "<f4", "float64": "<f8",
+}  # fmt: skip
 
 STAMP = "builtin_interfaces/Time"
 """Seconds (int32) and nanoseconds (uint32): laid out as one number, seconds + nanoseconds * 2^32,
@@ -57,16 +54,31 @@ class Layout(NamedTuple):
     leaves: dict[str, Column]
 
     def column(self, path: str) -> Column:
-        """Return the place of a number, or of all numbers below `path` (one block of one type)."""
+        """Return the place of a number, or of all numbers below `path` (one block of one type).
+
+        Raises ValueError where there is no such block.
+        """
         if path in self.leaves:
             return self.leaves[path]
         below = [c for p, c in self.leaves.items() if p.startswith((path + ".", path + "["))]
-        assert below, f"no field {path}"
+        if not below:
+            raise ValueError(f"no field {path}")
         first = below[0]
         size = int(first.format[2:])
         for i, column in enumerate(below):
-            assert column == (first.format, 1, first.offset + i * size), f"{path} is no block"
+            if column != (first.format, 1, first.offset + i * size):
+                raise ValueError(f"{path} is no block")
         return Column(first.format, len(below), first.offset)
+
+    def holds(self, path: str) -> bool:
+        """Whether there is a number at or below `path`."""
+        below = (path + ".", path + "[")
+        return path in self.leaves or any(p.startswith(below) for p in self.leaves)
+
+    def is_quaternion(self, path: str) -> bool:
+        """Whether `path` is one: x, y, z, w and nothing else."""
+        below = [p.removeprefix(path) for p in self.leaves if p.startswith(path + ".")]
+        return below == [".x", ".y", ".z", ".w"]
 
 
 def parse_definition(kind: str, text: str) -> dict[str, list[Field]]:
@@ -100,6 +112,43 @@ def build_layout(
     `texts` gives every string by its path (`header.frame_id`, `name[0]`; empty where missing),
     `lengths` the length of every sequence by its path (0 where missing).
     """
+    return _lay_out(
+        kind,
+        definition,
+        lambda path, at: texts.get(path, "").encode() + b"\0",
+        lambda path, at: lengths.get(path, 0),
+    )
+
+
+def read_layout(kind: str, definition: str, message: bytes) -> Layout:
+    """Find the layout of a message that is there: its strings and lengths of sequences.
+
+    Raises ValueError, KeyError, RecursionError or struct.error where message and definition do
+    not belong together.
+    """
+
+    def count(path: str, at: int) -> int:
+        (n,) = struct.unpack_from("<I", message, at)
+        if n > len(message):
+            raise ValueError(f"{path}: {n} entries in {len(message)} bytes")
+        return int(n)
+
+    def read_text(path: str, at: int) -> bytes:
+        return message[at + 4 : at + 4 + count(path, at)]
+
+    layout = _lay_out(kind, definition, read_text, count)
+    if len(layout.template) != len(message):
+        raise ValueError(f"{len(message)} bytes, {len(layout.template)} expected")
+    return layout
+
+
+def _lay_out(
+    kind: str,
+    definition: str,
+    give_text: Callable[[str, int], bytes],
+    give_count: Callable[[str, int], int],
+) -> Layout:
+    """Walk a definition; path and place in the message are given to what knows the variable."""
     types = parse_definition(kind, definition)
     body = bytearray()
     leaves: dict[str, Column] = {}
@@ -109,8 +158,8 @@ def build_layout(
 
     def put(kind: str, path: str) -> None:
         if kind == "string":
-            text = texts.get(path, "").encode() + b"\0"
             align(4)
+            text = give_text(path, len(HEADER) + len(body))
             body.extend(struct.pack("<I", len(text)) + text)
         elif kind in PRIMITIVES or kind == STAMP:
             format, alignment = (
@@ -129,8 +178,8 @@ def build_layout(
             return
         count = field.array
         if count < 0:
-            count = lengths.get(path, 0)
             align(4)
+            count = give_count(path, len(HEADER) + len(body))
             body.extend(struct.pack("<I", count))
         for i in range(count):
             put(field.kind, f"{path}[{i}]")

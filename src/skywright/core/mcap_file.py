@@ -68,7 +68,9 @@ class McapWriter:
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL, write_checksum=True)
         self._write(MAGIC + _serialise(records.Header("ros2", library)))
 
-    def add_channel(self, topic: str, schema_name: str, schema: str) -> int:
+    def add_channel(
+        self, topic: str, schema_name: str, schema: str, metadata: dict[str, str] | None = None
+    ) -> int:
         """Add a channel of CDR messages with a `ros2msg` schema; returns its id (1, 2, ...)."""
         data = schema.encode()
         known = next((s for s in self._schemas if s.name == schema_name), None)
@@ -77,7 +79,7 @@ class McapWriter:
             self._schemas.append(known)
             self._write(_serialise(known))
         assert known.data == data
-        channel = records.Channel(len(self._channels) + 1, topic, "cdr", {}, known.id)
+        channel = records.Channel(len(self._channels) + 1, topic, "cdr", metadata or {}, known.id)
         self._channels.append(channel)
         self._counts[channel.id] = 0
         self._write(_serialise(channel))
@@ -194,6 +196,17 @@ class McapContents(NamedTuple):
     attachments: dict[str, bytes]
     complete: bool  # False: cut short (a killed run); everything before the cut is here
     kinds: dict[str, tuple[str, str]] = {}  # topic -> name of its schema, encoding of its messages
+    definitions: dict[str, str] = {}  # topic -> text of its schema
+
+
+class _Tables(NamedTuple):
+    """What was read so far; channels and schemas by their numbers."""
+
+    topics: dict[int, str]
+    schemas: dict[int, tuple[str, str]]  # name, text
+    messages: dict[int, list[bytes]]
+    kinds: dict[str, tuple[str, str]]
+    definitions: dict[str, str]
 
 
 def read_mcap(path: Path) -> McapContents:
@@ -211,10 +224,8 @@ def read_mcap(path: Path) -> McapContents:
     if data[: len(MAGIC)] != MAGIC[: len(data)]:
         raise InputError(f"{path}: is no MCAP file")
     finished = len(data) > 2 * len(MAGIC) and data.endswith(MAGIC)
-    topics: dict[int, str] = {}
-    schemas: dict[int, str] = {}
-    kinds: dict[str, tuple[str, str]] = {}
-    messages: dict[int, list[bytes]] = {}
+    tables = _Tables({}, {}, {}, {}, {})
+    messages = tables.messages
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, bytes] = {}
     complete = False
@@ -222,9 +233,9 @@ def read_mcap(path: Path) -> McapContents:
     try:
         for position, opcode, record in _iterate_records(data, len(MAGIC)):  # noqa: B007
             if opcode == Opcode.CHUNK:
-                _split_messages(_decompress(record), topics, messages, schemas, kinds)
+                _split_messages(_decompress(record), tables)
             elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
-                _add_channel(opcode, record, topics, messages, schemas, kinds)
+                _add_channel(opcode, record, tables)
             elif opcode == Opcode.MESSAGE:  # outside a chunk: not ours, but allowed
                 (channel,) = struct.unpack_from("<H", record)
                 messages[channel].append(bytes(record[_MESSAGE_START:]))
@@ -244,8 +255,8 @@ def read_mcap(path: Path) -> McapContents:
         raise InputError(f"{path}: is damaged at or before byte {position}")
     by_topic: dict[str, list[bytes]] = {}
     for channel, parts in messages.items():
-        by_topic.setdefault(topics[channel], []).extend(parts)
-    return McapContents(by_topic, metadata, attachments, complete, kinds)
+        by_topic.setdefault(tables.topics[channel], []).extend(parts)
+    return McapContents(by_topic, metadata, attachments, complete, tables.kinds, tables.definitions)
 
 
 def _iterate_records(data: bytes, position: int) -> Iterator[tuple[int, int, memoryview]]:
@@ -260,24 +271,19 @@ def _iterate_records(data: bytes, position: int) -> Iterator[tuple[int, int, mem
         position = end
 
 
-def _add_channel(
-    opcode: int,
-    record: memoryview | bytes,
-    topics: dict[int, str],
-    messages: dict[int, list[bytes]],
-    schemas: dict[int, str],
-    kinds: dict[str, tuple[str, str]],
-) -> None:
+def _add_channel(opcode: int, record: memoryview | bytes, tables: _Tables) -> None:
     """Note a channel, or the schema that channels after it name."""
     stream = ReadDataStream(BytesIO(record))
     if opcode == Opcode.SCHEMA:
         schema = records.Schema.read(stream)
-        schemas[schema.id] = schema.name
+        tables.schemas[schema.id] = schema.name, schema.data.decode(errors="replace")
         return
     channel = records.Channel.read(stream)
-    topics[channel.id] = channel.topic
-    kinds[channel.topic] = (schemas.get(channel.schema_id, ""), channel.message_encoding)
-    messages.setdefault(channel.id, [])
+    name, text = tables.schemas.get(channel.schema_id, ("", ""))
+    tables.topics[channel.id] = channel.topic
+    tables.kinds[channel.topic] = (name, channel.message_encoding)
+    tables.definitions[channel.topic] = text
+    tables.messages.setdefault(channel.id, [])
 
 
 def _decompress(record: memoryview) -> bytes:
@@ -297,13 +303,7 @@ def _decompress(record: memoryview) -> bytes:
     return stream.read(length)
 
 
-def _split_messages(
-    data: bytes,
-    topics: dict[int, str],
-    messages: dict[int, list[bytes]],
-    schemas: dict[int, str],
-    kinds: dict[str, tuple[str, str]],
-) -> None:
+def _split_messages(data: bytes, tables: _Tables) -> None:
     """Append every message of a chunk to the list of its channel."""
     position, end = 0, len(data)
     unpack, size = struct.Struct("<BQH").unpack_from, RECORD_HEADER.size
@@ -312,9 +312,9 @@ def _split_messages(
         start = position + size
         position = start + length
         if opcode == Opcode.MESSAGE:
-            messages[channel].append(data[start + _MESSAGE_START : position])
+            tables.messages[channel].append(data[start + _MESSAGE_START : position])
         elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
-            _add_channel(opcode, data[start:position], topics, messages, schemas, kinds)
+            _add_channel(opcode, data[start:position], tables)
 
 
 def _read_attachment(record: memoryview) -> tuple[str, bytes]:

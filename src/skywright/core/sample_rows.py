@@ -1,34 +1,33 @@
-"""Samples as rows of ROS 2 messages: where each field of SAMPLE stands in the bytes of a message.
+"""Samples as rows of ROS 2 messages: where each column stands in the bytes of a message.
 
-The messages of one sample make one row of fixed layout. A batch is encoded by writing each field
-into the same place of all rows at once.
+The messages of one sample make one row of fixed layout. A batch is encoded by writing each column
+into the same place of all rows at once, and decoded the other way round.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.cdr import Column, Layout, build_layout
+from skywright.core.cdr import Column as Place
+from skywright.core.cdr import Layout, build_layout, read_layout
+from skywright.core.columns import Topic
 from skywright.core.mcap_file import build_message_header
-from skywright.core.messages import EVENTS, TF_CHILDREN, Topic, definition
-from skywright.core.types import SAMPLE
+from skywright.core.messages import definition
 
 BATCH = 256  # samples; the most that is encoded at once
-QUATERNIONS = frozenset(name for name in SAMPLE.names or () if "q_W" in name)
-"""Fields that are wxyz in a sample and xyzw in a message."""
 
 
 class _Fill(NamedTuple):
-    """Which field of SAMPLE goes to which column of a row; `length` entries of it (0: a scalar)."""
+    """Which column of the samples goes to which place of a row."""
 
+    place: str
     column: str
-    field: str
-    length: int
+    quaternion: bool
 
 
 class Rows(NamedTuple):
@@ -39,35 +38,35 @@ class Rows(NamedTuple):
 
     dtype: np.dtype[Any]
     buffer: NDArray[Any]
-    offsets: list[int]  # of each topic's message record
-    headers: list[str]  # columns of log and publish time
+    offsets: dict[int, NDArray[np.uint64]]  # channel -> of its records in BATCH rows
+    headers: list[str]  # places of log and publish time
     stamps: list[str]
     fills: list[_Fill]
 
     def encode(self, samples: NDArray[Any], ns: NDArray[Any]) -> NDArray[Any]:
-        """Return the message records of at most len(buffer) samples: a view of the buffer."""
+        """Return the message records of at most BATCH samples: a view of the buffer."""
         rows = self.buffer[: len(samples)]
         for name in self.headers:
             rows[name] = ns[:, None]
         stamp = compute_stamp(ns)
         for name in self.stamps:
             rows[name] = stamp
-        for name, field, length in self.fills:
-            column, values = rows[name], samples[field]
-            if field in QUATERNIONS:
-                column[:, :3], column[:, 3] = values[:, 1:], values[:, 0]
+        for place, column, quaternion in self.fills:
+            target, values = rows[place], samples[column]
+            if quaternion:
+                target[:, :3], target[:, 3] = values[:, 1:], values[:, 0]
             else:
-                column[...] = values[:, :length] if length else values
+                target[...] = values
         return rows.view(np.uint8)
 
 
-def build_rows(joint_names: Sequence[str], n_rotors: int, topics: Sequence[Topic]) -> Rows:
-    """Lay out the messages of the topics one behind the other, each as an MCAP record."""
+def build_rows(topics: Sequence[tuple[int, Topic]], samples: np.dtype[Any]) -> Rows:
+    """Lay out the messages of (channel, topic) one behind the other, each as an MCAP record."""
     template = bytearray()
     names: list[str] = []
     formats: list[Any] = []
     places: list[int] = []
-    offsets: list[int] = []
+    starts: dict[int, int] = {}
     headers: list[str] = []
     stamps: list[str] = []
     fills: list[_Fill] = []
@@ -78,79 +77,110 @@ def build_rows(joint_names: Sequence[str], n_rotors: int, topics: Sequence[Topic
         places.append(place)
         return name
 
-    for channel, topic in enumerate(topics, 1):
-        layout = build_topic_layout(topic, joint_names, n_rotors)
+    for channel, topic in topics:
+        layout = build_topic_layout(topic)
         header = build_message_header(channel, len(layout.template), 0)
-        start = len(template)
-        body = start + len(header)
-        offsets.append(start)
+        starts[channel] = len(template)
+        body = len(template) + len(header)
         headers.append(add(f"{topic.name} log_time", ("<u8", (2,)), body - 16))
         template += header + layout.template
-        for path, column in layout.leaves.items():
+        for path, place in layout.leaves.items():
             if path.endswith("stamp"):
-                name = add(f"{topic.name} {path}", column.format, body + column.offset)
-                stamps.append(name)
-        for path, (field, column) in _bound_columns(topic, layout).items():
-            name = add(f"{topic.name} {path}", _format(field, column), body + column.offset)
-            fills.append(_Fill(name, field, column.length if SAMPLE[field].shape else 0))
+                stamps.append(add(f"{topic.name} {path}", place.format, body + place.offset))
+        for path, column in topic.fields.items():
+            place = layout.column(path)
+            name = f"{topic.name} {path}"
+            add(name, _format(place, samples[column].shape), body + place.offset)
+            fills.append(_Fill(name, column, layout.is_quaternion(path)))
     dtype = np.dtype(
         {"names": names, "formats": formats, "offsets": places, "itemsize": len(template)}
     )
     buffer = np.frombuffer(bytearray(template * BATCH), dtype)
+    first = np.arange(BATCH, dtype=np.uint64) * np.uint64(dtype.itemsize)
+    offsets = {channel: first + np.uint64(at) for channel, at in starts.items()}
     return Rows(dtype, buffer, offsets, headers, stamps, fills)
 
 
-def build_message_dtype(topic: Topic, layout: Layout) -> np.dtype[Any]:
-    """Return the type of one message with the fields that hold fields of SAMPLE, by path."""
-    bound = _bound_columns(topic, layout)
-    return np.dtype(
+def _format(place: Place, shape: tuple[int, ...]) -> Any:
+    return (place.format, shape) if shape else place.format
+
+
+def build_topic_layout(topic: Topic) -> Layout:
+    """Lay out a message of a topic. CDR ends a text with NUL, so that none holds one."""
+    texts = {path: text.replace("\0", "") for path, text in topic.texts.items()}
+    texts.setdefault("header.frame_id", topic.frame)
+    return build_layout(topic.kind, definition(topic.kind, topic.types), texts, topic.lengths)
+
+
+def build_message(topic: Topic, ns: int, values: Mapping[str, float] | None = None) -> bytes:
+    """Return one message of a topic with all stamps at `ns` and `values` by their paths."""
+    layout = build_topic_layout(topic)
+    body = bytearray(layout.template)
+    stamp = int(compute_stamp(np.array([ns], np.uint64))[0])
+    filled = {p: stamp for p in layout.leaves if p.endswith("stamp")} | dict(values or {})
+    for path, value in filled.items():
+        place = layout.leaves[path]
+        end = place.offset + int(place.format[2:])
+        body[place.offset : end] = np.array(value, place.format).tobytes()
+    return bytes(body)
+
+
+def read_rows(
+    kind: str,
+    text: str,
+    fields: Mapping[str, str],
+    messages: Sequence[bytes],
+    stamped: bool = False,
+) -> dict[str, NDArray[Any]]:
+    """Decode messages of one type, defined by `text`; returns the columns behind the paths.
+
+    Columns have the shape (n,) for a number and (n, k) for a block; quaternions are wxyz. What a
+    path does not find, such as an empty sequence, is (n, 0). `stamped` adds `t` (s), the first
+    stamp of each message. Raises what `read_layout` does, and
+    ValueError where messages differ in size.
+    """
+    layout = read_layout(kind, text, messages[0]) if messages else build_layout(kind, text, {}, {})
+    size = len(layout.template)
+    if any(len(m) != size for m in messages):
+        raise ValueError("messages of different sizes")
+    places = {path: layout.column(path) for path in fields if layout.holds(path)}
+    stamps = [p for p in layout.leaves if p.endswith("stamp")] if stamped else []
+    places |= {path: layout.leaves[path] for path in stamps[:1]}
+    dtype = np.dtype(
         {
-            "names": list(bound),
-            "formats": [_format(field, column) for field, column in bound.values()],
-            "offsets": [column.offset for _, column in bound.values()],
-            "itemsize": len(layout.template),
+            "names": list(places),
+            "formats": [
+                _format(place, () if path in layout.leaves else (place.length,))
+                for path, place in places.items()
+            ],
+            "offsets": [place.offset for place in places.values()],
+            "itemsize": size,
         }
     )
+    rows = np.frombuffer(b"".join(messages), dtype)
+    found: dict[str, NDArray[Any]] = {c: np.zeros((len(rows), 0)) for c in fields.values()}
+    for path in stamps[:1]:
+        values = rows[path]
+        seconds, rest = values & np.uint64(0xFFFFFFFF), values >> np.uint64(32)
+        found["t"] = (seconds * np.uint64(10**9) + rest) / 1e9
+    for path in fields.keys() & places.keys():
+        values = rows[path]
+        found[fields[path]] = values[:, [3, 0, 1, 2]] if layout.is_quaternion(path) else values
+    return found
 
 
-def _bound_columns(topic: Topic, layout: Layout) -> dict[str, tuple[str, Column]]:
-    """Return the field of SAMPLE and its place for each path; empty sequences have none."""
-    empty = [p for p in topic.lengths if p in topic.fields and f"{p}[0]" not in layout.leaves]
-    return {p: (f, layout.column(p)) for p, f in topic.fields.items() if p not in empty}
+def read_log(message: bytes) -> tuple[float, str]:
+    """Decode time (s, one rounding: 5.76 is read back as 5.76) and text of a Log message.
 
-
-def _format(field: str, column: Column) -> Any:
-    return (column.format, (column.length,)) if SAMPLE[field].shape else column.format
-
-
-def build_topic_layout(topic: Topic, joint_names: Sequence[str], n_rotors: int) -> Layout:
-    """Lay out a message of a topic for a robot with these joints and rotors."""
-    counts = {"joints": len(joint_names), "rotors": n_rotors}
-    lengths = {path: counts[what] for path, what in topic.lengths.items()}
-    texts = {"header.frame_id": topic.frame}
-    if "name" in lengths:
-        texts |= {f"name[{i}]": name for i, name in enumerate(joint_names)}
-    if topic.derived:  # the transforms
-        children = TF_CHILDREN
-        lengths["transforms"] = len(children)
-        for i, child in enumerate(children):
-            texts[f"transforms[{i}].header.frame_id"] = topic.frame
-            texts[f"transforms[{i}].child_frame_id"] = child
-    layout = build_layout(topic.kind, definition(topic.kind), texts, lengths)
-    if not topic.derived:
-        return layout
-    template = bytearray(layout.template)
-    last = len(TF_CHILDREN) - 1  # its axes are those of map: the rotation is constant
-    w = layout.column(f"transforms[{last}].transform.rotation.w")
-    struct.pack_into("<d", template, w.offset, 1.0)
-    return layout._replace(template=bytes(template))
-
-
-def build_log_layout(text: str) -> Layout:
-    """Lay out an event's message; CDR ends a text with NUL, so that it holds none."""
-    kind = EVENTS.kind
-    texts = {"name": "skywright", "msg": text.replace("\0", "")}
-    return build_layout(kind, definition(kind), texts, {})
+    Raises struct.error or UnicodeDecodeError where it is damaged.
+    """
+    sec, nanosec = struct.unpack_from("<iI", message, 4)
+    at = 16  # CDR header 4, stamp 8, level 1, alignment 3
+    (length,) = struct.unpack_from("<I", message, at)
+    at += 4 + length
+    at += -at % 4
+    (length,) = struct.unpack_from("<I", message, at)
+    return (sec * 10**9 + nanosec) / 1e9, message[at + 4 : at + 3 + length].decode()
 
 
 def compute_stamp(ns: NDArray[Any]) -> NDArray[Any]:

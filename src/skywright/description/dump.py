@@ -2,27 +2,58 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import tomli_w
 
+from skywright.core.keys import iterate_leaves
 from skywright.core.spec import Source, Spec
 from skywright.description.loader import Description
 
 HEADER = "# A complete description: `skywright run` on this file, or on its folder, repeats it.\n\n"
 
 
-def dump_description(description: Description) -> str:
+IN_FILE = re.compile(r"(.+\.py):([A-Za-z_]\w*)")
+"""A kind in a user's file."""
+
+
+def list_sources(description: Description) -> list[Path]:
+    """List the files of users that a description names: of laws, sensors, missions, and so on."""
+    found: dict[Path, None] = {}
+    for root in ("mission", "robot", "world"):
+        for _, value in iterate_leaves(getattr(description, root), root):
+            match = IN_FILE.fullmatch(value) if isinstance(value, str) else None
+            if match is not None and Path(match[1]).is_file():
+                found[Path(match[1])] = None
+    return list(found)
+
+
+def dump_description(description: Description, kept: Mapping[Path, str] | None = None) -> str:
     """Write the whole description as TOML, sources included.
 
-    `load_description` on the result gives an equal description (but for `origin`).
+    `load_description` on the result gives an equal description (but for `origin`). Files in `kept`
+    are named as it says there.
     """
+    kept = kept or {}
     roots: dict[str, Any] = {}
     for root in ("mission", "robot", "world", "plant"):
         spec: Spec = getattr(description, root)
-        roots[root] = _dump(spec, root, description.sources)
+        roots[root] = _rename(_dump(spec, root, description.sources), kept)
     roots["mission"]["resolved"] = True
     return HEADER + tomli_w.dumps(roots)
+
+
+def _rename(value: Any, kept: Mapping[Path, str]) -> Any:
+    """Name files as `kept` says, wherever a kind stands in one."""
+    if isinstance(value, dict):
+        return {name: _rename(child, kept) for name, child in value.items()}
+    match = IN_FILE.fullmatch(value) if isinstance(value, str) else None
+    if match is None or Path(match[1]) not in kept:
+        return value
+    return f"{kept[Path(match[1])]}:{match[2]}"
 
 
 def _dump(value: Any, key: str, sources: dict[str, Source]) -> Any:

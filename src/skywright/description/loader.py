@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple
 
 from skywright.core.catalog import Entry, Found, find_file, list_entries
+from skywright.core.find import find
 from skywright.core.keys import apply_assignments, parse_assignment
 from skywright.core.spec import Source, Spec
 from skywright.core.toml_files import Layer, describe_value, merge_layers
 from skywright.core.validation import list_problems, validate_root
 from skywright.description.mission.registry import find_mission_spec
 from skywright.description.mission.spec import Mission, Plant, T
+from skywright.description.parts import Part, drop_replaced, take_kinds, type_parts
 from skywright.description.renamed import load_layer, rename_key
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
@@ -33,17 +35,18 @@ SPECS: dict[str, type[Spec]] = {
 """The four roots and what each may hold."""
 
 
-def list_specs(tree: Mapping[str, Any], folders: Sequence[Path] = ()) -> dict[str, type[Spec]]:
-    """Return the specs of the four roots; that of `mission` follows from its kind.
+def list_specs(
+    tree: Mapping[str, Any], folders: Sequence[Path] = (), touched: Sequence[str] = ()
+) -> dict[str, type[Spec]]:
+    """Return the specs of the four roots, which follow from the kinds of mission and components.
 
     A kind in a file is looked up in `folders`, then here; its path is absolute in the tree then.
-    Raises InputError where there is no such kind.
+    `touched` are keys that are to be set. Raises InputError where there is no such kind.
     """
-    table = tree.get("mission")
-    if not isinstance(table, dict) or "kind" not in table:
-        return SPECS
-    table["kind"], spec = find_mission_spec(table["kind"], folders)
-    return {**SPECS, "mission": spec}
+    table, specs = tree.get("mission"), dict(SPECS)
+    if isinstance(table, dict) and "kind" in table:
+        table["kind"], specs["mission"] = find_mission_spec(table["kind"], folders)
+    return {root: type_parts(spec, root, dict(tree), touched) for root, spec in specs.items()}
 
 
 Sets = Mapping[str, object] | Iterable[str]
@@ -60,6 +63,12 @@ class Description(NamedTuple, Generic[T]):
     """Dotted key -> where its number comes from."""
     origin: dict[str, str]
     """Dotted key -> the file (or `--set`) that wrote it; a default has none."""
+
+    @property
+    def law(self) -> Part | None:
+        """The law that the mission names, else the robot; None: nobody names one."""
+        named = self.robot.control.law
+        return self.mission.law or (None if named is None else Part(kind=named))
 
 
 def list_missions() -> list[Entry]:
@@ -98,15 +107,10 @@ def load_description(
     folder = found.path.parent
     for root, spec in list_specs(tree, [folder]).items():
         parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
-    law = _locate_law(parts["mission"].law, "mission.law", [folder])
     # `resolved` says how a file is to be read; a loaded mission is always complete
-    parts["mission"] = parts["mission"].model_copy(update={"resolved": False, "law": law})
-    control = parts["robot"].control
-    if control.law is not None:
-        beside = Path(origin.get("robot.control.law", "")).parent  # the file that names it
-        law = _locate_law(control.law, "robot.control.law", [beside, folder])
-        control = control.model_copy(update={"law": law})
-        parts["robot"] = parts["robot"].model_copy(update={"control": control})
+    parts["mission"] = parts["mission"].model_copy(update={"resolved": False})
+    if parts["robot"].control.law is not None:
+        find("law", parts["robot"].control.law, [folder], "robot.control.law")
     task = parts["mission"].task.find_files(folder)
     parts["mission"] = parts["mission"].model_copy(update={"task": task})
     parts["robot"] = task.adapt_robot(parts["robot"])
@@ -157,7 +161,7 @@ def load_layers(
     folder = found.path.parent
     layers: list[Layer] = []
     chosen: list[tuple[str, object]] = []
-    for root, given, find in (("robot", robot, find_robot), ("world", world, find_world)):
+    for root, given, look_up in (("robot", robot, find_robot), ("world", world, find_world)):
         key = f"mission.{root}"
         assigned = [value for name, value in assignments if name == key]
         name: Any = given
@@ -180,7 +184,7 @@ def load_layers(
                 raise InputError(
                     f"{found.label}: {key} is {describe_value(name)}; a name or path is needed"
                 )
-        base_file = find(name, folders)
+        base_file = look_up(name, folders)
         if root == "robot":
             layers += load_robot_layers(base_file, problems)
             continue
@@ -202,31 +206,20 @@ def load_layers(
     kinds = [pair for pair in assignments if pair[0] == "mission.kind"]
     first = ("mission.robot", "mission.world", "mission.kind")
     others = [pair for pair in assignments if pair[0] not in first]
+    named, others = take_kinds(others, "--set")
+    layers += [named] if named is not None else []
+    drop_replaced(layers)
     seeds: list[tuple[str, object]] = [] if seed is None else [("mission.seed", seed)]
     for pairs, label in (
         (chosen, "command line"), (kinds, "--set"), (others, "--set"), (seeds, "--seed")
     ):  # fmt: skip
         if pairs:
             tree = merge_layers(layers)[0]
-            specs = list_specs(tree, [folder]) if pairs is others else SPECS
+            touched = [key for key, _ in pairs]
+            specs = list_specs(tree, [folder], touched) if pairs is others else SPECS
             layers.append(apply_assignments(tree, pairs, specs, label))
     return layers
 
 
 def _drop(sources: dict[str, Source], root: str) -> dict[str, Source]:
     return {key: source for key, source in sources.items() if not key.startswith(root + ".")}
-
-
-def _locate_law(law: str | None, key: str, folders: list[Path]) -> str | None:
-    """Make the file of a user's law absolute: it is looked up in `folders`, then here."""
-    if law is None or ".py:" not in law:
-        return law
-    file, _, function = law.rpartition(":")
-    for base in [*folders, Path()]:
-        path = base / Path(file).expanduser()
-        if path.is_file():
-            return f"{path.resolve()}:{function}"
-    raise InputError(
-        f"{key}: no file {file!r} beside the file that names it or in the current folder; "
-        "a user's law is written file.py:function"
-    )

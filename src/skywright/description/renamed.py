@@ -14,6 +14,7 @@ from typing import Any
 
 from skywright.core import toml_files
 from skywright.core.toml_files import Layer, Tree
+from skywright.description.parts import normalise_layer
 from skywright.errors import InputError
 
 RENAMED: Mapping[str, str] = {
@@ -25,7 +26,8 @@ RENAMED: Mapping[str, str] = {
 
 def load_layer(path: Path, label: str | None = None, problems: list[str] | None = None) -> Layer:
     """Read one description file as `core.toml_files.load_layer` does, old keys renamed."""
-    return rename_keys(toml_files.load_layer(path, label, problems))
+    layer = toml_files.load_layer(path, label, problems)
+    return normalise_layer(rename_keys(layer), path.parent)
 
 
 def rename_keys(layer: Layer) -> Layer:

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.columns import has_columns
 from skywright.core.types import MAX_OBJECTS
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
@@ -139,8 +140,9 @@ def compute_part_poses(
 
 
 def list_object_poses(samples: NDArray[Any]) -> list[tuple[Array, Array]]:
-    """Return (positions (n, 3), quaternions (n, 4)) of the movable things in samples (SAMPLE)."""
-    return [(samples[f"object{i}_p_WO"], samples[f"object{i}_q_WO"]) for i in range(MAX_OBJECTS)]
+    """Return (positions (n, 3), quaternions (n, 4)) of the movable things in samples."""
+    names = [(f"object{i}_p_WO", f"object{i}_q_WO") for i in range(MAX_OBJECTS)]
+    return [(samples[p], samples[q]) for p, q in names if has_columns(samples, p)]
 
 
 def multiply_quaternions(a: Array, b: Array) -> Array:

@@ -15,7 +15,7 @@ from skywright.reports.summary import (
 )
 from skywright.run.kind import load_kind
 from skywright.run.names import list_measures
-from skywright.run.run import choose_law
+from skywright.run.parts import get_law, uses_truth
 
 if TYPE_CHECKING:
     from skywright.core.spec import Spec
@@ -128,8 +128,8 @@ def list_conditions(result: RunResult) -> list[Row]:
     d = result.description
     c, m, w = d.robot.control, d.mission, d.world
     rows = [
-        Row("control law", m.law or c.law or choose_law(d.robot)),
-        Row("estimator", "the simulator's truth" if m.estimator == "truth" else m.estimator),
+        Row("control law", get_law(d).kind),
+        Row("estimator", "the simulator's truth" if uses_truth(d) else m.estimator.kind),
         Row(
             "position bandwidth",
             f"{c.position_bandwidth_rad_s:g} rad/s",

@@ -16,6 +16,7 @@ from skywright.reports.page import Picture, build_picture, render_page
 from skywright.reports.phases import explain_phase
 from skywright.run.kind import load_kind
 from skywright.run.names import list_measures
+from skywright.run.parts import uses_truth
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
@@ -71,7 +72,7 @@ def render_report(result: RunResult) -> str:
         d=result.description,
         section=figures.title,
         notes=figures.notes(result),
-        truth=result.description.mission.estimator == "truth",
+        truth=uses_truth(result.description),
         completed=result.outcome in ("succeeded", "failed"),
         outcome=explain.describe_outcome(result),
         meanings=list_measures(kind),

@@ -89,8 +89,8 @@ def describe_mission(description: Description) -> list[Section]:
     """What a mission does and must reach."""
     m = description.mission
     rows = [("robot", m.robot), ("world", m.world), ("seed", str(m.seed))]
-    rows += [("control law", m.law or description.robot.control.law or "default")]
-    rows += [("estimator", m.estimator), ("hover height", f"{m.hover_height_m:g} m")]
+    rows += [("control law", description.law.kind if description.law else "default")]
+    rows += [("estimator", m.estimator.kind), ("hover height", f"{m.hover_height_m:g} m")]
     task = [
         (key.removeprefix("task."), f"{value:g}" if isinstance(value, float) else str(value))
         for key, value in iterate_leaves(m.task, "task")

@@ -104,7 +104,7 @@ def print_campaign(verdict: Verdict, folder: Path) -> None:
     colour = {"GO": "bold green", "NO-GO": "bold red"}.get(verdict.answer, "bold yellow")
     console.print(Text(f"{verdict.answer}: ", colour) + Text(verdict.headline))
     console.print(verdict.limited_by, markup=False)
-    for name in ("campaign.html", "results.parquet"):
+    for name in ("campaign.html", "results.csv"):
         console.print(str(folder / name), markup=False)
 
 

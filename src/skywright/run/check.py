@@ -10,6 +10,7 @@ from skywright.core.toml_files import Layer, merge_layers
 from skywright.core.validation import list_problems
 from skywright.description.loader import SPECS, list_layer_problems, load_description
 from skywright.description.lookup import find_kind
+from skywright.description.parts import type_parts
 from skywright.description.renamed import load_layer
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
@@ -70,7 +71,12 @@ def _load_layers(kind: str, path: str, problems: list[str]) -> list[Layer]:
 def _check_root(
     tree: dict[str, Any], root: str, origin: dict[str, str], label: str, problems: list[str]
 ) -> Any:
-    spec, found = list_problems(SPECS[root], tree[root], root, origin, label)
+    try:
+        typed = type_parts(SPECS[root], root, tree)
+    except InputError as error:
+        problems.append(f"{label}: {error}")
+        return None
+    spec, found = list_problems(typed, tree[root], root, origin, label)
     problems += found
     return spec
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.columns import has_columns
 from skywright.run.flight import Flown, PhaseRecord
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ def compute_common_metrics(samples: Samples, phases: list[PhaseRecord]) -> dict[
 
 def _judge_localisation(s: Samples, error: Array, dt: Array) -> dict[str, float]:
     """How a flight without motion capture bears outages of its total station."""
-    if not np.any(s["pose_std"] > 0.0):
+    if not has_columns(s, "pose_std") or not np.any(s["pose_std"] > 0.0):
         return {}
     away = s["fix_age"] > OUTAGE
     out = {

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from skywright.core.find import list_kinds
-from skywright.description.dump import dump_description
+from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import Description
 from skywright.errors import InputError
 from skywright.run.kind import load_kind
@@ -53,12 +53,12 @@ def keep_operator(
 
 
 def _dump(partial: Path, description: Description) -> None:
-    file, colon, name = description.mission.kind.rpartition(":")
-    if colon:  # a user's kind: its source is kept, so that the run can be repeated
-        copy = partial / Path(file).name
-        copy.write_bytes(Path(file).read_bytes())
-        mission = description.mission.model_copy(update={"kind": f"{copy.name}:{name}"})
-        description = description._replace(mission=mission)
+    kept: dict[Path, str] = {}  # sources of users are kept, so that the run can be repeated
+    for path in list_sources(description):
+        copy = path.name if path.name not in kept.values() else f"{len(kept)}_{path.name}"
+        kept[path] = copy
+        if not (partial / copy).exists():
+            (partial / copy).write_bytes(path.read_bytes())
     fresh = partial / "mission.toml.new"
-    fresh.write_text(dump_description(description), encoding="utf-8")
+    fresh.write_text(dump_description(description, kept), encoding="utf-8")
     fresh.replace(partial / "mission.toml")

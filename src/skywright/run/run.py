@@ -17,19 +17,13 @@ from typing import Any, Generic, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.control.registry import FULLY_ACTUATED, load_law
-from skywright.core.recording import RecordingWriter
+from skywright.core.columns import build_dtype
 from skywright.core.threads import on_one_thread
-from skywright.core.types import SAMPLE
 from skywright.description.loader import Description, load_description
 from skywright.description.mission.spec import T
-from skywright.description.robot.spec import Robot
 from skywright.description.world.things import Bench
 from skywright.errors import InfeasibleError, InputError, SimulationError
-from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
-from skywright.models.rigid_body import joint_names
-from skywright.models.rotors import build_rotors
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.run.directory import (
     load_run,
@@ -38,6 +32,7 @@ from skywright.run.directory import (
     write_unfinished,
 )
 from skywright.run.flight import Flight, Flown, PhaseRecord
+from skywright.run.flight_recording import FlightRecording
 from skywright.run.kind import P, load_kind
 from skywright.run.metrics import compute_common_metrics
 from skywright.run.operated import (
@@ -46,12 +41,14 @@ from skywright.run.operated import (
     write_mission,
 )
 from skywright.run.operator import Operator
+from skywright.run.parts import build_estimator, build_law, build_named
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.records import Measurement, RecordStore
 from skywright.run.requirements import Verdict, check_requirement_names, judge
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.run.warm_up import is_compiled, start_warm_up
+from skywright.vehicle.observers.operator import Operator as OperatorStick
 from skywright.vehicle.simulated import SimulatedVehicle
 
 FLUSH_S = 1.0  # simulated seconds between writes of the recording
@@ -71,7 +68,7 @@ class Observer(Protocol):
 
 
 class RunResult(NamedTuple, Generic[T, P]):
-    """A finished run; `samples` is an array of SAMPLE (100 Hz, SI, frames in core/types.py)."""
+    """A finished run; `samples` holds the recorded columns (100 Hz; vehicle/columns.py)."""
 
     description: Description[T]
     plan: MissionPlan[P]
@@ -213,35 +210,25 @@ def build_vehicle(
     """
     d, mission = description, description.mission
     setup = setup or Setup(description)
-    name = mission.law or d.robot.control.law or choose_law(d.robot)
-    law = load_law(name)
-    full = bool(setup.allocator.full)
-    if name in FULLY_ACTUATED and not full:
-        raise InputError(
-            f"control law {name!r} needs a fully actuated platform; the rotors of "
-            f"{d.robot.name!r} make no lateral force: use 'thrust_vectoring'"
-        )
     world = d.world
     if load_kind(mission.kind).held:  # in the air, where the flight begins
         place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
         world = world.model_copy(update={"bench": place})
+    parts = build_named(d)
+    if load_kind(mission.kind).operated:
+        parts.append(OperatorStick("operator"))
     return SimulatedVehicle(
         d.robot,
         world,
-        law,
+        build_law(d),
+        build_estimator(d),
         seed=mission.seed,
         deviation=setup.deviation,
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
         interactive=mission.mode == "interactive",
-        estimator=mission.estimator,
+        parts=parts,
         on_samples=on_samples,
     )
-
-
-def choose_law(robot: Robot) -> str:
-    """Name the law that a run takes when neither mission nor robot names one."""
-    full = build_allocator(build_rotors(robot.rotors)).full
-    return "push_and_slide" if full else "thrust_vectoring"
 
 
 def _prepare(setup: Setup[Any]) -> tuple[MissionPlan[Any], SimulatedVehicle]:
@@ -291,13 +278,9 @@ def _fly(
     robot = description.robot
     blocks: list[NDArray[Any]] = []
     written = 0
-    writer: RecordingWriter | None = None
+    writer: FlightRecording | None = None
     if partial is not None:
-        writer = RecordingWriter(
-            partial / "recording.mcap", joint_names(robot), len(robot.rotors.azimuth_deg),
-            vehicle.parts + ["operator"] * (operator is not None or plan.operator is not None),
-        )  # fmt: skip
-        writer.attach("mission.toml", (partial / "mission.toml").read_bytes())
+        writer = FlightRecording(partial, robot, vehicle.recorded)
     vehicle.on_samples = blocks.append
 
     def flush() -> None:
@@ -320,7 +303,7 @@ def _fly(
     def on_phase(index: int, name: str) -> None:
         vehicle.set_phase(index)
         if writer is not None:
-            writer.event(vehicle.t, f"phase {name}")
+            writer.phase(vehicle.t, name)
 
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
@@ -348,8 +331,8 @@ def _fly(
             writer.close()
     except InputError as error:
         outcome, flight = "interrupted", Flight(False, str(error))
-    samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
-    return samples, supervisor.phases, flight, outcome
+    blocks = blocks or [np.zeros(0, build_dtype(vehicle.recorded.columns))]
+    return np.concatenate(blocks), supervisor.phases, flight, outcome
 
 
 def _start_records(

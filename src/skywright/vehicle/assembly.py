@@ -89,7 +89,7 @@ class Assembly:
         self._own_records(context)
         context = dataclasses.replace(context, records=self.records, components=self.components)
         self.context = context
-        for c in self.components:
+        for c in dict.fromkeys(step.component for step in self.steps):  # who fills before who reads
             me = self.records.get((_me(c), c.name))
             given = dataclasses.replace(context, carried=self._list_carried(c))
             c.build(None if me is None else View(me[0]), c.table, given)

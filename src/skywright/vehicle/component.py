@@ -244,6 +244,10 @@ class Law(Component):
     group, slot = "law", "control"
     needs_full_actuation: ClassVar[bool] = False
     """Whether it asks for force in any direction, whatever the attitude."""
+    controls_force: ClassVar[bool] = False
+    """Whether it follows the block Press of the reference (vehicle/follower.py)."""
+    knows_modes: ClassVar[bool] = False
+    """Whether it follows `Reference.mode`."""
 
     def observe_wrench(self, context: Context) -> Array | None:
         """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the

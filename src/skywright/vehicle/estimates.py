@@ -17,5 +17,5 @@ class EstimatorState(Output):
 
     ready: float  # 1: Estimate holds
     heard: float  # s, when the localisation was last heard of
-    last_fix: float  # s, stamp of the newest fix that was used, where fixes come by themselves
+    fix_age: float  # s, since the newest fix that was used, where fixes come by themselves
     pose_std: float  # m, largest standard deviation of the position; NaN where it is not known

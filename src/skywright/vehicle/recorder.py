@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.columns import Column
 from skywright.core.record import Record
 from skywright.core.rotations import rot_to_quat
 from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, WrenchCommand
@@ -101,6 +102,19 @@ class Recorder(Component):
     def is_full(self) -> bool:
         """Whether there is no room for another mission tick."""
         return int(self._me.n) > SAMPLES - SAMPLES_A_TICK
+
+    @property
+    def last(self) -> NDArray[Any]:
+        """The newest row, (1,)."""
+        n = max(int(self._me.n), 1)
+        return self._rows[n - 1 : n]
+
+    def list_columns(self) -> tuple[Column, ...]:
+        """Return the columns in their order, as a recording describes them."""
+        return tuple(
+            Column(n, self.dtype[n].shape, self.dtype[n].base.str, c.unit, c.meaning)
+            for n, c in self.recorded.items()
+        )
 
     def take(self) -> NDArray[Any]:
         """Return a copy of the rows written so far, and begin anew."""

@@ -1,81 +1,81 @@
-"""The physics back end: the perturbed plant, its sensors, and the controllers' belief.
+"""The physics back end: the perturbed plant and the robot, assembled from components.
 
-Fast mode runs each mission tick in one compiled call; interactive mode runs each control tick from
-Python (real exceptions, a debugger works, plain-Python laws are allowed). Both are bit-identical.
+Fast mode runs each mission tick in one compiled call. Interactive mode runs the schedule from
+Python: components may be plain Python there, a debugger works. Both are bit-identical.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Callable
-from typing import Any, cast
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.control.backstepping_gains import fill_backstepping
-from skywright.control.cascade_gains import fill_cascade
-from skywright.control.registry import CASCADED, Law, load_arms_law
-from skywright.core.record import View, fill
-from skywright.core.rotations import exp_so3, quat_to_rot
+from skywright.core.columns import Column, Topic
+from skywright.core.record import View
+from skywright.core.rotations import exp_so3, quat_to_rot, rot_z
 from skywright.core.streams import build_stream
-from skywright.core.types import BELIEF, SAMPLE
+from skywright.core.types import REFERENCE
 from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import Pipe, World
+from skywright.description.world.spec import World
+from skywright.description.world.things import Bench
 from skywright.errors import InputError, SimulationError
-from skywright.estimation.registry import (
-    check_localisation,
-    fill_parameters,
-    load_estimator,
-)
-from skywright.inspection.eddy_current import Instrument, build_probe_signal
 from skywright.models.allocation import build_allocator
 from skywright.models.arm_body import Deviation
-from skywright.models.compliant_arms import (
-    fill_arms_parameters,
-    is_compliant,
-)
+from skywright.models.compliant_arms import is_compliant
 from skywright.models.insertion_body import locate_socket
-from skywright.models.localisation.calibration import Calibration
 from skywright.models.rigid_body import (
-    KINEMATICS,
     build_body_model,
     compute_body,
     compute_tip,
+    joint_names,
     posture,
 )
 from skywright.models.rotors import build_rotors
-from skywright.models.scene import TIMESTEP, Scene, build_scene, home_pose
+from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.things import BENCH
-from skywright.sim.gnss import GNSS_NOISE, fill_gnss
-from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
-from skywright.sim.link import LINK_BLOCK, build_link, draw_link
-from skywright.sim.localisation import Sight, draw_localisation
-from skywright.sim.plant import BLOCK
-from skywright.sim.plant_setup import build_plant
 from skywright.sim.simulation import Simulation
-from skywright.sim.wind import count_noise
-from skywright.vehicle.frame import Frame
-from skywright.vehicle.guard import GUARD, NOT_FINITE
+from skywright.vehicle.assembly import Assembly, State
+from skywright.vehicle.bus import Allocated, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
+from skywright.vehicle.component import Component, Estimator, Law, PlantContext
+from skywright.vehicle.effects.forces import GivenForces
+from skywright.vehicle.estimates import EstimatorState
+from skywright.vehicle.follower import Follower
+from skywright.vehicle.guard import NOT_FINITE
+from skywright.vehicle.instruments.eddy_current import EddyProbe
 from skywright.vehicle.interface import Limits, R, Table, Ticked
-from skywright.vehicle.link_arc import LinkArc, compute_link_arc
-from skywright.vehicle.localisation import prepare_localisation
-from skywright.vehicle.tick import (
-    mission_tick,
-    tick_after_law,
-    tick_before_law,
-    tick_inertial,
-    tick_law,
-)
+from skywright.vehicle.inventory import list_wanted
+from skywright.vehicle.link_arc import compute_link_arc
+from skywright.vehicle.observers.gauges import Gauges
+from skywright.vehicle.observers.operator import Operator
+from skywright.vehicle.plant import MISSION_TICK
+from skywright.vehicle.ports import list_steps
+from skywright.vehicle.recorder import Recorder
+from skywright.vehicle.ticker import Ticker
+from skywright.vehicle.topics import list_topics
 
 Array = NDArray[np.float64]
+C = TypeVar("C", bound=Component)
 
-MISSION_TICK = 0.02  # s
-SAMPLE_RATE = 100.0  # Hz
-SAMPLES = 256  # rows between deliveries
-SAMPLES_A_TICK = 16  # more than one mission tick can write
-SETTLE = 2.0  # s in which the estimator starts
-LIFT_OFF_THRESHOLD = 15.0  # instrument units (Tognon 2018, section VII)
+
+class Recorded(NamedTuple):
+    """What one run records."""
+
+    columns: tuple[Column, ...]
+    topics: tuple[Topic, ...]
+
+
+class Saved(NamedTuple):
+    """A saved vehicle; see SimulatedVehicle.save."""
+
+    assembly: State
+    physics: Any
+    table: Table
+    table_start: float
+    parts: dict[str, Any]  # by name of a component
 
 
 class SimulatedVehicle:
@@ -88,208 +88,166 @@ class SimulatedVehicle:
         robot: Robot,
         world: World,
         law: Law,
+        estimator: Estimator,
         *,
         seed: int,
         deviation: Deviation,
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         interactive: bool = False,
-        estimator: str = "filter",
+        parts: Sequence[Component] = (),
         on_samples: Callable[[NDArray[Any]], None] | None = None,
     ) -> None:
-        """`start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant."""
-        check_localisation(estimator, robot, world)
-        self.robot, self.world, self.law = robot, world, law
-        self._deviation = deviation
-        self.interactive = interactive or law.compiled is None
-        rate = robot.control.rate_hz
-        self.n_steps = round(1.0 / (rate * TIMESTEP))
-        if abs(self.n_steps * TIMESTEP * rate - 1.0) > 1e-9 or self.n_steps < 1:
-            raise InputError(
-                f"robot.control.rate_hz = {rate:g} does not divide the physics rate "
-                f"{1 / TIMESTEP:g} Hz; valid: 1000, 500, 250, 200, 125, 100"
-            )
-        self.dt = self.n_steps * TIMESTEP
+        """`start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
+
+        `parts` are further components: sensors and effects that the description names.
+        Raises InputError where they do not fit together.
+        """
+        self.robot, self.world, self.law, self.estimator = robot, world, law, estimator
+        self.interactive = interactive
+        self.n_steps, self.dt = check_rate(robot)
         self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
-        self.scene: Scene = build_scene(robot, world, deviation)
+        extend = [part.extend_scene for part in parts]
+        self.scene = build_scene(robot, world, deviation, extend)
         self.n_joints = self.scene.n_joints
-        self.offers = frozenset(
-            ["uav"]
-            + (["arms", "whole_body"] if robot.arm else [])
-            + (["hands"] if is_compliant(robot) else [])
-            + (["probe"] if robot.probe else [])
-        )
+        self.offers = list_offers(robot)
         c = robot.control
         self.limits = Limits(c.speed_max_mps, c.acceleration_max_mps2, 0.8)
         self.rotors = build_rotors(robot.rotors)
         self.allocator = build_allocator(self.rotors)
         self.model = build_body_model(robot, world.gravity_mps2)
         self.arc = compute_link_arc(robot, self.model)
-        self.kin = np.zeros(1, KINEMATICS)
-        self.thrust = np.zeros(len(self.rotors.thrust_min))
-        self.sim = Simulation(self.scene, home_pose(robot, *start, world.bench))
-        self._held = {
-            name: (
-                self.scene.model.equality(f"hold {name}").id,
-                int(self.scene.model.sensor(f"touch {name}").adr[0]),
-                thing.held_n,
-            )
-            for name, thing in world.objects.items()
-            if thing.held_n is not None
-        }
-        self.belief = self._build_belief()
-        self.plant = build_plant(robot, world, self.scene, deviation, seed)
-        names = (
-            "gyro", "accelerometer", "vibration", "mocap", "dropout", "outlier", "probe", "wind",
-            "link", "deflection", "camera", "force", "gnss", "station", "range_finder", "pipe",
-            "survey",
+        home = home_pose(robot, *start, world.bench)
+        self.sim = Simulation(self.scene, home)
+        context = PlantContext(
+            robot, world, self.model[0], self.rotors, self.allocator,
+            compute_body(self.model, posture(robot, "working"))[0], self.dt, TIMESTEP,
+            law.name, frozenset(), {}, deviation=deviation, scene=self.scene, sim=self.sim,
+            seed=seed, start=start,
         )  # fmt: skip
-        self._streams = {n: build_stream(seed, n) for n in names}
-        fill_gnss(self.plant[0]["gnss"], robot, world, self._streams["gnss"])
-        self.inertial = build_inertial(robot, world.gravity_mps2, TIMESTEP, self._streams)
-        self.link = build_link(world.link)
-        self.link_on = bool(self.link[0]["on"])
-        self.estimator = load_estimator(estimator, world.localisation)
-        self._sight: Sight | None = None
-        self._body_R = np.eye(3)
-        self.calibration: Calibration | None = None
-        if world.localisation == "total-station":
-            self._sight = Sight(self.sim, int(self.plant[0]["platform"]))
-            self.calibration = prepare_localisation(
-                self.plant[0], self.belief[0]["fus"], robot, world, seed, self._streams
-            )
-        arms_law = load_arms_law(robot.control.arms_law or "compliant")
-        self.guard = self._build_guard(estimator == "truth")
-        pipe = world.pipe or Pipe()  # without a pipe the signal is never asked for
-        weld = world.weld if world.pipe is not None else None
-        self.probe_signal = build_probe_signal(pipe, weld, build_stream(seed, "texture"))
-        self.samples = np.zeros(SAMPLES, SAMPLE)
-        self.frame = Frame(
-            self.belief, self.plant, self.inertial, self.link, self.guard, self.model, self.kin,
-            self.samples, self.sim, self.allocator, self.thrust, self.probe_signal,
-            0 if law.compiled is None else law.compiled.address, self.estimator.compiled.address,
-            arms_law.compiled.address,
-        )  # fmt: skip
-        self._raw, self._written = self.samples.view(np.uint8), 0
+        named = [law, *estimator.assemble(estimator.table, context), *parts]
+        asked = {port.record for c in named for step in list_steps(c) for port in step.ports}
+        context = dataclasses.replace(context, named=tuple(named), asked=frozenset(asked))
+        self.assembly = Assembly([*named, *list_wanted(context)], context, seed)
+        self._fill_bus()
+        self.ticker = Ticker(self.assembly, self.sim, self.n_steps)
+        self.interactive |= bool(self.assembly.list_python_rows())
+        components = self.assembly.components
+        self._before = [c for c in components if overrides(c, "before_tick")]
+        self._after = [c for c in components if overrides(c, "after_tick")]
+        self._follower, self._recorder = self.find(Follower), self.find(Recorder)
         self.on_samples = on_samples
-        # fields that every mission tick reads, as plain arrays
-        self._time, self._table_t0 = self.belief["t"], self.belief["table_t0"]
-        self._mask, self._fired = self.guard["mask"], self.guard["fired"]
-        self._block = self.plant["block"]
-        self._block[0] = BLOCK
-        self._inertial_index, self._link_index = self.inertial["index"], self.link["index"]
-        p, _, q = home_pose(robot, *start, world.bench)
-        self._table = np.zeros(1, self.belief["ref"].dtype)
-        self._set_home_reference(p, start[2], q)
-        self.track(self._table)
-        if self._sight is not None:
-            self._check_sight()
+        self._deviation, self._survey = deviation, build_stream(seed, "survey")
+        self.track(self._build_home_row(home, start[2]))
 
     # --- Backend ---------------------------------------------------------------------------------
 
-    @property
-    def parts(self) -> list[str]:
-        """What samples hold beyond every robot's (core/messages.py: PARTS)."""
-        pl = self.plant[0]
-        have = {
-            "hands": pl["positioned"], "objects": pl["n_objects"], "loads": pl["loads"]["on"],
-            "force": pl["force_on"], "localisation": pl["localisation"]["on"],
-        }  # fmt: skip
-        return [name for name, on in have.items() if on]
+    def find(self, kind: type[C]) -> C:
+        """Return the component of a class; raises InputError where the vehicle has none."""
+        found = next((c for c in self.assembly.components if isinstance(c, kind)), None)
+        if found is None:
+            raise InputError(f"{self.robot.name!r} in {self.world.name!r} has no {kind.__name__}")
+        return found
+
+    def read(self, record: type[R], name: str = "") -> R:
+        """Return a copy of a record, as it is now.
+
+        `name` is that of the component that fills it, where several do. Raises InputError where
+        nothing in this vehicle fills it.
+        """
+        try:
+            return cast(R, View(self.assembly.get(record, name).copy()))
+        except KeyError:
+            raise InputError(
+                f"nothing in {self.robot.name!r} in {self.world.name!r} fills {record.__name__}"
+            ) from None
 
     @property
     def t(self) -> float:
         """Mission time (s)."""
-        return float(self._time[0])
+        return self.ticker.t
 
     @property
     def reference(self) -> Any:
         """A copy of the REFERENCE row at the last control tick."""
-        return self.belief[0]["ref"].copy()
+        return self._follower.read_row()
 
     @property
     def estimate(self) -> Any:
-        """A copy of the ESTIMATE at the last control tick."""
-        return self.belief[0]["est"].copy()
-
-    def read(self, record: type[R], name: str = "") -> R:
-        """Return a copy of a record of the arms at their last tick."""
-        out = np.zeros(1, record.dtype)[0]
-        fill(out, self.belief[0]["arms"])
-        return cast(R, View(out))
+        """A copy of Estimate at the last control tick."""
+        return self.read(Estimate)
 
     @property
     def localised(self) -> bool:
         """Whether the estimator has begun."""
-        b = self.belief[0]
-        if self.estimator.name == "observer":
-            return bool(b["obs"]["ready"] > 0.0)
-        return self.estimator.name == "truth" or bool(b["flt"]["ready"] >= 2.0)
+        return bool(self.read(EstimatorState).ready > 0.0)
 
     @property
     def fix_age(self) -> float:
         """Time (s) since the robot was last told where it is."""
-        return self.t - float(self.guard[0]["last_fix"])
-
-    @property
-    def force(self) -> float:
-        """Force (N) of the tip at the last control tick, by the probe's sensor."""
-        return float(self.belief[0]["est"]["f_tip"])
+        return self.t - float(self.read(EstimatorState).heard)
 
     @property
     def saturated(self) -> bool:
         """Whether the rotors could not make what was commanded at the last control tick."""
-        return bool(self.belief[0]["cmd"]["saturated"] > 0.0)
+        return bool(self.read(Allocated).saturated > 0.0)
+
+    @property
+    def force(self) -> float:
+        """Force (N) of the tip at the last control tick, by the probe's sensor."""
+        return float(self.read(Estimate).f_tip)
 
     @property
     def pose_std(self) -> float:
-        """Largest standard deviation (m) of the filter's position; NaN with another estimator."""
-        if self.estimator.name != "filter":
-            return math.nan
-        return math.sqrt(float(np.max(np.diag(self.belief[0]["flt"]["P"])[:3])))
+        """Largest standard deviation (m) of the estimated position; NaN where it is not known."""
+        return float(self.read(EstimatorState).pose_std)
 
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""
         self._table = np.ascontiguousarray(table)
-        self._table_end = float(self._table[-1]["t"])
-        self.frame.set_table(self._table)
-        self.belief[0]["table_t0"] = self.belief[0]["t"]
-        self.belief[0]["cursor"] = 0
-        # commands given before the next tick build on the table's first row
-        self.belief[0]["ref"] = self._table[0]
+        self._table_start, self._table_end = self.t, float(self._table[-1]["t"])
+        self._follower.track(self._table, self.t)
 
     def tick(self, guards: int = 0) -> Ticked:
-        """Run one mission tick; raises SimulationError when it diverges."""
-        self._mask[0], self._fired[0] = guards, 0
-        if self._block[0] + self.n_ticks > BLOCK:
-            self._draw_noise()
-        if self._inertial_index[0] + self.n_ticks * self.n_steps > IMU_BLOCK:
-            draw_inertial(self.inertial[0], self.robot, self._streams)
-        if self.link_on and self._link_index[0] + self.n_ticks > LINK_BLOCK:
-            draw_link(self.link[0], self._streams["link"])
-        if self._sight is not None:
-            self._look(self._sight)
-        written = self._tick_interactive() if self.interactive else self._tick_fast()
-        self._written = written
-        if written > SAMPLES - SAMPLES_A_TICK:
+        """Run one mission tick; raises SimulationError when it diverges or a step raises."""
+        clock = self.assembly.get(Clock)
+        clock["mask"], clock["fired"] = guards, 0
+        self.assembly.refill(self.n_ticks, self.n_steps)
+        for c in self._before:
+            c.before_tick(self.t, self.n_ticks)
+        self.ticker.run(self.n_ticks, self.interactive)
+        if self._recorder.is_full:
             self.flush()
-        fired = int(self._fired[0])
+        fired = int(clock["fired"])
         if fired & NOT_FINITE:
             raise SimulationError(self._explain_not_finite())
-        if self._held:
-            self._let_go()
-        t = float(self._time[0])
-        return Ticked(t, fired, t - float(self._table_t0[0]) >= self._table_end - 1e-9)
+        for c in self._after:
+            c.after_tick(self.t)
+        return Ticked(self.t, fired, self.t - self._table_start >= self._table_end - 1e-9)
 
     def flush(self) -> None:
         """Deliver the samples taken since the last delivery."""
-        n, self._written = self._written, 0
-        if n and self.on_samples is not None:
-            # as bytes: NumPy copies structured rows field by field
-            self.on_samples(self._raw[: n * SAMPLE.itemsize].copy().view(SAMPLE))
+        samples = self._recorder.take()
+        if len(samples) and self.on_samples is not None:
+            self.on_samples(samples)
 
-    def in_contact(self) -> bool:
-        """Whether the instrument's lift-off signal says contact."""
-        return bool(self.guard[0]["in_contact"])
+    def save(self) -> Saved:
+        """Return everything that the next tick depends on; see restore."""
+        parts = {c.name: c.save() for c in self.assembly.components}
+        return Saved(self.assembly.save(), self.sim.save(), self._table, self._table_start, parts)
+
+    def restore(self, saved: Saved, seed: int | None = None) -> None:
+        """Go back to a saved state: the same ticks follow bit for bit.
+
+        With a `seed` the noise from here on is that of this seed. Samples not yet delivered at
+        either time are dropped.
+        """
+        self.sim.restore(saved.physics)
+        for c in self.assembly.components:
+            c.restore(saved.parts[c.name])
+        self.assembly.restore(saved.assembly, seed)
+        self._table, self._table_start = saved.table, saved.table_start
+        self._table_end = float(self._table[-1]["t"])
+        self._recorder.take()
 
     def tip_of(self, row: Any) -> tuple[Array, Array]:
         """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
@@ -301,26 +259,34 @@ class SimulatedVehicle:
 
         A disturbance from outside, such as a helper's hand; raises InputError for an unknown body.
         """
-        model = self.sim.scene.model
-        names = [model.body(i).name for i in range(1, model.nbody)]
-        if body not in names:
-            raise InputError(f"no body {body!r} to push; valid: {', '.join(names)}")
-        index, limbs = model.body(body).id, self.plant[0]["limbs"]
-        for i in range(limbs["n"]):  # the forces on these are written every tick
-            if limbs["body"][i] == index:
-                limbs["given_W"][i] = f_W
-                return
-        self.sim.xfrc[index, :3] = f_W
+        self.find(GivenForces).push(body, f_W)
+
+    @property
+    def recorded(self) -> Recorded:
+        """What samples hold."""
+        columns = self._recorder.list_columns()
+        return Recorded(
+            columns, list_topics(columns, joint_names(self.robot), len(self.rotors.axis))
+        )
+
+    @property
+    def last_sample(self) -> Any:
+        """The newest sample, as an array (1,)."""
+        return self._recorder.last
+
+    def in_contact(self) -> bool:
+        """Whether the instrument's lift-off signal says contact."""
+        found = self.assembly.records.get((EddyProbe.Reading, ""))
+        return found is not None and bool(found["in_contact"][0])
 
     def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
         """Move the bench that clamps the platform to p_W (3,) m, turned by `yaw` (rad).
 
         Raises InputError where the world has none.
         """
-        if self.world.bench is None:
-            raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
+        bench = self._get_bench()
         self.sim.data.mocap_pos[0] = p_W
-        w, _, y, _ = self.world.bench.q_WB
+        w, _, y, _ = bench.q_WB
         c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
         self.sim.data.mocap_quat[0] = [c * w, -s * y, c * y, s * w]  # first about y, then about z
 
@@ -329,9 +295,13 @@ class SimulatedVehicle:
 
         Raises InputError where the world has none.
         """
+        self._get_bench()
+        self.sim.data.eq_active[self.scene.model.equality(BENCH).id] = 0
+
+    def _get_bench(self) -> Bench:
         if self.world.bench is None:
             raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
-        self.sim.data.eq_active[self.scene.model.equality(BENCH).id] = 0
+        return self.world.bench
 
     def survey_socket(self) -> tuple[Array, Array]:
         """Return (p_WS, R_WS) of the socket as motion capture sees it: true, but for the error of
@@ -341,7 +311,7 @@ class SimulatedVehicle:
         """
         if self.world.socket is None:
             raise InputError(f"world {self.world.name!r} has no socket: give it a [world.socket]")
-        draw, mocap = self._streams["survey"].standard_normal(6), self.world.mocap
+        draw, mocap = self._survey.standard_normal(6), self.world.mocap
         noise = np.repeat([mocap.position_noise_m, mocap.attitude_noise_rad], 3) * draw
         p, R = locate_socket(self.world.socket, self._deviation.socket_error)
         error, turn = self._deviation.survey_error + noise, np.empty((3, 3))
@@ -350,205 +320,80 @@ class SimulatedVehicle:
 
     def zero_gauges(self) -> None:
         """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
-        self.plant[0]["loads"]["zero"] = 1
-
-    def _let_go(self) -> None:
-        """Free the stuck things that are pulled harder than they are held."""
-        for name, (equality, address, force) in list(self._held.items()):
-            pull = self.sim.sensordata[address : address + 3]
-            if float(np.linalg.norm(pull)) > force:
-                self.sim.data.eq_active[equality] = 0
-                del self._held[name]
-
-    def set_phase(self, index: int) -> None:
-        """Phase index that samples carry from now on."""
-        self.guard[0]["phase"] = index
+        self.find(Gauges).zero()
 
     def set_stick(self, stick: Array, button: bool) -> None:
         """Operator's input (3,) and button that samples carry from now on."""
-        self.guard[0]["stick"], self.guard[0]["button"] = stick, float(button)
+        self.find(Operator).set(stick, button)
 
-    # --- the two ways of running ---------------------------------------------------------------
-
-    def _tick_fast(self) -> int:
-        return int(mission_tick(self.frame.array, self.n_ticks, self.n_steps, self._written))
-
-    def _tick_interactive(self) -> int:
-        frame, compiled = self.frame.array, self.law.compiled is not None
-        written = self._written
-        for _ in range(self.n_ticks):
-            tick_before_law(frame)
-            if compiled:
-                tick_law(frame)
-            else:
-                self._call_python_law()
-            fired, written = tick_after_law(frame, written)
-            if fired & NOT_FINITE:
-                break
-            for _ in range(self.n_steps):
-                self.sim.step(1)
-                tick_inertial(frame)
-            if fired:
-                break
-        return int(written)
-
-    def _call_python_law(self) -> None:
-        try:
-            self.law.step(self.belief)
-        except (Exception, SystemExit) as error:
-            raise SimulationError(
-                f"control law {self.law.name!r} raised at t = {self.t:.3f} s: {error!r}"
-            ) from error
+    def set_phase(self, index: int) -> None:
+        """Phase index that samples carry from now on."""
+        self.assembly.get(Clock)["phase"] = index
 
     # --- set-up ------------------------------------------------------------------------------
 
-    def _check_sight(self) -> None:
-        """Raise InputError where the station does not see the robot that stands at its start."""
-        assert self._sight is not None
-        self._look(self._sight)
-        station = self.world.total_station
-        for start, stop in station.blocked_s:
-            if start < SETTLE and stop > 0.0:
-                raise InputError(
-                    f"world.total_station.blocked_s holds [{start:g}, {stop:g}]: the station must "
-                    f"see the robot for {SETTLE:g} s before it takes off"
-                )
-        if not self.plant[0]["localisation"]["visible"]:
-            raise InputError(
-                f"world.total_station at ({station.x_m:g}, {station.y_m:g}, {station.z_m:g}) m "
-                "does not see the prism of the robot where it stands before take-off: move the "
-                "station, or what is in between"
-            )
+    def _fill_bus(self) -> None:
+        """Tell the clock its periods and the components where MuJoCo's arrays are."""
+        clock, mj = self.assembly.get(Clock), self.assembly.get(MuJoCo)
+        clock["dt"], clock["h"] = self.dt, TIMESTEP
+        for name, array in self.sim.arrays.items():
+            mj[name] = array.ctypes.data
+        sizes = self.scene.model
+        mj["nq"], mj["nv"], mj["nsensor"] = sizes.nq, sizes.nv, sizes.nsensordata
+        mj["nsite"], mj["nbody"], mj["npair"] = sizes.nsite, sizes.nbody, sizes.npair
+        mj["nu"], mj["na"] = sizes.nu, sizes.na
 
-    def _look(self, sight: Sight) -> None:
-        """Find what the station and the range finder see in this mission tick."""
-        loc, t, R = self.plant[0]["localisation"], self.t, self._body_R
-        draw_localisation(loc, self._streams, self.n_ticks)
-        p = self.sim.qpos[:3]
-        quat_to_rot(self.sim.qpos[3:7], R)
-        station = loc["station"]
-        hidden = any(start <= t < stop for start, stop in self.world.total_station.blocked_s)
-        prism = p + R @ station["p_BP"]
-        loc["visible"] = int(not hidden and sight.sees(station["p_WS"], prism))
-        if loc["ranges"]:
-            loc["distance"] = sight.measure(np.array(p), -R[:, 2])
-
-    def _draw_noise(self) -> None:
-        """Fill the noise block, one stream a sensor; lasts for BLOCK control ticks."""
-        pl = self.plant[0]
-        pl["block"] = 0
-        pl["noise_mocap"] = self._streams["mocap"].standard_normal((BLOCK, 12))
-        pl["noise_drop"] = self._streams["dropout"].random(BLOCK)
-        if self.world.mocap.outlier_fraction > 0.0:
-            pl["noise_outlier"] = self._streams["outlier"].random((BLOCK, 9))
-        if pl["gnss"]["on"]:
-            pl["noise_gnss"] = self._streams["gnss"].standard_normal((BLOCK, GNSS_NOISE))
-        if pl["positioned"]:
-            pl["noise_deflection"] = self._streams["deflection"].standard_normal(
-                pl["noise_deflection"].shape
-            )
-        if pl["camera"]["marker"]:
-            pl["noise_camera"] = self._streams["camera"].standard_normal(pl["noise_camera"].shape)
-        if pl["camera"]["pipe"]:
-            pl["noise_pipe"] = self._streams["pipe"].standard_normal(pl["noise_pipe"].shape)
-        if pl["force_on"]:
-            pl["noise_force"] = self._streams["force"].standard_normal(BLOCK)
-        pl["noise_ec"] = self._streams["probe"].standard_normal((BLOCK, 2))
-        if self.world.wind.gusty:
-            n = count_noise(self.world.wind, len(self.rotors.thrust_min))
-            pl["noise_wind"][:, :n] = self._streams["wind"].standard_normal((BLOCK, n))
-
-    def _build_belief(self) -> NDArray[Any]:
-        out = np.zeros(1, BELIEF)
-        b, c = out[0], self.robot.control
-        par = b["par"]
-        mass, _, _ = compute_body(self.model, posture(self.robot, "working"))
-        par["dt"] = self.dt
-        par["wn_p"], par["zeta_p"] = c.position_bandwidth_rad_s, c.position_damping
-        par["wi_p"] = c.position_integral_rad_s
-        par["wn_R"], par["zeta_R"] = c.attitude_bandwidth_rad_s, c.attitude_damping
-        par["wi_R"] = c.attitude_integral_rad_s
-        par["friction"] = c.friction_feed_forward
-        par["k_arm"], par["tilt_max"] = c.arm_bandwidth_rad_s, math.radians(c.tilt_max_deg)
-        par["thrust_max"] = float(np.sum(self.rotors.thrust_max * self.rotors.axis[:, 2]))
-        par["f_integral_max"] = 0.4 * mass * self.world.gravity_mps2
-        par["t_integral_max"] = 0.1 * mass * self.world.gravity_mps2
-        par["belt"], par["belt_inv"] = self.model[0]["belt"], self.model[0]["belt_inv"]
-        par["motor_speed_max"] = self.model[0]["motor_speed_max"]
-        b["body"]["mass"], b["body"]["gravity"] = mass, self.world.gravity_mps2
-        if self.robot.force_sensor is not None and self.robot.probe is not None:
-            par["spring"] = self.robot.probe.spring_n_per_m
-            par["slider"] = self.robot.probe.slider_mass_kg
-        fill_parameters(b, self.robot, self.world, TIMESTEP)
-        fill_arms_parameters(b["arms"], self.robot)
-        b["arms"]["pipe_mocap"] = float(self.world.pipe is not None and self.world.pipe.tracked)
-        if self.law.name in CASCADED:
-            inverted = self.law.name == "model_inversion"
-            fill_cascade(b, self.robot, self.world, self.model, inverted)
-            if self.arc is not None:
-                self._check_balance(par, self.arc)
-        if self.law.name == "backstepping":
-            fill_backstepping(par, self.robot)
-        for field in ("ref", "est"):
-            for name in ("R_WB", "R_WT"):
-                b[field][name] = np.eye(3)
-        b["ref"]["R_WS"] = np.eye(3)
-        return out
-
-    def _check_balance(self, par: Any, arc: LinkArc) -> None:
-        """Raise InputError where the roll loop is too slow for the take-off along the arc.
-
-        On the end of its link the robot is an inverted pendulum sideways, which falls at
-        sqrt(g / h): the attitude has to answer faster.
-        """
-        _, com, _ = compute_body(self.model, posture(self.robot, "working"))
-        falls = math.sqrt(self.world.gravity_mps2 / (arc.top + com[2]))
-        found, rate = float(par["k_attitude"][0]), self.robot.control.rate_hz
-        if found < falls:
-            raise InputError(
-                f"robot.control: at rate_hz = {rate:g} and world.link.delay_s = "
-                f"{self.world.link.delay_s:g} the roll loop reaches {found:.2f} rad/s; to take off "
-                f"on the end of its link {self.robot.name!r} needs {falls:.2f} rad/s: raise "
-                "rate_hz or lower delay_s"
-            )
-
-    def _build_guard(self, truth: bool) -> NDArray[Any]:
-        out = np.zeros(1, GUARD)
-        g, instrument = out[0], Instrument()
-        g["sample_every"] = max(round(1.0 / (SAMPLE_RATE * self.dt)), 1)
-        g["truth_estimator"] = int(truth)
-        g["lift_axis"] = [math.cos(instrument.phase), math.sin(instrument.phase)]
-        g["lift_threshold"] = LIFT_OFF_THRESHOLD
-        g["collision_limit"] = 0.5
-        return out
-
-    def _set_home_reference(self, p: Array, yaw: float, q: Array) -> None:
-        row = self._table[0]
-        c, s = math.cos(yaw), math.sin(yaw)
-        row["p_WB"] = p
-        row["R_WB"] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
-        if self.world.bench is not None and self.world.bench.pitch_deg != 0.0:
-            R = np.empty((3, 3))
-            quat_to_rot(np.array(self.world.bench.q_WB), R)
-            row["R_WB"] = R
+    def _build_home_row(self, home: tuple[Array, Array, Array], yaw: float) -> Table:
+        """Return the reference of a robot that stands at its start with its motors off."""
+        p, q_WB, q = home
+        table = np.zeros(1, REFERENCE)
+        row = table[0]
+        row["p_WB"], row["R_WB"] = p, rot_z(yaw)
+        bench = self.world.bench
+        if bench is not None and bench.pitch_deg != 0.0:
+            quat_to_rot(q_WB, row["R_WB"])
         row["R_WS"] = np.eye(3)
         row["q"][: self.n_joints] = q
         row["p_WT"], row["R_WT"] = self.tip_of(row)
-        if self.plant[0]["positioned"]:  # the servos hold where they stand
-            arms = self.belief[0]["arms"]
-            for field in (self.belief[0]["cmd"]["theta"], arms["theta_ref"], arms["q_goal"],
-                          self.belief[0]["est"]["q"], self.plant[0]["servo_now"],
-                          self.plant[0]["servo_held"], self.link[0]["motor"]):  # fmt: skip
-                field[: self.n_joints] = q
+        return table
 
     def _explain_not_finite(self) -> str:
-        cmd = self.belief[0]["cmd"]
-        joints = [cmd["qd"][: self.n_joints], cmd["theta"][: self.n_joints]]
-        values = np.concatenate([cmd["f_B"], cmd["t_B"], *joints])
+        records = self.assembly.records
+        given = [records[k, ""][0] for k in (WrenchCommand, ShaftCommand) if (k, "") in records]
+        values = np.concatenate([np.ravel(r[name]) for r in given for name in r.dtype.names])
         if not np.all(np.isfinite(values)):
             return (
-                f"control law {self.law.name!r} raised, or returned NaN or infinity, at "
-                f"t = {self.t:.3f} s "
-                "(force, torque or joint velocity); the command was not applied"
+                f"control law {self.law.name!r} returned NaN or infinity at t = {self.t:.3f} s "
+                "(force, torque or joint command); the command was not applied"
             )
         return f"the simulation diverged at t = {self.t:.3f} s: the state is not finite"
+
+
+def list_offers(robot: Robot) -> frozenset[str]:
+    """Return what a mission may command of a robot (vehicle/interface.py)."""
+    return frozenset(
+        ["uav"]
+        + (["arms", "whole_body"] if robot.arm else [])
+        + (["hands"] if is_compliant(robot) else [])
+        + (["probe"] if robot.probe else [])
+    )
+
+
+def check_rate(robot: Robot) -> tuple[int, float]:
+    """Return the physics steps of a control tick, and its period (s).
+
+    Raises InputError where the control rate does not divide the rate of the physics.
+    """
+    rate = robot.control.rate_hz
+    n_steps = round(1.0 / (rate * TIMESTEP))
+    if abs(n_steps * TIMESTEP * rate - 1.0) > 1e-9 or n_steps < 1:
+        raise InputError(
+            f"robot.control.rate_hz = {rate:g} does not divide the physics rate "
+            f"{1 / TIMESTEP:g} Hz; valid: 1000, 500, 250, 200, 125, 100"
+        )
+    return n_steps, n_steps * TIMESTEP
+
+
+def overrides(component: Component, method: str) -> bool:
+    """Whether a component's class has a method of its own in place of Component's."""
+    return getattr(type(component), method) is not getattr(Component, method)

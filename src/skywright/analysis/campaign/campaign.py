@@ -10,6 +10,13 @@ from typing import Any, NamedTuple
 
 from skywright.analysis.campaign.local import choose_workers, count_cores, fly_local
 from skywright.analysis.campaign.progress import CampaignProgress
+from skywright.analysis.campaign.results import (
+    CSV,
+    PARQUET,
+    check_parquet,
+    write_csv,
+    write_parquet,
+)
 from skywright.analysis.campaign.runner import INTERRUPTED, RECORD, Task
 from skywright.analysis.campaign.spec import (
     DRAWING,
@@ -20,13 +27,7 @@ from skywright.analysis.campaign.spec import (
     load_run,
     write_command,
 )
-from skywright.analysis.campaign.store import (
-    PAGE,
-    RESULTS,
-    Store,
-    compare_identity,
-    write_parquet,
-)
+from skywright.analysis.campaign.store import Store, compare_identity
 from skywright.errors import InputError
 from skywright.models.capability import check_can_fly
 from skywright.run.kind import load_kind
@@ -36,6 +37,8 @@ from skywright.run.setup import Setup
 from skywright.run.source_hash import collect_code_versions
 from skywright.run.verdict import GO, Verdict, build_verdict
 from skywright.run.warm_up import is_compiled
+
+PAGE = "campaign.html"
 
 MOST = 1_000_000
 """Runs of one campaign."""
@@ -92,12 +95,14 @@ def run_campaign(
     ray: str | None = None,
     record: str = "none",
     target: float = TARGET,
+    parquet: bool = False,
     progress: bool = False,
 ) -> CampaignResult:
-    """Fly the runs that are missing, write Parquet and page, and return all rows.
+    """Fly the runs that are missing, write table and page, and return all rows.
 
     `workers` processes fly on this machine (default: all cores); `ray` is "local" or the address
     of a Ray cluster. `record` ("none", "failed", "all") keeps run directories under `runs/`.
+    The table is results.csv, with `parquet` (an extra) also results.parquet.
     `out` may hold the same campaign, unfinished or with fewer runs: it is continued. With more
     runs, all of them are judged: nothing that was flown is lost.
     Raises InputError before anything flies, and when the folder cannot be written any more;
@@ -105,6 +110,8 @@ def run_campaign(
     """
     start = time.perf_counter()
     _check(campaign, runs, record, target)
+    if parquet:
+        check_parquet()
     count = choose_workers(workers, runs) if ray is None else _check_ray_workers(ray, workers)
     check_variations(campaign, runs)
     identity = build_identity(campaign)
@@ -141,7 +148,9 @@ def run_campaign(
             raise KeyboardInterrupt
         flown = len(found) - beyond - len(done)
         wall = time.perf_counter() - start
-        return _conclude(campaign, store, identity, found, runs, flown, target, wall, interrupted)
+        if parquet:
+            store.write(PARQUET, lambda path: write_parquet(found, path, identity))
+        return _conclude(campaign, store, found, runs, flown, target, wall, interrupted)
     finally:
         store.close()
 
@@ -226,7 +235,6 @@ def _chain(first: Task, rest: Iterator[Task]) -> Iterator[Task]:
 def _conclude(
     campaign: Campaign,
     store: Store,
-    identity: dict[str, Any],
     rows: list[Row],
     runs: int,
     flown: int,
@@ -234,7 +242,7 @@ def _conclude(
     wall: float,
     interrupted: bool,
 ) -> CampaignResult:
-    """Judge the rows and write Parquet and page."""
+    """Judge the rows and write table and page."""
     from skywright.analysis.campaign.report import Facts, write_campaign_page
 
     base = campaign.base
@@ -247,6 +255,6 @@ def _conclude(
         campaign.seed, runs, {v.key: v.text for v in campaign.variations}, campaign.sets, flown,
         wall, collect_code_versions(*DRAWING),
     )  # fmt: skip
-    store.write(RESULTS, lambda path: write_parquet(rows, path, identity))
+    store.write(CSV, lambda path: write_csv(rows, path))
     store.write(PAGE, lambda path: write_campaign_page(path, rows, verdict, facts))
     return CampaignResult(rows, verdict, store.folder, wall, interrupted)

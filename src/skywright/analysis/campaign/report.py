@@ -14,7 +14,7 @@ from skywright.run.rows import CONFIDENCE, Row, Value
 from skywright.run.verdict import LIMIT_USE, Verdict
 
 MANY_FAILURES = 200
-"""Failed runs that the page lists; the others are in results.parquet."""
+"""Failed runs that the page lists; the others are in results.csv."""
 
 
 class Facts(NamedTuple):

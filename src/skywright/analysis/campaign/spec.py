@@ -17,7 +17,7 @@ from skywright.analysis.campaign.distributions import (
     parse_variations,
 )
 from skywright.core.toml_files import parse_value
-from skywright.description.dump import dump_description
+from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import Description, load_description, split_assignments
 from skywright.errors import InputError
 from skywright.run.source_hash import collect_code_versions
@@ -177,12 +177,11 @@ def build_identity(campaign: Campaign) -> dict[str, Any]:
 
 
 def _hash_laws(campaign: Campaign) -> str | None:
-    """Return the hash of the user's law files, fixed or varied, and of robots and worlds varied.
+    """Return the hash of the users' sources, fixed or varied, and of robots and worlds varied.
 
     With other files the rows are others; what is fixed of robot and world is in the description.
     """
-    base = campaign.base
-    names = [base.mission.law or base.robot.control.law or ""]
+    names = [f"{path}:" for path in list_sources(campaign.base)]
     names += [v for x in campaign.variations for v in x.values if isinstance(v, str)]
     digest, found = hashlib.sha256(), False
     for name in dict.fromkeys(n for n in names if n):

@@ -1,4 +1,4 @@
-"""The folder of a campaign: identity, journal and, at the end, Parquet.
+"""The folder of a campaign: identity and journal.
 
 Each finished run is appended to `runs.jsonl` at once and forced to disk, so that whatever ends a
 campaign costs at most the runs in flight. The same command continues where it stopped.
@@ -10,7 +10,7 @@ import fcntl
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,9 +20,6 @@ from skywright.run.rows import Row
 
 IDENTITY = "campaign.json"
 JOURNAL = "runs.jsonl"
-RESULTS = "results.parquet"
-PAGE = "campaign.html"
-
 
 _CHANGED = {
     "description": "the mission's files",
@@ -164,52 +161,3 @@ def decode_row(data: dict[str, Any]) -> Row:
     for name in ("metrics", "timing"):
         data[name] = {k: math.nan if v is None else float(v) for k, v in data[name].items()}
     return Row(**data)
-
-
-def write_parquet(rows: Sequence[Row], path: Path, identity: dict[str, Any]) -> None:
-    """Write one row a run: seed, outcome, varied keys and metrics by name, timing, command.
-
-    Keys of the description and metrics keep their dotted names; "not measured" is null. The
-    identity of the campaign is in the file's metadata under `skywright.campaign`.
-    """
-    import pyarrow
-    import pyarrow.parquet
-
-    def gather(name: str) -> list[str]:
-        return list(dict.fromkeys(key for row in rows for key in getattr(row, name)))
-
-    columns: dict[str, Any] = {
-        "run": pyarrow.array([r.run for r in rows], pyarrow.int64()),
-        "seed": pyarrow.array([r.seed for r in rows], pyarrow.int64()),
-        "outcome": pyarrow.array([r.outcome for r in rows], pyarrow.string()),
-        "requirement": pyarrow.array([r.requirement or None for r in rows], pyarrow.string()),
-        "failed": pyarrow.array([list(r.failed) for r in rows], pyarrow.list_(pyarrow.string())),
-        "reason": pyarrow.array([r.reason for r in rows], pyarrow.string()),
-    }
-    for key in gather("varied"):
-        columns[key] = _build_column([r.varied.get(key) for r in rows])
-    for key in sorted(gather("metrics")):
-        columns[key] = _build_column([r.metrics.get(key, math.nan) for r in rows])
-    columns["attempts"] = pyarrow.array([r.attempts for r in rows], pyarrow.int64())
-    for key in gather("timing"):
-        columns[f"timing.{key}"] = _build_column([r.timing.get(key, math.nan) for r in rows])
-    columns["command"] = pyarrow.array([r.command for r in rows], pyarrow.string())
-    table = pyarrow.table(columns).replace_schema_metadata(
-        {"skywright.campaign": json.dumps(identity)}
-    )
-    pyarrow.parquet.write_table(table, path)
-
-
-def _build_column(values: Iterable[Any]) -> Any:
-    import pyarrow
-
-    cells = [None if isinstance(v, float) and not math.isfinite(v) else v for v in values]
-    known = [v for v in cells if v is not None]
-    kinds = {type(v) for v in known}
-    if kinds <= {bool} and known:
-        return pyarrow.array(cells, pyarrow.bool_())
-    if kinds == {int}:
-        return pyarrow.array(cells, pyarrow.int64())
-    if kinds <= {int, float}:
-        return pyarrow.array([None if v is None else float(v) for v in cells], pyarrow.float64())
-    return pyarrow.array([None if v is None else str(v) for v in cells], pyarrow.string())

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from skywright.analysis.compare.comparison import Collision, Hover, Install
 from skywright.analysis.compare.geometry import PipeDistance
+from skywright.core.columns import has_columns
 from skywright.core.types import TASK_POSITION
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints
@@ -123,7 +124,9 @@ def hover_in(robot: str, q: Array, wind: float, seed: int, sets: dict[str, objec
         return lost
     s = np.concatenate(blocks)
     at = s["left_p_WH"] if vehicle.plant[0]["positioned"] else s["p_WT"]
-    wound = s["deflection"][:, : len(q)].mean(axis=0)
+    wound = np.zeros(len(q))
+    if has_columns(s, "deflection"):
+        wound = s["deflection"].mean(axis=0)
     return Still(_rms(at - goal), _rms(s["p_WB"] - place), wound)
 
 

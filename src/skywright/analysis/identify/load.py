@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.ulog import load_ulog
+from skywright.core.columns import has_columns
 from skywright.core.recording import Recording, read_recording
 from skywright.core.rotations import quat_to_rot
 from skywright.description.loader import Description, load_description
@@ -31,7 +32,7 @@ IDENTIFY_FIELDS = (
     "qd", "cmd_qd", "theta", "cmd_theta", "f_collision", "f_contact", "spring",
     "f_docking_W",
 )  # fmt: skip
-"""Fields of SAMPLE that a log is built from."""
+"""Columns that a log is built from, as far as the robot has them."""
 
 
 def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
@@ -70,21 +71,22 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
     s = recording.samples
     if len(s) < 10:
         raise InputError(f"{path}: holds {len(s)} samples; nothing can be learnt from them")
-    if len(robot.rotors.azimuth_deg) != recording.n_rotors:
+    if len(robot.rotors.azimuth_deg) != recording.info["n_rotors"]:
         raise InputError(
-            f"{path}: was flown with {recording.n_rotors} rotors; robot {robot.name!r} has "
+            f"{path}: was flown with {recording.info['n_rotors']} rotors; robot {robot.name!r} has "
             f"{len(robot.rotors.azimuth_deg)}"
         )
     joints = tuple(limb.name for limb in list_joints(robot))
-    if joints != tuple(recording.joint_names):
+    flown = tuple(recording.info["joint_names"])
+    if joints != flown:
         raise InputError(
             f"{path}: was flown by {description.robot.name!r} with joints "
-            f"{', '.join(recording.joint_names) or 'none'}; robot {robot.name!r} has "
+            f"{', '.join(flown) or 'none'}; robot {robot.name!r} has "
             f"{', '.join(joints) or 'none'}"
         )
     phases = _phase_names(recording, s["t"])
     name = path.parent.name or path.name
-    log = build_log(name, robot, description.world, s, phases, recording.joint_names)
+    log = build_log(name, robot, description.world, s, phases, flown)
     if robot.name != description.robot.name:
         log = log._replace(notes=(
             f"{name} was flown by {description.robot.name!r}; its rotors and masses are read as "
@@ -118,7 +120,8 @@ def build_log(
     positioned = any(servo.mode == "position" for _, servo in list_servos(robot))
     R = np.array([_rot(q) for q in s["est_q_WB"]])
     free = (s["f_collision"] == 0.0) & ~np.any(s["f_contact"], axis=1) & (s["spring"] < TOUCHING)
-    free &= ~np.any(s["f_docking_W"], axis=1)
+    if has_columns(s, "f_docking_W"):
+        free &= ~np.any(s["f_docking_W"], axis=1)
     free &= ~np.isin(phases, ["start", "take_off", "land"])
     free &= np.all(s["rotor_speed"][:, :rotors] > 1.0, axis=1)
     return FlightLog(

@@ -8,6 +8,7 @@ from typing import Any
 
 from skywright.core.find import find
 from skywright.description.mission.spec import Mission, Task
+from skywright.description.parts import type_parts
 from skywright.errors import InputError
 
 
@@ -26,4 +27,6 @@ def find_mission_spec(kind: object, folders: Sequence[Path] = ()) -> tuple[str, 
 
 def revive_mission(kind: str, values: Mapping[str, Any]) -> Mission[Any]:
     """Build a mission from what `Mission.__reduce__` wrote."""
-    return find_mission_spec(kind)[1].model_validate(values)
+    spec: Any = type_parts(find_mission_spec(kind)[1], "mission", {"mission": dict(values)})
+    mission: Mission[Any] = spec.model_validate(values)
+    return mission

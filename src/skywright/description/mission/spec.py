@@ -8,6 +8,7 @@ from typing import Any, Generic, Literal, Self, TypeVar
 from pydantic import Field, model_validator
 
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
+from skywright.description.parts import Part
 from skywright.description.robot.spec import Robot
 
 
@@ -46,8 +47,8 @@ class Mission(Spec, Generic[T]):
     seed: int = Field(default=1, ge=0)
     resolved: bool = False  # written in a run's mission.toml: the file is complete in itself
     mode: Literal["fast", "interactive"] = "fast"
-    law: str | None = None  # registry name or "file.py:function"
-    estimator: Literal["filter", "observer", "truth"] = "filter"
+    law: Part | None = None
+    estimator: Part = Part(kind="filter")
     hover_height_m: float = Field(default=1.2, gt=0, le=500)
     start_x_m: Coordinate = 0.0
     start_y_m: Coordinate = 0.0

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from skywright.core.catalog import Entry, Found, find_file, list_entries, list_folders
 from skywright.core.keys import apply_assignments
 from skywright.core.spec import Source
 from skywright.core.toml_files import Layer, describe_value, merge_layers
 from skywright.core.validation import validate_root
+from skywright.description.parts import drop_replaced, take_kinds, type_parts
 from skywright.description.renamed import load_layer
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
@@ -72,9 +74,14 @@ def load_robot(
     """
     found = find_robot(name)
     layers = load_robot_layers(found)
-    if assignments:
+    kinds, others = take_kinds(list(assignments), "--set")
+    layers += [kinds] if kinds is not None else []
+    drop_replaced(layers)
+    if others:
         tree = merge_layers(layers)[0]
-        layers.append(apply_assignments(tree, list(assignments), {"robot": Robot}))
+        spec = type_parts(Robot, "robot", tree, [key for key, _ in others])
+        layers.append(apply_assignments(tree, others, {"robot": spec}))
     tree, sources, origin = merge_layers(layers)
-    robot = validate_root(Robot, tree["robot"], "robot", origin, found.label)
+    typed: Any = type_parts(Robot, "robot", tree)
+    robot: Robot = validate_root(typed, tree["robot"], "robot", origin, found.label)
     return robot, {k: s for k, s in sources.items() if k.startswith("robot.")}

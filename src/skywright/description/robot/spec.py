@@ -190,7 +190,7 @@ class Hand(Spec):
 
 
 TAKEN = re.compile(
-    r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|(hand|rotor|object)\s?\d*"
+    r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|map|(left_|right_)?contact|(hand|rotor|object)\s?\d*"
 )
 """Parts and joints that are there anyway: links have other names."""
 
@@ -303,7 +303,7 @@ class Probe(Spec):
 
 
 class Sensors(Spec):
-    """Onboard sensors."""
+    """Onboard sensors; further ones are tables in it: `[robot.sensors.NAME] kind = ...`."""
 
     gyro_noise_rad_s_sqrthz: NonNegative = 3.4e-4
     gyro_bias_rad_s: NonNegative = 0.005  # 1 sigma, drawn once a run
@@ -327,7 +327,7 @@ CONTROL_RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)  # Hz
 class Control(Spec):
     """Bandwidths from which every gain follows (no gain is written in a file)."""
 
-    law: str | None = None  # registry name or "file.py:function"; the mission may override
+    law: str | None = None  # kind: name or "file.py:Class"; the mission may override
     arms_law: str | None = None  # of arms with position servos
     position_bandwidth_rad_s: Bandwidth = 3.0
     position_damping: Positive = 1.0

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from skywright.core.catalog import Entry, Found, find_file, list_entries, list_folders
 from skywright.core.spec import Source
 from skywright.core.validation import validate_root
+from skywright.description.parts import type_parts
 from skywright.description.renamed import load_layer
 from skywright.description.world.spec import World
 from skywright.errors import InputError
@@ -37,5 +39,6 @@ def load_world(name: str | os.PathLike[str]) -> tuple[World, dict[str, Source]]:
         raise InputError(
             f"{found.label}: no [world] table; the file holds: {', '.join(layer.tree)}"
         )
-    world = validate_root(World, layer.tree["world"], "world", {}, found.label)
+    typed: Any = type_parts(World, "world", layer.tree)
+    world: World = validate_root(typed, layer.tree["world"], "world", {}, found.label)
     return world, {k: s for k, s in layer.sources.items() if k.startswith("world.")}

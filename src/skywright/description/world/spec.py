@@ -231,6 +231,10 @@ class Tape(Spec):
     stiffness_n_per_m: Positive = 1000.0  # of tape and holder together
 
 
+class Effects(Spec):
+    """Components that act on the robot, by name: `[world.effects.NAME] kind = ...`."""
+
+
 class World(Spec):
     """The root `world`."""
 
@@ -261,6 +265,7 @@ class World(Spec):
     gnss: Gnss = Gnss()
     total_station: TotalStation = TotalStation()
     link: Link = Link()
+    effects: Effects = Effects()
 
     @model_validator(mode="after")
     def _passages_name_tubes(self) -> World:

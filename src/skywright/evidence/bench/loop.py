@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from skywright.core.recording import RecordingWriter
+from skywright.core.recording_writer import RecordingWriter
 from skywright.evidence.bench.flights import (
     FULL_STRENGTH,
     count_ticks,
@@ -28,7 +28,6 @@ from skywright.evidence.bench.flights import (
 )
 from skywright.evidence.bench.rows import Row, Session, build_row
 from skywright.evidence.bench.timing import compute_ratios, interleave
-from skywright.models.rigid_body import joint_names
 from skywright.vehicle.simulated import SimulatedVehicle
 
 LIMITS = {"fast": 1.5, "interactive": 2.2}
@@ -81,11 +80,7 @@ def measure_case(name: str, case: Case, folder: Path, rounds: int) -> list[Row]:
     """Measure one case; a round is 1 s of simulated time of each way."""
     vehicle = case.fly()
     ticks = count_ticks(1.0)
-    robot = vehicle.robot
-    with RecordingWriter(
-        folder / f"{name}loop.mcap", joint_names(robot), len(robot.rotors.azimuth_deg),
-        vehicle.parts,
-    ) as writer:  # fmt: skip
+    with RecordingWriter(folder / f"{name}loop.mcap", *vehicle.recorded) as writer:
         vehicle.on_samples = writer.append
         times = interleave(
             {

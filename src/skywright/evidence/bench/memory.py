@@ -17,13 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.recording import RecordingWriter
-from skywright.core.types import SAMPLE
+from skywright.core.recording_writer import RecordingWriter
 from skywright.evidence.bench.commands import PYTHON, time_command
 from skywright.evidence.bench.flights import count_ticks, fly_into_contact, load_scan, run_ticks
 from skywright.evidence.bench.rows import Row, Session, build_row, build_unmeasured_row
 from skywright.evidence.bench.timing import read_rss
-from skywright.models.rigid_body import joint_names
 from skywright.run.run import fly_and_evaluate
 
 FLIGHT_LIMIT = 20.0
@@ -59,7 +57,7 @@ def measure(session: Session) -> list[Row]:
         *rows,
         build_row(
             "samples_mb_per_min", (kept[-1] - kept[1]) / (few - 1), "MB/min",
-            note=f"what a run keeps to be evaluated: {SAMPLE.itemsize} bytes, 100 a second",
+            note="what a run keeps to be evaluated: every column, 100 a second",
         ),
         build_row(
             "run_growth_mb", (runs[-1] - runs[half]) / (len(runs) - 1 - half), "MB",
@@ -77,11 +75,9 @@ def _call(*words: str) -> list[float]:
 def fly_long(minutes: int, keep: bool, folder: Path) -> list[float]:
     """Fly in contact with a recording; returns the memory (MB) before and after each minute."""
     description = load_scan()
-    robot, vehicle = description.robot, fly_into_contact(description)
+    vehicle = fly_into_contact(description)
     kept: list[NDArray[Any]] = []
-    with RecordingWriter(
-        folder / "long.mcap", joint_names(robot), len(robot.rotors.azimuth_deg)
-    ) as writer:
+    with RecordingWriter(folder / "long.mcap", *vehicle.recorded) as writer:
 
         def deliver(samples: NDArray[Any]) -> None:
             writer.append(samples)

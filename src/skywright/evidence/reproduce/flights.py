@@ -8,15 +8,14 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.identify.load import IDENTIFY_FIELDS
-from skywright.core.types import SAMPLE
-from skywright.description.dump import dump_description
+from skywright.core.columns import build_dtype, has_columns
+from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import Description, load_description
 from skywright.errors import SimulationError
 from skywright.evidence.reproduce import flights_arms
@@ -41,7 +40,7 @@ FIELDS = (
     "t", "phase", "p_WB", "q_WB", "p_WT", "q_WT", "spring", "gap_max", "tilt", "f_normal",
     "f_wind_W", "ref_p_WB", "ref_q_WB", "ref_p_WT", "ref_normal_W", "ec", "meas_p_WT",
 )  # fmt: skip
-"""Fields of SAMPLE that are kept."""
+"""Columns that are kept."""
 
 ARM_FIELDS = (
     "q", "deflection", "est_p_WB", "load_t_peak", "load_f_peak", "pad_f_peak",
@@ -70,9 +69,8 @@ def build_description(case: Case, seed: int) -> Description:
 def describe_content(case: Case, description: Description) -> str:
     """Everything that says what is flown."""
     doing = case.model_dump(exclude={"mission", "robot", "sets", "seeds", "needs"})
-    law = description.mission.law or description.robot.control.law or ""
-    if ".py:" in law:  # a user's file is not part of the source that the cache hashes
-        doing["law"] = hashlib.sha256(Path(law.rpartition(":")[0]).read_bytes()).hexdigest()
+    for path in list_sources(description):  # no part of the source that the cache hashes
+        doing[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
     return json.dumps(doing, sort_keys=True) + dump_description(description)
 
 
@@ -128,14 +126,15 @@ def _fly_mission(case: Case, description: Description) -> Record:
         info |= {"objects": objects, "task": description.mission.model_dump().get("task", {})}
     elif description.robot.force_sensor is not None:
         fields += CONTACT_FIELDS
-    arrays = {name: result.samples[name] for name in fields}
+    arrays = {n: result.samples[n] for n in fields if has_columns(result.samples, n)}
     if isinstance(description.mission.task, ToolInstall):
         index = description.world.things.index("tool")
         arrays["tool_p_WO"] = result.samples[f"object{index}_p_WO"]
         for name, along in (("grasp_error_O", 0.0), ("wait_error_O", -LOW)):
             arrays[name] = compute_grasp_errors(result.samples, index, result.plan.get_way(), along)
     if isinstance(description.mission.task, ExcitationTask):  # kept whole enough to identify from
-        arrays |= {name: result.samples[name] for name in IDENTIFY_FIELDS}
+        samples = result.samples
+        arrays |= {n: samples[n] for n in IDENTIFY_FIELDS if has_columns(samples, n)}
         info["mission"] = dump_description(description)
     arrays["watched"] = np.array(watcher.rows)
     return Record(info, arrays)
@@ -235,7 +234,7 @@ def _watch(vehicle: SimulatedVehicle, seconds: float) -> None:
 
 def _joined(vehicle: SimulatedVehicle, blocks: list[NDArray[Any]]) -> NDArray[Any]:
     vehicle.flush()
-    return np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE)
+    return np.concatenate(blocks) if blocks else np.zeros(0, build_dtype(vehicle.recorded.columns))
 
 
 def _fly_bumps(case: Case, description: Description) -> Record:

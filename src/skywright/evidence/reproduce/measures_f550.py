@@ -11,7 +11,6 @@ from skywright.analysis.identify.fit import fit_parameters
 from skywright.analysis.identify.load import IDENTIFY_FIELDS, build_log, parse_description
 from skywright.analysis.identify.signals import build_columns
 from skywright.analysis.identify.truth import compute_truth
-from skywright.core.types import SAMPLE
 from skywright.description.robot.loader import load_robot
 from skywright.description.robot.spec import Robot
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
@@ -159,9 +158,12 @@ def measure_model(records: Records) -> Measured:
     shown: tuple[Array, Array, Array] | None = None
     for record in records["flight"]:
         description = parse_description(record.info["mission"].encode())
-        samples = np.zeros(len(record.arrays["t"]), SAMPLE)
-        for name in IDENTIFY_FIELDS:
-            samples[name] = record.arrays[name]
+        kept = {n: record.arrays[n] for n in IDENTIFY_FIELDS if n in record.arrays}
+        samples = np.zeros(
+            len(kept["t"]), np.dtype([(n, a.dtype, a.shape[1:]) for n, a in kept.items()])
+        )
+        for name, column in kept.items():
+            samples[name] = column
         names = np.array([p["name"] for p in record.info["phases"]])
         log = build_log(
             "flight", description.robot, description.world, samples, names[samples["phase"]],

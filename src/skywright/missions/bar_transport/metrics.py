@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.columns import has_columns
 from skywright.core.rotations import rot_from_quat
 from skywright.description.world.scenario import get_structures
 from skywright.models.geometry import compute_area_clearance, compute_clearance
@@ -46,8 +47,10 @@ def compute_transport_metrics(run: Flown[Any, None]) -> dict[str, float]:
         return out
     s = samples[mask]
     dt = float(np.median(np.diff(s["t"]))) if len(s) > 1 else 0.0
-    hits = (s["f_collision"] > 0.0) | (np.abs(s["left_f_W"]).max(axis=1) > 0.0)
-    hits |= np.abs(s["right_f_W"]).max(axis=1) > 0.0
+    hits = s["f_collision"] > 0.0
+    for force in ("left_f_W", "right_f_W"):
+        if has_columns(s, force):
+            hits |= np.abs(s[force]).max(axis=1) > 0.0
     out["transport.contacts"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]) + int(hits[0]))
     clearance = compute_clearances(s, run.setup)
     out["transport.clearance_min_m"] = float(np.min(clearance))
@@ -70,7 +73,7 @@ def compute_tip_errors(s: Samples) -> Array:
 
     Without two hands the tip's.
     """
-    if not np.any(s["right_ref_p_WH"]):
+    if not has_columns(s, "right_ref_p_WH") or not np.any(s["right_ref_p_WH"]):
         return np.asarray(s["p_WT"] - s["ref_p_WT"])
     true = 0.5 * (s["left_p_WH"] + s["right_p_WH"])
     wanted = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])

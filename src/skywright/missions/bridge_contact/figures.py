@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from skywright.core.columns import has_columns
 from skywright.missions.bridge_contact.metrics import compute_press, select_phases
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.task import BridgeContact
@@ -32,7 +33,11 @@ SHADE = "#eef3f8"
 def draw_approach(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
     """Position against its reference (Fig. 23): one panel an axis, and the tilt."""
     s = result.samples
-    if not np.any(s["ref_force"] > 0.0) or result.description.world.bench is not None:
+    if (
+        not has_columns(s, "ref_force")
+        or not np.any(s["ref_force"])
+        or result.description.world.bench is not None
+    ):
         return None
     figure = new_figure(WIDTH, 5.6)
     axes = figure.subplots(4, 1, sharex=True)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.find import find
 from skywright.core.rotations import rot_z
 from skywright.description.world.wind import compute_direction, compute_speed
 from skywright.errors import InputError
@@ -50,8 +51,8 @@ def plan(setup: Setup[ModesTask]) -> MissionPlan[ModesPlan]:
     """Compute the tilt limit; refuse a tilt beyond it."""
     began = time.perf_counter()
     d, task = setup.description, setup.task
-    law = d.mission.law or d.robot.control.law
-    if law != "backstepping":
+    law = None if d.law is None else d.law.kind
+    if law is None or not find("law", law).cls.knows_modes:
         raise InputError(
             f"mission {d.mission.name!r} needs mission.law = 'backstepping', which knows the "
             f"modes; not {law!r}"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from skywright.core.columns import has_columns
 from skywright.missions.impact.metrics import compute_tilt, compute_turn, find_contact
 from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
 from skywright.missions.impact.task import Impact
@@ -79,7 +80,7 @@ def _draw_recoil(
     if result.description.robot.pendulum is not None:
         turned = np.degrees(s["q"][:, 0] - before["q"][0])
         draw_line(ax, t, turned, color=GREEN, label="passive link")
-    if np.any(s["deflection"]):
+    if has_columns(s, "deflection") and np.any(s["deflection"]):
         wound = np.abs(s["deflection"] - before["deflection"])
         draw_line(ax, t, np.degrees(np.max(wound, axis=1)), color=ORANGE, label="largest spring")
 

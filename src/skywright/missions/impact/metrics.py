@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.columns import has_columns
 from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
 from skywright.missions.impact.task import Impact
 from skywright.models.drawing import rotate_vectors
@@ -72,7 +73,7 @@ def compute_impact_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
     if run.setup.robot.pendulum is not None:
         turned = soon["q"][:, 0] - before["q"][0]
         out["impact.swing_deg"] = math.degrees(float(np.max(np.abs(turned))))
-    if np.any(samples["deflection"]):
+    if has_columns(samples, "deflection") and np.any(samples["deflection"]):
         wound = np.max(np.abs(soon["deflection"] - before["deflection"]))
         out["impact.deflection_deg"] = math.degrees(float(wound))
     return out
@@ -128,7 +129,7 @@ def compute_speed(samples: NDArray[Any], first: int, way: ImpactPlan, part: str)
         q = used["q"][:, 0]
         down = -way.lever * np.column_stack([np.sin(q), 0.0 * q, np.cos(q)])
         p = p + rotate_vectors(used["q_WB"], down)
-    elif np.any(used["left_p_WH"]):
+    elif has_columns(used, "left_p_WH") and np.any(used["left_p_WH"]):
         p = used["left_p_WH"]
     along = p @ way.ahead
     return float((along[-1] - along[0]) / (used["t"][-1] - used["t"][0]))

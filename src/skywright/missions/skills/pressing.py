@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.find import find
 from skywright.description.mission.spec import Mission
 from skywright.description.robot.spec import Robot
 from skywright.description.world.structure import Structure, build_surface, find_place
@@ -50,11 +51,11 @@ def check_can_press(robot: Robot, mission: Mission) -> None:
             f"robot {robot.name!r} does not measure the force of a probe: it needs [robot.probe] "
             "and [robot.force_sensor]"
         )
-    law = mission.law or robot.control.law or ""
-    if law != "backstepping" and ".py" not in law:
+    law = mission.law.kind if mission.law is not None else robot.control.law
+    if law is None or not find("law", law).cls.controls_force:
         raise InputError(
             f"mission {mission.name!r} needs a law that controls the force: "
-            f"mission.law = 'backstepping', not {law or None!r}"
+            f"mission.law = 'backstepping', not {law!r}"
         )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from skywright.core.columns import has_columns
 from skywright.missions.skills.tool_handling import LOW
 from skywright.missions.tool_install.metrics import compute_grasp_errors, compute_operated
 from skywright.missions.tool_install.plan import ToolPlan, find_places
@@ -105,7 +106,7 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
 def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """What the operator's stick asked for, and what hands and tool made of it."""
     s = result.samples[in_phases(result.samples, result.phases, "install")]
-    if not len(s) or not np.any(s["operator_stick"]):
+    if not len(s) or not has_columns(s, "operator_stick") or not np.any(s["operator_stick"]):
         return None
     t, world = s["t"], result.description.world
     _, seat = find_places(world, result.description.mission.task)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.columns import has_columns
 from skywright.core.rotations import rot_from_quat, rot_z
 from skywright.missions.skills.tool_handling import LOW, Place
 from skywright.missions.tool_install.plan import ToolPlan, find_places
@@ -108,7 +109,7 @@ def compute_operated(samples: Samples, index: int, seat: Place) -> dict[str, Arr
 
 def _judge_operator(samples: Samples) -> dict[str, float]:
     """How long somebody was at the stick, and how well the hands followed (24)."""
-    if not np.any(samples["operator_stick"]):
+    if not has_columns(samples, "operator_stick") or not np.any(samples["operator_stick"]):
         return {}
     error = np.zeros((len(samples), 3))
     for side in ("left", "right"):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from skywright.core.columns import has_columns
 from skywright.reports.figures.style import BLUE, WIDTH, draw_line, new_figure
 from skywright.run.metrics import OUTAGE
 
@@ -25,7 +26,7 @@ CAPTION = (
 def draw_localisation(result: RunResult) -> Figure | None:
     """Error of the position, an axis each; None with motion capture."""
     s = result.samples
-    if not np.any(s["pose_std"] > 0.0):
+    if not has_columns(s, "pose_std") or not np.any(s["pose_std"] > 0.0):
         return None
     flying = s["rotor_thrust"].sum(axis=1) > 0.5
     part = s[flying]

@@ -26,7 +26,7 @@ from skywright.core.scratch import local
 from skywright.core.types import IMU_HISTORY
 from skywright.models.localisation.drift_filter import DriftModel
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
-from skywright.vehicle.component import Estimator, Out, helper
+from skywright.vehicle.component import Estimator, Out, Recorded, helper
 from skywright.vehicle.estimates import EstimatorState, RotorForce
 from skywright.vehicle.estimators._fusion import (
     B_,
@@ -74,6 +74,11 @@ SCALE_SINCE, CLOCK_SINCE = 0.005, 2e-3
 
 class StationCamera(Estimator):
     """Fills Estimate from inertial unit, total station, tracking camera and range finder."""
+
+    columns = (
+        Recorded("fix_age", EstimatorState, "fix_age", "s", "since the station's newest fix"),
+        Recorded("pose_std", EstimatorState, "pose_std", "m", "largest of the position's axes"),
+    )
 
     class Me(Strapdown):
         lag: float  # s, how far the horizon is behind
@@ -190,7 +195,7 @@ class StationCamera(Estimator):
             start(me)
             changed = me.ready == 2.0
         state.ready = 1.0 if me.ready == 2.0 else 0.0
-        tell_state(me, state)
+        tell_state(me, clock.t, state)
         if me.ready < 2.0:
             return
         if me.h * (me.n - me.n_f) > me.lag + FUSE_EVERY:
@@ -203,13 +208,13 @@ class StationCamera(Estimator):
                 for j in range(N_STATE):
                     me.P[i, j] = me.P_full[i, j]
         predict_now(me, imu, body, allocated, est, rotor, clock.t, before, changed)
-        tell_state(me, state)
+        tell_state(me, clock.t, state)
 
 
 @helper
-def tell_state(me: Any, state: Any) -> None:
+def tell_state(me: Any, t: float, state: Any) -> None:
     """Fill what is known of the estimate."""
-    state.last_fix = me.last_fix
+    state.fix_age = t - me.last_fix
     state.pose_std = math.sqrt(max(me.P_full[0, 0], me.P_full[1, 1], me.P_full[2, 2]))
 
 

@@ -61,7 +61,7 @@ DAMPING = 1e-6
 class Backstepping(Law):
     """Fills f_B, t_B and qd."""
 
-    needs_full_actuation = True
+    needs_full_actuation = controls_force = knows_modes = True
     Table = LoopsTable
 
     class Me(ArmLoop):

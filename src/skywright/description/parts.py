@@ -1,0 +1,199 @@
+"""Components that a description names: laws, estimators, sensors and effects by their `kind`.
+
+    [mission.law]            # or law = "cascade"
+    kind = "lqr.py:Lqr"      # beside the file that says so
+    q = 400.0                # of the law's own Table
+
+    [robot.sensors.pitot]
+    kind = "airspeed.py:Airspeed"
+
+The spec of such a table is made from the `Table` of the class, so that `--set`, `check` and `show`
+know its keys. A layer that names another kind replaces the whole table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import create_model
+
+from skywright.core.find import find, list_kinds
+from skywright.core.spec import Spec
+from skywright.core.toml_files import Layer, Tree
+
+SINGLE = {("mission", "law"): "law", ("mission", "estimator"): "estimator"}
+"""Tables that are a component, and its group; a plain text stands for `{ kind = TEXT }`."""
+NAMED = {("robot", "sensors"): "sensor", ("world", "effects"): "effect"}
+"""Tables whose tables are components, by name."""
+
+
+class Part(Spec):
+    """A component's table; that of a class has the keys of its `Table` as well."""
+
+    kind: str  # name, or "file.py:Class"
+
+
+class Place(NamedTuple):
+    """Where a tree names a component."""
+
+    parent: Tree
+    name: str
+    group: str
+    key: str  # dotted
+
+
+def list_places(tree: Tree) -> Iterator[Place]:
+    """Yield where a tree of files names components."""
+    for (root, name), group in SINGLE.items():
+        table = tree.get(root)
+        if isinstance(table, dict) and isinstance(table.get(name), dict | str):
+            yield Place(table, name, group, f"{root}.{name}")
+    for (root, name), group in NAMED.items():
+        table = tree.get(root)
+        parts = table.get(name) if isinstance(table, dict) else None
+        if isinstance(parts, dict):
+            for part, value in parts.items():
+                if isinstance(value, dict):
+                    yield Place(parts, part, group, f"{root}.{name}.{part}")
+
+
+def normalise_layer(layer: Layer, folder: Path) -> Layer:
+    """Write plain texts as tables, and the files of a layer's components with absolute paths.
+
+    They stand beside the file of the layer, in `folder`, or in the current folder.
+    """
+    for place in list_places(layer.tree):
+        value = place.parent[place.name]
+        if isinstance(value, str):
+            value = place.parent[place.name] = {"kind": value}
+        if isinstance(value.get("kind"), str):
+            value["kind"] = locate_kind(value["kind"], [folder])
+    robot = layer.tree.get("robot")
+    control = robot.get("control") if isinstance(robot, dict) else None
+    if isinstance(control, dict) and isinstance(control.get("law"), str):
+        control["law"] = locate_kind(control["law"], [folder])
+    return layer
+
+
+def locate_kind(kind: str, folders: Sequence[Path]) -> str:
+    """Return the kind with its file's absolute path, where that file is found."""
+    file, colon, name = kind.rpartition(":")
+    if not colon or not file.endswith(".py"):
+        return kind
+    for base in (*folders, Path()):
+        path = base / Path(file).expanduser()
+        if path.is_file():
+            return f"{path.resolve()}:{name}"
+    return kind
+
+
+def take_kinds(
+    assignments: list[tuple[str, object]], label: str
+) -> tuple[Layer | None, list[tuple[str, object]]]:
+    """Split off the assignments that say a component's kind, as a layer: they come first."""
+    tree: Tree = {}
+    others: list[tuple[str, object]] = []
+    for key, value in assignments:
+        path = key.split(".")
+        if tuple(path[:2]) in SINGLE and path[2:] in ([], ["kind"]):
+            table, name = tree.setdefault(path[0], {}), path[1]
+        elif tuple(path[:2]) in NAMED and len(path) == 4 and path[3] == "kind":
+            table = tree.setdefault(path[0], {}).setdefault(path[1], {})
+            name = path[2]
+        else:
+            others.append((key, value))
+            continue
+        table[name] = {"kind": value.strip("\"'") if isinstance(value, str) else value}
+    return (normalise_layer(Layer(label, tree, {}), Path()) if tree else None), others
+
+
+def drop_replaced(layers: Sequence[Layer]) -> None:
+    """Empty the tables of components that a later layer replaces by another kind."""
+    for i, layer in enumerate(layers):
+        for place in list_places(layer.tree):
+            kind = place.parent[place.name].get("kind")
+            for earlier in layers[:i]:
+                for other in list_places(earlier.tree):
+                    old = other.parent[other.name]
+                    if kind is not None and other.key == place.key and old.get("kind") != kind:
+                        other.parent[other.name] = {}
+
+
+def type_parts(spec: type[Spec], root: str, tree: Tree, touched: Sequence[str] = ()) -> type[Spec]:
+    """Return the spec of a root with the tables of the components that the tree names.
+
+    A built-in component is imported only where the tree, or a key in `touched`, has keys of its
+    own. Raises InputError where a kind is unknown, or its file fails to import.
+    """
+    fields: list[tuple[str, str, str]] = []
+    for place in list_places({root: tree.get(root, {})}):
+        value = place.parent[place.name]
+        kind = value.get("kind") if isinstance(value, dict) else value
+        name = place.key.partition(".")[2]
+        if not isinstance(kind, str):
+            fields.append((name, place.group, ""))
+            continue
+        own = len(value) > 1 or any(key.startswith(place.key + ".") for key in touched)
+        if own or kind not in list_kinds(place.group):
+            find(place.group, kind, (), place.key)
+            fields.append((name, place.group, kind))
+        elif "." in name:
+            fields.append((name, place.group, ""))
+    return extend_spec(spec, tuple(fields)) if fields else spec
+
+
+@cache
+def extend_spec(base: type[Spec], fields: tuple[tuple[str, str, str], ...]) -> type[Spec]:
+    """Return a spec with tables of components: (name or TABLE.name, group, kind or "")."""
+    inside: dict[str, list[tuple[str, str, str]]] = {}
+    new: dict[str, Any] = {}
+    for name, group, kind in fields:
+        head, dot, rest = name.partition(".")
+        if dot:
+            inside.setdefault(head, []).append((rest, group, kind))
+        else:
+            new[name] = (make_table(group, kind) if kind else Part, ...)
+    for head, parts in inside.items():
+        child: Any = base.model_fields[head].annotation
+        new[head] = (extend_spec(child, tuple(parts)), ...)
+    out = create_model(base.__name__, __base__=base, **new)
+    if base.__reduce__ is not object.__reduce__:  # it knows itself how
+        return out
+    return _make_picklable(out, _revive, base, fields)
+
+
+def _revive(base: type[Spec], fields: Any, values: dict[str, Any]) -> Spec:
+    return extend_spec(base, fields).model_validate(values)
+
+
+@cache
+def make_table(group: str, kind: str) -> type[Part]:
+    """Return the spec of a component's table: `kind` and the keys of its class."""
+    cls = find(group, kind).cls
+    table = create_model(cls.__name__, __base__=(cls.Table, Part))
+    return _make_picklable(table, _revive_table, group, kind)
+
+
+def _revive_table(group: str, kind: str, values: dict[str, Any]) -> Part:
+    return make_table(group, kind).model_validate(values)
+
+
+def _make_picklable(spec: Any, revive: Any, *recipe: Any) -> Any:
+    """Let another process make the class again, which no module holds by name."""
+    spec.__reduce__ = lambda self: (revive, (*recipe, self.model_dump()))
+    return spec
+
+
+def list_parts(spec: Spec) -> dict[str, Part]:
+    """Return the components that a validated table holds, by name."""
+    values = ((name, getattr(spec, name)) for name in type(spec).model_fields)
+    return {name: value for name, value in values if isinstance(value, Part)}
+
+
+def build_part(group: str, part: Part, name: str) -> Any:
+    """Return the component that a part names, as the instance `name` with its table."""
+    cls = find(group, part.kind).cls
+    return cls(name, cls.Table.model_validate(part.model_dump(exclude={"kind"})))

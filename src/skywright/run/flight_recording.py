@@ -1,0 +1,48 @@
+"""The recording of a flight: what the vehicle records, and what shows the robot to a viewer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from skywright.core.recording_writer import RecordingWriter
+from skywright.description.robot.spec import Robot
+from skywright.models.link_frames import LinkFrames
+from skywright.models.rigid_body import joint_names
+from skywright.models.urdf import build_urdf
+from skywright.vehicle.simulated import Recorded
+
+EVERY = 2
+"""Samples between transforms of the links: 50 Hz, between which viewers interpolate."""
+
+
+class FlightRecording(RecordingWriter):
+    """recording.mcap in a run's directory, with its mission.toml."""
+
+    def __init__(self, folder: Path, robot: Robot, recorded: Recorded) -> None:
+        joints, urdf = joint_names(robot), build_urdf(robot)
+        self._frames = LinkFrames(urdf, joints, recorded.columns)
+        self._skip = 0  # samples before the next transforms
+        super().__init__(
+            folder / "recording.mcap", recorded.columns, recorded.topics, [self._frames.stream],
+            {"joint_names": joints, "n_rotors": len(robot.rotors.azimuth_deg)},
+        )  # fmt: skip
+        self.attach("mission.toml", (folder / "mission.toml").read_bytes())
+        self.text("/robot_description", 0.0, urdf, latched=True)
+        if self._frames.fixed:
+            self.message(self._frames.static, 0.0, self._frames.list_static(), latched=True)
+
+    def append(self, samples: NDArray[Any]) -> None:
+        """Append samples, and the transforms at some of them."""
+        super().append(samples)
+        shown = samples[self._skip :: EVERY]
+        self._skip = (self._skip - len(samples)) % EVERY
+        if len(shown):
+            self.append_stream("/tf", self._frames.compute(shown))
+
+    def phase(self, t: float, name: str) -> None:
+        """Note that a phase began at `t` (s)."""
+        self.text("/mission/phase", t, name)
+        self.event(t, f"phase {name}")

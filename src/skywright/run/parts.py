@@ -1,0 +1,96 @@
+"""The components that a description names, built: law, estimator, sensors and effects."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skywright.core.find import find
+from skywright.description.loader import Description
+from skywright.description.parts import Part, build_part, list_parts
+from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
+from skywright.models.allocation import build_allocator
+from skywright.models.rotors import build_rotors
+from skywright.vehicle.component import Component, Estimator, Law
+
+
+def choose_law(robot: Robot) -> str:
+    """Name the law that a run takes when neither mission nor robot names one."""
+    return "push_and_slide" if _is_fully_actuated(robot) else "thrust_vectoring"
+
+
+def get_law(description: Description[Any]) -> Part:
+    """Return the law of a run: the mission's, the robot's, or one that the rotors can fly."""
+    return description.law or Part(kind=choose_law(description.robot))
+
+
+def build_law(description: Description[Any]) -> Law:
+    """Build the law; raises InputError where the rotors cannot make what it asks for."""
+    part, robot = get_law(description), description.robot
+    law: Law = build_part("law", part, "law")
+    if law.needs_full_actuation and not _is_fully_actuated(robot):
+        raise InputError(
+            f"control law {part.kind!r} needs a fully actuated platform; the rotors of "
+            f"{robot.name!r} make no lateral force: use 'thrust_vectoring'"
+        )
+    return law
+
+
+def build_estimator(description: Description[Any]) -> Estimator:
+    """Build the estimator; raises InputError where it cannot do with the localisation."""
+    d, part = description, description.mission.estimator
+    estimator: Estimator = build_part("estimator", part, "estimator")
+    kind = d.world.localisation
+    if kind != "mocap" and estimator.needs_motion_capture:
+        raise InputError(
+            f"world.localisation = {kind!r} tells a place and a heading only: mission.estimator = "
+            f"{part.kind!r} needs motion capture; use 'filter'"
+        )
+    check_localisation(d)
+    return estimator
+
+
+def check_localisation(description: Description[Any]) -> None:
+    """Raise InputError where a robot cannot do with the world's localisation."""
+    robot, world = description.robot, description.world
+    kind = world.localisation
+    if kind == "mocap":
+        return
+    says = f"world.localisation = {kind!r} tells a place and a heading only: "
+    if world.marker is not None and robot.camera is None:
+        raise InputError(f"{says}world.marker needs motion capture, or robot.camera to see it")
+    if world.pipe is not None and world.pipe.tracked:
+        raise InputError(f"{says}world.pipe.tracked needs motion capture")
+    if robot.probe is not None and (kind == "gnss" or robot.force_sensor is None):
+        raise InputError(
+            f"{says}the probe of {robot.name!r} needs the markers that motion capture sees"
+        )
+    if kind == "gnss":
+        return
+    missing = [
+        f"[robot.{part}]" for part in ("prism", "tracking_camera") if getattr(robot, part) is None
+    ]
+    if missing:
+        raise InputError(
+            f"world.localisation = {kind!r}: robot {robot.name!r} has no "
+            f"{' and no '.join(missing)}; give it one, or set world.localisation='mocap'"
+        )
+
+
+def build_named(description: Description[Any]) -> list[Component]:
+    """Build the sensors and effects that robot and world name."""
+    sensors = list_parts(description.robot.sensors)
+    effects = list_parts(description.world.effects)
+    return [
+        *(build_part("sensor", part, name) for name, part in sensors.items()),
+        *(build_part("effect", part, name) for name, part in effects.items()),
+    ]
+
+
+def uses_truth(description: Description[Any]) -> bool:
+    """Whether the robot is told the simulator's truth in place of an estimate."""
+    return bool(find("estimator", description.mission.estimator.kind).cls.is_truth)
+
+
+def _is_fully_actuated(robot: Robot) -> bool:
+    return bool(build_allocator(build_rotors(robot.rotors)).full)
