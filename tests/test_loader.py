@@ -316,21 +316,24 @@ def test_all_problems_at_once(tmp_path: Path) -> None:
     assert list_layer_problems(mission_file(tmp_path)) == []
 
 
+LAW = "from skywright.vehicle.component import Law\nclass Mine(Law): ...\n"
+
+
 def test_user_law_file_is_found_beside_the_mission(tmp_path: Path) -> None:
-    path = mission_file(tmp_path, head='law = "my_law.py:step"')
+    path = mission_file(tmp_path, head='law = "my_law.py:Mine"')
     assert "my_law.py" in refusal(path)
-    write(tmp_path, "my_law.py", "")
-    assert load_description(path).mission.law == f"{tmp_path / 'my_law.py'}:step"
+    write(tmp_path, "my_law.py", LAW)
+    assert load_description(path).mission.law.kind == f"{tmp_path / 'my_law.py'}:Mine"
 
 
 def test_user_law_of_a_robot_is_found_beside_the_robot(tmp_path: Path) -> None:
     (tmp_path / "r").mkdir()
     source = Path(find_robot("hexarotor").path).read_text(encoding="utf-8")
-    text = source.replace("[robot.control]\n", '[robot.control]\nlaw = "my_law.py:step"\n')
+    text = source.replace("[robot.control]\n", '[robot.control]\nlaw = "my_law.py:Mine"\n')
     robot = write(tmp_path / "r", "robot.toml", text)
     assert "robot.control.law" in refusal(WAYPOINTS, robot=robot)
-    law = write(tmp_path / "r", "my_law.py", "")
-    assert load_description(WAYPOINTS, robot=robot).robot.control.law == f"{law}:step"
+    law = write(tmp_path / "r", "my_law.py", LAW)
+    assert load_description(WAYPOINTS, robot=robot).robot.control.law == f"{law}:Mine"
 
 
 @pytest.mark.parametrize("other", ["mission", "world"])

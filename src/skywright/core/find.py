@@ -185,6 +185,11 @@ def _check_group(cls: Any, group: str, where: str, key: str) -> None:
     found = getattr(cls, "group", None)
     if not isinstance(cls, type) or found != group:
         named = getattr(cls, "__name__", repr(cls))
+        if not isinstance(cls, type) and callable(cls):
+            raise InputError(
+                f"{key}: {named} in {where} is a function; a {_what(group)} is a class now, see "
+                "docs/howto/your-own-control-law.md"
+            )
         says = f"is a {_what(found)}" if found in GROUPS else "is none"
         raise InputError(f"{key}: a {_what(group)} is needed; {named} in {where} {says}")
 

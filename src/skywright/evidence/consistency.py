@@ -18,12 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from skywright.core.record import View
 from skywright.core.rotations import log_so3
 from skywright.description.loader import load_description
-from skywright.estimation.error_state import head_covariance
 from skywright.run.planning import MissionPlan
 from skywright.run.run import fly_and_evaluate
-from skywright.sim.inertial import WALK_EVERY
+from skywright.vehicle.bus import Clock, Truth
+from skywright.vehicle.estimators._strapdown import head_covariance
+from skywright.vehicle.sensors.inertial import Inertial
 
 Array = NDArray[np.float64]
 
@@ -63,7 +65,7 @@ class Watcher:
 
     def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
         """Compare state and covariance with the truth of the same tick."""
-        flt = vehicle.belief[0]["flt"]
+        flt = vehicle.read_memory("estimator")
         if flt["ready"] < 2.0 or t < START:
             return
         if flt["fused"] != self._fused:
@@ -72,7 +74,7 @@ class Watcher:
         self._ticks += 1
         if self._ticks % EVERY == 0:
             P = np.empty((15, 15))
-            head_covariance(vehicle.belief[0]["flt"], vehicle.belief[0]["body"]["gravity"], P)
+            head_covariance(View(flt), vehicle.world.gravity_mps2, P)
             self._t.append(t)
             self._error.append(compute_error(vehicle))
             self._covariance.append(P)
@@ -90,14 +92,15 @@ class Watcher:
 
 def compute_error(vehicle: Any) -> Array:
     """Truth less estimate (15,) of the filter's state, attitude error in W."""
-    flt, pl, im = vehicle.belief[0]["flt"], vehicle.plant[0], vehicle.inertial[0]
-    R, lever = pl["R_WB"], im["p_BI"]
+    flt, pl, im = vehicle.read_memory("estimator"), vehicle.read(Truth), vehicle.find(Inertial)
+    R, lever = pl["R_WB"], flt["p_BI"]
     out = np.empty(15)
     out[0:3] = pl["p_WB"] + R @ lever - flt["p"]
     out[3:6] = pl["v_WB"] + R @ np.cross(pl["w_WB_B"], lever) - flt["v"]
     log_so3(np.ascontiguousarray(R @ flt["R"].T), out[6:9])
     # the samples since the tick's start are not the filter's yet
-    bias = im["bias"][max(int(im["index"]) - 1 - int(im["n"]), 0) // WALK_EVERY]
+    waiting = int(vehicle.read_memory(im.name)["n"])
+    bias = im.read_bias(max(int(vehicle.read(Clock)["fast"]) - 1 - waiting, 0))
     out[9:12], out[12:15] = bias[:3] - flt["bg"], bias[3:] - flt["ba"]
     return out
 

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.types import SAMPLE
 from skywright.reports.scene3d import Scene3d, build_views, set_camera, start_server, stop_server
 from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
 from skywright.run.kind import load_kind
@@ -224,13 +223,12 @@ def build_numbers(row: Any, vehicle: SimulatedVehicle) -> str:
     speed = float(np.linalg.norm(row["v_WB"]))
     lines.append(("speed", f"{speed:.2f} m/s"))
     if "probe" in vehicle.offers and vehicle.world.pipe is not None:
-        guard = vehicle.guard[0]
-        lift_off = float(guard["lift_axis"] @ row["ec"])
+        lift_off = float(vehicle.read_memory("eddy current")["lift_axis"] @ row["ec"])
         touching = "contact" if vehicle.in_contact() else "no contact"
         near = float(row["gap"]) < 0.02  # further away gap and tilt mean nothing
         lines += [
             ("probe says", f"**{touching}**"),
-            ("lift-off", f"{lift_off:.1f} (contact below {float(guard['lift_threshold']):g})"),
+            ("lift-off", f"{lift_off:.1f} (contact below {LIFT_OFF_THRESHOLD:g})"),
             ("push", f"{row['f_normal']:.2f} N" if near else "–"),
             ("air gap", f"{1e3 * max(float(row['gap']), 0.0):.2f} mm" if near else "–"),
             ("probe tilt", f"{math.degrees(row['tilt']):.1f}°" if near else "–"),
@@ -241,12 +239,8 @@ def build_numbers(row: Any, vehicle: SimulatedVehicle) -> str:
 
 
 def _latest(vehicle: SimulatedVehicle) -> NDArray[Any]:
-    """The newest SAMPLE of the vehicle as an array (1,)."""
-    samples = vehicle.samples
-    i = int(np.argmax(samples["t"]))
-    out = np.array(samples[i : i + 1])
-    assert out.dtype == SAMPLE
-    return out
+    """The newest sample of the vehicle, (1,)."""
+    return vehicle.last_sample.copy()
 
 
 def _has_display() -> bool:

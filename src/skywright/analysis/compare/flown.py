@@ -123,7 +123,7 @@ def hover_in(robot: str, q: Array, wind: float, seed: int, sets: dict[str, objec
     except (_Lost, SkywrightError):
         return lost
     s = np.concatenate(blocks)
-    at = s["left_p_WH"] if vehicle.plant[0]["positioned"] else s["p_WT"]
+    at = s["left_p_WH"] if "hands" in vehicle.offers else s["p_WT"]
     wound = np.zeros(len(q))
     if has_columns(s, "deflection"):
         wound = s["deflection"].mean(axis=0)

@@ -30,7 +30,7 @@ from skywright.missions.tool_install.task import ToolInstall
 from skywright.models.compliant_arms import is_compliant
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.run import build_vehicle, fly_and_evaluate
-from skywright.sim.simulation import Snapshot
+from skywright.vehicle.bus import Body
 from skywright.vehicle.interface import Uav, WholeBody
 from skywright.vehicle.simulated import SimulatedVehicle
 
@@ -90,7 +90,7 @@ class _Watcher:
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
         """Keep time, arm torques of the structure, and the position integral."""
-        sigma = vehicle.belief[0]["mem"]["sigma"]
+        sigma = vehicle.read_memory("law")["sigma"]
         self.rows.append(np.concatenate([[t], flex_torque(vehicle), sigma]))
 
     def close(self) -> None:
@@ -168,26 +168,6 @@ def _arrive(vehicle: SimulatedVehicle) -> None:
         pass
 
 
-class _Checkpoint:
-    """The whole state of a vehicle, to come back to."""
-
-    def __init__(self, vehicle: SimulatedVehicle) -> None:
-        self._vehicle, self._physics = vehicle, Snapshot(vehicle.sim)
-        self._arrays = [vehicle.belief, vehicle.plant, vehicle.guard]
-        self._kept = [a.copy() for a in self._arrays]
-        self._table, self._xfrc = vehicle._table, vehicle.sim.xfrc.copy()
-
-    def restore(self) -> None:
-        """Put everything back; noise goes on as drawn."""
-        vehicle = self._vehicle
-        vehicle.flush()
-        vehicle.track(self._table)
-        self._physics.restore(vehicle.sim)
-        for array, kept in zip(self._arrays, self._kept, strict=True):
-            array[:] = kept
-        vehicle.sim.xfrc[:] = self._xfrc
-
-
 def _fly_taps(case: Case, description: Description) -> Record:
     """Knock on the probe's holder and watch the tip ring, for each gain.
 
@@ -196,22 +176,22 @@ def _fly_taps(case: Case, description: Description) -> Record:
     """
     blocks: list[NDArray[Any]] = []
     vehicle, _, _ = _fly_to_stand_off(description, blocks)
-    checkpoint = _Checkpoint(vehicle)
-    par, mass = vehicle.belief[0]["par"], float(vehicle.belief[0]["body"]["mass"])
-    holder = vehicle.scene.model.body("holder").id
+    saved = vehicle.save()
+    gains, mass = vehicle.get_memory("law"), float(vehicle.read(Body)["mass"])
     n = round(RING * 100)
     tip = np.full((len(case.gains), n, 3), np.nan)
     for i, gain in enumerate(case.gains):
-        checkpoint.restore()
+        vehicle.flush()
+        vehicle.restore(saved)
         blocks.clear()
-        par["wi_p"] = 0.0
+        gains.wi_p = 0.0
         if case.gain == "position_n_per_m":
-            par["wn_p"] = math.sqrt(gain / mass)
+            gains.wn_p = math.sqrt(gain / mass)
         else:
-            par["k_arm"] = gain
-        vehicle.sim.xfrc[holder, :3] = TAP
+            gains.k_arm = gain
+        vehicle.push("holder", TAP)
         _watch(vehicle, 0.02)
-        vehicle.sim.xfrc[holder, :3] = 0.0
+        vehicle.push("holder", np.zeros(3))
         vehicle.flush()
         blocks.clear()
         _watch(vehicle, RING)
@@ -246,12 +226,13 @@ def _fly_bumps(case: Case, description: Description) -> Record:
     blocks: list[NDArray[Any]] = []
     vehicle, body, plan = _fly_to_stand_off(description, blocks)
     vehicle.n_ticks = 2
-    checkpoint = _Checkpoint(vehicle)
+    saved = vehicle.save()
     touch = plan.segments["touch"]
     distance = float(np.linalg.norm(touch["p_WT"][0] - touch["p_WT"][-1]))
     torques, forces = [], []
     for speed in case.speeds_mps:
-        checkpoint.restore()
+        vehicle.flush()
+        vehicle.restore(saved)
         blocks.clear()
         total = distance / speed
         body.track(build_retreat(touch[-1], distance, total, back=True))

@@ -78,7 +78,12 @@ class Inertial(Sensor):
         per = spread * rotors.thrust_coefficient_n_per_rad2s2 / rotors.thrust_max_n
         me.accel_shake[:n] = table.vibration_mps2 * per
         me.gyro_shake[:n] = table.vibration_rad_s * per
-        self._me = me
+        self._me, self._paths = me, {}
+
+    def read_bias(self, sample: int) -> Array:
+        """Return the true biases (6,) rad/s, m/s^2 at a sample of the present block of draws."""
+        k = sample // WALK_EVERY
+        return np.concatenate([self._paths["GyroError"][k], self._paths["AccelError"][k]])
 
     def draw(self, what: type[Draws], rng: np.random.Generator, n: int) -> Array:
         """Return bias and noise of `n` samples: the bias walks on from the last block's end."""
@@ -94,6 +99,7 @@ class Inertial(Sensor):
         size = drift * math.sqrt(WALK_EVERY * me.h)
         draws = rng.standard_normal((n + n // WALK_EVERY, 3))
         path = walk["bias"] + size * np.cumsum(draws[n:], axis=0)
+        self._paths[what.__name__] = path
         walk["bias"] = path[-1]
         out: Array = np.repeat(path, WALK_EVERY, axis=0)
         out += noise / math.sqrt(me.h) * draws[:n]
