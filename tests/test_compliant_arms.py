@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench import HEIGHT, L_POSE, Bench
-from skywright.control.servo_profile import update_at_middle
 from skywright.errors import InputError
 from skywright.evidence.force_estimators import measure
 from skywright.models.bimanual import (
@@ -23,7 +22,8 @@ from skywright.models.bimanual import (
 )
 from skywright.models.compliant_arms import find_hands
 from skywright.models.springs import spring_deflection, spring_torque
-from skywright.vehicle.arms.ports import Hands, HandState, Marker
+from skywright.vehicle.arms.ports import ArmModel, Hands, HandState, Marker, MarkerImage
+from skywright.vehicle.arms.servo_profile import update_at_middle
 from skywright.vehicle.arms.view import ArmsMemory
 
 HAND = np.array([0.25, 0.15, HEIGHT - 0.11 - 0.25])  # left, in the L pose
@@ -227,14 +227,14 @@ def test_torque_loop_settles_on_its_reference_without_the_integral():
     b = Bench(boxes=CEILING)
     b.arms.push({"left": UP})
     b.wait(5.0)
-    arms = b.v.belief[0]["arms"]
-    arms["ki_torque"] = 0.0
+    arm = b.v.read(ArmModel)
+    b.v.assembly.get(ArmsMemory, "arms_law")["ki_torque"] = 0.0
     wanted = np.array([0.0, 0.0, 0.0, -0.6])
     delta = np.array([1.0, 1.0, 1.0, 0.0])
     b.arms.torques("left", wanted, delta)
     b.wait(3.0)
     rows = b.wait(1.0)
-    k, linear, hard = (float(arms[name][3]) for name in ("k", "linear", "hardening"))
+    k, linear, hard = (float(x[3]) for x in (arm.k, arm.linear, arm.hardening))
     torque = np.mean([spring_torque(k, linear, hard, x) for x in rows["deflection"][:, 3]])
     lsb = math.radians(0.325) * k * hard
     assert torque == pytest.approx(-0.6, abs=1.5 * lsb + hard * k * math.radians(0.35))
@@ -331,7 +331,7 @@ def test_orders_that_cannot_be():
         b.arms.hands_to({"middle": HAND})
     with pytest.raises(InputError, match="3 finite numbers"):
         b.arms.push({"left": np.array([0.0, np.inf, 0.0])})
-    b.v.belief[0]["arms"]["sensed"] = 0.0
+    b.v.assembly.get(ArmModel)["sensed"] = 0.0
     with pytest.raises(InputError, match="cannot control a force"):
         b.arms.push({"right": UP})
 
@@ -370,8 +370,8 @@ def test_the_camera_s_noise_is_what_its_keys_say():
     p, R = [], []
     for _ in range(400):
         b.v.tick()
-        p.append(b.v.belief[0]["meas"]["p_BM"].copy())
-        R.append(b.v.belief[0]["meas"]["R_BM"].copy())
+        p.append(b.v.read(MarkerImage).p_BM)
+        R.append(b.v.read(MarkerImage).R_BM)
     p, fresh = np.array(p), np.diff(np.array(p)[:, 0], prepend=-1.0) != 0.0
     p = p[fresh] - [0.1, 0.0, -0.1]  # from the camera
     assert 150 < len(p) < 260  # 30 Hz over 8 s
