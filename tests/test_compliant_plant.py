@@ -6,6 +6,7 @@ Suarez 2020: springs (14)-(16), servo (17), Cartesian stiffness (27).
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import mujoco
@@ -15,7 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import root
 
-from skywright.core.types import BELIEF, MAX_JOINTS
+from plant_parts import view
+from skywright.core.record import View
+from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
@@ -27,10 +30,14 @@ from skywright.models.rigid_body import (
     fill_hands,
     fill_kinematics,
 )
+from skywright.models.rotors import build_rotors
 from skywright.models.scene import Scene, build_scene
 from skywright.models.springs import spring_deflection, spring_torque
-from skywright.sim.plant import BLOCK, actuate, sense
-from skywright.sim.plant_setup import build_plant
+from skywright.vehicle.actuators.position_servos import PositionServos
+from skywright.vehicle.arms.ports import Deflections
+from skywright.vehicle.arms.truth import ServoState
+from skywright.vehicle.bus import Clock, MuJoCo, ServoDrive
+from skywright.vehicle.sensors.deflection_encoders import DeflectionEncoders
 
 WORLD = load_world("open")[0]
 ROBOT = load_robot("bimanual")[0]
@@ -169,16 +176,24 @@ class Bench(NamedTuple):
     scene: Scene
     m: Any
     d: Any
-    pl: Any
+    servos: Any  # PositionServos.Me
+    state: Any  # ServoState
+    clock: Any
+    mj: Any
     hand: int  # body of the left hand
+
+    def act(self, command) -> None:
+        """Let the servos take a command of shaft angles for a control tick."""
+        drive = view(ServoDrive)
+        drive.motor[: len(command)] = command
+        PositionServos.step(self.servos, self.clock, drive, self.mj, self.state)
+        self.clock.tick += 1
 
     def run(self, command, seconds: float) -> Any:
         """Command shaft angles (n,) rad; returns theta (n_steps, n) at 1 ms."""
-        motor, idle, out = np.zeros(MAX_JOINTS), np.zeros(6), []
-        motor[: len(command)] = command
+        out = []
         for _ in range(round(seconds / DT)):
-            actuate(self.pl[0], idle, motor, DT, self.d.ctrl)
-            self.pl[0]["tick"] += 1
+            self.act(command)
             for _ in range(2):
                 mujoco.mj_step(self.m, self.d)
                 out.append(self.d.qpos[self.scene.places.joint_qpos])
@@ -193,13 +208,23 @@ def build_bench(gravity: float = 0.0, start=None, calm: float = 0.0) -> Bench:
     m.opt.gravity[:] = [0.0, 0.0, -gravity]
     m.dof_damping[scene.places.joint_dof + 1] += calm
     mujoco.mj_setConst(m, mujoco.MjData(m))
-    d, pl = mujoco.MjData(m), build_plant(ROBOT, WORLD, scene, Deviation(), 1)
+    d, records = mujoco.MjData(m), {(ServoState, ""): np.zeros(1, ServoState.dtype)}
+    context = SimpleNamespace(
+        robot=ROBOT, world=WORLD, scene=scene, rotors=build_rotors(ROBOT.rotors), records=records,
+        start=(0.0, 0.0, 0.0),
+    )  # fmt: skip
+    servos, state = view(PositionServos.Me), View(records[ServoState, ""][0])
+    PositionServos("servos").build(servos, None, context)
+    state.held[:] = state.now[:] = 0.0
     d.qpos[2], d.xfrc_applied[base, 2] = 5.0, HEAVY * gravity
     if start is not None:
         d.qpos[scene.places.joint_qpos] = start
-        pl[0]["servo_now"][: len(start)] = pl[0]["servo_held"][: len(start)] = start
+        state.now[: len(start)] = state.held[: len(start)] = start
     mujoco.mj_forward(m, d)
-    return Bench(scene, m, d, pl, m.body("hand0").id)
+    mj = view(
+        MuJoCo, ctrl=d.ctrl.ctypes.data, nu=m.nu, qpos=d.qpos.ctypes.data, nq=m.nq,
+    )  # fmt: skip
+    return Bench(scene, m, d, servos, state, view(Clock, dt=DT), mj, m.body("hand0").id)
 
 
 @pytest.mark.parametrize("joint", [SP, SY, EP])
@@ -212,7 +237,7 @@ def test_step_response_of_a_servo_is_that_of_17(joint: int) -> None:
     for degrees in (2.0, 10.0):
         bench, command = build_bench(), np.zeros(8)
         command[joint] = -math.radians(degrees)
-        theta = bench.run(command, 0.2)[:, joint] / bench.pl[0]["servo_held"][joint]
+        theta = bench.run(command, 0.2)[:, joint] / bench.state.held[joint]
         for times, within in ((1.0, 0.1), (2.0, 0.15)):
             t = 1e-3 * (np.argmax(theta >= 1.0 - math.exp(-times)) + 1)
             assert t == pytest.approx(times * period, rel=within)
@@ -233,11 +258,9 @@ def test_servo_moves_no_faster_than_its_no_load_speed() -> None:
 
 def test_a_blocked_servo_pushes_with_its_stall_torque() -> None:
     bench, command = build_bench(), np.full(8, math.radians(50.0))
-    blocked, motor, idle = bench.d.qpos.copy(), np.zeros(MAX_JOINTS), np.zeros(6)
-    motor[:8] = command
+    blocked = bench.d.qpos.copy()
     for _ in range(200):
-        actuate(bench.pl[0], idle, motor, DT, bench.d.ctrl)
-        bench.pl[0]["tick"] += 1
+        bench.act(command)
         mujoco.mj_step(bench.m, bench.d, 2)
         bench.d.qpos[:], bench.d.qvel[:] = blocked, 0.0
     stall = [servo.stall_torque_nm for _, servo in list_servos(ROBOT)]
@@ -250,9 +273,8 @@ def test_commands_are_rounded_and_held_for_20_ms() -> None:
     held, lsb, motor = [], math.radians(servo.resolution_deg), np.zeros(MAX_JOINTS)
     for i in range(500):  # 1 s of a ramp of 1 rad/s
         motor[SP] = -i * DT
-        actuate(bench.pl[0], np.zeros(6), motor, DT, bench.d.ctrl)
-        bench.pl[0]["tick"] += 1
-        held.append(bench.pl[0]["servo_held"][SP])
+        bench.act(motor)
+        held.append(bench.state.held[SP])
     held = np.array(held)
     changes = np.flatnonzero(np.diff(held))
     assert np.all(np.diff(changes) * DT == pytest.approx(servo.command_period_s))
@@ -280,17 +302,22 @@ def test_gear_play_is_felt_at_the_output() -> None:
 
 def test_deflection_encoders_read_at_200_hz_with_their_noise() -> None:
     """14 bit, 0.05 deg of noise, an error that follows the angle below 0.2 deg."""
-    bench, n = build_bench(), BLOCK  # two seconds
-    pl, meas = bench.pl[0], np.zeros(1, BELIEF)[0]["meas"]
-    pl["noise_deflection"] = np.random.default_rng(4).standard_normal(pl["noise_deflection"].shape)
+    bench, n = build_bench(), 1000  # two seconds
+    encoders, out = DeflectionEncoders("encoders"), view(Deflections)
+    me = view(DeflectionEncoders.Me)
+    context = SimpleNamespace(
+        robot=ROBOT, scene=bench.scene, stream=lambda name: np.random.default_rng(1)
+    )
+    encoders.build(me, None, context)
+    noise = np.random.default_rng(4).standard_normal((n, MAX_JOINTS))
     true = math.radians(6.0)
     bench.d.qpos[bench.scene.places.flex_qpos] = -true
     read = np.zeros((n, 8))
     for i in range(n):
-        pl["block"] = i
-        sense(pl, i * DT, meas, bench.d.qpos, bench.d.qvel)
-        pl["tick"] += 1
-        read[i] = meas["deflection"][:8]
+        bench.clock.t = i * DT
+        draw = view(DeflectionEncoders.Noise, raw=noise[i])
+        DeflectionEncoders.step(me, bench.clock, bench.mj, draw, out)
+        read[i] = out.deflection[:8]
     sensed = [n for n, limb in enumerate(list_joints(ROBOT)) if limb.link.deflection_encoder]
     assert JOINTS.index("left_shoulder_pitch") in sensed and SY not in sensed
     assert np.all(read[:, SY] == 0.0)

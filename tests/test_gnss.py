@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from plant_parts import view
+from skywright.core.record import View
 from skywright.core.streams import build_stream
-from skywright.core.types import BELIEF, MEASUREMENT
+from skywright.core.types import BELIEF
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.gnss import FIXES, Gnss
@@ -18,7 +21,9 @@ from skywright.estimation.position_fix import fuse_fix, start_from_fix
 from skywright.estimation.registry import check_localisation
 from skywright.run.planning import plan_mission
 from skywright.run.run import fly_and_evaluate
-from skywright.sim.gnss import GNSS, GNSS_NOISE, fill_gnss, sense_gnss
+from skywright.vehicle.bus import Clock, Truth
+from skywright.vehicle.readings import Fix
+from skywright.vehicle.sensors.gnss import SatelliteReceiver
 
 G = 9.81
 
@@ -110,19 +115,24 @@ def test_fixes_are_as_late_frequent_and_wrong_as_stated(fix):
     rng = np.random.default_rng(3)
     errors, steps = [], []
     for seed in range(60):  # many short flights: the slow error has minutes of memory
-        gn, meas = np.zeros(1, GNSS)[0], np.zeros(1, MEASUREMENT)[0]
-        fill_gnss(gn, robot, d.world, build_stream(seed, "gnss"))
-        last = None
+        receiver = SatelliteReceiver("gnss", d.world.gnss)
+        me = View(np.zeros(1, SatelliteReceiver.Me.dtype)[0])
+        receiver.build(me, d.world.gnss, SimpleNamespace(robot=robot))
+        receiver.draw(SatelliteReceiver.Noise, build_stream(seed, "gnss"), 1)
+        last, truth, sure = None, view(Truth), view(SatelliteReceiver.Chance, drop=1.0)
+        truth.R_WB[:] = np.eye(3)
         for k in range(80):
-            noise = rng.standard_normal(GNSS_NOISE)
-            sense_gnss(gn, 0.5 * dt * k, np.zeros(3), np.eye(3), noise, 1.0, meas)
-            if meas["fix_fresh"]:
-                assert 0.5 * dt * k - meas["fix_t"] == pytest.approx(0.15)  # first tick after 0.11
-                err = meas["fix_p"] - [0.0, 0.0, robot.sensors.antenna_z_m]
-                errors.append(err.copy())
+            clock, fix_ = view(Clock, t=0.5 * dt * k), view(Fix)
+            white, slow, heading = np.split(rng.standard_normal(7), [3, 6])
+            noise = view(SatelliteReceiver.Noise, white=white, drift=slow, heading=heading[0])
+            SatelliteReceiver.step(me, clock, truth, noise, sure, fix_)
+            if fix_.fresh:
+                assert clock.t - fix_.t == pytest.approx(0.15)  # first tick after 0.11
+                err = fix_.p - [0.0, 0.0, robot.sensors.antenna_z_m]
+                errors.append(err)
                 if last is not None:
                     steps.append(err - last)
-                last = err.copy()
+                last = err
     assert len(errors) == 60 * 39
     total = np.hypot([e.noise_level_m, e.noise_up_m], [e.drift_level_m, e.drift_up_m])
     found = np.std(errors, axis=0)

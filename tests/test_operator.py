@@ -52,7 +52,7 @@ from skywright.run.operator import (
     write_recording,
 )
 from skywright.run.run import run_mission
-from skywright.vehicle.simulated import MISSION_TICK
+from skywright.vehicle.plant import MISSION_TICK
 from waiting import Clock, wait_for
 
 AXIS = st.floats(-1.0, 1.0)

@@ -8,13 +8,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from skywright.core.types import COMMAND
+from plant_parts import build_context, build_part, view
 from skywright.description.loader import load_description
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene, set_pose
 from skywright.sim.physics import step_physics
-from skywright.sim.plant import PLANT, actuate, blow
-from skywright.sim.plant_setup import build_plant
+from skywright.vehicle.actuators.velocity_servos import VelocityServos
+from skywright.vehicle.bus import MuJoCo, ServoDrive
 
 
 @pytest.fixture(scope="module")
@@ -105,37 +105,6 @@ def test_contact_sensor_reads_the_force_on_the_tip_in_W(description):
     )
 
 
-def test_rotor_lag_is_exact_and_thrust_goes_with_speed_squared(description):
-    scene = build_scene(description.robot, description.world, Deviation())
-    pl = build_plant(description.robot, description.world, scene, Deviation(), 1)
-    cmd = np.zeros(1, COMMAND)
-    ctrl, motor = np.zeros(8), np.zeros(8)
-    cmd[0]["rotor_speed"][:6] = 400.0
-    dt, tau = 0.002, pl[0]["rotor_tau"]
-    for _ in range(25):
-        actuate(pl[0], cmd[0]["rotor_speed"], motor, dt, ctrl)
-    w = 400.0 * (1.0 - math.exp(-25 * dt / tau))
-    np.testing.assert_allclose(pl[0]["rotor_speed"][:6], w, rtol=1e-12)
-    np.testing.assert_allclose(ctrl[:6], pl[0]["k_f"] * w**2, rtol=1e-12)
-
-
-def test_wind_drag_matches_hand_calculation():
-    d = load_description(
-        "pipe-weld-scan",
-        sets=["world.wind.kind=steady", "world.wind.mean_mps=5", "world.wind.toward_deg=90"],
-    )
-    scene = build_scene(d.robot, d.world, Deviation())
-    pl = build_plant(d.robot, d.world, scene, Deviation(), 1)
-    pl[0]["R_WB"] = np.eye(3)
-    xfrc = np.zeros((scene.model.nbody, 6))
-    blow(pl[0], xfrc)  # rotors at rest: body drag only
-    expected = 0.5 * 1.2 * d.robot.platform.drag_area_y_m2 * 25.0
-    np.testing.assert_allclose(xfrc[1, :3], [0.0, expected, 0.0], atol=1e-12)
-    pl[0]["rotor_speed"][:6] = 500.0
-    blow(pl[0], xfrc)
-    assert xfrc[1, 1] > expected  # rotor drag adds downwind
-
-
 def test_stepping_from_compiled_code_is_mujoco_s_own_step(description):
     scene = build_scene(description.robot, description.world, Deviation())
     a, b = mujoco.MjData(scene.model), mujoco.MjData(scene.model)
@@ -144,16 +113,21 @@ def test_stepping_from_compiled_code_is_mujoco_s_own_step(description):
     step_physics(scene.model._address, a._address, 200)
     mujoco.mj_step(scene.model, b, 200)
     assert a.qpos.tobytes() == b.qpos.tobytes()
-    assert PLANT.itemsize > 0
 
 
 def test_a_stalled_servo_does_not_wind_up(description):
     """Blocked for two seconds at full command, then freed at rest: no leap."""
-    from skywright.sim.plant import hold_stalled_servos
-
     scene = build_scene(description.robot, description.world, Deviation())
     m, d = scene.model, mujoco.MjData(scene.model)
-    pl = build_plant(description.robot, description.world, scene, Deviation(), 1)
+    context = build_context()
+    servos = VelocityServos("servos")
+    me = build_part(servos, context)
+    mj = view(
+        MuJoCo, ctrl=d.ctrl.ctypes.data, nu=m.nu, act=d.act.ctypes.data, na=m.na,
+        qpos=d.qpos.ctypes.data, nq=m.nq,
+    )  # fmt: skip
+    drive = view(ServoDrive)
+    drive.motor[0] = 1.0
     m.opt.gravity[:] = 0.0
     q = np.array([0.2, 0.3])
     set_pose(scene, d, np.array([-3.0, 0, 5.0]), np.array([1.0, 0, 0, 0]), q)
@@ -161,10 +135,9 @@ def test_a_stalled_servo_does_not_wind_up(description):
     d.act[:] = d.actuator_length[6:]
     blocked = d.qpos.copy()
     for _ in range(1000):
-        d.ctrl[6:] = [1.0, 0.0]
-        hold_stalled_servos(pl[0], d.qpos, d.act, d.ctrl)
+        VelocityServos.step(me, drive, mj)
         mujoco.mj_step(m, d, 2)
         d.qpos[:], d.qvel[:] = blocked, 0.0  # an unyielding hand
-    lag = float(pl[0]["servo_lag"][0])
+    lag = float(me.lag[0])
     assert abs(d.act[0] - q[0]) < lag + 0.01
     assert lag < 0.2

@@ -14,6 +14,7 @@ from skywright.core.rotations import quat_to_rot
 from skywright.core.streams import build_stream
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.vehicle.assembly import NEAR
 from skywright.vehicle.bus import Clock, MuJoCo, RotorDrive, Truth
 from skywright.vehicle.effects.forces import GivenForces
 from skywright.vehicle.link import BATCH, FRESH, LATEST, get_rule
@@ -144,6 +145,21 @@ def test_the_link_delays_or_loses_what_sensors_fill_and_drives_tell(sets, delay)
     else:
         assert samples == pytest.approx(0.7 * n_steps * 400, rel=0.1)
         assert np.mean(np.array(ages) > 0) == pytest.approx(0.3, abs=0.07)
+
+
+def test_a_perfect_link_carries_every_reading():
+    plant = build_plant(build_context(sets=["world.link.loss_fraction=1e-9"]))
+    records = plant.assembly.records
+    carried = [(record, name) for record, name in records if name.endswith(NEAR)]
+    assert {r for r, _ in carried} >= {ImuBatch, Shafts, MocapSample, RotorDrive}
+    for k in range(20):
+        plant.drives.rotors.speed[0] = float(k)
+        plant.run(1)
+        for record, name in carried:
+            near, far = records[record, name][0], records[record, ""][0]
+            fields = record.dtype.names if get_rule(record) != BATCH else ("t", "n")
+            if get_rule(record) != FRESH or near["fresh"]:
+                assert all(np.array_equal(near[f], far[f]) for f in fields), record
 
 
 def test_how_a_record_is_merged_follows_from_its_fields():

@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from skywright import load, run
-from skywright.core.types import BELIEF, IMU_HISTORY, MEASUREMENT, N_FUSION
+from skywright.core.types import BELIEF, IMU_HISTORY, N_FUSION
 from skywright.errors import InputError
 from skywright.estimation import station_camera as sc
 from skywright.estimation.kalman import correct
-from skywright.sim.link import LINK, LINK_BLOCK, receive_measurement, send_measurement
 
 STATION = "world.localisation='total-station'"
 
@@ -126,26 +125,6 @@ def test_a_perfect_measurement_moves_the_state_onto_it(kind, seed):
         if kind == "odometry":
             left[-1] += Rotation.from_matrix(z[1] @ now[1].T).magnitude()
     assert left[1] < 0.35 * left[0] + 1e-9 and left[0] < 2e-3
-
-
-def test_the_link_carries_every_measurement():
-    rng = np.random.default_rng(0)
-    lk, got = np.zeros(1, LINK), np.zeros(1, MEASUREMENT)
-    sent = lk[0]["sent"]
-    for name in MEASUREMENT.names:
-        sent[name] = rng.uniform(0.5, 1.0, sent[name].shape) if sent[name].shape else 0.7
-    for name in ("fix_fresh", "odo_fresh", "range_fresh", "mocap_fresh", "marker_fresh"):
-        sent[name] = 1.0
-    sent["imu_n"], lk[0]["chance"] = 2, np.ones((LINK_BLOCK, 2))
-    send_measurement(lk[0], 0.0)
-    receive_measurement(lk[0], 0.0, got[0])
-    for name in MEASUREMENT.names:
-        if name in ("mocap_age", "gyro"):  # the link's own
-            continue
-        a, b = got[0][name], sent[name]
-        if name in ("imu_gyro", "imu_accel"):
-            a, b = a[:2], b[:2]
-        assert np.array_equal(a, b), name
 
 
 # --- flights --------------------------------------------------------------------------------------

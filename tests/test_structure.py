@@ -11,20 +11,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from plant_parts import view
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
-from skywright.description.world.spec import World
 from skywright.description.world.structure import Structure, build_surface, find_place, locate_point
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene
-from skywright.sim.surface_effects import (
-    SURFACE,
+from skywright.models.structure_distance import StructureShape, fill_structure, measure_surface
+from skywright.vehicle.bus import Truth
+from skywright.vehicle.effects.surface_thrust import (
+    SurfaceThrust,
     compute_ceiling_gain,
     compute_ground_gain,
-    fill_surface,
-    find_gains,
-    measure_surface,
 )
+from skywright.vehicle.plant import RotorGain
 
 SHAPES = st.sampled_from(["plane", "cylinder", "arch"])
 
@@ -47,11 +47,10 @@ def test_places_are_found_again(
     p, R = locate_point(surface, np.array([x, y]))
     assert pytest.approx(np.eye(3), abs=1e-12) == R.T @ R and np.linalg.det(R) == pytest.approx(1)
     assert find_place(surface, p + off * R[:, 2]) == pytest.approx([x, y, off], abs=1e-9)
-    record = np.zeros(1, SURFACE)
-    world = World(name="w", structure=build_structure(shape, facing, yaw, slope, toward))
-    fill_surface(record[0], world, 0.12)
+    record = view(StructureShape)
+    fill_structure(record, build_structure(shape, facing, yaw, slope, toward))
     normal = np.empty(3)
-    assert measure_surface(record[0], p + off * R[:, 2], normal) == pytest.approx(off, abs=1e-9)
+    assert measure_surface(record, p + off * R[:, 2], normal) == pytest.approx(off, abs=1e-9)
     assert normal == pytest.approx(R[:, 2], abs=1e-9)
 
 
@@ -98,15 +97,17 @@ def test_thrust_grows_near_surfaces_and_nowhere_else() -> None:
 
 def test_rotors_feel_the_deck_above_them_only() -> None:
     world, _ = load_world("bridge")
-    record = np.zeros(1, SURFACE)
-    fill_surface(record[0], world, 0.12)
-    hubs = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
-    axes = np.tile([0.0, 0.0, 1.0], (2, 1))
+    assert world.structure is not None
+    me, out, truth = view(SurfaceThrust.Me, n=2, disc=0.12), view(RotorGain), view(Truth)
+    fill_structure(me.structure, world.structure)
+    me.rotor_p[:2], me.rotor_axis[:2] = [[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]], [0.0, 0.0, 1.0]
+    truth.R_WB[:] = np.eye(3)
     for p, low, high in (
         ([2.0, 0.0, 2.8], 1.03, 1.2), ([2.0, 0.0, 1.5], 1.0, 1.0), ([20.0, 0.0, 2.8], 1.0, 1.0),
     ):  # fmt: skip
-        find_gains(record[0], np.array(p), np.eye(3), hubs, axes, 2)
-        gain = record[0]["gain"][:2]
+        truth.p_WB[:] = p
+        SurfaceThrust.step(me, truth, out)
+        gain = out.gain[:2]
         assert np.all((gain >= low) & (gain <= high)), (p, gain)
 
 

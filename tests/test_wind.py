@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,8 @@ from hypothesis import strategies as st
 from numba import njit
 from scipy.signal import welch
 
+from plant_parts import build_context, build_plant, view
+from skywright.core.record import View
 from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
 from skywright.description.loader import load_description
@@ -27,8 +30,6 @@ from skywright.description.world.wind import (
 )
 from skywright.errors import InputError
 from skywright.missions.scan.metrics import find_lifts
-from skywright.models.arm_body import Deviation
-from skywright.models.scene import build_scene
 from skywright.run.limits import (
     GUST_SIGMAS,
     compute_equivalent_wind,
@@ -39,10 +40,12 @@ from skywright.run.limits import (
 from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
-from skywright.sim.friction import FRICTION, compute_friction, fill_friction, rub
-from skywright.sim.plant import blow
-from skywright.sim.plant_setup import build_plant
-from skywright.sim.wind import NOISE, WIND, build_dryden_filter, fill_wind, step_wind
+from skywright.vehicle.bus import Clock, MuJoCo, Truth
+from skywright.vehicle.effects.drag import Drag
+from skywright.vehicle.effects.friction import Friction, compute_friction
+from skywright.vehicle.effects.wind import NOISE, WindField, build_dryden_filter
+from skywright.vehicle.plant import RotorState, Surface
+from skywright.vehicle.plant import Wind as WindNow
 
 DT = 0.002
 HUBS = 0.4 * np.array([[math.cos(a), math.sin(a), 0.0] for a in np.arange(6) * math.pi / 3])
@@ -55,22 +58,38 @@ class Air(NamedTuple):
     hubs: np.ndarray
 
 
-@njit(cache=True)
-def _blow_over(w, noise, dt, p, R, hubs, body, at_hubs):
+_step = njit(WindField.step)
+
+
+@njit
+def _blow_over(me, clock, truth, gusts, wind, body, at_hubs):
     for k in range(body.shape[0]):
-        step_wind(w[0], noise[k], k * dt, dt, p, R, hubs, hubs.shape[0])
-        body[k] = w[0].body_W
-        at_hubs[k] = w[0].rotor_W[: hubs.shape[0]]
+        clock[0].t = k * clock[0].dt
+        _step(me[0], clock[0], truth[0], gusts[k], wind[0])
+        body[k] = wind[0].body_W
+        at_hubs[k] = wind[0].rotor_W[: at_hubs.shape[1]]
+
+
+def build_air(wind: Wind, dt: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return (1,) arrays of WindField.Me and of the air at the start."""
+    me, now = np.zeros(1, WindField.Me.dtype), np.zeros(1, WindNow.dtype)
+    context = SimpleNamespace(
+        stream=lambda name: rng, rotors=SimpleNamespace(position=HUBS), dt=dt,
+        records={(WindNow, ""): now},
+    )  # fmt: skip
+    WindField("wind", wind).build(View(me[0]), wind, context)
+    return me, now
 
 
 def blow_over(wind: Wind, seconds: float, dt: float = DT, p=(0.0, 0.0, 1.5), seed: int = 1) -> Air:
     """Step the wind at a resting robot."""
-    w = np.zeros(1, WIND)
-    fill_wind(w[0], wind, HUBS, dt, build_stream(seed, "wind_start"))
+    me, now = build_air(wind, dt, build_stream(seed, "wind_start"))
     n = round(seconds / dt)
-    noise = build_stream(seed, "wind").standard_normal((n, NOISE))
+    gusts = build_stream(seed, "wind").standard_normal((n, NOISE)).view(WindField.Gusts.dtype)[:, 0]
+    clock, truth = np.zeros(1, Clock.dtype), np.zeros(1, Truth.dtype)
+    clock["dt"], truth["p_WB"], truth["R_WB"] = dt, p, np.eye(3)
     body, hubs = np.zeros((n, 3)), np.zeros((n, 6, 3))
-    _blow_over(w, noise, dt, np.array(p, float), np.eye(3), HUBS, body, hubs)
+    _blow_over(me, clock, truth, gusts, now, body, hubs)
     return Air(body, hubs)
 
 
@@ -93,9 +112,9 @@ def test_dryden_scales_at_ten_feet_are_the_standard_s():
 
 def test_turbulence_in_hardly_any_wind_is_possible() -> None:
     for mean in (1e-300, 1e-12, 1e-3):
-        w = np.zeros(1, WIND)
-        fill_wind(w[0], Wind(kind="dryden", mean_mps=mean), HUBS, 0.002, np.random.default_rng(1))
-        assert np.isfinite(w[0]["noise"]).all() and np.isfinite(w[0]["gust"]).all()
+        wind = Wind(kind="dryden", mean_mps=mean)
+        me, _ = build_air(wind, 0.002, np.random.default_rng(1))
+        assert np.isfinite(me[0]["noise"]).all() and np.isfinite(me[0]["gust"]).all()
 
 
 @given(h=st.floats(1e-5, 3.0), sigma=st.floats(0.01, 5.0), first=st.booleans())
@@ -203,41 +222,39 @@ def test_a_jet_on_one_side_turns_the_robot():
     """Drag at the hubs of one side only: a yaw torque, that a uniform wind does not make."""
     sets = ["world.wind.kind=fan", "world.wind.mean_mps=6", "world.wind.fan.turbulence=0",
             "world.wind.fan.y_m=0.435", "world.wind.fan.z_m=1.0"]  # fmt: skip
-    d = load_description("pipe-weld-scan", sets=sets)
-    scene = build_scene(d.robot, d.world, Deviation())
-    pl = build_plant(d.robot, d.world, scene, Deviation(), 1)
-    n = len(d.robot.rotors.azimuth_deg)
-    pl[0]["R_WB"], pl[0]["p_WB"] = np.eye(3), [0.0, 0.0, 1.0]
-    pl[0]["rotor_speed"][:n] = 400.0
-    xfrc = np.zeros((scene.model.nbody, 6))
-    step_wind(pl[0]["wind"], np.zeros(NOISE), 0.0, DT, pl[0]["p_WB"], pl[0]["R_WB"],
-              pl[0]["rotor_p"], n)  # fmt: skip
-    blow(pl[0], xfrc)
-    body = scene.places.platform_body
+    context = build_context(sets=sets)
+    plant, n = build_plant(context), 6
+    plant.sim.qpos[:7] = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    plant.drives.rotors.speed[:n] = plant.read(RotorState).speed[:n] = 400.0
+    plant.run(1)
+    me, wind = plant.read(Drag.Me, "drag"), plant.read(WindNow)
     expected = np.zeros(3)
-    hubs = pl[0]["rotor_p"][:n]
-    for p, v, axis in zip(hubs, pl[0]["wind"]["rotor_W"], pl[0]["rotor_axis"], strict=False):
-        force = pl[0]["rotor_drag"] * 400.0 * (v - (v @ axis) * axis)
-        expected += np.cross(p - pl[0]["com_B"], force)
-    v = pl[0]["wind"]["body_W"]
-    drag = pl[0]["half_rho_area"] * np.linalg.norm(v) * v
-    expected += np.cross(-pl[0]["com_B"], drag)
-    np.testing.assert_allclose(xfrc[body, 3:], expected, atol=1e-12)
-    assert xfrc[body, 5] < -0.1  # pushed forwards on the left: clockwise from above
+    for p, v, axis in zip(me.rotor_p[:n], wind.rotor_W, me.rotor_axis, strict=False):
+        force = me.rotor_drag * 400.0 * (v - (v @ axis) * axis)
+        expected += np.cross(p - me.com_B, force)
+    v = wind.body_W
+    drag = me.half_rho_area * np.linalg.norm(v) * v
+    expected += np.cross(-me.com_B, drag)
+    turn = plant.sim.xfrc[context.scene.places.platform_body, 3:]
+    np.testing.assert_allclose(turn, expected, atol=1e-12)
+    assert turn[2] < -0.1  # pushed forwards on the left: clockwise from above
 
 
 # --- friction ------------------------------------------------------------------------------------
 
 
+def build_friction(pipe: Pipe, seed: int) -> View:
+    me = View(np.zeros(1, Friction.Me.dtype)[0])
+    context = SimpleNamespace(stream=lambda name: build_stream(seed, name))
+    Friction("friction", pipe).build(me, pipe, context)
+    return me
+
+
 def test_friction_field_has_mean_spread_and_correlation_length():
     pipe = Pipe(friction=0.2, friction_variation=0.3, friction_length_m=0.03)
-    same, apart, near = [], [], []
-    for seed in range(1500):
-        f = np.zeros(1, FRICTION)
-        fill_friction(f[0], pipe, build_stream(seed, "friction"))
-        same.append(compute_friction(f[0], 0.0, 0.0))
-        near.append(compute_friction(f[0], 0.03, 0.0))
-        apart.append(compute_friction(f[0], 0.1, 0.2))
+    places = (0.0, 0.0), (0.03, 0.0), (0.1, 0.2)
+    fields = [build_friction(pipe, seed) for seed in range(1500)]
+    same, near, apart = ([compute_friction(f, s, c) for f in fields] for s, c in places)
     assert np.mean(same) == pytest.approx(0.2, rel=0.03)
     assert np.std(same) == pytest.approx(0.06, rel=0.1)
     logs = np.log([same, near, apart])
@@ -246,14 +263,14 @@ def test_friction_field_has_mean_spread_and_correlation_length():
 
 
 def test_friction_under_the_tip_reaches_mujoco_s_contact():
-    d = load_description("pipe-weld-scan", sets=["world.pipe.friction_variation=0.5"])
-    scene = build_scene(d.robot, d.world, Deviation())
-    pl = build_plant(d.robot, d.world, scene, Deviation(), 3)
-    pairs = scene.model.pair_friction
-    rub(pl[0]["friction"], 0.05, 0.02, 0.0, pairs)
-    assert pairs[0, 0] == pairs[0, 1] == compute_friction(pl[0]["friction"], 0.05, 0.02) != 0.2
+    context = build_context(sets=["world.pipe.friction_variation=0.5"])
+    me = build_friction(context.world.pipe, 3)
+    pairs = context.scene.model.pair_friction
+    mj = view(MuJoCo, pair_friction=pairs.ctypes.data, npair=len(pairs))
+    Friction.step(me, view(Surface, s=0.05, c=0.02), mj)
+    assert pairs[0, 0] == pairs[0, 1] == compute_friction(me, 0.05, 0.02) != 0.2
     before = pairs.copy()
-    rub(pl[0]["friction"], 0.09, 0.02, 0.1, pairs)  # far away: left alone
+    Friction.step(me, view(Surface, s=0.09, c=0.02, gap=0.1), mj)  # far away: left alone
     np.testing.assert_array_equal(pairs, before)
 
 

@@ -107,6 +107,10 @@ class View:
 
     __getitem__, __setitem__ = __getattr__, __setattr__
 
+    def copy(self) -> Any:
+        """Return a copy of the row, with named fields."""
+        return self._row.copy()
+
     @property
     def dtype(self) -> Any:
         """Its NumPy type."""

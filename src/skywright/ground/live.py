@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from skywright.reports.scene3d import Scene3d, build_views, set_camera, start_server, stop_server
 from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
 from skywright.run.kind import load_kind
+from skywright.vehicle.instruments.eddy_current import LIFT_OFF_THRESHOLD
 
 if TYPE_CHECKING:
     from skywright.description.loader import Description

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from skywright.core.streams import build_stream
 from skywright.run.operator import Sight, Stick
-from skywright.vehicle.simulated import MISSION_TICK
+from skywright.vehicle.plant import MISSION_TICK
 
 ARM_S = 0.1  # s, lag of the arm (neuromuscular)
 THRESHOLD = 0.002  # m, of an error that is not seen

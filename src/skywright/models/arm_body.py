@@ -339,7 +339,7 @@ def _add_probe(
 def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
     """Servos: a PD with a torque limit around the command, which a velocity servo integrates.
 
-    A position servo's command comes with its lag and speed limit from sim/plant.py.
+    A position servo's command comes with its lag and speed limit from vehicle/actuators.
 
     Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A.
     """

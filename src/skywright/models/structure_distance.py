@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-from numba import njit
-
+from skywright.core.compiled import helper
 from skywright.core.record import Array, Mat3, Record, Vec3
 from skywright.core.scratch import local
 from skywright.description.world.structure import ARCH, CYLINDER, PLANE, Structure, build_surface
@@ -31,7 +30,7 @@ def fill_structure(s: Any, structure: Structure) -> None:
     s["half"] = [0.5 * structure.length_m, 0.5 * structure.width_m]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def measure_surface(s: Any, p: Array, normal: Array) -> float:
     """Return the distance (m) of p (3,) to the surface, negative inside; fill its normal (3,)."""
     x = local(3)
@@ -52,7 +51,7 @@ def measure_surface(s: Any, p: Array, normal: Array) -> float:
     return float(out * (far - s.radius))
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def is_below(s: Any, p: Array) -> bool:
     """Whether the edge of a plane or pillar does not pass beside the point."""
     if s.shape == ARCH:

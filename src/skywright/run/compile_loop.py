@@ -1,8 +1,9 @@
-"""What a warm-up's process does: `python -m skywright.run.compile_loop`."""
+"""What a warm-up's process does: `python -m skywright.run.compile_loop`, a description on stdin."""
 
-from skywright.description.loader import load_description
+import pickle
+import sys
+
 from skywright.run.run import build_vehicle
 
 if __name__ == "__main__":
-    # what is compiled does not depend on robot or world
-    build_vehicle(load_description("pipe-weld-scan")).tick()
+    build_vehicle(pickle.load(sys.stdin.buffer)).tick()

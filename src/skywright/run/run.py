@@ -236,7 +236,7 @@ def _prepare(setup: Setup[Any]) -> tuple[MissionPlan[Any], SimulatedVehicle]:
     description = setup.description
     check_can_fly(description.robot, description.world.gravity_mps2)
     check_requirement_names(description.mission)
-    warm_up = None if is_compiled() else start_warm_up()
+    warm_up = None if is_compiled() else start_warm_up(description)
     try:
         plan = plan_mission(description, setup)
         if warm_up is not None:

@@ -6,17 +6,22 @@ one core, so a second process compiles the loop into numba's cache while the fir
 
 from __future__ import annotations
 
+import contextlib
+import pickle
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from skywright.description.loader import Description
 
 
 def is_compiled() -> bool:
-    """Whether the compiled mission tick of this source lies in numba's cache."""
-    from skywright.vehicle import tick
+    """Whether the compiled schedule of this source lies in numba's cache."""
+    from skywright.vehicle.schedule import run_ticks
 
-    return is_cached(tick.mission_tick)
+    return is_cached(run_ticks)
 
 
 def is_cached(function: Any) -> bool:
@@ -30,11 +35,15 @@ def is_cached(function: Any) -> bool:
         return any(folder.glob(f"*.{function.__name__}-*.nbi"))
 
 
-def start_warm_up() -> subprocess.Popen[bytes]:
-    """Start compiling in the background; wait for the process before flying."""
-    return subprocess.Popen(
+def start_warm_up(description: Description[Any]) -> subprocess.Popen[bytes]:
+    """Start compiling what a mission flies with, in the background; wait for it before flying."""
+    process = subprocess.Popen(
         [sys.executable, "-m", "skywright.run.compile_loop"],
-        stdin=subprocess.DEVNULL,
+        stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
+    assert process.stdin is not None
+    with contextlib.suppress(OSError), process.stdin:
+        pickle.dump(description, process.stdin)
+    return process

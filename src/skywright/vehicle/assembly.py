@@ -82,6 +82,7 @@ class Assembly:
             for port in step.ports:
                 if port.use == FILL and port.record is not _me(step.component):
                     self._fillers[port.record].append(step)
+        self.memories = {_me(c) for c in self.components}
         self._linked = {s.slot for s in steps if s.component.group == "link"}
         self._check_ports(steps)
         self.steps = order_steps(steps, self.resolve)

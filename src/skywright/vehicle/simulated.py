@@ -261,13 +261,27 @@ class SimulatedVehicle:
         """
         self.find(GivenForces).push(body, f_W)
 
+    def get_memory(self, name: str) -> View:
+        """Return parameters and memory of the component called `name`, to look at or to change.
+
+        Raises InputError for an unknown name.
+        """
+        for (record, owner), rows in self.assembly.records.items():
+            if owner == name and record in self.assembly.memories:
+                return View(rows[0])
+        names = ", ".join(c.name for c in self.assembly.components)
+        raise InputError(f"no component {name!r} with a memory; components: {names}")
+
+    def read_memory(self, name: str) -> Any:
+        """Return a copy of what `get_memory` gives."""
+        return self.get_memory(name).copy()
+
     @property
     def recorded(self) -> Recorded:
         """What samples hold."""
         columns = self._recorder.list_columns()
-        return Recorded(
-            columns, list_topics(columns, joint_names(self.robot), len(self.rotors.axis))
-        )
+        joints, n_rotors = joint_names(self.robot), len(self.rotors.axis)
+        return Recorded(columns, list_topics(columns, joints, n_rotors))
 
     @property
     def last_sample(self) -> Any:

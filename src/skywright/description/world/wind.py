@@ -1,7 +1,7 @@
 """What is known of the wind: the mean jet of a fan, and the scales of Dryden turbulence.
 
-The plant draws its gusts from these numbers (sim/wind.py); limits and planners use the same means
-and standard deviations.
+The plant draws its gusts from these numbers (vehicle/effects/wind.py); limits and planners use the
+same means and standard deviations.
 """
 
 from __future__ import annotations

@@ -18,7 +18,8 @@ from skywright.run.supervisor import Supervisor
 from skywright.sim.simulation import Snapshot
 from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.interface import Arms, Uav, WholeBody
-from skywright.vehicle.simulated import MISSION_TICK, SimulatedVehicle
+from skywright.vehicle.plant import MISSION_TICK
+from skywright.vehicle.simulated import SimulatedVehicle
 
 Array = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from skywright.missions.skills.tool_handling import Grip, Weight, measure_tool
 from skywright.models.arm_inverse_kinematics import ArmChain, compute_arm_ik
 from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
 from skywright.vehicle.arms.ports import Hands, HandState
-from skywright.vehicle.simulated import MISSION_TICK
+from skywright.vehicle.plant import MISSION_TICK
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor

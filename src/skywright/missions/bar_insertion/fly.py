@@ -35,7 +35,7 @@ from skywright.missions.skills.tool_handling import (
     take_up_again,
 )
 from skywright.run.flight import Flight
-from skywright.vehicle.simulated import MISSION_TICK
+from skywright.vehicle.plant import MISSION_TICK
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor

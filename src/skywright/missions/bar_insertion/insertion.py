@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skywright.missions.bar_insertion.bar_leading import BarLeader, BarPose
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.tool_handling import Grip, Place
-from skywright.vehicle.simulated import MISSION_TICK
+from skywright.vehicle.plant import MISSION_TICK
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_z
 from skywright.missions.skills.moves import build_move, set_rest
 from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
-from skywright.vehicle.simulated import MISSION_TICK
+from skywright.vehicle.plant import MISSION_TICK
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor

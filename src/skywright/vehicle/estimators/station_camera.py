@@ -3,7 +3,7 @@
 As filter.py, which it shares the integration with, but nothing tells the pose: the
 station tells now and then, late, where the prism was; the camera tells at 200 Hz how the robot
 moved, in a frame of its own. Beyond the 15 errors of that filter it estimates how the camera errs
-against its calibration (vehicle/localisation.py): drift b, rotation T and scale g = exp(growth) of
+against its calibration (vehicle/sensors/station.py): drift b, rotation T, scale g = exp(growth) of
 the aligned frame, further the range finder's bias and the station's clock:
 
     camera aligned to W:  a = p_B + b,  b' = (g T - 1) v + drift;   attitude: T R_WB

@@ -78,7 +78,8 @@ class Inertial(Sensor):
         per = spread * rotors.thrust_coefficient_n_per_rad2s2 / rotors.thrust_max_n
         me.accel_shake[:n] = table.vibration_mps2 * per
         me.gyro_shake[:n] = table.vibration_rad_s * per
-        self._me, self._paths = me, {}
+        self._me = me
+        self._paths: dict[str, Array] = {}  # of the biases, by draw
 
     def read_bias(self, sample: int) -> Array:
         """Return the true biases (6,) rad/s, m/s^2 at a sample of the present block of draws."""
