@@ -29,7 +29,6 @@ from skywright.control.cascade import SHIFT_BANDWIDTH
 from skywright.control.cascade_gains import fill_cascade
 from skywright.core.types import BELIEF, BODY, MAX_JOINTS, WRENCH
 from skywright.description.loader import Description
-from skywright.estimation.wrench import SWING_BANDWIDTH
 from skywright.missions.bar_transport.metrics import compute_tip_errors
 from skywright.models.floating import fill_floating
 from skywright.models.rigid_body import (
@@ -40,6 +39,7 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.run.run import RunResult, fly_and_evaluate
+from skywright.vehicle.arms.external_wrench import SWING_BANDWIDTH
 
 Array = NDArray[np.float64]
 
