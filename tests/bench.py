@@ -11,10 +11,27 @@ import numpy as np
 
 from skywright.description.loader import load_description
 from skywright.run.run import build_vehicle
+from skywright.vehicle.arms.ports import HandState
+from skywright.vehicle.arms.truth import ServoState
+from skywright.vehicle.arms.view import ArmsMemory
+from skywright.vehicle.bus import Estimate, ServoDrive, ShaftCommand
 from skywright.vehicle.interface import Arms
+from skywright.vehicle.readings import Shafts
 
 L_POSE = np.array([0.0, 0.0, 0.0, -math.pi / 2])
 HEIGHT = 1.5  # m, of the platform's origin
+
+
+def set_joints(vehicle, q):
+    """Let servos and controller of compliant arms take it that the joints stand at q (n,) rad."""
+    get = vehicle.assembly.get
+    state = get(ServoState)
+    for field in (
+        get(ShaftCommand)["theta"], get(ArmsMemory, "arms_law")["theta_ref"], state["held"],
+        get(HandState)["q_goal"], get(Estimate)["q"], get(Shafts)["q"], state["now"],
+        get(ServoDrive)["motor"],
+    ):  # fmt: skip
+        field[: len(q)] = q
 
 
 class Bench:
@@ -54,10 +71,7 @@ class Bench:
         data.qvel[:] = 0.0
         mujoco.mj_forward(model, data)
         data.act[:] = data.actuator_length[model.nu - model.na :]
-        belief, pl = self.v.belief[0], self.v.plant[0]
-        for field in (belief["cmd"]["theta"], belief["arms"]["theta_ref"], pl["servo_now"],
-                      belief["arms"]["q_goal"], belief["est"]["q"], pl["servo_held"]):  # fmt: skip
-            field[:n] = full
+        set_joints(self.v, full)
         row = self.v.reference
         row["p_WB"], row["q"][:n] = [0.0, 0.0, HEIGHT], full
         self.v.track(np.array([row]))
@@ -76,7 +90,3 @@ class Bench:
             self.v.tick()
         self.v.flush()
         return np.concatenate(self.rows)
-
-    @property
-    def arms_state(self):
-        return self.v.hands

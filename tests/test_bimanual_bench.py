@@ -13,6 +13,7 @@ from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.run.planning import plan_mission
 from skywright.run.run import RunResult, build_vehicle, fly_and_evaluate
+from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.interface import Arms
 
 
@@ -86,7 +87,7 @@ def test_points_of_a_squeeze_are_led_and_forces_ramped() -> None:
     d = load_description("bimanual-bench")
     vehicle = build_vehicle(d)
     arms = Arms(vehicle)
-    start = np.array(vehicle.hands["p_WH"])
+    start = vehicle.read(Hands).p_WH
     goal = start + [0.0, 0.0, 0.1]
     arms.squeeze(2.0, goal[0], goal[1], ramp_s=1.0, speed=0.05)
     seen = []

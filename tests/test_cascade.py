@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from bench import set_joints
 from skywright.core.types import BODY, MAX_JOINTS
 from skywright.description.loader import load_description
 from skywright.errors import InputError
@@ -22,9 +23,9 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.scene import build_scene
 from skywright.run.run import build_vehicle
-from skywright.sim.limb_drag import downwash
 from skywright.vehicle.arms.ports import Floating, Wrench
 from skywright.vehicle.bus import Body, Estimate
+from skywright.vehicle.effects.limb_drag import downwash
 from skywright.vehicle.estimates import RotorForce
 from skywright.vehicle.laws._cascade_gains import (
     SwingModel,
@@ -35,7 +36,6 @@ from skywright.vehicle.laws._cascade_gains import (
 )
 from skywright.vehicle.link_arc import compute_link_arc, plan_landing, plan_take_off
 from skywright.vehicle.plant import RotorState
-from skywright.vehicle.readings import Shafts
 from skywright.vehicle.simulated import SimulatedVehicle
 
 LONG = "bimanual-longreach"
@@ -154,23 +154,18 @@ def hover(name: str, swing_deg: float = 0.0, sets: tuple[str, ...] = ()) -> Simu
     """A vehicle in the air at 2 m, at rest, its link turned by `swing_deg`."""
     rows: list[Any] = []
     v = build_vehicle(load_description("waypoints", robot=name, sets=list(sets)), rows.append)
-    q, n, a = posture(v.robot, "working"), v.n_joints, v.assembly
+    q, n, get = posture(v.robot, "working"), v.n_joints, v.assembly.get
     if v.robot.pendulum is not None:
         q[0] = math.radians(swing_deg)
     model, data = v.scene.model, v.sim.data
     v.sim.qpos[2], v.sim.qpos[v.scene.places.joint_qpos] = 2.0, q
     mujoco.mj_forward(model, data)
     data.act[:] = data.actuator_length[model.nu - model.na :]
-    for (record, _), view in a.records.items():  # servos and what is believed of them
-        for field in {"theta", "theta_ref", "held", "now", "motor"} & set(record.dtype.names or ()):
-            if view[0][field].shape == (MAX_JOINTS,):
-                view[0][field][:n] = q
-        if record in (Estimate, Shafts):
-            view[0]["q"][:n] = q
-    weight, rotors = float(a.get(Body)["mass"]) * 9.81, v.rotors
+    set_joints(v, q)
+    weight, rotors = float(get(Body)["mass"]) * 9.81, v.rotors
     count = len(rotors.thrust_min)
-    a.get(RotorState)["speed"][:count] = math.sqrt(weight / count / rotors.k_f)
-    a.get(RotorForce)["f_B"][2], a.get(Estimate)["p_WB"][2] = weight, 2.0
+    get(RotorState)["speed"][:count] = math.sqrt(weight / count / rotors.k_f)
+    get(RotorForce)["f_B"][2], get(Estimate)["p_WB"][2] = weight, 2.0
     row = v._table.copy()
     row["p_WB"][:, 2], row["active"], row["q"][:, :n] = 2.0, 1.0, q
     if v.robot.pendulum is not None:
@@ -215,20 +210,20 @@ def test_a_push_of_2_n_on_a_hand_moves_the_platform_by_at_most_3_cm(name: str) -
     s = fly(v, 3.0)
     assert np.max(np.linalg.norm(s["p_WB"] - before, axis=1)) < 0.03
     # the observer reads the force (the plant is 3 % off in mass and in rotor gain: a bias)
-    bias = v.read(Wrench)["f_rest_W"]
+    bias = v.read(Wrench).f_rest_W
     v.push("hand0", np.zeros(3))
     fly(v, 3.0)
-    np.testing.assert_allclose(bias - v.read(Wrench)["f_rest_W"], [0.0, 0.0, -2.0], atol=0.3)
+    np.testing.assert_allclose(bias - v.read(Wrench).f_rest_W, [0.0, 0.0, -2.0], atol=0.3)
 
 
 def test_the_swing_angle_tells_a_level_force() -> None:
     """Suarez 2020, section VI-C: static balance of force and weight of the link."""
     v = hover(LONG)
     fly(v, 5.0)
-    zero = float(v.read(Wrench)["f_swing"])
+    zero = v.read(Wrench).f_swing
     v.push("hand0", np.array([-2.0, 0.0, 0.0]))
     fly(v, 6.0)
-    assert float(v.read(Wrench)["f_swing"]) - zero == pytest.approx(2.0, abs=0.3)
+    assert v.read(Wrench).f_swing - zero == pytest.approx(2.0, abs=0.3)
 
 
 # -- take-off and landing -------------------------------------------------------------------------
@@ -260,12 +255,12 @@ def test_a_wake_carries_the_thrust_at_every_distance_and_starts_at_twice_v_i() -
     thrust, radius, density = np.array([12.0]), 0.19, 1.2
     rotor = np.zeros((1, 3))
     v_i = math.sqrt(12.0 / (2.0 * density * math.pi * radius**2))
-    at = downwash(density, radius / math.sqrt(2.0), rotor, thrust, np.array([0.0, 0.0, -1e-6]))
+    at = downwash(density, radius / math.sqrt(2.0), rotor, thrust, 1, np.array([0.0, 0.0, -1e-6]))
     assert at == pytest.approx(2.0 * v_i, rel=1e-4)
     for z in (0.2, 0.8):
         r = np.linspace(0.0, 1.5, 3000)
         v = np.array([
-            downwash(density, radius / math.sqrt(2.0), rotor, thrust, np.array([x, 0.0, -z]))
+            downwash(density, radius / math.sqrt(2.0), rotor, thrust, 1, np.array([x, 0.0, -z]))
             for x in r
         ])  # fmt: skip
         flux = np.trapezoid(density * v**2 * 2.0 * math.pi * r, r)

@@ -22,7 +22,9 @@ from skywright.models.bimanual import (
 )
 from skywright.models.compliant_arms import find_hands
 from skywright.models.springs import spring_deflection, spring_torque
+from skywright.vehicle.arms.ports import ArmModel, Hands, HandState, Marker, MarkerImage
 from skywright.vehicle.arms.servo_profile import update_at_middle
+from skywright.vehicle.arms.view import ArmsMemory
 
 HAND = np.array([0.25, 0.15, HEIGHT - 0.11 - 0.25])  # left, in the L pose
 UP, FORWARD = np.array([0.0, 0.0, 2.0]), np.array([2.0, 0.0, 0.0])
@@ -119,7 +121,7 @@ def test_a_hand_comes_to_rest_where_its_lead_ends_out_of_reach():
     goal = shoulder + 0.495 * np.array([math.cos(0.3), 0.0, -math.sin(0.3)])
     b.arms.hands_to({"left": goal}, speed=0.15)
     rows = b.wait(6.0)
-    np.testing.assert_allclose(b.arms_state["p_ref"][0], goal, atol=1e-9)
+    np.testing.assert_allclose(b.v.read(HandState).p_ref[0], goal, atol=1e-9)
     assert np.linalg.norm(rows["left_p_WH"][-50:].mean(axis=0) - goal) < 0.006
 
 
@@ -174,12 +176,15 @@ def test_a_goal_out_of_reach_is_noticed_and_does_not_wind_up():
     b = Bench()
     b.arms.hands_to({"left": HAND + [0.6, 0.0, 0.0]}, speed=0.15)
     b.wait(3.0)
-    assert b.arms_state["saturated"][0] == 1.0
+    assert b.v.read(HandState).saturated[0] == 1.0
     shoulder = np.array([0.0, 0.15, HEIGHT - 0.11])
-    assert np.linalg.norm(b.arms_state["p_ref"][0] - shoulder) <= 0.5 + 1e-4  # the clamp gives way
+    # the clamp gives way
+    assert (
+        np.linalg.norm(b.v.read(HandState).p_ref[0] - shoulder) <= 0.5 + 1e-4
+    )  # the clamp gives way
     b.arms.hands_to({"left": HAND}, speed=0.15)
     rows = b.wait(4.0)
-    assert b.arms_state["saturated"][0] == 0.0
+    assert b.v.read(HandState).saturated[0] == 0.0
     assert np.linalg.norm(rows["left_p_WH"][-50:].mean(axis=0) - HAND) < 0.01
 
 
@@ -222,14 +227,14 @@ def test_torque_loop_settles_on_its_reference_without_the_integral():
     b = Bench(boxes=CEILING)
     b.arms.push({"left": UP})
     b.wait(5.0)
-    arms = b.v.belief[0]["arms"]
-    arms["ki_torque"] = 0.0
+    arm = b.v.read(ArmModel)
+    b.v.assembly.get(ArmsMemory, "arms_law")["ki_torque"] = 0.0
     wanted = np.array([0.0, 0.0, 0.0, -0.6])
     delta = np.array([1.0, 1.0, 1.0, 0.0])
     b.arms.torques("left", wanted, delta)
     b.wait(3.0)
     rows = b.wait(1.0)
-    k, linear, hard = (float(arms[name][3]) for name in ("k", "linear", "hardening"))
+    k, linear, hard = (float(x[3]) for x in (arm.k, arm.linear, arm.hardening))
     torque = np.mean([spring_torque(k, linear, hard, x) for x in rows["deflection"][:, 3]])
     lsb = math.radians(0.325) * k * hard
     assert torque == pytest.approx(-0.6, abs=1.5 * lsb + hard * k * math.radians(0.35))
@@ -261,7 +266,7 @@ def test_integrals_stop_where_a_limit_holds_the_command():
     delta = np.array([1.0, 1.0, 1.0, 0.0])
     b.arms.torques("left", np.array([0.0, 0.0, 0.0, -4.0]), delta)
     b.wait(2.0)
-    wound = float(b.arms_state["i_torque"][3])
+    wound = float(b.v.read(ArmsMemory, "arms_law").i_torque[3])
     b.wait(2.0)
     arms = b.arms_state
     growth = float(arms["ki_torque"] / arms["k"][3] * 4.0 * 2.0)  # rad, unbounded
@@ -273,13 +278,13 @@ def test_a_force_that_nothing_resists_ends_at_the_limits():
     b = Bench()
     b.arms.push({"left": UP})
     b.wait(12.0)
-    wound = b.arms_state["wind"].copy()
-    assert b.arms_state["saturated"][0] == 1.0
+    wound = b.v.read(ArmsMemory, "arms_law").wind.copy()
+    assert b.v.read(HandState).saturated[0] == 1.0
     b.wait(2.0)
-    assert np.max(np.abs(b.arms_state["wind"] - wound)) < math.radians(3.0)
+    assert np.max(np.abs(b.v.read(ArmsMemory, "arms_law").wind - wound)) < math.radians(3.0)
     b.arms.hands_to({"left": HAND})  # the springs are let out, nothing leaps
     b.wait(6.0)
-    assert np.max(np.abs(b.arms_state["wind"])) < 1e-3
+    assert np.max(np.abs(b.v.read(ArmsMemory, "arms_law").wind)) < 1e-3
     assert np.linalg.norm(b.wait(0.5)["left_p_WH"].mean(axis=0) - HAND) < 0.01
 
 
@@ -301,13 +306,13 @@ def test_the_singularity_is_noticed_and_the_platform_told_where_to_go():
     assert np.all(b.arms.platform_shift("left") == 0.0)
     b.arms.hands_to({"left": np.array([0.49, 0.15, HEIGHT - 0.11])}, speed=0.2)
     b.wait(5.0)
-    assert b.arms_state["singular"][0] == 1.0
+    assert b.v.read(HandState).singular[0] == 1.0
     shift = b.arms.platform_shift("left")
     # along the arm, by what brings the elbow to a right angle
     np.testing.assert_allclose(shift, [0.49 - 0.25 * math.sqrt(2.0), 0.0, 0.0], atol=0.02)
     b.v.move_bench(np.array([0.0, 0.0, HEIGHT]) + shift)
     b.wait(3.0)
-    assert b.arms_state["singular"][0] == 0.0
+    assert b.v.read(HandState).singular[0] == 0.0
     elbow = b.wait(0.5)["q"][-1][3]
     assert abs(abs(elbow) - math.pi / 2) < math.radians(15)
 
@@ -316,7 +321,7 @@ def test_an_arm_tells_where_the_platform_is():
     """Section V-E: FK of a hand that holds a fixed point gives the platform's position."""
     b = Bench()
     rows = b.wait(3.0)
-    p = estimate_platform(rows["left_p_WH"][-1], np.eye(3), b.arms_state["p_BH"][0])
+    p = estimate_platform(rows["left_p_WH"][-1], np.eye(3), b.v.read(Hands).p_BH[0])
     np.testing.assert_allclose(p, [0.0, 0.0, HEIGHT], atol=0.006)
 
 
@@ -326,7 +331,7 @@ def test_orders_that_cannot_be():
         b.arms.hands_to({"middle": HAND})
     with pytest.raises(InputError, match="3 finite numbers"):
         b.arms.push({"left": np.array([0.0, np.inf, 0.0])})
-    b.v.belief[0]["arms"]["sensed"] = 0.0
+    b.v.assembly.get(ArmModel)["sensed"] = 0.0
     with pytest.raises(InputError, match="cannot control a force"):
         b.arms.push({"right": UP})
 
@@ -344,7 +349,7 @@ def test_a_hand_is_led_to_a_marker(sets):
     b.arms.hands_to_marker({"left": PLACE}, speed=0.1)
     b.wait(4.0)
     rows = b.wait(2.0)
-    assert b.arms_state["marker_age"] < 0.2
+    assert b.v.read(Marker).marker_age < 0.2
     goal = [0.6 - 0.25, 0.1, 1.1]
     assert np.linalg.norm(rows["left_p_WH"].mean(axis=0) - goal) < 0.006
 
@@ -355,7 +360,7 @@ def test_a_marker_out_of_sight_moves_no_hand():
     before = b.wait(0.5)["left_p_WH"].mean(axis=0)
     b.arms.hands_to_marker({"left": PLACE}, speed=0.1)
     b.wait(1.0)
-    assert b.arms_state["marker_age"] > 100.0
+    assert b.v.read(Marker).marker_age > 100.0
     assert np.linalg.norm(b.wait(0.5)["left_p_WH"].mean(axis=0) - before) < 0.004
 
 
@@ -365,8 +370,8 @@ def test_the_camera_s_noise_is_what_its_keys_say():
     p, R = [], []
     for _ in range(400):
         b.v.tick()
-        p.append(b.v.belief[0]["meas"]["p_BM"].copy())
-        R.append(b.v.belief[0]["meas"]["R_BM"].copy())
+        p.append(b.v.read(MarkerImage).p_BM)
+        R.append(b.v.read(MarkerImage).R_BM)
     p, fresh = np.array(p), np.diff(np.array(p)[:, 0], prepend=-1.0) != 0.0
     p = p[fresh] - [0.1, 0.0, -0.1]  # from the camera
     assert 150 < len(p) < 260  # 30 Hz over 8 s

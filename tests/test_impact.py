@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 
 from cut_flights import check_cuts
+from skywright.core.record import View
 from skywright.core.rotations import rot_z
 from skywright.description.dump import dump_description
 from skywright.description.loader import load_description
@@ -26,7 +28,8 @@ from skywright.models.things.box import Box
 from skywright.models.things.pad import Pad
 from skywright.run.planning import plan_mission
 from skywright.run.run import RunResult, build_vehicle, fly_and_evaluate
-from skywright.sim.loads import LOADS, fill_loads, watch_loads
+from skywright.vehicle.bus import MuJoCo
+from skywright.vehicle.observers.gauges import Gauges, Loads
 
 FLOATING = {"world.gravity_mps2": 1e-9}
 
@@ -53,8 +56,12 @@ def test_the_pad_receives_the_momentum_that_the_robot_loses(robot: str) -> None:
     model, body = scene.model, scene.places.platform_body
     # floating bodies with moving joints keep their momentum to first order in the step only
     model.opt.timestep = 2.5e-4
-    loads = np.zeros(1, LOADS)[0]
-    fill_loads(loads, model)
+    me, loads, mj = (View(np.zeros(1, r.dtype)[0]) for r in (Gauges.Me, Loads, MuJoCo))
+    context = SimpleNamespace(scene=scene, h=model.opt.timestep)
+    Gauges("gauges").build(me, None, context)
+    mj.sensordata, mj.nsensor = data.sensordata.ctypes.data, model.nsensordata
+    mj.site_xpos, mj.site_xmat = data.site_xpos.ctypes.data, data.site_xmat.ctypes.data
+    mj.nsite = model.nsite
 
     def momentum() -> np.ndarray:
         mujoco.mj_subtreeVel(model, data)
@@ -64,12 +71,12 @@ def test_the_pad_receives_the_momentum_that_the_robot_loses(robot: str) -> None:
     before = momentum()
     for _ in range(1600):
         mujoco.mj_step(model, data)
-        watch_loads(loads, data.sensordata, data.site_xpos, data.site_xmat)
+        Gauges.watch(me, mj, loads)
     mujoco.mj_forward(model, data)
     lost = before - momentum()
     assert lost @ ahead > 0.3  # N s: it did hit
-    np.testing.assert_allclose(loads["impulse_W"], lost, atol=0.03 * np.linalg.norm(lost))
-    assert 0.02 < loads["touch_s"] <= 0.4
+    np.testing.assert_allclose(loads.impulse_W, lost, atol=0.03 * np.linalg.norm(lost))
+    assert 0.02 < loads.touch_s <= 0.4
 
 
 @pytest.mark.parametrize("mass", [0.3, 3.0])
@@ -109,12 +116,12 @@ def test_gauges_carry_the_weight_of_what_hangs_on_them() -> None:
         vehicle.tick()
     vehicle.zero_gauges()
     vehicle.tick()
-    loads = vehicle.plant[0]["loads"]
+    gauges = vehicle.assembly.get(Gauges.Me, "gauges")
     assert d.robot.arm is not None
     mass = sum(limb.link.mass_kg for limb in list_limbs(d.robot)) + 2 * d.robot.arm.hand.mass_kg
     factor = 1.0 + d.plant.mass_error
-    np.testing.assert_allclose(loads["f_zero_B"], [0.0, 0.0, -9.81 * factor * mass], atol=0.1)
-    assert loads["f_peak"] < 0.1  # zeroed, nothing is left
+    np.testing.assert_allclose(gauges["f_zero_B"], [0.0, 0.0, -9.81 * factor * mass], atol=0.1)
+    assert vehicle.read(Loads).f_peak < 0.1  # zeroed, nothing is left
 
 
 @functools.cache

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from skywright.core.record import Array, View
 from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
@@ -16,7 +17,9 @@ from skywright.models.compliant_arms import compute_gravity_torque, find_swing
 from skywright.models.drawing import build_drawing, compute_part_poses, list_object_poses
 from skywright.models.rigid_body import build_body_model, posture
 from skywright.run.run import build_vehicle
-from skywright.sim.tape import TAPE, step_tape
+from skywright.vehicle.arms.truth import HandTruth, TapePull
+from skywright.vehicle.bus import Clock, MuJoCo
+from skywright.vehicle.effects.tape import Tape
 from skywright.vehicle.simulated import SimulatedVehicle
 
 BOX = {"kind": "box", "size_x_m": 0.1, "size_y_m": 0.2, "size_z_m": 0.1,
@@ -170,18 +173,26 @@ def test_the_passive_link_rests_where_gravity_has_no_lever() -> None:
 @pytest.mark.parametrize(("seconds", "parted"), [(5.0, 1), (0.1, 2)])
 def test_tape_holds_what_was_pressed_on(seconds: float, parted: int) -> None:
     """Pressed for long the holder lets go first; hardly pressed, the bond."""
-    tape, xfrc = np.zeros(1, TAPE)[0], np.zeros((1, 6))
-    tape["on"], tape["strength"], tape["press"] = 1, 5.0, 4.0
-    tape["release"], tape["stiffness"] = 1.0, 1000.0
+    tape, hands, clock, mj, out = (
+        View(np.zeros(1, r.dtype)[0]) for r in (Tape.Me, HandTruth, Clock, MuJoCo, TapePull)
+    )
+    xfrc = np.zeros((1, 6))
+    tape.strength, tape.press, tape.release, tape.stiffness = 5.0, 4.0, 1.0, 1000.0
+    clock.dt, mj.xfrc, mj.nbody = 0.002, xfrc.ctypes.data, 1
     p, up = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0])
+
+    def step(place: Array, force: Array) -> None:
+        xfrc[:], hands.p_WH[0], hands.f_WH[0] = 0.0, place, force
+        Tape.step(tape, clock, hands, mj, out)
+
     for _ in range(round(seconds / 0.002)):
-        step_tape(tape, p, 2.0 * up, 0.002, xfrc)
+        step(p, 2.0 * up)
     bond = 5.0 * (1.0 - math.exp(-2.0 * seconds / 4.0))
-    assert tape["bond"] == pytest.approx(bond, rel=1e-6)
+    assert tape.bond == pytest.approx(bond, rel=1e-6)
     pulls = []
     for i in range(40):
-        step_tape(tape, p - 1e-4 * i * up, -tape["pull"] * up, 0.002, xfrc)
+        step(p - 1e-4 * i * up, -out.pull * up)
         pulls.append(float(xfrc[0, 2]))
-    assert tape["parted"] == parted
+    assert tape.parted == parted
     assert max(pulls) == pytest.approx(min(bond, 1.0), abs=0.11)  # a step of 0.1 mm is 0.1 N
     assert pulls[-1] == 0.0

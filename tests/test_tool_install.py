@@ -36,6 +36,7 @@ from skywright.run.run import RunResult, fly_and_evaluate
 from skywright.run.setup import Setup
 from skywright.vehicle.arms.marker import PipeEstimate
 from skywright.vehicle.arms.ports import PipeCapture, TrackedPipe
+from skywright.vehicle.sensors.tracked_pipe import PipeTracking
 from skywright.vehicle.simulated import SimulatedVehicle
 
 DESCRIPTION = load_description("tool-install")
@@ -170,19 +171,19 @@ def test_the_map_is_off_by_no_more_than_is_said() -> None:
 
 
 def test_the_mean_of_a_tracked_pipe_is_better_than_a_sample() -> None:
-    sample, found = np.zeros(1, PipeCapture.dtype)[0], np.zeros(1, TrackedPipe.dtype)[0]
+    sample, pipe = (View(np.zeros(1, r.dtype)[0]) for r in (PipeCapture, TrackedPipe))
     rng, R = np.random.default_rng(1), rot_z(0.4)
-    sample["fresh"], found["R_WP"] = 1.0, np.eye(3)
+    sample.fresh = 1.0
     for _ in range(100):
-        sample["p_WP"] = [1.0, 2.0, 3.0] + 1e-3 * rng.standard_normal(3)
-        sample["R_WP"] = R @ rot_y(2e-3 * rng.standard_normal())
-        PipeEstimate.step(View(sample), View(found))
-    np.testing.assert_allclose(found["p_WP"], [1.0, 2.0, 3.0], atol=4e-4)
-    np.testing.assert_allclose(found["R_WP"], R, atol=1e-3)
+        sample.p_WP = [1.0, 2.0, 3.0] + 1e-3 * rng.standard_normal(3)
+        sample.R_WP = R @ rot_y(2e-3 * rng.standard_normal())
+        PipeEstimate.step(sample, pipe)
+    np.testing.assert_allclose(pipe.p_WP, [1.0, 2.0, 3.0], atol=4e-4)
+    np.testing.assert_allclose(pipe.R_WP, R, atol=1e-3)
     for _ in range(600):  # somebody moves it
-        sample["p_WP"], sample["R_WP"] = [1.1, 2.0, 3.0], R
-        PipeEstimate.step(View(sample), View(found))
-    np.testing.assert_allclose(found["p_WP"], [1.1, 2.0, 3.0], atol=1e-3)
+        sample.p_WP, sample.R_WP = [1.1, 2.0, 3.0], R
+        PipeEstimate.step(sample, pipe)
+    np.testing.assert_allclose(pipe.p_WP, [1.1, 2.0, 3.0], atol=1e-3)
 
 
 def test_the_platform_stands_where_the_hands_hold_the_handle() -> None:
@@ -356,7 +357,7 @@ def test_a_tool_that_finds_no_pipe_is_carried_back() -> None:
         def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
             if phase == "carry" and not self.done:
                 self.done = True
-                vehicle.plant[0]["camera"]["p_WP"] += self.by
+                vehicle.assembly.get(PipeTracking.Me, "tracked pipe")["p_WP"] += self.by
 
     sets = ["mission.task.hover_s=2", "mission.task.wait_s=2"]
     moved = MoveTargets("carry", [-0.3, 0.0, 0.0])

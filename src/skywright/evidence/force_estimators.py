@@ -23,6 +23,7 @@ from skywright.models.rigid_body import build_body_model
 from skywright.models.things.bench import Bench
 from skywright.models.things.box import Box
 from skywright.run.run import build_vehicle
+from skywright.vehicle.arms.ports import HandState
 from skywright.vehicle.interface import Arms
 
 FORCE = 2.0  # N, of the paper's trials
@@ -92,11 +93,11 @@ def measure(
     wait(SETTLE)
     rows = wait(HOLD)
     true, said = rows["left_f_W"] @ way, rows["left_est_f_W"] @ way
-    state = vehicle.hands
+    state = vehicle.read(HandState)
     return Row(
         pose, direction, estimator, tare, float(true.mean()),
         float(np.sqrt(np.mean((true - FORCE) ** 2))), float(said.mean()),
-        float(state["lever"][0]), bool(state["saturated"][0]),
+        float(state.lever[0]), bool(state.saturated[0]),
     )  # fmt: skip
 
 

@@ -7,11 +7,12 @@ REFERENCE rows and says which of the four it offers. The four classes turn comma
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.record import Record
 from skywright.core.types import (
     REFERENCE,
     TASK_FORCE,
@@ -27,11 +28,13 @@ from skywright.description.robot.limbs import SIDES
 from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.bimanual import Bar, compute_bar_hands
+from skywright.vehicle.arms.ports import ArmModel, Hands, HandState
 from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration, quintic
 
 Array = NDArray[np.float64]
 Table = NDArray[Any]
+R = TypeVar("R", bound=Record)
 
 LED_SPEED = 0.05
 """m/s, at which a hand that exerts a force is led to another place."""
@@ -75,9 +78,12 @@ class Backend(Protocol):
     def estimate(self) -> Any:
         """The ESTIMATE now."""
 
-    @property
-    def hands(self) -> Any:
-        """The ARMS record now: hands and their forces as estimated (a vehicle with "hands")."""
+    def read(self, record: type[R], name: str = "") -> R:
+        """A copy of a record as it is now, such as `read(Hands).p_WH`.
+
+        `name` is that of the component that fills it, where several do. Raises InputError where
+        nothing in the vehicle fills it.
+        """
 
     @property
     def localised(self) -> bool:
@@ -288,21 +294,21 @@ class Arms:
         row = self._start()
         for h, goal in self._hands(goals):
             row["task"][h], row["p_WH"][h] = TASK_POSITION, goal
-            row["v_WH"][h] = [speed or float(self._state["speed_hand"]), 0.0, 0.0]
+            row["v_WH"][h] = [speed or self.backend.read(HandState).speed_hand, 0.0, 0.0]
             if roll is not None:
-                row["q"][self._state["first"][h] + 1] = -roll if h else roll
+                row["q"][self.backend.read(ArmModel).first[h] + 1] = -roll if h else roll
         self.backend.track(row[None])
 
     def hands_to_marker(self, places: dict[str, Array], speed: float | None = None) -> None:
         """Lead hands to `places` (m, by hand) in the frame of the marker that is seen: (23).
 
         The marker is measured by the robot's camera, or without one by motion capture; while it is
-        out of sight the hands stay (`ARMS.marker_age`, s, tells).
+        out of sight the hands stay (`Marker.marker_age`, s, tells).
         """
         row = self._start()
         for h, place in self._hands(places):
             row["task"][h], row["p_WH"][h] = TASK_VISUAL, place
-            row["v_WH"][h] = [speed or float(self._state["speed_hand"]), 0.0, 0.0]
+            row["v_WH"][h] = [speed or self.backend.read(HandState).speed_hand, 0.0, 0.0]
         self.backend.track(row[None])
 
     def hands_velocity(self, velocities: dict[str, Array]) -> None:
@@ -310,8 +316,9 @@ class Arms:
         row = self._start()
         for h, v in self._hands(velocities):
             row["task"][h], row["v_WH"][h] = TASK_VELOCITY, v
-            led = self._state["task_last"][h] == TASK_VELOCITY  # for the recording: to where
-            row["p_WH"][h] = self._state["p_ref" if led else "p_WH"][h]
+            state = self.backend.read(HandState)
+            led = state.task_last[h] == TASK_VELOCITY  # for the recording: to where
+            row["p_WH"][h] = (state.p_ref if led else self.backend.read(Hands).p_WH)[h]
         self.backend.track(row[None])
 
     def push(
@@ -376,7 +383,7 @@ class Arms:
         """
         row = self._start()
         for h, values in self._hands({hand: tau}, 4):
-            first = self._state["first"][h]
+            first = self.backend.read(ArmModel).first[h]
             row["task"][h] = TASK_LOOPS
             row["tau"][first : first + 4] = values
             row["delta"][first : first + 4] = 0.0 if delta is None else delta
@@ -394,12 +401,8 @@ class Arms:
         Zero while the arm is far enough from its singularity.
         """
         h = self._hands({hand: np.zeros(3)})[0][0]
-        state = self._state
-        return np.array(state["shift_W"][h]) if state["singular"][h] > 0.5 else np.zeros(3)
-
-    @property
-    def _state(self) -> Any:
-        return self.backend.hands
+        state = self.backend.read(HandState)
+        return state.shift_W[h] if state.singular[h] > 0.5 else np.zeros(3)
 
     def _start(self) -> Any:
         """The present reference at rest, the joints where the servos lead them now."""
@@ -409,20 +412,20 @@ class Arms:
         for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd"):
             row[field] = 0.0
         if "hands" in b.offers:
-            state = self._state
-            for h in range(int(state["n_hands"])):
+            arm, goal = b.read(ArmModel), b.read(HandState).q_goal
+            for h in range(arm.n_hands):
                 if row["task"][h] != TASK_JOINTS:
-                    mine = slice(state["first"][h], state["first"][h] + state["n"])
-                    row["q"][mine] = state["q_goal"][mine]
+                    mine = slice(arm.first[h], arm.first[h] + arm.n)
+                    row["q"][mine] = goal[mine]
         return row
 
     def _hands(self, values: dict[str, Array], size: int = 3) -> list[tuple[int, Array]]:
         """Return (hand, value) pairs; raises InputError on anything that is not one."""
-        if "hands" not in self.backend.offers or not self._state["chain"]:
+        if "hands" not in self.backend.offers or not self.backend.read(ArmModel).chain:
             raise InputError(
                 "hands need a robot with compliant arms of the joints pitch, roll, yaw, elbow"
             )
-        names = SIDES[: int(self._state["n_hands"])]
+        names = SIDES[: self.backend.read(ArmModel).n_hands]
         out = []
         for name, value in values.items():
             if name not in names:
@@ -436,9 +439,8 @@ class Arms:
         return out
 
     def _needs_force_sensing(self, h: int) -> None:
-        state = self._state
-        mine = slice(state["first"][h], state["first"][h] + state["n"])
-        if not np.any(state["sensed"][mine]):
+        arm = self.backend.read(ArmModel)
+        if not np.any(arm.sensed[arm.first[h] : arm.first[h] + arm.n]):
             raise InputError(
                 f"hand {SIDES[h]!r} cannot control a force: no joint of its arm measures its "
                 "deflection; set deflection_encoder = true on some"
@@ -449,14 +451,14 @@ class Arms:
 
         Both start from what is asked for now, without a force from the hand where it is.
         """
-        start, state = self.backend.reference, self._state
+        start, here = self.backend.reference, self.backend.read(Hands).p_WH
         size = {h: float(np.linalg.norm(end["f_WH"][h])) for h in hands}
         p, f = np.array(end["p_WH"]), np.full(len(end["task"]), 1e-3)  # a direction, not a force
         for h in hands:
             if start["task"][h] in (TASK_FORCE_POSITION, TASK_SQUEEZE):
                 p[h] = start["p_WH"][h]
             elif end["task"][h] != TASK_FORCE:
-                p[h] = state["p_WH"][h]
+                p[h] = here[h]
             if start["task"][h] in (TASK_FORCE, TASK_FORCE_POSITION, TASK_SQUEEZE):
                 f[h] = np.linalg.norm(start["f_WH"][h]) / max(size[h], 1e-9)
         way = end["p_WH"] - p

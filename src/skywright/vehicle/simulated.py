@@ -9,13 +9,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.columns import Column, Topic
-from skywright.core.record import Record, View
+from skywright.core.record import View
 from skywright.core.rotations import exp_so3, quat_to_rot, rot_z
 from skywright.core.streams import build_stream
 from skywright.core.types import REFERENCE
@@ -40,15 +40,6 @@ from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.things._build import OBJECT, find_offsets
 from skywright.models.things.bench import CLAMP, Bench
 from skywright.sim.simulation import Simulation
-from skywright.vehicle.arms.ports import (
-    ArmModel,
-    HandForce,
-    Hands,
-    HandState,
-    Joints,
-    Marker,
-    TrackedPipe,
-)
 from skywright.vehicle.assembly import Assembly, State
 from skywright.vehicle.bus import Allocated, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext
@@ -57,7 +48,7 @@ from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.follower import Follower
 from skywright.vehicle.guard import NOT_FINITE
 from skywright.vehicle.instruments.eddy_current import EddyProbe
-from skywright.vehicle.interface import Limits, Table, Ticked
+from skywright.vehicle.interface import Limits, R, Table, Ticked
 from skywright.vehicle.inventory import list_wanted
 from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.observers.gauges import Gauges
@@ -70,9 +61,6 @@ from skywright.vehicle.topics import list_topics
 
 Array = NDArray[np.float64]
 C = TypeVar("C", bound=Component)
-
-
-HAND_RECORDS = (ArmModel, Joints, Hands, HandForce, HandState, Marker, TrackedPipe)
 
 
 class Recorded(NamedTuple):
@@ -162,14 +150,14 @@ class SimulatedVehicle:
             raise InputError(f"{self.robot.name!r} in {self.world.name!r} has no {kind.__name__}")
         return found
 
-    def read(self, record: type[Record], name: str = "") -> Any:
-        """Return a copy of a record, as it is now, with named fields.
+    def read(self, record: type[R], name: str = "") -> R:
+        """Return a copy of a record, as it is now.
 
         `name` is that of the component that fills it, where several do. Raises InputError where
         nothing in this vehicle fills it.
         """
         try:
-            return self.assembly.get(record, name).copy()
+            return cast(R, View(self.assembly.get(record, name).copy()))
         except KeyError:
             raise InputError(
                 f"nothing in {self.robot.name!r} in {self.world.name!r} fills {record.__name__}"
@@ -193,27 +181,27 @@ class SimulatedVehicle:
     @property
     def localised(self) -> bool:
         """Whether the estimator has begun."""
-        return bool(self.read(EstimatorState)["ready"] > 0.0)
+        return bool(self.read(EstimatorState).ready > 0.0)
 
     @property
     def fix_age(self) -> float:
         """Time (s) since the robot was last told where it is."""
-        return self.t - float(self.read(EstimatorState)["heard"])
+        return self.t - float(self.read(EstimatorState).heard)
 
     @property
     def saturated(self) -> bool:
         """Whether the rotors could not make what was commanded at the last control tick."""
-        return bool(self.read(Allocated)["saturated"] > 0.0)
+        return bool(self.read(Allocated).saturated > 0.0)
 
     @property
     def force(self) -> float:
         """Force (N) of the tip at the last control tick, by the probe's sensor."""
-        return float(self.read(Estimate)["f_tip"])
+        return float(self.read(Estimate).f_tip)
 
     @property
     def pose_std(self) -> float:
         """Largest standard deviation (m) of the estimated position; NaN where it is not known."""
-        return float(self.read(EstimatorState)["pose_std"])
+        return float(self.read(EstimatorState).pose_std)
 
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""
@@ -289,12 +277,6 @@ class SimulatedVehicle:
     def read_memory(self, name: str) -> Any:
         """Return a copy of what `get_memory` gives."""
         return self.get_memory(name).copy()
-
-    @property
-    def hands(self) -> dict[str, Any]:
-        """What the arms' components tell of the hands, by field (vehicle/arms/ports.py)."""
-        records = [self.read(r) for r in HAND_RECORDS if (r, "") in self.assembly.records]
-        return {name: record[name] for record in records for name in record.dtype.names}
 
     @property
     def recorded(self) -> Recorded:

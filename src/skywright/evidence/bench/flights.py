@@ -16,6 +16,7 @@ from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
 from skywright.sim.simulation import Snapshot
+from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.interface import Arms, Uav, WholeBody
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.simulated import SimulatedVehicle
@@ -89,7 +90,7 @@ def fly_with_hands(robot: str) -> SimulatedVehicle:
     arms.move_to(posture(vehicle.robot, "working"))
     while not vehicle.tick().arrived:
         pass
-    arms.hands_to({side: vehicle.hands["p_WH"][h].copy() for h, side in enumerate(SIDES)})
+    arms.hands_to({side: vehicle.read(Hands).p_WH[h].copy() for h, side in enumerate(SIDES)})
     run_ticks(vehicle, count_ticks(2.0))
     return vehicle
 

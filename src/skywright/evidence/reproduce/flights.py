@@ -177,7 +177,7 @@ def _fly_taps(case: Case, description: Description) -> Record:
     blocks: list[NDArray[Any]] = []
     vehicle, _, _ = _fly_to_stand_off(description, blocks)
     saved = vehicle.save()
-    gains, mass = vehicle.get_memory("law"), float(vehicle.read(Body)["mass"])
+    gains, mass = vehicle.get_memory("law"), float(vehicle.read(Body).mass)
     n = round(RING * 100)
     tip = np.full((len(case.gains), n, 3), np.nan)
     for i, gain in enumerate(case.gains):

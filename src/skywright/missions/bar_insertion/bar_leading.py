@@ -25,6 +25,7 @@ from skywright.missions.skills.moves import set_rest
 from skywright.missions.skills.tool_handling import Grip, Weight, measure_tool
 from skywright.models.arm_inverse_kinematics import ArmChain, compute_arm_ik
 from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
+from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class BarLeader:
 
     def _bar_of_hands(self) -> Bar:
         """(29), (30): the crossbar's axis lies in the cradles."""
-        p = np.array(self.s.vehicle.hands["p_WH"][:2]) + self._heading() @ self.grip.cradle
+        p = np.array(self.s.vehicle.read(Hands).p_WH[:2]) + self._heading() @ self.grip.cradle
         return compute_bar(p[0], p[1])
 
     def _solve(self, n: Array) -> Array:
@@ -120,7 +121,7 @@ class BarLeader:
         """
         s, pose = self.s, self._watch(p, n, point_O)
         if self._pressed:
-            self._q = np.array(s.vehicle.hands["q_goal"][: s.vehicle.n_joints])
+            self._q = np.array(s.vehicle.read(HandState).q_goal[: s.vehicle.n_joints])
             self._pressed = False
         v = LEAD_RATE * self._error
         v *= min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9))
@@ -148,7 +149,7 @@ class BarLeader:
         s, pose = self.s, self._watch(p, n, point_O)
         more = max(force - (self.weight - self.carried), LEAST_N)
         row = set_rest(s.vehicle.reference)
-        hands = np.array(s.vehicle.hands["p_WH"][:2])
+        hands = np.array(s.vehicle.read(Hands).p_WH[:2])
         half = 0.5 * float(np.linalg.norm(hands[0] - hands[1]))
         across = self._error * [1.0, 1.0, 0.0]
         for h, sign in ((0, 1.0), (1, -1.0)):

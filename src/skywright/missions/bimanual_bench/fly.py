@@ -20,6 +20,7 @@ from skywright.models.bimanual import is_unplugged
 from skywright.models.things.bench import Bench
 from skywright.models.things.box import Box
 from skywright.run.flight import Flight
+from skywright.vehicle.arms.ports import ArmModel, Hands
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
@@ -108,7 +109,8 @@ def _faces(s: Supervisor, way: BenchPlan, name: str, above: float = 0.0) -> tupl
     a forearm that looks forward, stays its radius off and its radius ahead.
     """
     half = 0.5 * way.world.find_thing(name, Box).size_y_m
-    p, ball = locate_thing(way.world.things, name).p, float(np.max(s.vehicle.hands["pad"]))
+    ball = float(np.max(s.vehicle.read(ArmModel).pad))
+    p = locate_thing(way.world.things, name).p
     centre = np.array([p[0] + ball, p[1], p[2] + above])
     away = np.array([0.0, half + ball, 0.0])
     return centre + away, centre - away
@@ -147,17 +149,17 @@ def _unplug(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     s.begin("grasp plug")
     s.arms.squeeze(task.squeeze_n, left, right, ramp_s=GRASP_S)
     s.wait(GRASP_S + SETTLE_S)
-    grasp = np.array(s.vehicle.hands["p_WH"])
+    grasp = np.array(s.vehicle.read(Hands).p_WH)
     s.begin("pull")
     start, noticed = s.vehicle.t, False
     back = np.array([-PULL, 0.0, 0.0])
     s.arms.squeeze(task.squeeze_n, left + back, right + back, speed=PULL_SPEED)
     while s.vehicle.t - start < PULL_S and not noticed:
         s.tick()
-        hands = s.vehicle.hands["p_WH"]
+        hands = s.vehicle.read(Hands).p_WH
         noticed = all(is_unplugged(grasp[h], hands[h], task.unplug_threshold_m) for h in (0, 1))
     s.begin("unplugged" if noticed else "stuck")
-    here = np.array(s.vehicle.hands["p_WH"])
+    here = np.array(s.vehicle.read(Hands).p_WH)
     s.arms.squeeze(task.squeeze_n, here[0], here[1])
     s.wait(SETTLE_S)
     _leave(s, here[0], here[1])

@@ -24,6 +24,7 @@ from skywright.missions.skills.ways import (
     slide_platform,
 )
 from skywright.run.flight import Flight
+from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands
 from skywright.vehicle.rest_to_rest import quintic
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     s.begin("navigate")
     fly_way(s, way.to_far, 1.0)
     s.wait(PARK_S)
-    if task.swing_deg > 0.0 and s.vehicle.hands["swing"] >= 0:
+    if task.swing_deg > 0.0 and s.vehicle.read(ArmModel).swing >= 0:
         _check_swing(s, math.radians(task.swing_deg), way)
     if task.hover_s > 0.0:
         s.begin("hover check")
@@ -116,7 +117,7 @@ def _watch_hand(s: Supervisor) -> Array:
     seen, end = [], s.vehicle.t + WATCH_S
     while s.vehicle.t < end - 1e-9:
         s.tick()
-        seen.append(s.vehicle.hands["p_WH"][0])
+        seen.append(s.vehicle.read(Hands).p_WH[0])
     mean: Array = np.mean(seen, axis=0)
     return mean
 
@@ -143,7 +144,7 @@ def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> None:
     square of the angle at which it will turn back.
     """
     s.begin("push the link")
-    swing = int(s.vehicle.hands["swing"])
+    swing = int(s.vehicle.read(ArmModel).swing)
     rest, started = float(s.vehicle.estimate["q"][swing]), s.vehicle.t
     s.vehicle.push("pendulum", -SWING_FORCE * rot_z(way.yaw)[:, 0])
     away, rate = 0.0, 0.0
@@ -172,7 +173,7 @@ def _touch(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     free = start
     while s.vehicle.t - start < patience:
         t = s.tick().t
-        if float(s.vehicle.hands["f_WH"][0] @ way.normal) < CONTACT_N:
+        if float(s.vehicle.read(HandForce).f_WH[0] @ way.normal) < CONTACT_N:
             free = t
         elif t - free > CONTACT_S - 1e-9:
             s.end("done")
@@ -188,7 +189,7 @@ def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     comes to a right angle, while the hand goes on pressing.
     """
     row = set_rest(s.vehicle.reference)
-    row["task"][0], row["p_WH"][0] = TASK_FORCE, s.vehicle.hands["p_WH"][0]
+    row["task"][0], row["p_WH"][0] = TASK_FORCE, s.vehicle.read(Hands).p_WH[0]
     row["v_WH"][0] = 0.0  # fed forward in this task
     table = np.repeat(row[None], 2)
     table["t"] = [0.0, RAMP_S]
@@ -227,7 +228,7 @@ def _keep(s: Supervisor, seconds: float, way: InstallPlan) -> bool:
     end, felt = s.vehicle.t + seconds, s.vehicle.t
     while s.vehicle.t < end - 1e-9:
         t = s.tick().t
-        if float(s.vehicle.hands["f_WH"][0] @ way.normal) > 0.1:
+        if float(s.vehicle.read(HandForce).f_WH[0] @ way.normal) > 0.1:
             felt = t
         elif t - felt > LOST_S:
             s.end("failed")

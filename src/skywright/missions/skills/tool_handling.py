@@ -20,7 +20,8 @@ from skywright.description.world.thing import Frame
 from skywright.description.world.things import find_carrier, locate_thing
 from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
-from skywright.models.things.marker import Marker
+from skywright.models.things.marker import Marker as MarkerThing
+from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
 from skywright.vehicle.plant import MISSION_TICK
 
 if TYPE_CHECKING:
@@ -72,9 +73,9 @@ def find_platform(grip: Grip, place: Place) -> Array:
 
 def measure_tool(s: Supervisor) -> tuple[Array, Array]:
     """Return (p_WO, R_WO) of the tool as motion capture sees it now."""
-    marker, state = find_marker(s.vehicle.world), s.vehicle.hands
-    R = np.array(state["R_WM"]) @ marker.R.T
-    return np.array(state["p_WM"]) - R @ marker.p, R
+    marker, seen = find_marker(s.vehicle.world), s.vehicle.read(Marker)
+    R = seen.R_WM @ marker.R.T
+    return seen.p_WM - R @ marker.p, R
 
 
 def find_marker(world: World, tool: str | None = None) -> Frame:
@@ -84,7 +85,7 @@ def find_marker(world: World, tool: str | None = None) -> Frame:
     """
     for name, thing in world.things.items():
         carrier = find_carrier(world.things, name)
-        if isinstance(thing, Marker) and carrier is not None and tool in (None, carrier):
+        if isinstance(thing, MarkerThing) and carrier is not None and tool in (None, carrier):
             return locate_thing(world.things, name, carrier)
     raise InputError(
         f"world {world.name!r}: {tool or 'what is carried'} is tracked by a marker: give it a "
@@ -140,7 +141,7 @@ def compute_miss(s: Supervisor, grip: Grip) -> float:
     worst = 0.0
     for h, hand in enumerate(grip.hands):
         goal = p + R @ (grip.handle + np.array([0.0, hand[1], 0.0]) - grip.cradle)
-        worst = max(worst, float(np.linalg.norm(s.vehicle.hands["p_WH"][h] - goal)))
+        worst = max(worst, float(np.linalg.norm(s.vehicle.read(Hands).p_WH[h] - goal)))
     return worst
 
 
@@ -180,7 +181,7 @@ class Weight:
 
 def hold_joints(s: Supervisor) -> None:
     """Let the arms hang on their springs from where the servos lead them now."""
-    s.arms.move_to(np.array(s.vehicle.hands["q_goal"][: s.vehicle.n_joints]))
+    s.arms.move_to(np.array(s.vehicle.read(HandState).q_goal[: s.vehicle.n_joints]))
     s.until_arrived()
 
 
@@ -250,7 +251,7 @@ def _touch(s: Supervisor, grip: Grip, speed: float) -> bool:
     felt, patience = 0.0, s.vehicle.t + (LOW + PRESS) / speed + 2.0 * STEADY_S
     while s.vehicle.t < patience and felt < TOUCH_S - 1e-9 and is_at_hand(s, grip):
         s.tick()
-        touch = bool(np.all(s.vehicle.hands["f_WH"][:2, 2] > TOUCH_N))
+        touch = bool(np.all(s.vehicle.read(HandForce).f_WH[:2, 2] > TOUCH_N))
         felt = felt + MISSION_TICK if touch else 0.0
     return felt > 0.0 or compute_miss(s, grip) < 2.0 * PRESS
 

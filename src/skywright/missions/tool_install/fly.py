@@ -32,6 +32,7 @@ from skywright.missions.skills.tool_handling import (
 from skywright.missions.tool_install.operated_install import install_by_operator
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.run.flight import Flight
+from skywright.vehicle.arms.ports import Hands, TrackedPipe
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
@@ -145,8 +146,8 @@ def _give_up(
 
 def _measure_seat(s: Supervisor, task: ToolInstall) -> Place:
     """Where the tool shall stand, on the pipe as motion capture sees it."""
-    arms = s.vehicle.hands
-    return find_seat(s.vehicle.world, task, np.array(arms["p_WP"]), np.array(arms["R_WP"]))
+    pipe = s.vehicle.read(TrackedPipe)
+    return find_seat(s.vehicle.world, task, pipe.p_WP, pipe.R_WP)
 
 
 def _come(s: Supervisor, grip: Grip, place: Place) -> None:
@@ -175,7 +176,7 @@ def _is_elsewhere(s: Supervisor, place: Place, wanted: Place) -> bool:
 def _is_held(s: Supervisor, grip: Grip) -> bool:
     """Whether the tool hangs where the hands are."""
     p, R = measure_tool(s)
-    middle = np.mean(s.vehicle.hands["p_WH"][:2], axis=0)
+    middle = np.mean(s.vehicle.read(Hands).p_WH[:2], axis=0)
     return float(np.linalg.norm(p + R @ grip.handle - middle)) < LOW
 
 

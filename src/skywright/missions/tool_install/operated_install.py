@@ -31,6 +31,7 @@ from skywright.missions.skills.tool_handling import (
     measure_tool,
 )
 from skywright.run.operator import STILL, Operator, Sight, Stick
+from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def install_by_operator(
     R = rot_z(seat.yaw)
     align_tool(s, weight, Place(seat.p_WO + R @ HAND_OVER, seat.yaw), 1.5 * weight_n)
     s.begin("install")
-    q, height = np.array(s.vehicle.hands["q_goal"]), _measure_height(s)
+    q, height = np.array(s.vehicle.read(HandState).q_goal), _measure_height(s)
     reason = _operate(s, operator, grip, weight, weight_n, seat, v_max)
     s.vehicle.set_stick(STILL.axes, False)
     if reason == "":
@@ -146,7 +147,7 @@ def _explain(off: Array, weight: float) -> str:
 
 def _measure_height(s: Supervisor) -> float:
     """Height (m) of the hands, as estimated."""
-    return float(np.mean(s.vehicle.hands["p_WH"][:2, 2]))
+    return float(np.mean(s.vehicle.read(Hands).p_WH[:2, 2]))
 
 
 def _raise_hands(s: Supervisor, weight: Weight, most: float, height: float, speed: float) -> None:

@@ -11,6 +11,9 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_limbs, list_servos
 from skywright.description.robot.spec import Robot
@@ -49,7 +52,7 @@ class JointEstimator(ArmComponent):
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill the model from the robot's description; the links stand where the servos hold."""
-        fill_arm_model(context.records[ArmModel, ""][0], context.robot)
+        context.records[ArmModel, ""][:] = build_arm_model(context.robot)
         fill_home(context.records[Estimate, ""]["q"], context)
 
     @staticmethod
@@ -79,9 +82,11 @@ def fill_home(joints: Any, context: Any) -> None:
     joints[..., : len(q)] = q
 
 
-def fill_arm_model(arm: Any, robot: Robot) -> None:
-    """Write an ArmModel (a structured value) from a robot with compliant arms."""
+def build_arm_model(robot: Robot) -> NDArray[Any]:
+    """Return the ArmModel, a (1,) array, of a robot with compliant arms."""
     assert robot.arm is not None
+    out = np.zeros(1, ArmModel.dtype)
+    arm = out[0]
     joints, limbs = list_joints(robot), list_limbs(robot)
     servo, hand = list_servos(robot)[0][1], robot.arm.hand
     arm["dt"] = count_command_ticks(robot) / robot.control.rate_hz
@@ -119,3 +124,4 @@ def fill_arm_model(arm: Any, robot: Robot) -> None:
             arm["linear"][j] = math.radians(link.flex_linear_deg or 0.0)
             stop = link.flex_beyond == "stop"
             arm["hardening"][j] = STOP_HARDENING if stop else link.flex_hardening
+    return out

@@ -32,7 +32,7 @@ from skywright.vehicle.arms.hand_motion import (
     step_velocity,
 )
 from skywright.vehicle.arms.joint_loops import follow_shafts, hold_joint, step_joint
-from skywright.vehicle.arms.joints import fill_home
+from skywright.vehicle.arms.joints import build_arm_model, fill_home
 from skywright.vehicle.arms.ports import (
     ArmModel,
     HandForce,
@@ -66,7 +66,7 @@ class Compliant(ArmsLaw):
         compliance, so that f answers at w; its phase margin is 60 deg with the lag T_s and 1.5 T of
         sampling.
         """
-        arm, c = context.records[ArmModel, ""][0], context.robot.control
+        arm, c = build_arm_model(context.robot)[0], context.robot.control
         lag, period = float(arm["servo_tau"]), float(arm["dt"])
         me.kp_torque = c.torque_bandwidth_rad_s * lag
         me.ki_torque = 0.25 * c.torque_bandwidth_rad_s**2 * lag
