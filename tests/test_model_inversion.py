@@ -11,8 +11,7 @@ from skywright.control.model_inversion import invert_translation
 from skywright.core.types import BELIEF, MAX_JOINTS
 from skywright.description.loader import load_description
 from skywright.models.floating import fill_floating
-from skywright.models.planar import build_planar_lrm
-from skywright.models.planar_lrm import fill_equations, fill_terms
+from skywright.models.planar import build_planar_lrm, fill_equations, fill_terms
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_body, fill_kinematics
 from skywright.models.scene import build_scene
 from skywright.run.run import fly_and_evaluate

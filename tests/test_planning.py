@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from skywright.core.rotations import exp_so3, quat_from_rot
 from skywright.core.types import MAX_JOINTS, REFERENCE
 from skywright.description.loader import load_description
-from skywright.description.world.surface import build_cylinder, unroll
+from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.rigid_body import KINEMATICS, build_body_model, compute_tip, fill_kinematics
 from skywright.models.scene import build_scene, set_pose
@@ -187,9 +187,9 @@ def test_tip_stays_on_its_surface_while_scanning(sets: tuple[str, ...]) -> None:
     cyl = build_cylinder(load_description("pipe-weld-scan", sets=sets).world.pipe)
     rows = found.segments["scan"]
     for row, (s, phi) in zip(rows[::53], found.scan.path_sphi[::53], strict=True):
-        got = unroll(cyl, row["p_WT"])
-        assert got[2] == pytest.approx(-found.depth_m, abs=2e-4)
-        assert (got[0], got[1]) == pytest.approx((s, phi), abs=1e-9)
+        along, around, gap = (float(x[0]) for x in unroll_points(cyl, row["p_WT"][None]))
+        assert gap == pytest.approx(-found.depth_m, abs=2e-4)
+        assert (along, around / cyl.radius) == pytest.approx((s, phi), abs=1e-9)
         assert row["R_WT"][:, 2] @ row["R_WS"][:, 2] == pytest.approx(-1.0, abs=1e-5)
         assert row["dead_zone"] > found.depth_m and row["track_tip"] == 1.0
     # every via-point is visited
@@ -197,7 +197,7 @@ def test_tip_stays_on_its_surface_while_scanning(sets: tuple[str, ...]) -> None:
         away = np.hypot(found.scan.path_sphi[:, 0] - s, 0.2 * (found.scan.path_sphi[:, 1] - phi))
         assert away.min() < 2e-4
     touch = found.segments["touch"]
-    outside = np.array([unroll(cyl, p)[2] > 1e-4 for p in touch["p_WT"]])
+    outside = unroll_points(cyl, touch["p_WT"])[2] > 1e-4
     assert np.all(touch["dead_zone"][outside] == 0.0) and touch["dead_zone"][-1] > 0.0
     assert np.linalg.norm(touch["v_WT"], axis=1).max() <= 0.02
     for name in ("approach", "unfold", "fold", "return"):

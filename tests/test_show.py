@@ -11,7 +11,7 @@ import pytest
 from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.lookup import Subject, find_any
-from skywright.description.world.surface import build_cylinder, unroll
+from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.missions.scan.figures import place_at_work, scan_path
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.models.rotors import build_rotors
@@ -78,8 +78,9 @@ def test_robot_at_work_touches_the_middle_of_the_scan() -> None:
     place, heading = ghost
     q = pad_joints(posture(d.robot, "working"))
     p_BT, R_BT = compute_tip(build_body_model(d.robot), q)
-    s, phi, gap = unroll(build_cylinder(d.world.pipe), place + rot_z(heading) @ p_BT)
-    assert s == pytest.approx(0.03) and phi == pytest.approx(0.0) and gap == pytest.approx(0.0)
+    tip = place + rot_z(heading) @ p_BT
+    found = np.ravel(unroll_points(build_cylinder(d.world.pipe), tip[None]))
+    assert found == pytest.approx([0.03, 0.0, 0.0])
     axis = rot_z(heading) @ R_BT[:, 2]
     assert axis[:2] @ [math.cos(math.radians(40)), math.sin(math.radians(40))] > 0.99
 

@@ -18,13 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.types import BODY, MAX_JOINTS, WRENCH
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Control, Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
-from skywright.models.floating import compute_free_inertia, fill_floating
-from skywright.models.rigid_body import KINEMATICS, fill_body, fill_kinematics, posture
+from skywright.models.floating import compute_floating, compute_free_inertia
+from skywright.models.rigid_body import posture
 from skywright.models.rotors import build_rotors
 
 Array = NDArray[np.float64]
@@ -172,18 +171,10 @@ def fill_cascade(
     """
     c, par, w = robot.control, b["par"], b["wrench"]
     q = posture(robot, "working")
-    wrench, body = np.zeros(1, WRENCH), np.zeros(1, BODY)
-    wrench[0]["swing"] = -1
-    for j, limb in enumerate(list_joints(robot)):
-        if limb.servo < 0:
-            wrench[0]["swing"] = j
-    full, k = np.zeros(MAX_JOINTS), np.zeros(1, KINEMATICS)
-    full[: len(q)] = q
-    fill_kinematics(model[0], full, k[0])
-    fill_body(model[0], k[0], body[0])
-    fill_floating(model[0], k[0], body[0], wrench[0])
-    w["on"], w["swing"] = 1, wrench[0]["swing"]
-    inertia = np.diag(wrench[0]["I_eff"])
+    loose = [j for j, limb in enumerate(list_joints(robot)) if limb.servo < 0]
+    body, wrench = compute_floating(model, q, loose[-1] if loose else -1)
+    w["on"], w["swing"] = 1, wrench["swing"]
+    inertia = np.diag(wrench["I_eff"])
     free = compute_free_inertia(robot, world, q)
     rate, attitude = _fill_rate_loop(par, c, robot, inertia, free, world.link.delay_s)
     # leaning about left moves forward, about forward moves left
@@ -199,12 +190,10 @@ def fill_cascade(
     w["bandwidth"] = share * c.attitude_bandwidth_rad_s / [c.loop_separation, c.loop_separation, 1]
     if w["swing"] < 0:
         return
-    along = int(abs(wrench[0]["axis"][0]) > 0.5)  # 0: swings forward, 1: to the side
+    along = int(abs(wrench["axis"][0]) > 0.5)  # 0: swings forward, 1: to the side
     turn = 1 - along
-    first = float(np.linalg.norm(wrench[0]["L_s"]))
-    m = SwingModel(
-        float(body[0]["mass"]), first, float(wrench[0]["M_ss"]), float(world.gravity_mps2)
-    )
+    first = float(np.linalg.norm(wrench["L_s"]))
+    m = SwingModel(float(body["mass"]), first, float(wrench["M_ss"]), float(world.gravity_mps2))
     lead = float(par["lead"])
     gains = place_swing_poles(
         m,

@@ -15,17 +15,15 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import log_so3
 from skywright.description.loader import load_description
 from skywright.estimation.error_state import head_covariance
 from skywright.run.planning import MissionPlan
 from skywright.run.run import fly_and_evaluate
 from skywright.sim.inertial import WALK_EVERY
-
-Array = NDArray[np.float64]
 
 EVERY = 10  # mission ticks between values: 0.2 s
 START = 3.0  # s, the filter starts with a guess of its velocity

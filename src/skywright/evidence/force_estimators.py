@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.description.loader import load_description
 from skywright.models.compliant_arms import find_hands
@@ -25,8 +24,6 @@ from skywright.models.things.bench import Bench
 from skywright.models.things.box import Box
 from skywright.run.run import build_vehicle
 from skywright.vehicle.interface import Arms
-
-Array = NDArray[np.float64]
 
 FORCE = 2.0  # N, of the paper's trials
 HEIGHT = 1.5  # m, of the clamped platform

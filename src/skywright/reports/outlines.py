@@ -6,21 +6,19 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.robot.limbs import end_of, list_limbs
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import Pipe, Tube
 from skywright.description.world.structure import PLANE, Structure, build_surface, locate_point
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, roll_points
 from skywright.description.world.thing import Solid, Things
 from skywright.description.world.things import locate_thing
 from skywright.models.docking_body import list_feet
-from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics, joint_names
+from skywright.models.rigid_body import build_body_model, compute_kinematics, joint_names
 from skywright.models.rotors import build_rotors
-
-Array = NDArray[np.float64]
 
 
 class Outline(NamedTuple):
@@ -69,17 +67,14 @@ def outline_arm(robot: Robot, q: Array) -> list[Outline]:
     if robot.arm is None:
         return []
     model = build_body_model(robot)
-    angles = np.zeros(len(model[0]["q_min"]))
-    angles[: len(joint_names(robot))] = q
-    k = np.zeros(1, KINEMATICS)
-    fill_kinematics(model[0], angles, k[0])
+    k = compute_kinematics(model, q[: len(joint_names(robot))])
     parts = []
     for i, limb in enumerate(list_limbs(robot)):
-        start = k[0]["p"][i]
-        end = start + k[0]["R"][i] @ np.array(end_of(limb.link))
+        start = k["p"][i]
+        end = start + k["R"][i] @ np.array(end_of(limb.link))
         parts.append(Outline(np.array([start, end]), "arm"))
     if robot.probe is not None:
-        tip, axis = k[0]["p_BT"], k[0]["R_BT"][:, 2]
+        tip, axis = k["p_BT"], k["R_BT"][:, 2]
         parts.append(Outline(np.array([tip - axis * robot.probe.length_m, tip]), "probe"))
     return parts
 
@@ -108,9 +103,7 @@ def outline_pipe(pipe: Pipe) -> list[Outline]:
 def surface_curve(pipe: Pipe, s: Array | float, phi: Array | float) -> Array:
     """Points (n, 3) in W of the surface at axial positions `s` (m) and angles `phi` (rad)."""
     cyl = build_cylinder(pipe)
-    s, phi = np.broadcast_arrays(np.asarray(s, float), np.asarray(phi, float))
-    local = np.column_stack([-cyl.radius * np.cos(phi), s, cyl.radius * np.sin(phi)])
-    return np.asarray(local @ cyl.R_WP.T + cyl.p_WP)
+    return roll_points(cyl, np.asarray(s), cyl.radius * np.asarray(phi))[0]
 
 
 def outline_tube(tube: Tube) -> list[Outline]:

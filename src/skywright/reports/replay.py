@@ -17,6 +17,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.loader import Description
 from skywright.description.robot.limbs import SIDES
 from skywright.errors import InputError
@@ -42,7 +43,6 @@ from skywright.run.kind import load_kind
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-Array = NDArray[np.float64]
 
 FRAME_RATE = 15.0  # Hz
 MAX_FRAMES = 4500

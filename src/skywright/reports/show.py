@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_to_rot
 from skywright.description.loader import Description
 from skywright.description.lookup import Subject
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import Pipe, Weld, World
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, find_weld_on_pipe, roll_points
 from skywright.models.rigid_body import posture
 from skywright.models.scene import home_pose, support_posts
 from skywright.reports.outlines import (
@@ -75,29 +74,14 @@ def _world_parts(world: World) -> list[Outline]:
                 parts.append(Outline(np.array([top * [1, 1, 0], top]), "post"))
         parts += outline_pipe(world.pipe)
         if world.weld is not None and world.weld.present:
-            s, phi = _weld_curve(world.pipe, world.weld)
-            parts.append(Outline(surface_curve(world.pipe, s, phi), "weld"))
+            s, c = find_weld_on_pipe(world.pipe, world.weld)
+            parts.append(Outline(roll_points(build_cylinder(world.pipe), s, c)[0], "weld"))
     for tube in get_structures(world).tubes.values():
         ends = [[tube.x_m, tube.y_m, tube.z_m], [tube.to_x_m, tube.to_y_m, tube.to_z_m]]
         parts.append(Outline(np.array(ends), "post"))
     if world.structure is not None:
         parts += outline_structure(world.structure)
     return parts + outline_things(world.things)
-
-
-def _weld_curve(pipe: Pipe, weld: Weld) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (s, phi) of the weld's line, where it runs on the pipe."""
-    radius, half = pipe.diameter_m / 2, pipe.length_m / 2
-    slope = math.radians(weld.angle_deg)
-    reach = math.pi * radius + half
-    t = np.linspace(-2 * reach, 2 * reach, 2001)
-    if weld.angle_deg == 90.0:
-        s, c = t, np.full_like(t, weld.offset_m)
-    else:
-        s, c = weld.offset_m + t * math.sin(slope), t * math.cos(slope)
-    inside = (np.abs(s) <= half) & (np.abs(c) <= math.pi * radius)
-    s[~inside] = np.nan
-    return s, c / radius
 
 
 def _draw_wind(ax: Axes, world: World) -> None:
@@ -206,8 +190,8 @@ def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, sketch: Sketch | Non
         ax.axhline(c, color="#cccccc", lw=0.8, ls=":")
         ax.text(half, c, f" {name}", fontsize=8, va="center", color="#666666")
     if weld is not None and weld.present:
-        s, phi = _weld_curve(pipe, weld)
-        ax.plot(s, phi * radius, **STYLES["weld"], label=f"weld, {weld.angle_deg:g} deg")
+        line = find_weld_on_pipe(pipe, weld)
+        ax.plot(*line, **STYLES["weld"], label=f"weld, {weld.angle_deg:g} deg")
     if sketch is not None:
         s, phi = sketch.on_pipe.T
         if len(s) > 1:

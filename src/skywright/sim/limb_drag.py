@@ -29,7 +29,8 @@ from skywright.core.rotations import cross, mat_t_vec
 from skywright.description.robot.bar import Bar
 from skywright.description.robot.limbs import list_limbs
 from skywright.description.robot.spec import Robot
-from skywright.models.rigid_body import MAX_LINKS, link_direction
+from skywright.models.part_masses import link_direction
+from skywright.models.rigid_body import MAX_LINKS
 
 Array = NDArray[np.float64]
 Record = Any

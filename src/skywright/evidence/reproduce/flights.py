@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.identify.load import IDENTIFY_FIELDS
+from skywright.core.arrays import Array
 from skywright.core.types import SAMPLE
 from skywright.description.dump import dump_description
 from skywright.description.loader import Description, load_description
@@ -35,8 +36,6 @@ from skywright.run.run import build_vehicle, fly_and_evaluate
 from skywright.sim.simulation import Snapshot
 from skywright.vehicle.interface import Uav, WholeBody
 from skywright.vehicle.simulated import SimulatedVehicle
-
-Array = NDArray[np.float64]
 
 FIELDS = (
     "t", "phase", "p_WB", "q_WB", "p_WT", "q_WT", "spring", "gap_max", "tilt", "f_normal",

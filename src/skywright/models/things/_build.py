@@ -18,15 +18,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import quat_from_rot, rot_x, rot_y, rot_z
 from skywright.description.world.thing import Frame, Part, Placed, Solid, Thing, Things, build_frame
 from skywright.description.world.things import find_carrier, list_movers, locate_thing
 from skywright.models.arm_body import FEET, LIMITED, PEN, ROBOT, WORLD
 from skywright.models.docking_body import NOSLIP_ITERATIONS
-
-Array = NDArray[np.float64]
 
 OBJECT = "object "
 """Names of movable things' bodies and joints start with it."""

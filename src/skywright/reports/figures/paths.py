@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
+from skywright.description.world import surface
 from skywright.description.world.scenario import get_structures
-from skywright.description.world.surface import build_cylinder
 from skywright.models.rigid_body import posture
 from skywright.reports.figures.style import (
     BLACK,
@@ -39,7 +40,6 @@ from skywright.run.kind import load_kind
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-Array = NDArray[np.float64]
 Samples = NDArray[Any]
 
 _PARTS: dict[str, tuple[str, float]] = {
@@ -57,9 +57,9 @@ def unroll_points(result: RunResult, p_W: Array) -> tuple[Array, Array]:
     """Unrolled coordinates (s, c), each (n,) m, of points (n, 3) in W near the pipe."""
     pipe = result.description.world.pipe
     assert pipe is not None
-    cyl = build_cylinder(pipe)
-    d = (p_W - cyl.p_WP) @ cyl.R_WP
-    return d[:, 1], cyl.radius * join_angles(np.arctan2(d[:, 2], -d[:, 0]))
+    cyl = surface.build_cylinder(pipe)
+    s, c, _ = surface.unroll_points(cyl, p_W)
+    return s, cyl.radius * join_angles(c / cyl.radius)
 
 
 def join_angles(phi: Array) -> Array:
