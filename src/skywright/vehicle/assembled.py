@@ -18,6 +18,7 @@ from skywright.core.rotations import quat_to_rot, rot_z
 from skywright.core.types import REFERENCE
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
+from skywright.description.world.things import find_first
 from skywright.errors import InputError, SimulationError
 from skywright.models.allocation import build_allocator
 from skywright.models.arm_body import Deviation
@@ -25,6 +26,7 @@ from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
+from skywright.models.things.bench import Bench
 from skywright.sim.simulation import Simulation
 from skywright.vehicle.assembly import Assembly, State
 from skywright.vehicle.bus import Allocated, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
@@ -93,7 +95,7 @@ class SimulatedVehicle:
         self.allocator = build_allocator(self.rotors)
         self.model = build_body_model(robot, world.gravity_mps2)
         self.arc = compute_link_arc(robot, self.model)
-        home = home_pose(robot, *start, world.bench)
+        home = home_pose(robot, world, *start)
         self.sim = Simulation(self.scene, home)
         context = PlantContext(
             robot, world, self.model[0], self.rotors, self.allocator,
@@ -260,7 +262,7 @@ class SimulatedVehicle:
         table = np.zeros(1, REFERENCE)
         row = table[0]
         row["p_WB"], row["R_WB"] = p, rot_z(yaw)
-        bench = self.world.bench
+        bench = find_first(self.world.things, Bench)
         if bench is not None and bench.pitch_deg != 0.0:
             quat_to_rot(q_WB, row["R_WB"])
         row["R_WS"] = np.eye(3)
