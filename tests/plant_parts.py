@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from skywright.vehicle.bus import (
 )
 from skywright.vehicle.component import Component, Out, PlantContext
 from skywright.vehicle.inventory import list_wanted
+from skywright.vehicle.recorder import Recorder
 from skywright.vehicle.ticker import Ticker
 
 
@@ -76,14 +78,19 @@ class Plant(NamedTuple):
 
 
 def build_context(
-    mission: str = "pipe-weld-scan", sets: Any = (), seed: int = 1, **deviation: Any
+    mission: str = "pipe-weld-scan",
+    sets: Any = (),
+    seed: int = 1,
+    extend: Sequence[Component] = (),
+    **deviation: Any,
 ) -> PlantContext:
+    """Build the plant of a description; `extend` are components that add to its scene."""
     d = load_description(mission, sets=list(sets))
     robot, world = d.robot, d.world
     dev = Deviation(**deviation)
-    scene = build_scene(robot, world, dev)
+    scene = build_scene(robot, world, dev, [c.extend_scene for c in extend])
     rotors = build_rotors(robot.rotors)
-    sim = Simulation(scene, home_pose(robot, 0.0, 0.0, 0.0, world.bench))
+    sim = Simulation(scene, home_pose(robot, world, 0.0, 0.0, 0.0))
     return PlantContext(
         robot, world, build_body_model(robot, world.gravity_mps2), rotors,
         build_allocator(rotors), 1.0, 1.0 / robot.control.rate_hz, TIMESTEP, "none", frozenset(),
@@ -103,6 +110,11 @@ def build_plant(context: PlantContext, *more: Component) -> Plant:
     clock = a.get(Clock)
     clock["dt"], clock["h"] = context.dt, context.h
     return Plant(a, sim, Ticker(a, sim, round(context.dt / context.h)))
+
+
+def take_samples(plant: Plant) -> Any:
+    """Return the samples recorded since the last call."""
+    return next(c for c in plant.assembly.components if isinstance(c, Recorder)).take()
 
 
 def build_part(component: Component, context: PlantContext) -> Any:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import pickle
+import re
 from pathlib import Path
 
 import pytest
 
+import skywright
 from skywright.core.find import list_kinds
 from skywright.description.dump import dump_description
 from skywright.description.loader import list_missions, load_description
+from skywright.description.template import list_templates, write_template
 from skywright.errors import InputError
+from skywright.run.check import check_file
 from skywright.run.kind import MissionKind, load_kind
 from skywright.run.names import COMMON, list_all_measures
+from skywright.run.run import fly_and_evaluate
 
 KINDS = list_kinds("kind")
 OLD = """[mission]
@@ -104,3 +109,42 @@ def test_a_kind_that_does_not_exist_is_told_with_its_neighbours() -> None:
 def test_unknown_keys_of_a_task_are_refused() -> None:
     with pytest.raises(InputError, match=r"unknown key mission\.task\.pases; valid: passes"):
         load_description("pipe-weld-scan", sets=["mission.task.pases=2"])
+
+
+def test_nothing_below_the_missions_names_a_kind() -> None:
+    """What CONTRIBUTING says of adding a kind: it touches its own folder, and tests and docs."""
+    source = Path(skywright.__file__).parent
+    folders = [kind.replace("-", "_") for kind in KINDS]
+    names = [kind for kind in KINDS if "-" in kind]  # the others are words of their own
+    marks = [f"skywright.missions.{folder}" for folder in folders] + names
+    above = {"missions", "analysis", "evidence"}  # kinds, and studies that are about one
+    for file in source.rglob("*.py"):
+        if file.relative_to(source).parts[0] not in above:
+            text = file.read_text(encoding="utf-8")
+            found = [mark for mark in marks if re.search(rf"(?<![\w-]){mark}(?![\w-])", text)]
+            assert not found, f"{file} names {found}"
+
+
+@pytest.mark.parametrize("what", list_templates())
+def test_every_template_is_valid(what: str, tmp_path: Path) -> None:
+    files = write_template(what, tmp_path / "my-own.thing")
+    assert not any(re.search("@[A-Z]+@", f.name + f.read_text()) for f in files)
+    report = check_file(str(tmp_path / "my-own.thing" / "mission.toml"))
+    assert report.valid, report.problems
+    with pytest.raises(InputError, match="not overwritten"):
+        write_template(what, tmp_path / "my-own.thing")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["kind", "mission", "world"])
+def test_a_template_flies_as_it_is(what: str, tmp_path: Path) -> None:
+    write_template(what, tmp_path / "mine")
+    result = fly_and_evaluate(load_description(tmp_path / "mine" / "mission.toml"))
+    assert result.outcome == "succeeded", (result.reason, result.metrics)
+
+
+def test_there_is_no_template_of_everything(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no template of 'wrold'; valid: kind, mission"):
+        write_template("wrold", tmp_path / "mine")
+    with pytest.raises(InputError, match="kind name '1x'"):
+        write_template("kind", tmp_path / "1x")

@@ -106,7 +106,7 @@ def test_pattern_that_does_not_fit_is_said_so() -> None:
 
 def test_wind_obstacles_and_upright_pipe_are_drawn(tmp_path: Path) -> None:
     sets = ("world.wind.kind=steady", "world.wind.mean_mps=3", "world.pipe.inclination_deg=90",
-            "world.obstacles.box1={ x_m = 1.0, y_m = 1.0, z_m = 0.5, size_x_m = 0.4, "
+            "world.things.box1={ kind = 'box', x_m = 1.0, y_m = 1.0, z_m = 0.5, size_x_m = 0.4, "
             "size_y_m = 0.4, size_z_m = 1.0 }")  # fmt: skip
     d = load_description("pipe-weld-scan", sets=sets)
     text = _texts(draw_world(d.world))

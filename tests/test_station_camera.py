@@ -206,7 +206,9 @@ def test_without_a_place_it_does_not_take_off():
         ("f550-bridge", ["world.total_station.blocked_s=[[1.0, 4.0]]"], ["before it takes off"]),
         (
             "f550-bridge",
-            ["world.obstacles.a={x_m=-9.0,y_m=-4.5,z_m=1.0,size_x_m=1,size_y_m=5,size_z_m=3}"],
+            [
+                "world.things.a={kind='box',x_m=-9.0,y_m=-4.5,z_m=1.0,size_x_m=1,size_y_m=5,size_z_m=3}"
+            ],
             ["does not see the prism of the robot"],
         ),
         ("f550-bridge", ["world.total_station.rate_mean_hz=30"], ["exceeds rate_max_hz 20"]),

@@ -188,20 +188,19 @@ def _write_urdf(subject: Subject, path: Path) -> None:
     check_writable(path, (".urdf", ".xml")).write_text(text, encoding="utf-8")
 
 
-@click.group(no_args_is_help=True)
-def new() -> None:
-    """Start your own from a commented template."""
-
-
-@new.command(name="robot")
+@click.command(no_args_is_help=True)
+@click.argument("what", metavar="WHAT")
 @click.argument("name")
-def new_robot(name: str) -> None:
-    """Write NAME/robot.toml and NAME/mission.toml: a quadrotor that flies, ready to change."""
-    from skywright.description.template import write_robot_template
+def new(what: str, name: str) -> None:
+    """Start your own robot, world, mission or kind of mission.
 
-    folder = write_robot_template(Path(name))
-    click.echo(f"{folder / 'robot.toml'}    every key with a comment")
-    click.echo(f"{folder / 'mission.toml'}  four way-points")
+    Commented files in a folder NAME that fly as they are, ready to change.
+    """
+    from skywright.description.template import write_template
+
+    folder = Path(name)
+    for file in write_template(what, folder):
+        click.echo(str(file))
     click.echo(f"next: skywright check {folder}, skywright show {folder}, skywright run {folder}")
 
 

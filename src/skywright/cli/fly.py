@@ -85,8 +85,8 @@ def plan(
 
         if found.file is None:
             raise InputError(
-                f"mission {description.mission.name!r} has no plan file to write; missions of the "
-                "kind bar-transport do"
+                f"mission {description.mission.name!r} has no plan file to write: its kind does "
+                "not plan platform and joints as one"
             )
         check_folder(out.parent).mkdir(parents=True, exist_ok=True)
         write_plan_file(out, found.file)

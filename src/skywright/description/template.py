@@ -1,33 +1,57 @@
-"""`skywright new robot`: a commented robot file and a mission that flies it."""
+"""`skywright new WHAT NAME`: commented files that run as they are.
+
+What there is follows from the folders of `templates/`: each holds the files of one kind of thing.
+In names and contents @NAME@ becomes the name, @MODULE@ and @CLASS@ the same as a Python module and
+class; `.in` at the end of a file's name is taken off.
+"""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-from skywright.errors import InputError
+from skywright.errors import InputError, neighbours
 
-TEMPLATE = Path(__file__).parent / "robot" / "template"
+TEMPLATES = Path(__file__).parent / "templates"
 
 
-def write_robot_template(folder: Path) -> Path:
-    """Write `robot.toml` and `mission.toml` into a new folder named after the robot.
+def list_templates() -> list[str]:
+    """List what there is a template of."""
+    return sorted(folder.name for folder in TEMPLATES.iterdir() if folder.is_dir())
+
+
+def write_template(what: str, folder: Path) -> list[Path]:
+    """Write the template of `what` into a folder named after the new thing; returns its files.
 
     Raises InputError when the name is no plain name, or one of the files is there already.
     """
+    if what not in list_templates():
+        raise InputError(f"no template of {what!r}; valid: {neighbours(what, list_templates())}")
     name = folder.name
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", name):
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9._-]{0,63}", name):
         raise InputError(
-            f"robot name {name!r}: use letters, digits, dots, dashes and underscores (at most 64)"
+            f"{what} name {name!r}: use letters, digits, dots, dashes and underscores (at most "
+            "64), a letter first"
         )
-    files = {f: (TEMPLATE / f).read_text(encoding="utf-8") for f in ("robot.toml", "mission.toml")}
+    words = [word for word in re.split(r"[._-]+", name) if word]
+    marks = {
+        "@NAME@": name,
+        "@MODULE@": "_".join(words).lower(),
+        "@CLASS@": "".join(word[0].upper() + word[1:] for word in words),
+    }
+    files = {}
+    for source in sorted((TEMPLATES / what).iterdir()):
+        text, target = source.read_text(encoding="utf-8"), source.name.removesuffix(".in")
+        for mark, value in marks.items():
+            text, target = text.replace(mark, value), target.replace(mark, value)
+        files[folder / target] = text
     for file in files:
-        if (folder / file).exists():
-            raise InputError(f"{folder / file}: is there already and is not overwritten")
+        if file.exists():
+            raise InputError(f"{file}: is there already and is not overwritten")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for file, text in files.items():
-            (folder / file).write_text(text.replace("@NAME@", name), encoding="utf-8")
+            file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
-    return folder
+    return list(files)

@@ -15,8 +15,10 @@ import numpy as np
 
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
+from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.models.rotors import build_rotors
+from skywright.models.things.marker import Marker
 
 ESTIMATORS = {
     "filter": "skywright.estimation.error_state",
@@ -55,8 +57,8 @@ def check_localisation(name: str, robot: Robot, world: World) -> None:
     says = f"world.localisation = {kind!r} tells a place and a heading only: "
     if name == "observer":
         raise InputError(f"{says}mission.estimator = 'observer' needs motion capture; use 'filter'")
-    if world.marker is not None and robot.camera is None:
-        raise InputError(f"{says}world.marker needs motion capture, or robot.camera to see it")
+    if find_first(world.things, Marker) is not None and robot.camera is None:
+        raise InputError(f"{says}a marker needs motion capture, or robot.camera to see it")
     if world.pipe is not None and world.pipe.tracked:
         raise InputError(f"{says}world.pipe.tracked needs motion capture")
     if robot.probe is not None and (kind == "gnss" or robot.force_sensor is None):

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_z
 from skywright.description.robot.limbs import end_of, list_limbs
 from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import Box, Pipe, Tube
+from skywright.description.world.spec import Pipe, Tube
 from skywright.description.world.structure import PLANE, Structure, build_surface, locate_point
 from skywright.description.world.surface import build_cylinder
+from skywright.description.world.thing import Solid, Things
+from skywright.description.world.things import locate_thing
 from skywright.models.docking_body import list_feet
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics, joint_names
 from skywright.models.rotors import build_rotors
@@ -126,15 +128,29 @@ def outline_tube(tube: Tube) -> list[Outline]:
     return [Outline(ring, "pipe"), Outline(ring + way, "pipe"), *lines]
 
 
-def outline_box(box: Box) -> list[Outline]:
-    """Bottom, top and edges of a box in W."""
-    x, y, z = box.size_x_m / 2, box.size_y_m / 2, box.size_z_m / 2
+def outline_things(things: Things) -> list[Outline]:
+    """Bottom, top and edges of the box around each solid that stands or lies in W."""
+    out: list[Outline] = []
+    for name, thing in things.items():
+        for part in thing.list_parts():
+            at = locate_thing(things, name).at(part.frame)
+            for solid in part.solids:
+                out += place(_outline_solid(solid), at.p, at.R)
+    return out
+
+
+def _outline_solid(solid: Solid) -> list[Outline]:
+    """A capsule between two ends is a line, every other solid the box around it."""
+    if solid.ends is not None:
+        return [Outline(np.array(solid.ends, dtype=float), "box")]
+    r = float(solid.size[0])
+    half = {"box": solid.size, "sphere": (r, r, r)}.get(solid.shape, (r, r, float(solid.size[-1])))
+    x, y, z = (float(v) for v in half)
     base = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0], [-x, -y, 0]])
-    centre = np.array([box.x_m, box.y_m, box.z_m])
-    turned = base @ rot_z(math.radians(box.yaw_deg)).T + centre
-    low, high = turned - [0, 0, z], turned + [0, 0, z]
+    low, high = base - [0, 0, z], base + [0, 0, z]
     edges = [Outline(np.array([a, b]), "box") for a, b in zip(low[:4], high[:4], strict=True)]
-    return [Outline(low, "box", True), Outline(high, "box", True), *edges]
+    box = [Outline(low, "box", True), Outline(high, "box", True), *edges]
+    return place(box, solid.frame.p, solid.frame.R)
 
 
 def outline_structure(structure: Structure) -> list[Outline]:

@@ -54,10 +54,12 @@ class Poses(NamedTuple):
 class Scene3d:
     """A robot in its world on a viser server; `show` moves the robot."""
 
-    def __init__(self, server: viser.ViserServer, robot: Robot, world: World) -> None:
-        """Draw the world and the robot, which waits at the origin."""
+    def __init__(
+        self, server: viser.ViserServer, robot: Robot, world: World, error: Array | None = None
+    ) -> None:
+        """Draw the world and the robot, which waits at the origin; `error` as in build_drawing."""
         self.server, self.robot, self.world = server, robot, world
-        self.drawing: Drawing = build_drawing(robot, world)
+        self.drawing: Drawing = build_drawing(robot, world, error)
         self._handles: dict[str, Any] = {}
         self._names = self._name_nodes()
         self._draw_world()

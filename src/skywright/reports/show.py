@@ -22,10 +22,10 @@ from skywright.models.scene import home_pose, support_posts
 from skywright.reports.outlines import (
     Outline,
     move,
-    outline_box,
     outline_pipe,
     outline_robot,
     outline_structure,
+    outline_things,
     place,
     surface_curve,
 )
@@ -82,9 +82,7 @@ def _world_parts(world: World) -> list[Outline]:
         parts.append(Outline(np.array(ends), "post"))
     if world.structure is not None:
         parts += outline_structure(world.structure)
-    for box in world.obstacles.values():
-        parts += outline_box(box)
-    return parts
+    return parts + outline_things(world.things)
 
 
 def _weld_curve(pipe: Pipe, weld: Weld) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -148,7 +146,7 @@ def draw_world(world: World) -> Figure:
     columns = 2 if world.pipe is None else 3
     figure, axes = _figure(columns, _title(world.name, world.description), 5.2 * columns)
     _draw_scene(axes[:2], world, [])
-    if world.pipe is None and world.structure is None and not world.obstacles:
+    if world.pipe is None and world.structure is None and not world.things:
         axes[0].text(0.5, 0.5, "nothing but flat ground", transform=axes[0].transAxes, ha="center")
         for ax in axes:
             ax.plot([-3, 3], [-1, 3], alpha=0)  # some room to look at
@@ -165,7 +163,7 @@ def draw_mission(description: Description) -> Figure:
     columns = 3 if unrolled else 2
     figure, axes = _figure(columns, _title(mission.name, mission.description), 5.2 * columns)
     yaw = math.radians(mission.start_yaw_deg)
-    start, quat, _ = home_pose(robot, mission.start_x_m, mission.start_y_m, yaw, world.bench)
+    start, quat, _ = home_pose(robot, world, mission.start_x_m, mission.start_y_m, yaw)
     R_WB = np.empty((3, 3))
     quat_to_rot(quat, R_WB)
     extra = place(outline_robot(robot, posture(robot, "folded")), start, R_WB)

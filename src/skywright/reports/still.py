@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from skywright.description.world.surface import build_cylinder
 from skywright.inspection.weld import WeldResult
-from skywright.models.deviation import build_true_world
+from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import (
     build_drawing,
     compute_part_poses,
@@ -71,7 +71,7 @@ def _place_camera(result: RunResult, row: Any) -> Camera:
 
 def _build_items(result: RunResult, row: Any) -> list[Item]:
     d = result.description
-    drawing = build_drawing(d.robot, build_true_world(d.plant, d.robot, d.world, d.mission.seed))
+    drawing = build_drawing(d.robot, d.world, build_socket_error(d.plant))
     items = []
     for shape in drawing.world:
         if shape.kind != "plane":

@@ -10,10 +10,9 @@ from skywright.core.toml_files import Layer, merge_layers
 from skywright.core.validation import list_problems
 from skywright.description.loader import SPECS, list_layer_problems, load_description
 from skywright.description.lookup import find_kind
-from skywright.description.renamed import load_layer
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
-from skywright.description.world.loader import find_world
+from skywright.description.world.loader import find_world, load_world_layer
 from skywright.errors import InputError
 
 
@@ -41,6 +40,7 @@ def check_file(name: str) -> CheckReport:
             description = load_description(path)
             problems += _check_lift(description.robot, description.world.gravity_mps2, name)
             notes += list_guesses(description.robot, "robot", description.sources)
+            notes += list_guesses(description.mission, "mission", description.sources)
     else:
         label = (find_robot if kind == "robot" else find_world)(path).label
         tree, sources, origin = merge_layers(_load_layers(kind, path, problems))
@@ -59,7 +59,7 @@ def _load_layers(kind: str, path: str, problems: list[str]) -> list[Layer]:
     if kind == "robot":
         return load_robot_layers(find_robot(path), problems)
     found = find_world(path)
-    layer = load_layer(found.path, found.label, problems)
+    layer = load_world_layer(found, problems)
     for root in layer.tree:
         if root not in (kind, "plant"):
             problems.append(f"{layer.label}: a {kind} file cannot hold the table [{root}]")

@@ -126,7 +126,7 @@ def load_recording(path: Path) -> Recording:
 def write_recording(path: Path, rows: Sequence[tuple[float, Stick]], v_max: float) -> None:
     """Write a recording; it appears only when it is complete. Raises InputError on a full disk."""
     text = [
-        "# Operator's input for tool-install (Suarez 2020, equation 24): each axis from -1 to 1",
+        "# Operator's input (Suarez 2020, equation 24): each axis from -1 to 1",
         "# dx ahead (towards the pipe), dy left (along it), dz up; button 1: the tool stands",
         f"# v_max_mps = {v_max!r}",
         ",".join(COLUMNS),

@@ -19,6 +19,8 @@ from skywright.description.robot.camera import Camera
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder
+from skywright.description.world.things import find_carrier, list_movers, locate_thing
+from skywright.models.things.marker import Marker
 
 Record = Any
 Array = Any
@@ -64,13 +66,14 @@ def fill_camera(
     """
     record["object_qpos"] = -1
     record["R_OM"] = record["R_WM"] = np.eye(3)
-    if world.marker is not None:
-        m = world.marker
-        record["marker"] = 1
-        record["p_OM"] = record["p_WM"] = [m.x_m, m.y_m, m.z_m]
-        record["R_OM"] = record["R_WM"] = m.rotation
-        if m.on is not None:
-            record["object_qpos"] = object_qpos[world.things.index(m.on)]
+    for name, thing in world.things.items():
+        if isinstance(thing, Marker):
+            carrier = find_carrier(world.things, name)
+            at = locate_thing(world.things, name, carrier)
+            record["marker"] = 1
+            record["p_OM"], record["R_OM"] = record["p_WM"], record["R_WM"] = at
+            if carrier is not None:
+                record["object_qpos"] = object_qpos[list_movers(world.things).index(carrier)]
     if world.pipe is not None and world.pipe.tracked:
         cylinder = build_cylinder(world.pipe)
         record["pipe"] = 1

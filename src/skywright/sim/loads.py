@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numba import njit
 
-from skywright.models.pads import find_gauges
+from skywright.models.gauges import find_gauges
 
 Record = Any
 Array = Any
@@ -48,7 +48,7 @@ LOADS = np.dtype(
         ("touch_s", f8),  # s, in contact so far
     ]
 )
-"""Gauges of the plant (models/pads.py)."""
+"""Gauges of the plant (models/gauges.py)."""
 
 
 def fill_loads(loads: Record, model: mujoco.MjModel) -> None:

@@ -13,11 +13,13 @@ from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder
+from skywright.description.world.things import find_first
 from skywright.models.arm_body import Deviation, compute_servo_gains, compute_servo_lag
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
 from skywright.models.force_sensor import build_force_sensor
 from skywright.models.rotors import build_rotors, compute_watt_per_n15
 from skywright.models.scene import Scene
+from skywright.models.things.tape import Tape
 from skywright.sim.camera import fill_camera
 from skywright.sim.friction import fill_friction
 from skywright.sim.limb_drag import fill_limbs
@@ -124,4 +126,4 @@ def _fill_position_servos(pl: Any, robot: Robot, world: World, scene: Scene, see
     pl["hand_site"][: len(index.hand_sites)] = index.hand_sites
     pl["hand_force"] = -1
     pl["hand_force"][: len(index.hand_sites)] = index.sensor_hand_force
-    fill_tape(pl["tape"], world.tape, index.hand_bodies)
+    fill_tape(pl["tape"], find_first(world.things, Tape), index.hand_bodies)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from skywright.description.world.spec import Tape
+from skywright.models.things.tape import Tape
 
 Record = Any
 

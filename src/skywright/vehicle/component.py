@@ -194,6 +194,12 @@ class Component:
         size = (n, what.dtype.itemsize // 8)
         return rng.random(size) if issubclass(what, Uniform) else rng.standard_normal(size)
 
+    def extend_scene(self, spec: Any) -> None:
+        """Add to the plant's scene (a mujoco.MjSpec), such as a sensor, before it is compiled.
+
+        Called for components that a description names, before `build`.
+        """
+
     def before_tick(self, t: float, n_ticks: int) -> None:
         """Do in Python what a mission tick from `t` (s) of `n_ticks` control ticks needs."""
 

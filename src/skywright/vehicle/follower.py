@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.compiled import table, words
-from skywright.core.record import Integers, Record, Vec3
+from skywright.core.record import Integers, Record, Vec3, fill
 from skywright.core.rotations import orthonormalise
 from skywright.core.types import HOLD, HOLD_END, LINEAR, REFERENCE, ROTATION
 from skywright.vehicle.bus import Clock, Reference
@@ -117,6 +117,22 @@ class Follower(Component):
             if _is_told(record):
                 for name in record.dtype.names:
                     view[name] = rows[0][name]
+
+    def read_row(self) -> Any:
+        """Return a REFERENCE row of what is referred to now."""
+        row = self._rows[0].copy()
+        for (record, _), view in self._records.items():
+            if _is_told(record):
+                fill(row, view[0])
+        return row
+
+    def save(self) -> Any:
+        """Return the rows that are tracked; where they stand is in the record."""
+        return self._rows
+
+    def restore(self, saved: Any) -> None:
+        """Keep those rows alive again."""
+        self._rows = saved
 
     @staticmethod
     def step(me: Me, clock: Clock, ref: Out[Reference]) -> None:

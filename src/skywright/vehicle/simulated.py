@@ -21,6 +21,9 @@ from skywright.core.streams import build_stream
 from skywright.core.types import BELIEF, SAMPLE
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import Pipe, World
+from skywright.description.world.thing import Frame as Pose
+from skywright.description.world.thing import Placed
+from skywright.description.world.things import find_carrier, find_first, locate_thing
 from skywright.errors import InputError, SimulationError
 from skywright.estimation.registry import (
     check_localisation,
@@ -34,7 +37,6 @@ from skywright.models.compliant_arms import (
     fill_arms_parameters,
     is_compliant,
 )
-from skywright.models.insertion_body import locate_socket
 from skywright.models.localisation.calibration import Calibration
 from skywright.models.rigid_body import (
     KINEMATICS,
@@ -46,7 +48,8 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, Scene, build_scene, home_pose
-from skywright.models.things import BENCH
+from skywright.models.things._build import OBJECT, find_offsets
+from skywright.models.things.bench import CLAMP, Bench
 from skywright.sim.gnss import GNSS_NOISE, fill_gnss
 from skywright.sim.inertial import IMU_BLOCK, build_inertial, draw_inertial
 from skywright.sim.link import LINK_BLOCK, build_link, draw_link
@@ -127,15 +130,15 @@ class SimulatedVehicle:
         self.arc = compute_link_arc(robot, self.model)
         self.kin = np.zeros(1, KINEMATICS)
         self.thrust = np.zeros(len(self.rotors.thrust_min))
-        self.sim = Simulation(self.scene, home_pose(robot, *start, world.bench))
+        self.sim = Simulation(self.scene, home_pose(robot, world, *start))
         self._held = {
             name: (
                 self.scene.model.equality(f"hold {name}").id,
                 int(self.scene.model.sensor(f"touch {name}").adr[0]),
-                thing.held_n,
+                thing.frees_at_n,
             )
-            for name, thing in world.objects.items()
-            if thing.held_n is not None
+            for name, thing in world.things.items()
+            if thing.frees_at_n is not None
         }
         self.belief = self._build_belief()
         self.plant = build_plant(robot, world, self.scene, deviation, seed)
@@ -179,7 +182,7 @@ class SimulatedVehicle:
         self._block = self.plant["block"]
         self._block[0] = BLOCK
         self._inertial_index, self._link_index = self.inertial["index"], self.link["index"]
-        p, _, q = home_pose(robot, *start, world.bench)
+        p, _, q = home_pose(robot, world, *start)
         self._table = np.zeros(1, self.belief["ref"].dtype)
         self._set_home_reference(p, start[2], q)
         self.track(self._table)
@@ -317,10 +320,8 @@ class SimulatedVehicle:
 
         Raises InputError where the world has none.
         """
-        if self.world.bench is None:
-            raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
+        w, _, y, _ = self._find_bench().q_WB
         self.sim.data.mocap_pos[0] = p_W
-        w, _, y, _ = self.world.bench.q_WB
         c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
         self.sim.data.mocap_quat[0] = [c * w, -s * y, c * y, s * w]  # first about y, then about z
 
@@ -329,24 +330,46 @@ class SimulatedVehicle:
 
         Raises InputError where the world has none.
         """
-        if self.world.bench is None:
-            raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
-        self.sim.data.eq_active[self.scene.model.equality(BENCH).id] = 0
+        self._find_bench()
+        self.sim.data.eq_active[self.scene.model.equality(CLAMP).id] = 0
 
-    def survey_socket(self) -> tuple[Array, Array]:
-        """Return (p_WS, R_WS) of the socket as motion capture sees it: true, but for the error of
-        its markers, one for the run, and a sample's noise.
+    def survey(self, name: str) -> tuple[Array, Array]:
+        """Return (p_WO, R_WO) of a tracked thing as motion capture sees it: true, but for the error
+        of its markers, one for the run, and a sample's noise.
 
-        Raises InputError where the world has none.
+        Raises InputError where the world has no tracked thing of that name.
         """
-        if self.world.socket is None:
-            raise InputError(f"world {self.world.name!r} has no socket: give it a [world.socket]")
+        thing = self.world.find_thing(name, Placed)
+        if not thing.tracked:
+            raise InputError(
+                f"world {self.world.name!r}: motion capture does not see {name!r}: "
+                f"[world.things.{name}] tracked = true"
+            )
         draw, mocap = self._streams["survey"].standard_normal(6), self.world.mocap
         noise = np.repeat([mocap.position_noise_m, mocap.attitude_noise_rad], 3) * draw
-        p, R = locate_socket(self.world.socket, self._deviation.socket_error)
+        p, R = self._locate(name)
         error, turn = self._deviation.survey_error + noise, np.empty((3, 3))
         exp_so3(error[3:], turn)
         return p + R @ error[:3], R @ turn
+
+    def _locate(self, name: str) -> Pose:
+        """Where a thing is in truth."""
+        things = self.world.things
+        carrier = name if things[name].movable else find_carrier(things, name)
+        if carrier is None:
+            offsets = find_offsets(things, self._deviation.socket_error)
+            return locate_thing(things, name, offsets=offsets)
+        body, data = self.scene.model.body(OBJECT + carrier).id, self.sim.data
+        frame = Pose(np.array(data.xpos[body]), np.array(data.xmat[body]).reshape(3, 3))
+        return frame if carrier == name else frame.at(locate_thing(things, name, carrier))
+
+    def _find_bench(self) -> Bench:
+        bench = find_first(self.world.things, Bench)
+        if bench is None:
+            raise InputError(
+                f"world {self.world.name!r} has no bench: give it a thing of kind 'bench'"
+            )
+        return bench
 
     def zero_gauges(self) -> None:
         """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
@@ -527,9 +550,10 @@ class SimulatedVehicle:
         c, s = math.cos(yaw), math.sin(yaw)
         row["p_WB"] = p
         row["R_WB"] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
-        if self.world.bench is not None and self.world.bench.pitch_deg != 0.0:
+        bench = find_first(self.world.things, Bench)
+        if bench is not None and bench.pitch_deg != 0.0:
             R = np.empty((3, 3))
-            quat_to_rot(np.array(self.world.bench.q_WB), R)
+            quat_to_rot(np.array(bench.q_WB), R)
             row["R_WB"] = R
         row["R_WS"] = np.eye(3)
         row["q"][: self.n_joints] = q

@@ -28,10 +28,10 @@ from skywright.reports.figures.style import (
 from skywright.reports.outlines import (
     Outline,
     move,
-    outline_box,
     outline_pipe,
     outline_robot,
     outline_structure,
+    outline_things,
     outline_tube,
 )
 from skywright.run.kind import load_kind
@@ -150,8 +150,7 @@ def _outline_world(result: RunResult) -> list[Outline]:
     parts = outline_pipe(world.pipe) if world.pipe is not None else []
     if world.structure is not None:
         parts += outline_structure(world.structure)
-    for box in world.obstacles.values():
-        parts += outline_box(box)
+    parts += outline_things(world.things)
     for tube in get_structures(world).tubes.values():
         parts += outline_tube(tube)
     return parts

@@ -1,0 +1,312 @@
+"""The physics back end: the perturbed plant and the robot, assembled from components.
+
+Fast mode runs each mission tick in one compiled call. Interactive mode runs the schedule from
+Python: components may be plain Python there, a debugger works. Both are bit-identical.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.record import Record
+from skywright.core.rotations import quat_to_rot, rot_z
+from skywright.core.types import REFERENCE
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.description.world.things import find_first
+from skywright.errors import InputError, SimulationError
+from skywright.models.allocation import build_allocator
+from skywright.models.arm_body import Deviation
+from skywright.models.compliant_arms import is_compliant
+from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
+from skywright.models.rotors import build_rotors
+from skywright.models.scene import TIMESTEP, build_scene, home_pose
+from skywright.models.things.bench import Bench
+from skywright.sim.simulation import Simulation
+from skywright.vehicle.assembly import Assembly, State
+from skywright.vehicle.bus import Allocated, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
+from skywright.vehicle.component import Component, Estimator, Law, PlantContext
+from skywright.vehicle.effects.forces import GivenForces
+from skywright.vehicle.estimates import EstimatorState
+from skywright.vehicle.follower import Follower
+from skywright.vehicle.guard import NOT_FINITE
+from skywright.vehicle.interface import Limits, Table, Ticked
+from skywright.vehicle.inventory import list_wanted
+from skywright.vehicle.link_arc import compute_link_arc
+from skywright.vehicle.plant import MISSION_TICK
+from skywright.vehicle.ports import list_steps
+from skywright.vehicle.recorder import Recorder
+from skywright.vehicle.ticker import Ticker
+
+Array = NDArray[np.float64]
+C = TypeVar("C", bound=Component)
+
+
+class Saved(NamedTuple):
+    """A saved vehicle; see SimulatedVehicle.save."""
+
+    assembly: State
+    physics: Any
+    table: Table
+    table_start: float
+    parts: dict[str, Any]  # by name of a component
+
+
+class SimulatedVehicle:
+    """A back end (vehicle.interface.Backend) that flies the plant."""
+
+    offers: frozenset[str]
+
+    def __init__(
+        self,
+        robot: Robot,
+        world: World,
+        law: Law,
+        estimator: Estimator,
+        *,
+        seed: int,
+        deviation: Deviation,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        interactive: bool = False,
+        parts: Sequence[Component] = (),
+        on_samples: Callable[[NDArray[Any]], None] | None = None,
+    ) -> None:
+        """`start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
+
+        `parts` are further components: sensors and effects that the description names.
+        Raises InputError where they do not fit together.
+        """
+        self.robot, self.world, self.law, self.estimator = robot, world, law, estimator
+        self.interactive = interactive
+        self.n_steps, self.dt = check_rate(robot)
+        self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
+        extend = [part.extend_scene for part in parts]
+        self.scene = build_scene(robot, world, deviation, extend)
+        self.n_joints = self.scene.n_joints
+        self.offers = list_offers(robot)
+        c = robot.control
+        self.limits = Limits(c.speed_max_mps, c.acceleration_max_mps2, 0.8)
+        self.rotors = build_rotors(robot.rotors)
+        self.allocator = build_allocator(self.rotors)
+        self.model = build_body_model(robot, world.gravity_mps2)
+        self.arc = compute_link_arc(robot, self.model)
+        home = home_pose(robot, world, *start)
+        self.sim = Simulation(self.scene, home)
+        context = PlantContext(
+            robot, world, self.model[0], self.rotors, self.allocator,
+            compute_body(self.model, posture(robot, "working"))[0], self.dt, TIMESTEP,
+            law.name, frozenset(), {}, deviation=deviation, scene=self.scene, sim=self.sim,
+            seed=seed, start=start,
+        )  # fmt: skip
+        named = [law, *estimator.assemble(estimator.table, context), *parts]
+        asked = {port.record for c in named for step in list_steps(c) for port in step.ports}
+        context = dataclasses.replace(context, named=tuple(named), asked=frozenset(asked))
+        self.assembly = Assembly([*named, *list_wanted(context)], context, seed)
+        self._fill_bus()
+        self.ticker = Ticker(self.assembly, self.sim, self.n_steps)
+        self.interactive |= bool(self.assembly.list_python_rows())
+        components = self.assembly.components
+        self._before = [c for c in components if overrides(c, "before_tick")]
+        self._after = [c for c in components if overrides(c, "after_tick")]
+        self._follower, self._recorder = self.find(Follower), self.find(Recorder)
+        self.on_samples = on_samples
+        self.track(self._build_home_row(home, start[2]))
+
+    # --- Backend ---------------------------------------------------------------------------------
+
+    def find(self, kind: type[C]) -> C:
+        """Return the component of a class; raises InputError where the vehicle has none."""
+        found = next((c for c in self.assembly.components if isinstance(c, kind)), None)
+        if found is None:
+            raise InputError(f"{self.robot.name!r} in {self.world.name!r} has no {kind.__name__}")
+        return found
+
+    def read(self, record: type[Record], name: str = "") -> Any:
+        """Return a copy of a record, as it is now, with named fields.
+
+        `name` is that of the component that fills it, where several do. Raises InputError where
+        nothing in this vehicle fills it.
+        """
+        try:
+            return self.assembly.get(record, name).copy()
+        except KeyError:
+            raise InputError(
+                f"nothing in {self.robot.name!r} in {self.world.name!r} fills {record.__name__}"
+            ) from None
+
+    @property
+    def t(self) -> float:
+        """Mission time (s)."""
+        return self.ticker.t
+
+    @property
+    def reference(self) -> Any:
+        """A copy of the REFERENCE row at the last control tick."""
+        return self._follower.read_row()
+
+    @property
+    def estimate(self) -> Any:
+        """A copy of Estimate at the last control tick."""
+        return self.read(Estimate)
+
+    @property
+    def localised(self) -> bool:
+        """Whether the estimator has begun."""
+        return bool(self.read(EstimatorState)["ready"] > 0.0)
+
+    @property
+    def fix_age(self) -> float:
+        """Time (s) since the robot was last told where it is."""
+        return self.t - float(self.read(EstimatorState)["heard"])
+
+    @property
+    def saturated(self) -> bool:
+        """Whether the rotors could not make what was commanded at the last control tick."""
+        return bool(self.read(Allocated)["saturated"] > 0.0)
+
+    @property
+    def force(self) -> float:
+        """Force (N) of the tip at the last control tick, by the probe's sensor."""
+        return float(self.read(Estimate)["f_tip"])
+
+    @property
+    def pose_std(self) -> float:
+        """Largest standard deviation (m) of the estimated position; NaN where it is not known."""
+        return float(self.read(EstimatorState)["pose_std"])
+
+    def track(self, table: Table) -> None:
+        """Follow `table` from now on; its last row holds."""
+        self._table = np.ascontiguousarray(table)
+        self._table_start, self._table_end = self.t, float(self._table[-1]["t"])
+        self._follower.track(self._table, self.t)
+
+    def tick(self, guards: int = 0) -> Ticked:
+        """Run one mission tick; raises SimulationError when it diverges or a step raises."""
+        clock = self.assembly.get(Clock)
+        clock["mask"], clock["fired"] = guards, 0
+        self.assembly.refill(self.n_ticks, self.n_steps)
+        for c in self._before:
+            c.before_tick(self.t, self.n_ticks)
+        self.ticker.run(self.n_ticks, self.interactive)
+        if self._recorder.is_full:
+            self.flush()
+        fired = int(clock["fired"])
+        if fired & NOT_FINITE:
+            raise SimulationError(self._explain_not_finite())
+        for c in self._after:
+            c.after_tick(self.t)
+        return Ticked(self.t, fired, self.t - self._table_start >= self._table_end - 1e-9)
+
+    def flush(self) -> None:
+        """Deliver the samples taken since the last delivery."""
+        samples = self._recorder.take()
+        if len(samples) and self.on_samples is not None:
+            self.on_samples(samples)
+
+    def save(self) -> Saved:
+        """Return everything that the next tick depends on; see restore."""
+        parts = {c.name: c.save() for c in self.assembly.components}
+        return Saved(self.assembly.save(), self.sim.save(), self._table, self._table_start, parts)
+
+    def restore(self, saved: Saved, seed: int | None = None) -> None:
+        """Go back to a saved state: the same ticks follow bit for bit.
+
+        With a `seed` the noise from here on is that of this seed. Samples not yet delivered at
+        either time are dropped.
+        """
+        self.sim.restore(saved.physics)
+        for c in self.assembly.components:
+            c.restore(saved.parts[c.name])
+        self.assembly.restore(saved.assembly, seed)
+        self._table, self._table_start = saved.table, saved.table_start
+        self._table_end = float(self._table[-1]["t"])
+        self._recorder.take()
+
+    def tip_of(self, row: Any) -> tuple[Array, Array]:
+        """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
+        p_BT, R_BT = compute_tip(self.model, row["q"])
+        return row["p_WB"] + row["R_WB"] @ p_BT, row["R_WB"] @ R_BT
+
+    def push(self, body: str, f_W: Array) -> None:
+        """Apply a force (3,) N to a body of the robot, at its centre of mass, until told otherwise.
+
+        A disturbance from outside, such as a helper's hand; raises InputError for an unknown body.
+        """
+        self.find(GivenForces).push(body, f_W)
+
+    def set_phase(self, index: int) -> None:
+        """Phase index that samples carry from now on."""
+        self.assembly.get(Clock)["phase"] = index
+
+    # --- set-up ------------------------------------------------------------------------------
+
+    def _fill_bus(self) -> None:
+        """Tell the clock its periods and the components where MuJoCo's arrays are."""
+        clock, mj = self.assembly.get(Clock), self.assembly.get(MuJoCo)
+        clock["dt"], clock["h"] = self.dt, TIMESTEP
+        for name, array in self.sim.arrays.items():
+            mj[name] = array.ctypes.data
+        sizes = self.scene.model
+        mj["nq"], mj["nv"], mj["nsensor"] = sizes.nq, sizes.nv, sizes.nsensordata
+        mj["nsite"], mj["nbody"], mj["npair"] = sizes.nsite, sizes.nbody, sizes.npair
+        mj["nu"], mj["na"] = sizes.nu, sizes.na
+
+    def _build_home_row(self, home: tuple[Array, Array, Array], yaw: float) -> Table:
+        """Return the reference of a robot that stands at its start with its motors off."""
+        p, q_WB, q = home
+        table = np.zeros(1, REFERENCE)
+        row = table[0]
+        row["p_WB"], row["R_WB"] = p, rot_z(yaw)
+        bench = find_first(self.world.things, Bench)
+        if bench is not None and bench.pitch_deg != 0.0:
+            quat_to_rot(q_WB, row["R_WB"])
+        row["R_WS"] = np.eye(3)
+        row["q"][: self.n_joints] = q
+        row["p_WT"], row["R_WT"] = self.tip_of(row)
+        return table
+
+    def _explain_not_finite(self) -> str:
+        records = self.assembly.records
+        given = [records[k, ""][0] for k in (WrenchCommand, ShaftCommand) if (k, "") in records]
+        values = np.concatenate([np.ravel(r[name]) for r in given for name in r.dtype.names])
+        if not np.all(np.isfinite(values)):
+            return (
+                f"control law {self.law.name!r} returned NaN or infinity at t = {self.t:.3f} s "
+                "(force, torque or joint command); the command was not applied"
+            )
+        return f"the simulation diverged at t = {self.t:.3f} s: the state is not finite"
+
+
+def list_offers(robot: Robot) -> frozenset[str]:
+    """Return what a mission may command of a robot (vehicle/interface.py)."""
+    return frozenset(
+        ["uav"]
+        + (["arms", "whole_body"] if robot.arm else [])
+        + (["hands"] if is_compliant(robot) else [])
+        + (["probe"] if robot.probe else [])
+    )
+
+
+def check_rate(robot: Robot) -> tuple[int, float]:
+    """Return the physics steps of a control tick, and its period (s).
+
+    Raises InputError where the control rate does not divide the rate of the physics.
+    """
+    rate = robot.control.rate_hz
+    n_steps = round(1.0 / (rate * TIMESTEP))
+    if abs(n_steps * TIMESTEP * rate - 1.0) > 1e-9 or n_steps < 1:
+        raise InputError(
+            f"robot.control.rate_hz = {rate:g} does not divide the physics rate "
+            f"{1 / TIMESTEP:g} Hz; valid: 1000, 500, 250, 200, 125, 100"
+        )
+    return n_steps, n_steps * TIMESTEP
+
+
+def overrides(component: Component, method: str) -> bool:
+    """Whether a component's class has a method of its own in place of Component's."""
+    return getattr(type(component), method) is not getattr(Component, method)

@@ -1,0 +1,35 @@
+"""The six-axis force-torque sensor in the arm."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from plant_parts import build_context, build_plant
+from skywright.core.record import View
+from skywright.errors import InputError
+from skywright.vehicle.sensors.force_torque import ForceTorque
+
+
+def test_a_wrist_carries_the_weight_beyond_it():
+    sensor = ForceTorque("ft", ForceTorque.Table(force_bias_n=0.0, torque_bias_nm=0.0))
+    context = build_context(extend=(sensor,))
+    plant = build_plant(context, sensor)
+    model, data = context.scene.model, context.sim.data
+    plant.run(round(1.5 / context.dt))  # it stands on its gear
+    holder = model.body("holder").id
+    beyond = [b for b in range(model.nbody) if b == holder or model.body_parentid[b] == holder]
+    weight = float(sum(model.body_mass[b] for b in beyond)) * context.world.gravity_mps2
+    R = data.xmat[holder].reshape(3, 3)
+    force_W = R @ np.array(View(plant.assembly.get(ForceTorque.Reading)).force)
+    np.testing.assert_allclose(force_W, [0.0, 0.0, -weight], atol=0.03 * weight + 0.01)
+    arm = sum(model.body_mass[b] * (data.xipos[b] - data.xpos[holder]) for b in beyond)
+    turn = np.cross(arm, [0.0, 0.0, -context.world.gravity_mps2])
+    torque_W = R @ np.array(View(plant.assembly.get(ForceTorque.Reading)).torque)
+    np.testing.assert_allclose(torque_W, turn, atol=0.05 * weight * 0.1 + 1e-3)
+
+
+def test_a_place_that_is_no_part_of_the_arm_is_refused():
+    sensor = ForceTorque("ft", ForceTorque.Table(at="elbow"))
+    with pytest.raises(InputError, match="'elbow' is no part of the arm; valid: wrist, probe"):
+        build_context(extend=(sensor,))

@@ -1,0 +1,44 @@
+"""The laser at the tip."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from plant_parts import build_context, build_plant, take_samples
+from skywright.core.record import View
+from skywright.errors import InputError
+from skywright.vehicle.bus import Truth
+from skywright.vehicle.sensors.tip_distance import TipDistance
+
+
+def test_distance_at_the_tip_is_that_to_the_pipe():
+    context = build_context(sets=["world.pipe.x_m=1.5", "world.pipe.z_m=0.45"])
+    sensor = TipDistance("laser", TipDistance.Table(noise_m=0.0, range_max_m=5.0))
+    plant = build_plant(context, sensor)
+    data, pipe = context.sim.data, context.world.pipe
+    data.qpos[context.scene.places.joint_qpos] = [-0.7, 0.7]  # the probe looks ahead
+    mujoco.mj_forward(context.scene.model, data)
+    plant.run(1)
+    truth = View(plant.assembly.get(Truth))
+    p, axis = np.array(truth.p_WT), np.array(truth.R_WT)[:, 2]
+    # the ray against the cylinder along y, in the plane of x and z
+    d, n = (p - [pipe.x_m, 0, pipe.z_m])[[0, 2]], axis[[0, 2]]
+    a, b, c = n @ n, d @ n, d @ d - (0.5 * pipe.diameter_m) ** 2
+    expected = (-b - math.sqrt(b * b - a * c)) / a
+    assert 0.1 < expected < 3.0
+    assert View(plant.assembly.get(TipDistance.Reading)).distance == pytest.approx(
+        expected, abs=1e-3
+    )
+    assert "tip_distance" in take_samples(plant).dtype.names
+
+
+def test_wrong_tables_are_told():
+    with pytest.raises(InputError, match=r"range_min_m 2 must be below range_max_m 1"):
+        laser = TipDistance("laser", TipDistance.Table(range_min_m=2.0, range_max_m=1.0))
+        build_plant(build_context(), laser)
+    with pytest.raises(InputError, match="has no tip"):
+        build_plant(build_context("waypoints"), TipDistance("laser"))
