@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from chromium_page import open_page
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_z
-from skywright.core.types import MAX_JOINTS, SAMPLE
+from skywright.core.types import MAX_JOINTS
 from skywright.description.loader import load_description
 from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.errors import InputError
@@ -55,6 +55,15 @@ SHORT = (
     "mission.task.passes=2", "mission.task.pass_length_m=0.04", "mission.task.arc_deg=10",
     "mission.task.speed_mps=0.02", "mission.requirements.weld.crossings.limit=2",
 )  # fmt: skip
+
+
+SAMPLE = np.dtype(
+    [(n, "f8", 3) for n in ("p_WB", "p_WT")]
+    + [(n, "f8", 4) for n in ("q_WB", "q_WT")]
+    + [(n, "f8") for n in ("t", "spring", "gap", "gap_max", "tilt")]
+    + [("q", "f8", MAX_JOINTS)]
+)
+"""The columns that drawings read."""
 
 
 @pytest.fixture(scope="module")

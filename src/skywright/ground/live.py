@@ -219,7 +219,7 @@ class LiveView:
 
 
 def build_numbers(row: Any, vehicle: SimulatedVehicle) -> str:
-    """Return the key numbers of one SAMPLE as a Markdown table."""
+    """Return the key numbers of one sample as a Markdown table."""
     lines = [("height", f"{row['p_WB'][2]:.2f} m")]
     speed = float(np.linalg.norm(row["v_WB"]))
     lines.append(("speed", f"{speed:.2f} m/s"))

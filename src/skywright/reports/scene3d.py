@@ -67,7 +67,7 @@ class Scene3d:
     # --- moving --------------------------------------------------------------------------------
 
     def compute_poses(self, samples: NDArray[Any]) -> Poses:
-        """Return the poses of all moving nodes for recorded samples (SAMPLE)."""
+        """Return the poses of all moving nodes for recorded samples."""
         q = np.asarray(samples["q"], float)
         found = compute_part_poses(
             self.drawing, samples["p_WB"], samples["q_WB"], q, samples["spring"],

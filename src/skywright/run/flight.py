@@ -44,7 +44,7 @@ class Flown(Generic[T, P]):
         samples: Samples,
         phases: list[PhaseRecord],
     ) -> None:
-        """`samples` (n,) of SAMPLE are those of the whole run (100 Hz)."""
+        """`samples` (n,) are those of the whole run (100 Hz)."""
         self.setup, self.plan, self.samples, self.phases = setup, plan, samples, phases
         self._found: dict[Callable[..., Any], Any] = {}
 
