@@ -5,7 +5,7 @@ damping of a swinging link; the force for it, with every known external force ca
 thrust; rate asked = k (attitude error); angular acceleration = k (rate error). The torque for it
 comes from models/floating.py, so that a link on a joint without a servo, arms that moved and forces
 at the hands turn the platform no more than the model is wrong. The velocity loop needs no integral
-of its own: f_rest_W of estimation/wrench.py is one. All gains follow from bandwidths
+of its own: f_rest_W of vehicle/arms/external_wrench.py is one. All gains follow from bandwidths
 (`compute_gains`).
 """
 

@@ -405,7 +405,7 @@ ARMS = np.dtype(
         ("lever", f8, MAX_HANDS),  # m, speed of the hand in the task's direction over the joints'
         ("singular", f8, MAX_HANDS),  # 1: too near a singularity for that direction
         ("shift_W", f8, (MAX_HANDS, 3)),  # m, platform move that bends the elbow again
-        ("p_WM", f8, 3),  # m, estimated marker (estimation/marker.py)
+        ("p_WM", f8, 3),  # m, estimated marker (vehicle/arms/marker.py)
         ("R_WM", f8, (3, 3)),
         ("marker_age", f8),  # s, since it was last seen
         ("p_WP", f8, 3),  # m, estimated pipe
@@ -440,7 +440,7 @@ WRENCH = np.dtype(
         ("L_s", f8, 3),  # kg m, momentum of a unit rate of the joint
         ("M_ws", f8, 3),  # kg m^2, its angular momentum about the origin of B
         ("M_ss", f8),  # kg m^2, inertia about the joint of all that it carries
-        # estimate (estimation/wrench.py)
+        # estimate (vehicle/arms/external_wrench.py)
         ("momentum_W", f8, 3),  # N s, as predicted
         ("f_hands_W", f8, 3),  # N, reaction of what the hands press, as their joints measure it
         ("t_hands_B", f8, 3),  # N m, about the origin of B
@@ -541,7 +541,7 @@ SAMPLE = np.dtype(
                 ("ref_f_W", 3),
             )
         ],
-        # wrench of arms or link on the platform, and what hits pads (sim/loads.py)
+        # wrench of arms or link on the platform, and what hits pads (vehicle/observers/gauges.py)
         ("load_f_B", f8, 3),  # N, beyond the wrench that is counted from
         ("load_t_B", f8, 3),  # N m, about the origin of B
         ("load_f_peak", f8),  # N, largest size since the last sample (at 1 kHz)
