@@ -20,6 +20,7 @@ import annotated_types as limits
 from pydantic.fields import FieldInfo
 
 from skywright.core.find import find, list_kinds
+from skywright.core.open_spec import OpenSpec
 from skywright.core.spec import Spec
 from skywright.description.mission.spec import Mission, Plant
 from skywright.description.robot.spec import Robot
@@ -176,12 +177,19 @@ def _default(field: FieldInfo) -> str:
 
 
 def _tables(path: str, model: type[Spec]) -> list[str]:
-    comments = _comments(model)
+    comments: dict[str, str] = {}
+    for base in reversed(model.__mro__):
+        if issubclass(base, Spec):
+            comments |= {name: text for name, text in _comments(base).items() if text}
     rows, below = [], []
     for key, field in model.model_fields.items():
         nested = _subtable(field.annotation)
         if nested is not None:
             suffix, sub = nested
+            if issubclass(sub, OpenSpec):
+                for kind in list_kinds(sub.group):
+                    below += _tables(f"{path}.{key}{suffix}", find(sub.group, kind).cls)
+                continue
             # An arm's links and servos are written as tables directly below `robot.arm`.
             inner = f"{path}.NAME" if path == "robot.arm" else f"{path}.{key}{suffix}"
             below += _tables(inner, sub)
@@ -192,7 +200,8 @@ def _tables(path: str, model: type[Spec]) -> list[str]:
         meaning = comments.get(key, "").replace("|", "\\|")
         rows.append(f"| `{key}` | {_unit(key)} | {_default(field)} | {value} | {meaning} |")
     title = f"## {path}" if "." not in path else f"### {path}"
-    name = f" ({model.__name__.lower()})" if path == "robot.arm.NAME" else ""
+    of_kind = path == "robot.arm.NAME" or issubclass(model, OpenSpec)
+    name = f" ({model.__name__.lower()})" if of_kind else ""
     lines = [title + name, "", inspect.cleandoc(model.__doc__ or ""), ""]
     if rows:
         lines += ["| key | unit | default | value | meaning |", "|---|---|---|---|---|", *rows, ""]

@@ -44,9 +44,9 @@ class Bench:
         world = Path(tempfile.mkdtemp()) / "world.toml"
         world.write_text(
             '[world]\nname = "bench"\n'
-            + f"[world.bench]\nz_m = {HEIGHT}\n"
+            + f'[world.things.bench]\nkind = "bench"\nz_m = {HEIGHT}\n'
             + "".join(
-                f"[world.obstacles.box{i}]\n"
+                f'[world.things.box{i}]\nkind = "box"\n'
                 + "".join(f"{a}_m = {p}\n" for a, p in zip("xyz", at, strict=True))
                 + "".join(f"size_{a}_m = {p}\n" for a, p in zip("xyz", edges, strict=True))
                 for i, (at, edges) in enumerate(boxes)

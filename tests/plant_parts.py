@@ -90,7 +90,7 @@ def build_context(
     dev = Deviation(**deviation)
     scene = build_scene(robot, world, dev, [c.extend_scene for c in extend])
     rotors = build_rotors(robot.rotors)
-    sim = Simulation(scene, home_pose(robot, 0.0, 0.0, 0.0, world.bench))
+    sim = Simulation(scene, home_pose(robot, world, 0.0, 0.0, 0.0))
     return PlantContext(
         robot, world, build_body_model(robot, world.gravity_mps2), rotors,
         build_allocator(rotors), 1.0, 1.0 / robot.control.rate_hz, TIMESTEP, "none", frozenset(),

@@ -12,6 +12,9 @@ import pytest
 from plant_parts import build_context, build_plant, take_samples
 from skywright.core.find import find, list_kinds
 from skywright.core.record import View
+from skywright.description.loader import load_description
+from skywright.errors import InputError
+from skywright.evidence.bench.flights import fly_to_hover
 from skywright.vehicle.sensors import airspeed
 from skywright.vehicle.sensors.airspeed import Airspeed
 
@@ -56,3 +59,31 @@ def test_a_delayed_link_delays_a_users_sensor(tmp_path):
             seen.append(k * context.dt - float(reading.t))
     assert len(seen) > 5
     np.testing.assert_allclose(seen, 0.02, atol=1e-9)
+
+
+@pytest.mark.parametrize("user", [False, True])
+def test_it_flies_by_a_table_of_the_robot(user, tmp_path):
+    """In a headwind, delayed by the link, recorded; its table is reached by --set."""
+    load_from_file(tmp_path)
+    kind = f"{tmp_path / 'pitot.py'}:Pitot" if user else "airspeed"
+    sets = [
+        f"robot.sensors.pitot.kind={kind}", "robot.sensors.pitot.noise_mps=0.05",
+        "world.wind.kind=steady", "world.wind.mean_mps=3", "world.wind.toward_deg=180",
+        "world.link.delay_s=0.004",
+    ]  # fmt: skip
+    vehicle = fly_to_hover(load_description("pipe-weld-scan", sets=sets))
+    blocks: list[Any] = []
+    vehicle.on_samples = blocks.append
+    vehicle.flush()
+    for _ in range(100):
+        vehicle.tick()
+    vehicle.flush()
+    seen = np.concatenate(blocks)["airspeed"][-100:]
+    assert np.mean(seen) == pytest.approx(3.0, abs=0.1)
+    assert 0.02 < np.std(seen) < 0.2
+
+
+def test_an_unknown_key_of_its_table_is_told():
+    sets = ["robot.sensors.pitot.kind=airspeed", "robot.sensors.pitot.noise=0.05"]
+    with pytest.raises(InputError, match="noise_mps"):
+        load_description("pipe-weld-scan", sets=sets)

@@ -10,12 +10,18 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skywright.control.backstepping import backstep, find_contact_wrench
-from skywright.control.backstepping_gains import compute_backstepping_gains
-from skywright.core.types import BELIEF
+from skywright.core.record import View
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_tip
+from skywright.vehicle.bus import Body, Estimate, Reference
+from skywright.vehicle.follower import Press
+from skywright.vehicle.laws.backstepping import (
+    Backstepping,
+    backstep,
+    compute_backstepping_gains,
+    find_contact_wrench,
+)
 
 GAIN = st.floats(0.1, 20.0)
 NUMBER = st.floats(-3.0, 3.0)
@@ -74,12 +80,12 @@ def test_the_contact_wrench_is_equation_24(g1: float, g2: float, force: float) -
     model = build_body_model(robot)
     q = np.array([g1 - math.pi / 2, -g2])
     p_BT, R_BT = compute_tip(model, q)
-    b = np.zeros(1, BELIEF).view(np.recarray)
-    b["ref"]["press"], b["est"]["f_tip"] = 1.0, force
-    b["body"]["p_BT"], b["body"]["R_BT"] = p_BT, R_BT
-    b["est"]["R_WB"] = np.eye(3)
+    records = (Backstepping.Me, Reference, Press, Estimate, Body)
+    me, ref, press, est, body = (View(np.zeros(1, r.dtype)[0]) for r in records)
+    press.press, est.f_tip, est.R_WB = 1.0, force, np.eye(3)
+    body.p_BT, body.R_BT = p_BT, R_BT
     f, t = np.zeros(3), np.zeros(3)
-    find_contact_wrench(b[0], f, t)
+    find_contact_wrench(me, ref, press, est, body, f, t)
     L1, base = 0.25, np.array([0.05, 0.0, 0.05])  # the shoulder
     assert f == pytest.approx([-force * math.sin(g1 - g2), 0.0, -force * math.cos(g1 - g2)])
     # about the shoulder: of the paper's t_y what its d (base to centre of mass) does not make

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skywright.core.rotations import exp_so3, rot_z
+from skywright.core.rotations import exp_so3, rot_x, rot_y, rot_z
 from skywright.description.loader import load_description
-from skywright.description.world.insertion import Socket, list_socket_parts
+from skywright.description.world.thing import Frame, Solid
+from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
 from skywright.missions.bar_insertion.bar_leading import build_attitude
 from skywright.missions.bar_insertion.insertion import find_offset
@@ -21,14 +22,27 @@ from skywright.models.arm_body import Deviation
 from skywright.models.arm_inverse_kinematics import compute_arm_ik
 from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
 from skywright.models.compliant_arms import find_hands
-from skywright.models.deviation import build_true_world
-from skywright.models.insertion_body import locate_socket
+from skywright.models.deviation import build_socket_error
+from skywright.models.drawing import build_drawing
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
+from skywright.models.things.peg import Peg
+from skywright.models.things.socket import Socket
 from skywright.run.run import fly_and_evaluate
 from skywright.run.setup import Setup
 
 DESCRIPTION = load_description("bar-insertion")
+PEG = DESCRIPTION.world.find_thing("peg", Peg)
+SOCKET = DESCRIPTION.world.find_thing("socket", Socket)
+
+
+def locate(name: str) -> np.ndarray:
+    return locate_thing(DESCRIPTION.world.things, name).p
+
+
+def list_boxes(socket: Socket) -> list[Solid]:
+    """The block, without its post."""
+    return [s for part in socket.list_parts() for s in part.solids if s.name != "post"]
 
 
 def build(error: list[float] | None = None, **sets: float) -> tuple[Scene, mujoco.MjData, int]:
@@ -50,8 +64,7 @@ def drop(scene: Scene, data: mujoco.MjData, at: int, p: np.ndarray, seconds: flo
 
 def test_the_bar_stands_in_the_rack() -> None:
     scene, data, at = build()
-    assert DESCRIPTION.world.rack is not None
-    p = locate_socket(DESCRIPTION.world.rack)[0]
+    p = locate("rack")
     np.testing.assert_allclose(drop(scene, data, at, p, 1.0), p, atol=1e-4)
 
 
@@ -69,8 +82,8 @@ def test_the_boxes_leave_the_hole_and_nothing_else(
         return
     p = np.array([x, y, z])
     inside = any(
-        bool(np.all(np.abs(part.R.T @ (p - part.p)) < part.half + 1e-12))
-        for part in list_socket_parts(socket)
+        bool(np.all(np.abs(s.frame.R.T @ (p - s.frame.p)) < np.array(s.size) + 1e-12))
+        for s in list_boxes(socket)
     )
     assert inside == (away > 0.0)
 
@@ -80,60 +93,52 @@ def test_the_boxes_leave_the_hole_and_nothing_else(
 )
 def test_clearance_alone_decides_whether_the_peg_goes_in(clearance: float, goes_in: bool) -> None:
     """Dropped straight over the hole: soft contacts make the hole wider by less than 0.2 mm."""
-    sets = {"world.peg.friction": 0.2}
     d = DESCRIPTION
-    assert d.world.peg is not None and d.world.socket is not None
-    hole = d.world.peg.side_m + clearance
-    world = d.world.model_copy(
-        update={"socket": d.world.socket.model_copy(update={"hole_m": hole, "chamfer_m": 0.0})}
-    )
+    narrow = SOCKET.model_copy(update={"hole_m": PEG.side_m + clearance, "chamfer_m": 0.0})
+    world = d.world.add_thing("socket", narrow)
     scene = build_scene(d.robot, world, Deviation())
     data = mujoco.MjData(scene.model)
     data.qpos[2] = d.robot.platform.gear_height_m
     at = int(scene.model.joint("object peg").qposadr[0])
-    p = locate_socket(d.world.socket)[0]
-    end = drop(scene, data, at, p + [0.0, 0.0, d.world.peg.length_m + 0.001], 0.15)
-    assert (end[2] < p[2] + d.world.peg.length_m - 0.01) == goes_in, sets
+    p = locate("socket")
+    end = drop(scene, data, at, p + [0.0, 0.0, PEG.length_m + 0.001], 0.15)
+    assert (end[2] < p[2] + PEG.length_m - 0.01) == goes_in
 
 
 @pytest.mark.parametrize("force", [2.0, 5.0])
 def test_a_wall_gives_way_by_less_than_a_tenth_of_a_millimetre(force: float) -> None:
     scene, data, at = build()
-    d = DESCRIPTION.world
-    assert d.peg is not None and d.socket is not None
-    p = locate_socket(d.socket)[0]
+    p = locate("socket")
     body = scene.model.body("object peg").id
     data.qpos[at : at + 3], data.qpos[at + 3 : at + 7] = p, [1.0, 0.0, 0.0, 0.0]
     data.xfrc_applied[body, 0] = force
     mujoco.mj_step(scene.model, data, 1000)
-    inside = float(data.xpos[body, 0] - p[0]) - 0.5 * (d.socket.hole_m - d.peg.side_m)
+    inside = float(data.xpos[body, 0] - p[0]) - 0.5 * (SOCKET.hole_m - PEG.side_m)
     assert inside < 1e-4
 
 
 @pytest.mark.parametrize("aside", [0.0035, 0.0055])
 def test_the_chamfer_catches_half_the_clearance_and_its_own_width(aside: float) -> None:
     """A bar that nothing holds slides down a slope of 45 deg at a friction of 0.2."""
-    scene, data, at = build(**{"world.peg.friction": 0.2})
-    d = DESCRIPTION.world
-    assert d.peg is not None and d.socket is not None
-    p = locate_socket(d.socket)[0]
-    reach = 0.5 * (d.socket.hole_m - d.peg.side_m) + d.socket.chamfer_m
+    scene, data, at = build(**{"world.things.peg.friction": 0.2})
+    p = locate("socket")
+    reach = 0.5 * (SOCKET.hole_m - PEG.side_m) + SOCKET.chamfer_m
     free = [i for i in range(3, 6)]
     dof = int(scene.model.joint("object peg").dofadr[0])
     scene.model.dof_armature[[dof + i for i in free]] = 1e3  # it stays upright
-    end = drop(scene, data, at, p + [aside, 0.0, d.peg.length_m + 0.001], 0.6)
-    assert (end[2] < p[2] + 0.5 * d.peg.length_m) == (aside < reach)
+    end = drop(scene, data, at, p + [aside, 0.0, PEG.length_m + 0.001], 0.6)
+    assert (end[2] < p[2] + 0.5 * PEG.length_m) == (aside < reach)
 
 
 def test_the_true_socket_stands_where_the_deviation_says() -> None:
     error = [0.01, -0.02, 0.005, 0.01, -0.02, 0.03]
     scene, _, _ = build(error)
     nominal = build_scene(DESCRIPTION.robot, DESCRIPTION.world)
-    assert DESCRIPTION.world.socket is not None
-    p, R = locate_socket(DESCRIPTION.world.socket, np.array(error))
-    part = list_socket_parts(DESCRIPTION.world.socket)[0]
+    turn = rot_z(error[5]) @ rot_y(error[4]) @ rot_x(error[3])
+    p, R = SOCKET.frame.at(Frame(np.array(error[:3]), turn))
+    wall = list_boxes(SOCKET)[0].frame
     geom, believed = scene.model.geom("socket wall 0"), nominal.model.geom("socket wall 0")
-    np.testing.assert_allclose(geom.pos, p + R @ part.p, atol=1e-12)
+    np.testing.assert_allclose(geom.pos, p + R @ wall.p, atol=1e-12)
     assert np.linalg.norm(geom.pos - believed.pos) > 0.02
 
 
@@ -181,10 +186,10 @@ def test_the_arms_turn_the_bar_as_29_and_30_invert() -> None:
 @pytest.mark.parametrize(
     ("sets", "message"),
     [
-        (["world.peg.mass_kg=0.8"], "more than the arms may lift"),
-        (["world.peg.handle_length_m=0.3"], "too short to be held"),
-        (["world.socket.width_m=0.3"], "between the hands"),
-        (["world.socket.z_m=0.3"], "come within"),
+        (["world.things.peg.mass_kg=0.8"], "more than the arms may lift"),
+        (["world.things.peg.handle_length_m=0.3"], "too short to be held"),
+        (["world.things.socket.width_m=0.3"], "between the hands"),
+        (["world.things.socket.z_m=0.3"], "come within"),
     ],
 )
 def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
@@ -194,8 +199,9 @@ def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
 
 
 def test_a_socket_behind_a_wall_is_out_of_reach() -> None:
-    wall = {"x_m": 1.1, "y_m": 0.4, "z_m": 1.0, "size_x_m": 0.05, "size_y_m": 0.3, "size_z_m": 2.0}
-    found = plan(Setup(load_description("bar-insertion", sets={"world.obstacles.wall": wall})))
+    wall = {"kind": "box", "x_m": 1.1, "y_m": 0.4, "z_m": 1.0, "size_x_m": 0.05, "size_y_m": 0.3,
+            "size_z_m": 2.0}  # fmt: skip
+    found = plan(Setup(load_description("bar-insertion", sets={"world.things.wall": wall})))
     assert not found.feasible and "wall come within" in str(found.blocked_by)
 
 
@@ -205,12 +211,12 @@ def test_a_socket_behind_a_wall_is_out_of_reach() -> None:
         ("bimanual-longreach", [], "passive joint"),
         ("hexarotor", [], "lacks"),
         (None, ["robot.arm.hand.kind=ball"], "hooks"),
-        (None, ["world.socket.hole_m=0.03"], "does not go in"),
-        (None, ["world.rack.hole_m=0.1"], "fall through"),
-        (None, ["world.socket.depth_m=0.04"], "the peg is 0.05 m long"),
-        (None, ["world.socket.z_m=0.05"], "into the ground"),
-        (None, ["world.peg.flange_m=0.02"], "flange"),
-        (None, ["world.socket.chamfer_m=0.05"], "no wall"),
+        (None, ["world.things.socket.hole_m=0.03"], "does not go in"),
+        (None, ["world.things.rack.hole_m=0.1"], "fall through"),
+        (None, ["world.things.socket.depth_m=0.04"], "the peg is 0.05 m long"),
+        (None, ["world.things.socket.z_m=0.05"], "into the ground"),
+        (None, ["world.things.peg.flange_m=0.02"], "flange"),
+        (None, ["world.things.socket.chamfer_m=0.05"], "no wall"),
     ],
 )
 def test_wrong_worlds_and_robots_are_input_errors(
@@ -224,7 +230,8 @@ def test_the_peg_is_inserted_and_left_there() -> None:
     sets = [
         "plant.socket_x_error_m=0.02", "plant.socket_y_error_m=-0.015",
         "plant.socket_yaw_error_deg=-5", "plant.socket_roll_error_deg=2",
-        "plant.socket_pitch_error_deg=-2", "world.peg.friction=0.6", "world.peg.mass_kg=0.3",
+        "plant.socket_pitch_error_deg=-2", "world.things.peg.friction=0.6",
+        "world.things.peg.mass_kg=0.3",
     ]  # fmt: skip
     result = fly_and_evaluate(load_description("bar-insertion", sets=sets, seed=3))
     m = result.metrics
@@ -245,16 +252,19 @@ def test_a_hole_that_is_elsewhere_ends_with_the_bar_in_the_rack() -> None:
     result = fly_and_evaluate(load_description("bar-insertion", sets=sets, seed=1))
     assert result.outcome == "aborted" and "back in the rack" in result.reason
     assert result.metrics["insert.done"] == 0.0 and result.metrics["contact.collisions"] == 0.0
-    rack = DESCRIPTION.world.rack
-    assert rack is not None
     p = result.samples["object0_p_WO"][-1]
-    np.testing.assert_allclose(p, locate_socket(rack)[0], atol=0.02)
-    assert p[2] == pytest.approx(rack.z_m, abs=1e-3)
+    np.testing.assert_allclose(p, locate("rack"), atol=0.02)
+    assert p[2] == pytest.approx(locate("rack")[2], abs=1e-3)
 
 
 def test_a_picture_shows_the_socket_where_it_stands() -> None:
     d = load_description("bar-insertion", sets=["plant.socket_x_error_m=0.02"])
-    shown = build_true_world(d.plant, d.robot, d.world, d.mission.seed).socket
-    assert shown is not None and d.world.socket is not None
-    assert shown.x_m == pytest.approx(d.world.socket.x_m + 0.02)
-    assert shown.yaw_deg == pytest.approx(d.plant.socket_yaw_error_deg, abs=0.1)
+    error = build_socket_error(d.plant)
+    believed, true = (
+        {shape.name: shape.position for shape in build_drawing(d.robot, d.world, e).world}
+        for e in (None, error)
+    )
+    walls = [f"socket wall {k}" for k in range(4)]
+    moved = np.mean([true[n] - believed[n] for n in walls], axis=0)
+    assert moved[0] == pytest.approx(0.02, abs=0.002)
+    assert np.array_equal(believed["rack wall 0"], true["rack wall 0"])

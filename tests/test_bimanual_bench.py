@@ -64,7 +64,7 @@ def test_a_squeeze_too_weak_for_friction_loses_the_box() -> None:
 
 def test_a_plug_that_stays_is_no_success() -> None:
     """Hands slip off a plug that is stuck: (33) takes that for the release, the evaluation not."""
-    result = fly("unplug", sets=("world.objects.plug.held_n=15",))
+    result = fly("unplug", sets=("world.things.plug.held_n=15",))
     assert {v.name for v in result.requirements if not v.passed} == {
         "bench.unplug_delay_s", "bench.plug_slip_mm",
     }  # fmt: skip

@@ -10,14 +10,7 @@ import numpy as np
 import pytest
 
 from bench import set_joints
-from skywright.control.cascade_gains import (
-    SwingModel,
-    attitude_lag,
-    compute_free_factor,
-    compute_lead,
-    place_swing_poles,
-)
-from skywright.core.types import BODY, MAX_JOINTS, WRENCH
+from skywright.core.types import BODY, MAX_JOINTS
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.models.floating import compute_free_inertia, fill_floating
@@ -30,10 +23,17 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.scene import build_scene
 from skywright.run.run import build_vehicle
-from skywright.vehicle.arms.ports import Wrench
+from skywright.vehicle.arms.ports import Floating, Wrench
 from skywright.vehicle.bus import Body, Estimate
 from skywright.vehicle.effects.limb_drag import downwash
 from skywright.vehicle.estimates import RotorForce
+from skywright.vehicle.laws._cascade_gains import (
+    SwingModel,
+    attitude_lag,
+    compute_free_factor,
+    compute_lead,
+    place_swing_poles,
+)
 from skywright.vehicle.link_arc import compute_link_arc, plan_landing, plan_take_off
 from skywright.vehicle.plant import RotorState
 from skywright.vehicle.simulated import SimulatedVehicle
@@ -44,7 +44,7 @@ LONG = "bimanual-longreach"
 def compute_floating(name: str, q: Any) -> tuple[Any, Any, Any]:
     robot = load_description("waypoints", robot=name).robot
     model = build_body_model(robot)
-    w, k, body = np.zeros(1, WRENCH), np.zeros(1, KINEMATICS), np.zeros(1, BODY)
+    w, k, body = np.zeros(1, Floating.dtype), np.zeros(1, KINEMATICS), np.zeros(1, BODY)
     w[0]["swing"] = 0 if robot.pendulum is not None else -1
     full = np.zeros(MAX_JOINTS)
     full[: len(q)] = q

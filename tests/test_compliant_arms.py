@@ -336,7 +336,7 @@ def test_orders_that_cannot_be():
         b.arms.push({"right": UP})
 
 
-MARKER = "[world.marker]\nx_m = 0.6\ny_m = 0.0\nz_m = 1.1\n"
+MARKER = "[world.things.marker]\nkind = 'marker'\nx_m = 0.6\ny_m = 0.0\nz_m = 1.1\n"
 CAMERA = ["robot.camera.x_m=0.1", "robot.camera.z_m=-0.1", "robot.camera.pitch_deg=30"]
 PLACE = np.array([-0.1, 0.0, 0.25])  # 25 cm before the marker, to the left of it
 
@@ -380,5 +380,5 @@ def test_the_camera_s_noise_is_what_its_keys_say():
     assert np.std(np.linalg.norm(p, axis=1)) == pytest.approx(0.01 * distance, rel=0.2)
     assert np.std(p[:, 1]) == pytest.approx(0.001 * distance, rel=0.25)
     np.testing.assert_allclose(p.mean(axis=0), true, atol=0.002)
-    with pytest.raises(InputError, match=r"marker.on is 'box'; valid: none"):
+    with pytest.raises(InputError, match=r"marker.on = 'box' names no thing; valid: bench"):
         Bench(more=MARKER + 'on = "box"\n')

@@ -5,57 +5,39 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skywright.control.pid import arm_velocity, attitude_torque, position_force
-from skywright.control.push_and_slide import step as push_and_slide
-from skywright.control.thrust_vectoring import step as thrust_vectoring
+from law_parts import build_case, call
+from skywright.core.record import View
 from skywright.core.rotations import rot_x, rot_y, rot_z
-from skywright.core.types import BELIEF
+from skywright.vehicle.laws.push_and_slide import PushAndSlide
+from skywright.vehicle.laws.thrust_vectoring import ThrustVectoring
+from skywright.vehicle.loops import arm_velocity, attitude_torque, position_force
 
 
 @pytest.fixture
-def belief():
-    out = np.zeros(1, BELIEF)
-    b = out[0]
-    par, body = b["par"], b["body"]
-    par["dt"], par["wn_p"], par["zeta_p"], par["wi_p"] = 0.002, 6.0, 1.2, 0.5
-    par["wn_R"], par["zeta_R"], par["wi_R"], par["k_arm"] = 11.0, 1.0, 0.5, 3.0
-    par["tilt_max"], par["thrust_max"] = 0.4, 60.0
-    par["f_integral_max"], par["t_integral_max"] = 8.0, 2.0
-    par["belt"][:2, :2] = [[1, 0], [-1, 1]]
-    par["belt_inv"][:2, :2] = [[1, 0], [1, 1]]
-    par["motor_speed_max"] = 5.0
-    body["mass"], body["gravity"], body["p_BC"] = 2.25, 9.81, [0.07, 0.01, -0.02]
-    body["I_B"], body["n_joints"] = np.diag([0.07, 0.14, 0.2]), 2
-    for part in ("ref", "est"):
-        for name in ("R_WB", "R_WT"):
-            b[part][name] = np.eye(3)
-    b["ref"]["R_WS"], b["ref"]["active"] = np.eye(3), 1.0
+def b():
+    out = build_case()
+    out["body"]["p_BC"] = [0.07, 0.01, -0.02]
     return out
 
 
-def call(law, b):
-    law(b["par"], b["mem"], b["ref"], b["est"], b["body"], b["cmd"])
-
-
-def test_at_rest_the_rotors_carry_the_weight_and_its_torque(belief):
+def test_at_rest_the_rotors_carry_the_weight_and_its_torque(b):
     """g_1 and g_2 of laws (4) and (3): f = m g up, torque = p_BC x f, in any attitude."""
-    b = belief[0]
     r = rot_z(0.4) @ rot_y(0.15) @ rot_x(-0.1)
     b["ref"]["R_WB"] = b["est"]["R_WB"] = r
-    call(push_and_slide, b)
+    call(PushAndSlide, b)
     weight_B = r.T @ [0, 0, 2.25 * 9.81]
     np.testing.assert_allclose(b["cmd"]["f_B"], weight_B, atol=1e-12)
     np.testing.assert_allclose(b["cmd"]["t_B"], np.cross(b["body"]["p_BC"], weight_B), atol=1e-12)
 
 
-def test_attitude_law_is_the_paper_s_error_times_inertia(belief):
-    b = belief[0]
+def test_attitude_law_is_the_paper_s_error_times_inertia(b):
     r_n, r = rot_x(0.2) @ rot_z(0.1), rot_y(0.1)
     b["est"]["R_WB"] = r
     b["est"]["w_WB_B"] = [0.1, -0.2, 0.3]
     w_n, wd_n = np.array([0.2, 0.1, -0.1]), np.array([0.5, 0.4, 0.3])
     f_B, t_B = np.array([1.0, -0.5, 20.0]), np.zeros(3)
-    attitude_torque(b["par"], b["mem"], r_n, w_n, wd_n, b["est"], b["body"], f_B, 0.0, t_B)
+    me, est, body = (View(b[name]) for name in ("me", "est", "body"))
+    attitude_torque(me, r_n, w_n, wd_n, est, body, f_B, 0.0, t_B)
     skew = 0.5 * (r.T @ r_n - r_n.T @ r)
     e_R = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
     e_w = r.T @ r_n @ w_n - b["est"]["w_WB_B"]
@@ -65,23 +47,21 @@ def test_attitude_law_is_the_paper_s_error_times_inertia(belief):
     expected = inertia @ (wd_n + 121 * e_R + 22 * e_w) + np.cross(c, f_B)
     expected += np.cross(w, inertia @ w)
     np.testing.assert_allclose(t_B, expected, atol=1e-12)
-    np.testing.assert_allclose(b["mem"]["theta"], 0.002 * 0.5 * 121 * inertia @ e_R, atol=1e-12)
+    np.testing.assert_allclose(b["me"]["theta"], 0.002 * 0.5 * 121 * inertia @ e_R, atol=1e-12)
 
 
-@pytest.mark.parametrize("law", [push_and_slide, thrust_vectoring])
-def test_motors_off_means_no_wrench_and_no_integral(belief, law):
-    b = belief[0]
+@pytest.mark.parametrize("law", [PushAndSlide, ThrustVectoring])
+def test_motors_off_means_no_wrench_and_no_integral(b, law):
     b["ref"]["active"] = 0.0
-    b["mem"]["sigma"] = b["mem"]["theta"] = 1.0
+    b["me"]["sigma"] = b["me"]["theta"] = 1.0
     b["ref"]["p_WB"] = [1.0, 2.0, 3.0]
     call(law, b)
-    for value in (b["cmd"]["f_B"], b["cmd"]["t_B"], b["mem"]["sigma"], b["mem"]["theta"]):
+    for value in (b["cmd"]["f_B"], b["cmd"]["t_B"], b["me"]["sigma"], b["me"]["theta"]):
         assert np.all(value == 0.0)
 
 
-def test_integral_leaves_the_intended_penetration_alone_and_takes_the_rest(belief):
+def test_integral_leaves_the_intended_penetration_alone_and_takes_the_rest(b):
     """sigma_dot = R_I diag(1,1,0) R_I^T e inside the dead zone, e outside (E001-1 corrected)."""
-    b = belief[0]
     r_ws = rot_y(-np.pi / 2) @ rot_x(0.3)  # a surface frame that is no axis permutation
     b["ref"]["R_WS"], b["ref"]["track_tip"] = r_ws, 1.0
     normal = r_ws[:, 2]
@@ -89,25 +69,24 @@ def test_integral_leaves_the_intended_penetration_alone_and_takes_the_rest(belie
     b["ref"]["dead_zone"] = 0.04
     b["ref"]["p_WT"] = -0.03 * normal + 0.01 * tangent
     f = np.zeros(3)
-    args = (b["par"], b["mem"], b["ref"], b["est"], b["body"], 0.0, f)
+    args = (*(View(b[name]) for name in ("me", "ref", "est", "body")), 0.0, f)
     position_force(*args)
     kp = 2.25 * 36.0
-    np.testing.assert_allclose(b["mem"]["sigma"], 0.002 * 0.5 * kp * 0.01 * tangent, atol=1e-12)
-    b["mem"]["sigma"] = 0.0
+    np.testing.assert_allclose(b["me"]["sigma"], 0.002 * 0.5 * kp * 0.01 * tangent, atol=1e-12)
+    b["me"]["sigma"] = 0.0
     b["ref"]["p_WT"] = -0.05 * normal  # beyond the dead zone everything is integrated
     position_force(*args)
-    np.testing.assert_allclose(b["mem"]["sigma"], -0.002 * 0.5 * kp * 0.05 * normal, atol=1e-12)
-    b["mem"]["sigma"] = 0.0
-    position_force(*args[:5], 1.0, f)  # saturated rotors: the integral rests
-    assert np.all(b["mem"]["sigma"] == 0.0)
+    np.testing.assert_allclose(b["me"]["sigma"], -0.002 * 0.5 * kp * 0.05 * normal, atol=1e-12)
+    b["me"]["sigma"] = 0.0
+    position_force(*args[:4], 1.0, f)  # saturated rotors: the integral rests
+    assert np.all(b["me"]["sigma"] == 0.0)
 
 
-def test_friction_is_fed_forward_along_the_sliding_only_in_contact(belief):
-    b = belief[0]
-    b["par"]["friction"], b["ref"]["track_tip"] = 0.2, 1.0
+def test_friction_is_fed_forward_along_the_sliding_only_in_contact(b):
+    b["me"]["friction"], b["ref"]["track_tip"] = 0.2, 1.0
     b["ref"]["p_WT"], b["ref"]["v_WT"] = [0, 0, -0.02], [0.05, 0, 0]
     f = np.zeros(3)
-    args = (b["par"], b["mem"], b["ref"], b["est"], b["body"], 1.0, f)
+    args = (*(View(b[name]) for name in ("me", "ref", "est", "body")), 1.0, f)
     position_force(*args)
     assert f[0] == 0.0
     b["ref"]["dead_zone"] = 0.03
@@ -115,27 +94,25 @@ def test_friction_is_fed_forward_along_the_sliding_only_in_contact(belief):
     assert f[0] == pytest.approx(0.2 * 2.25 * 36.0 * 0.02, rel=1e-3)
 
 
-def test_arm_law_acts_on_the_motors_behind_the_belt(belief):
+def test_arm_law_acts_on_the_motors_behind_the_belt(b):
     """Law (2) in motor space; both the loop and the speed limits are the motors'."""
-    b = belief[0]
     b["ref"]["q"][:2], b["ref"]["qd"][:2] = [0.1, -0.2], [0.3, 0.4]
     b["est"]["q"][:2] = [0.05, 0.1]
-    qd = np.zeros(8)
-    arm_velocity(b["par"], b["ref"], b["est"], b["body"], qd)
+    qd = np.zeros(9)
+    arm_velocity(*(View(b[name]) for name in ("me", "ref", "est", "body")), qd)
     belt = np.array([[1.0, 0.0], [-1.0, 1.0]])
     q_m, qn_m = np.linalg.solve(belt, [0.05, 0.1]), np.linalg.solve(belt, [0.1, -0.2])
     v_m = np.linalg.solve(belt, [0.3, 0.4]) + 3.0 * (qn_m - q_m)
     np.testing.assert_allclose(qd[:2], belt @ v_m, atol=1e-12)
     b["ref"]["q"][0] = 100.0
-    arm_velocity(b["par"], b["ref"], b["est"], b["body"], qd)
+    arm_velocity(*(View(b[name]) for name in ("me", "ref", "est", "body")), qd)
     assert np.all(np.abs(np.linalg.solve(belt, qd[:2])) <= 5.0 + 1e-12)
 
 
-def test_thrust_vectoring_respects_its_tilt_limit_and_points_to_the_force(belief):
-    b = belief[0]
+def test_thrust_vectoring_respects_its_tilt_limit_and_points_to_the_force(b):
     b["body"]["p_BC"] = 0.0
     b["ref"]["p_WB"] = [50.0, 0.0, 0.0]  # asks for far more than the tilt limit allows
-    call(thrust_vectoring, b)
+    call(ThrustVectoring, b)
     assert b["cmd"]["f_B"][0] == 0.0 and b["cmd"]["f_B"][1] == 0.0
     t = b["cmd"]["t_B"]
     assert t[1] > 0.0  # pitch forward (x down) to go to +x

@@ -18,7 +18,6 @@ from skywright.cli import main
 from skywright.description.robot.loader import load_robot
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import load_world
-from skywright.description.world.spec import Box
 from skywright.errors import InputError
 from skywright.models.arm_body import Deviation
 from skywright.models.capability import compute_capability
@@ -32,6 +31,7 @@ from skywright.models.docked_map import Condition, compute_worst_press
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.scene import build_scene, set_pose
 from skywright.models.sweep import compute_tilt_sweep, strip_robot, tilt_rotors
+from skywright.models.things.box import Box
 from skywright.models.wind import DragBody, compute_drag
 
 ROBOT = load_robot("f550-bridge")[0]
@@ -174,7 +174,7 @@ def test_feet_are_as_stiff_as_the_file_says() -> None:
     height, push = 2.0, 20.0
     bottom = height + robot.docking.height_m
     deck = Box(x_m=0.0, y_m=0.0, z_m=bottom + 0.1, size_x_m=2.0, size_y_m=2.0, size_z_m=0.2)
-    world = load_world("open")[0].model_copy(update={"obstacles": {"deck": deck}})
+    world = load_world("open")[0].add_thing("deck", deck)
     scene = build_scene(robot, world, Deviation())
     data = mujoco.MjData(scene.model)
     set_pose(scene, data, np.array([0, 0, height]), np.array([1.0, 0, 0, 0]), np.zeros(0))

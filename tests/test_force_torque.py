@@ -7,7 +7,9 @@ import pytest
 
 from plant_parts import build_context, build_plant
 from skywright.core.record import View
+from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.evidence.bench.flights import fly_to_hover
 from skywright.vehicle.sensors.force_torque import ForceTorque
 
 
@@ -33,3 +35,19 @@ def test_a_place_that_is_no_part_of_the_arm_is_refused():
     sensor = ForceTorque("ft", ForceTorque.Table(at="elbow"))
     with pytest.raises(InputError, match="'elbow' is no part of the arm; valid: wrist, probe"):
         build_context(extend=(sensor,))
+
+
+def test_it_flies_by_a_table_of_the_robot():
+    sets = ["robot.sensors.ft.kind=force_torque", "robot.sensors.ft.at=probe"]
+    vehicle = fly_to_hover(load_description("pipe-weld-scan", sets=sets))
+    blocks: list[np.ndarray] = []
+    vehicle.on_samples = blocks.append
+    vehicle.flush()
+    for _ in range(50):
+        vehicle.tick()
+    vehicle.flush()
+    rows = np.concatenate(blocks)[-50:]
+    slider = vehicle.robot.probe.slider_mass_kg * vehicle.world.gravity_mps2
+    force = np.linalg.norm(rows["wrench_force"].mean(axis=0))
+    assert force == pytest.approx(slider, abs=0.2)  # its spring's preload is not in it
+    assert rows["wrench_torque"].shape == (50, 3)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import exp_so3, quat_from_rot, rot_z
 from skywright.description.loader import load_description
-from skywright.description.world.spec import Box
 from skywright.description.world.surface import build_cylinder
 from skywright.models.geometry import (
     FAR,
@@ -24,6 +23,7 @@ from skywright.models.geometry import (
     query_clearance,
 )
 from skywright.models.scene import build_scene, set_pose
+from skywright.models.things.box import Box
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def case():
     d = load_description("pipe-weld-scan")
     box = Box(x_m=0.0, y_m=2.0, z_m=1.0, size_x_m=0.4, size_y_m=0.6, size_z_m=0.8, yaw_deg=30.0)
     pipe = d.world.pipe.model_copy(update={"inclination_deg": 20.0, "yaw_deg": 35.0})
-    world = d.world.model_copy(update={"obstacles": {"crate": box}, "pipe": pipe})
+    world = d.world.model_copy(update={"things": {"crate": box}, "pipe": pipe})
     scene = build_scene(d.robot, world)
     return scene, build_clearance(scene), build_cylinder(pipe), box
 
@@ -93,7 +93,7 @@ def test_sphere_distances_match_closed_forms(case, pose) -> None:
     half = 0.5 * np.array([box.size_x_m, box.size_y_m, box.size_z_m])
     out = np.linalg.norm(np.maximum(np.abs(local) - half, 0.0))
     if out > r:
-        d = pair_distance(q, "foot1", "obstacle crate", p, R, joints)
+        d = pair_distance(q, "foot1", "crate", p, R, joints)
         assert d == pytest.approx(out - r, abs=2e-6)
 
 
@@ -150,7 +150,7 @@ def test_culling_changes_nothing(case, pose, angles) -> None:
         every = [
             mujoco.mj_geomDistance(q.model, q.data, int(a), int(b), FAR, None)
             for (a, b), probe in zip(q.core.pairs, q.core.probe, strict=True)
-            if q.names[b] in ("ground", "pipe", "support0", "support1", "obstacle crate")
+            if q.names[b] in ("ground", "pipe", "support0", "support1", "crate")
             and not (exclude and probe)
         ]
         assert found.distance == pytest.approx(min(every), abs=1e-6)

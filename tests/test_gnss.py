@@ -12,16 +12,16 @@ from scipy.spatial.transform import Rotation
 from plant_parts import view
 from skywright.core.record import View
 from skywright.core.streams import build_stream
-from skywright.core.types import BELIEF
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.gnss import FIXES, Gnss
 from skywright.errors import InputError
-from skywright.estimation.position_fix import fuse_fix, start_from_fix
-from skywright.estimation.registry import check_localisation
+from skywright.run.parts import build_estimator
 from skywright.run.planning import plan_mission
 from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.bus import Clock, Truth
+from skywright.vehicle.estimators._position_fix import fuse_fix, start_from_fix
+from skywright.vehicle.estimators.filter import Filter
 from skywright.vehicle.readings import Fix
 from skywright.vehicle.sensors.gnss import SatelliteReceiver
 
@@ -33,22 +33,21 @@ def skew(a):
 
 
 @pytest.fixture
-def belief():
+def records():
     rng = np.random.default_rng(4)
-    b = np.zeros(1, BELIEF)
-    f = b[0]["flt"]
+    f = np.zeros(1, Filter.Me.dtype)[0]
     f["h"], f["p_ba"], f["p_bg"] = 1e-3, 0.1**2, 0.005**2
     f["p_BI"], f["p_BF"] = [0.05, -0.02, 0.03], [0.1, 0.0, 0.2]
     f["r_fix"], f["r_heading"] = np.array([0.01, 0.02, 0.03]) ** 2, 0.02**2
     f["R_f"] = Rotation.from_euler("ZYX", [0.8, 0.05, -0.03]).as_matrix()
     a = rng.normal(size=(15, 15)) * np.repeat([1e-2, 1e-2, 1e-2, 1e-4, 1e-2], 3)[:, None]
     f["P"] = a @ a.T
-    return b[0]
+    return f, np.zeros(1, Fix.dtype)[0]
 
 
-def test_a_fix_is_fused_as_the_textbook_does(belief):
+def test_a_fix_is_fused_as_the_textbook_does(records):
     """All four parts at once, H by finite differences of what a fix measures."""
-    f, meas = belief["flt"], belief["meas"]
+    f, fix = records
 
     def predict(dp, turn):
         R = Rotation.from_rotvec(turn).as_matrix() @ f["R_f"]
@@ -61,12 +60,12 @@ def test_a_fix_is_fused_as_the_textbook_does(belief):
         H[:, 6 + i] = (predict(0 * e, step * e) - predict(0 * e, -step * e)) / (2 * step)
     nu = np.array([0.008, -0.01, 0.02, 0.015])
     z = predict(np.zeros(3), np.zeros(3)) + nu
-    meas["fix_p"], meas["fix_heading"] = z[:3], z[3] + 2 * math.pi  # a whole turn is no error
+    fix["p"], fix["heading"] = z[:3], z[3] + 2 * math.pi  # a whole turn is no error
     H[3, 6:8] = 0.0  # a level heading: the tilt's share of 5 % of it is left out
     S = H @ f["P"] @ H.T + np.diag(np.append(f["r_fix"], f["r_heading"]))
     K = f["P"] @ H.T @ np.linalg.inv(S)
     P, p, R, dx = f["P"].copy(), f["p_f"].copy(), f["R_f"].copy(), K @ nu
-    assert fuse_fix(f, meas)
+    assert fuse_fix(View(f), View(fix))
     assert f["nis"] == pytest.approx(nu @ np.linalg.solve(S, nu), rel=1e-6)
     np.testing.assert_allclose(f["P"], P - K @ S @ K.T, atol=1e-9)
     np.testing.assert_allclose(f["p_f"], p + dx[:3], atol=1e-9)
@@ -74,24 +73,24 @@ def test_a_fix_is_fused_as_the_textbook_does(belief):
     np.testing.assert_allclose(f["R_f"], Rotation.from_rotvec(dx[6:9]).as_matrix() @ R, atol=1e-9)
 
 
-def test_the_gate_lets_a_jump_change_nothing(belief):
-    f, meas = belief["flt"], belief["meas"]
-    meas["fix_p"] = f["p_f"] + [0.0, 3.0, 0.0]
-    meas["fix_heading"] = 0.8
+def test_the_gate_lets_a_jump_change_nothing(records):
+    f, fix = records
+    fix["p"] = f["p_f"] + [0.0, 3.0, 0.0]
+    fix["heading"] = 0.8
     before = f.copy()
-    assert not fuse_fix(f, meas)
+    assert not fuse_fix(View(f), View(fix))
     np.testing.assert_array_equal(f["P"], before["P"])
     np.testing.assert_array_equal(f["p_f"], before["p_f"])
 
 
-def test_the_filter_starts_level_and_knows_why_it_is_not(belief):
+def test_the_filter_starts_level_and_knows_why_it_is_not(records):
     """Held still with a biased accelerometer: the attitude's error lies within what P says."""
-    f, meas = belief["flt"], belief["meas"]
+    f, fix = records
     true = Rotation.from_euler("ZYX", [0.8, 0.1, -0.06]).as_matrix()
     bias = np.array([0.08, -0.05, 0.0])
     f["accel"], f["n"] = true.T @ [0.0, 0.0, G] + bias, 400
-    meas["fix_p"], meas["fix_heading"] = [3.0, 1.0, 2.0], 0.8
-    start_from_fix(f, meas, 380, G, 0.3)
+    fix["p"], fix["heading"] = [3.0, 1.0, 2.0], 0.8
+    start_from_fix(View(f), View(fix), 380, G, 0.3)
     R = f["R_f"]
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
     assert math.atan2(R[1, 0], R[0, 0]) == pytest.approx(0.8, abs=1e-9)
@@ -157,12 +156,11 @@ def test_the_transport_is_refused_where_fixes_are_wider_than_the_margin():
 
 def test_robots_that_need_motion_capture_are_refused():
     sets = {"world.localisation": "gnss"}
-    d = load_description("pipe-weld-scan", sets=sets)
     with pytest.raises(InputError, match="needs the markers"):
-        check_localisation("filter", d.robot, d.world)
-    d = load_description("bar-transport", sets=sets)
+        build_estimator(load_description("pipe-weld-scan", sets=sets))
+    sets["mission.estimator"] = "observer"
     with pytest.raises(InputError, match="'observer' needs motion capture"):
-        check_localisation("observer", d.robot, d.world)
+        build_estimator(load_description("bar-transport", sets=sets))
     with pytest.raises(InputError, match="localisation"):
         load_description("bar-transport", sets={"world.localisation": "gps"})
 

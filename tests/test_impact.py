@@ -12,17 +12,20 @@ import pytest
 
 from cut_flights import check_cuts
 from skywright.core.record import View
+from skywright.core.rotations import rot_z
 from skywright.description.dump import dump_description
 from skywright.description.loader import load_description
 from skywright.description.robot.limbs import list_limbs
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.spec import World
+from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
 from skywright.missions.impact.metrics import find_end
 from skywright.models.arm_body import Deviation
-from skywright.models.pads import PAD, locate_pad
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import Scene, build_scene
+from skywright.models.things.box import Box
+from skywright.models.things.pad import Pad
 from skywright.run.planning import plan_mission
 from skywright.run.run import RunResult, build_vehicle, fly_and_evaluate
 from skywright.vehicle.bus import MuJoCo
@@ -79,24 +82,24 @@ def test_the_pad_receives_the_momentum_that_the_robot_loses(robot: str) -> None:
 @pytest.mark.parametrize("mass", [0.3, 3.0])
 def test_a_pad_is_a_spring_of_its_own(mass: float) -> None:
     """A box of any mass meets the stiffness and damping of the file (closed form)."""
-    thing = {"size_x_m": 0.05, "size_y_m": 0.05, "size_z_m": 0.05, "mass_kg": mass,
-             "x_m": 6.0, "y_m": 0.0, "z_m": 2.0, "friction": 0.0}  # fmt: skip
-    d = load_description("impact", sets={**FLOATING, "world.objects": {"bob": thing}})
-    box = d.world.obstacles["bar"]
-    assert box.pad is not None
+    thing = {"kind": "box", "moves": True, "size_x_m": 0.05, "size_y_m": 0.05, "size_z_m": 0.05,
+             "mass_kg": mass, "x_m": 6.0, "y_m": 0.0, "z_m": 2.0, "friction": 0.0}  # fmt: skip
+    d = load_description("impact", sets={**FLOATING, "world.things.bob": thing})
+    pad = d.world.find_thing("pad", Pad)
     scene = build_scene(d.robot, d.world, Deviation())
     data = mujoco.MjData(scene.model)
-    face, ahead = locate_pad(box)
+    face, R = locate_thing(d.world.things, "pad")
+    ahead = R[:, 0]
     joint = scene.model.joint("object bob")
     data.qpos[joint.qposadr[0] : joint.qposadr[0] + 3] = face - 0.026 * ahead
     data.qvel[joint.dofadr[0] : joint.dofadr[0] + 3] = 0.5 * ahead
-    plate = scene.model.joint(f"{PAD}bar").qposadr[0]
+    plate = scene.model.joint("pad").qposadr[0]
     way = []
     for _ in range(160):
         mujoco.mj_step(scene.model, data)
         way.append(float(data.qpos[plate]))
     # after the catch of the plate both move as one damped oscillator
-    k, c, m = box.pad.stiffness_n_per_m, box.pad.damping_ns_per_m, mass + box.pad.mass_kg
+    k, c, m = pad.stiffness_n_per_m, pad.damping_ns_per_m, mass + pad.mass_kg
     w, z = math.sqrt(k / m), 0.5 * c / math.sqrt(k * m)
     wd = w * math.sqrt(1.0 - z * z)
     t = np.linspace(0.0, math.pi / wd, 200)
@@ -105,7 +108,9 @@ def test_a_pad_is_a_spring_of_its_own(mass: float) -> None:
 
 
 def test_gauges_carry_the_weight_of_what_hangs_on_them() -> None:
-    d = load_description("impact", robot="bimanual", sets={"world.bench": {"z_m": 1.5}})
+    d = load_description(
+        "impact", robot="bimanual", sets={"world.things.bench": {"kind": "bench", "z_m": 1.5}}
+    )
     vehicle = build_vehicle(d)
     for _ in range(100):
         vehicle.tick()
@@ -181,7 +186,7 @@ def test_the_link_touches_before_anything_else() -> None:
     plan = plan_mission(d)
     assert plan.feasible and plan.way.touched == "pendulum shell"
     # an obstacle high enough meets the propellers first, and the plan says so
-    tall = load_description("impact", robot="bimanual", sets=["world.obstacles.bar.size_z_m=1.2"])
+    tall = load_description("impact", robot="bimanual", sets=["world.things.bar.size_z_m=1.2"])
     blocked = plan_mission(tall)
     assert not blocked.feasible and "propeller" in str(blocked.blocked_by)
 
@@ -193,7 +198,7 @@ def test_wrong_missions_are_told() -> None:
         ("bimanual", ["mission.task.speed_mps=3"], "speed_mps is 3"),
         ("bimanual", ["mission.task.part=foot"], "part"),
         ("bimanual", ["mission.task.joints=soft"], "joints"),
-        ("bimanual", ["world.obstacles.bar.pad.stiffness_n_per_m=-1"], "stiffness_n_per_m"),
+        ("bimanual", ["world.things.pad.stiffness_n_per_m=-1"], "stiffness_n_per_m"),
     ):
         with pytest.raises(InputError, match=found):
             plan_mission(load_description("impact", robot=robot, sets=sets))
@@ -202,11 +207,8 @@ def test_wrong_missions_are_told() -> None:
 
 
 def test_a_turned_pad_looks_where_its_box_does() -> None:
-    world = World(
-        name="w", obstacles={"b": {"x_m": 1.0, "y_m": 2.0, "z_m": 1.0, "size_x_m": 0.4,
-                                   "size_y_m": 0.2, "size_z_m": 0.2, "yaw_deg": 90.0,
-                                   "pad": {}}},
-    )  # fmt: skip
-    face, ahead = locate_pad(world.obstacles["b"])
-    np.testing.assert_allclose(ahead, [0.0, 1.0, 0.0], atol=1e-12)
+    box = Box(x_m=1.0, y_m=2.0, z_m=1.0, size_x_m=0.4, size_y_m=0.2, size_z_m=0.2, yaw_deg=90.0)
+    pad = Pad(on="b.front", width_m=0.2, height_m=0.2)
+    face, R = locate_thing(World(name="w", things={"b": box, "p": pad}).things, "p")
+    np.testing.assert_allclose(R, rot_z(math.pi / 2), atol=1e-12)
     np.testing.assert_allclose(face, [1.0, 2.0 - 0.2 - 0.05 - 0.02, 1.0])

@@ -10,8 +10,8 @@ from skywright.errors import InputError
 from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
-from skywright.vehicle.assembly import NEAR
-from skywright.vehicle.readings import ImuBatch, MocapSample
+from skywright.vehicle.sensors.inertial import Inertial
+from skywright.vehicle.sensors.mocap import MotionCapture
 
 HARD = [
     "mission.task.passes=1", "mission.task.pass_length_m=0.03",
@@ -46,8 +46,9 @@ def test_the_link_draws_from_its_own_stream():
     for v in (a, b):
         for _ in range(5):
             v.tick()
-    for reading in (ImuBatch, MocapSample):  # motors off, so that both robots stand alike
-        assert a.read(reading).tobytes() == b.read(reading, NEAR).tobytes()
+    for sensor, draws in ((Inertial, Inertial.GyroError), (MotionCapture, MotionCapture.Noise)):
+        drawn = [v.assembly._find_block(v.find(sensor), draws) for v in (a, b)]
+        assert len(drawn[0]) and drawn[0].tobytes() == drawn[1].tobytes()
     assert b.assembly.arena.nbytes < 500_000
 
 

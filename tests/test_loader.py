@@ -17,6 +17,7 @@ from skywright.description.dump import dump_description
 from skywright.description.loader import Description, list_layer_problems, load_description
 from skywright.description.robot.loader import find_robot
 from skywright.errors import InputError
+from skywright.models.things.box import Box
 
 SCAN, WAYPOINTS = "pipe-weld-scan", "waypoints"
 
@@ -171,16 +172,16 @@ def test_set(assignment: str, value: object) -> None:
 
 
 def test_set_reaches_list_items_and_new_tables() -> None:
-    box = "{x_m=3.0, y_m=0.0, z_m=1.0, size_x_m=0.1, size_y_m=1.0, size_z_m=2.0}"
+    box = "{kind='box', x_m=3.0, y_m=0.0, z_m=1.0, size_x_m=0.1, size_y_m=1.0, size_z_m=2.0}"
     d = load_description(
         SCAN,
         sets=["robot.rotors.alpha_deg.2=20", "robot.arm.belt.1.0=-0.9", "robot.rotors.spin.0=cw"]
-        + [f"world.obstacles.wall={box}", "world.obstacles.wall.size_z_m=1.5"],
+        + [f"world.things.wall={box}", "world.things.wall.size_z_m=1.5"],
     )
     assert d.robot.rotors.alpha_deg[1:4] == [-35.0, 20.0, -35.0]
     assert d.robot.rotors.spin[:2] == ["cw", "cw"]
     assert d.robot.arm is not None and d.robot.arm.belt == [[1.0, 0.0], [-0.9, 1.0]]
-    assert d.world.obstacles["wall"].size_z_m == 1.5
+    assert d.world.find_thing("wall", Box).size_z_m == 1.5
     sourced = "robot.platform.mass_kg={value=1.7, source='assumed', range=[1.5, 1.9]}"
     source = load_description(SCAN, sets=[sourced]).sources["robot.platform.mass_kg"]
     assert source == Source("assumed", "", (1.5, 1.9))

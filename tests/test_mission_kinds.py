@@ -136,7 +136,7 @@ def test_every_template_is_valid(what: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["kind", "mission", "world"])
+@pytest.mark.parametrize("what", ["estimator", "kind", "law", "mission", "sensor", "world"])
 def test_a_template_flies_as_it_is(what: str, tmp_path: Path) -> None:
     write_template(what, tmp_path / "mine")
     result = fly_and_evaluate(load_description(tmp_path / "mine" / "mission.toml"))
@@ -144,7 +144,7 @@ def test_a_template_flies_as_it_is(what: str, tmp_path: Path) -> None:
 
 
 def test_there_is_no_template_of_everything(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no template of 'wrold'; valid: kind, mission"):
+    with pytest.raises(InputError, match="no template of 'wrold'; valid: world, robot"):
         write_template("wrold", tmp_path / "mine")
     with pytest.raises(InputError, match="kind name '1x'"):
         write_template("kind", tmp_path / "1x")

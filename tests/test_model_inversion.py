@@ -5,17 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skywright.control import cascade_gains
-from skywright.control.cascade_gains import SwingModel, attitude_lag, place_swing_poles
-from skywright.control.model_inversion import invert_translation
-from skywright.core.types import BELIEF, MAX_JOINTS
+from skywright.core.record import View
+from skywright.core.types import MAX_JOINTS
 from skywright.description.loader import load_description
 from skywright.models.floating import fill_floating
-from skywright.models.planar import build_planar_lrm
-from skywright.models.planar_lrm import fill_equations, fill_terms
+from skywright.models.planar import build_planar_lrm, fill_equations, fill_terms
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_body, fill_kinematics
 from skywright.models.scene import build_scene
 from skywright.run.run import fly_and_evaluate
+from skywright.vehicle.arms.ports import Floating, Wrench
+from skywright.vehicle.bus import Body, Estimate
+from skywright.vehicle.laws import _cascade_gains
+from skywright.vehicle.laws._cascade_gains import SwingModel, attitude_lag, place_swing_poles
+from skywright.vehicle.laws.model_inversion import ModelInversion, invert_translation
 
 G = 9.81
 
@@ -40,20 +42,22 @@ def test_the_force_is_that_of_the_papers_model(seed):
     ud[3] = (free[3] - M[3] @ ud) / M[3, 3]  # nothing turns the joint but what hangs on it
     force = (M @ ud - free)[:2]
 
-    b = np.zeros(1, BELIEF)[0]
+    records = (ModelInversion.Me, Estimate, Body, Floating, Wrench)
+    me, est, body, floating, wrench = (np.zeros(1, r.dtype)[0] for r in records)
     model, k, joints = build_body_model(d.robot), np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS)
     joints[:5] = [q0, q7, q8, q7, q8]
-    b["wrench"]["swing"], b["est"]["qd"][0] = 0, rate
-    b["est"]["R_WB"] = [
+    floating["swing"], est["qd"][0] = 0, rate
+    est["R_WB"] = [
         [np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)],
     ]  # fmt: skip
-    b["par"]["f_integral_max"], b["body"]["gravity"] = 1.0, G
+    me["f_external_max"] = 1.0
     fill_kinematics(model[0], joints, k[0])
-    fill_body(model[0], k[0], b["body"])
-    b["body"]["gravity"] = G
-    fill_floating(model[0], k[0], b["body"], b["wrench"])
+    fill_body(model[0], k[0], body)
+    body["gravity"] = G
+    fill_floating(model[0], k[0], body, floating)
     f_W = np.empty(3)
-    invert_translation(b, np.array([a1, 0.0, a3]), f_W)
+    views = map(View, (me, est, body, floating, wrench))
+    invert_translation(*views, np.array([a1, 0.0, a3]), f_W)
     np.testing.assert_allclose(f_W[[0, 2]], force, rtol=1e-9, atol=1e-9)
     assert f_W[1] == pytest.approx(0.0, abs=1e-12)
 
@@ -85,7 +89,7 @@ def test_gains_place_the_poles_with_the_pull_cancelled():
 def test_the_search_for_the_cascades_poles_is_as_it_was():
     m = SwingModel(6.92, 1.762, 1.710, G)
     gains = place_swing_poles(m, lambda s: attitude_lag(s, 10.0, 20.0, 0.025), 2.0, 4.0, 0.25)
-    assert abs(gains.poles[1]) > cascade_gains.SLOWEST_SWING * m.natural
+    assert abs(gains.poles[1]) > _cascade_gains.SLOWEST_SWING * m.natural
 
 
 def test_it_carries_the_bar():

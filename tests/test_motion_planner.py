@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
-from skywright.description.world.spec import Box, World
+from skywright.description.world.spec import World
 from skywright.errors import InfeasibleError, InputError
 from skywright.models.kinematic_tree import build_planning_scene
 from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
+from skywright.models.things.box import Box
 from skywright.planning.motion.angular import (
     blocked_by_circle,
     blocked_by_rectangle,
@@ -194,7 +195,7 @@ def test_narrow_places_are_found_along_every_axis(axis: int) -> None:
     ends[:, axis] += (-3.0, 3.0)
     size = 1.05 * (1.19 + 0.2)  # of its width, from disc to disc, and two margins
     boxes = build_wall(axis, 8.0, (9.2, 9.2), size)
-    scene = build_planning_scene(build_scene(robot, World(name="wall", obstacles=boxes)), robot)
+    scene = build_planning_scene(build_scene(robot, World(name="wall", things=boxes)), robot)
     start, goal = (Configuration(p, 0.0, folded) for p in ends)
     space, (a, b) = _build_blend(scene, start, goal, [], 0.1, None, 0.0)
     for seed in range(10):
@@ -215,9 +216,7 @@ def test_the_bar_is_carried_up_through_a_shaft(x: float) -> None:
     }  # fmt: skip
     area = WORLD.area.model_copy(update={"z_max_m": 9.0})
     ends = [(0.0, 2.0, 0.0, -math.pi / 2), (x, 7.4, 0.0, -math.pi / 2)]
-    problem = build_transport(
-        ROBOT, World(name="shaft", obstacles=boxes, area=area), Transport(*ends)
-    )
+    problem = build_transport(ROBOT, World(name="shaft", things=boxes, area=area), Transport(*ends))
     for seed in range(10):
         path = plan_path(problem.space, problem.start, problem.goal, stream(seed), slices=2)
         assert len(path.rows) > 2
@@ -238,9 +237,7 @@ def test_a_way_around_a_corner_is_narrow_along_two_axes() -> None:
             ("floor", 3.0, 7.0 - shaft, 4.55, 4.65), ("end", 7.0 + shaft, 11.0, 4.55, 4.65),
         )
     }  # fmt: skip
-    world = World(
-        name="corner", obstacles=boxes, area=WORLD.area.model_copy(update={"z_max_m": 9.5})
-    )
+    world = World(name="corner", things=boxes, area=WORLD.area.model_copy(update={"z_max_m": 9.5}))
     ends = [(0.0, 2.0, 0.0, -math.pi / 2), (8.5, 7.6, 0.0, -math.pi / 2)]
     problem = build_transport(ROBOT, world, Transport(*ends))
     for seed in range(5):

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
-from skywright.description.world.spec import Box
 from skywright.errors import InputError
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.kinematic_tree import build_planning_scene
 from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
+from skywright.models.things.box import Box
 from skywright.planning.motion.space import Coordinate, build_space
 from skywright.planning.motion.transit import Configuration, Transit, plan_transit
 
@@ -112,7 +112,7 @@ def test_where_there_is_no_way_the_search_ends_and_names_what_is_in_it() -> None
         )
     }  # fmt: skip
     walls["lid"] = Box(x_m=3.9, y_m=0.0, z_m=4.0, size_x_m=3.1, size_y_m=3.1, size_z_m=0.1)
-    world = SCAN.world.model_copy(update={"obstacles": walls})
+    world = SCAN.world.model_copy(update={"things": walls})
     scene = build_planning_scene(build_scene(SCAN.robot, world), SCAN.robot)
     a = Configuration(np.array([0.0, 0.0, 1.2]), 0.0, FOLDED)
     b = Configuration(np.array([3.9, 0.0, 1.4]), 0.0, FOLDED)

@@ -9,6 +9,8 @@ from skywright.description.loader import load_description
 from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
+from skywright.vehicle.estimators.observer import Observer
+from skywright.vehicle.sensors.inertial import Inertial
 
 
 def fly(sets):
@@ -46,7 +48,8 @@ def test_external_force_is_the_model_error_of_the_plant():
 
 def test_gyroscope_bias_is_found():
     _, v = fly(["robot.sensors.gyro_bias_rad_s=0.02"])
-    true, found = v.inertial[0]["bias"][0, :3], v.belief[0]["obs"]["bias"]
+    true = v.read(Inertial.Me, "inertial")["gyro_walk"]["bias"]
+    found = v.read(Observer.Me, "estimator")["bias"]
     assert np.linalg.norm(true) > 0.005
     assert np.linalg.norm(found - true) < 0.3 * np.linalg.norm(true) + 0.002
 

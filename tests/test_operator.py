@@ -411,7 +411,8 @@ QUICK = ["mission.task.hover_s=3", "mission.task.wait_s=2"]
 def test_a_packaged_recording_installs_the_tool_elsewhere(tmp_path: Path) -> None:
     """Another seed, pipe, tool and weight than those of the recording."""
     sets = [*QUICK, "mission.task.operator=careful", "world.pipe.diameter_m=0.16",
-            "world.pipe.z_m=1.3", "world.tool.mass_kg=0.55", "world.tool.yaw_deg=3"]  # fmt: skip
+            "world.pipe.z_m=1.3", "world.things.tool.mass_kg=0.55",
+            "world.things.tool.yaw_deg=3"]  # fmt: skip
     result = run_mission(load_description("tool-install", sets=sets, seed=7), out=tmp_path / "a")
     m = result.metrics
     assert result.outcome == "succeeded", (result.reason, m)

@@ -50,7 +50,7 @@ def test_a_text_and_a_table_mean_the_same_law():
 
 def test_a_laws_own_keys_are_set_and_checked():
     d = load(mission__law=LQR, mission__law__q=900.0)
-    assert build_law(d).table.q == 900.0 and build_law(load(mission__law=LQR)).table.q == 400.0
+    assert build_law(d).table.q == 900.0 and build_law(load(mission__law=LQR)).table.q == 10000.0
     d = load(mission__law="push_and_slide", mission__law__position_bandwidth_rad_s=2.0)
     assert build_law(d).table.position_bandwidth_rad_s == 2.0
     with pytest.raises(InputError, match=r"mission\.law.*q_dott.*q_dot"):

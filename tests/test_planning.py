@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from skywright.core.rotations import exp_so3, quat_from_rot
 from skywright.core.types import MAX_JOINTS, REFERENCE
 from skywright.description.loader import load_description
-from skywright.description.world.spec import Box
-from skywright.description.world.surface import build_cylinder, unroll
+from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.rigid_body import KINEMATICS, build_body_model, compute_tip, fill_kinematics
 from skywright.models.scene import build_scene, set_pose
+from skywright.models.things.box import Box
 from skywright.planning.inverse_dynamics import build_motion, compute_wrench
 from skywright.planning.patterns import build_pattern, build_time_law, eval_time_law
 from skywright.run.planning import MissionPlan, plan_mission
@@ -187,9 +187,9 @@ def test_tip_stays_on_its_surface_while_scanning(sets: tuple[str, ...]) -> None:
     cyl = build_cylinder(load_description("pipe-weld-scan", sets=sets).world.pipe)
     rows = found.segments["scan"]
     for row, (s, phi) in zip(rows[::53], found.scan.path_sphi[::53], strict=True):
-        got = unroll(cyl, row["p_WT"])
-        assert got[2] == pytest.approx(-found.depth_m, abs=2e-4)
-        assert (got[0], got[1]) == pytest.approx((s, phi), abs=1e-9)
+        along, around, gap = (float(x[0]) for x in unroll_points(cyl, row["p_WT"][None]))
+        assert gap == pytest.approx(-found.depth_m, abs=2e-4)
+        assert (along, around / cyl.radius) == pytest.approx((s, phi), abs=1e-9)
         assert row["R_WT"][:, 2] @ row["R_WS"][:, 2] == pytest.approx(-1.0, abs=1e-5)
         assert row["dead_zone"] > found.depth_m and row["track_tip"] == 1.0
     # every via-point is visited
@@ -197,7 +197,7 @@ def test_tip_stays_on_its_surface_while_scanning(sets: tuple[str, ...]) -> None:
         away = np.hypot(found.scan.path_sphi[:, 0] - s, 0.2 * (found.scan.path_sphi[:, 1] - phi))
         assert away.min() < 2e-4
     touch = found.segments["touch"]
-    outside = np.array([unroll(cyl, p)[2] > 1e-4 for p in touch["p_WT"]])
+    outside = unroll_points(cyl, touch["p_WT"])[2] > 1e-4
     assert np.all(touch["dead_zone"][outside] == 0.0) and touch["dead_zone"][-1] > 0.0
     assert np.linalg.norm(touch["v_WT"], axis=1).max() <= 0.02
     for name in ("approach", "unfold", "fold", "return"):
@@ -304,7 +304,7 @@ def test_a_fin_on_the_pass_is_flown_around(seed: int) -> None:
     """A thin plate where the arm passes on the uppermost pass: the tree finds a detour."""
     d = load_description("pipe-weld-scan", seed=seed)
     fin = Box(x_m=1.7, y_m=0.0, z_m=1.74, size_x_m=0.1, size_y_m=0.02, size_z_m=0.22)
-    world = d.world.model_copy(update={"obstacles": {"fin": fin}})
+    world = d.world.add_thing("fin", fin)
     free, found = plan_mission(d), plan_mission(d._replace(world=world))
     assert free.feasible and found.feasible, found.blocked_by
     assert free.scan is not None and found.scan is not None
@@ -341,7 +341,7 @@ def test_waypoints_for_every_robot(robot: str) -> None:
 def test_waypoint_inside_an_obstacle_is_refused() -> None:
     d = load_description("waypoints")
     crate = Box(x_m=1.5, y_m=1.5, z_m=1.0, size_x_m=0.5, size_y_m=0.5, size_z_m=2.0)
-    world = d.world.model_copy(update={"obstacles": {"crate": crate}})
+    world = d.world.add_thing("crate", crate)
     found = plan_mission(d._replace(world=world))
     assert not found.feasible and found.blocked_by is not None
     assert found.blocked_by.startswith("way-point 2: goal: ") and "crate" in found.blocked_by
@@ -356,13 +356,13 @@ def test_waypoints_lead_around_what_is_in_the_way() -> None:
         x_m=(a.x_m + b.x_m) / 2, y_m=(a.y_m + b.y_m) / 2, z_m=1.0,
         size_x_m=0.2, size_y_m=0.2, size_z_m=2.0,
     )  # fmt: skip
-    found = plan_mission(d._replace(world=d.world.model_copy(update={"obstacles": {"c": crate}})))
+    found = plan_mission(d._replace(world=d.world.add_thing("c", crate)))
     assert found.feasible, found.blocked_by
     assert found.min_clearance_m >= 0.05 and found.duration_s > straight.duration_s
     rows = found.segments["waypoint 2"]
     np.testing.assert_allclose(rows[-1]["p_WB"], [b.x_m, b.y_m, b.z_m], atol=1e-9)
     assert np.all(np.diff(rows["t"]) > 0) and np.linalg.norm(rows[-1]["v_WB"]) < 1e-9
-    again = plan_mission(d._replace(world=d.world.model_copy(update={"obstacles": {"c": crate}})))
+    again = plan_mission(d._replace(world=d.world.add_thing("c", crate)))
     assert np.array_equal(again.segments["waypoint 2"], rows)  # same seed, same way
 
 

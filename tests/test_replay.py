@@ -16,7 +16,7 @@ from chromium_page import open_page
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_z
 from skywright.core.types import MAX_JOINTS, SAMPLE
 from skywright.description.loader import load_description
-from skywright.description.world.surface import build_cylinder, unroll
+from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.errors import InputError
 from skywright.models.compliant_arms import find_hands, is_compliant
 from skywright.models.drawing import (
@@ -184,9 +184,7 @@ def test_weld_is_drawn_on_its_line(angle: float, offset: float) -> None:
     pieces, _ = weld_curve(world.pipe, world.weld)
     assert sum(len(p) for p in pieces) > 50
     slope = np.radians(angle)
-    for point in np.concatenate(pieces):
-        s, phi, gap = unroll(cylinder, point)
-        c = cylinder.radius * phi
+    for s, c, gap in zip(*unroll_points(cylinder, np.concatenate(pieces)), strict=True):
         assert abs(gap) < 1e-9 and abs(s) <= cylinder.half_length + 1e-9
         if angle == 90.0:
             assert c == pytest.approx(offset)

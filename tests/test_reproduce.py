@@ -345,12 +345,12 @@ def test_old_versions_are_pruned(tmp_path):
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     """Claims that need two flights and no flight, flown for real, and their page."""
-    from skywright.evidence.reproduce.present import write_page
+    from skywright.evidence.reproduce.present import write_claims_page
 
     folder = tmp_path_factory.mktemp("claims")
     only = ["touch-down", "tip-only-reduced", "displaced-reduced"]
     report = runner.reproduce("tognon-2018", cache=folder, only=only)
-    write_page([report], folder / "claims.html")
+    write_claims_page([report], folder / "claims.html")
     return report, (folder / "claims.html").read_text(encoding="utf-8")
 
 

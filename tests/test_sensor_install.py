@@ -13,7 +13,6 @@ from cut_flights import check_cuts
 from skywright.core.rotations import rot_z
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints, list_servos
-from skywright.description.world.spec import Box
 from skywright.errors import InputError
 from skywright.missions.sensor_install.plan import (
     BEHIND,
@@ -28,6 +27,7 @@ from skywright.models.compliant_arms import count_command_ticks, find_hands
 from skywright.models.geometry import build_clearance
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
+from skywright.models.things.box import Box
 from skywright.run.run import build_vehicle, fly_and_evaluate
 from skywright.run.setup import Setup
 
@@ -132,7 +132,7 @@ def test_what_is_in_the_way_is_flown_around_or_named() -> None:
     def put(p: np.ndarray, size: float) -> Description:
         x, y, z = (float(v) for v in p)
         box = Box(x_m=x, y_m=y, z_m=z, size_x_m=size, size_y_m=size, size_z_m=size)
-        world = DESCRIPTION.world.model_copy(update={"obstacles": {"lamp": box}})
+        world = DESCRIPTION.world.add_thing("lamp", box)
         return DESCRIPTION._replace(world=world)
 
     d = put((way.p_far + way.p_below) / 2 + [0.0, 0.0, 0.15], 0.08)
@@ -145,7 +145,7 @@ def test_what_is_in_the_way_is_flown_around_or_named() -> None:
         room, _ = check_line(query, a, b, rot_z(yaw), q)  # by other code than the planner's
         assert room > MARGIN - 0.005
     refused = plan(Setup(put(way.home, 0.3)))
-    assert not refused.feasible and "start: platform and obstacle lamp" in str(refused.blocked_by)
+    assert not refused.feasible and "start: platform and lamp" in str(refused.blocked_by)
 
 
 def test_the_swing_frequency_is_that_of_the_hanging_link() -> None:
@@ -186,7 +186,7 @@ def test_a_roll_loop_too_slow_to_balance_on_the_link_is_refused(late: str) -> No
         ("robot.pendulum.flex_stiffness_nm_per_rad=100", "no spring"),
         ("robot.control.position_bandwidth_rad_s=1e-9", "at least 0.001"),
         ("robot.arm.elbow_pitch_servo.command_period_s=9", "at most 1"),
-        ("world.tape.hand=third", "'right'"),
+        ("world.things.tape.hand=third", "'right'"),
     ],
 )
 def test_sizes_that_no_robot_has_are_refused(key: str, told: str) -> None:

@@ -11,7 +11,7 @@ import pytest
 from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.lookup import Subject, find_any
-from skywright.description.world.surface import build_cylinder, unroll
+from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.missions.scan.figures import place_at_work, scan_path
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.models.rotors import build_rotors
@@ -78,8 +78,9 @@ def test_robot_at_work_touches_the_middle_of_the_scan() -> None:
     place, heading = ghost
     q = pad_joints(posture(d.robot, "working"))
     p_BT, R_BT = compute_tip(build_body_model(d.robot), q)
-    s, phi, gap = unroll(build_cylinder(d.world.pipe), place + rot_z(heading) @ p_BT)
-    assert s == pytest.approx(0.03) and phi == pytest.approx(0.0) and gap == pytest.approx(0.0)
+    tip = place + rot_z(heading) @ p_BT
+    found = np.ravel(unroll_points(build_cylinder(d.world.pipe), tip[None]))
+    assert found == pytest.approx([0.03, 0.0, 0.0])
     axis = rot_z(heading) @ R_BT[:, 2]
     assert axis[:2] @ [math.cos(math.radians(40)), math.sin(math.radians(40))] > 0.99
 
@@ -106,7 +107,7 @@ def test_pattern_that_does_not_fit_is_said_so() -> None:
 
 def test_wind_obstacles_and_upright_pipe_are_drawn(tmp_path: Path) -> None:
     sets = ("world.wind.kind=steady", "world.wind.mean_mps=3", "world.pipe.inclination_deg=90",
-            "world.obstacles.box1={ x_m = 1.0, y_m = 1.0, z_m = 0.5, size_x_m = 0.4, "
+            "world.things.box1={ kind = 'box', x_m = 1.0, y_m = 1.0, z_m = 0.5, size_x_m = 0.4, "
             "size_y_m = 0.4, size_z_m = 1.0 }")  # fmt: skip
     d = load_description("pipe-weld-scan", sets=sets)
     text = _texts(draw_world(d.world))

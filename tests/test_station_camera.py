@@ -9,10 +9,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from skywright import load, run
-from skywright.core.types import BELIEF, IMU_HISTORY, N_FUSION
+from skywright.core.record import View
+from skywright.core.types import IMU_HISTORY
 from skywright.errors import InputError
-from skywright.estimation import station_camera as sc
-from skywright.estimation.kalman import correct
+from skywright.vehicle.estimators import _fusion as fusion
+from skywright.vehicle.estimators._fusion import N_FUSION
+from skywright.vehicle.estimators._kalman import correct
+from skywright.vehicle.estimators.station_camera import StationCamera
 
 STATION = "world.localisation='total-station'"
 
@@ -36,11 +39,11 @@ def test_correction_is_the_textbooks(seed, m):
     assert np.array_equal(new, before) and not np.any(dx)
 
 
-def build_belief(seed: int) -> np.ndarray:
+def build_filter(seed: int) -> np.ndarray:
     """A moving robot whose camera errs, without noise."""
     rng = np.random.default_rng(seed)
-    b = np.zeros(1, BELIEF)
-    flt, fus = b[0]["flt"], b[0]["fus"]
+    b = np.zeros(1, StationCamera.Me.dtype)
+    flt = fus = b[0]
     flt["h"], flt["n"], flt["ready"] = 1e-3, 100, 2.0
     flt["p_BI"], fus["p_BP"] = [0.02, -0.01, 0.03], [0.05, 0.0, -0.15]
     flt["gyro"] = rng.normal(size=3) + 0.2 * rng.normal(size=(IMU_HISTORY, 3))
@@ -55,13 +58,13 @@ def build_belief(seed: int) -> np.ndarray:
 
 def shift(b: np.ndarray, dx: np.ndarray) -> np.ndarray:
     out = b.copy()
-    sc._inject(out[0]["flt"], out[0]["fus"], dx)
+    fusion._inject(View(out[0]), dx)
     return out
 
 
 def subtract(b: np.ndarray, a: np.ndarray) -> np.ndarray:
     """The error that takes `a` to `b`."""
-    flt, fus, f, g = b[0]["flt"], b[0]["fus"], a[0]["flt"], a[0]["fus"]
+    flt, fus, f, g = b[0], b[0], a[0], a[0]
     turn = Rotation.from_matrix(flt["R_f"] @ f["R_f"].T).as_rotvec()
     frame = Rotation.from_matrix(fus["T"] @ g["T"].T).as_rotvec()
     parts = [flt["p_f"] - f["p_f"], flt["v_f"] - f["v_f"], turn, flt["bg"] - f["bg"],
@@ -75,29 +78,29 @@ def subtract(b: np.ndarray, a: np.ndarray) -> np.ndarray:
 def test_covariance_follows_the_state(seed):
     """One step of the covariance against finite differences of the state."""
     rng = np.random.default_rng(seed)
-    b, v = build_belief(seed), rng.normal(size=N_FUSION)
-    b[0]["fus"]["P"] = np.outer(v, v)
+    b, v = build_filter(seed), rng.normal(size=N_FUSION)
+    b[0]["P_full"] = np.outer(v, v)
     moved = shift(b, 1e-6 * v)
     for x in (b, moved):
-        sc.advance(x[0]["flt"], x[0]["fus"], 10, 9.81)
+        fusion.advance(View(x[0]), 10, 9.81)
     expected = subtract(moved, b) / 1e-6
-    assert b[0]["fus"]["P"] == pytest.approx(np.outer(expected, expected), rel=2e-3, abs=2e-3)
+    assert b[0]["P_full"] == pytest.approx(np.outer(expected, expected), rel=2e-3, abs=2e-3)
 
 
 def fuse(b: np.ndarray, kind: str, z: object) -> None:
-    flt, fus = b[0]["flt"], b[0]["fus"]
+    me = View(b[0])
     if kind == "fix":
-        sc.fuse_fix(flt, fus, z)
+        fusion.fuse_fix(me, z)
     elif kind == "range":
-        sc.fuse_range(flt, fus, z)
+        fusion.fuse_range(me, z)
     else:
-        fus["odo_p"][0], fus["odo_R"][0] = z
-        sc.fuse_odometry(flt, fus, 0)
+        me.odo_p[0], me.odo_R[0] = z
+        fusion.fuse_odometry(me, 0)
 
 
 def measure(b: np.ndarray, kind: str) -> object:
     """What the sensors would say in this state."""
-    flt, fus = b[0]["flt"], b[0]["fus"]
+    flt = fus = b[0]
     R, p_B = flt["R_f"], flt["p_f"] - flt["R_f"] @ flt["p_BI"]
     if kind == "fix":
         return p_B + R @ fus["p_BP"] - flt["v_f"] * fus["delay"]
@@ -113,10 +116,10 @@ def test_a_perfect_measurement_moves_the_state_onto_it(kind, seed):
     rng = np.random.default_rng(seed)
     v, left = rng.normal(size=N_FUSION), []
     for size in (1e-2, 5e-3):
-        b = build_belief(seed)
-        b[0]["fus"]["P"] = 1e-2 * np.eye(N_FUSION)
+        b = build_filter(seed)
+        b[0]["P_full"] = 1e-2 * np.eye(N_FUSION)
         for noise in ("r_fix", "r_odo", "r_odo_R", "r_range"):
-            b[0]["fus"][noise] = 1e-12
+            b[0][noise] = 1e-12
         z = measure(shift(b, size * v), kind)
         fuse(b, kind, z)
         off = np.atleast_1d(np.asarray(z[0] if kind == "odometry" else z))
@@ -185,7 +188,9 @@ def test_without_a_place_it_does_not_take_off():
         ("f550-bridge", ["world.total_station.blocked_s=[[1.0, 4.0]]"], ["before it takes off"]),
         (
             "f550-bridge",
-            ["world.obstacles.a={x_m=-9.0,y_m=-4.5,z_m=1.0,size_x_m=1,size_y_m=5,size_z_m=3}"],
+            [
+                "world.things.a={kind='box',x_m=-9.0,y_m=-4.5,z_m=1.0,size_x_m=1,size_y_m=5,size_z_m=3}"
+            ],
             ["does not see the prism of the robot"],
         ),
         ("f550-bridge", ["world.total_station.rate_mean_hz=30"], ["exceeds rate_max_hz 20"]),

@@ -10,7 +10,9 @@ import pytest
 
 from plant_parts import build_context, build_plant, take_samples
 from skywright.core.record import View
+from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.evidence.bench.flights import fly_to_hover
 from skywright.vehicle.bus import Truth
 from skywright.vehicle.sensors.tip_distance import TipDistance
 
@@ -42,3 +44,20 @@ def test_wrong_tables_are_told():
         build_plant(build_context(), laser)
     with pytest.raises(InputError, match="has no tip"):
         build_plant(build_context("waypoints"), TipDistance("laser"))
+
+
+def test_it_flies_by_a_table_of_the_robot():
+    """Hovering with the arm folded, the laser sees the ground or nothing within its range."""
+    sets = ["robot.sensors.laser.kind=tip_distance", "robot.sensors.laser.range_max_m=20.0"]
+    vehicle = fly_to_hover(load_description("pipe-weld-scan", sets=sets))
+    blocks: list[np.ndarray] = []
+    vehicle.on_samples = blocks.append
+    vehicle.flush()
+    for _ in range(50):
+        vehicle.tick()
+    vehicle.flush()
+    row = np.concatenate(blocks)[-1]
+    truth = vehicle.read(Truth)
+    axis = truth["R_WT"][:, 2]
+    assert axis[2] < -0.2  # it looks down
+    assert row["tip_distance"] == pytest.approx(-truth["p_WT"][2] / axis[2], abs=0.03)

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from skywright.core.record import View
 from skywright.core.rotations import quat_from_rot, rot_y, rot_z
 from skywright.description.loader import Description, load_description
-from skywright.description.world.tool import Tool, compute_diameters, compute_seat, list_tool_parts
+from skywright.description.world.thing import Solid
+from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
 from skywright.missions.skills.hook_grip import build_grip
 from skywright.missions.skills.tool_handling import find_platform
@@ -30,7 +31,7 @@ from skywright.models.compliant_arms import find_hands
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
-from skywright.models.tool_body import find_tool_place
+from skywright.models.things.tool import Tool, compute_diameters, compute_seat
 from skywright.run.run import RunResult, fly_and_evaluate
 from skywright.run.setup import Setup
 from skywright.vehicle.arms.marker import PipeEstimate
@@ -39,6 +40,11 @@ from skywright.vehicle.sensors.tracked_pipe import PipeTracking
 from skywright.vehicle.simulated import SimulatedVehicle
 
 DESCRIPTION = load_description("tool-install")
+TOOL = DESCRIPTION.world.find_thing("tool", Tool)
+
+
+def list_solids(tool: Tool) -> list[Solid]:
+    return list(tool.list_parts()[0].solids)
 
 
 def build(**sets: float) -> tuple[Scene, mujoco.MjData, int]:
@@ -59,17 +65,19 @@ def settle(scene: Scene, data: mujoco.MjData, seconds: float) -> float:
 
 def test_the_tool_rests_on_the_bench() -> None:
     scene, data, at = build()
-    p, _ = find_tool_place(DESCRIPTION.world)
+    p, _ = locate_thing(DESCRIPTION.world.things, "tool")
     assert settle(scene, data, 1.0) < 1e-4
     np.testing.assert_allclose(data.qpos[at : at + 3], p, atol=2e-4)
 
 
 @pytest.mark.parametrize("diameter", [0.12, 0.2, 0.26])
 def test_the_tool_rests_on_the_pipe_where_the_feet_fit(diameter: float) -> None:
-    scene, data, at = build(**{"world.pipe.diameter_m": diameter, "world.tool.friction": 0.2})
+    scene, data, at = build(
+        **{"world.pipe.diameter_m": diameter, "world.things.tool.friction": 0.2}
+    )
     pipe = DESCRIPTION.world.pipe
-    assert pipe is not None and DESCRIPTION.world.tool is not None
-    height = compute_seat(DESCRIPTION.world.tool, diameter).height
+    assert pipe is not None
+    height = compute_seat(TOOL, diameter).height
     seat = np.array([pipe.x_m, pipe.y_m, pipe.z_m + height])
     data.qpos[at : at + 3] = seat + [0.0, 0.0, 0.003]
     assert settle(scene, data, 2.0) < 1e-3
@@ -79,15 +87,20 @@ def test_the_tool_rests_on_the_pipe_where_the_feet_fit(diameter: float) -> None:
 @pytest.mark.parametrize(("friction", "stays"), [(0.2, True), (0.05, False)])
 def test_on_the_pipe_friction_holds_a_tool_that_is_tilted(friction: float, stays: bool) -> None:
     """It holds up to sin(tilt) = mu sqrt(2) R / h, h of the centre of mass over the axis."""
-    tool, pipe = DESCRIPTION.world.tool, DESCRIPTION.world.pipe
-    assert tool is not None and pipe is not None
-    height = compute_seat(tool, pipe.diameter_m).height
-    parts = list_tool_parts(tool)
-    com = sum(p.mass * 0.5 * float(p.a[2] + p.b[2]) for p in parts) / tool.mass_kg
+    pipe = DESCRIPTION.world.pipe
+    assert pipe is not None
+    height = compute_seat(TOOL, pipe.diameter_m).height
+    com = (
+        sum(
+            s.mass_kg * float(np.mean([e[2] for e in s.ends or [s.frame.p]]))
+            for s in list_solids(TOOL)
+        )
+        / TOOL.mass_kg
+    )
     limit = math.asin(friction * math.sqrt(2.0) * 0.5 * pipe.diameter_m / (height + com))
     tilt = math.radians(5.0)
     assert (tilt < limit) == stays
-    scene, data, at = build(**{"world.tool.friction": friction})
+    scene, data, at = build(**{"world.things.tool.friction": friction})
     R = rot_y(tilt)
     axis = np.array([pipe.x_m, pipe.y_m, pipe.z_m])
     data.qpos[at : at + 3] = axis + R[:, 2] * (height + 0.0005)
@@ -101,9 +114,8 @@ def test_on_the_pipe_friction_holds_a_tool_that_is_tilted(friction: float, stays
 def test_in_two_hooks_the_tool_hangs_still(friction: float) -> None:
     """Platform and joints held where they hold it: contact alone carries the tool."""
     d = DESCRIPTION
-    assert d.world.tool is not None
-    grip = build_grip(d.robot, d.world.tool, d.world.gravity_mps2)
-    scene, data, at = build(**{"world.tool.friction": friction})
+    grip = build_grip(d.robot, TOOL, d.world.gravity_mps2)
+    scene, data, at = build(**{"world.things.tool.friction": friction})
     dof = int(scene.model.joint("object tool").dofadr[0])
     home = np.array([0.0, 0.0, 2.0])
     data.qpos[scene.places.joint_qpos] = grip.q
@@ -117,7 +129,7 @@ def test_in_two_hooks_the_tool_hangs_still(friction: float) -> None:
     np.testing.assert_allclose(data.qpos[at : at + 3], middle - grip.handle, atol=0.01)
     sensors = [scene.model.sensor(f"touch hand{h}").adr[0] for h in (0, 1)]
     up = sum(float(data.sensordata[a + 2]) for a in sensors)
-    assert up == pytest.approx(d.world.tool.mass_kg * 9.81, rel=0.02)
+    assert up == pytest.approx(TOOL.mass_kg * 9.81, rel=0.02)
 
 
 @given(st.floats(0.02, 0.06), st.floats(0.08, 0.16), st.floats(30.0, 60.0), st.floats(0.05, 0.4))
@@ -125,7 +137,7 @@ def test_in_two_hooks_the_tool_hangs_still(friction: float) -> None:
 def test_a_seat_touches_with_both_legs(
     plate: float, leg: float, angle: float, diameter: float
 ) -> None:
-    tool = Tool(on="b", x_m=0.0, y_m=0.0, plate_m=plate, leg_length_m=leg, leg_angle_deg=angle)
+    tool = Tool(on="b", plate_m=plate, leg_length_m=leg, leg_angle_deg=angle)
     seat = compute_seat(tool, diameter)
     a = math.radians(angle)
     top = np.array([0.5 * plate, 0.0])
@@ -139,9 +151,7 @@ def test_a_seat_touches_with_both_legs(
 
 
 def test_the_parts_weigh_what_the_tool_weighs() -> None:
-    assert DESCRIPTION.world.tool is not None
-    parts = list_tool_parts(DESCRIPTION.world.tool)
-    assert sum(p.mass for p in parts) == pytest.approx(DESCRIPTION.world.tool.mass_kg)
+    assert sum(s.mass_kg for s in list_solids(TOOL)) == pytest.approx(TOOL.mass_kg)
 
 
 def test_the_map_is_off_by_no_more_than_is_said() -> None:
@@ -190,11 +200,11 @@ def test_the_platform_stands_where_the_hands_hold_the_handle() -> None:
 @pytest.mark.parametrize(
     ("sets", "message"),
     [
-        (["world.tool.mass_kg=0.8"], "more than the arms may lift"),
-        (["world.tool.mass_kg=0.05"], "do not feel whether it hangs or stands"),
+        (["world.things.tool.mass_kg=0.8"], "more than the arms may lift"),
+        (["world.things.tool.mass_kg=0.05"], "do not feel whether it hangs or stands"),
         (["world.pipe.diameter_m=0.4"], "feet fit pipes of"),
-        (["world.tool.handle_length_m=0.32"], "room on the handle"),
-        (["world.obstacles.bench.y_m=1.2", "world.tool.y_m=1.2"], "come within"),
+        (["world.things.tool.handle_length_m=0.32"], "room on the handle"),
+        (["world.things.bench.y_m=1.2"], "come within"),
     ],
 )
 def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
@@ -206,7 +216,7 @@ def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
 @pytest.mark.parametrize("yaw", [0.0, 90.0, 180.0])
 def test_the_way_to_the_bench_keeps_clear_of_the_tool(yaw: float) -> None:
     """By MuJoCo's own distances, which planning does not use: the planner has to see the tool."""
-    d = load_description("tool-install", sets={"world.tool.yaw_deg": yaw})
+    d = load_description("tool-install", sets={"world.things.tool.yaw_deg": yaw})
     found = plan(Setup(d))
     assert found.feasible and isinstance(found.way, ToolPlan)
     query = build_clearance(build_scene(d.robot, d.world), with_ground=True)
@@ -220,18 +230,18 @@ def test_the_way_to_the_bench_keeps_clear_of_the_tool(yaw: float) -> None:
 
 
 def test_a_tool_under_a_shelf_is_out_of_reach() -> None:
-    shelf = {"x_m": 2.0, "y_m": -1.0, "z_m": 1.45, "size_x_m": 0.4, "size_y_m": 0.6,
+    shelf = {"kind": "box", "x_m": 2.0, "y_m": -1.0, "z_m": 1.45, "size_x_m": 0.4, "size_y_m": 0.6,
              "size_z_m": 0.05}  # fmt: skip
-    found = plan(Setup(load_description("tool-install", sets={"world.obstacles.shelf": shelf})))
+    found = plan(Setup(load_description("tool-install", sets={"world.things.shelf": shelf})))
     assert not found.feasible and "shelf come within" in str(found.blocked_by)
 
 
 @pytest.mark.parametrize(
     ("sets", "message"),
     [
-        (["world.tool.on=shelf"], "shelf"),
+        (["world.things.tool.on=shelf"], "shelf"),
         (["plant.map_error_m=1"], "map_error_m"),
-        (["world.tool.handle_height_m=0.05"], "in the box"),
+        (["world.things.tool.handle_height_m=0.05"], "in the box"),
         (["mission.task.hand_speed_mps=1e-9"], "hand_speed_mps"),  # it would never arrive
         (["mission.task.lift_speed_mps=9"], "lift_speed_mps"),
     ],
@@ -266,8 +276,9 @@ def test_wrong_robots_and_tasks_are_input_errors(
 
 def test_the_tool_is_installed_and_brought_back() -> None:
     sets = [
-        "mission.task.hover_s=4", "mission.task.wait_s=2", "world.tool.mass_kg=0.6",
-        "world.tool.friction=0.2", "world.tool.yaw_deg=4", "world.tool.x_m=2.02",
+        "mission.task.hover_s=4", "mission.task.wait_s=2", "world.things.tool.mass_kg=0.6",
+        "world.things.tool.friction=0.2", "world.things.tool.yaw_deg=4",
+        "world.things.tool.x_m=0.02",
     ]  # fmt: skip
     result = fly_and_evaluate(load_description("tool-install", sets=sets, seed=3))
     m = result.metrics

@@ -14,7 +14,7 @@ from numba import njit
 from scipy.signal import lfilter
 
 from skywright.description.world.spec import Pipe, Weld
-from skywright.description.world.surface import Cylinder, build_cylinder
+from skywright.description.world.surface import Cylinder, build_cylinder, roll_points, unroll_points
 from skywright.errors import InputError
 from skywright.inspection.calibration import (
     Calibration,
@@ -28,11 +28,9 @@ from skywright.inspection.eddy_current import build_probe_signal, ec_signal
 from skywright.inspection.surface_fit import (
     build_surface,
     fit_cylinder,
-    roll_point,
-    unroll_points,
 )
 from skywright.inspection.weld import WeldResult, process_scan
-from skywright.inspection.weld_line import compute_line_error, estimate_weld_line, line_distance
+from skywright.inspection.weld_line import compute_line_error, estimate_weld_line
 from skywright.reports.weld_map import write_weld_map
 
 APPROACH = 6.0  # s
@@ -235,7 +233,7 @@ def test_a_false_crossing_is_left_out(
     line = estimate_weld_line(s, c, np.zeros(6), np.zeros(6), np.full(6, 3e-4))
     assert line is not None and where not in line.inliers
     good = [i for i in range(6) if i != where]
-    assert np.all(np.abs(line_distance(line, s[good], c[good])) < 1e-6)
+    assert np.all(np.abs(line.line.measure_distance(s[good], c[good])) < 1e-6)
     assert abs(math.remainder(line.angle - angle, math.pi)) < 1e-6
 
 
@@ -459,7 +457,7 @@ def test_unroll_and_roll_are_inverse(
     cylinder = build_surface(origin, axis, radius, p0[None])
     assert np.linalg.det(cylinder.R_WP) == pytest.approx(1.0)
     c = 0.99 * math.pi * radius * c_share
-    found = unroll_points(cylinder, roll_point(cylinder, s, c)[None])
+    found = unroll_points(cylinder, roll_points(cylinder, s, c)[0])
     assert [x[0] for x in found] == pytest.approx([s, c, 0.0], abs=1e-9)
     assert unroll_points(cylinder, p0[None])[1][0] == pytest.approx(0.0, abs=1e-9)
 

@@ -2,7 +2,7 @@
 
     skywright run waypoints --robot othex --set mission.law=examples/laws/lqr.py:Lqr
     skywright run waypoints --robot othex --set mission.law=examples/laws/lqr.py:Lqr \\
-        --set mission.law.q=900
+        --set mission.law.q=20000
 
 The attitude follows law (3) of Tognon 2018, with the bandwidths of [robot.control]. SI and radians;
 W is the world, B the body.
@@ -41,8 +41,8 @@ class Lqr(Law):
     class Table(AttitudeTable, ArmTable):
         """[mission.law]: weights of the cost; bandwidths of the loops taken from Skywright."""
 
-        q: Positive = 400.0  # of the position's error (1/m^2)
-        q_dot: Positive = 40.0  # of the velocity's ((s/m)^2)
+        q: Positive = 10000.0  # of the position's error (1/m^2)
+        q_dot: Positive = 400.0  # of the velocity's ((s/m)^2)
         r: Positive = 1.0  # of the force (1/N^2)
         range: Positive = 0.3  # the table covers the mass times 1 -+ this
 

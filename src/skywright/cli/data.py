@@ -143,7 +143,7 @@ def identify(
     """
     from skywright.analysis.identify.identify import identify as identify_logs
     from skywright.analysis.identify.overrides import build_overrides
-    from skywright.analysis.identify.present import print_identification, write_page
+    from skywright.analysis.identify.report import print_identification, write_identify_page
     from skywright.description.robot.loader import load_robot
 
     spec = None if robot is None else load_robot(robot)[0]
@@ -151,7 +151,7 @@ def identify(
     overrides = build_overrides(found, robot or found.robot.name)
     page = check_writable(out or Path("identify.html"), (".html",))
     robot_file = check_writable(page.with_suffix(".toml"), (".toml",))
-    write_page(found, overrides, page)
+    write_identify_page(found, overrides, page)
     robot_file.write_text(overrides, encoding="utf-8")
     if as_json:
         print_json({**found.to_json(), "page": str(page), "robot_file": str(robot_file)})

@@ -97,7 +97,11 @@ def compare(
 ) -> None:  # fmt: skip
     """Compare two robots with arms: clearance, reach, reactions, impact, accuracy, endurance."""
     from skywright.analysis.compare.compare import compare_robots
-    from skywright.analysis.compare.present import print_comparison, tell_step, write_page
+    from skywright.analysis.compare.report import (
+        print_comparison,
+        tell_step,
+        write_compare_page,
+    )
 
     page = check_writable(out or Path("compare.html"), (".html",))
     try:
@@ -105,7 +109,7 @@ def compare(
             robot, other, sets=sets, fly=not no_fly, seeds=seeds,
             step=None if as_json else tell_step,
         )  # fmt: skip
-        write_page(found, page)
+        write_compare_page(found, page)
     except BaseException:
         if page.exists() and page.stat().st_size == 0:
             page.unlink()  # nothing half-written, interrupted or not

@@ -27,7 +27,7 @@ def reproduce(
     that a claim could not be measured.
     """
     from skywright.evidence.reproduce.cache import default_folder
-    from skywright.evidence.reproduce.present import Bar, print_reports, write_page
+    from skywright.evidence.reproduce.present import Bar, print_reports, write_claims_page
     from skywright.evidence.reproduce.runner import check_papers, reproduce_papers
 
     page = out or Path("claims.html")
@@ -39,7 +39,7 @@ def reproduce(
     reports = reproduce_papers(
         paper, cache=cache or default_folder(), only=only, steps=None if as_json else Bar()
     )
-    write_page(reports, page)
+    write_claims_page(reports, page)
     if as_json:
         print_json({"claims": [c for r in reports for c in r.to_json()["claims"]]})
     else:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from typing import Any, Union, get_args, get_origin
 
 from skywright.core.key_names import describe_unknown
+from skywright.core.open_spec import OpenSpec
 from skywright.core.spec import Spec
 from skywright.core.toml_files import Layer, Tree, parse_value, strip_sources
 from skywright.errors import InputError
@@ -95,7 +96,7 @@ def _step(
     at = ".".join(map(str, path))
     part = rest[0]
     annotation = strip_optional(annotation)
-    model = as_model(annotation)
+    model = find_model(annotation, here)
     if model is not None:
         fields = {n: f for n, f in model.model_fields.items() if n not in model.inline_tables}
         if part in fields:
@@ -148,6 +149,12 @@ def as_model(annotation: object) -> type[Spec] | None:
     if isinstance(annotation, type) and issubclass(annotation, Spec):
         return annotation
     return None
+
+
+def find_model(annotation: object, here: object) -> type[Spec] | None:
+    """Return the spec of the table `here`, if it is one: that of its kind where kinds are open."""
+    model = as_model(annotation)
+    return model.find_class(here) if model and issubclass(model, OpenSpec) else model
 
 
 def is_text(annotation: object) -> bool:
@@ -207,7 +214,7 @@ def walk_path(model: type[Spec], tree: Any, path: list[Any]) -> tuple[type[Spec]
     annotation: object = model
     here = tree
     for name in path:
-        current = as_model(annotation)
+        current = find_model(annotation, here)
         if current is not None and name in current.model_fields:
             annotation = current.model_fields[name].annotation
         elif current is not None and name in list_inline_tables(current, here):
@@ -216,7 +223,7 @@ def walk_path(model: type[Spec], tree: Any, path: list[Any]) -> tuple[type[Spec]
             args = get_args(strip_optional(annotation))
             annotation = args[-1] if args else None
         here = _child(here, name)
-    return as_model(annotation), here
+    return find_model(annotation, here), here
 
 
 def iterate_leaves(spec: Spec, prefix: str) -> list[tuple[str, Any]]:

@@ -19,7 +19,8 @@ from skywright.description.parts import Part, drop_replaced, take_kinds, type_pa
 from skywright.description.renamed import load_layer, rename_key
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
-from skywright.description.world.loader import find_world
+from skywright.description.world.loader import find_world, load_world_layer, read_things
+from skywright.description.world.old_tables import translate_assignments
 from skywright.description.world.spec import World
 from skywright.errors import InputError
 
@@ -188,7 +189,7 @@ def load_layers(
         if root == "robot":
             layers += load_robot_layers(base_file, problems)
             continue
-        base = load_layer(base_file.path, base_file.label, problems)
+        base = load_world_layer(base_file, problems)
         if root not in base.tree:
             raise InputError(
                 f"{base_file.label}: no [{root}] table; a {root} file is needed, this one holds: "
@@ -201,7 +202,7 @@ def load_layers(
                     "a mission file can"
                 )
         layers.append(base)
-    layers.append(mission)
+    layers.append(read_things(mission, folder, merge_layers(layers)[0]))
     # the kind is set first: it says which keys there are
     kinds = [pair for pair in assignments if pair[0] == "mission.kind"]
     first = ("mission.robot", "mission.world", "mission.kind")
@@ -217,6 +218,7 @@ def load_layers(
             tree = merge_layers(layers)[0]
             touched = [key for key, _ in pairs]
             specs = list_specs(tree, [folder], touched) if pairs is others else SPECS
+            pairs = translate_assignments(pairs, tree)
             layers.append(apply_assignments(tree, pairs, specs, label))
     return layers
 

@@ -173,7 +173,8 @@ def _revive(base: type[Spec], fields: Any, values: dict[str, Any]) -> Spec:
 def make_table(group: str, kind: str) -> type[Part]:
     """Return the spec of a component's table: `kind` and the keys of its class."""
     cls = find(group, kind).cls
-    table = create_model(cls.__name__, __base__=(cls.Table, Part))
+    bases = Part if cls.Table is Spec else (cls.Table, Part)
+    table = create_model(cls.__name__, __base__=bases)
     return _make_picklable(table, _revive_table, group, kind)
 
 

@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from skywright.core.arrays import Array
 from skywright.core.record import View
 from skywright.core.rotations import log_so3
 from skywright.description.loader import load_description
@@ -26,8 +26,6 @@ from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.bus import Clock, Truth
 from skywright.vehicle.estimators._strapdown import head_covariance
 from skywright.vehicle.sensors.inertial import Inertial
-
-Array = NDArray[np.float64]
 
 EVERY = 10  # mission ticks between values: 0.2 s
 START = 3.0  # s, the filter starts with a guess of its velocity

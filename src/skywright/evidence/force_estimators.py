@@ -16,18 +16,15 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.description.loader import load_description
-from skywright.description.world.spec import Box
-from skywright.description.world.things import Bench
 from skywright.models.compliant_arms import find_hands
 from skywright.models.rigid_body import build_body_model
+from skywright.models.things.bench import Bench
+from skywright.models.things.box import Box
 from skywright.run.run import build_vehicle
 from skywright.vehicle.arms.ports import HandState
 from skywright.vehicle.interface import Arms
-
-Array = NDArray[np.float64]
 
 FORCE = 2.0  # N, of the paper's trials
 HEIGHT = 1.5  # m, of the clamped platform
@@ -72,7 +69,7 @@ def measure(
     centre = hand - radius * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
     place = centre + (radius + GAP + 0.5 * SIZE) * way
     box = Box(x_m=place[0], y_m=place[1], z_m=place[2], size_x_m=SIZE, size_y_m=0.2, size_z_m=SIZE)
-    world = d.world.model_copy(update={"bench": Bench(z_m=HEIGHT), "obstacles": {"box": box}})
+    world = d.world.model_copy(update={"things": {"bench": Bench(z_m=HEIGHT), "box": box}})
     blocks: list[Any] = []
     vehicle = build_vehicle(d._replace(world=world), blocks.append)
     arms = Arms(vehicle)

@@ -27,13 +27,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.loader import Description, load_description
 from skywright.description.world.wind import compute_dryden_scales, compute_speed
 from skywright.models.capability import compute_capability
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.wind import compute_drag
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 NAMES = ("x", "y", "z", "roll", "pitch", "yaw")

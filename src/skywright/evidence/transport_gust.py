@@ -21,27 +21,21 @@ import sys
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from skywright.analysis.campaign.spec import build_campaign, draw_run, load_run
-from skywright.control.cascade import SHIFT_BANDWIDTH
-from skywright.control.cascade_gains import fill_cascade
-from skywright.core.types import BELIEF, BODY, MAX_JOINTS, WRENCH
+from skywright.core.arrays import Array
 from skywright.description.loader import Description
 from skywright.missions.bar_transport.metrics import compute_tip_errors
-from skywright.models.floating import fill_floating
+from skywright.models.floating import compute_floating
 from skywright.models.rigid_body import (
-    KINEMATICS,
     build_body_model,
-    fill_body,
-    fill_kinematics,
     posture,
 )
 from skywright.run.run import RunResult, fly_and_evaluate
 from skywright.vehicle.arms.external_wrench import SWING_BANDWIDTH
-
-Array = NDArray[np.float64]
+from skywright.vehicle.laws._cascade_gains import compute_cascade_gains
+from skywright.vehicle.laws.cascade import SHIFT_BANDWIDTH
 
 AT_ONCE = 1e3  # rad/s, of an estimate without lag
 X, V, PHI, RATE, U, DU, DDU, F_EST, S_EST, S_SLOW, SHIFT = range(11)
@@ -71,24 +65,16 @@ class Loop(NamedTuple):
 def build_loop(d: Description) -> Loop:
     """Return the loop of a robot that flies the cascade, in its working posture."""
     model = build_body_model(d.robot, d.world.gravity_mps2)
-    b, wrench, body = np.zeros(1, BELIEF), np.zeros(1, WRENCH), np.zeros(1, BODY)
-    k, q = np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS)
-    working = posture(d.robot, "working")
-    q[: len(working)] = working
-    fill_cascade(b[0], d.robot, d.world, model)
-    fill_kinematics(model[0], q, k[0])
-    fill_body(model[0], k[0], body[0])
-    wrench[0]["swing"] = 0
-    fill_floating(model[0], k[0], body[0], wrench[0])
-    par = b[0]["par"]
+    gains = compute_cascade_gains(d.robot.control, d.robot, d.world, model[0])
+    body, wrench = compute_floating(model, posture(d.robot, "working"), 0)
     assert d.robot.pendulum is not None and d.robot.pendulum.z_m is not None
     joint = -d.robot.pendulum.z_m
     return Loop(
-        float(body[0]["mass"]), float(np.linalg.norm(wrench[0]["L_s"])), float(wrench[0]["M_ss"]),
-        d.world.gravity_mps2, joint, -float(body[0]["p_BT"][2]) - joint,
-        float(par["k_position"][0]), float(par["k_velocity"][0]), float(par["k_swing"]),
-        float(par["k_attitude"][1]), float(par["k_rate"][1]), float(par["lead"]),
-        float(b[0]["wrench"]["bandwidth"][0]), SWING_BANDWIDTH,
+        float(body["mass"]), float(np.linalg.norm(wrench["L_s"])), float(wrench["M_ss"]),
+        d.world.gravity_mps2, joint, -float(body["p_BT"][2]) - joint,
+        float(gains.k_position[0]), float(gains.k_velocity[0]), float(gains.k_swing),
+        float(gains.k_attitude[1]), float(gains.k_rate[1]), float(gains.lead),
+        float(gains.wrench[0]), SWING_BANDWIDTH,
     )  # fmt: skip
 
 

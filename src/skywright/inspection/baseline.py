@@ -10,16 +10,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.inspection.calibration import (
     Calibration,
     ComplexArray,
     compute_components,
     compute_local,
 )
-
-Array = NDArray[np.float64]
 
 MAJORITY = 0.5
 """Least share of the contact samples that must read alike to be called base metal."""

@@ -25,9 +25,9 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError, neighbours
 
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 LIFT_OFF_FRACTION = 0.25

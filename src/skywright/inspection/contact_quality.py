@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
-
-Array = NDArray[np.float64]
 
 GAP_LIMIT = 1e-3
 """m, largest air gap at which a reading counts (Tognon 2018)."""

@@ -33,6 +33,7 @@ from numba import njit
 from scipy.special import jv
 
 from skywright.description.world.spec import Pipe, Weld
+from skywright.description.world.surface import build_weld_line
 from skywright.errors import InputError
 
 MU0 = 4e-7 * math.pi
@@ -235,18 +236,6 @@ def _build_tables(
     return gain * (table - null), gain * d_log_mu
 
 
-def compute_weld_frame(weld: Weld) -> tuple[float, float, float]:
-    """(n_s, n_c, d_0) of the weld line n_s s + n_c c = d_0 on the unrolled surface, |n| = 1.
-
-    At 90 deg the line runs along the axis and `offset_m` is its c (description/world/spec.py).
-    """
-    angle = math.radians(weld.angle_deg)
-    n_s, n_c = math.cos(angle), -math.sin(angle)
-    if weld.angle_deg == 90.0:
-        return 0.0, -1.0, -weld.offset_m
-    return n_s, n_c, n_s * weld.offset_m
-
-
 def build_probe_signal(
     pipe: Pipe,
     weld: Weld | None,
@@ -266,7 +255,9 @@ def build_probe_signal(
     table, d_log_mu = _build_tables(pipe, weld if present else None, coil, instrument)
     n_s, n_c, d_0, half_width = 1.0, 0.0, 0.0, -1.0
     if weld is not None and weld.present:
-        n_s, n_c, d_0 = compute_weld_frame(weld)
+        line = build_weld_line(weld)
+        n_s, n_c = line.normal
+        d_0 = n_s * line.s + n_c * line.c
         half_width = weld.half_width_m
     # Gaussian spectrum of wave numbers <=> Gaussian correlation of the field
     k = rng.standard_normal((2, texture.modes)) / texture.correlation_length

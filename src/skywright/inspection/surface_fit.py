@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from skywright.core.arrays import Array
 from skywright.description.world.surface import Cylinder
 from skywright.errors import InputError
 from skywright.inspection.calibration import read_numbers, read_table
-
-Array = NDArray[np.float64]
 
 MAX_FIT_POINTS = 1500
 MIN_FIT_POINTS = 12
@@ -33,21 +31,6 @@ class SurfaceFit(NamedTuple):
     std_axis: float  # rad, of the axis' direction
     rms: float  # m, of the points' distance to the cylinder
     fitted: bool
-
-
-def unroll_points(cylinder: Cylinder, p: Array) -> tuple[Array, Array, Array]:
-    """(s, c, distance to the surface) in m, each (n,), of points (n, 3) in W."""
-    local = (np.asarray(p, float) - cylinder.p_WP) @ cylinder.R_WP
-    c = cylinder.radius * np.arctan2(local[:, 2], -local[:, 0])
-    return local[:, 1], c, np.hypot(local[:, 0], local[:, 2]) - cylinder.radius
-
-
-def roll_point(cylinder: Cylinder, s: float, c: float) -> Array:
-    """Point (3,) in W of the unrolled coordinates (s, c)."""
-    phi = c / cylinder.radius
-    r = cylinder.radius
-    local = np.array([-r * math.cos(phi), s, r * math.sin(phi)])
-    return np.asarray(cylinder.p_WP + cylinder.R_WP @ local)
 
 
 def build_surface(axis_point: Array, axis: Array, radius: float, p: Array) -> Cylinder:

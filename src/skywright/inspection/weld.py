@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from skywright.description.world.surface import Cylinder
+from skywright.core.arrays import Array
+from skywright.description.world.surface import Cylinder, roll_points, unroll_points
 from skywright.errors import InputError
 from skywright.inspection.baseline import MAJORITY, centre_calibration
 from skywright.inspection.calibration import (
@@ -20,10 +21,7 @@ from skywright.inspection.calibration import (
     robust_std,
     to_complex,
 )
-from skywright.inspection.surface_fit import roll_point, unroll_points
-from skywright.inspection.weld_line import INLIER, WeldLine, estimate_weld_line, line_distance
-
-Array = NDArray[np.float64]
+from skywright.inspection.weld_line import INLIER, WeldLine, estimate_weld_line
 
 MERGE_DISTANCE = 0.004
 """m; two flagged stretches closer than this, without leaving contact for long, are one crossing."""
@@ -163,7 +161,7 @@ def _locate(
     position_noise = robust_std(x - float(direction @ v) * tau)
     slope = 0.25 * length * noise / max(peak, 1e-12)
     std = math.sqrt(slope**2 + min(2 * position_noise, 0.02) ** 2 / count + (5e-5) ** 2)
-    p = roll_point(surface, s_c, c_c)
+    p = roll_points(surface, s_c, c_c)[0][0]
     return Crossing(
         t=float(np.mean(t[near])),
         s=float(s_c),
@@ -358,7 +356,7 @@ def process_scan(
         )
     if line is not None:
         places, std = _columns(crossings, "s", "c"), _columns(crossings, "std")[0]
-        near = np.abs(line_distance(line, *places)) < np.maximum(INLIER, 2 * std)
+        near = np.abs(line.line.measure_distance(*places)) < np.maximum(INLIER, 2 * std)
         crossings = [x._replace(on_line=bool(b)) for x, b in zip(crossings, near, strict=True)]
         if not near.all():
             notes.append(

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
+from skywright.description.world.surface import roll_points, unroll_points
 from skywright.errors import InputError
 from skywright.inspection.calibration import (
     Calibration,
@@ -22,12 +24,8 @@ from skywright.inspection.surface_fit import (
     SurfaceFit,
     fit_cylinder,
     load_surface,
-    roll_point,
-    unroll_points,
 )
 from skywright.inspection.weld import WeldResult, detect_contact, process_scan
-
-Array = NDArray[np.float64]
 
 LEAST_SEARCHED = 0.1
 """Least share of the contact samples that a calibration span must leave to be searched."""
@@ -54,7 +52,7 @@ class WeldReport(NamedTuple):
         found, surface = self.result.line, self.result.surface
         if found is not None:
             line = {
-                "point_m": _round(roll_point(surface, found.s, found.c), 6),
+                "point_m": _round(roll_points(surface, found.s, found.c)[0][0], 6),
                 "angle_deg": round(math.degrees(found.angle), 4),
                 "std_offset_m": round(found.std_offset, 7),
                 "std_angle_deg": round(math.degrees(found.std_angle), 5),

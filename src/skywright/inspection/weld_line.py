@@ -13,11 +13,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.spec import Weld
-
-Array = NDArray[np.float64]
+from skywright.description.world.surface import SurfaceLine, build_weld_line
 
 LAG_PRIOR = 0.03
 """s, standard deviation of the unknown lag between probe signal and position."""
@@ -46,18 +45,15 @@ class WeldLine(NamedTuple):
     std_lag: float  # s
     inliers: tuple[int, ...]  # indices of the crossings on the line
 
+    @property
+    def line(self) -> SurfaceLine:
+        """The line alone."""
+        return SurfaceLine(self.s, self.c, self.angle)
+
 
 def _wrap_angle(angle: float) -> float:
     angle = math.remainder(angle, math.pi)
     return math.pi / 2 if angle <= -math.pi / 2 + 1e-12 else angle
-
-
-def line_distance(line: WeldLine, s: Array, c: Array) -> Array:
-    """Signed distance (m) of points from the line across itself (positive towards +s)."""
-    return np.asarray(
-        math.cos(line.angle) * (np.asarray(s) - line.s)
-        - math.sin(line.angle) * (np.asarray(c) - line.c)
-    )
 
 
 def _consensus(q: Array, std: Array) -> Array:
@@ -149,7 +145,6 @@ def compute_line_error(line: WeldLine, weld: Weld) -> tuple[float, float]:
     The offset is the distance of the line's reference point, the middle of its crossings, from
     the true line: s at c = 0 would mix in the angle's error where the scan is far from c = 0.
     """
-    angle = math.radians(weld.angle_deg)
-    s0, c0 = (0.0, weld.offset_m) if weld.angle_deg == 90.0 else (weld.offset_m, 0.0)
-    offset = math.cos(angle) * (line.s - s0) - math.sin(angle) * (line.c - c0)
-    return offset, math.remainder(line.angle - angle, math.pi)
+    true = build_weld_line(weld)
+    offset = float(true.measure_distance(line.s, line.c))
+    return offset, math.remainder(line.angle - true.angle, math.pi)

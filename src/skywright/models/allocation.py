@@ -15,14 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.scratch import local
 from skywright.core.types import MAX_ROTORS
 from skywright.errors import InputError
 from skywright.models.rotors import RotorSet
-
-F8 = NDArray[np.float64]
 
 EXACT = 0
 LATERAL_REDUCED = 1
@@ -37,10 +35,10 @@ THRUST_BAND = 0.3
 class Allocator(NamedTuple):
     """What `allocate` needs; readable from compiled code."""
 
-    B: F8  # (6, n) wrench [N; N m] in B per newton of thrust
-    P: F8  # (n, 6) thrust per wrench; lateral columns are zero when `full` is 0
-    t_min: F8  # (n,) N
-    t_max: F8  # (n,) N
+    B: Array  # (6, n) wrench [N; N m] in B per newton of thrust
+    P: Array  # (n, 6) thrust per wrench; lateral columns are zero when `full` is 0
+    t_min: Array  # (n,) N
+    t_max: Array  # (n,) N
     k_f: float  # N/(rad/s)^2
     full: int  # 1 when all six components can be made independently
 
@@ -78,7 +76,7 @@ def build_allocator(rotors: RotorSet) -> Allocator:
 
 
 @njit(cache=True, error_model="numpy")
-def _interval(base: F8, ray: F8, t_min: F8, t_max: F8) -> tuple[float, float]:
+def _interval(base: Array, ray: Array, t_min: Array, t_max: Array) -> tuple[float, float]:
     """Return [lo, hi] of s with t_min <= base + s ray <= t_max (lo > hi when there is none)."""
     lo = -math.inf
     hi = math.inf
@@ -100,7 +98,9 @@ def _interval(base: F8, ray: F8, t_min: F8, t_max: F8) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def _mul(P: F8, fx: float, fy: float, fz: float, tx: float, ty: float, tz: float, out: F8) -> None:
+def _mul(
+    P: Array, fx: float, fy: float, fz: float, tx: float, ty: float, tz: float, out: Array
+) -> None:
     for i in range(P.shape[0]):
         out[i] = (
             P[i, 0] * fx + P[i, 1] * fy + P[i, 2] * fz + P[i, 3] * tx + P[i, 4] * ty + P[i, 5] * tz
@@ -108,7 +108,9 @@ def _mul(P: F8, fx: float, fy: float, fz: float, tx: float, ty: float, tz: float
 
 
 @njit(cache=True, error_model="numpy")
-def _share_line(thrust: float, up: F8, turn: F8, t_min: F8, t_max: F8) -> tuple[float, float]:
+def _share_line(
+    thrust: float, up: Array, turn: Array, t_min: Array, t_max: Array
+) -> tuple[float, float]:
     """Return the largest share of the torque thrusts `turn` at this vertical thrust, and its slope.
 
     Each rotor allows share <= (limit - thrust up_i) / turn_i, a line over the vertical thrust.
@@ -127,7 +129,7 @@ def _share_line(thrust: float, up: F8, turn: F8, t_min: F8, t_max: F8) -> tuple[
 
 @njit(cache=True, error_model="numpy")
 def _limit_thrust_and_torque(
-    wanted: float, up: F8, turn: F8, t_min: F8, t_max: F8, work: F8
+    wanted: float, up: Array, turn: Array, t_min: Array, t_max: Array, work: Array
 ) -> tuple[float, float, bool]:
     """Return vertical thrust (N), share of the roll and pitch torque, and whether any exists."""
     work[:] = 0.0
@@ -167,16 +169,16 @@ def _limit_thrust_and_torque(
 
 @njit(cache=True, error_model="numpy")
 def allocate(
-    B: F8,
-    P: F8,
-    t_min: F8,
-    t_max: F8,
+    B: Array,
+    P: Array,
+    t_min: Array,
+    t_max: Array,
     full: int,
-    f_B: F8,
-    t_B: F8,
-    up_B: F8,
-    p_BC: F8,
-    thrust: F8,
+    f_B: Array,
+    t_B: Array,
+    up_B: Array,
+    p_BC: Array,
+    thrust: Array,
 ) -> int:
     """Write thrusts (n,) N that make the wrench, or the nearest one in the order of priority.
 
@@ -263,7 +265,7 @@ def allocate(
 
 
 @njit(cache=True, error_model="numpy")
-def thrust_to_speed(thrust: F8, n: int, k_f: float, speed: F8) -> None:
+def thrust_to_speed(thrust: Array, n: int, k_f: float, speed: Array) -> None:
     """Write rotor speeds (rad/s) sqrt(T / k_f) of the first n thrusts (N); the rest become 0."""
     for i in range(speed.shape[0]):
         speed[i] = math.sqrt(max(thrust[i], 0.0) / k_f) if i < n else 0.0

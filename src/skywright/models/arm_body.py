@@ -7,15 +7,14 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import quat_from_rot, rot_y
 from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
 from skywright.description.robot.spec import Link, Robot, Servo
-from skywright.models.rigid_body import (
+from skywright.models.part_masses import (
     SLIDER_INERTIA,
     build_probe_parts,
-    find_tip,
     hand_inertia,
     link_com,
     link_direction,
@@ -23,8 +22,7 @@ from skywright.models.rigid_body import (
     rod_inertia,
     tip_rotation,
 )
-
-Array = NDArray[np.float64]
+from skywright.models.rigid_body import find_tip
 
 # contype/conaffinity: robot parts collide with the world, not with each other; the probe's pen
 # with everything but the pipe, which only its tip may touch

@@ -19,15 +19,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import solve3
 from skywright.core.scratch import local
 from skywright.description.robot.limbs import SIDES, list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
-
-Array = NDArray[np.float64]
 
 REACHED, OUT_OF_REACH, AT_A_LIMIT = 0, 1, 2
 """Status of a solution: exact; beyond (or within) what the links span; only angles beyond the

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.bar import Bar
-
-Array = NDArray[np.float64]
 
 
 def compute_bar_inertia(bar: Bar) -> Array:

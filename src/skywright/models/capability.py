@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.hover import check_can_fly, check_hover, choose_posture, find_worst_posture
@@ -40,8 +41,6 @@ from skywright.models.wind import (
     is_held,
 )
 
-F8 = NDArray[np.float64]
-
 LARGEST_PUSH = 100.0
 """N; the search for the largest push ends here."""
 
@@ -51,28 +50,28 @@ class Capability(NamedTuple):
 
     robot: str
     posture: str  # "extended", "folded", "worst", "given" or "none" (no arm)
-    q: F8  # rad, arm joints of that posture
+    q: Array  # rad, arm joints of that posture
     layout: Layout
     body: DragBody
-    p_BT: F8  # (3,) m, tip
+    p_BT: Array  # (3,) m, tip
     thrust_fraction: float
     tilt_max: float  # rad, that control may command
-    directions: F8  # (m,) rad
-    lateral_force: F8  # (m,) N at level attitude, through the centre of mass
-    wind_limit: F8  # (m,) m/s blowing toward; level attitude, or tilting if no lateral force
-    wind_limit_tilted: F8  # (m,) m/s with the best lean up to tilt_max
-    tilts: F8  # (k,) rad
-    lateral_force_tilted: F8  # (4, k) N against tilt, leaning toward +x, +y, -x, -y; NaN: none
+    directions: Array  # (m,) rad
+    lateral_force: Array  # (m,) N at level attitude, through the centre of mass
+    wind_limit: Array  # (m,) m/s blowing toward; level attitude, or tilting if no lateral force
+    wind_limit_tilted: Array  # (m,) m/s with the best lean up to tilt_max
+    tilts: Array  # (k,) rad
+    lateral_force_tilted: Array  # (4, k) N against tilt, leaning toward +x, +y, -x, -y; NaN: none
     hover_tilt: tuple[float, float]  # rad (roll, pitch), the smaller of both signs
     hover_tilt_signed: dict[str, float]  # rad, each sign
-    hover_thrust: F8  # (n,) N
+    hover_thrust: Array  # (n,) N
     hover_power: float  # W, avionics included
     endurance: float  # s
     payload: float  # kg at B's origin, beyond what is on board
     vertical_force: float  # N, largest at level attitude without torque about the centre of mass
-    force_polytope: F8  # (v, 3) N, no torque about the centre of mass
-    torque_polytope: F8  # (v, 3) N m at hover, about the centre of mass
-    worst_q: F8  # rad, posture with the smallest lateral force (or largest offset)
+    force_polytope: Array  # (v, 3) N, no torque about the centre of mass
+    torque_polytope: Array  # (v, 3) N m at hover, about the centre of mass
+    worst_q: Array  # rad, posture with the smallest lateral force (or largest offset)
     worst_lateral_force: float  # N, the smallest over directions in that posture
 
     def to_json(self) -> dict[str, Any]:
@@ -134,16 +133,16 @@ def _number(x: float) -> float | None:
     return float(x) if math.isfinite(x) else None
 
 
-def _plain(values: F8) -> list[float | None]:
+def _plain(values: Array) -> list[float | None]:
     return [_number(v) for v in values]
 
 
 def compute_capability(
     robot: Robot,
     *,
-    posture: str | Sequence[float] | F8 = "extended",
+    posture: str | Sequence[float] | Array = "extended",
     thrust_fraction: float | None = None,
-    directions_deg: Sequence[float] | F8 | None = None,
+    directions_deg: Sequence[float] | Array | None = None,
     gravity: float = 9.81,
     air_density: float = 1.2,
 ) -> Capability:
@@ -214,7 +213,7 @@ def compute_capability(
 
 
 def build_drag_body(
-    robot: Robot, model: NDArray[Any], q: F8, gravity: float, air_density: float
+    robot: Robot, model: NDArray[Any], q: Array, gravity: float, air_density: float
 ) -> DragBody:
     """Build what drag and weight need at joints `q` (n_joints,) rad of a BODY_MODEL."""
     mass, p_BC, _ = compute_body(model, q)
@@ -224,8 +223,8 @@ def build_drag_body(
 
 
 def _lateral_against_tilt(
-    layout: Layout, weight: float, p_BC: F8, direction: float, tilts: F8
-) -> F8:
+    layout: Layout, weight: float, p_BC: Array, direction: float, tilts: Array
+) -> Array:
     """Return the largest horizontal force (k,) N toward `direction` while leaning toward it."""
     d = np.array([math.cos(direction), math.sin(direction), 0.0])
     out = np.full(len(tilts), np.nan)
@@ -244,7 +243,9 @@ def _lateral_against_tilt(
     return out
 
 
-def _best_lean(layout: Layout, body: DragBody, directions: F8, tilt_max: float, level: F8) -> F8:
+def _best_lean(
+    layout: Layout, body: DragBody, directions: Array, tilt_max: float, level: Array
+) -> Array:
     """Return the wind limit (m,) with the best lean into the wind, up to `tilt_max`."""
     if not layout.full:
         return level
@@ -267,9 +268,9 @@ def compute_wind_limit(capability: Capability, toward_deg: float) -> float:
 
 def compute_force_limit(
     capability: Capability,
-    direction_B: Sequence[float] | F8,
-    wind_B: Sequence[float] | F8 = (0.0, 0.0, 0.0),
-    p_BT: F8 | None = None,
+    direction_B: Sequence[float] | Array,
+    wind_B: Sequence[float] | Array = (0.0, 0.0, 0.0),
+    p_BT: Array | None = None,
 ) -> float:
     """Return the largest push (N) at the tip along `direction_B` that the robot can hold.
 
@@ -286,7 +287,7 @@ def compute_force_limit(
     point = c.p_BT if p_BT is None else np.asarray(p_BT, dtype=np.float64)
     wind = np.asarray(wind_B, dtype=np.float64)[None, :]
 
-    def holds(force: F8) -> NDArray[np.bool_]:
+    def holds(force: Array) -> NDArray[np.bool_]:
         push = force[:, None] * (d / size)[None, :]
         thrust, tilt = compute_hold(c.layout, c.body, wind, push, point)
         return is_held(c.layout, thrust, tilt, c.tilt_max)

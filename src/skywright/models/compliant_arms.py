@@ -15,10 +15,8 @@ from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_servos
 from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import (
-    KINEMATICS,
+    compute_kinematics,
     fill_gravity_torque,
-    fill_hands,
-    fill_kinematics,
 )
 
 Array = Any
@@ -61,17 +59,13 @@ def find_swing(model: Any, q: Any) -> Any:
 
 def compute_gravity_torque(model: Any, q: Any) -> Any:
     """Return the torques (MAX_JOINTS,) N m that hold the arms at rest, platform level."""
-    k, full, torque = np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS), np.zeros(MAX_JOINTS)
-    full[: len(q)] = q
-    fill_kinematics(model[0], full, k[0])
-    fill_gravity_torque(model[0], k[0], np.array([0.0, 0.0, -model[0]["gravity"]]), torque)
+    torque = np.zeros(MAX_JOINTS)
+    fill_gravity_torque(
+        model[0], compute_kinematics(model, q), np.array([0.0, 0.0, -model[0]["gravity"]]), torque
+    )
     return torque
 
 
 def find_hands(model: Any, q: Any) -> Any:
     """Return the hands' places p_BH (n_hands, 3) m in B at joints q."""
-    k, full = np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS)
-    full[: len(q)] = q
-    fill_kinematics(model[0], full, k[0])
-    fill_hands(model[0], k[0])
-    return k[0]["p_BH"][: model[0]["n_hands"]].copy()
+    return compute_kinematics(model, q)["p_BH"][: model[0]["n_hands"]].copy()

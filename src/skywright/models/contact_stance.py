@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.statics import build_layout, compute_ray, wrench_at
 from skywright.models.wind import DragBody, compute_drag
-
-Array = NDArray[np.float64]
 
 LEAN_MAX = math.radians(20.0)
 """Largest angle of the probe to the surface's normal: friction of 0.36 holds the tip."""

@@ -10,14 +10,12 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_spec
-
-Array = NDArray[np.float64]
 
 SPACING = 3.0  # m, between neighbours, along +y
 

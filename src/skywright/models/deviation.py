@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skywright.core.streams import build_stream
 from skywright.description.mission.spec import Plant
 from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
-from skywright.models.insertion_body import move_socket
 from skywright.models.rigid_body import joint_names
 
 
-def build_true_world(plant: Plant, robot: Robot, world: World, seed: int) -> World:
-    """Return the world as it stands in truth, as far as a picture shows: with its socket."""
-    return move_socket(world, build_deviation(plant, robot, seed).socket_error)
+def build_socket_error(plant: Plant) -> NDArray[np.float64]:
+    """Return where tracked things that do not move stand against the world file: (6,) m, rad."""
+    turn = [
+        plant.socket_roll_error_deg, plant.socket_pitch_error_deg, plant.socket_yaw_error_deg
+    ]  # fmt: skip
+    place = [plant.socket_x_error_m, plant.socket_y_error_m, plant.socket_z_error_m]
+    return np.array([*place, *np.radians(turn)])
 
 
 def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
@@ -37,20 +40,7 @@ def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
         drag_factor=1.0 + plant.drag_error,
         marker_error=plant.marker_error_m * np.clip(rng.standard_normal(3), -3.0, 3.0),
         pipe_error=plant.marker_error_m * np.clip(rng.standard_normal(3), -3.0, 3.0),
-        socket_error=np.array(
-            [
-                plant.socket_x_error_m,
-                plant.socket_y_error_m,
-                plant.socket_z_error_m,
-                *np.radians(
-                    [
-                        plant.socket_roll_error_deg,
-                        plant.socket_pitch_error_deg,
-                        plant.socket_yaw_error_deg,
-                    ]
-                ),
-            ]
-        ),
+        socket_error=build_socket_error(plant),
         survey_error=np.repeat([plant.survey_error_m, math.radians(plant.survey_error_deg)], 3)
         * np.clip(rng.standard_normal(6), -3.0, 3.0),
     )

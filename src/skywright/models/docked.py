@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, linprog
 
+from skywright.core.arrays import Array
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.limbs import list_servos
 from skywright.description.robot.spec import Robot
@@ -29,8 +30,6 @@ from skywright.models.force_resolution import map_to_servos
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.statics import Layout, build_layout, wrench_at
-
-F8 = NDArray[np.float64]
 
 PYRAMID = 16
 """Sides of the friction pyramid; it holds cos(pi / 16) = 98 % of the cone."""
@@ -46,23 +45,23 @@ class DockedPress(NamedTuple):
 
     force: float  # N, of the tip on the surface, along its normal
     limit: str  # what stops it: rotors, feet, servos, slider, or cannot stay docked
-    thrust: F8  # (n,) N
-    foot_load: F8  # (feet,) N, normal force on each foot
-    foot_friction: F8  # (feet,) tangential over normal force
-    q: F8  # rad, arm
+    thrust: Array  # (n,) N
+    foot_load: Array  # (feet,) N, normal force on each foot
+    foot_friction: Array  # (feet,) tangential over normal force
+    q: Array  # rad, arm
     lean: float  # rad, slider to the surface's normal
 
 
 class Stance(NamedTuple):
     """The arm with its tip at a contact point, from `find_stance`."""
 
-    q: F8  # rad
+    q: Array  # rad
     lean: float  # rad, slider to the surface's normal
-    tip: F8  # (3,) m in B
+    tip: Array  # (3,) m in B
     mass: float  # kg, whole robot
-    p_BC: F8  # (3,) m
-    lever: F8  # (joints,) m, torque of each joint per newton of press
-    dC_dq: F8  # (3, joints) m/rad, of the whole robot's centre of mass
+    p_BC: Array  # (3,) m
+    lever: Array  # (joints,) m, torque of each joint per newton of press
+    dC_dq: Array  # (3, joints) m/rad, of the whole robot's centre of mass
 
 
 class DockedRobot(NamedTuple):
@@ -72,8 +71,8 @@ class DockedRobot(NamedTuple):
     docking: Docking
     layout: Layout
     model: NDArray[Any]
-    feet: F8  # (feet, 3) m
-    pyramid: F8  # (6, feet * PYRAMID), wrench per newton of normal force
+    feet: Array  # (feet, 3) m
+    pyramid: Array  # (6, feet * PYRAMID), wrench per newton of normal force
     gravity: float
     air_density: float
 
@@ -178,7 +177,7 @@ def compute_docked_press(
     return DockedPress(largest, limit, thrust, normal, ratio, q, lean)
 
 
-def _compute_drag(docked: DockedRobot, wind_B: F8) -> tuple[F8, F8]:
+def _compute_drag(docked: DockedRobot, wind_B: Array) -> tuple[Array, Array]:
     """Return the body's drag (6,) and the rotors' (6, n) per square root of thrust, about B."""
     p, r = docked.robot.platform, docked.layout.rotors
     areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
@@ -188,7 +187,9 @@ def _compute_drag(docked: DockedRobot, wind_B: F8) -> tuple[F8, F8]:
     return wrench_at(force, np.zeros(3)), np.hstack([hub, np.cross(r.position, hub)]).T
 
 
-def _solve(docked: DockedRobot, B: F8, press: F8, load: F8, ceiling: float) -> F8 | None:
+def _solve(
+    docked: DockedRobot, B: Array, press: Array, load: Array, ceiling: float
+) -> Array | None:
     """Solve the programme over (thrusts, pyramid edges, press)."""
     layout, feet = docked.layout, len(docked.feet)
     n, edges = len(layout.t_max), docked.pyramid.shape[1]
@@ -210,7 +211,7 @@ def _solve(docked: DockedRobot, B: F8, press: F8, load: F8, ceiling: float) -> F
     return np.asarray(found.x) if found.status == 0 else None
 
 
-def find_stance(docked: DockedRobot, contact: Sequence[float] | F8 | None = None) -> Stance:
+def find_stance(docked: DockedRobot, contact: Sequence[float] | Array | None = None) -> Stance:
     """Return the arm with its tip at `contact` (2,) m, a place in the plane of the feet in B.
 
     Without `contact` it is the place of the working posture's tip; the search starts there.
@@ -231,7 +232,7 @@ def find_stance(docked: DockedRobot, contact: Sequence[float] | F8 | None = None
     low, high = docked.model[0]["q_min"][:n], docked.model[0]["q_max"][:n]
     target = np.array([x, y, height])
 
-    def residual(q: F8) -> F8:
+    def residual(q: Array) -> Array:
         return np.asarray(compute_tip(docked.model, q)[0] - target)
 
     inside = np.clip(start, low + 1e-6, high - 1e-6)
@@ -263,7 +264,7 @@ def find_stance(docked: DockedRobot, contact: Sequence[float] | F8 | None = None
     return Stance(q, lean, tip, mass, p_BC, lever, dC_dq)
 
 
-def _arm_limit(docked: DockedRobot, stance: Stance, up_B: F8) -> tuple[float, str]:
+def _arm_limit(docked: DockedRobot, stance: Stance, up_B: Array) -> tuple[float, str]:
     """Return the largest press (N) that servos and slider allow, and which of them stops it."""
     robot = docked.robot
     assert robot.arm is not None and robot.probe is not None
@@ -279,7 +280,7 @@ def _arm_limit(docked: DockedRobot, stance: Stance, up_B: F8) -> tuple[float, st
     return (best, "servos") if best < slider else (slider, "slider")
 
 
-def _rising(slope: float, toward: float) -> F8:
+def _rising(slope: float, toward: float) -> Array:
     """Return R_WB of a robot parallel to a surface that rises by `slope` toward `toward`."""
     d = np.array([math.cos(toward), math.sin(toward), 0.0])
     across = np.array([-d[1], d[0], 0.0])

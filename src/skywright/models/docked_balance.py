@@ -18,13 +18,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from skywright.core.arrays import Array
 from skywright.models.docked import DockedRobot, Stance
 from skywright.models.statics import wrench_at
-
-F8 = NDArray[np.float64]
 
 SIDES = 16
 FRICTION_SHARE = (0.25, 0.5, 0.7, 0.95)
@@ -36,11 +34,11 @@ MARGIN = 0.05
 class DockedBalance(NamedTuple):
     """One balance of rotors, feet and press; frame B, about its origin."""
 
-    f_feet: F8  # (3,) N, of the structure on the feet
-    t_feet: F8  # (3,) N m
-    thrust: F8  # (n,) N
-    foot_load: F8  # (feet,) N, normal
-    foot_friction: F8  # (feet,) tangential over normal force
+    f_feet: Array  # (3,) N, of the structure on the feet
+    t_feet: Array  # (3,) N m
+    thrust: Array  # (n,) N
+    foot_load: Array  # (feet,) N, normal
+    foot_friction: Array  # (feet,) tangential over normal force
     margin: float  # least distance of a rotor from its limits, over its range
 
 
@@ -49,9 +47,9 @@ def compute_docked_balance(
     stance: Stance,
     press: float,
     *,
-    R_WB: F8,
+    R_WB: Array,
     foot_load: float | None = None,
-    drag_B: F8 | None = None,
+    drag_B: Array | None = None,
 ) -> DockedBalance | None:
     """Find the balance at a press (N), or None where there is none.
 
@@ -74,7 +72,7 @@ def compute_docked_balance(
     return best
 
 
-def _solve(docked: DockedRobot, load: F8, least: float, share: float) -> DockedBalance | None:
+def _solve(docked: DockedRobot, load: Array, least: float, share: float) -> DockedBalance | None:
     """Solve over (thrusts n, plane of normals 3, tangential 2 a foot, margin)."""
     layout, feet = docked.layout, docked.feet
     n, m = len(layout.t_max), len(feet)

@@ -6,8 +6,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.models.docked import (
     DockedPress,
@@ -17,8 +17,6 @@ from skywright.models.docked import (
     find_stance,
 )
 from skywright.models.wind import FASTEST
-
-F8 = NDArray[np.float64]
 
 DIRECTIONS = np.radians(np.arange(0.0, 360.0, 45.0))
 SLOPES_DEG = (0.0, 5.0, 10.0)
@@ -81,14 +79,14 @@ class DockedMap(NamedTuple):
     stance: Stance
     condition: Condition  # that was asked for
     asked: DockedPress  # the answer
-    slopes: F8  # (s,) rad
-    winds: F8  # (w,) m/s
-    force: F8  # (w, s) N, the least over all directions of slope and wind
-    directions: F8  # (d,) rad
-    force_toward: F8  # (s, d) N, calm air, against the direction in which the slope rises
-    contacts: F8  # (k,) m, x of contact points that the arm reaches ahead
-    force_at: F8  # (s, k) N, calm air, worst direction of the slope
-    feet: F8  # (n, 3) m
+    slopes: Array  # (s,) rad
+    winds: Array  # (w,) m/s
+    force: Array  # (w, s) N, the least over all directions of slope and wind
+    directions: Array  # (d,) rad
+    force_toward: Array  # (s, d) N, calm air, against the direction in which the slope rises
+    contacts: Array  # (k,) m, x of contact points that the arm reaches ahead
+    force_at: Array  # (s, k) N, calm air, worst direction of the slope
+    feet: Array  # (n, 3) m
 
     def to_json(self) -> dict[str, Any]:
         """Return the command line's `--json` object; NaN (cannot stay docked) is null."""
@@ -125,7 +123,7 @@ def _number(x: float) -> float | None:
     return float(x) if math.isfinite(x) else None
 
 
-def _numbers(values: F8) -> list[float | None]:
+def _numbers(values: Array) -> list[float | None]:
     return [_number(v) for v in values]
 
 

@@ -7,12 +7,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.docking import Docking
-from skywright.models.rigid_body import build_docking_parts
-
-Array = NDArray[np.float64]
+from skywright.models.part_masses import build_docking_parts
 
 IMPEDANCE = 0.05
 """MuJoCo's d, constant over the penetration, so that stiffness and damping are plain numbers.

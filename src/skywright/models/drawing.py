@@ -12,15 +12,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.columns import has_columns
 from skywright.core.types import MAX_OBJECTS
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
+from skywright.description.world.things import list_movers
 from skywright.models.rigid_body import joint_names
 from skywright.models.scene import Scene, build_scene
-from skywright.models.things import OBJECT
-
-Array = NDArray[np.float64]
+from skywright.models.things._build import OBJECT
 
 _KINDS = {
     mujoco.mjtGeom.mjGEOM_PLANE: "plane",
@@ -62,9 +62,12 @@ class Drawing(NamedTuple):
     parts: tuple[Part, ...]  # of the robot
 
 
-def build_drawing(robot: Robot, world: World) -> Drawing:
-    """Return the shapes of a robot and a world, from their nominal scene."""
-    scene = build_scene(robot, world)
+def build_drawing(robot: Robot, world: World, error: Array | None = None) -> Drawing:
+    """Return the shapes of a robot and a world, from their nominal scene.
+
+    With `error` (6,) m, rad (`Deviation.socket_error`) tracked things stand where they do in truth.
+    """
+    scene = build_scene(robot, world, error=error)
     model = scene.model
     parts = tuple(_build_part(scene, robot, world, body) for body in range(1, model.nbody))
     return Drawing(_collect_shapes(model, 0), parts)
@@ -91,7 +94,7 @@ def _build_part(scene: Scene, robot: Robot, world: World, body: int) -> Part:
     if body == scene.places.platform_body:
         motion = "free"
     elif name.startswith(OBJECT):
-        motion, joint = "object", world.things.index(name.removeprefix(OBJECT))
+        motion, joint = "object", list_movers(world.things).index(name.removeprefix(OBJECT))
     elif name == "slider":  # rigid in the nominal scene; a recording tells its compression
         motion, axis = "spring", np.array([-1.0, 0.0, 0.0])
     elif count:

@@ -6,15 +6,13 @@ import math
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.compliant_arms import compute_gravity_torque
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
-
-Array = NDArray[np.float64]
 
 
 def compute_extents(robot: Robot, q: Array) -> tuple[list[str], Array, Array]:

@@ -19,16 +19,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import cross, mat_vec
 from skywright.core.scratch import local
+from skywright.core.types import BODY, WRENCH
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
-from skywright.models.rigid_body import MAX_LINKS
+from skywright.models.rigid_body import MAX_LINKS, compute_kinematics, fill_body
 from skywright.models.scene import build_scene
 
-Array = NDArray[np.float64]
 Record = Any
 
 
@@ -109,6 +110,15 @@ def _fill_swing(m: Record, k: Record, w: Record) -> None:
                 turn += k.R[i, a, n] * along
             w.M_ws[a] += m.mass[i] * moment[a] + turn
             w.M_ss += m.mass[i] * rate[a] * rate[a] + turn * w.axis[a]
+
+
+def compute_floating(model: NDArray[Any], q: Array, swing: int = -1) -> tuple[Record, Record]:
+    """Return the BODY and WRENCH records at joints q (n,); `swing`: the joint that is free."""
+    k, body, wrench = compute_kinematics(model, q), np.zeros(1, BODY), np.zeros(1, WRENCH)
+    wrench[0]["swing"] = swing
+    fill_body(model[0], k, body[0])
+    fill_floating(model[0], k, body[0], wrench[0])
+    return body[0], wrench[0]
 
 
 def compute_free_inertia(robot: Robot, world: World, q: Array) -> Array:

@@ -11,21 +11,19 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot, Servo
-from skywright.models.rigid_body import build_body_model, compute_tip, posture
-
-F8 = NDArray[np.float64]
+from skywright.models.rigid_body import build_body_model, compute_kinematics, posture
 
 
 class ForceResolution(NamedTuple):
     """What the force at the tip comes in. n servos."""
 
     servos: tuple[str, ...]
-    angles: F8  # (n,) rad, one count of each servo
-    steps: F8  # (n,) N, change of the force by one count of each servo
+    angles: Array  # (n,) rad, one count of each servo
+    steps: Array  # (n,) N, change of the force by one count of each servo
     sensor_step: float  # N, one count of the force sensor at a light press; NaN without one
 
     @property
@@ -39,7 +37,7 @@ class ForceResolution(NamedTuple):
         return float(np.sqrt(np.sum(self.steps**2) / 12.0))
 
 
-def map_to_servos(robot: Robot, joint_torque: F8) -> F8:
+def map_to_servos(robot: Robot, joint_torque: Array) -> Array:
     """Return the servos' torques (n,) that make the joints' torques: through the belt, J_AM^T."""
     assert robot.arm is not None
     if robot.arm.belt is not None:
@@ -55,7 +53,7 @@ def compute_servo_count(servo: Servo) -> float:
     return 2.0 * math.pi / servo.encoder_counts
 
 
-def compute_force_resolution(robot: Robot, q: F8 | None = None) -> ForceResolution | None:
+def compute_force_resolution(robot: Robot, q: Array | None = None) -> ForceResolution | None:
     """Compute the steps of force along the probe's axis at joints `q` (rad; default: at work).
 
     The platform is taken as fixed (docked). None for a robot without a sprung probe or servos.
@@ -64,15 +62,8 @@ def compute_force_resolution(robot: Robot, q: F8 | None = None) -> ForceResoluti
         return None
     model = build_body_model(robot)
     at = posture(robot, "working") if q is None else np.asarray(q, dtype=np.float64)
-    axis = compute_tip(model, at)[1][:, 2]
-    step, n = 1e-6, len(at)
-    lever = np.zeros(n)
-    for j in range(n):
-        low, high = at.copy(), at.copy()
-        low[j] -= step
-        high[j] += step
-        moved = compute_tip(model, high)[0] - compute_tip(model, low)[0]
-        lever[j] = float(moved @ axis) / (2.0 * step)
+    k = compute_kinematics(model, at)
+    lever = k["R_BT"][:, 2] @ k["J_BT"][:, : len(at)]
     names = tuple(name for name, _ in list_servos(robot))
     angles = np.array([compute_servo_count(servo) for _, servo in list_servos(robot)])
     steps = robot.probe.spring_n_per_m * np.abs(map_to_servos(robot, lever)) * angles

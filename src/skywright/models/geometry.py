@@ -19,13 +19,10 @@ import llvmlite.binding
 import mujoco
 import numpy as np
 from numba import njit, types
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Ints
 from skywright.core.rotations import rot_to_quat
 from skywright.models.scene import Scene
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, posture
@@ -22,8 +23,6 @@ from skywright.models.statics import (
     compute_thrust,
     wrench_at,
 )
-
-F8 = NDArray[np.float64]
 
 
 def check_can_fly(robot: Robot, gravity: float = 9.81) -> None:
@@ -39,8 +38,8 @@ def check_can_fly(robot: Robot, gravity: float = 9.81) -> None:
 
 
 def check_hover(
-    robot: Robot, layout: Layout, mass: float, p_BC: F8, gravity: float, label: str
-) -> F8:
+    robot: Robot, layout: Layout, mass: float, p_BC: Array, gravity: float, label: str
+) -> Array:
     """Return the hover thrusts (n,) N, or raise InputError that names what is missing."""
     weight = mass * gravity
     thrust = compute_thrust(layout, wrench_at(weight * UP, p_BC))
@@ -70,7 +69,9 @@ def check_hover(
     )
 
 
-def choose_posture(robot: Robot, choice: str | Sequence[float] | F8, worst_q: F8) -> tuple[F8, str]:
+def choose_posture(
+    robot: Robot, choice: str | Sequence[float] | Array, worst_q: Array
+) -> tuple[Array, str]:
     """Return joint angles (rad) and the posture's name."""
     if robot.arm is None:
         return np.zeros(0), "none"
@@ -90,7 +91,7 @@ def choose_posture(robot: Robot, choice: str | Sequence[float] | F8, worst_q: F8
 
 def find_worst_posture(
     robot: Robot, model: NDArray[Any], layout: Layout, gravity: float
-) -> tuple[F8, float]:
+) -> tuple[Array, float]:
     """Return the posture (rad) with the least lateral force in any direction, and that force.
 
     The grid spans the joint limits and ignores collisions of the arm with the robot, so the

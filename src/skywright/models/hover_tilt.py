@@ -6,20 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import build_rotors
 from skywright.models.statics import Layout, build_layout, compute_tilt_limit
 from skywright.models.wind import DragBody, compute_drag, compute_largest
 
-F8 = NDArray[np.float64]
-
 AXES = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
 TILT_CEILING = 0.8  # rad; the search in a wind ends here
 
 
 def compute_hover_tilt(
-    robot: Robot, q: F8, gravity: float, *, wind: F8 | None = None, air_density: float = 1.2
+    robot: Robot, q: Array, gravity: float, *, wind: Array | None = None, air_density: float = 1.2
 ) -> float:
     """Return the least hover tilt (rad) of roll and pitch to either side, joints at q (rad).
 
@@ -35,7 +34,7 @@ def compute_hover_tilt(
     areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
     body = DragBody(mass, gravity, air_density, p_BC, areas)
 
-    def holds(tilt: F8) -> NDArray[np.bool_]:
+    def holds(tilt: Array) -> NDArray[np.bool_]:
         thrust = _compute_thrust(layout, body, np.asarray(wind), AXES * tilt[:, None])
         inside = (thrust >= layout.t_min - 1e-6) & (thrust <= layout.t_max + 1e-6)
         return np.asarray(inside.all(axis=1))
@@ -43,7 +42,7 @@ def compute_hover_tilt(
     return float(np.min(compute_largest(holds, len(AXES), TILT_CEILING)))
 
 
-def _compute_thrust(layout: Layout, body: DragBody, wind: F8, turn: F8) -> F8:
+def _compute_thrust(layout: Layout, body: DragBody, wind: Array, turn: Array) -> Array:
     """Return thrusts (m, n) N that hold position turned by `turn` (m, 3) rad; limits not looked at.
 
     Drag follows from the rotors' speeds and these from the thrusts: iterated.

@@ -15,14 +15,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Ints
 from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import joint_names
 from skywright.models.scene import Scene
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FIXED, HINGE, SLIDE = range(3)
 CAPSULE, BOX = range(2)

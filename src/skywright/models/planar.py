@@ -1,19 +1,67 @@
-"""Parameters of the planar model (`planar_lrm`) from a robot's nominal scene."""
+"""The planar model of Caballero et al. 2018, section II-B, equation (3), of a robot's scene.
+
+Generalised coordinates q = (q1, q3, q5, q0, q7R, q8R, q7L, q8L): position of the platform's centre
+of mass along n1 (x) and n3 (z), its pitch, the passive joint, and shoulder and elbow of the right
+and left arm; all rotations about n2 (y), zero with everything hanging. Speeds u = dq/dt (2).
+
+    du/dt = A f + B squares + C products + D g
+
+with f = (F3, T2, T7R, T8R, T7L, T8L), the squares of (u5, u0, u7R, u8R, u7L, u8L), and the
+products u5 u0, u5 u7R, u5 u8R, u5 u7L, u5 u8L, u0 u7R, u0 u8R, u0 u7L, u0 u8L, u7R u8R, u7L u8L
+(those of different arms do not occur). The paper's text prints only fragments of (3). Here it
+follows from the chain: a link that hangs at the angle phi points along e = -(sin phi, cos phi), and
+each centre of mass is a sum of lengths times such vectors. A test holds it against the spatial
+model.
+"""
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
-from skywright.models.planar_lrm import PlanarLrm
 from skywright.models.scene import Scene
 
-Array = NDArray[np.float64]
+TURNS = np.array([
+    [1, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0], [1, 1, 1, 0, 0, 0],
+    [1, 1, 1, 1, 0, 0], [1, 1, 0, 0, 1, 0], [1, 1, 0, 0, 1, 1],
+])  # fmt: skip
+"""Whether (q5, q0, q7R, q8R, q7L, q8L) turn platform, link, and each upper arm and forearm."""
+PAIRS = np.array([[0, 1], [0, 2], [0, 3], [0, 4], [0, 5], [1, 2], [1, 3], [1, 4], [1, 5], [2, 3],
+                  [4, 5]])  # fmt: skip
+"""Of those angles, whose rates' products occur."""
+
+
+class PlanarLrm(NamedTuple):
+    """Masses (kg), inertias about the centres of mass (kg m^2) and lengths (m).
+
+    a platform, b long link, u upper arm, f forearm with hand; `d` is from the platform's centre
+    of mass down to the passive joint, `l_` the length of a link, `c_` from its joint to its
+    centre of mass. Both arms are alike.
+    """
+
+    m_a: float
+    m_b: float
+    m_u: float
+    m_f: float
+    i_a: float
+    i_b: float
+    i_u: float
+    i_f: float
+    d: float
+    l_b: float
+    c_b: float
+    l_u: float
+    c_u: float
+    c_f: float
 
 
 def build_planar_lrm(scene: Scene, robot: Robot) -> PlanarLrm:
@@ -71,3 +119,51 @@ def _composite(model: mujoco.MjModel, name: str) -> tuple[float, Array, float]:
     com = sum((m * c for m, c, _ in parts), np.zeros(3)) / mass
     about = sum(i + m * float((c - com)[0] ** 2 + (c - com)[2] ** 2) for m, c, i in parts)
     return mass, com, about
+
+
+@njit(cache=True, error_model="numpy")
+def fill_equations(p: PlanarLrm, q: Array, M: Array, rhs: Array) -> None:
+    """Fill M (8, 8) and what multiplies (f, squares, products, g) (8, 24)."""
+    mass = (p.m_a, p.m_b, p.m_u, p.m_f, p.m_u, p.m_f)
+    inertia = (p.i_a, p.i_b, p.i_u, p.i_f, p.i_u, p.i_f)
+    lengths = np.zeros((6, 6))  # of each part on the way to each centre of mass
+    lengths[1:, 0], lengths[1, 1], lengths[2:, 1] = p.d, p.c_b, p.l_b
+    for arm in (2, 4):
+        lengths[arm, arm], lengths[arm + 1, arm], lengths[arm + 1, arm + 1] = p.c_u, p.l_u, p.c_f
+    M[:], rhs[:] = 0.0, 0.0
+    for body in range(6):
+        m, J, curve = mass[body], np.zeros((2, 8)), np.zeros((2, 6, 6))  # dp/dq, d2p/dq2
+        J[0, 0] = J[1, 1] = 1.0
+        for part in range(body + 1):
+            angle = 0.0
+            for i in range(6):
+                angle += TURNS[part, i] * q[2 + i]
+            x, z = lengths[body, part] * math.sin(angle), lengths[body, part] * math.cos(angle)
+            for i in range(6):
+                J[0, 2 + i] -= TURNS[part, i] * z
+                J[1, 2 + i] += TURNS[part, i] * x
+                for j in range(6):
+                    curve[0, i, j] += TURNS[part, i] * TURNS[part, j] * x
+                    curve[1, i, j] += TURNS[part, i] * TURNS[part, j] * z
+        for i in range(8):
+            for j in range(8):
+                M[i, j] += m * (J[0, i] * J[0, j] + J[1, i] * J[1, j])
+                if i > 1 and j > 1:
+                    M[i, j] += inertia[body] * TURNS[body, i - 2] * TURNS[body, j - 2]
+            for k in range(6):
+                rhs[i, 6 + k] -= m * (J[0, i] * curve[0, k, k] + J[1, i] * curve[1, k, k])
+            for n, (j, k) in enumerate(PAIRS):
+                rhs[i, 12 + n] -= 2.0 * m * (J[0, i] * curve[0, j, k] + J[1, i] * curve[1, j, k])
+            rhs[i, 23] -= m * J[1, i]
+    rhs[0, 0], rhs[1, 0], rhs[2, 1] = math.sin(q[2]), math.cos(q[2]), 1.0
+    for i in range(4):
+        rhs[4 + i, 2 + i] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def fill_terms(u: Array, f: Array, g: float, s: Array) -> None:
+    """Fill s (24,) with (f, squares, products, g), what the right-hand side multiplies."""
+    s[:6], s[23] = f, g
+    s[6:12] = u[2:] * u[2:]
+    for n, (i, j) in enumerate(PAIRS):
+        s[12 + n] = u[2 + i] * u[2 + j]

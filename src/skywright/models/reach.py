@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
@@ -32,8 +33,6 @@ from skywright.models.geometry import (
 )
 from skywright.models.rigid_body import build_body_model, posture
 from skywright.models.scene import build_scene
-
-Array = NDArray[np.float64]
 
 POSTURES = 320  # about so many are tried
 PLATFORM_MARGIN = 0.1  # m, kept between platform and world

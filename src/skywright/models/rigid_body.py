@@ -11,24 +11,33 @@ the robot along the probe and y along the link's y, H hands likewise.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.record import Array, Integers, Mat3, Record, Vec3
-from skywright.core.rotations import mat_mat, mat_vec, rot_about, rot_y
+from skywright.core.rotations import mat_mat, mat_vec, rot_about
 from skywright.core.scratch import local
 from skywright.core.types import BODY, MAX_HANDS, MAX_JOINTS
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
 from skywright.description.robot.spec import Link, Probe, Robot
 from skywright.models.bar import compute_bar_share
+from skywright.models.part_masses import (
+    SLIDER_INERTIA,
+    build_docking_parts,
+    build_probe_parts,
+    hand_inertia,
+    link_com,
+    link_direction,
+    link_inertia,
+    rod_inertia,
+    tip_rotation,
+)
 
 MAX_LINKS = 12
-SLIDER_INERTIA = 1e-6
-"""kg m^2 of the probe's sprung part about its own centre: small, but MuJoCo wants it above zero."""
 
 Links = Annotated[Integers, MAX_LINKS]
 
@@ -79,71 +88,6 @@ class Kinematics(Record):
 
 
 BODY_MODEL, KINEMATICS = BodyModel.dtype, Kinematics.dtype
-
-
-class ProbeParts(NamedTuple):
-    """How the probe's mass is laid out along its axis (from the link's end to the tip)."""
-
-    holder_mass: float
-    holder_length: float
-    slider_mass: float
-    slider_com: float
-
-
-def build_probe_parts(probe: Probe) -> ProbeParts:
-    """Holder: a rod up to the spring; slider: the sprung part, its com near the tip."""
-    slider_length = min(0.05, 0.5 * probe.length_m)
-    return ProbeParts(
-        probe.mass_kg - probe.slider_mass_kg,
-        probe.length_m - slider_length,
-        probe.slider_mass_kg,
-        probe.length_m - 0.5 * slider_length,
-    )
-
-
-def rod_inertia(mass: float, length: float, radius: float) -> Array:
-    """Return the (3, 3) inertia of a solid cylinder along x about its centre."""
-    axial = 0.5 * mass * radius**2
-    across = mass * (length**2 / 12 + radius**2 / 4)
-    return np.diag([axial, across, across])
-
-
-def build_docking_parts(docking: Docking) -> tuple[float, Array, Array]:
-    """Return mass (kg), centre of mass (3,) m in B and inertia (3, 3) kg m^2 about it.
-
-    Thin legs from the hub to the feet and a ring through the feet, half of the mass each.
-    """
-    m, h, r = docking.mass_kg, docking.height_m, docking.radius_m
-    com = np.array([0.0, 0.0, 0.75 * h])  # ring at h, legs' middle at h / 2
-    ring = 0.5 * m * r**2 * np.diag([0.5, 0.5, 1.0])
-    legs = 0.5 * m * np.diag([r**2 / 6 + h**2 / 3, r**2 / 6 + h**2 / 3, r**2 / 3])
-    origin = ring + legs + 0.5 * m * h**2 * np.diag([1.0, 1.0, 0.0])
-    return m, com, origin - m * com[2] ** 2 * np.diag([1.0, 1.0, 0.0])
-
-
-def link_direction(link: Link) -> Array:
-    """Return the unit vector (3,) along the link, in its frame."""
-    end = np.array(end_of(link))
-    return end / np.linalg.norm(end)
-
-
-def link_inertia(link: Link) -> Array:
-    """Return the (3, 3) inertia of a link about its centre, in its frame: a solid cylinder."""
-    rod = np.diag(rod_inertia(link.mass_kg, link.length_m, link.radius_m))
-    return np.diag(rod if link.along == "x" else rod[::-1])
-
-
-def tip_rotation(link: Link, pitch_deg: float = 0.0) -> Array:
-    """Return R_LT (3, 3): z_T is the link's direction turned by `pitch_deg` about y; y_T is y."""
-    z = rot_y(math.radians(pitch_deg)) @ link_direction(link)
-    y = np.array([0.0, 1.0, 0.0])
-    return np.column_stack([np.cross(y, z), y, z])
-
-
-def link_com(link: Link) -> Array:
-    """Return the centre of mass (3,) m in the link's frame."""
-    along = link.com_m if link.com_m is not None else 0.5 * link.length_m
-    return along * link_direction(link)
 
 
 def joint_names(robot: Robot) -> list[str]:
@@ -244,13 +188,6 @@ def _set_hands(m: Any, robot: Robot, limbs: list[Limb]) -> None:
         if robot.arm.bar is not None:
             mass, inertia = compute_bar_share(robot.arm.bar, robot.arm.separation_m)
             _weld(m, i, [(mass, m["hand_offset"][side], inertia)])
-
-
-def hand_inertia(robot: Robot) -> Array:
-    """Return the (3, 3) inertia of a hand about its centre: a solid ball."""
-    assert robot.arm is not None
-    hand = robot.arm.hand
-    return 0.4 * hand.mass_kg * hand.radius_m**2 * np.eye(3)
 
 
 def _add_docking(m: Any, docking: Docking) -> None:
@@ -465,17 +402,21 @@ def _compute_body(m: Any, q: Array, k: Any, body: Any) -> None:
 
 def compute_body(model: NDArray[Any], q: Array) -> tuple[float, Array, Array]:
     """Return (mass kg, p_BC (3,) m, I_B (3, 3) kg m^2 about the origin of B) at joints `q`."""
-    k, body = np.zeros(1, KINEMATICS), np.zeros(1, BODY)
-    full = np.zeros(MAX_JOINTS)
-    full[: len(q)] = q
-    _compute_body(model[0], full, k[0], body[0])
+    body = np.zeros(1, BODY)
+    fill_body(model[0], compute_kinematics(model, q), body[0])
     return float(body[0]["mass"]), body[0]["p_BC"].copy(), body[0]["I_B"].copy()
+
+
+def compute_kinematics(model: NDArray[Any], q: Array) -> Any:
+    """Return a KINEMATICS record, hands included, at joints `q` (n,), n at most MAX_JOINTS."""
+    k, full = np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS)
+    full[: len(q)] = q
+    fill_kinematics(model[0], full, k[0])
+    fill_hands(model[0], k[0])
+    return k[0]
 
 
 def compute_tip(model: NDArray[Any], q: Array) -> tuple[Array, Array]:
     """Return (p_BT (3,) m, R_BT (3, 3)) at joints `q`."""
-    k, body = np.zeros(1, KINEMATICS), np.zeros(1, BODY)
-    full = np.zeros(MAX_JOINTS)
-    full[: len(q)] = q
-    _compute_body(model[0], full, k[0], body[0])
-    return k[0]["p_BT"].copy(), k[0]["R_BT"].copy()
+    k = compute_kinematics(model, q)
+    return k["p_BT"].copy(), k["R_BT"].copy()

@@ -13,21 +13,19 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Rotors
-
-F8 = NDArray[np.float64]
 
 
 class RotorSet(NamedTuple):
     """Rotors as arrays (n rotors); readable from compiled code. SI units, frame B."""
 
-    position: F8  # (n, 3) m, hubs in B
-    axis: F8  # (n, 3) unit thrust directions in B
-    spin: F8  # (n,) +1 ccw seen from above, -1 cw
-    thrust_min: F8  # (n,) N
-    thrust_max: F8  # (n,) N
+    position: Array  # (n, 3) m, hubs in B
+    axis: Array  # (n, 3) unit thrust directions in B
+    spin: Array  # (n,) +1 ccw seen from above, -1 cw
+    thrust_min: Array  # (n,) N
+    thrust_max: Array  # (n,) N
     k_f: float  # N/(rad/s)^2
     torque_per_thrust: float  # m
     time_constant: float  # s, of the rotor speed
@@ -35,7 +33,7 @@ class RotorSet(NamedTuple):
     propeller_radius: float  # m
     figure_of_merit: float
     motor_efficiency: float
-    B: F8  # (6, n) wrench [force N; torque about B's origin N m] per newton of thrust
+    B: Array  # (6, n) wrench [force N; torque about B's origin N m] per newton of thrust
 
 
 def build_rotors(rotors: Rotors) -> RotorSet:
@@ -77,7 +75,7 @@ def build_rotors(rotors: Rotors) -> RotorSet:
     )
 
 
-def compute_electrical_power(rotors: RotorSet, thrust: F8, air_density: float = 1.2) -> float:
+def compute_electrical_power(rotors: RotorSet, thrust: Array, air_density: float = 1.2) -> float:
     """Return the electrical power (W) of all rotors at the thrusts (n,) N.
 
     Momentum theory: ideal power T^(3/2) / sqrt(2 rho A), over figure of merit and motor
@@ -95,7 +93,7 @@ def compute_watt_per_n15(rotors: RotorSet, air_density: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def compute_power(thrust: F8, n: int, watt_per_n15: float) -> float:
+def compute_power(thrust: Array, n: int, watt_per_n15: float) -> float:
     """Return sum of T_i^(3/2) times `watt_per_n15` (W) over the first n thrusts (N)."""
     total = 0.0
     for i in range(n):
@@ -106,7 +104,7 @@ def compute_power(thrust: F8, n: int, watt_per_n15: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def step_rotor_speed(speed: F8, command: F8, n: int, dt: float, time_constant: float) -> None:
+def step_rotor_speed(speed: Array, command: Array, n: int, dt: float, time_constant: float) -> None:
     """Advance rotor speeds (rad/s) in place by dt: the exact first-order lag for a held command."""
     decay = math.exp(-dt / time_constant)
     for i in range(n):
@@ -114,7 +112,7 @@ def step_rotor_speed(speed: F8, command: F8, n: int, dt: float, time_constant: f
 
 
 @njit(cache=True, error_model="numpy")
-def compute_rotor_wrench(B: F8, thrust: F8, f_out: F8, t_out: F8) -> None:
+def compute_rotor_wrench(B: Array, thrust: Array, f_out: Array, t_out: Array) -> None:
     """Write force (3,) N and torque about B's origin (3,) N m of the thrusts, in B."""
     n = B.shape[1]
     for r in range(3):
@@ -129,14 +127,14 @@ def compute_rotor_wrench(B: F8, thrust: F8, f_out: F8, t_out: F8) -> None:
 
 @njit(cache=True, error_model="numpy")
 def compute_rotor_drag(
-    position: F8,
-    axis: F8,
-    speed: F8,
+    position: Array,
+    axis: Array,
+    speed: Array,
     drag_coefficient: float,
-    v_air_B: F8,
-    w_WB_B: F8,
-    f_out: F8,
-    t_out: F8,
+    v_air_B: Array,
+    w_WB_B: Array,
+    f_out: Array,
+    t_out: Array,
 ) -> None:
     """Write the rotors' in-plane drag: force (3,) N and torque about B's origin (3,) N m, in B.
 

@@ -23,18 +23,17 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder
-from skywright.description.world.things import Bench
+from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
 from skywright.models.bar_body import BAR, add_bar
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
-from skywright.models.insertion_body import PEG, add_insertion
-from skywright.models.pads import add_gauges, add_pads, has_pads
+from skywright.models.gauges import add_gauges, has_gauges
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.structure_body import add_structure, list_structure
-from skywright.models.things import OBJECT, add_bench, add_things
-from skywright.models.tool_body import TOOL, add_tool
+from skywright.models.things._build import OBJECT, add_things, find_offsets
+from skywright.models.things.bench import Bench
 
 Array = NDArray[np.float64]
 
@@ -78,12 +77,14 @@ def build_scene(
     world: World,
     deviation: Deviation | None = None,
     extend: Iterable[Callable[[mujoco.MjSpec], None]] = (),
+    error: Array | None = None,
 ) -> Scene:
     """Compile the nominal model, or with `deviation` the plant.
 
-    `extend` are called with what is to be compiled, to add to it.
+    `extend` are called with what is to be compiled, to add to it. `error` (6,) m, rad, places
+    tracked things in a nominal model as `Deviation.socket_error` would.
     """
-    spec = build_spec(robot, world, deviation)
+    spec = build_spec(robot, world, deviation, error)
     for add in extend:
         add(spec)
     try:
@@ -96,7 +97,9 @@ def build_scene(
     return Scene(model, _build_index(model, robot, deviation is not None), len(joint_names(robot)))
 
 
-def build_spec(robot: Robot, world: World, deviation: Deviation | None = None) -> mujoco.MjSpec:
+def build_spec(
+    robot: Robot, world: World, deviation: Deviation | None = None, error: Array | None = None
+) -> mujoco.MjSpec:
     """Describe what `build_scene` compiles; the stiffness of docking feet is set after that."""
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
@@ -113,13 +116,12 @@ def build_spec(robot: Robot, world: World, deviation: Deviation | None = None) -
     _add_world(spec, world)
     plant = deviation is not None
     _add_robot(spec, robot, deviation or Deviation(), plant)
-    add_things(spec, world, plant)
-    add_tool(spec, world, OBJECT + TOOL, plant)
-    add_insertion(spec, world, OBJECT + PEG, deviation)
-    add_pads(spec, world, plant)
-    if plant and has_pads(world):
+    if deviation is not None:
+        error = deviation.socket_error
+    offsets = {} if error is None else find_offsets(world.things, error)
+    add_things(spec, world.things, plant, offsets)
+    if plant and has_gauges(world.things):
         add_gauges(spec, robot)
-    add_bench(spec, world, plant)
     if plant:
         _add_contacts(spec, robot, world)
     return spec
@@ -158,14 +160,6 @@ def _add_world(spec: mujoco.MjSpec, world: World) -> None:
             size=[tube.diameter_m / 2, 0, 0],
             fromto=[tube.x_m, tube.y_m, tube.z_m, tube.to_x_m, tube.to_y_m, tube.to_z_m],
             rgba=[0.85, 0.7, 0.15, 1], **kwargs,
-        )  # fmt: skip
-    for name, box in world.obstacles.items():
-        half_yaw = math.radians(box.yaw_deg) / 2
-        body.add_geom(
-            name=f"obstacle {name}", type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[box.size_x_m / 2, box.size_y_m / 2, box.size_z_m / 2],
-            pos=[box.x_m, box.y_m, box.z_m], quat=[math.cos(half_yaw), 0, 0, math.sin(half_yaw)],
-            rgba=[0.6, 0.5, 0.4, 1], **kwargs,
         )  # fmt: skip
 
 
@@ -312,8 +306,8 @@ def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex
     root = model.body_rootid[model.geom_bodyid]
     robot_geoms = np.flatnonzero(root == platform)
     fixed = np.flatnonzero(root != platform)
-    probe = [i for i, n in enumerate(geom_names) if n in ("tip", "pen", "holder shell")]
-    feet = [i for i, n in enumerate(geom_names) if n.startswith(("foot", "leg"))]
+    probe = [i for i in robot_geoms if geom_names[i] in ("tip", "pen", "holder shell")]
+    feet = [i for i in robot_geoms if geom_names[i].startswith(("foot", "leg"))]
     objects = [n for i in range(model.njnt) if (n := model.joint(i).name).startswith(OBJECT)]
     sites = {model.site(i).name for i in range(model.nsite)}
     hands = [f"hand{side}" for side in range(MAX_HANDS) if f"hand{side}" in sites]
@@ -353,9 +347,10 @@ def set_pose(scene: Scene, data: mujoco.MjData, p_WB: Array, q_WB: Array, q: Arr
 
 
 def home_pose(
-    robot: Robot, x: float, y: float, yaw: float, bench: Bench | None = None
+    robot: Robot, world: World, x: float, y: float, yaw: float
 ) -> tuple[Array, Array, Array]:
     """Return (p_WB, q_WB, q): standing on the feet with the arm folded, or clamped to a bench."""
+    bench = find_first(world.things, Bench)
     if bench is not None:
         place = np.array([bench.x_m, bench.y_m, bench.z_m])
         return place, np.array(bench.q_WB), posture(robot, "folded")

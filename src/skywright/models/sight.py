@@ -6,11 +6,9 @@ import math
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.models.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 class Sight:

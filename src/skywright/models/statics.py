@@ -11,14 +11,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
+from skywright.core.arrays import Array
 from skywright.models.allocation import Allocator, build_allocator
 from skywright.models.rotors import RotorSet
-
-F8 = NDArray[np.float64]
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -30,10 +28,10 @@ class Layout(NamedTuple):
     """Rotors with the thrust range that a mission may use."""
 
     rotors: RotorSet
-    B: F8  # (6, n)
-    P: F8  # (n, 6)
-    t_min: F8  # (n,) N
-    t_max: F8  # (n,) N, after the thrust fraction
+    B: Array  # (6, n)
+    P: Array  # (n, 6)
+    t_min: Array  # (n,) N
+    t_max: Array  # (n,) N, after the thrust fraction
     full: bool  # six independent components
     exact: bool  # one thrust vector a wrench: six rotors and `full`
 
@@ -57,12 +55,12 @@ def build_layout(rotors: RotorSet, thrust_fraction: float = 1.0) -> Layout:
     )
 
 
-def wrench_at(force: F8, point: F8) -> F8:
+def wrench_at(force: Array, point: Array) -> Array:
     """Return the wrench (6,) about B's origin of a force (3,) N that acts at a point (3,) m."""
     return np.concatenate([force, np.cross(point, force)])
 
 
-def compute_ray(layout: Layout, w0: F8, w1: F8) -> Interval:
+def compute_ray(layout: Layout, w0: Array, w1: Array) -> Interval:
     """Return the range of s for which the rotors can make the wrench w0 + s w1.
 
     Closed form when `layout.exact`, else the linear programme.
@@ -73,7 +71,7 @@ def compute_ray(layout: Layout, w0: F8, w1: F8) -> Interval:
     return Interval(float(lo[0]), float(hi[0]))
 
 
-def compute_rays(layout: Layout, w0: F8, w1: F8) -> tuple[F8, F8]:
+def compute_rays(layout: Layout, w0: Array, w1: Array) -> tuple[Array, Array]:
     """Closed form of `compute_ray` for many rays (m, 6); NaN where a ray misses the box."""
     base, ray = w0 @ layout.P.T, w1 @ layout.P.T
     flat = np.abs(ray) < 1e-12
@@ -87,7 +85,7 @@ def compute_rays(layout: Layout, w0: F8, w1: F8) -> tuple[F8, F8]:
     return np.where(missed, np.nan, lo), np.where(missed, np.nan, hi)
 
 
-def compute_ray_lp(layout: Layout, w0: F8, w1: F8) -> Interval:
+def compute_ray_lp(layout: Layout, w0: Array, w1: Array) -> Interval:
     """`compute_ray` as a linear programme over (T, s): B T = w0 + s w1 within the limits."""
     n = layout.B.shape[1]
     equal = np.hstack([layout.B, -np.asarray(w1)[:, None]])
@@ -106,7 +104,7 @@ def compute_ray_lp(layout: Layout, w0: F8, w1: F8) -> Interval:
     return Interval(ends[0], ends[1])
 
 
-def compute_thrust(layout: Layout, w: F8) -> F8 | None:
+def compute_thrust(layout: Layout, w: Array) -> Array | None:
     """Return thrusts (n,) N within the limits that make the wrench, or None.
 
     Least squares where they fit; else (redundant rotors) those with the lowest peak load.
@@ -134,7 +132,7 @@ def compute_thrust(layout: Layout, w: F8) -> F8 | None:
     return np.asarray(found.x[:n]) if found.status == 0 else None
 
 
-def compute_lateral_forces(layout: Layout, weight: float, p_BC: F8, directions: F8) -> F8:
+def compute_lateral_forces(layout: Layout, weight: float, p_BC: Array, directions: Array) -> Array:
     """Return the largest force (m,) N toward each direction (m,) rad at level attitude.
 
     The rotors carry the weight, and the force makes no torque about the centre of mass
@@ -153,7 +151,7 @@ def compute_lateral_forces(layout: Layout, weight: float, p_BC: F8, directions: 
     return np.array([max(compute_ray(layout, level, ray).hi, 0.0) for ray in rays])
 
 
-def compute_tilt_limit(layout: Layout, weight: float, p_BC: F8, axis_B: F8) -> float:
+def compute_tilt_limit(layout: Layout, weight: float, p_BC: Array, axis_B: Array) -> float:
     """Return the largest tilt (rad, at most pi/2) about the horizontal `axis_B` at which the robot
     holds its position: the whole rotor force vertical, no torque about the centre of mass.
 
@@ -185,7 +183,7 @@ def compute_tilt_limit(layout: Layout, weight: float, p_BC: F8, axis_B: F8) -> f
     return best
 
 
-def _bisect_tilt(layout: Layout, level: F8, lean: F8) -> float:
+def _bisect_tilt(layout: Layout, level: Array, lean: Array) -> float:
     lo, hi = 0.0, math.pi / 2
     for _ in range(20):
         mid = 0.5 * (lo + hi)
@@ -196,7 +194,7 @@ def _bisect_tilt(layout: Layout, level: F8, lean: F8) -> float:
     return lo
 
 
-def compute_polytope(layout: Layout, w0: F8, map_: F8) -> F8:
+def compute_polytope(layout: Layout, w0: Array, map_: Array) -> Array:
     """Return vertices (v, 3) of {x: the rotors can make w0 + map_ x} with map_ (6, 3).
 
     Six independent rotors: the 12 half-spaces of the thrust limits. Otherwise the support points
@@ -234,7 +232,7 @@ def compute_polytope(layout: Layout, w0: F8, map_: F8) -> F8:
         return np.asarray(points)
 
 
-def _chebyshev_centre(layout: Layout, base: F8, slope: F8) -> F8 | None:
+def _chebyshev_centre(layout: Layout, base: Array, slope: Array) -> Array | None:
     """Return a point well inside the polytope (largest inscribed ball), or None if it is empty."""
     norm = np.linalg.norm(slope, axis=1)[:, None]
     found = linprog(
@@ -247,7 +245,7 @@ def _chebyshev_centre(layout: Layout, base: F8, slope: F8) -> F8 | None:
     return np.asarray(found.x[:3]) if found.status == 0 and found.x[3] > 1e-9 else None
 
 
-def _sphere(count: int) -> F8:
+def _sphere(count: int) -> Array:
     """Return evenly spread unit directions (count, 3): the Fibonacci sphere, plus the six axes."""
     i = np.arange(count) + 0.5
     polar, turn = np.arccos(1 - 2 * i / count), math.pi * (1 + 5**0.5) * i

@@ -10,8 +10,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, posture
@@ -26,8 +26,6 @@ from skywright.models.statics import (
     wrench_at,
 )
 
-F8 = NDArray[np.float64]
-
 TILT_MAX = 45.0  # deg
 SIDES = np.radians([0.0, 90.0, 180.0, 270.0])
 AXES = {"roll": np.array([1.0, 0.0, 0.0]), "pitch": np.array([0.0, 1.0, 0.0])}
@@ -40,18 +38,18 @@ class TiltSweep(NamedTuple):
     posture: str
     mass: float  # kg
     thrust_fraction: float
-    tilts: F8  # (m,) rad
+    tilts: Array  # (m,) rad
     own: float  # rad, of the robot file
-    lateral_force: F8  # (m, 4) N toward +x, +y, -x, -y
-    least_force: F8  # (m,) N over all directions
-    hover_tilt: F8  # (m, 2) rad, roll and pitch, the smaller of both signs
-    hover_power: F8  # (m,) W, avionics included
-    payload: F8  # (m,) kg at B's origin
+    lateral_force: Array  # (m, 4) N toward +x, +y, -x, -y
+    least_force: Array  # (m,) N over all directions
+    hover_tilt: Array  # (m, 2) rad, roll and pitch, the smaller of both signs
+    hover_power: Array  # (m,) W, avionics included
+    payload: Array  # (m,) kg at B's origin
 
     def to_json(self) -> dict[str, Any]:
         """Return the command line's `--json` object; what does not exist is null."""
 
-        def plain(values: F8) -> list[float | None]:
+        def plain(values: Array) -> list[float | None]:
             return [float(v) if math.isfinite(v) else None for v in values]
 
         sides = ("0", "90", "180", "270")

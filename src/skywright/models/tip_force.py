@@ -10,23 +10,19 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import (
-    KINEMATICS,
     build_body_model,
     compute_body,
+    compute_kinematics,
     fill_gravity_torque,
-    fill_hands,
-    fill_kinematics,
 )
 from skywright.models.springs import spring_deflection, spring_torque
-
-Array = NDArray[np.float64]
 
 SWING_MAX = math.radians(85.0)  # beyond, a force overcomes the weight of link and arms
 
@@ -56,17 +52,12 @@ class Loaded:
         self.model: Any = build_body_model(robot, gravity)
         self.joints = list_joints(robot)
         self.swing = robot.pendulum is not None
-        self._k: Any = np.zeros(1, KINEMATICS)
         self._g = np.array([0.0, 0.0, -gravity])
         self._weight_t = self._weight_torque(self.q)
 
     def hand(self, q: Array) -> tuple[Array, Array, Array]:
         """Return hand (3,) m in B, its Jacobian (3, n) and the torques (n,) N m that hold q."""
-        k, n, full = self._k[0], len(q), np.zeros(MAX_JOINTS)
-        full[:n] = q
-        fill_kinematics(self.model[0], full, k)
-        fill_hands(self.model[0], k)
-        torque = np.zeros(MAX_JOINTS)
+        k, n, torque = compute_kinematics(self.model, q), len(q), np.zeros(MAX_JOINTS)
         fill_gravity_torque(self.model[0], k, self._g, torque)
         return k["p_BH"][0].copy(), k["J_BH"][0][:, :n].copy(), torque[:n]
 

@@ -11,8 +11,8 @@ import math
 import xml.etree.ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.limbs import (
     SIDES,
@@ -25,12 +25,10 @@ from skywright.description.robot.limbs import (
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.drawing import Shape, build_drawing
-from skywright.models.rigid_body import (
+from skywright.models.part_masses import (
     SLIDER_INERTIA,
-    build_body_model,
     build_docking_parts,
     build_probe_parts,
-    find_tip,
     hand_inertia,
     link_com,
     link_direction,
@@ -38,9 +36,8 @@ from skywright.models.rigid_body import (
     rod_inertia,
     tip_rotation,
 )
+from skywright.models.rigid_body import build_body_model, find_tip
 from skywright.models.rotors import build_rotors
-
-Array = NDArray[np.float64]
 
 FREE_SPEED = 1000.0  # rad/s: URDF wants a largest speed of every joint, a passive one has none
 

@@ -15,9 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.models.statics import Layout
-
-F8 = NDArray[np.float64]
 
 FASTEST = 40.0
 """m/s; the search ends here and a larger limit is reported as this value."""
@@ -29,19 +28,21 @@ class DragBody(NamedTuple):
     mass: float  # kg
     gravity: float  # m/s^2
     air_density: float  # kg/m^3
-    p_BC: F8  # (3,) m
-    drag_area: F8  # (3,) m^2, C_D A along the axes of B
+    p_BC: Array  # (3,) m
+    drag_area: Array  # (3,) m^2, C_D A along the axes of B
 
 
 @njit(cache=True, error_model="numpy")
-def compute_body_drag(drag_area: F8, air_density: float, v_air_B: F8, f_out: F8) -> None:
+def compute_body_drag(drag_area: Array, air_density: float, v_air_B: Array, f_out: Array) -> None:
     """Write the body's drag (3,) N in B at velocity `v_air_B` (3,) m/s relative to the air."""
     speed = math.sqrt(v_air_B[0] ** 2 + v_air_B[1] ** 2 + v_air_B[2] ** 2)
     for i in range(3):
         f_out[i] = -0.5 * air_density * drag_area[i] * speed * v_air_B[i]
 
 
-def compute_drag(layout: Layout, body: DragBody, wind_B: F8, thrust: F8) -> tuple[F8, F8]:
+def compute_drag(
+    layout: Layout, body: DragBody, wind_B: Array, thrust: Array
+) -> tuple[Array, Array]:
     """Return (force, torque about B's origin), (m, 3) each, on a resting robot.
 
     `wind_B` (m, 3) m/s is the air's velocity in B, `thrust` (m, n) N sets the rotor speeds.
@@ -59,11 +60,11 @@ def compute_drag(layout: Layout, body: DragBody, wind_B: F8, thrust: F8) -> tupl
 def compute_hold(
     layout: Layout,
     body: DragBody,
-    wind_W: F8,
-    f_push_W: F8 | None = None,
-    p_push_B: F8 | None = None,
-    lean: float | F8 = 0.0,
-) -> tuple[F8, F8]:
+    wind_W: Array,
+    f_push_W: Array | None = None,
+    p_push_B: Array | None = None,
+    lean: float | Array = 0.0,
+) -> tuple[Array, Array]:
     """Return (thrust (m, n) N, tilt (m,) rad) that hold position in the winds (m, 3) m/s.
 
     `f_push_W` (m, 3) N at `p_push_B` (3,) m: force that the robot exerts on something. Yaw is
@@ -104,7 +105,7 @@ def compute_hold(
     return thrust, tilt
 
 
-def _leaning(z_W: F8) -> F8:
+def _leaning(z_W: Array) -> Array:
     """Return R_WB (m, 3, 3) with z_B along `z_W` (m, 3) and the least rotation from level."""
     z = z_W / np.linalg.norm(z_W, axis=1, keepdims=True)
     c = np.clip(z[:, 2], -0.999, 1.0)
@@ -119,8 +120,8 @@ def _leaning(z_W: F8) -> F8:
 
 
 def compute_largest(
-    holds: Callable[[F8], NDArray[np.bool_]], count: int, ceiling: float, steps: int = 25
-) -> F8:
+    holds: Callable[[Array], NDArray[np.bool_]], count: int, ceiling: float, steps: int = 25
+) -> Array:
     """Return (count,) the largest x in [0, ceiling] such that all smaller ones hold.
 
     `holds(x)` maps (count,) to booleans. A coarse scan finds the first failure of each entry and
@@ -144,8 +145,8 @@ def compute_largest(
 
 
 def compute_wind_limits(
-    layout: Layout, body: DragBody, directions: F8, tilt_max: float, lean: float | F8 = 0.0
-) -> F8:
+    layout: Layout, body: DragBody, directions: Array, tilt_max: float, lean: float | Array = 0.0
+) -> Array:
     """Return the wind (m,) m/s that can be held while it blows toward each direction (m,) rad.
 
     Level attitude (or leaning `lean` rad, a number or (m,)) for robots with lateral force; the
@@ -154,14 +155,14 @@ def compute_wind_limits(
     """
     d = np.column_stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))])
 
-    def holds(speed: F8) -> NDArray[np.bool_]:
+    def holds(speed: Array) -> NDArray[np.bool_]:
         thrust, tilt = compute_hold(layout, body, speed[:, None] * d, lean=lean)
         return is_held(layout, thrust, tilt, tilt_max)
 
     return compute_largest(holds, len(directions), FASTEST)
 
 
-def is_held(layout: Layout, thrust: F8, tilt: F8, tilt_max: float) -> NDArray[np.bool_]:
+def is_held(layout: Layout, thrust: Array, tilt: Array, tilt_max: float) -> NDArray[np.bool_]:
     """Whether thrusts (m, n) are within the limits and tilts (m,) within `tilt_max`."""
     inside = (thrust >= layout.t_min - 1e-6) & (thrust <= layout.t_max + 1e-6)
     return np.asarray(inside.all(axis=1) & (tilt <= tilt_max + 1e-9))

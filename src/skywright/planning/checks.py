@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import mat_t_vec, norm
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 from skywright.models.geometry import FAR, query_clearance, query_self
@@ -25,7 +25,6 @@ from skywright.planning.problem import (
     Problem,
 )
 
-Array = NDArray[np.float64]
 Record = Any
 
 TRACE = np.dtype(

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import mat_vec
 from skywright.core.types import MAX_JOINTS
 from skywright.models.geometry import FAR
@@ -28,7 +29,6 @@ from skywright.planning.inverse_kinematics import (
 )
 from skywright.planning.problem import CLEARANCE, OK, ROTOR, TASK, Failure, Problem
 
-Array = NDArray[np.float64]
 Record = Any
 
 

@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import log_so3, rot_z
 from skywright.core.types import REFERENCE
 from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip
 from skywright.planning.inverse_dynamics import Loads
 
-Array = NDArray[np.float64]
 Table = NDArray[np.void]
 
 ROW = 0.02  # s, between rows

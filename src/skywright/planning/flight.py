@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.inverse_kinematics import State, build_state, wrap
@@ -14,8 +14,6 @@ from skywright.planning.local_planner import ROW, Edge, plan_free_edge
 from skywright.planning.motion.transit import Configuration, Transit, plan_transit
 from skywright.planning.patterns import TimeLaw, build_time_law
 from skywright.planning.problem import Failure, Limits, Problem
-
-Array = NDArray[np.float64]
 
 
 def build_transit_law(state: State, pose: Array, lim: Limits) -> TimeLaw:

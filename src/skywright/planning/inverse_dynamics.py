@@ -11,15 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.models.allocation import Allocator
 from skywright.models.rigid_body import MAX_LINKS
 from skywright.models.rotors import compute_rotor_drag
 from skywright.models.wind import compute_body_drag
 
-Array = NDArray[np.float64]
 Record = Any
 
 

@@ -19,14 +19,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import cross, dot, exp_so3, mat_mat, mat_t_vec, mat_vec
 from skywright.core.types import MAX_JOINTS
 from skywright.models.rigid_body import fill_kinematics
 from skywright.planning.inverse_dynamics import Motion, fill_motion
 
-Array = NDArray[np.float64]
 Record = Any
 
 WEIGHT_TASK, WEIGHT_LEVEL, WEIGHT_POSTURE, DAMPING = 1.0, 1e-4, 1e-8, 1e-11

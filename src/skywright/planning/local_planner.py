@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import exp_so3, log_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec, norm
 from skywright.core.types import MAX_JOINTS, REFERENCE
 from skywright.description.world.surface import surface_frame
@@ -31,7 +32,6 @@ from skywright.planning.inverse_kinematics import (
 from skywright.planning.patterns import TimeLaw, eval_time_law
 from skywright.planning.problem import CLEARANCE, OK, SINGULAR, TASK, Failure, Problem
 
-Array = NDArray[np.float64]
 Record = Any
 
 ROW = 0.02

@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from skywright.core.arrays import Array
 
 SIDES = {"side": 0.0, "top": 90.0, "underside": -90.0}
 """Circumferential angle (deg) of the middle of each named sector."""

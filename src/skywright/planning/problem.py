@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.types import BODY
 from skywright.description.world.surface import Cylinder
 from skywright.models.geometry import ClearanceCore, ClearanceQuery, describe_pair
 from skywright.models.rigid_body import KINEMATICS
 from skywright.planning.inverse_dynamics import Loads, Motion, build_motion
-
-Array = NDArray[np.float64]
 
 OK, CLEARANCE, ROTOR, JOINT, MOTOR, SPEED, ACCELERATION, TASK, TILT, SINGULAR = range(10)
 """Outcome of a check along a motion."""

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.world.surface import Cylinder
 from skywright.models.geometry import ClearanceQuery
@@ -33,8 +34,6 @@ from skywright.planning.local_planner import (
 from skywright.planning.patterns import TimeLaw, build_time_law
 from skywright.planning.problem import Limits, build_problem
 from skywright.planning.via_points import ScanTask, Search, Slide
-
-Array = NDArray[np.float64]
 
 SETTLE = 2.0
 """s of rest in contact before sliding: the attitude error of touch-down vanishes (section VII)."""

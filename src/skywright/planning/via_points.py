@@ -12,8 +12,8 @@ import time
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.surface import surface_point
 from skywright.models.geometry import ClearanceQuery
 from skywright.models.kinematic_tree import PlanningScene
@@ -36,8 +36,6 @@ from skywright.planning.problem import (
     Problem,
     describe_failure,
 )
-
-Array = NDArray[np.float64]
 
 SAMPLES = 48
 """Arm postures tried at each heading."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.world.surface import Cylinder
 from skywright.models.geometry import ClearanceQuery
@@ -19,8 +20,6 @@ from skywright.planning.inverse_kinematics import build_state
 from skywright.planning.local_planner import Edge, join_edges, plan_free_edge
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.planning.problem import CLEARANCE, Limits, build_problem, describe_failure
-
-Array = NDArray[np.float64]
 
 INSIDE = 0.98
 """Of the margin of a way around: the legs are checked with the rest, at instants."""

@@ -14,11 +14,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from matplotlib.projections.polar import PolarAxes
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.models.capability import Capability
-
-F8 = NDArray[np.float64]
 
 BLUE, ORANGE, GREEN, RED, GREY = "#1f5fa8", "#d9731a", "#2c8a4b", "#b3261e", "#8a8f98"
 SIDES = (("forward (+x)", BLUE), ("left (+y)", GREEN), ("back (-x)", ORANGE), ("right (-y)", RED))
@@ -82,11 +80,11 @@ def _polar(axes: Axes, title: str) -> PolarAxes:
     return axes
 
 
-def _closed(values: F8) -> F8:
+def _closed(values: Array) -> Array:
     return np.append(values, values[:1])
 
 
-def _mark_least(axes: PolarAxes, angles: F8, values: F8, unit: str) -> None:
+def _mark_least(axes: PolarAxes, angles: Array, values: Array, unit: str) -> None:
     """Write the smallest value under the circle."""
     if np.all(np.isnan(values)):
         return
@@ -260,16 +258,16 @@ def _draw_polytope(axes: Axes, c: Capability) -> None:
     axes.tick_params(labelsize=8)
 
 
-def _closed_rows(points: F8) -> F8:
+def _closed_rows(points: Array) -> Array:
     return np.vstack([points, points[:1]])
 
 
-def _hull(points: F8) -> F8:
+def _hull(points: Array) -> Array:
     """Return the convex hull (k, 2), counter-clockwise; a segment's ends when it is flat."""
     order = points[np.lexsort((points[:, 1], points[:, 0]))]
 
-    def half(rows: F8) -> list[F8]:
-        chain: list[F8] = []
+    def half(rows: Array) -> list[Array]:
+        chain: list[Array] = []
         for p in rows:
             while len(chain) > 1:
                 a, b = chain[-1] - chain[-2], p - chain[-2]

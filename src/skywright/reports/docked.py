@@ -11,11 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.projections.polar import PolarAxes
-from numpy.typing import NDArray
 
 from skywright.models.docked_map import DockedMap
-
-F8 = NDArray[np.float64]
 
 BLUE, ORANGE, GREEN, RED, GREY = "#1f5fa8", "#d9731a", "#2c8a4b", "#b3261e", "#8a8f98"
 SHADES = (BLUE, GREEN, ORANGE, RED, "#6f4ea0")

@@ -6,15 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_y
 from skywright.description.robot.spec import Robot
 from skywright.models.compliant_arms import find_hands, is_compliant
 from skywright.models.drawing import Drawing
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
-
-Array = NDArray[np.float64]
 
 WIDE_DEG = 80.0  # vertical field of view of a common first-person camera
 AHEAD = math.radians(15.0)  # down, of a camera that has no arm to look at

@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_from_quat
 from skywright.models.drawing import Shape
-
-Array = NDArray[np.float64]
 
 
 class Mesh(NamedTuple):

@@ -6,19 +6,19 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.robot.limbs import end_of, list_limbs
 from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import Box, Pipe, Tube
+from skywright.description.world.spec import Pipe, Tube
 from skywright.description.world.structure import PLANE, Structure, build_surface, locate_point
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, roll_points
+from skywright.description.world.thing import Solid, Things
+from skywright.description.world.things import locate_thing
 from skywright.models.docking_body import list_feet
-from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics, joint_names
+from skywright.models.rigid_body import build_body_model, compute_kinematics, joint_names
 from skywright.models.rotors import build_rotors
-
-Array = NDArray[np.float64]
 
 
 class Outline(NamedTuple):
@@ -67,17 +67,14 @@ def outline_arm(robot: Robot, q: Array) -> list[Outline]:
     if robot.arm is None:
         return []
     model = build_body_model(robot)
-    angles = np.zeros(len(model[0]["q_min"]))
-    angles[: len(joint_names(robot))] = q
-    k = np.zeros(1, KINEMATICS)
-    fill_kinematics(model[0], angles, k[0])
+    k = compute_kinematics(model, q[: len(joint_names(robot))])
     parts = []
     for i, limb in enumerate(list_limbs(robot)):
-        start = k[0]["p"][i]
-        end = start + k[0]["R"][i] @ np.array(end_of(limb.link))
+        start = k["p"][i]
+        end = start + k["R"][i] @ np.array(end_of(limb.link))
         parts.append(Outline(np.array([start, end]), "arm"))
     if robot.probe is not None:
-        tip, axis = k[0]["p_BT"], k[0]["R_BT"][:, 2]
+        tip, axis = k["p_BT"], k["R_BT"][:, 2]
         parts.append(Outline(np.array([tip - axis * robot.probe.length_m, tip]), "probe"))
     return parts
 
@@ -106,9 +103,7 @@ def outline_pipe(pipe: Pipe) -> list[Outline]:
 def surface_curve(pipe: Pipe, s: Array | float, phi: Array | float) -> Array:
     """Points (n, 3) in W of the surface at axial positions `s` (m) and angles `phi` (rad)."""
     cyl = build_cylinder(pipe)
-    s, phi = np.broadcast_arrays(np.asarray(s, float), np.asarray(phi, float))
-    local = np.column_stack([-cyl.radius * np.cos(phi), s, cyl.radius * np.sin(phi)])
-    return np.asarray(local @ cyl.R_WP.T + cyl.p_WP)
+    return roll_points(cyl, np.asarray(s), cyl.radius * np.asarray(phi))[0]
 
 
 def outline_tube(tube: Tube) -> list[Outline]:
@@ -126,15 +121,29 @@ def outline_tube(tube: Tube) -> list[Outline]:
     return [Outline(ring, "pipe"), Outline(ring + way, "pipe"), *lines]
 
 
-def outline_box(box: Box) -> list[Outline]:
-    """Bottom, top and edges of a box in W."""
-    x, y, z = box.size_x_m / 2, box.size_y_m / 2, box.size_z_m / 2
+def outline_things(things: Things) -> list[Outline]:
+    """Bottom, top and edges of the box around each solid that stands or lies in W."""
+    out: list[Outline] = []
+    for name, thing in things.items():
+        for part in thing.list_parts():
+            at = locate_thing(things, name).at(part.frame)
+            for solid in part.solids:
+                out += place(_outline_solid(solid), at.p, at.R)
+    return out
+
+
+def _outline_solid(solid: Solid) -> list[Outline]:
+    """A capsule between two ends is a line, every other solid the box around it."""
+    if solid.ends is not None:
+        return [Outline(np.array(solid.ends, dtype=float), "box")]
+    r = float(solid.size[0])
+    half = {"box": solid.size, "sphere": (r, r, r)}.get(solid.shape, (r, r, float(solid.size[-1])))
+    x, y, z = (float(v) for v in half)
     base = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0], [-x, -y, 0]])
-    centre = np.array([box.x_m, box.y_m, box.z_m])
-    turned = base @ rot_z(math.radians(box.yaw_deg)).T + centre
-    low, high = turned - [0, 0, z], turned + [0, 0, z]
+    low, high = base - [0, 0, z], base + [0, 0, z]
     edges = [Outline(np.array([a, b]), "box") for a, b in zip(low[:4], high[:4], strict=True)]
-    return [Outline(low, "box", True), Outline(high, "box", True), *edges]
+    box = [Outline(low, "box", True), Outline(high, "box", True), *edges]
+    return place(box, solid.frame.p, solid.frame.R)
 
 
 def outline_structure(structure: Structure) -> list[Outline]:

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from skywright.core.arrays import Array
 
 SUN = np.array([-0.75, -0.6, 1.2]) / math.sqrt(0.75**2 + 0.6**2 + 1.2**2)
 SHADOW_SIZE = 2048

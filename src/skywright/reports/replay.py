@@ -17,13 +17,14 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.loader import Description
 from skywright.description.robot.limbs import SIDES
 from skywright.errors import InputError
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.inspection.weld import Crossing, WeldResult
 from skywright.models.compliant_arms import is_compliant
-from skywright.models.deviation import build_true_world
+from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import build_drawing
 from skywright.reports.first_person import find_mount
 from skywright.reports.phases import explain_phase
@@ -42,7 +43,6 @@ from skywright.run.kind import load_kind
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-Array = NDArray[np.float64]
 
 FRAME_RATE = 15.0  # Hz
 MAX_FRAMES = 4500
@@ -100,8 +100,7 @@ def _record(
 ) -> str:
     """Draw the scene, play the samples that are `shown` into viser's recorder."""
     d = result.description
-    world = build_true_world(d.plant, d.robot, d.world, d.mission.seed)
-    scene = Scene3d(server, d.robot, world)
+    scene = Scene3d(server, d.robot, d.world, build_socket_error(d.plant))
     scene.draw_sketch(load_kind(d.mission.kind).figures().sketch(d, result.plan.way))
     set_camera(server, views[0])
     scene.draw_wind(views[0].look_at + [0.0, 0.0, 0.75])

@@ -11,10 +11,11 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import Pipe, Weld, World
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, find_weld_on_pipe, roll_points
 from skywright.models.drawing import (
     Drawing,
     Shape,
@@ -27,8 +28,6 @@ from skywright.models.drawing import (
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon, merge_meshes
 from skywright.run.kind import Sketch
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Colour = tuple[int, int, int]
 
 CCW: Colour = (51, 117, 214)
@@ -54,10 +53,12 @@ class Poses(NamedTuple):
 class Scene3d:
     """A robot in its world on a viser server; `show` moves the robot."""
 
-    def __init__(self, server: viser.ViserServer, robot: Robot, world: World) -> None:
-        """Draw the world and the robot, which waits at the origin."""
+    def __init__(
+        self, server: viser.ViserServer, robot: Robot, world: World, error: Array | None = None
+    ) -> None:
+        """Draw the world and the robot, which waits at the origin; `error` as in build_drawing."""
         self.server, self.robot, self.world = server, robot, world
-        self.drawing: Drawing = build_drawing(robot, world)
+        self.drawing: Drawing = build_drawing(robot, world, error)
         self._handles: dict[str, Any] = {}
         self._names = self._name_nodes()
         self._draw_world()
@@ -178,7 +179,7 @@ class Scene3d:
     ) -> None:
         """Draw a band along (s, c) (n,), m on the unrolled pipe, `lift` (m) above the surface."""
         assert self.world.pipe is not None
-        points, normals = roll(self.world.pipe, s, c)
+        points, normals = roll_points(build_cylinder(self.world.pipe), s, c)
         mesh = build_ribbon(points + lift * normals, normals, width)
         self._mesh(name, mesh, colour, 1.0, double=True)
 
@@ -313,30 +314,15 @@ def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
     ]
 
 
-def roll(pipe: Pipe, s: Array, c: Array) -> tuple[Array, Array]:
-    """Return points and outward normals (n, 3) in W of unrolled coordinates (s, c), m."""
-    cyl = build_cylinder(pipe)
-    phi = np.asarray(c, float) / cyl.radius
-    local = np.column_stack([-np.cos(phi), np.zeros_like(phi), np.sin(phi)])
-    normals = local @ cyl.R_WP.T
-    return cyl.p_WP + np.asarray(s, float)[:, None] * cyl.R_WP[:, 1] + cyl.radius * normals, normals
-
-
 def weld_curve(pipe: Pipe, weld: Weld) -> tuple[list[Array], list[Array]]:
     """Return the pieces of the true weld on the pipe: points and normals (n, 3) in W."""
-    radius, half = 0.5 * pipe.diameter_m, 0.5 * pipe.length_m
-    slope = math.radians(weld.angle_deg)
-    u = np.linspace(-1.0, 1.0, 4001) * (math.pi * radius + 2.0 * half + abs(weld.offset_m))
-    if weld.angle_deg == 90.0:
-        s, c = u, np.full_like(u, weld.offset_m)
-    else:
-        s, c = weld.offset_m + u * math.sin(slope), u * math.cos(slope)
-    inside = (np.abs(s) <= half) & (np.abs(c) <= math.pi * radius)
+    s, c = find_weld_on_pipe(pipe, weld, 4001)
+    inside = np.isfinite(s)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(int), [0]])))
     points, normals = [], []
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         if stop - start > 1:
-            p, n = roll(pipe, s[start:stop:10], c[start:stop:10])
+            p, n = roll_points(build_cylinder(pipe), s[start:stop:10], c[start:stop:10])
             points.append(p)
             normals.append(n)
     return points, normals

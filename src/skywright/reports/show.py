@@ -9,23 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_to_rot
 from skywright.description.loader import Description
 from skywright.description.lookup import Subject
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import Pipe, Weld, World
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, find_weld_on_pipe, roll_points
 from skywright.models.rigid_body import posture
 from skywright.models.scene import home_pose, support_posts
 from skywright.reports.outlines import (
     Outline,
     move,
-    outline_box,
     outline_pipe,
     outline_robot,
     outline_structure,
+    outline_things,
     place,
     surface_curve,
 )
@@ -75,31 +74,14 @@ def _world_parts(world: World) -> list[Outline]:
                 parts.append(Outline(np.array([top * [1, 1, 0], top]), "post"))
         parts += outline_pipe(world.pipe)
         if world.weld is not None and world.weld.present:
-            s, phi = _weld_curve(world.pipe, world.weld)
-            parts.append(Outline(surface_curve(world.pipe, s, phi), "weld"))
+            s, c = find_weld_on_pipe(world.pipe, world.weld)
+            parts.append(Outline(roll_points(build_cylinder(world.pipe), s, c)[0], "weld"))
     for tube in get_structures(world).tubes.values():
         ends = [[tube.x_m, tube.y_m, tube.z_m], [tube.to_x_m, tube.to_y_m, tube.to_z_m]]
         parts.append(Outline(np.array(ends), "post"))
     if world.structure is not None:
         parts += outline_structure(world.structure)
-    for box in world.obstacles.values():
-        parts += outline_box(box)
-    return parts
-
-
-def _weld_curve(pipe: Pipe, weld: Weld) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (s, phi) of the weld's line, where it runs on the pipe."""
-    radius, half = pipe.diameter_m / 2, pipe.length_m / 2
-    slope = math.radians(weld.angle_deg)
-    reach = math.pi * radius + half
-    t = np.linspace(-2 * reach, 2 * reach, 2001)
-    if weld.angle_deg == 90.0:
-        s, c = t, np.full_like(t, weld.offset_m)
-    else:
-        s, c = weld.offset_m + t * math.sin(slope), t * math.cos(slope)
-    inside = (np.abs(s) <= half) & (np.abs(c) <= math.pi * radius)
-    s[~inside] = np.nan
-    return s, c / radius
+    return parts + outline_things(world.things)
 
 
 def _draw_wind(ax: Axes, world: World) -> None:
@@ -148,7 +130,7 @@ def draw_world(world: World) -> Figure:
     columns = 2 if world.pipe is None else 3
     figure, axes = _figure(columns, _title(world.name, world.description), 5.2 * columns)
     _draw_scene(axes[:2], world, [])
-    if world.pipe is None and world.structure is None and not world.obstacles:
+    if world.pipe is None and world.structure is None and not world.things:
         axes[0].text(0.5, 0.5, "nothing but flat ground", transform=axes[0].transAxes, ha="center")
         for ax in axes:
             ax.plot([-3, 3], [-1, 3], alpha=0)  # some room to look at
@@ -165,7 +147,7 @@ def draw_mission(description: Description) -> Figure:
     columns = 3 if unrolled else 2
     figure, axes = _figure(columns, _title(mission.name, mission.description), 5.2 * columns)
     yaw = math.radians(mission.start_yaw_deg)
-    start, quat, _ = home_pose(robot, mission.start_x_m, mission.start_y_m, yaw, world.bench)
+    start, quat, _ = home_pose(robot, world, mission.start_x_m, mission.start_y_m, yaw)
     R_WB = np.empty((3, 3))
     quat_to_rot(quat, R_WB)
     extra = place(outline_robot(robot, posture(robot, "folded")), start, R_WB)
@@ -208,8 +190,8 @@ def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, sketch: Sketch | Non
         ax.axhline(c, color="#cccccc", lw=0.8, ls=":")
         ax.text(half, c, f" {name}", fontsize=8, va="center", color="#666666")
     if weld is not None and weld.present:
-        s, phi = _weld_curve(pipe, weld)
-        ax.plot(s, phi * radius, **STYLES["weld"], label=f"weld, {weld.angle_deg:g} deg")
+        line = find_weld_on_pipe(pipe, weld)
+        ax.plot(*line, **STYLES["weld"], label=f"weld, {weld.angle_deg:g} deg")
     if sketch is not None:
         s, phi = sketch.on_pipe.T
         if len(s) > 1:

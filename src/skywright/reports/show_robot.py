@@ -8,18 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_limbs
 from skywright.description.robot.spec import Link, Robot
-from skywright.models.rigid_body import (
-    KINEMATICS,
-    build_body_model,
-    compute_body,
-    fill_kinematics,
-    posture,
-)
+from skywright.models.rigid_body import build_body_model, compute_body, compute_kinematics, posture
 from skywright.models.rotors import build_rotors
 from skywright.reports.outlines import outline_arm, outline_robot
 from skywright.reports.show_style import SIDE, STYLES, TOP, draw_dimension, draw_parts, label_axes
@@ -27,7 +21,6 @@ from skywright.reports.show_style import SIDE, STYLES, TOP, draw_dimension, draw
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 CCW, CW = "#2f6fc4", "#e07b00"
 THRUST_LENGTH = 0.16  # m, of the arrows that show where a rotor pushes
@@ -125,11 +118,10 @@ def _draw_joints(ax: Axes, robot: Robot) -> None:
     if robot.arm is None:
         return
     model = build_body_model(robot)
-    k = np.zeros(1, KINEMATICS)
-    fill_kinematics(model[0], pad_joints(posture(robot, "working")), k[0])
+    k = compute_kinematics(model, posture(robot, "working"))
     for i, limb in enumerate(list_limbs(robot)):
         if limb.link.joint != "fixed":
-            p = k[0]["p"][i]
+            p = k["p"][i]
             ax.plot(p[0], p[2], "o", color="white", mec="black", ms=7, zorder=6)
             ax.annotate(limb.name, (p[0], p[2]), (-6, 9), textcoords="offset points", fontsize=8,
                         ha="right")  # fmt: skip

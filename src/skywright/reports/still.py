@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
-from skywright.description.world.surface import build_cylinder
+from skywright.core.arrays import Array
+from skywright.description.world.surface import build_cylinder, build_weld_line, roll_points
 from skywright.inspection.weld import WeldResult
-from skywright.models.deviation import build_true_world
+from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import (
     build_drawing,
     compute_part_poses,
@@ -25,7 +26,6 @@ from skywright.reports.render import Camera, Item, render_scene
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-Array = NDArray[np.float64]
 
 CCW, CW = (0.17, 0.42, 0.78), (0.45, 0.72, 0.96)
 PATH_WIDTH = 0.007  # m
@@ -71,7 +71,7 @@ def _place_camera(result: RunResult, row: Any) -> Camera:
 
 def _build_items(result: RunResult, row: Any) -> list[Item]:
     d = result.description
-    drawing = build_drawing(d.robot, build_true_world(d.plant, d.robot, d.world, d.mission.seed))
+    drawing = build_drawing(d.robot, d.world, build_socket_error(d.plant))
     items = []
     for shape in drawing.world:
         if shape.kind != "plane":
@@ -108,7 +108,8 @@ def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Ite
     low, high = float(np.nanmin(weld.c)) - 0.02, float(np.nanmax(weld.c)) + 0.02
     c = np.linspace(low, high, 120)
     if true is not None and true.present and abs(true.angle_deg) < 60:
-        s = true.offset_m + c * math.tan(math.radians(true.angle_deg))
+        line = build_weld_line(true)
+        s = line.s + (c - line.c) * math.tan(line.angle)
         items.append(_band(result, s, c, 2.0 * true.half_width_m, 0.0006, WELD))
     step = max(1, len(scan) // 1500)
     keep = np.flatnonzero(scan["t"] <= until)[::step]
@@ -127,10 +128,8 @@ def _band(result: RunResult, s: Array, c: Array, width: float, lift: float, colo
     pipe = result.description.world.pipe
     assert pipe is not None
     cyl = build_cylinder(pipe)
-    phi = c / cyl.radius
-    normals = np.column_stack([-np.cos(phi), np.zeros_like(phi), np.sin(phi)]) @ cyl.R_WP.T
-    points = cyl.p_WP + s[:, None] * cyl.R_WP[:, 1] + (cyl.radius + lift) * normals
-    mesh = build_ribbon(points, normals, width)
+    points, normals = roll_points(cyl, s, c)
+    mesh = build_ribbon(points + lift * normals, normals, width)
     if np.ndim(colour) == 2:
         return Item(mesh.vertices, mesh.faces, np.concatenate([colour, colour]))
     return _paint(mesh, colour)

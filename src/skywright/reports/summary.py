@@ -17,6 +17,8 @@ from skywright.description.robot.spec import Robot, Sensors
 from skywright.description.world.gnss import Gnss
 from skywright.description.world.localisation import TotalStation
 from skywright.description.world.spec import Link, Mocap, Wind, World
+from skywright.description.world.thing import Placed
+from skywright.description.world.things import locate_thing
 from skywright.description.world.wind import compute_dryden_scales
 from skywright.errors import InputError
 from skywright.models.capability import check_can_fly, compute_capability
@@ -221,9 +223,11 @@ def describe_world(world: World) -> list[Section]:
         if s.slope_deg:
             rows.append(("slope", f"{s.slope_deg:g} deg toward {s.slope_toward_deg:g} deg"))
         rows.append(("friction of the tip", f"{s.friction:g}"))
-    for name, box in world.obstacles.items():
-        size = f"{box.size_x_m:g} x {box.size_y_m:g} x {box.size_z_m:g} m"
-        rows.append((f"obstacle {name}", f"{size} at ({box.x_m:g}, {box.y_m:g}, {box.z_m:g}) m"))
+    for name, thing in world.things.items():
+        at = ""
+        if isinstance(thing, Placed):
+            at = " at ({:.4g}, {:.4g}, {:.4g}) m".format(*locate_thing(world.things, name).p)
+        rows.append((name, thing.describe() + at))
     rows.append(("wind", ": ".join(filter(None, describe_wind(world.wind)))))
     name, *said = describe_localisation(world)
     rows.append((name, ", ".join(said)))

@@ -9,14 +9,13 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import World
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.models.compliant_arms import is_compliant
 from skywright.reports.scene3d import AREA, CCW, CW, ESTIMATE, PLAN, WELD, Colour
-
-Array = NDArray[np.float64]
 
 FREE: Colour = (120, 130, 145)
 """The path away from the surface."""

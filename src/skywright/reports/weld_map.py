@@ -14,6 +14,7 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Patch
 
 from skywright.description.world.spec import Weld
+from skywright.description.world.surface import build_weld_line
 from skywright.errors import InputError
 from skywright.inspection.calibration import to_complex
 from skywright.inspection.weld import WeldResult
@@ -25,27 +26,6 @@ _ESTIMATE, _TRUTH, _LOST, _CROSSING = "#c1121f", "#111111", "#8a8f98", "#c1121f"
 
 def _thin(index: np.ndarray) -> np.ndarray:
     return index[:: max(1, math.ceil(index.size / MAX_POINTS))]
-
-
-def _clip_line(
-    s0: float, c0: float, angle: float, box: tuple[float, float, float, float]
-) -> np.ndarray | None:
-    """End points (2, 2) of (s, c) of the line inside the box (s_min, s_max, c_min, c_max)."""
-    low, high = -1e3, 1e3
-    for origin, step, a, b in (
-        (s0, math.sin(angle), box[0], box[1]),
-        (c0, math.cos(angle), box[2], box[3]),
-    ):
-        if abs(step) < 1e-9:
-            if not a <= origin <= b:
-                return None
-            continue
-        ends = sorted(((a - origin) / step, (b - origin) / step))
-        low, high = max(low, ends[0]), min(high, ends[1])
-    if low >= high:
-        return None
-    u = np.array([low, high])
-    return np.stack([s0 + u * math.sin(angle), c0 + u * math.cos(angle)], axis=1)
 
 
 def draw_weld_map(
@@ -101,11 +81,10 @@ def draw_weld_map(
                 transform=bar.ax.get_yaxis_transform(),
             )
     if truth is not None and truth.present:
-        angle = math.radians(truth.angle_deg)
-        s0, c0 = (0.0, truth.offset_m) if truth.angle_deg == 90.0 else (truth.offset_m, 0.0)
-        ends = _clip_line(s0, c0, angle, box)
+        true = build_weld_line(truth)
+        ends = true.clip(*box)
         if ends is not None:
-            width = truth.half_width_m / max(math.cos(angle), 0.05) * 1e3
+            width = truth.half_width_m / max(true.normal[0], 0.05) * 1e3
             if abs(truth.angle_deg) < 60:
                 ax.fill_betweenx(
                     1e3 * ends[:, 1],
@@ -124,13 +103,13 @@ def draw_weld_map(
             labels.append("true weld line")
     line = result.line
     if line is not None:
-        ends = _clip_line(line.s, line.c, line.angle, box)
+        ends = line.line.clip(*box)
         if ends is not None:
             u = np.linspace(0, 1, 60)[:, None]
             path = ends[0] + u * (ends[1] - ends[0])
             along = (path - [line.s, line.c]) @ [math.sin(line.angle), math.cos(line.angle)]
             half = 2 * np.hypot(line.std_offset, line.std_angle * along)
-            normal = np.array([math.cos(line.angle), -math.sin(line.angle)])
+            normal = np.array(line.line.normal)
             band = np.concatenate(
                 [path + half[:, None] * normal, (path - half[:, None] * normal)[::-1]]
             )

@@ -11,10 +11,9 @@ from skywright.core.validation import list_problems
 from skywright.description.loader import SPECS, list_layer_problems, load_description
 from skywright.description.lookup import find_kind
 from skywright.description.parts import type_parts
-from skywright.description.renamed import load_layer
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
-from skywright.description.world.loader import find_world
+from skywright.description.world.loader import find_world, load_world_layer
 from skywright.errors import InputError
 
 
@@ -61,7 +60,7 @@ def _load_layers(kind: str, path: str, problems: list[str]) -> list[Layer]:
     if kind == "robot":
         return load_robot_layers(find_robot(path), problems)
     found = find_world(path)
-    layer = load_layer(found.path, found.label, problems)
+    layer = load_world_layer(found, problems)
     for root in layer.tree:
         if root not in (kind, "plant"):
             problems.append(f"{layer.label}: a {kind} file cannot hold the table [{root}]")

@@ -8,9 +8,11 @@ from skywright.core.find import find
 from skywright.description.loader import Description
 from skywright.description.parts import Part, build_part, list_parts
 from skywright.description.robot.spec import Robot
+from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.models.allocation import build_allocator
 from skywright.models.rotors import build_rotors
+from skywright.models.things.marker import Marker
 from skywright.vehicle.component import Component, Estimator, Law
 
 
@@ -57,7 +59,7 @@ def check_localisation(description: Description[Any]) -> None:
     if kind == "mocap":
         return
     says = f"world.localisation = {kind!r} tells a place and a heading only: "
-    if world.marker is not None and robot.camera is None:
+    if find_first(world.things, Marker) is not None and robot.camera is None:
         raise InputError(f"{says}world.marker needs motion capture, or robot.camera to see it")
     if world.pipe is not None and world.pipe.tracked:
         raise InputError(f"{says}world.pipe.tracked needs motion capture")

@@ -21,9 +21,9 @@ from skywright.core.columns import build_dtype
 from skywright.core.threads import on_one_thread
 from skywright.description.loader import Description, load_description
 from skywright.description.mission.spec import T
-from skywright.description.world.things import Bench
 from skywright.errors import InfeasibleError, InputError, SimulationError
 from skywright.models.capability import check_can_fly
+from skywright.models.things.bench import Bench
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.run.directory import (
     load_run,
@@ -213,7 +213,7 @@ def build_vehicle(
     world = d.world
     if load_kind(mission.kind).held:  # in the air, where the flight begins
         place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
-        world = world.model_copy(update={"bench": place})
+        world = world.add_thing("clamp", place)
     parts = build_named(d)
     if load_kind(mission.kind).operated:
         parts.append(OperatorStick("operator"))

@@ -118,13 +118,13 @@ class Backend(Protocol):
         """Disturb a body of the robot with a force (3,) N (a simulation can)."""
 
     def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
-        """Move the fixture that clamps the platform (a simulation with `world.bench` can)."""
+        """Move the fixture that clamps the platform (a simulation of a world with a bench can)."""
 
     def release(self) -> None:
-        """Let go a robot that is held in the air (a simulation with `world.bench` can)."""
+        """Let go a robot that is held in the air (a simulation of a world with a bench can)."""
 
-    def survey_socket(self) -> tuple[Array, Array]:
-        """One look of motion capture at the socket: (p_WS, R_WS); needs `world.socket`."""
+    def survey(self, name: str) -> tuple[Array, Array]:
+        """One look of motion capture at a tracked thing of the world: (p_WO, R_WO)."""
 
     def zero_gauges(self) -> None:
         """Count the wrench on the platform from now on (a simulation of a world with pads can)."""

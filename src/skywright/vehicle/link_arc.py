@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_limbs
 from skywright.description.robot.spec import Robot
-from skywright.models.rigid_body import KINEMATICS, fill_kinematics, posture
+from skywright.models.rigid_body import compute_kinematics, posture
 from skywright.vehicle.rest_to_rest import duration, quintic
 
 Array = NDArray[np.float64]
@@ -61,15 +60,13 @@ def compute_link_arc(robot: Robot, model: NDArray[Any]) -> LinkArc | None:
     """Return the arc of a robot with a swinging link, None for every other."""
     if robot.pendulum is None:
         return None
-    q, k = np.zeros(MAX_JOINTS), np.zeros(1, KINEMATICS)
     landed = posture(robot, "landed")
-    q[: len(landed)] = landed
-    fill_kinematics(model[0], q, k[0])
+    k = compute_kinematics(model, landed)
     limbs = list_limbs(robot)
     swing = next(j for j, limb in enumerate(list_joints(robot)) if limb.servo < 0)
-    joint = k[0]["p"][0].copy()
+    joint = k["p"][0].copy()
     # of the joints and ends near the ground, the one farthest from the link's own
-    points = np.vstack([k[0]["p"][1 : len(limbs)], k[0]["p_BT"]])
+    points = np.vstack([k["p"][1 : len(limbs)], k["p_BT"]])
     thick = np.array([limb.link.radius_m for limb in limbs[1:]] + [limbs[-1].link.radius_m])
     low = points[:, 2] < np.min(points[:, 2]) + LYING
     away = points[low] - joint

@@ -21,12 +21,13 @@ from skywright.core.streams import build_stream
 from skywright.core.types import REFERENCE
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
-from skywright.description.world.things import Bench
+from skywright.description.world.thing import Frame as Pose
+from skywright.description.world.thing import Placed
+from skywright.description.world.things import find_carrier, find_first, locate_thing
 from skywright.errors import InputError, SimulationError
 from skywright.models.allocation import build_allocator
 from skywright.models.arm_body import Deviation
 from skywright.models.compliant_arms import is_compliant
-from skywright.models.insertion_body import locate_socket
 from skywright.models.rigid_body import (
     build_body_model,
     compute_body,
@@ -36,7 +37,8 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
-from skywright.models.things import BENCH
+from skywright.models.things._build import OBJECT, find_offsets
+from skywright.models.things.bench import CLAMP, Bench
 from skywright.sim.simulation import Simulation
 from skywright.vehicle.assembly import Assembly, State
 from skywright.vehicle.bus import Allocated, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
@@ -116,7 +118,7 @@ class SimulatedVehicle:
         self.allocator = build_allocator(self.rotors)
         self.model = build_body_model(robot, world.gravity_mps2)
         self.arc = compute_link_arc(robot, self.model)
-        home = home_pose(robot, *start, world.bench)
+        home = home_pose(robot, world, *start)
         self.sim = Simulation(self.scene, home)
         context = PlantContext(
             robot, world, self.model[0], self.rotors, self.allocator,
@@ -298,7 +300,7 @@ class SimulatedVehicle:
 
         Raises InputError where the world has none.
         """
-        bench = self._get_bench()
+        bench = self._find_bench()
         self.sim.data.mocap_pos[0] = p_W
         w, _, y, _ = bench.q_WB
         c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
@@ -309,28 +311,46 @@ class SimulatedVehicle:
 
         Raises InputError where the world has none.
         """
-        self._get_bench()
-        self.sim.data.eq_active[self.scene.model.equality(BENCH).id] = 0
+        self._find_bench()
+        self.sim.data.eq_active[self.scene.model.equality(CLAMP).id] = 0
 
-    def _get_bench(self) -> Bench:
-        if self.world.bench is None:
-            raise InputError(f"world {self.world.name!r} has no bench: give it a [world.bench]")
-        return self.world.bench
+    def survey(self, name: str) -> tuple[Array, Array]:
+        """Return (p_WO, R_WO) of a tracked thing as motion capture sees it: true, but for the error
+        of its markers, one for the run, and a sample's noise.
 
-    def survey_socket(self) -> tuple[Array, Array]:
-        """Return (p_WS, R_WS) of the socket as motion capture sees it: true, but for the error of
-        its markers, one for the run, and a sample's noise.
-
-        Raises InputError where the world has none.
+        Raises InputError where the world has no tracked thing of that name.
         """
-        if self.world.socket is None:
-            raise InputError(f"world {self.world.name!r} has no socket: give it a [world.socket]")
+        thing = self.world.find_thing(name, Placed)
+        if not thing.tracked:
+            raise InputError(
+                f"world {self.world.name!r}: motion capture does not see {name!r}: "
+                f"[world.things.{name}] tracked = true"
+            )
         draw, mocap = self._survey.standard_normal(6), self.world.mocap
         noise = np.repeat([mocap.position_noise_m, mocap.attitude_noise_rad], 3) * draw
-        p, R = locate_socket(self.world.socket, self._deviation.socket_error)
+        p, R = self._locate(name)
         error, turn = self._deviation.survey_error + noise, np.empty((3, 3))
         exp_so3(error[3:], turn)
         return p + R @ error[:3], R @ turn
+
+    def _locate(self, name: str) -> Pose:
+        """Where a thing is in truth."""
+        things = self.world.things
+        carrier = name if things[name].movable else find_carrier(things, name)
+        if carrier is None:
+            offsets = find_offsets(things, self._deviation.socket_error)
+            return locate_thing(things, name, offsets=offsets)
+        body, data = self.scene.model.body(OBJECT + carrier).id, self.sim.data
+        frame = Pose(np.array(data.xpos[body]), np.array(data.xmat[body]).reshape(3, 3))
+        return frame if carrier == name else frame.at(locate_thing(things, name, carrier))
+
+    def _find_bench(self) -> Bench:
+        bench = find_first(self.world.things, Bench)
+        if bench is None:
+            raise InputError(
+                f"world {self.world.name!r} has no bench: give it a thing of kind 'bench'"
+            )
+        return bench
 
     def zero_gauges(self) -> None:
         """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
@@ -363,7 +383,7 @@ class SimulatedVehicle:
         table = np.zeros(1, REFERENCE)
         row = table[0]
         row["p_WB"], row["R_WB"] = p, rot_z(yaw)
-        bench = self.world.bench
+        bench = find_first(self.world.things, Bench)
         if bench is not None and bench.pitch_deg != 0.0:
             quat_to_rot(q_WB, row["R_WB"])
         row["R_WS"] = np.eye(3)

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -23,8 +23,6 @@ from skywright.reports.figures.style import (
 )
 from skywright.run.rows import Row
 from skywright.run.verdict import LIMIT_USE, Verdict, add_limit_use
-
-Array = NDArray[np.float64]
 
 TOP = 1.6
 """Limit use at which the scale ends; what lies beyond, or was never measured, sits there."""

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.analysis.compare import geometry as shapes
 from skywright.analysis.compare.comparison import Comparison, Install, Side, TorqueMap
 from skywright.analysis.compare.flown import Step, fly_collisions, fly_hover, fly_install
 from skywright.analysis.compare.table import build_rows, judge_statements
+from skywright.core.arrays import Array
 from skywright.core.keys import parse_assignment
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints
@@ -24,8 +24,6 @@ from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.reach import compute_reach
 from skywright.models.rigid_body import build_body_model, posture
 from skywright.models.tip_force import Loaded, compute_reaction_map
-
-Array = NDArray[np.float64]
 
 MISSION = "sensor-install"
 FORCE = 2.0  # N, at the hand (Suarez 2020, section VI-B)

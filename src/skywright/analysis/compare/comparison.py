@@ -6,12 +6,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.models.reach import ReachMap
-
-Array = NDArray[np.float64]
 
 
 class Way(NamedTuple):

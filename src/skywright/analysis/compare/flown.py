@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skywright.analysis.compare.comparison import Collision, Hover, Install
 from skywright.analysis.compare.geometry import PipeDistance
+from skywright.core.arrays import Array
 from skywright.core.columns import has_columns
 from skywright.core.types import TASK_POSITION
 from skywright.description.loader import Description, load_description
@@ -25,7 +25,6 @@ from skywright.vehicle.guard import LOST_CONTROL
 from skywright.vehicle.interface import Arms, Uav, WholeBody
 from skywright.vehicle.simulated import SimulatedVehicle
 
-Array = NDArray[np.float64]
 Step = Callable[[str], None]
 
 WINDS = (0.0, 1.0, 2.0, 3.0)  # m/s

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.analysis.compare.comparison import Way
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.loader import Description
 from skywright.description.robot.limbs import list_joints
@@ -20,8 +20,6 @@ from skywright.models.rotors import build_rotors
 from skywright.models.scene import build_scene
 from skywright.models.statics import UP, build_layout, wrench_at
 from skywright.run.planning import plan_mission
-
-Array = NDArray[np.float64]
 
 STEP = 0.02  # m, along the way
 FAR = 10.0  # m, from which on distances are not resolved

@@ -1,18 +1,26 @@
-"""The page of a comparison: one HTML file that opens offline."""
+"""A comparison for people: a page that opens offline, and tables."""
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
+from rich.text import Text
+
 from skywright.analysis.compare import figures
+from skywright.analysis.compare.compare import MISSION
 from skywright.analysis.compare.comparison import Comparison
+from skywright.description.loader import load_description
 from skywright.description.world.spec import Pipe
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, render_page, write_page
+from skywright.reports.terminal import new_console, new_table
+from skywright.run.run import collect_versions
 
+STYLES = {"holds": "green", "partly": "yellow", "does not hold": "red"}
 VERDICTS = {"holds": "good", "does not hold": "bad", "partly": "open"}
 
 
@@ -23,13 +31,20 @@ def _count(verdicts: Sequence[str]) -> str:
     return ", ".join(f"{n} {plural.get(v, v) if n != 1 else v}" for v, n in found)
 
 
-def write_compare_page(path: Path, c: Comparison, pipe: Pipe, versions: Mapping[str, str]) -> None:
-    """Write the page. Raises InputError when it cannot be written."""
-    write_page(path, render_compare_page(c, pipe, versions))
+def tell_step(text: str) -> None:
+    """Say on stderr what is being measured."""
+    print(f"  {text}", file=sys.stderr, flush=True)
+
+
+def write_compare_page(c: Comparison, path: Path) -> None:
+    """Write compare.html; everything that it shows is inside it. Raises InputError if it cannot."""
+    pipe = load_description(MISSION, sets=list(c.fixed)).world.pipe
+    assert pipe is not None
+    write_page(path, render_compare_page(c, pipe, collect_versions()))
 
 
 def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) -> str:
-    """Return the page; everything that it shows is inside it."""
+    """Return the page."""
     with house_style():
         pictures = [
             build_picture(
@@ -87,3 +102,29 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
         verdicts=_count([s.verdict for s in c.statements]),
         versions=versions,
     )
+
+
+def print_comparison(c: Comparison, page: Path) -> None:
+    """Print both tables and the page's place."""
+    console = new_console()
+    names = [s.name for s in c.sides]
+    table = new_table("", "", names[0], names[1], "unit", right=(names[0], names[1]))
+    group = ""
+    for r in c.rows:
+        if r.group != group:
+            group = r.group
+            table.add_row(Text(group, "bold"), "", "", "")
+        cells = [Text(r.write(i), "green" if r.winner == i else "") for i in (0, 1)]
+        table.add_row(f"  {r.title}", *cells, r.unit)
+    console.print(table)
+    notes = {
+        f"{name}: {note}": None
+        for r in c.rows for name, note in zip(names, r.notes, strict=True) if note
+    }  # fmt: skip
+    for note in notes:
+        console.print(note, markup=False)
+    table = new_table("Suarez 2020, table 3", "about", "statement", "")
+    for s in c.statements:
+        table.add_row(s.about, s.text, Text(s.verdict, STYLES.get(s.verdict, "")))
+    console.print(table)
+    console.print(str(page), markup=False)

@@ -8,20 +8,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from skywright.analysis.identify.fit import Estimate, Parameter, Prediction
+from skywright.core.arrays import Array
 from skywright.reports.figures.style import BLACK, BLUE, GREY, ORANGE, RED, WIDTH, new_figure
-
-Array = NDArray[np.float64]
 
 NAMES = ("x", "y", "z")
 WINDOW = 12.0  # s of the series that are shown
 
 
-def draw_series(
-    t: Array, held_out: NDArray[np.bool_], measured: Array, predicted: Array, nominal: Array,
-    r_squared: Array, what: str, unit: str,
-) -> Figure:  # fmt: skip
-    """Draw three components (k, 3) around a held-out part; `nominal` is the robot file's."""
-    at = _choose(t, held_out)
+def draw_series(p: Prediction, part: slice, what: str, unit: str) -> Figure:
+    """Draw three components around a held-out part: forces, or angular accelerations."""
+    t, held_out = p.t, p.held_out
+    measured, predicted, nominal = p.measured[:, part], p.predicted[:, part], p.nominal[:, part]
+    r_squared, at = p.r_squared(p.predicted)[part], _choose(t, held_out)
     figure = new_figure(WIDTH, 5.4)
     axes = figure.subplots(3, 1, sharex=True)
     for i, ax in enumerate(axes):
@@ -56,8 +55,10 @@ def _shade(ax: object, t: Array, held_out: NDArray[np.bool_]) -> None:
         ax.axvspan(t[a], t[min(b, len(t) - 1)], color=BLUE, alpha=0.08, lw=0)  # type: ignore[attr-defined]
 
 
-def draw_scatter(measured: Array, predicted: Array, r_squared: Array) -> Figure:
-    """Draw predicted over measured angular acceleration of the held-out samples (k, 3)."""
+def draw_scatter(p: Prediction) -> Figure:
+    """Draw predicted over measured angular acceleration of the held-out samples."""
+    measured, predicted = p.measured[p.held_out, 3:], p.predicted[p.held_out, 3:]
+    r_squared = p.r_squared(p.predicted)[3:]
     figure = new_figure(WIDTH, 3.4)
     for i, ax in enumerate(figure.subplots(1, 3)):
         ax.plot(measured[:, i], predicted[:, i], ".", color=BLUE, ms=3, alpha=0.6)
@@ -70,21 +71,27 @@ def draw_scatter(measured: Array, predicted: Array, r_squared: Array) -> Figure:
     return figure
 
 
-def draw_intervals(
-    names: Sequence[str], values: Array, halves: Array, nominal: Array, scales: Array
-) -> Figure:
-    """Draw estimates with intervals as deviations from the robot file, in parts of `scales`."""
-    figure = new_figure(WIDTH, 0.6 + 0.24 * len(names))
+def draw_intervals(estimates: Sequence[Estimate]) -> Figure:
+    """Draw estimates with intervals as deviations from the robot file, in per cent."""
+    figure = new_figure(WIDTH, 0.6 + 0.24 * len(estimates))
     ax = figure.subplots()
-    at = np.arange(len(names))[::-1]
-    shift = 100.0 * (values - nominal) / scales
-    ax.errorbar(shift, at, xerr=100.0 * halves / scales, fmt="o", color=BLUE, ms=4, capsize=3)
+    at = np.arange(len(estimates))[::-1]
+    scales = np.array([_scale(e.parameter) for e in estimates])
+    shift = 100.0 * np.array([e.value - e.parameter.nominal for e in estimates]) / scales
+    half = 100.0 * np.array([e.half_width for e in estimates]) / scales
+    ax.errorbar(shift, at, xerr=half, fmt="o", color=BLUE, ms=4, capsize=3)
     ax.axvline(0.0, color=GREY, lw=1.0)
-    ax.set_yticks(at, names)
-    ax.set_ylim(-0.7, len(names) - 0.3)
+    ax.set_yticks(at, [e.parameter.name for e in estimates])
+    ax.set_ylim(-0.7, len(estimates) - 0.3)
     ax.set_xlabel(
         "deviation from the robot file (%; centre of mass: of 10 mm, products of inertia: of the "
         "mean inertia)"
     )
     figure.tight_layout()
     return figure
+
+
+def _scale(p: Parameter) -> float:
+    """What a deviation is compared to: the robot file's value where it is one to compare to."""
+    offset = "com_" in p.name or p.name.endswith(("_xy_kgm2", "_xz_kgm2", "_yz_kgm2"))
+    return p.scale if offset or abs(p.nominal) <= 0.2 * p.scale else abs(p.nominal)

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from skywright.analysis.identify.signals import INERTIA_AXES, Columns
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import RotorSet, build_rotors
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 BLOCK = 2.0  # s, within which residuals may hang together

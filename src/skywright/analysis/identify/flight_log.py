@@ -7,13 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class FlightLog(NamedTuple):

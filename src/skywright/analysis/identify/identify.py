@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.analysis.identify.fit import (
     CONFIDENCE,
@@ -21,12 +20,11 @@ from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.lag import Lag, fit_rotor_lag, fit_servos
 from skywright.analysis.identify.load import load_log
 from skywright.analysis.identify.signals import POSE, Columns, build_columns
+from skywright.core.arrays import Array
 from skywright.core.threads import on_one_thread
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, posture
-
-Array = NDArray[np.float64]
 
 AXES = (
     "specific_force_x", "specific_force_y", "specific_force_z",
@@ -71,6 +69,11 @@ class Identification(NamedTuple):
             "not_identified": self.list_unknown(),
             "notes": self.notes,
         }
+
+    def list_lags(self) -> list[Lag]:
+        """The responses that were identified, the rotors' first."""
+        lags = [self.rotor_lag, *self.servos]
+        return [lag for lag in lags if lag is not None and lag.identified]
 
     def list_unknown(self) -> list[str]:
         """Say one by one what the flights did not tell."""

@@ -10,15 +10,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.signal import butter, sosfiltfilt
 
 from skywright.analysis.identify.fit import BLOCK, CONFIDENCE, HELD_OUT, HELD_OUT_S
 from skywright.analysis.identify.flight_log import FlightLog
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from skywright.core.arrays import Array, Mask
 
 CUTOFF = 5.0  # Hz
 LEAST = 4  # blocks of motion that a fit needs

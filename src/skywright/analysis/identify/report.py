@@ -1,116 +1,88 @@
-"""The page of an identification: one HTML file that opens offline."""
+"""An identification for people: a page that opens offline, and a table."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.analysis.identify import figures
+from skywright.analysis.identify.fit import CONFIDENCE
+from skywright.analysis.identify.identify import Identification
 from skywright.reports.figures.style import house_style
-from skywright.reports.page import build_picture, render_page
-
-Array = NDArray[np.float64]
-
-
-class ParameterRow(NamedTuple):
-    """One line of the table of parameters."""
-
-    name: str
-    meaning: str
-    unit: str
-    nominal: float
-    value: float
-    half_width: float
-    scale: float  # to which a deviation is compared
+from skywright.reports.page import build_picture, render_page, write_page
+from skywright.reports.terminal import new_console, new_table
 
 
-class LagRow(NamedTuple):
-    """One line of the table of responses."""
-
-    name: str
-    unit: str
-    gain: float
-    half_gain: float
-    lag_s: float
-    half_lag_s: float
-    offset: float
-    r_squared: float
-
-
-class IdentifyPage(NamedTuple):
-    """Everything that the page tells. Arrays: k samples; specific force, angular acceleration."""
-
-    robot: str
-    logs: Sequence[str]
-    mass: float
-    samples: int
-    confidence: float
-    poses: Sequence[str]
-    parameters: Sequence[ParameterRow]
-    lags: Sequence[LagRow]
-    unknown: Sequence[str]
-    notes: Sequence[str]
-    overrides: str
-    t: Array  # (k,) s
-    held_out: NDArray[np.bool_]
-    measured: Array  # (k, 6)
-    predicted: Array
-    nominal: Array
-    r_squared: Array  # (6,)
-    r_squared_nominal: Array
-
-
-def write_identify_page(page: IdentifyPage, path: Path) -> None:
-    """Write the page; everything that it shows is inside it."""
-    p = page
+def write_identify_page(found: Identification, overrides: str, path: Path) -> None:
+    """Write identify.html; everything that it shows is inside it."""
+    p, estimates = found.fit.prediction, [e for e in found.fit.estimates if e.identified]
+    r2 = p.r_squared(p.predicted)
     with house_style():
         pictures = [
             build_picture(
                 "Angular acceleration, measured and predicted",
-                figures.draw_series(
-                    p.t, p.held_out, p.measured[:, 3:], p.predicted[:, 3:], p.nominal[:, 3:],
-                    p.r_squared[3:], "about", "rad/s²",
-                ),
+                figures.draw_series(p, slice(3, 6), "about", "rad/s²"),
                 "A window around a part that the fit did not see. The dotted line is what the "
                 "robot file would have predicted.",
             ),
             build_picture(
-                "Predicted over measured, held-out parts",
-                figures.draw_scatter(
-                    p.measured[p.held_out, 3:], p.predicted[p.held_out, 3:], p.r_squared[3:]
-                ),
+                "Predicted over measured, held-out parts", figures.draw_scatter(p),
                 "Angular acceleration about the three axes of the body; on the line both agree.",
             ),
             build_picture(
                 "Specific force, measured and predicted",
-                figures.draw_series(
-                    p.t, p.held_out, p.measured[:, :3], p.predicted[:, :3], p.nominal[:, :3],
-                    p.r_squared[:3], "along", "m/s²",
-                ),
+                figures.draw_series(p, slice(0, 3), "along", "m/s²"),
                 "What an accelerometer at the origin of the body feels.",
             ),
         ]  # fmt: skip
-        if p.parameters:
-            rows = list(p.parameters)
+        if estimates:
             pictures.append(
                 build_picture(
-                    "How far the robot is from its file",
-                    figures.draw_intervals(
-                        [r.name for r in rows],
-                        np.array([r.value for r in rows]),
-                        np.array([r.half_width for r in rows]),
-                        np.array([r.nominal for r in rows]),
-                        np.array([r.scale for r in rows]),
-                    ),
-                    f"Bars are {p.confidence:.0%} confidence intervals; where a bar does not "
+                    "How far the robot is from its file", figures.draw_intervals(estimates),
+                    f"Bars are {CONFIDENCE:.0%} confidence intervals; where a bar does not "
                     "reach zero, the robot differs from its file.",
                 )
+            )  # fmt: skip
+    poses = [
+        f"pose {i + 1}: " + ", ".join(
+            f"{name} {angle:.1f}°" for name, angle in zip(found.joints, np.degrees(q), strict=True)
+        )
+        for i, q in enumerate(found.poses)
+        if found.joints
+    ]  # fmt: skip
+    write_page(path, render_page(
+        "identify.html.j2", found=found, estimates=estimates, lags=found.list_lags(), poses=poses,
+        r_squared=r2, r_squared_nominal=p.r_squared(p.nominal), confidence=CONFIDENCE,
+        overrides=overrides, pictures=pictures, axes=figures.NAMES,
+    ))  # fmt: skip
+
+
+def print_identification(found: Identification, page: Path, robot_file: Path) -> None:
+    """Print what was found."""
+    console = new_console()
+    table = new_table(
+        f"{found.robot.name} from {', '.join(found.logs)}", "parameter", "robot file", "identified",
+        "+-", "unit", right=("robot file", "identified", "+-"),
+    )  # fmt: skip
+    for e in found.fit.estimates:
+        if e.identified:
+            p = e.parameter
+            table.add_row(
+                p.name, f"{p.nominal:.4g}", f"{e.value:.4g}", f"{e.half_width:.2g}", p.unit
             )
-    text = render_page(
-        "identify.html.j2", page=p, pictures=[x for x in pictures if x], axes=("x", "y", "z")
-    )
-    path.write_text(text, encoding="utf-8")
+    console.print(table)
+    for lag in found.list_lags():
+        console.print(
+            f"{lag.name}: lag {1e3 * lag.lag:.1f} +- {1e3 * lag.half_lag:.1f} ms, gain "
+            f"{lag.gain:.3f} +- {lag.half_gain:.3f}"
+        )
+    r2 = found.fit.prediction.r_squared(found.fit.prediction.predicted)[3:]
+    each = ", ".join(f"{r:.4f}" for r in r2)
+    console.print(f"angular acceleration predicted with R² {each} (x, y, z) on held-out parts")
+    for line in found.list_unknown():
+        console.print(f"not identified: {line}", markup=False)
+    for note in found.notes:
+        console.print(f"note: {note}", markup=False)
+    console.print(f"page: {page}", markup=False)
+    console.print(f"robot file: {robot_file}", markup=False)

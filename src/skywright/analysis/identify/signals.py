@@ -24,13 +24,12 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from skywright.analysis.identify.flight_log import FlightLog
+from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
 from skywright.errors import InputError
 from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics
 from skywright.models.rotors import RotorSet, build_rotors
 from skywright.planning.inverse_dynamics import build_motion, compute_wrench
-
-Array = NDArray[np.float64]
 
 CUTOFF = 5.0  # Hz, of the low-pass filter
 EDGE = 0.6  # s, left out at both ends of a stretch, where the filter rings

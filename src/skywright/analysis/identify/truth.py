@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skywright.analysis.identify.signals import INERTIA_AXES
+from skywright.core.arrays import Array
 from skywright.description.loader import Description
 from skywright.description.robot.spec import Robot
 from skywright.models.arm_body import Deviation
 from skywright.models.deviation import build_deviation
 from skywright.models.rigid_body import build_body_model, compute_body
-
-Array = NDArray[np.float64]
 
 
 def build_true_robot(robot: Robot, deviation: Deviation) -> Robot:

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.identify.flight_log import FlightLog
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import build_rotors
-
-Array = NDArray[np.float64]
 
 FASTEST = 250.0  # Hz, of the common time axis
 GRAVITY = 9.80665

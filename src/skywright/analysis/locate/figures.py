@@ -23,8 +23,6 @@ from skywright.reports.figures.style import (
     new_figure,
 )
 
-Array = NDArray[np.float64]
-
 MANY_POINTS = 4000
 AXES = "xyz"
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.locate.paper_filter import run_paper_filter
+from skywright.core.arrays import Array
 from skywright.models.localisation.calibration import Calibration
 from skywright.models.localisation.drift_filter import (
     CAMERA,
@@ -23,8 +24,6 @@ from skywright.models.localisation.trajectory import (
     find_gap_limit,
     interpolate_rotation,
 )
-
-Array = NDArray[np.float64]
 
 OUTAGE = 1.0
 """s without the station that count as an outage."""

@@ -25,6 +25,7 @@ from skywright.analysis.locate.trajectory_error import (
     TrajectoryError,
     compute_error,
 )
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.models.localisation.calibration import Calibration, calibrate
 from skywright.models.localisation.drift_filter import CAMERA, STATION, DriftModel, Fused
@@ -40,8 +41,6 @@ from skywright.models.localisation.trajectory import (
     find_gap_limit,
     interpolate_rotation,
 )
-
-Array = NDArray[np.float64]
 
 FIT_SAMPLES = 3000
 """Samples that the refinement of a reference's clock looks at."""

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from skywright.core.arrays import Array
 
 CAMERA, STATION = 0, 1
 

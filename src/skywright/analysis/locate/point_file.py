@@ -9,7 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.analysis.locate.trajectory_file import (
     find_delimiter,
@@ -17,10 +16,9 @@ from skywright.analysis.locate.trajectory_file import (
     read_bytes,
     split_row,
 )
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.models.localisation.trajectory import MAX_POSITION
-
-Array = NDArray[np.float64]
 
 VALID = "a CSV with the header name,x_m,y_m,z_m and a row a point"
 

@@ -11,12 +11,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skywright.analysis.locate.drift_floor import compute_drift_floor
 from skywright.analysis.locate.fusion import Events, fuse, fuse_as_printed
 from skywright.analysis.locate.station_frame import StationPose, estimate_station_pose
+from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.models.localisation.calibration import Calibration, calibrate
 from skywright.models.localisation.drift_filter import CAMERA, Fused
@@ -28,8 +28,6 @@ from skywright.vehicle.sensor_flight import (
     build_path,
     simulate_flight,
 )
-
-Array = NDArray[np.float64]
 
 CALIBRATION = 40.0
 """s at the start of a flight that align camera and station; nothing later is used for it."""

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.models.localisation.frame_alignment import estimate_level, estimate_similarity
-
-Array = NDArray[np.float64]
 
 SIGNIFICANCE = 0.001
 """Chance that a good point is rejected (Baarda's usual choice)."""

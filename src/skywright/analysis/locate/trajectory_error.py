@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.models.localisation.frame_alignment import (
     LEAST_POINTS,
@@ -26,8 +27,6 @@ from skywright.models.localisation.trajectory import (
     interpolate_position,
     interpolate_rotation,
 )
-
-Array = NDArray[np.float64]
 
 ALIGNMENTS = ("rigid", "similarity", "none")
 

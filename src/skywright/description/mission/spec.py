@@ -90,7 +90,7 @@ class Plant(Spec):
     # a pipe that is tracked is this far, either way, from where the planner's map has it
     map_error_m: float = Field(default=0.02, ge=0, le=0.2)  # each axis
     map_error_deg: float = Field(default=2.0, ge=0, le=20)  # heading
-    # where the socket (world.socket) stands against the world file: motion capture finds it
+    # where tracked things that do not move, as a socket, stand against the world file
     socket_x_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)  # in the socket's frame
     socket_y_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)
     socket_z_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)

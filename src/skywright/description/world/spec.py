@@ -8,13 +8,11 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
-from skywright.core.types import MAX_OBJECTS
 from skywright.description.world.gnss import Gnss
-from skywright.description.world.insertion import Peg, Socket
 from skywright.description.world.localisation import TotalStation
 from skywright.description.world.structure import Structure
-from skywright.description.world.things import Bench, Marker, Pad, Thing
-from skywright.description.world.tool import Tool
+from skywright.description.world.thing import Thing
+from skywright.description.world.things import T, check_things, drop_things, find_thing
 
 
 class Pipe(Spec):
@@ -54,19 +52,6 @@ class Weld(Spec):
     half_width_m: Positive = 0.005
     conductivity_change: float = Field(default=-0.1, gt=-1)  # fraction
     permeability_change: float = Field(default=-0.35, gt=-1)  # fraction
-
-
-class Box(Spec):
-    """A fixed box obstacle; `pad` upholsters its face towards -x (turned by yaw)."""
-
-    x_m: float
-    y_m: float
-    z_m: float
-    size_x_m: Positive
-    size_y_m: Positive
-    size_z_m: Positive
-    yaw_deg: float = 0.0
-    pad: Pad | None = None
 
 
 class Tube(Spec):
@@ -216,21 +201,6 @@ class Link(Spec):
     loss_fraction: float = Field(default=0.0, ge=0, lt=1)  # of packets
 
 
-class Tape(Spec):
-    """Double-sided tape on what a hand carries: pressed on, it stays; pulled off, one side gives.
-
-    The bond grows with the pressing: strength * (1 - exp(-impulse / press)). While the hand pulls
-    back, tape and holder stretch until the weaker of bond and holder lets go: the holder, and the
-    sensor stays on the surface; the bond, and it comes off again.
-    """
-
-    hand: Literal["left", "right"] = "left"
-    strength_n: Positive = 5.0  # of the bond, in tension, pressed for long
-    press_n_s: Positive = 4.0  # N s of pressing after which 63 % of it are reached
-    release_n: Positive = 1.0  # pull at which the holder lets go of the sensor
-    stiffness_n_per_m: Positive = 1000.0  # of tape and holder together
-
-
 class Effects(Spec):
     """Components that act on the robot, by name: `[world.effects.NAME] kind = ...`."""
 
@@ -245,20 +215,12 @@ class World(Spec):
     pipe: Pipe | None = None
     structure: Structure | None = None
     weld: Weld | None = None
-    obstacles: dict[str, Box] = {}
+    things: dict[str, Thing] = {}  # what stands or lies in it, models/things/
     tubes: dict[str, Tube] = {}
     passages: dict[str, Passage] = {}
     area: Area | None = None
     scenario_seed: int | None = Field(default=None, ge=0)  # draws tubes and passages instead
     difficulty: Fraction = 0.5  # of a drawn scenario: narrower, and three structures above 0.5
-    tape: Tape | None = None
-    objects: dict[str, Thing] = Field(default={}, max_length=MAX_OBJECTS)
-    tool: Tool | None = None
-    peg: Peg | None = None
-    socket: Socket | None = None
-    rack: Socket | None = None  # where the peg bar stands at first
-    bench: Bench | None = None
-    marker: Marker | None = None
     wind: Wind = Wind()
     localisation: Literal["mocap", "gnss", "total-station"] = "mocap"  # tells the robot its place
     mocap: Mocap = Mocap()
@@ -281,45 +243,22 @@ class World(Spec):
                     raise ValueError(f"passages.{name} ends at the ceiling: give an area")
         return self
 
-    @property
-    def things(self) -> list[str]:
-        """Names of everything that moves, in the order of the scene; tool or peg bar come last."""
-        given = {"tool": self.tool, "peg": self.peg}
-        return [*self.objects, *(name for name, thing in given.items() if thing is not None)]
-
     @model_validator(mode="after")
-    def _tool_stands_on_an_obstacle(self) -> World:
-        if self.tool is None:
-            return self
-        if self.tool.on not in self.obstacles:
-            valid = ", ".join(self.obstacles) or "none, the world has no obstacles"
-            raise ValueError(f"tool.on is {self.tool.on!r}; valid: {valid}")
-        if "tool" in self.objects or len(self.objects) >= MAX_OBJECTS:
-            raise ValueError(
-                f"beside a tool there is room for {MAX_OBJECTS - 1} objects, none named 'tool'"
-            )
+    def _things_go_together(self) -> World:
+        check_things(self.things)
         return self
 
-    @model_validator(mode="after")
-    def _peg_stands_in_the_rack(self) -> World:
-        if self.peg is None:
-            return self
-        if self.rack is None:
-            raise ValueError("a peg bar stands in a rack at first: give it a [world.rack] table")
-        if "peg" in self.objects or len(self.things) > MAX_OBJECTS:
-            raise ValueError(
-                f"with tool and peg bar there are {MAX_OBJECTS} movable things at most, and no "
-                "object is named 'peg'"
-            )
-        return self
+    def find_thing(self, name: str, cls: type[T]) -> T:
+        """Return the thing of that name and class, or raise InputError with those there are."""
+        return find_thing(self.things, name, cls, self.name)
 
-    @model_validator(mode="after")
-    def _marker_sits_on_a_thing(self) -> World:
-        on = self.marker.on if self.marker is not None else None
-        if on is not None and on not in self.things:
-            valid = ", ".join(self.things) or "none, the world has no objects"
-            raise ValueError(f"marker.on is {on!r}; valid: {valid}")
-        return self
+    def drop_things(self, *names: str) -> World:
+        """Return the world without these things and what is on them."""
+        return self.model_copy(update={"things": drop_things(self.things, *names)})
+
+    def add_thing(self, name: str, thing: Thing) -> World:
+        """Return the world with one more thing, or another one of that name."""
+        return self.model_copy(update={"things": self.things | {name: thing}})
 
     @model_validator(mode="after")
     def _weld_needs_pipe(self) -> World:

@@ -1,91 +1,151 @@
-"""What a world file may say of things that move: `world.objects`, `world.bench`, `world.marker`."""
+"""The things of a world: which move, where they are, and whether they go together."""
 
 from __future__ import annotations
 
-import math
-from typing import Literal
+from collections.abc import Iterator, Mapping
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field, model_validator
 
-from skywright.core.rotations import rot_y, rot_z
-from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
+from skywright.core.find import explain
+from skywright.core.types import MAX_OBJECTS
+from skywright.description.world.thing import Frame, Placed, Thing, Things, build_frame
+from skywright.errors import InputError
+
+T = TypeVar("T", bound=Thing)
 
 
-class Thing(Spec):
-    """A movable thing; (x, y, z) is its centre.
+def list_movers(things: Things) -> list[str]:
+    """List what moves freely, in order: `object<i>` in a recording is number i of these."""
+    return [name for name, thing in things.items() if thing.movable]
 
-    A box has three edges; a cylinder the diameter `size_x_m` and the length `size_z_m` along its
-    own z; `pitch_deg` and `yaw_deg` turn it about its y, then about W's z. With `held_n` it is
-    stuck (a plug in its socket) until it is pulled with that force.
+
+def find_first(things: Things, cls: type[T]) -> T | None:
+    """Return the first thing of a class, or None."""
+    return next((thing for thing in things.values() if isinstance(thing, cls)), None)
+
+
+def find_thing(things: Things, name: str, cls: type[T], world: str) -> T:
+    """Return the thing of that name; InputError where there is none or it is of another class.
+
+    `world` is the world's name, for the message.
     """
-
-    shape: Literal["box", "cylinder"] = "box"
-    size_x_m: Positive
-    size_y_m: Positive | None = None
-    size_z_m: Positive
-    mass_kg: Positive
-    x_m: Coordinate
-    y_m: Coordinate
-    z_m: Coordinate
-    yaw_deg: float = 0.0
-    pitch_deg: float = 0.0
-    friction: NonNegative = 0.5
-    held_n: Positive | None = None
-
-    @model_validator(mode="after")
-    def _box_has_three_edges(self) -> Thing:
-        if self.shape == "box" and self.size_y_m is None:
-            raise ValueError("shape = 'box' needs size_y_m")
-        return self
+    thing = things.get(name)
+    if isinstance(thing, cls):
+        return thing
+    what = cls.__name__.lower()
+    valid = ", ".join(n for n, t in things.items() if isinstance(t, cls)) or "none"
+    found = f"is a {thing.kind}" if thing is not None else "is not there"
+    raise InputError(
+        f"world {world!r}: things.{name} {found}; a {what} is needed, "
+        f"[world.things.{name}] kind = '{what}' (there is: {valid})"
+    )
 
 
-class Pad(Spec):
-    """A sprung plate on the face of a box that looks towards -x (at yaw 0): what one runs into.
+def drop_things(things: Things, *names: str) -> dict[str, Thing]:
+    """Return the things without those named and what is on them."""
+    return {
+        name: thing
+        for name, thing in things.items()
+        if not any(below in names for below in (name, *_list_below(things, name)))
+    }
 
-    Its stiffness is a number of its own, whatever touches it: MuJoCo's soft contacts are the
-    stiffer the heavier the robot, which would spoil a comparison of robots.
+
+def locate_thing(
+    things: Things,
+    name: str,
+    within: str | None = None,
+    offsets: Mapping[str, Frame] | None = None,
+) -> Frame:
+    """Return O of a thing in W, or in O of `within`, a thing that it is on.
+
+    `offsets` say by name where O is in truth, in the frame where the file has it.
+    Raises InputError for a thing without a place.
     """
-
-    stiffness_n_per_m: Positive = 3000.0
-    damping_ns_per_m: NonNegative = 15.0
-    mass_kg: Positive = 0.1  # of the plate
-    thickness_m: Positive = 0.02  # of the plate
-    travel_m: Positive = 0.05  # until the foam is flat
-
-
-class Bench(Spec):
-    """A fixture that clamps the platform, arms free; it may drift while a trial wants it to."""
-
-    x_m: Coordinate = 0.0
-    y_m: Coordinate = 0.0
-    z_m: float = Field(default=1.2, gt=0, le=100)  # of the platform's origin
-    pitch_deg: float = Field(default=0.0, ge=-90, le=90)  # about y; 90: what was up points along x
-
-    @property
-    def q_WB(self) -> tuple[float, float, float, float]:
-        """Attitude of the platform (wxyz)."""
-        half = 0.5 * math.radians(self.pitch_deg)
-        return math.cos(half), 0.0, math.sin(half), 0.0
+    thing = things[name]
+    if not isinstance(thing, Placed):
+        raise InputError(f"world.things.{name}: a {thing.kind} has no place")
+    here = thing.frame
+    if thing.on is not None:
+        below, frame = split_support(things, thing.on)
+        stand = things[below].list_frames().get(frame, build_frame())
+        here, up = stand.at(here), thing.foot_m * stand.R[:, 2]
+        if below != within:
+            base = locate_thing(things, below, within, offsets)
+            here, up = base.at(here), base.R @ up
+        here = Frame(here.p + up, here.R)
+    return here.at(offsets[name]) if offsets and name in offsets else here
 
 
-class Marker(Spec):
-    """A marker that a camera or motion capture measures, in W or `on` a movable thing.
+def find_carrier(things: Things, name: str) -> str | None:
+    """Return the movable thing that carries a thing which does not move by itself, or None."""
+    return next((below for below in _list_below(things, name) if things[below].movable), None)
 
-    Its normal (z of frame M) looks along -x, turned by `pitch_deg` about y and `yaw_deg` about z; y
-    of M is up, x to the right of one who looks at it.
+
+def split_support(things: Things, on: str) -> tuple[str, str]:
+    """Split `on` into (thing, frame); the frame is "top" where none is named.
+
+    Raises ValueError for an unknown thing or frame.
     """
+    if on in things:
+        return on, "top"
+    for name, thing in things.items():
+        if on.startswith(name + "."):
+            frame, frames = on[len(name) + 1 :], thing.list_frames()
+            if frame not in frames and frame != "origin":
+                raise ValueError(
+                    f"on = {on!r}: {name} has no frame {frame!r}; valid: "
+                    f"{', '.join(['origin', *frames])}"
+                )
+            return name, frame
+    raise ValueError(f"on = {on!r} names no thing; valid: {', '.join(things) or 'none is there'}")
 
-    x_m: Coordinate
-    y_m: Coordinate
-    z_m: Coordinate
-    yaw_deg: float = 0.0
-    pitch_deg: float = 0.0
-    on: str | None = None  # an object, or "tool": the place is then in that thing's frame
 
-    @property
-    def rotation(self) -> NDArray[np.float64]:
-        """R_WM (3, 3), or R_OM on a thing."""
-        facing = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-        return rot_z(math.radians(self.yaw_deg)) @ rot_y(math.radians(self.pitch_deg)) @ facing
+def _list_below(things: Things, name: str) -> Iterator[str]:
+    """Yield what a thing is on, what that is on, and so on."""
+    thing = things[name]
+    while isinstance(thing, Placed) and thing.on is not None:
+        name = split_support(things, thing.on)[0]
+        yield name
+        thing = things[name]
+
+
+def check_things(things: Things) -> None:
+    """Raise ValueError where things do not go together or do not consist of sound parts."""
+    for name, thing in things.items():
+        _check_support(things, name)
+        try:
+            solids = [s for part in thing.list_parts() for s in part.solids]
+            numbers = [n for s in solids for n in (*s.size, *s.frame.p, *s.frame.R.flat, s.mass_kg)]
+            finite = bool(np.all(np.isfinite(np.array(numbers, dtype=float))))
+            thing.list_frames()
+        except Exception as error:
+            raise ValueError(f"things.{name}: {thing.kind} failed: {explain(error)}") from error
+        if not finite:
+            raise ValueError(f"things.{name}: a solid of {thing.kind} is not finite")
+        mass = sum(s.mass_kg for s in solids)
+        if thing.movable and not mass > 0.0:
+            raise ValueError(f"things.{name} moves and needs a mass; its solids have {mass:g} kg")
+    movers = list_movers(things)
+    if len(movers) > MAX_OBJECTS:
+        raise ValueError(
+            f"there are at most {MAX_OBJECTS} things that move; found: {', '.join(movers)}"
+        )
+
+
+def _check_support(things: Things, name: str) -> None:
+    way = [name]
+    thing = things[name]
+    while isinstance(thing, Placed) and thing.on is not None:
+        try:
+            below = split_support(things, thing.on)[0]
+        except ValueError as error:
+            raise ValueError(f"things.{way[-1]}.{error}") from None
+        if below in way:
+            raise ValueError(f"things.{name} is on itself: {' on '.join([*way, below])}")
+        if not isinstance(things[below], Placed):
+            raise ValueError(
+                f"things.{way[-1]}.on = {thing.on!r}: a {things[below].kind} has no place"
+            )
+        way.append(below)
+        thing = things[below]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import SIDES
 from skywright.errors import InfeasibleError, SimulationError
@@ -20,8 +20,6 @@ from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.interface import Arms, Uav, WholeBody
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.simulated import SimulatedVehicle
-
-Array = NDArray[np.float64]
 
 SCAN = "pipe-weld-scan"
 

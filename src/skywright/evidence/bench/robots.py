@@ -10,9 +10,7 @@ from __future__ import annotations
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from skywright.core.arrays import Array
 from skywright.description.loader import Description
 from skywright.evidence.bench.flights import (
     count_ticks,
@@ -27,8 +25,6 @@ from skywright.models.crowd import Crowd, build_crowd, repeat_controls, set_crow
 from skywright.models.deviation import build_deviation
 from skywright.run.run import build_vehicle
 from skywright.vehicle.simulated import SimulatedVehicle
-
-Array = NDArray[np.float64]
 
 COUNTS = (1, 2, 4, 8)
 

@@ -7,11 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.reports.figures.style import SERIES, WIDTH, draw_limit, new_figure
-
-Array = NDArray[np.float64]
 
 ROOM = 0.22
 """Of the lower bound, above which a cost is not shown."""

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.threads import on_one_thread
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
@@ -37,8 +37,6 @@ from skywright.planning.motion.transport import (
     build_scenario,
     build_transport,
 )
-
-Array = NDArray[np.float64]
 
 SCENARIOS: dict[str, tuple[int | None, float]] = {
     "paper": (None, 0.0),

@@ -16,13 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.planning.motion.cost import path_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free
 from skywright.planning.motion.space import Scratch, Space, build_scratch
-
-Array = NDArray[np.float64]
 
 
 class Trace(NamedTuple):

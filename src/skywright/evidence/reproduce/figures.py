@@ -11,8 +11,8 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.reports.figures.style import (
     BLACK,
     LIMIT,
@@ -22,8 +22,6 @@ from skywright.reports.figures.style import (
     new_figure,
     thin,
 )
-
-Array = NDArray[np.float64]
 
 
 class Curve(NamedTuple):

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.identify.load import IDENTIFY_FIELDS
+from skywright.core.arrays import Array
 from skywright.core.columns import build_dtype, has_columns
 from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import Description, load_description
+from skywright.description.world.things import list_movers
 from skywright.errors import SimulationError
 from skywright.evidence.reproduce import flights_arms
 from skywright.evidence.reproduce.cache import Record
@@ -33,8 +35,6 @@ from skywright.run.run import build_vehicle, fly_and_evaluate
 from skywright.vehicle.bus import Body
 from skywright.vehicle.interface import Uav, WholeBody
 from skywright.vehicle.simulated import SimulatedVehicle
-
-Array = NDArray[np.float64]
 
 FIELDS = (
     "t", "phase", "p_WB", "q_WB", "p_WT", "q_WT", "spring", "gap_max", "tilt", "f_normal",
@@ -121,14 +121,14 @@ def _fly_mission(case: Case, description: Description) -> Record:
     fields = list(FIELDS)
     if is_compliant(description.robot):
         fields += ARM_FIELDS
-        objects = list(description.world.objects)
+        objects = list_movers(description.world.things)
         fields += [f"object{i}_p_WO" for i in range(len(objects))]
         info |= {"objects": objects, "task": description.mission.model_dump().get("task", {})}
     elif description.robot.force_sensor is not None:
         fields += CONTACT_FIELDS
     arrays = {n: result.samples[n] for n in fields if has_columns(result.samples, n)}
     if isinstance(description.mission.task, ToolInstall):
-        index = description.world.things.index("tool")
+        index = list_movers(description.world.things).index(description.mission.task.tool)
         arrays["tool_p_WO"] = result.samples[f"object{index}_p_WO"]
         for name, along in (("grasp_error_O", 0.0), ("wait_error_O", -LOW)):
             arrays[name] = compute_grasp_errors(result.samples, index, result.plan.get_way(), along)

@@ -26,8 +26,6 @@ from skywright.run.run import build_vehicle
 from skywright.vehicle.interface import Arms
 from skywright.vehicle.rest_to_rest import quintic
 
-Array = NDArray[np.float64]
-
 RADIUS = 0.1  # m, of the paper's pipe: the arms' pose
 RAMP, REST, MEAN = 4.0, 6.0, 4.0  # s: the link's period is 1.9 s
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.loader import load_description
 from skywright.description.robot.spec import Robot
 from skywright.evidence.reproduce import elastic
@@ -22,8 +22,6 @@ from skywright.evidence.reproduce.series import (
     tangential,
 )
 from skywright.models.rigid_body import build_body_model, compute_body, posture
-
-Array = NDArray[np.float64]
 
 BAND = (4.0, 20.0)
 """Hz, around the arm's first structural mode (8 to 10 Hz in free flight)."""

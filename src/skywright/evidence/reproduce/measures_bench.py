@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.figures import ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.series import cut
-
-Array = NDArray[np.float64]
 
 
 def _values(records: list[Record], **names: str) -> dict[str, float]:

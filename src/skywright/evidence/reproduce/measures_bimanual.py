@@ -6,11 +6,11 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.analysis.compare.compare import MISSION, measure
 from skywright.analysis.compare.comparison import Side
 from skywright.analysis.compare.geometry import PipeDistance
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.robot.limbs import list_joints, list_servos
@@ -25,8 +25,6 @@ from skywright.models.reach import ARM_MARGIN, sample_postures, split_query
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import build_scene
 from skywright.models.tip_force import Loaded
-
-Array = NDArray[np.float64]
 
 NAMES = ("bimanual", "bimanual-longreach")
 SHORT = ("standard", "long reach")

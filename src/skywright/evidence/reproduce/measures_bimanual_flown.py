@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.description.robot.loader import load_robot
 from skywright.evidence.reproduce.cache import Record
@@ -14,8 +13,6 @@ from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.measures_bimanual import FORCE, NAMES
 from skywright.evidence.reproduce.series import cut
 from skywright.models.tip_force import Loaded
-
-Array = NDArray[np.float64]
 
 
 def measure_press(records: Records) -> Measured:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
@@ -25,8 +26,6 @@ from skywright.evidence.reproduce.series import cut
 from skywright.missions.flight_modes.figures import MODES
 from skywright.models.drawing import rotate_vectors
 from skywright.models.force_sensor import build_force_sensor, compute_count, compute_force
-
-Array = NDArray[np.float64]
 
 THIN = 10  # of the samples, in figures
 

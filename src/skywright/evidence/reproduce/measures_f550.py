@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.analysis.identify.fit import fit_parameters
 from skywright.analysis.identify.load import IDENTIFY_FIELDS, build_log, parse_description
 from skywright.analysis.identify.signals import build_columns
 from skywright.analysis.identify.truth import compute_truth
+from skywright.core.arrays import Array
 from skywright.description.robot.loader import load_robot
 from skywright.description.robot.spec import Robot
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
@@ -25,8 +25,6 @@ from skywright.models.capability import compute_capability
 from skywright.models.rigid_body import joint_names
 from skywright.models.rotors import build_rotors
 from skywright.models.sweep import TiltSweep, compute_tilt_sweep, strip_robot
-
-Array = NDArray[np.float64]
 
 GF = 9.81e-3  # N
 TILT = math.radians(20.0)

@@ -8,14 +8,12 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.analysis.locate import reach
+from skywright.core.arrays import Array
 from skywright.evidence.reproduce.figures import Band, Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.models.localisation.drift_filter import CAMERA
-
-Array = NDArray[np.float64]
 
 SEEDS = 50
 ALIGNMENT_SEEDS = 20

@@ -9,8 +9,8 @@ import math
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.scenario import get_structures
 from skywright.evidence.planning.jobs import HIGH, RESOLUTION, SCENARIOS, build_problem
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
@@ -22,8 +22,6 @@ from skywright.planning.motion.passages import list_passages
 from skywright.planning.motion.planner import check_state, plan_path, sample_reserve
 from skywright.planning.motion.rrt_star import RrtStar, plan_rrt_star
 from skywright.planning.motion.space import build_scratch
-
-Array = NDArray[np.float64]
 
 SEEDS = 3
 SHORT_S = 0.5  # s of processor time for a plan, joint or decoupled

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel, Part
@@ -22,8 +22,6 @@ from skywright.evidence.reproduce.series import (
 from skywright.inspection.eddy_current import Instrument
 from skywright.missions.scan.metrics import LIFT_OFF_THRESHOLD
 from skywright.reports.figures.style import BLUE, ORANGE
-
-Array = NDArray[np.float64]
 
 TIME = "time since the start of the run (s)"
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.figures import ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
-
-Array = NDArray[np.float64]
 
 SIDES = ("left", "right")
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
 from skywright.evidence.reproduce.series import cut, phase_time
-from skywright.models.planar import build_planar_lrm
-from skywright.models.planar_lrm import fill_equations
+from skywright.models.planar import build_planar_lrm, fill_equations
 from skywright.models.scene import build_scene
-
-Array = NDArray[np.float64]
 
 METRICS = {
     "tip_max_m": ("tip.tracking_max_m", max),

@@ -11,8 +11,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 from rich.text import Text
 
-from skywright.evidence.reproduce.page import ClaimRow, CriterionRow, Heading, write_claims_page
-from skywright.evidence.reproduce.runner import ClaimResult, CriterionResult, Report, Steps
+from skywright.evidence.reproduce.figures import draw_claim
+from skywright.evidence.reproduce.runner import CriterionResult, Report, Steps
+from skywright.reports.figures.style import house_style
+from skywright.reports.page import build_picture, render_page, write_page
 from skywright.run.run import collect_versions
 
 STYLES = {"reproduced": "green", "contradicted": "red", "not_comparable": "yellow"}
@@ -55,35 +57,20 @@ def count_verdicts(report: Report) -> str:
     )
 
 
-def build_row(result: ClaimResult) -> ClaimRow:
-    """A claim as the page shows it."""
-    tests = [
-        CriterionRow(
-            t.test.quantity, write_number(t.value, t.test.unit), write_limit(t), t.test.reading,
-            "" if t.passed is None else "met" if t.passed else "failed",
-        )
-        for t in result.tests
-    ]  # fmt: skip
-    first = result.tests[0]
-    return ClaimRow(
-        result.claim.id, result.claim.where, result.claim.statement, write_paper_value(first),
-        write_number(first.value, first.test.unit), result.verdict, result.explanation, tests,
-        result.figure,
-    )  # fmt: skip
+def write_claims_page(reports: Sequence[Report], path: Path) -> None:
+    """Write claims.html, a figure a claim; everything that it shows is inside it.
 
-
-def write_page(reports: Sequence[Report], path: Path) -> None:
-    """Write claims.html."""
-    parts = []
-    for report in reports:
-        paper = report.file.paper
-        heading = Heading(
-            paper.short, paper.title, paper.reference, count_verdicts(report),
-            f"skywright reproduce {paper.id}",
-            f"({report.flown} flights flown, {report.cached} from the cache)", report.notes,
-        )  # fmt: skip
-        parts.append((heading, [build_row(c) for c in report.claims]))
-    write_claims_page(path, parts, collect_versions())
+    Raises InputError when it cannot be written.
+    """
+    with house_style():
+        pictures = {
+            c.id: build_picture(c.claim.statement, draw_claim(c.figure), c.figure.caption)
+            for report in reports for c in report.claims if c.figure is not None
+        }  # fmt: skip
+    write_page(path, render_page(
+        "claims.html.j2", reports=reports, pictures=pictures, versions=collect_versions(),
+        count=count_verdicts, number=write_number, limit=write_limit, printed=write_paper_value,
+    ))  # fmt: skip
 
 
 def print_reports(reports: Sequence[Report], page: Path) -> None:

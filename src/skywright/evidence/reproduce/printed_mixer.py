@@ -11,12 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from skywright.core.arrays import Array
 from skywright.models.rotors import RotorSet
-
-Array = NDArray[np.float64]
 
 SIGN_H = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
 """H is A with columns 1, 3 and 5 turned: their propellers turn counter-clockwise."""

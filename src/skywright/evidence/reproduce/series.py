@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt, welch
 from scipy.spatial.transform import Rotation
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
-
-Array = NDArray[np.float64]
 
 RATE = 100.0  # Hz, of samples
 

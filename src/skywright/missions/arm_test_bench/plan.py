@@ -13,10 +13,12 @@ import numpy as np
 
 from skywright.core.rotations import quat_to_rot
 from skywright.description.world.structure import find_place
+from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.missions.arm_test_bench.task import BenchTask
 from skywright.missions.skills.pressing import check_can_press
 from skywright.models.rigid_body import compute_tip
+from skywright.models.things.bench import Bench
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
@@ -36,10 +38,11 @@ def plan(setup: Setup[BenchTask]) -> MissionPlan[None]:
     """Check the poses against joints and surface."""
     began = time.perf_counter()
     d, robot, world, task = setup.description, setup.robot, setup.world, setup.task
-    if world.bench is None or setup.surface is None:
+    bench = find_first(world.things, Bench)
+    if bench is None or setup.surface is None:
         raise InputError(
-            f"world {world.name!r} is no test bench: it needs [world.bench] and [world.structure], "
-            "as world test-bench has"
+            f"world {world.name!r} is no test bench: it needs a thing of kind 'bench' and "
+            "[world.structure], as world test-bench has"
         )
     check_can_press(robot, d.mission)
     model = setup.model
@@ -47,8 +50,8 @@ def plan(setup: Setup[BenchTask]) -> MissionPlan[None]:
     if n != 2:
         raise InputError(f"robot {robot.name!r} has {n} joints; the test bench is for two")
     surface, blocked = setup.surface, ""
-    base, R_WB = np.array([world.bench.x_m, world.bench.y_m, world.bench.z_m]), np.empty((3, 3))
-    quat_to_rot(np.array(world.bench.q_WB), R_WB)
+    base, R_WB = np.array([bench.x_m, bench.y_m, bench.z_m]), np.empty((3, 3))
+    quat_to_rot(np.array(bench.q_WB), R_WB)
     for name, gamma in (
         ("rest", task.rest_deg),
         ("inspection", task.inspection_deg),

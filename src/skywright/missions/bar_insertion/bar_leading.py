@@ -48,7 +48,7 @@ FOLLOW_RATE = 0.5  # 1/s, of the platform behind a bar that is pressed
 
 
 class BarPose(NamedTuple):
-    """Frame O of the bar (description/world/insertion.py), as believed."""
+    """Frame O of the bar (models/things/peg.py), as believed."""
 
     p: Array  # (3,) m
     R: Array  # (3, 3)

@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 from skywright.missions.bar_insertion.metrics import compute_peg_way
 from skywright.missions.bar_insertion.plan import InsertionPlan
 from skywright.missions.bar_insertion.task import BarInsertion
+from skywright.models.things.peg import Peg
+from skywright.models.things.socket import Socket
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -36,9 +38,10 @@ def draw_insertion(result: RunResult[BarInsertion, InsertionPlan]) -> Figure | N
     """Depth, error across the hole, force and angles, from over the socket to the release."""
     s, d = result.samples, result.description
     spans = [p for p in result.phases if p.name in SHOWN]
-    peg, socket = d.world.peg, d.world.socket
-    if not spans or peg is None or socket is None:
+    if not spans:
         return None
+    peg = d.world.find_thing(d.mission.task.bar, Peg)
+    socket = d.world.find_thing(d.mission.task.socket, Socket)
     s = s[(s["t"] >= spans[0].start_s) & (s["t"] <= spans[-1].end_s)]
     if not len(s):
         return None
@@ -102,11 +105,12 @@ def describe(result: RunResult[BarInsertion, InsertionPlan]) -> str:
     """Say whether the peg came in."""
     d = result.description
     did = f"{d.robot.name} in world {d.world.name} "
-    tries, socket, peg = int(result.metrics.get("insert.tries", 0.0)), d.world.socket, d.world.peg
-    if result.metrics.get("insert.done") != 1.0 or socket is None or peg is None:
+    tries, task = int(result.metrics.get("insert.tries", 0.0)), d.mission.task
+    if result.metrics.get("insert.done") != 1.0:
         return did + f"did not put the peg into the hole ({tries} tries)"
     often = "at the first try" if tries == 1 else f"in {tries} tries"
-    play = 1e3 * (socket.hole_m - peg.side_m)
+    hole = d.world.find_thing(task.socket, Socket).hole_m
+    play = 1e3 * (hole - d.world.find_thing(task.bar, Peg).side_m)
     return did + f"put the peg into a hole {play:.3g} mm wider, {often}"
 
 

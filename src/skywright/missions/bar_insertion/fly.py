@@ -57,7 +57,7 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
     s.until_arrived()
     _go_behind(s, way.grip, way.rack, s.vehicle.limits.speed)
     s.begin("survey")
-    hole, R_WS = survey(s)
+    hole, R_WS = survey(s, s.task.socket)
     s.begin("reach under")
     move_platform(
         s, find_platform(way.grip, find_tool(s)) - [0.0, 0.0, DROP], way.rack.yaw, NEAR_SPEED
@@ -73,7 +73,7 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
     move_platform(s, above, hole.yaw, CARRY_SPEED, CARRY_ACCELERATION)
     leader = BarLeader(s, way.grip, way.chains, weight)
     leader.correct = task.bar_pose == "marker"
-    opening, missed, found = build_hole(s, hole.p_WO, R_WS, way.grip), 0, ""
+    opening, missed, found = build_hole(s, hole.p_WO, R_WS, way.grip, s.task), 0, ""
     for _ in range(task.tries):
         found = insert(s, leader, opening, find_offset(missed, opening.capture), task)
         if found == "in" or leader.lost:

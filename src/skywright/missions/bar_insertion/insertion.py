@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from skywright.missions.bar_insertion.bar_leading import BarLeader, BarPose
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.tool_handling import Grip, Place
+from skywright.models.things.peg import Peg
+from skywright.models.things.socket import Socket
 from skywright.vehicle.plant import MISSION_TICK
 
 if TYPE_CHECKING:
@@ -38,12 +40,12 @@ TOUCHED = 0.7  # of the bar's weight: so little in the hands says that the peg s
 TOUCH_S = 0.8  # s without progress while it is lowered: it stands beside the hole
 
 
-def survey(s: Supervisor) -> tuple[Place, Array]:
-    """Look at the socket for a time; return its place (O of a bar that is in it) and R_WS."""
+def survey(s: Supervisor, socket: str) -> tuple[Place, Array]:
+    """Look at a socket for a time; return its place (O of a bar that is in it) and R_WS."""
     places, R = [], np.zeros((3, 3))
     for _ in range(SURVEY_LOOKS):
         s.tick()
-        p, turn = s.vehicle.survey_socket()
+        p, turn = s.vehicle.survey(socket)
         places.append(p)
         R += turn
     u, _, vt = np.linalg.svd(R)  # the rotation nearest to the mean
@@ -61,11 +63,11 @@ def find_offset(missed: int, capture: float) -> Array:
     return SPIRAL * capture * math.sqrt(missed) * np.array([math.cos(angle), math.sin(angle)])
 
 
-def build_hole(s: Supervisor, p: Array, R: Array, grip: Grip) -> Hole:
-    peg, socket = s.vehicle.world.peg, s.vehicle.world.socket
-    assert peg is not None and socket is not None
+def build_hole(s: Supervisor, p: Array, R: Array, grip: Grip, task: BarInsertion) -> Hole:
+    peg = s.vehicle.world.find_thing(task.bar, Peg)
+    socket = s.vehicle.world.find_thing(task.socket, Socket)
     return Hole(
-        p, R, np.array([0.0, 0.0, -peg.length_m]), grip.handle,
+        p, R, peg.list_frames()["tip"].p, grip.handle,
         0.5 * (socket.hole_m - peg.side_m) + socket.chamfer_m, socket.chamfer_m + ENTERED_M,
     )  # fmt: skip
 
@@ -93,8 +95,8 @@ def insert(s: Supervisor, leader: BarLeader, hole: Hole, offset: Array, task: Ba
     the crossbar is kept over it: sideways forces and with them friction stay small. Where it meets
     resistance, and at last on its seat, the hands press by (31).
     """
-    peg, n, speed = s.vehicle.world.peg, hole.R[:, 1], task.lower_speed_mps
-    assert peg is not None
+    peg = s.vehicle.world.find_thing(task.bar, Peg)
+    n, speed = hole.R[:, 1], task.lower_speed_mps
     above = hole.p + hole.R[:, :2] @ offset + READY * hole.R[:, 2]
     s.begin("align")
     _align(s, leader, hole, above, task)

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.loader import Description
+from skywright.description.world.things import list_movers, locate_thing
 from skywright.missions.bar_insertion.plan import InsertionPlan
 from skywright.missions.bar_insertion.task import BarInsertion
-from skywright.models.deviation import build_deviation
+from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import rotate_vectors
-from skywright.models.insertion_body import locate_socket
+from skywright.models.things._build import find_offsets
+from skywright.models.things.peg import Peg
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
@@ -51,13 +53,13 @@ class PegWay(NamedTuple):
     f_W: Array  # (n, 3) N, of the peg on what it touches; inertia left out
 
 
-def compute_peg_way(samples: Samples, d: Description) -> PegWay:
+def compute_peg_way(samples: Samples, d: Description[BarInsertion]) -> PegWay:
     """Return how the peg moves against the true hole, and how hard it presses."""
-    peg, socket = d.world.peg, d.world.socket
-    assert peg is not None and socket is not None
-    error = build_deviation(d.plant, d.robot, d.mission.seed).socket_error
-    p_WS, R_WS = locate_socket(socket, error)
-    i = d.world.things.index("peg")
+    task, things = d.mission.task, d.world.things
+    peg = d.world.find_thing(task.bar, Peg)
+    offsets = find_offsets(things, build_socket_error(d.plant))
+    p_WS, R_WS = locate_thing(things, task.socket, offsets=offsets)
+    i = list_movers(things).index(task.bar)
     q = samples[f"object{i}_q_WO"]
     axes = [rotate_vectors(q, np.tile(np.eye(3)[a], (len(samples), 1))) for a in range(3)]
     tip = samples[f"object{i}_p_WO"] - peg.length_m * axes[2]
@@ -71,8 +73,7 @@ def compute_peg_way(samples: Samples, d: Description) -> PegWay:
 def compute_insertion_metrics(run: Flown[BarInsertion, InsertionPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     samples, phases, description = run.samples, run.phases, run.setup.description
-    peg = description.world.peg
-    assert peg is not None
+    peg = description.world.find_thing(run.task.bar, Peg)
     out = {"insert.tries": float(sum(p.name == "lower" for p in phases))}
     out["insert.done"] = 0.0
     flown = ~in_phases(samples, phases, *BELOW_FLIGHT)

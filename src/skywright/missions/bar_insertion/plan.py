@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_z
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
+from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.hook_grip import build_grip, check_hooks
@@ -26,13 +27,15 @@ from skywright.missions.skills.tool_handling import (
     LIFT,
     Grip,
     Place,
+    find_marker,
     find_platform,
 )
 from skywright.models.arm_inverse_kinematics import ArmChain, build_arm_chain
 from skywright.models.geometry import build_clearance, compute_clearance
-from skywright.models.insertion_body import locate_socket
 from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
+from skywright.models.things.peg import Peg
+from skywright.models.things.socket import Socket
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
@@ -64,12 +67,11 @@ class InsertionPlan(NamedTuple):
 def plan(setup: Setup[BarInsertion]) -> MissionPlan[InsertionPlan]:
     """Find poses and check the straight ways; what cannot be is told."""
     robot, world, task, began = setup.robot, setup.world, setup.task, time.perf_counter()
-    _check_input(robot, world)
-    assert world.peg is not None and world.rack is not None and world.socket is not None
-    grip = build_grip(robot, world.peg, world.gravity_mps2)
+    _check_input(robot, world, task)
+    grip = build_grip(robot, world.find_thing(task.bar, Peg), world.gravity_mps2)
     places = [
-        Place(locate_socket(block)[0], math.radians(block.yaw_deg))
-        for block in (world.rack, world.socket)
+        Place(p, math.atan2(R[1, 0], R[0, 0]))
+        for p, R in (locate_thing(world.things, name) for name in (task.rack, task.socket))
     ]
     found = InsertionPlan(
         grip, (build_arm_chain(robot, 0), build_arm_chain(robot, 1)), posture(robot, "folded"),
@@ -79,51 +81,51 @@ def plan(setup: Setup[BarInsertion]) -> MissionPlan[InsertionPlan]:
     blocked = _find_misfit(robot, world, task)
     least = math.inf
     if blocked is None:
-        least, blocked = _find_blocked_way(robot, world, found)
+        least, blocked = _find_blocked_way(robot, world.drop_things(task.bar), found)
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began, HANDLING_S, least, way=found,
     )  # fmt: skip
 
 
-def _check_input(robot: Robot, world: World) -> None:
+def _check_input(robot: Robot, world: World, task: BarInsertion) -> None:
     """Raise InputError where robot or world are not those of this mission."""
-    for name in ("peg", "rack", "socket"):
-        if getattr(world, name) is None:
-            raise InputError(f"world {world.name!r} has no {name}: give it a [world.{name}] table")
-    if world.marker is None or world.marker.on != "peg":
+    peg = world.find_thing(task.bar, Peg)
+    blocks = [(name, world.find_thing(name, Socket)) for name in (task.rack, task.socket)]
+    find_marker(world, task.bar)
+    if not blocks[1][1].tracked:
         raise InputError(
-            f"world {world.name!r}: the bar is tracked by a marker: [world.marker] on = 'peg'"
+            f"world {world.name!r}: where the socket is, motion capture finds: "
+            f"[world.things.{task.socket}] tracked = true"
         )
     check_hooks(robot, "bar-insertion")
-    peg, rack, socket = world.peg, world.rack, world.socket
-    assert peg is not None and rack is not None and socket is not None
-    for name, block in (("rack", rack), ("socket", socket)):
+    for name, block in blocks:
         if block.hole_m <= peg.side_m:
             raise InputError(
-                f"world.{name}.hole_m = {block.hole_m:g}: the peg of world.peg.side_m = "
+                f"world.things.{name}.hole_m = {block.hole_m:g}: the peg of side_m = "
                 f"{peg.side_m:g} does not go in; valid: above {peg.side_m:g}"
             )
         if block.hole_m + 2.0 * block.chamfer_m >= peg.flange_m:
             raise InputError(
-                f"world.{name}.hole_m = {block.hole_m:g}: the bar's flange of {peg.flange_m:g} m "
-                "would fall through; valid: below the flange, chamfer included"
+                f"world.things.{name}.hole_m = {block.hole_m:g}: the bar's flange of "
+                f"{peg.flange_m:g} m would fall through; valid: below the flange, chamfer included"
             )
         if block.depth_m <= peg.length_m:
             raise InputError(
-                f"world.{name}.depth_m = {block.depth_m:g}: the peg is {peg.length_m:g} m long; "
-                f"valid: above {peg.length_m:g}"
+                f"world.things.{name}.depth_m = {block.depth_m:g}: the peg is {peg.length_m:g} m "
+                f"long; valid: above {peg.length_m:g}"
             )
-        if block.z_m <= block.depth_m:
+        z = float(locate_thing(world.things, name).p[2])
+        if z <= block.depth_m:
             raise InputError(
-                f"world.{name}.z_m = {block.z_m:g}: its hole would reach into the ground; valid: "
+                f"world.things.{name}.z_m = {z:g}: its hole would reach into the ground; valid: "
                 f"above depth_m = {block.depth_m:g}"
             )
 
 
 def _find_misfit(robot: Robot, world: World, task: BarInsertion) -> str | None:
     """Say why bar, socket and arms do not go together, or return None."""
-    peg = world.peg
-    assert peg is not None and robot.arm is not None
+    peg = world.find_thing(task.bar, Peg)
+    assert robot.arm is not None
     if peg.mass_kg > task.payload_max_kg:
         return (
             f"the bar weighs {peg.mass_kg:g} kg, more than the arms may lift "
@@ -136,8 +138,8 @@ def _find_misfit(robot: Robot, world: World, task: BarInsertion) -> str | None:
             f"the hands are {apart:g} m apart; the crossbar of {peg.handle_length_m:g} m is too "
             f"short to be held, {needed:.3f} m are needed"
         )
-    for name, block in (("rack", world.rack), ("socket", world.socket)):
-        assert block is not None
+    for name in (task.rack, task.socket):
+        block = world.find_thing(name, Socket)
         width = max(block.width_m, peg.flange_m)
         room = apart - 2.0 * (robot.arm.hand.radius_m + HAND_ROOM)
         if width > room:
@@ -150,10 +152,9 @@ def _find_misfit(robot: Robot, world: World, task: BarInsertion) -> str | None:
 def _find_blocked_way(robot: Robot, world: World, way: InsertionPlan) -> tuple[float, str | None]:
     """Fly the straight ways in thought: (least distance m, what is in the way or None).
 
-    The bar is left out: it is what the hands touch.
+    The world is without the bar: it is what the hands touch.
     """
-    bare = world.model_copy(update={"peg": None, "marker": None})
-    query = build_clearance(build_scene(robot, bare), with_ground=True)
+    query = build_clearance(build_scene(robot, world), with_ground=True)
     grip = way.grip
     at = [find_platform(grip, place) for place in (way.rack, way.socket)]
     behind = [

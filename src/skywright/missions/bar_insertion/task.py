@@ -13,6 +13,9 @@ from skywright.description.mission.spec import Task
 class BarInsertion(Task):
     """Put the peg below a bar into the socket: (29) to (31) of Suarez 2020."""
 
+    bar: str = "peg"  # names of the things: the bar with its peg, where it stands, where it goes
+    rack: str = "rack"
+    socket: str = "socket"
     bar_pose: Literal["marker", "hands"] = "marker"
     """(29), (30) of the hands tell the bar's pose; the marker on the bar corrects them all the time
     ("marker"), or only until the bar has left the rack ("hands")."""

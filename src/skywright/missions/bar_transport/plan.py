@@ -109,7 +109,7 @@ def _check_localisation(world: World, margin: float) -> None:
 
     Two sigma of the fixes may use up half of the margin; the other half is for following the plan.
     """
-    if world.localisation != "gnss" or not (get_structures(world).tubes or world.obstacles):
+    if world.localisation != "gnss" or not (get_structures(world).tubes or world.things):
         return
     error = world.gnss.position_error_m
     if 2.0 * error > 0.5 * margin:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from skywright.description.world.things import list_movers
 from skywright.missions.bimanual_bench.metrics import compute_bar_errors, compute_drift
 from skywright.missions.bimanual_bench.plan import BenchPlan
 from skywright.missions.bimanual_bench.task import BimanualBench
@@ -60,7 +61,7 @@ def _start(
 
 
 def _object(result: RunResult[BimanualBench, BenchPlan], name: str) -> int:
-    return list(result.description.world.objects).index(name)
+    return list_movers(result.description.world.things).index(name)
 
 
 def draw_squeeze(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
@@ -82,7 +83,7 @@ def draw_squeeze(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     axes[0].axhline(wanted, color=GREEN, lw=1.1, ls=":", label="asked for")
     axes[0].set_ylim(-0.2, 1.6 * wanted)
     axes[0].legend(loc="lower right", ncols=5)
-    box = s[f"object{_object(result, 'box')}_p_WO"][:, 2]
+    box = s[f"object{_object(result, result.description.mission.task.box)}_p_WO"][:, 2]
     hands = 0.5 * (s["left_p_WH"] + s["right_p_WH"])[:, 2]
     draw_line(axes[1], s["t"], 1e3 * (box - box[0]), color=GREEN, label="box")
     draw_line(axes[1], s["t"], 1e3 * (hands - hands[0]), color=BLACK, lw=0.8, label="hands")
@@ -108,7 +109,7 @@ def draw_unplug(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
         way = 1e3 * np.linalg.norm(s[f"{side}_est_p_WH"] - s[f"{side}_est_p_WH"][0], axis=1)
         ways.append(way)
         draw_line(axes[0], s["t"], way, color=color, label=f"{side} hand, as estimated")
-    plug = s[f"object{_object(result, 'plug')}_p_WO"]
+    plug = s[f"object{_object(result, task.plug)}_p_WO"]
     moved = 1e3 * np.linalg.norm(plug - plug[0], axis=1)
     draw_line(axes[0], s["t"], moved, color=GREEN, label="plug")
     draw_limit(axes[0], 1e3 * task.unplug_threshold_m, "threshold of (33)")
@@ -116,7 +117,7 @@ def draw_unplug(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     axes[0].legend(loc="upper left", ncols=3)
     pull = -(s["left_f_W"] + s["right_f_W"])[:, 0]
     draw_line(axes[1], s["t"], pull, color=BLUE)
-    held = result.description.world.objects["plug"].held_n
+    held = result.description.world.things[task.plug].frees_at_n
     if held is not None:
         draw_limit(axes[1], held, "the socket holds")
     return figure

@@ -14,8 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.description.world.things import find_first, locate_thing
 from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.models.bimanual import is_unplugged
+from skywright.models.things.bench import Bench
+from skywright.models.things.box import Box
 from skywright.run.flight import Flight
 from skywright.vehicle.arms.ports import ArmModel, Hands
 
@@ -60,7 +63,7 @@ def fly(s: Supervisor[BimanualBench], way: BenchPlan) -> Flight:
 
 def _travel(s: Supervisor, way: BenchPlan, y: float) -> None:
     """Carry the clamped platform to another station, hands back first."""
-    bench = way.world.bench
+    bench = find_first(way.world.things, Bench)
     assert bench is not None
     s.arms.move_to(way.folded)
     s.until_arrived()
@@ -105,10 +108,10 @@ def _faces(s: Supervisor, way: BenchPlan, name: str, above: float = 0.0) -> tupl
     In the middle, or `above` (m) it. A ball touches with its side: the hand's point, at the end of
     a forearm that looks forward, stays its radius off and its radius ahead.
     """
-    thing = way.world.objects.get(name) or way.world.obstacles[name]
-    half = 0.5 * (thing.size_x_m if thing.size_y_m is None else thing.size_y_m)
+    half = 0.5 * way.world.find_thing(name, Box).size_y_m
     ball = float(np.max(s.vehicle.read(ArmModel).pad))
-    centre = np.array([thing.x_m + ball, thing.y_m, thing.z_m + above])
+    p = locate_thing(way.world.things, name).p
+    centre = np.array([p[0] + ball, p[1], p[2] + above])
     away = np.array([0.0, half + ball, 0.0])
     return centre + away, centre - away
 
@@ -116,7 +119,9 @@ def _faces(s: Supervisor, way: BenchPlan, name: str, above: float = 0.0) -> tupl
 def _squeeze(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     task = s.task
     # two balls are a hinge: gripped above its centre of mass the box hangs
-    left, right = _faces(s, way, "box", above=0.25 * way.world.objects["box"].size_z_m)
+    left, right = _faces(
+        s, way, task.box, above=0.25 * way.world.find_thing(task.box, Box).size_z_m
+    )
     s.begin("approach box")
     _approach(s, left, right)
     s.begin("squeeze")
@@ -138,7 +143,7 @@ def _squeeze(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
 def _unplug(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     """Pull until both hands are farther than the threshold from where they grasped: (33)."""
     task = s.task
-    left, right = _faces(s, way, "plug")
+    left, right = _faces(s, way, task.plug)
     s.begin("approach plug")
     _approach(s, left, right)
     s.begin("grasp plug")
@@ -164,7 +169,9 @@ def _unplug(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
 def _lead_bar(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     """Lead a bar between the hands through poses: (29), (30) with (31), (32)."""
     task = s.task
-    left, right = _faces(s, way, "bar", above=0.25 * way.world.objects["bar"].size_z_m)
+    left, right = _faces(
+        s, way, task.bar, above=0.25 * way.world.find_thing(task.bar, Box).size_z_m
+    )
     centre, width = 0.5 * (left + right), float(np.linalg.norm(left - right))
     s.begin("approach bar")
     _approach(s, left, right)
@@ -189,9 +196,9 @@ def _lead_bar(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
 def _feel_drift(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     """Hands pressed on a post stay where they are while the base drifts: their angles tell it."""
     task = s.task
-    bench, post = way.world.bench, way.world.obstacles["post"]
+    bench, post = find_first(way.world.things, Bench), locate_thing(way.world.things, task.post)
     assert bench is not None
-    left, right = _faces(s, way, "post", above=bench.z_m - GRIP_BELOW - post.z_m)
+    left, right = _faces(s, way, task.post, above=bench.z_m - GRIP_BELOW - float(post.p[2]))
     s.begin("approach post")
     _approach(s, left, right)
     s.begin("grasp post")

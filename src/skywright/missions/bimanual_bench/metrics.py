@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.loader import Description
+from skywright.description.world.things import find_first, list_movers, locate_thing
 from skywright.missions.bimanual_bench.plan import BenchPlan
 from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.models.drawing import rotate_vectors
+from skywright.models.things.bench import Bench
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
@@ -40,12 +42,12 @@ LAST_S = 1.0  # s at the end of a phase over which a pose is judged
 def compute_bench_metrics(run: Flown[BimanualBench, BenchPlan]) -> dict[str, float]:
     """Judge the trials that were made."""
     samples, phases, description = run.samples, run.phases, run.setup.description
-    names = list(description.world.objects)
+    names, task = list_movers(description.world.things), run.task
     out: dict[str, float] = {}
     for trial in run.task.trials:
         judge = {"squeeze": _judge_box, "unplug": _judge_plug, "bar": _judge_bar}.get(trial)
         if judge is not None:
-            thing = {"squeeze": "box", "unplug": "plug", "bar": "bar"}[trial]
+            thing = {"squeeze": task.box, "unplug": task.plug, "bar": task.bar}[trial]
             out |= judge(samples, phases, names.index(thing), description)
         else:
             out |= _judge_drift(samples, phases, description)
@@ -59,11 +61,11 @@ def _judge_box(
     hold = in_phases(s, phases, "hold box")
     if not np.any(hold):
         return {}
-    thing = d.world.objects["box"]
+    stood = locate_thing(d.world.things, d.mission.task.box).p
     box = s[f"object{i}_p_WO"][hold]
     press = 0.5 * (s["right_f_W"][hold][:, 1] - s["left_f_W"][hold][:, 1])
     return {
-        "bench.box_lift_m": float(np.min(box[:, 2])) - thing.z_m,
+        "bench.box_lift_m": float(np.min(box[:, 2])) - float(stood[2]),
         "bench.box_slip_mm": _compute_slip(s, hold, i),
         "bench.squeeze_n": float(np.mean(press)),
         "bench.squeeze_error_n": float(np.sqrt(np.mean((press - d.mission.task.squeeze_n) ** 2))),
@@ -83,8 +85,8 @@ def _judge_plug(
     pull = in_phases(s, phases, "pull")
     if not np.any(pull):
         return {}
-    thing = d.world.objects["plug"]
-    way = np.linalg.norm(s[f"object{i}_p_WO"] - [thing.x_m, thing.y_m, thing.z_m], axis=1)
+    was = locate_thing(d.world.things, d.mission.task.plug).p
+    way = np.linalg.norm(s[f"object{i}_p_WO"] - was, axis=1)
     free = np.flatnonzero(pull & (way > FREE))
     noticed = next((p.start_s for p in phases if p.name == "unplugged"), None)
     if noticed is None or not len(free):  # or noticed what did not happen: hands that slip off
@@ -113,9 +115,10 @@ def compute_bar_errors(
     held = in_phases(s, phases, "hold bar")
     if not np.any(held):
         return None
-    thing, i = d.world.objects["bar"], list(d.world.objects).index("bar")
+    things, name = d.world.things, d.mission.task.bar
+    lay, i = locate_thing(things, name).p, list_movers(things).index(name)
     middle = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])
-    goal = middle - (middle[held][-1] - [thing.x_m, thing.y_m, thing.z_m])
+    goal = middle - (middle[held][-1] - lay)
     n = s["left_ref_p_WH"] - s["right_ref_p_WH"]
     n = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     axis = rotate_vectors(s[f"object{i}_q_WO"], np.tile([0.0, 1.0, 0.0], (len(s), 1)))
@@ -158,7 +161,7 @@ def compute_drift(
     in its own frame. The estimate in W contains the estimated base: it is taken out again.
     """
     moving = in_phases(s, phases, "drift")
-    if not np.any(moving) or d.world.bench is None:
+    if not np.any(moving) or find_first(d.world.things, Bench) is None:
         return None
     in_base = 0.5 * (s["left_est_p_WH"] + s["right_est_p_WH"])[moving] - s["est_p_WB"][moving]
     true = s["p_WB"][moving]

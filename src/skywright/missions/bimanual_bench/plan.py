@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.world.spec import World
+from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.models.arm_inverse_kinematics import has_arm_chain
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import posture
+from skywright.models.things.bench import Bench
+from skywright.models.things.box import Box
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
@@ -38,7 +41,7 @@ class BenchPlan(NamedTuple):
 
 def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
     """Check that robot and world are those of a bench; there is no way to plan."""
-    robot, world, trials = setup.robot, setup.world, setup.task.trials
+    robot, world, task = setup.robot, setup.world, setup.task
     if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
         raise InputError(
             f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
@@ -46,16 +49,18 @@ def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
         )
     if robot.arm.sides != 2:
         raise InputError(f"robot {robot.name!r} has one arm; bimanual-bench needs two")
-    if world.bench is None:
-        raise InputError(f"world {world.name!r} has no bench: give it a [world.bench] table")
-    needs = {"squeeze": "box", "unplug": "plug", "bar": "bar"}
-    for trial in trials:
-        name = needs.get(trial)
-        if name is not None and name not in world.objects:
-            raise InputError(f"trial {trial!r} needs [world.objects.{name}] in {world.name!r}")
-        if trial == "position-sensor" and "post" not in world.obstacles:
-            raise InputError(f"trial {trial!r} needs [world.obstacles.post] in {world.name!r}")
-    total = TRIAL_S * len(trials)
+    if find_first(world.things, Bench) is None:
+        raise InputError(f"world {world.name!r} has no bench: give it a thing of kind 'bench'")
+    needs = {
+        "squeeze": task.box, "unplug": task.plug, "bar": task.bar, "position-sensor": task.post
+    }  # fmt: skip
+    for trial in task.trials:
+        thing = world.find_thing(needs[trial], Box)
+        if not thing.moves and trial != "position-sensor":
+            raise InputError(
+                f"trial {trial!r}: world.things.{needs[trial]} does not move; set moves = true"
+            )
+    total = TRIAL_S * len(task.trials)
     return MissionPlan(
         True, None, 0.0, total, math.inf,
         way=BenchPlan(world, posture(robot, "folded")),

@@ -24,6 +24,10 @@ class BimanualBench(Task):
     trials: list[Trial] = Field(
         default=["squeeze", "unplug", "bar", "position-sensor"], min_length=1
     )
+    box: str = "box"  # names of the things that are squeezed, pulled out, led and felt
+    plug: str = "plug"
+    bar: str = "bar"
+    post: str = "post"
     squeeze_n: float = Field(default=3.5, gt=0, le=15)
     lift_m: float = Field(default=0.05, gt=0, le=0.2)
     hold_s: float = Field(default=5.0, gt=0, le=600)

@@ -8,9 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.core.columns import has_columns
+from skywright.description.world.spec import World
+from skywright.description.world.things import find_first
 from skywright.missions.bridge_contact.metrics import compute_press, select_phases
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.models.things.bench import Bench
 from skywright.reports.figures.localisation import CAPTION, draw_localisation
 from skywright.reports.figures.style import (
     BLACK,
@@ -30,13 +33,17 @@ if TYPE_CHECKING:
 SHADE = "#eef3f8"
 
 
+def _is_clamped(world: World) -> bool:
+    return find_first(world.things, Bench) is not None
+
+
 def draw_approach(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
     """Position against its reference (Fig. 23): one panel an axis, and the tilt."""
     s = result.samples
     if (
         not has_columns(s, "ref_force")
-        or not np.any(s["ref_force"])
-        or result.description.world.bench is not None
+        or not np.any(s["ref_force"] > 0.0)
+        or _is_clamped(result.description.world)
     ):
         return None
     figure = new_figure(WIDTH, 5.6)
@@ -67,7 +74,7 @@ def draw_force(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
     on = s["pressing"] > 0.5
     if not np.any(on):
         return None
-    docks = bool(np.any(s["docked"] > 0.5)) and result.description.world.bench is None
+    docks = bool(np.any(s["docked"] > 0.5)) and not _is_clamped(result.description.world)
     figure = new_figure(WIDTH, 5.4 if docks else 3.8)
     axes = figure.subplots(3 if docks else 2, 1, sharex=True)
     figure.subplots_adjust(left=0.075, right=0.985, top=0.95, bottom=0.1, hspace=0.4)
@@ -158,7 +165,7 @@ def describe(result: RunResult[BridgeContact, ContactPlan]) -> str:
         return did + "made no measurement"
     parts = []
     if "force.rms_error_n" in m:
-        how = "clamped to its bench" if d.world.bench is not None else "docked"
+        how = "clamped to its bench" if _is_clamped(d.world) else "docked"
         moved = f", {m['dock.wander_mm']:.1f} mm of wander" if "dock.wander_mm" in m else ""
         parts.append(f"{how} to {m['force.rms_error_n']:.2f} N rms{moved}")
     if "free.rms_error_n" in m:

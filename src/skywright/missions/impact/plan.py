@@ -19,12 +19,14 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_z
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.description.world.things import locate_thing, split_support
 from skywright.errors import InputError
 from skywright.missions.impact.task import Impact
 from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.geometry import ClearanceQuery, compute_clearance
-from skywright.models.pads import PAD, locate_pad
 from skywright.models.rigid_body import compute_tip, posture
+from skywright.models.things.pad import Pad
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
@@ -63,12 +65,7 @@ def plan(setup: Setup[Impact]) -> MissionPlan[ImpactPlan]:
     """Find where the chosen part touches first, and the run-up to it."""
     robot, world = setup.robot, setup.world
     task = setup.task
-    box = next((b for b in world.obstacles.values() if b.pad is not None), None)
-    if box is None:
-        raise InputError(
-            f"world {world.name!r} has nothing padded to run into: give an obstacle a pad, as in "
-            "world padded-bar"
-        )
+    pad = find_pad(world, task.pad)
     if robot.arm is None:
         raise InputError(f"robot {robot.name!r} has no arm to hit anything with")
     if task.part == "link" and robot.pendulum is None:
@@ -77,14 +74,14 @@ def plan(setup: Setup[Impact]) -> MissionPlan[ImpactPlan]:
             "mission.task.part: arm"
         )
     began = time.perf_counter()
-    face, ahead = locate_pad(box)
-    yaw = math.radians(box.yaw_deg)
+    face, R = locate_thing(world.things, pad)
+    ahead, yaw = R[:, 0], math.atan2(R[1, 0], R[0, 0])
     R = rot_z(yaw)
     model = setup.model
     q = find_swing(model, build_hit_pose(robot))
     lever = 0.5 * robot.pendulum.length_m if robot.pendulum is not None else 0.0
     p_BX = find_hit_point(robot, model, q, task.part)
-    query = _keep_pad(setup.clearance)
+    query = _keep_pad(setup.clearance, world, pad)
     near, touched = _find_contact(query, face - R @ p_BX, ahead, R, q)
     run = _plan_run(task.speed_mps, task.reaction_s)
     contact_s = SPEED_UP_S + CRUISE_S
@@ -124,10 +121,25 @@ def find_hit_point(robot: Robot, model: Any, q: Array, part: str) -> Array:
     return np.array(hands[0] if len(hands) else compute_tip(model, q)[0])
 
 
-def _keep_pad(query: ClearanceQuery) -> ClearanceQuery:
-    """Ask for the distance to the padded obstacle alone."""
-    pads = {n.removeprefix(PAD) for n in query.names if n.startswith(PAD)}
-    wanted = {i for i, n in enumerate(query.names) if n.split(" ", 1)[-1] in pads and " " in n}
+def find_pad(world: World, name: str | None) -> str:
+    """Return the pad's name: that of the task, or the world's first."""
+    if name is not None:
+        world.find_thing(name, Pad)
+        return name
+    for found, thing in world.things.items():
+        if isinstance(thing, Pad):
+            return found
+    raise InputError(
+        f"world {world.name!r} has nothing padded to run into: put a thing of kind 'pad' on one, "
+        "as in world padded-bar"
+    )
+
+
+def _keep_pad(query: ClearanceQuery, world: World, pad: str) -> ClearanceQuery:
+    """Ask for the distance to the pad and what it is on alone."""
+    on = world.find_thing(pad, Pad).on
+    names = {pad} if on is None else {pad, split_support(world.things, on)[0]}
+    wanted = {i for i, n in enumerate(query.names) if n in names}
     keep = np.array([int(b) in wanted for _, b in query.core.pairs])
     pairs = np.ascontiguousarray(query.core.pairs[keep])
     core = query.core._replace(pairs=pairs, n_world=len(pairs), probe=np.zeros(len(pairs)))

@@ -21,6 +21,7 @@ class Impact(Task):
     """Fly into a padded obstacle with the left hand or with the passive link."""
 
     speed_mps: float = Field(default=0.5, ge=0.05, le=1.5)
+    pad: str | None = None  # name of the thing to run into; the world's first pad
     part: Literal["arm", "link"] = "arm"
     joints: Literal["compliant", "stiff"] = "compliant"  # stiff: no springs between servo and link
     reaction_s: float = Field(default=0.1, ge=0, le=1)  # from the contact to the order to stop

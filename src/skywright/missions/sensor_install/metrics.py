@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.world.spec import World
+from skywright.description.world.things import find_first
 from skywright.missions.sensor_install.plan import InstallPlan
 from skywright.missions.sensor_install.task import SensorInstall
+from skywright.models.things.tape import Tape
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
@@ -88,7 +90,7 @@ def _judge_tape(
     samples: NDArray[Any], normal: Array, way: InstallPlan, world: World
 ) -> dict[str, float]:
     """Bond from the pressing that was recorded, and whether the hand then came off without it."""
-    tape = world.tape
+    tape = find_first(world.things, Tape)
     if tape is None or not len(samples):
         return {}
     t = samples["t"]

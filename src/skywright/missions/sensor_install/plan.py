@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
-from skywright.core.types import BODY, MAX_JOINTS, WRENCH
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
@@ -28,11 +27,8 @@ from skywright.missions.skills.ways import (
     plan_way,
 )
 from skywright.models.compliant_arms import find_hands, find_swing, is_compliant
-from skywright.models.floating import fill_floating
+from skywright.models.floating import compute_floating
 from skywright.models.rigid_body import (
-    KINEMATICS,
-    fill_body,
-    fill_kinematics,
     posture,
 )
 from skywright.models.tip_force import Loaded
@@ -154,13 +150,8 @@ def compute_swing_frequency(model: Table, q: Array, gravity: float) -> float:
     """Return the frequency (rad/s) of the passive first joint with the platform at rest, or 0."""
     if len(q) == 0 or model[0]["motor_speed_max"][0] > 0.0:
         return 0.0
-    full, k, body = np.zeros(MAX_JOINTS), np.zeros(1, KINEMATICS), np.zeros(1, BODY)
-    w = np.zeros(1, WRENCH)
-    full[: len(q)] = q
-    fill_kinematics(model[0], full, k[0])
-    fill_body(model[0], k[0], body[0])
-    fill_floating(model[0], k[0], body[0], w[0])
-    return math.sqrt(gravity * float(np.linalg.norm(w[0]["L_s"])) / float(w[0]["M_ss"]))
+    _, w = compute_floating(model, q, 0)
+    return math.sqrt(gravity * float(np.linalg.norm(w["L_s"])) / float(w["M_ss"]))
 
 
 def build_pose(robot: Robot, pose: str, radius: float) -> Array:

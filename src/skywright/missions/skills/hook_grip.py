@@ -8,13 +8,12 @@ import numpy as np
 
 from skywright.core.rotations import rot_y
 from skywright.description.robot.spec import Robot
-from skywright.description.world.insertion import Peg
-from skywright.description.world.tool import Tool
 from skywright.errors import InputError
 from skywright.missions.skills.tool_handling import DROP, LOW, Grip
 from skywright.models.arm_inverse_kinematics import build_arm_chain, compute_arm_ik, has_arm_chain
 from skywright.models.compliant_arms import find_hands, is_compliant
 from skywright.models.rigid_body import build_body_model, posture
+from skywright.models.things._handled import Handled
 
 FORE = math.radians(65.0)
 """Of the forearm from straight down, handle in the cradle: forearm and hook both slope towards it,
@@ -42,7 +41,7 @@ def check_hooks(robot: Robot, mission: str) -> None:
         )
 
 
-def build_grip(robot: Robot, tool: Tool | Peg, gravity: float) -> Grip:
+def build_grip(robot: Robot, tool: Handled, gravity: float) -> Grip:
     """Return how the arms hold the handle of a tool or a bar: it just clears the landing gear."""
     assert robot.arm is not None
     model = build_body_model(robot, gravity)
@@ -67,5 +66,5 @@ def build_grip(robot: Robot, tool: Tool | Peg, gravity: float) -> Grip:
             arm, hands[side] - arm.p_shoulder - LOW * mouth + [0.0, 0.0, DROP], near=q[here]
         )
         q_low[here] = found.q
-    handle = np.array([0.0, 0.0, tool.handle_height_m])
+    handle = tool.list_frames()["handle"].p
     return Grip(q, q_low, hands, reach * (hook + back), mouth, handle)

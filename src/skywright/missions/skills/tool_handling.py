@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.description.world.spec import World
+from skywright.description.world.thing import Frame
+from skywright.description.world.things import find_carrier, locate_thing
+from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
+from skywright.models.things.marker import Marker as MarkerThing
 from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
 from skywright.vehicle.plant import MISSION_TICK
 
@@ -68,10 +73,24 @@ def find_platform(grip: Grip, place: Place) -> Array:
 
 def measure_tool(s: Supervisor) -> tuple[Array, Array]:
     """Return (p_WO, R_WO) of the tool as motion capture sees it now."""
-    marker, seen = s.vehicle.world.marker, s.vehicle.read(Marker)
-    assert marker is not None
-    R = seen.R_WM @ marker.rotation.T
-    return seen.p_WM - R @ [marker.x_m, marker.y_m, marker.z_m], R
+    marker, seen = find_marker(s.vehicle.world), s.vehicle.read(Marker)
+    R = seen.R_WM @ marker.R.T
+    return seen.p_WM - R @ marker.p, R
+
+
+def find_marker(world: World, tool: str | None = None) -> Frame:
+    """Return where the marker is on the thing that carries it, which is `tool` where it is named.
+
+    Raises InputError where there is no such marker.
+    """
+    for name, thing in world.things.items():
+        carrier = find_carrier(world.things, name)
+        if isinstance(thing, MarkerThing) and carrier is not None and tool in (None, carrier):
+            return locate_thing(world.things, name, carrier)
+    raise InputError(
+        f"world {world.name!r}: {tool or 'what is carried'} is tracked by a marker: give it a "
+        f"thing of kind 'marker', on = {tool or 'NAME'!r}"
+    )
 
 
 def find_tool(s: Supervisor, seconds: float = 0.6) -> Place:
@@ -107,13 +126,12 @@ def lead_hands(s: Supervisor, grip: Grip, along: float, speed: float) -> None:
 
     The goal is fixed to the tool, which is tracked all the time.
     """
-    marker = s.vehicle.world.marker
-    assert marker is not None
+    marker = find_marker(s.vehicle.world)
     goals = {}
     for name, hand in zip(("left", "right"), grip.hands, strict=True):
         side = np.array([0.0, hand[1], 0.0])
         p_O = grip.handle + side - grip.cradle + along * grip.mouth
-        goals[name] = marker.rotation.T @ (p_O - [marker.x_m, marker.y_m, marker.z_m])
+        goals[name] = marker.R.T @ (p_O - marker.p)
     s.arms.hands_to_marker(goals, speed)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.core.columns import has_columns
+from skywright.description.world.things import list_movers
 from skywright.missions.skills.tool_handling import LOW
 from skywright.missions.tool_install.metrics import compute_grasp_errors, compute_operated
 from skywright.missions.tool_install.plan import ToolPlan, find_places
@@ -37,12 +38,18 @@ if TYPE_CHECKING:
 HOVER_MM = 15.0  # requirement of the mission
 
 
+def _find_index(result: RunResult[ToolInstall, ToolPlan]) -> int:
+    """Number of the tool among the things that move."""
+    d = result.description
+    return list_movers(d.world.things).index(d.mission.task.tool)
+
+
 def draw_phases(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """Tool and platform over the whole flight, and the weight that the hands carry."""
     s = result.samples
     if not len(s):
         return None
-    tool = s[f"object{result.description.world.things.index('tool')}_p_WO"]
+    tool = s[f"object{_find_index(result)}_p_WO"]
     t = s["t"]
     figure = new_figure(WIDTH, 7.0)
     strip, axes = stack_panels(figure, 4)
@@ -79,7 +86,7 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
         return None
     s = s[hover]
     t = s["t"]
-    index = result.description.world.things.index("tool")
+    index = _find_index(result)
     error = 1e3 * compute_grasp_errors(s, index, result.plan.get_way(), -LOW)
     figure = new_figure(WIDTH, 5.4)
     strip, axes = stack_panels(figure, 3)
@@ -110,7 +117,7 @@ def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
         return None
     t, world = s["t"], result.description.world
     _, seat = find_places(world, result.description.mission.task)
-    way = compute_operated(s, world.things.index("tool"), seat)
+    way = compute_operated(s, _find_index(result), seat)
     figure = new_figure(WIDTH, 7.0)
     strip, axes = stack_panels(figure, 4)
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))

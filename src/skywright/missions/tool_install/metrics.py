@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skywright.core.columns import has_columns
 from skywright.core.rotations import rot_from_quat, rot_z
+from skywright.description.world.things import list_movers
 from skywright.missions.skills.tool_handling import LOW, Place
 from skywright.missions.tool_install.plan import ToolPlan, find_places
 from skywright.missions.tool_install.task import ToolInstall
@@ -66,7 +67,7 @@ def compute_tool_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
     samples, phases, way, world = run.samples, run.phases, run.way, run.setup.world
-    i = world.things.index("tool")
+    i = list_movers(world.things).index(run.task.tool)
     bench, seat = find_places(world, run.task)  # not as the map has it
     wait = np.flatnonzero(in_phases(samples, phases, "wait"))
     if len(wait):

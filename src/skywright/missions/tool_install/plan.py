@@ -22,7 +22,7 @@ from skywright.description.mission.spec import Plant
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder
-from skywright.description.world.tool import compute_diameters, compute_seat
+from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
 from skywright.missions.skills.hook_grip import build_grip, check_hooks
 from skywright.missions.skills.tool_handling import (
@@ -31,6 +31,7 @@ from skywright.missions.skills.tool_handling import (
     LIGHT_N,
     Grip,
     Place,
+    find_marker,
     find_platform,
 )
 from skywright.missions.tool_install.task import ToolInstall
@@ -38,7 +39,8 @@ from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.kinematic_tree import build_planning_scene
 from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
-from skywright.models.tool_body import find_tool_clearance, find_tool_place
+from skywright.models.things._build import find_carried_clearance
+from skywright.models.things.tool import Tool, compute_diameters, compute_seat
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.run.operator import Recording, load_recording
 from skywright.run.planning import MissionPlan
@@ -83,11 +85,9 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
     d, robot, world = setup.description, setup.robot, setup.world
     began, task = time.perf_counter(), setup.task
     _check_input(robot, world, task)
-    assert world.tool is not None and world.pipe is not None
     world = draw_map(world, d.plant, d.mission.seed)
     d = d._replace(world=world)
-    assert world.tool is not None and world.pipe is not None
-    grip = build_grip(robot, world.tool, world.gravity_mps2)
+    grip = build_grip(robot, world.find_thing(task.tool, Tool), world.gravity_mps2)
     bench, seat = find_places(world, task)
     hover, empty = setup.hover, np.zeros((0, 4))
     found = ToolPlan(
@@ -95,10 +95,12 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
         ROOM * task.payload_max_kg * world.gravity_mps2,
     )  # fmt: skip
     operator = _load_operator(task)
-    blocked = _find_misfit(robot, world, task) or _find_blocked_work(robot, world, found)
+    blocked = _find_misfit(robot, world, task) or _find_blocked_work(
+        robot, world.drop_things(task.tool), found
+    )
     least = math.inf
     if blocked is None:
-        found, blocked, least = _plan_ways(d, found)
+        found, blocked, least = _plan_ways(d, found, task.tool)
     length = sum(
         float(np.sum(np.linalg.norm(np.diff(way[:, :3], axis=0), axis=1)))
         for way in (found.to_bench, found.to_pipe)
@@ -124,25 +126,25 @@ def _load_operator(task: ToolInstall) -> Recording | None:
     return recording
 
 
-def _plan_ways(d: Description, found: ToolPlan) -> tuple[ToolPlan, str | None, float]:
+def _plan_ways(d: Description, found: ToolPlan, name: str) -> tuple[ToolPlan, str | None, float]:
     """Plan to the bench with empty hands, and from there to the pipe with the tool.
 
     The planner knows the robot; with the tool it may not go lower than the tool allows, and the
     tool's own distances are looked at afterwards.
     """
     robot, world, grip = d.robot, d.world, found.grip
-    assert world.pipe is not None and world.tool is not None
-    full = build_scene(robot, world)
-    bare = build_scene(robot, world.model_copy(update={"tool": None, "marker": None}))
+    assert world.pipe is not None
+    tool = world.find_thing(name, Tool)
+    full, bare = build_scene(robot, world), build_scene(robot, world.drop_things(name))
     at_bench, at_pipe = find_platform(grip, found.bench), find_platform(grip, found.seat)
     rng = build_stream(d.mission.seed, "planner")
-    under = world.obstacles[world.tool.on]
-    top = max(world.pipe.z_m + 0.5 * world.pipe.diameter_m, under.z_m + 0.5 * under.size_z_m)
-    hangs = at_bench[2] - found.bench.p_WO[2] + world.tool.foot_height_m  # below the platform
+    stands = float(found.bench.p_WO[2]) - tool.foot_m
+    top = max(world.pipe.z_m + 0.5 * world.pipe.diameter_m, stands)
+    hangs = at_bench[2] - found.bench.p_WO[2] + tool.foot_m  # below the platform
     low = max(top + MARGIN + hangs, at_bench[2] + LIFT, at_pipe[2] + ABOVE)
     ways = []
     least = math.inf
-    for name, scene, a, yaw_a, b, yaw_b, q, low_z in (
+    for leg, scene, a, yaw_a, b, yaw_b, q, low_z in (
         ("to the bench", full, found.home[:3], float(found.home[3]),
          behind(at_bench, found.bench.yaw, FAR_BACK), found.bench.yaw, grip.q_low, 0.0),
         ("to the pipe", bare, np.array([*at_bench[:2], low]), found.bench.yaw,
@@ -153,14 +155,14 @@ def _plan_ways(d: Description, found: ToolPlan) -> tuple[ToolPlan, str | None, f
             Configuration(b, yaw_b, q), rng, MARGIN, wanted=WIDE, low_z=low_z,
         )  # fmt: skip
         if way.blocked_by is not None:
-            return found, f"{name}: {way.blocked_by}", math.nan
+            return found, f"{leg}: {way.blocked_by}", math.nan
         least = min(least, way.clearance)
         ways.append(np.column_stack([way.p_WB, way.yaw]))
     found = found._replace(to_bench=ways[0], to_pipe=ways[1])
     carried = np.vstack([[*at_bench + [0.0, 0.0, LIFT], found.bench.yaw], ways[1],
                          [*at_pipe + [0.0, 0.0, ABOVE], found.seat.yaw]])  # fmt: skip
     hang = rot_z(-found.bench.yaw) @ (found.bench.p_WO - at_bench)
-    distance, what = find_tool_clearance(full.model, carried, hang)
+    distance, what = find_carried_clearance(full.model, name, carried, hang)
     if distance < TOOL_MARGIN:
         return found, (
             f"to the pipe: the carried tool and {what} come within {max(distance, 0.0):.3f} m, "
@@ -171,14 +173,10 @@ def _plan_ways(d: Description, found: ToolPlan) -> tuple[ToolPlan, str | None, f
 
 def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
     """Raise InputError where robot or world are not those of this mission."""
-    if world.tool is None:
-        raise InputError(f"world {world.name!r} has no tool: give it a [world.tool] table")
+    tool = world.find_thing(task.tool, Tool)
     if world.pipe is None:
         raise InputError(f"world {world.name!r} has no pipe: give it a [world.pipe] table")
-    if world.marker is None or world.marker.on != "tool":
-        raise InputError(
-            f"world {world.name!r}: the tool is tracked by a marker: [world.marker] on = 'tool'"
-        )
+    find_marker(world, task.tool)
     if not world.pipe.tracked:
         raise InputError(
             f"world {world.name!r}: where the tool goes is measured: [world.pipe] tracked = true"
@@ -189,11 +187,11 @@ def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
             f"world.pipe.inclination_deg = {world.pipe.inclination_deg:g}: a tool that hangs in "
             f"two hooks is level; valid: -{STEEPEST_DEG:g} to {STEEPEST_DEG:g}"
         )
-    half = 0.5 * world.pipe.length_m - 0.5 * world.tool.feet_apart_m - END_ROOM
+    half = 0.5 * world.pipe.length_m - 0.5 * tool.feet_apart_m - END_ROOM
     if half < 0.0:
         raise InputError(
             f"world.pipe.length_m = {world.pipe.length_m:g}: too short for the tool's feet; valid: "
-            f"from {world.tool.feet_apart_m + 2.0 * END_ROOM:g}"
+            f"from {tool.feet_apart_m + 2.0 * END_ROOM:g}"
         )
     if abs(task.along_pipe_m) > half:
         raise InputError(
@@ -204,8 +202,8 @@ def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
 
 def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
     """Say why tool, pipe and arms do not go together, or return None."""
-    tool, pipe = world.tool, world.pipe
-    assert tool is not None and pipe is not None and robot.arm is not None
+    tool, pipe = world.find_thing(task.tool, Tool), world.pipe
+    assert pipe is not None and robot.arm is not None
     if tool.mass_kg > task.payload_max_kg:
         return (
             f"the tool weighs {tool.mass_kg:g} kg, more than the arms may lift "
@@ -235,16 +233,16 @@ def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
 
 def find_places(world: World, task: ToolInstall) -> tuple[Place, Place]:
     """Return where the tool stands at first, and where it shall stand on the pipe."""
-    assert world.tool is not None and world.pipe is not None
-    p, R = find_tool_place(world)
+    assert world.pipe is not None
+    p, R = locate_thing(world.things, task.tool)
     pipe = build_cylinder(world.pipe)
     return Place(p, math.atan2(R[1, 0], R[0, 0])), find_seat(world, task, pipe.p_WP, pipe.R_WP)
 
 
 def find_seat(world: World, task: ToolInstall, p_WP: Array, R_WP: Array) -> Place:
     """Return where the tool shall stand on a pipe whose frame is p_WP (3,) m, R_WP (3, 3)."""
-    assert world.tool is not None and world.pipe is not None
-    height = compute_seat(world.tool, world.pipe.diameter_m).height
+    assert world.pipe is not None
+    height = compute_seat(world.find_thing(task.tool, Tool), world.pipe.diameter_m).height
     p = p_WP + task.along_pipe_m * R_WP[:, 1] + height * R_WP[:, 2]
     return Place(p, math.atan2(R_WP[1, 0], R_WP[0, 0]))
 
@@ -270,9 +268,8 @@ def behind(p: Array, yaw: float, back: float = BACK) -> Array:
 def _find_blocked_work(robot: Robot, world: World, way: ToolPlan) -> str | None:
     """Say what is in the way of the robot where its hands work, or return None.
 
-    The tool is left out: it is what the hands touch.
+    The world is without the tool: it is what the hands touch.
     """
-    world = world.model_copy(update={"tool": None, "marker": None})
     query = build_clearance(build_scene(robot, world), with_ground=True)
     grip = way.grip
     for name, place in (("at the bench", way.bench), ("at the pipe", way.seat)):

@@ -15,6 +15,7 @@ from skywright.run.operator import find_recording
 class ToolInstall(Task):
     """Put the inspection tool onto the pipe, wait, take it back (Suarez 2020, section VI-A)."""
 
+    tool: str = "tool"  # name of the thing that is installed
     along_pipe_m: Coordinate = 0.0  # of the place on the pipe, from its middle along its axis
     wait_s: NonNegative = 10.0  # for the inspection
     hover_s: NonNegative = 50.0  # the hands track the grasp points so long before they grasp

@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.models.localisation.drift_noise import (
     GATE,
@@ -37,8 +37,6 @@ from skywright.models.localisation.trajectory import (
     interpolate_position,
     interpolate_rotation,
 )
-
-Array = NDArray[np.float64]
 
 LEAST_PAIRS = 12
 LEVER_STD = 0.3

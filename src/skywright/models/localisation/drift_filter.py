@@ -18,9 +18,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import exp_so3, mat_mat, orthonormalise
-
-Array = NDArray[np.float64]
 
 CAMERA, STATION = 0, 1
 P, V, B, TURN, SCALE, SIZE = 0, 3, 6, 9, 12, 13

@@ -14,10 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-Array = NDArray[np.float64]
+from skywright.core.arrays import Array
 
 GATE = 21.1
 """Squared normalised innovation of three axes that a good one exceeds once in 10,000."""

@@ -14,11 +14,9 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
-
-Array = NDArray[np.float64]
 
 Method = Literal["similarity", "rigid", "level", "affine"]
 METHODS: tuple[Method, ...] = ("similarity", "rigid", "level", "affine")

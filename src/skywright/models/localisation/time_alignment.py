@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.models.localisation.trajectory import (
     Trajectory,
@@ -22,8 +23,6 @@ from skywright.models.localisation.trajectory import (
     find_gap_limit,
     remove_spikes,
 )
-
-Array = NDArray[np.float64]
 
 GRID = 0.05
 """s, step of the grid on which speeds are compared."""

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
-
-Array = NDArray[np.float64]
 
 MAX_DROPPED = 0.5
 MAX_POSITION = 1e8

@@ -17,11 +17,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.edges import place_shapes
 from skywright.planning.motion.space import Record, Space
-
-Array = NDArray[np.float64]
 
 ROUND, RECTANGLE = range(2)
 

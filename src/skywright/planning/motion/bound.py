@@ -19,14 +19,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.planning.motion.edges import pair_distance, place_shapes
 from skywright.planning.motion.pairs import PAIR_SELF
 from skywright.planning.motion.space import JOINT0, Record, Scratch, Space, build_scratch
-
-Array = NDArray[np.float64]
 
 
 class Grid(NamedTuple):

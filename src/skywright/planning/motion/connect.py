@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Ints
 from skywright.planning.motion.cost import displacement_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free
 from skywright.planning.motion.rng import State, uniform
 from skywright.planning.motion.space import Record
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 TREE_SIZE = 2000
 """Nodes a tree may have before the search starts over."""

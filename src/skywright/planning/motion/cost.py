@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.planning.motion.space import Record
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy")

@@ -13,13 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.planning.motion.cost import path_cost
 from skywright.planning.motion.planner import plan_path
 from skywright.planning.motion.space import Space
-
-Array = NDArray[np.float64]
 
 
 class Decoupled(NamedTuple):

@@ -14,18 +14,15 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import cross, mat_mat, mat_vec
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.distance import box_box, segment_box, segment_segment
 from skywright.planning.motion.kinematics import compute_pose
 from skywright.planning.motion.pairs import PAIR_LIMIT, PAIR_SELF, PAIR_WORLD
 from skywright.planning.motion.space import JOINT0, YAW, Record
-
-Array = NDArray[np.float64]
 
 SHORTEST = 2.0**-13
 """Half length of the shortest interval of an edge that is still halved."""

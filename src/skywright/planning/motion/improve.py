@@ -12,16 +12,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.planning.motion.cost import displacement_cost
 from skywright.planning.motion.edges import is_edge_free
 from skywright.planning.motion.rng import State, normal, pick, uniform
 from skywright.planning.motion.space import Record
-
-Array = NDArray[np.float64]
 
 MAX_ROWS = 160
 """Rows that a path may have."""

@@ -7,15 +7,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import cross, mat_mat, mat_vec
 from skywright.models.kinematic_tree import HINGE
 from skywright.planning.motion.space import JOINT0, YAW, Record
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy")

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.models.kinematic_tree import BOX, HINGE, Shapes, Tree
-
-Array = NDArray[np.float64]
 
 Y = 1  # of (x, y, z)
 

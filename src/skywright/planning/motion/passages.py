@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.scenario import Structures, get_structures
 from skywright.description.world.spec import Tube, World
 from skywright.models.kinematic_tree import BOX
@@ -22,8 +22,6 @@ from skywright.planning.motion.edges import place_shapes, state_clearance
 from skywright.planning.motion.pairs import PAIR_SELF
 from skywright.planning.motion.rng import State, build_state
 from skywright.planning.motion.space import Record, Space, build_scratch
-
-Array = NDArray[np.float64]
 
 
 class PassageWidth(NamedTuple):

@@ -18,11 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
-
-Array = NDArray[np.float64]
 
 POSE = ("x_m", "y_m", "z_m", "yaw_rad")
 RATE = ("vx_mps", "vy_mps", "vz_mps", "yaw_rate_rad_s")

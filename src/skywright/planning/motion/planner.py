@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Ints
 from skywright.planning.motion.connect import TREE_SIZE, connect
 from skywright.planning.motion.cost import displacement_cost, path_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free, state_clearance
@@ -21,9 +21,6 @@ from skywright.planning.motion.improve import MAX_ROWS, drop_corners, improve, r
 from skywright.planning.motion.rng import State, build_state, uniform
 from skywright.planning.motion.space import Record, Scratch, Space, build_scratch
 from skywright.planning.motion.through import Places, compute_places, pass_through
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 POOL = 6
 """Paths that are kept and improved."""

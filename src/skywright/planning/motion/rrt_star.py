@@ -14,17 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Ints
 from skywright.planning.motion.angular import AngularMap, is_edge_free_angular
 from skywright.planning.motion.connect import draw_coordinates
 from skywright.planning.motion.cost import displacement_cost, rho_arms, rho_uav, time_cost
 from skywright.planning.motion.edges import is_edge_free
 from skywright.planning.motion.rng import State, build_state, uniform
 from skywright.planning.motion.space import Record, Scratch, Space, build_scratch
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class RrtStar(NamedTuple):

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.models.kinematic_tree import (
     CAPSULE,
@@ -28,9 +29,6 @@ from skywright.models.kinematic_tree import (
     build_shapes,
 )
 from skywright.planning.motion.pairs import PAIR_SELF, drop_beside, list_ancestors, list_pairs
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 X, Y, Z, YAW = range(4)
 """Rows of `map` before the joints."""

@@ -11,11 +11,9 @@ from collections.abc import Callable
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from skywright.models.planar_lrm import PlanarLrm, fill_equations, fill_terms
-
-Array = NDArray[np.float64]
+from skywright.core.arrays import Array
+from skywright.models.planar import PlanarLrm, fill_equations, fill_terms
 
 STEP = 0.004  # s, of the integration
 SETTLE = 2.0  # s that are watched after the motion's end

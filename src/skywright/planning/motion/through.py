@@ -21,15 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Ints
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.edges import is_edge_free, is_placed_free, place_shapes
 from skywright.planning.motion.rng import State, pick, uniform
 from skywright.planning.motion.space import Record, Space, X, Z
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 DRAWS = 60
 """States that are tried at one spot of a place."""

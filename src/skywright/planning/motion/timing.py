@@ -21,11 +21,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InfeasibleError
 from skywright.planning.motion.edges import is_edge_free
 from skywright.planning.motion.space import Scratch, Space, build_scratch
-
-Array = NDArray[np.float64]
 
 ROW = 0.02  # s, between the rows of a timed path
 GRID = 0.01  # of the path's length in cost (6), between the points of the grid

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.motion.cost import path_cost
 from skywright.planning.motion.edges import pair_distance, place_shapes
@@ -31,8 +31,6 @@ from skywright.planning.motion.space import (
     build_scratch,
     build_space,
 )
-
-Array = NDArray[np.float64]
 
 ROOM = 2.0
 """m around start, goal and obstacles that a way may use."""

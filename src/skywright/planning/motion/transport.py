@@ -11,8 +11,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.limbs import SIDES
 from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
@@ -21,8 +21,6 @@ from skywright.errors import InputError
 from skywright.models.kinematic_tree import PlanningScene, build_planning_scene
 from skywright.models.scene import build_scene
 from skywright.planning.motion.space import Carried, Coordinate, Space, build_space
-
-Array = NDArray[np.float64]
 
 HANDS = ("hand0", "hand1")
 

@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.description.robot.spec import Robot
 from skywright.errors import InfeasibleError, InputError
-from skywright.models.planar import build_planar_lrm
-from skywright.models.planar_lrm import PlanarLrm
+from skywright.models.planar import PlanarLrm, build_planar_lrm
 from skywright.models.scene import build_scene
 from skywright.planning.motion.bound import choose_slices, compute_lower_bound
 from skywright.planning.motion.kinematics import compute_pose
@@ -25,8 +24,6 @@ from skywright.planning.motion.swing import add_bar, build_swing, compute_period
 from skywright.planning.motion.timing import Timed, TimeLimits, assign_times
 from skywright.planning.motion.transit import describe_pair
 from skywright.planning.motion.transport import TransportProblem
-
-Array = NDArray[np.float64]
 
 RESOLUTION = 1e-3  # of the path in cost (6), between the samples of the reported clearance
 

@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
+from skywright.description.world import surface
 from skywright.description.world.scenario import get_structures
-from skywright.description.world.surface import build_cylinder
 from skywright.models.rigid_body import posture
 from skywright.reports.figures.style import (
     BLACK,
@@ -28,10 +29,10 @@ from skywright.reports.figures.style import (
 from skywright.reports.outlines import (
     Outline,
     move,
-    outline_box,
     outline_pipe,
     outline_robot,
     outline_structure,
+    outline_things,
     outline_tube,
 )
 from skywright.run.kind import load_kind
@@ -39,7 +40,6 @@ from skywright.run.kind import load_kind
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-Array = NDArray[np.float64]
 Samples = NDArray[Any]
 
 _PARTS: dict[str, tuple[str, float]] = {
@@ -57,9 +57,9 @@ def unroll_points(result: RunResult, p_W: Array) -> tuple[Array, Array]:
     """Unrolled coordinates (s, c), each (n,) m, of points (n, 3) in W near the pipe."""
     pipe = result.description.world.pipe
     assert pipe is not None
-    cyl = build_cylinder(pipe)
-    d = (p_W - cyl.p_WP) @ cyl.R_WP
-    return d[:, 1], cyl.radius * join_angles(np.arctan2(d[:, 2], -d[:, 0]))
+    cyl = surface.build_cylinder(pipe)
+    s, c, _ = surface.unroll_points(cyl, p_W)
+    return s, cyl.radius * join_angles(c / cyl.radius)
 
 
 def join_angles(phi: Array) -> Array:
@@ -150,8 +150,7 @@ def _outline_world(result: RunResult) -> list[Outline]:
     parts = outline_pipe(world.pipe) if world.pipe is not None else []
     if world.structure is not None:
         parts += outline_structure(world.structure)
-    for box in world.obstacles.values():
-        parts += outline_box(box)
+    parts += outline_things(world.things)
     for tube in get_structures(world).tubes.values():
         parts += outline_tube(tube)
     return parts

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.reports.figures.style import (
     BLUE,
     LIMIT,
@@ -23,8 +24,6 @@ from skywright.reports.figures.style import (
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
-
-Array = NDArray[np.float64]
 
 
 def draw_plan(result: RunResult) -> Figure | None:

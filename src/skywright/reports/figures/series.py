@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -32,7 +33,6 @@ from skywright.run.metrics import quat_angle
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-Array = NDArray[np.float64]
 Samples = NDArray[Any]
 
 TOUCHING = ("touch", "settle", "scan", "back_off", "leave")

@@ -18,15 +18,14 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.run.flight import PhaseRecord
 
 if TYPE_CHECKING:
     from skywright.run.run import RunResult
 
-Array = NDArray[np.float64]
 
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#222222", "#8a8f98"

@@ -78,7 +78,7 @@ class JointEstimator(ArmComponent):
 
 def fill_home(joints: Any, context: Any) -> None:
     """Write the angles (..., MAX_JOINTS) rad at which the servos stand and hold at first."""
-    q = home_pose(context.robot, 0.0, 0.0, 0.0, context.world.bench)[2]
+    q = home_pose(context.robot, context.world, 0.0, 0.0, 0.0)[2]
     joints[..., : len(q)] = q
 
 

@@ -7,7 +7,9 @@ from collections.abc import Iterable
 from typing import Any
 
 from skywright.core.record import Record, Vec3
+from skywright.description.world.things import find_first
 from skywright.models.compliant_arms import is_compliant
+from skywright.models.things.tape import Tape as TapeThing
 from skywright.vehicle.arms.truth import HandTruth, TapePull
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Component, Effect, Out, table
@@ -33,7 +35,7 @@ class Tape(Effect):
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Worlds with a tape have one, where the robot has that hand."""
-        tape = context.world.tape
+        tape = find_first(context.world.things, TapeThing)
         if tape is not None and is_compliant(context.robot):
             bodies, hand = context.scene.places.hand_bodies, int(tape.hand == "right")
             if hand < len(bodies) and bodies[hand] >= 0:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from skywright.core.record import Integers, Record, Vec3
 from skywright.core.scratch import local
-from skywright.models.pads import find_gauges
+from skywright.models.gauges import find_gauges
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import (
     Component,
@@ -45,7 +45,7 @@ class Loads(Output):
 
 
 class Gauges(Component):
-    """Fills Loads in worlds with pads (models/pads.py)."""
+    """Fills Loads in worlds with pads (models/gauges.py)."""
 
     side = "plant"
     slots = {"watch": "fast", "rest": "peaks"}

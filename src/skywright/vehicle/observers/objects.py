@@ -57,10 +57,10 @@ class ObjectObserver(Component):
             name: (
                 model.equality(f"hold {name}").id,
                 int(model.sensor(f"touch {name}").adr[0]),
-                thing.held_n,
+                thing.frees_at_n,
             )
-            for name, thing in context.world.objects.items()
-            if thing.held_n is not None
+            for name, thing in context.world.things.items()
+            if thing.frees_at_n is not None
         }
 
     def get_period(self, step: str, context: Any) -> float:

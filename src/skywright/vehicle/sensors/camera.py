@@ -16,6 +16,8 @@ from skywright.core.record import Mat3, Record, Vec3
 from skywright.core.rotations import exp_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec, quat_to_rot
 from skywright.core.scratch import local
 from skywright.description.robot.camera import Camera
+from skywright.description.world.things import find_carrier, find_first, list_movers, locate_thing
+from skywright.models.things.marker import Marker
 from skywright.vehicle.arms.ports import MarkerImage
 from skywright.vehicle.bus import Clock, MuJoCo, Truth
 from skywright.vehicle.component import Component, Normal, Out, Sensor, helper, words
@@ -62,7 +64,7 @@ class MarkerCamera(Sensor):
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Robots with a camera have one where there is a marker."""
-        if context.world.marker is not None and context.robot.camera is not None:
+        if context.robot.camera is not None and find_first(context.world.things, Marker):
             yield cls("camera", context.robot.camera)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
@@ -103,12 +105,13 @@ class MarkerCamera(Sensor):
 
 def fill_target(target: Any, context: Any) -> None:
     """Write a Target from the world's marker."""
-    world, places = context.world, context.scene.places
-    marker, target.object_qpos = world.marker, -1
-    target.p_OM[:] = target.p_WM[:] = [marker.x_m, marker.y_m, marker.z_m]
-    target.R_OM[:] = target.R_WM[:] = marker.rotation
-    if marker.on is not None:
-        target.object_qpos = places.object_qpos[world.things.index(marker.on)]
+    things, places = context.world.things, context.scene.places
+    name = next(name for name, thing in things.items() if isinstance(thing, Marker))
+    carrier, target.object_qpos = find_carrier(things, name), -1
+    at = locate_thing(things, name, carrier)
+    target.p_OM[:], target.R_OM[:] = target.p_WM[:], target.R_WM[:] = at
+    if carrier is not None:
+        target.object_qpos = places.object_qpos[list_movers(things).index(carrier)]
 
 
 @helper

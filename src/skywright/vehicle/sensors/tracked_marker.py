@@ -7,6 +7,8 @@ from typing import Any
 
 from skywright.core.record import Record
 from skywright.description.world.spec import Mocap
+from skywright.description.world.things import find_first
+from skywright.models.things.marker import Marker
 from skywright.vehicle.arms.ports import MarkerCapture
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, Out, Sensor
@@ -30,7 +32,7 @@ class MarkerTracking(Sensor):
         """Worlds with a marker have one, for robots without a camera."""
         world = context.world
         seen = context.robot.camera is None and world.localisation == "mocap"
-        if world.marker is not None and seen:
+        if seen and find_first(world.things, Marker):
             yield cls("tracked marker", world.mocap)
 
     def build(self, me: Any, table: Any, context: Any) -> None:

@@ -1,0 +1,47 @@
+"""Tables whose class follows from their key `kind`: built in, in a user's file, or installed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+from pydantic import ModelWrapValidatorHandler, model_validator
+
+from skywright.core.find import find
+from skywright.core.spec import Spec
+from skywright.errors import InputError
+
+
+class OpenSpec(Spec):
+    """A table of a `group` (core/find.py): the class that its `kind` names validates it."""
+
+    group: ClassVar[str]
+    kind: str
+
+    @classmethod
+    def find_class(cls, table: object) -> type[Spec]:
+        """Return the class of a table, or this one where its kind names none."""
+        try:
+            found = find(cls.group, table["kind"]).cls if isinstance(table, Mapping) else cls
+        except (InputError, KeyError):  # what is wrong with the kind is told by the validation
+            return cls
+        return found if issubclass(found, cls) else cls
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _is_of_its_kind(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        if not isinstance(data, Mapping) or ("kind" not in data and _names_itself(cls)):
+            return handler(data)
+        try:
+            found = find(cls.group, data.get("kind"))
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        if found.cls is cls:
+            return handler({**data, "kind": found.name})
+        if not issubclass(found.cls, cls):
+            raise ValueError(f"kind: {found.name!r} is no {cls.__name__}")
+        return found.cls.model_validate({**data, "kind": found.name})
+
+
+def _names_itself(cls: type[OpenSpec]) -> bool:
+    return not cls.model_fields["kind"].is_required()

@@ -1,0 +1,59 @@
+"""The gauges that measure what a collision does to a platform.
+
+The plant has them where the world has gauged parts to hit (models/things/pad.py): force and torque
+sensors where arms or passive link are mounted on the platform, and the net contact force on every
+gauged part.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.robot.limbs import list_limbs
+from skywright.description.robot.spec import Robot
+from skywright.description.world.thing import Things
+from skywright.models.things._build import IMPACT
+
+GAUGE = "gauge "
+"""Names of the sensors at the mounts start with it."""
+
+
+def has_gauges(things: Things) -> bool:
+    """Whether a world has something to hit that measures it."""
+    return any(part.gauged for thing in things.values() for part in thing.list_parts())
+
+
+def add_gauges(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Add force and torque sensors where the platform carries something that moves."""
+    spec.body("platform").add_site(name=f"{GAUGE}origin")
+    for limb in list_limbs(robot):
+        if limb.parent >= 0:
+            continue
+        name = GAUGE + limb.name
+        spec.body(limb.name).add_site(name=name)
+        for kind, what in (
+            (mujoco.mjtSensor.mjSENS_FORCE, "force"),
+            (mujoco.mjtSensor.mjSENS_TORQUE, "torque"),
+        ):
+            spec.add_sensor(
+                name=f"{name} {what}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name
+            )
+
+
+def find_gauges(model: mujoco.MjModel) -> tuple[NDArray[np.int64], int, NDArray[np.int64]]:
+    """Return (site, force address, torque address) a row, the platform's site, parts' addresses."""
+    address = {model.sensor(i).name: int(model.sensor_adr[i]) for i in range(model.nsensor)}
+    sites = [model.site(i).name for i in range(model.nsite)]
+    origin = f"{GAUGE}origin"
+    rows = [
+        (i, address[f"{n} force"], address[f"{n} torque"])
+        for i, n in enumerate(sites) if n.startswith(GAUGE) and n != origin
+    ]  # fmt: skip
+    pads = [a for n, a in address.items() if n.startswith(IMPACT)]
+    return (
+        np.array(rows, dtype=np.int64).reshape(-1, 3),
+        sites.index(origin) if origin in sites else -1,
+        np.array(pads, dtype=np.int64),
+    )

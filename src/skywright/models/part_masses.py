@@ -1,0 +1,89 @@
+"""Masses and inertias of a robot's parts, as model, scene and exported files take them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.core.rotations import rot_y
+from skywright.description.robot.docking import Docking
+from skywright.description.robot.limbs import end_of
+from skywright.description.robot.spec import Link, Probe, Robot
+
+SLIDER_INERTIA = 1e-6
+"""kg m^2 of the probe's sprung part about its own centre: small, but MuJoCo wants it above zero."""
+
+
+class ProbeParts(NamedTuple):
+    """How the probe's mass is laid out along its axis (from the link's end to the tip)."""
+
+    holder_mass: float
+    holder_length: float
+    slider_mass: float
+    slider_com: float
+
+
+def build_probe_parts(probe: Probe) -> ProbeParts:
+    """Holder: a rod up to the spring; slider: the sprung part, its com near the tip."""
+    slider_length = min(0.05, 0.5 * probe.length_m)
+    return ProbeParts(
+        probe.mass_kg - probe.slider_mass_kg,
+        probe.length_m - slider_length,
+        probe.slider_mass_kg,
+        probe.length_m - 0.5 * slider_length,
+    )
+
+
+def rod_inertia(mass: float, length: float, radius: float) -> Array:
+    """Return the (3, 3) inertia of a solid cylinder along x about its centre."""
+    axial = 0.5 * mass * radius**2
+    across = mass * (length**2 / 12 + radius**2 / 4)
+    return np.diag([axial, across, across])
+
+
+def build_docking_parts(docking: Docking) -> tuple[float, Array, Array]:
+    """Return mass (kg), centre of mass (3,) m in B and inertia (3, 3) kg m^2 about it.
+
+    Thin legs from the hub to the feet and a ring through the feet, half of the mass each.
+    """
+    m, h, r = docking.mass_kg, docking.height_m, docking.radius_m
+    com = np.array([0.0, 0.0, 0.75 * h])  # ring at h, legs' middle at h / 2
+    ring = 0.5 * m * r**2 * np.diag([0.5, 0.5, 1.0])
+    legs = 0.5 * m * np.diag([r**2 / 6 + h**2 / 3, r**2 / 6 + h**2 / 3, r**2 / 3])
+    origin = ring + legs + 0.5 * m * h**2 * np.diag([1.0, 1.0, 0.0])
+    return m, com, origin - m * com[2] ** 2 * np.diag([1.0, 1.0, 0.0])
+
+
+def link_direction(link: Link) -> Array:
+    """Return the unit vector (3,) along the link, in its frame."""
+    end = np.array(end_of(link))
+    return end / np.linalg.norm(end)
+
+
+def link_inertia(link: Link) -> Array:
+    """Return the (3, 3) inertia of a link about its centre, in its frame: a solid cylinder."""
+    rod = np.diag(rod_inertia(link.mass_kg, link.length_m, link.radius_m))
+    return np.diag(rod if link.along == "x" else rod[::-1])
+
+
+def tip_rotation(link: Link, pitch_deg: float = 0.0) -> Array:
+    """Return R_LT (3, 3): z_T is the link's direction turned by `pitch_deg` about y; y_T is y."""
+    z = rot_y(math.radians(pitch_deg)) @ link_direction(link)
+    y = np.array([0.0, 1.0, 0.0])
+    return np.column_stack([np.cross(y, z), y, z])
+
+
+def link_com(link: Link) -> Array:
+    """Return the centre of mass (3,) m in the link's frame."""
+    along = link.com_m if link.com_m is not None else 0.5 * link.length_m
+    return along * link_direction(link)
+
+
+def hand_inertia(robot: Robot) -> Array:
+    """Return the (3, 3) inertia of a hand about its centre: a solid ball."""
+    assert robot.arm is not None
+    hand = robot.arm.hand
+    return 0.4 * hand.mass_kg * hand.radius_m**2 * np.eye(3)

@@ -1,0 +1,59 @@
+"""What boxes and cylinders share: fixed, or free to move, or stuck until they are pulled."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import model_validator
+
+from skywright.core.rotations import rot_y, rot_z
+from skywright.core.spec import NonNegative, Positive
+from skywright.description.world.thing import SOFT, Array, Contact, Placed
+
+
+class Block(Placed):
+    """A simple solid; O is its centre. `pitch_deg` and `yaw_deg` turn it about its y, then W's z.
+
+    With `held_n` it is stuck (a plug in its socket) until it is pulled with that force.
+    """
+
+    pitch_deg: float = 0.0
+    moves: bool = False
+    mass_kg: Positive | None = None
+    friction: NonNegative | None = None  # 0.5 of one that moves, else 1
+    held_n: Positive | None = None
+
+    @property
+    def movable(self) -> bool:
+        """As its table says."""
+        return self.moves
+
+    @property
+    def frees_at_n(self) -> float | None:
+        """As its table says."""
+        return self.held_n
+
+    @property
+    def attitude(self) -> Array:
+        """First about its y, then about z."""
+        return rot_z(math.radians(self.yaw_deg)) @ rot_y(math.radians(self.pitch_deg))
+
+    @property
+    def contact(self) -> Contact:
+        """Soft where hands may hold it."""
+        if self.moves:
+            return SOFT._replace(friction=0.5 if self.friction is None else self.friction)
+        return Contact(friction=1.0 if self.friction is None else self.friction)
+
+    @property
+    def color(self) -> tuple[float, float, float]:
+        """Green what moves, brown what stands."""
+        return (0.3, 0.6, 0.4) if self.moves else (0.6, 0.5, 0.4)
+
+    @model_validator(mode="after")
+    def _what_moves_has_a_mass(self) -> Block:
+        if self.moves and self.mass_kg is None:
+            raise ValueError("moves = true needs mass_kg")
+        if self.held_n is not None and not self.moves:
+            raise ValueError("held_n holds a thing that can come free: it needs moves = true")
+        return self

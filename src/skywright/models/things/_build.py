@@ -1,0 +1,187 @@
+"""Things in the scene, in the order of the world file: here alone they become MuJoCo's.
+
+In the nominal scene everything stands where the file puts it; in the plant what is movable has a
+free joint, parts move on theirs, and a tracked thing that does not move stands where it is in
+truth. Movable things are bodies `object NAME`; the rest are geometries of what carries them, W or a
+movable thing.
+
+Contacts. Friction is Coulomb's on an elliptic cone, with MuJoCo's no-slip step where something can
+be carried, since its soft friction creeps by millimetres a second under a load.
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.core.rotations import quat_from_rot, rot_x, rot_y, rot_z
+from skywright.description.world.thing import Frame, Part, Placed, Solid, Thing, Things, build_frame
+from skywright.description.world.things import find_carrier, list_movers, locate_thing
+from skywright.models.arm_body import FEET, LIMITED, PEN, ROBOT, WORLD
+from skywright.models.docking_body import NOSLIP_ITERATIONS
+
+OBJECT = "object "
+"""Names of movable things' bodies and joints start with it."""
+IMPACT = "impact "
+"""Names of sensors of gauged parts start with it."""
+FAR = 2.0  # m, beyond which a distance is reported as this
+
+_SHAPES = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+}
+_JOINTS = {"slide": mujoco.mjtJoint.mjJNT_SLIDE, "hinge": mujoco.mjtJoint.mjJNT_HINGE}
+
+
+def find_offsets(things: Things, error: Array) -> dict[str, Frame]:
+    """Return how far tracked things that do not move are off, in their own frames.
+
+    `error` (6,) is `Deviation.socket_error`: m, and rad about x, y, z.
+    """
+    turn = rot_z(float(error[5])) @ rot_y(float(error[4])) @ rot_x(float(error[3]))
+    return {
+        name: Frame(error[:3], turn)
+        for name, thing in things.items()
+        if isinstance(thing, Placed) and thing.tracked and not thing.movable
+        and find_carrier(things, name) is None
+    }  # fmt: skip
+
+
+def add_things(spec: mujoco.MjSpec, things: Things, plant: bool, offsets: dict[str, Frame]) -> None:
+    """Add all things to a scene that has its robot already."""
+    movers = list_movers(things)
+    if movers:
+        spec.option.noslip_iterations = NOSLIP_ITERATIONS
+    bodies = {}
+    for name in movers:
+        frame = locate_thing(things, name, offsets=offsets)
+        bodies[name] = spec.worldbody.add_body(
+            name=OBJECT + name, pos=frame.p, quat=quat_from_rot(frame.R)
+        )
+    for name, thing in things.items():
+        carrier = find_carrier(things, name)
+        body, frame = spec.worldbody, build_frame()
+        if name in bodies:
+            body = bodies[name]
+        elif isinstance(thing, Placed):
+            frame = locate_thing(things, name, carrier, offsets)
+            body = body if carrier is None else bodies[carrier]
+        parts = thing.list_parts()
+        for part in parts:
+            moving = name in bodies or carrier is not None
+            _add_part(spec, body, name, part, frame.at(part.frame), moving, plant)
+        if plant and name in bodies:
+            body.add_freejoint(name=OBJECT + name)
+            _hold(spec, name, thing, locate_thing(things, name, offsets=offsets).p)
+        if plant:
+            thing.extend_plant(spec, name)
+
+
+def _add_part(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: Part, frame: Frame, moving: bool,
+    plant: bool,
+) -> None:  # fmt: skip
+    """Add a part to `body`, in which `frame` places it; in the plant a jointed one is a child."""
+    label = f"{name} {part.name}".rstrip()
+    if plant and part.joint is not None:
+        body = body.add_body(name=label, pos=frame.p, quat=quat_from_rot(frame.R))
+        _add_joint(body, label, part)
+        frame = build_frame()
+    for solid in part.solids:
+        _add_solid(body, label if len(part.solids) == 1 else f"{name} {solid.name}", solid, frame,
+                   moving)  # fmt: skip
+    if plant and part.gauged:
+        _add_contact_sensor(spec, IMPACT + label, body.name)
+
+
+def _add_solid(body: mujoco.MjsBody, name: str, solid: Solid, frame: Frame, moving: bool) -> None:
+    c = solid.contact
+    place: dict[str, Any]
+    if solid.ends is not None:
+        place = {"fromto": np.concatenate([frame.p + frame.R @ np.asarray(e) for e in solid.ends])}
+    else:
+        at = frame.at(solid.frame)
+        place = {"pos": at.p, "quat": quat_from_rot(at.R)}
+    body.add_geom(
+        name=name, type=_SHAPES[solid.shape], size=[*solid.size, 0.0, 0.0][:3], mass=solid.mass_kg,
+        rgba=[*solid.color, 1.0], contype=WORLD,
+        conaffinity=ROBOT | FEET | PEN | (WORLD if moving else 0),
+        friction=[c.friction, 0.005, 0.0001], condim=4 if c.torsion else 3, priority=c.priority,
+        solref=[c.time_constant_s, 1.0], solimp=[c.impedance, 0.95, 0.001, 0.5, 2.0], **place,
+    )  # fmt: skip
+
+
+def _add_joint(body: mujoco.MjsBody, name: str, part: Part) -> None:
+    assert part.joint is not None
+    j = part.joint
+    joint = body.add_joint(
+        name=name, type=_JOINTS[j.kind], axis=list(j.axis), limited=LIMITED, range=[j.low, j.high],
+        solref_limit=[0.004, 1.0], frictionloss=j.friction,
+    )  # fmt: skip
+    for key, value in (("stiffness", j.stiffness), ("damping", j.damping)):
+        poly = np.ndim(getattr(joint, key)) > 0
+        setattr(joint, key, np.array([value, 0.0, 0.0]) if poly else value)
+
+
+def _hold(spec: mujoco.MjSpec, name: str, thing: Thing, p_WO: Array) -> None:
+    """Weld a thing to W until it is pulled, and measure how hard it is."""
+    if thing.frees_at_n is None:
+        return
+    _add_contact_sensor(spec, f"touch {name}", OBJECT + name)
+    hold = spec.add_equality(
+        name=f"hold {name}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=OBJECT + name,
+    )  # fmt: skip
+    hold.solref = [0.01, 1.0]
+    # the anchor is at its place: else it would hang on a long lever
+    hold.data = np.array([*p_WO, 0, 0, 0, 0, 0, 0, 0, 1.0, 0])
+
+
+def _add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
+    """Add a sensor of the net contact force on a body, in W."""
+    spec.add_sensor(
+        name=name, type=mujoco.mjtSensor.mjSENS_CONTACT, objtype=mujoco.mjtObj.mjOBJ_BODY,
+        objname=body, intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1],
+    )  # fmt: skip
+
+
+def find_carried_clearance(
+    model: mujoco.MjModel, name: str, way: Array, hang: Array, step: float = 0.03
+) -> tuple[float, str]:
+    """Return the least distance (m) of a carried thing to the world's solids, and to which.
+
+    `way` (n, 4) m, rad are way-points of the platform, straight between each other, `hang` (3,) m
+    is the thing's O from the platform in a level frame with its heading. `model` is a nominal scene
+    with the thing; the ground is left out.
+    """
+    model = copy.copy(model)
+    data = mujoco.MjData(model)
+    body = model.body(OBJECT + name).id
+    mine = [g for g in range(model.ngeom) if model.geom_bodyid[g] == body]
+    others = [
+        g for g in range(model.ngeom)
+        if model.geom_bodyid[g] == 0 and model.geom_type[g] != mujoco.mjtGeom.mjGEOM_PLANE
+    ]  # fmt: skip
+    least, what = FAR, ""
+    for a, b in itertools.pairwise(way):
+        count = max(math.ceil(float(np.linalg.norm(b[:3] - a[:3])) / step), 1)
+        for u in np.linspace(0.0, 1.0, count + 1):
+            pose = a + u * (b - a)
+            R = rot_z(float(pose[3]))
+            model.body_pos[body] = pose[:3] + R @ hang
+            model.body_quat[body] = quat_from_rot(R)
+            mujoco.mj_kinematics(model, data)
+            for g in mine:
+                for other in others:
+                    distance = mujoco.mj_geomDistance(model, data, g, other, least, None)
+                    if distance < least:
+                        least, what = distance, model.geom(other).name
+    return least, what

@@ -1,0 +1,46 @@
+"""A bench: a fixture that clamps the platform, arms free; it may drift while a trial wants it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from skywright.description.world.thing import Placed
+
+CLAMP = "clamp"
+"""Name of the constraint between platform and bench in the plant."""
+
+
+class Bench(Placed):
+    """O is where the platform's origin is clamped."""
+
+    kind: str = "bench"
+    anywhere: ClassVar[bool] = True
+    z_m: float = Field(default=1.2, gt=0, le=100)
+    pitch_deg: float = Field(default=0.0, ge=-90, le=90)  # about y; 90: what was up points along x
+
+    @property
+    def q_WB(self) -> tuple[float, float, float, float]:
+        """Attitude of the platform (wxyz)."""
+        half = 0.5 * math.radians(self.pitch_deg)
+        return math.cos(half), 0.0, math.sin(half), 0.0
+
+    def extend_plant(self, spec: Any, name: str) -> None:
+        """Clamp the platform to a body that is moved by hand (MuJoCo's "mocap" body)."""
+        import mujoco
+
+        place = [self.x_m, self.y_m, self.z_m]
+        spec.worldbody.add_body(name=name, mocap=True, pos=place, quat=list(self.q_WB))
+        clamp = spec.add_equality(
+            name=CLAMP, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="platform", name2=name,
+        )  # fmt: skip
+        clamp.solref = [0.005, 1.0]
+        clamp.data = np.array([0, 0, 0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0])  # same frame
+
+    def describe(self) -> str:
+        """How high it holds the platform."""
+        return f"bench that clamps the platform at {self.z_m:g} m, pitched {self.pitch_deg:g} deg"

@@ -1,0 +1,33 @@
+"""A marker that a camera or motion capture measures, fixed in W or `on` a thing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skywright.core.rotations import rot_y, rot_z
+from skywright.description.world.thing import Array, Placed
+
+_FACING = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+class Marker(Placed):
+    """Frame M; it has no solid.
+
+    Its normal (z of M) looks along -x, turned by `pitch_deg` about y and `yaw_deg` about z; y of M
+    is up, x to the right of one who looks at it.
+    """
+
+    kind: str = "marker"
+    pitch_deg: float = 0.0
+    tracked: bool = True
+
+    @property
+    def attitude(self) -> Array:
+        """R_WM (3, 3), or R_OM on a thing."""
+        return rot_z(math.radians(self.yaw_deg)) @ rot_y(math.radians(self.pitch_deg)) @ _FACING
+
+    def describe(self) -> str:
+        """What it is on."""
+        return "marker" if self.on is None else f"marker on {self.on}"
