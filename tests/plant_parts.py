@@ -14,7 +14,6 @@ from skywright.models.arm_body import Deviation
 from skywright.models.rigid_body import build_body_model
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
-from skywright.sim.simulation import Simulation
 from skywright.vehicle.assembly import Assembly
 from skywright.vehicle.bus import (
     Allocated,
@@ -29,6 +28,7 @@ from skywright.vehicle.bus import (
 from skywright.vehicle.component import Component, Out, PlantContext
 from skywright.vehicle.inventory import list_wanted
 from skywright.vehicle.recorder import Recorder
+from skywright.vehicle.simulation import Simulation
 from skywright.vehicle.ticker import Ticker
 
 

@@ -14,7 +14,7 @@ from scipy.special import ellipe, ellipk
 
 from skywright.description.world.spec import Pipe, Weld
 from skywright.errors import InputError
-from skywright.inspection.eddy_current import (
+from skywright.models.eddy_current import (
     MU0,
     Coil,
     Instrument,

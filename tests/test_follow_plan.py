@@ -12,11 +12,11 @@ from skywright.cli import main
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.missions.skills.plan_flight import load_plan_description
+from skywright.missions.skills.plan_table import LEAD_S, build_plan_table
 from skywright.models.rigid_body import build_body_model, joint_names
 from skywright.planning.motion.plan_file import PlanFile, write_plan_file
 from skywright.run.planning import plan_mission
 from skywright.run.run import fly_and_evaluate
-from skywright.vehicle.plan_table import LEAD_S, build_plan_table
 from skywright.vehicle.rest_to_rest import quintic
 
 

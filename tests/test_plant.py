@@ -12,9 +12,9 @@ from plant_parts import build_context, build_part, view
 from skywright.description.loader import load_description
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene, set_pose
-from skywright.sim.physics import step_physics
 from skywright.vehicle.actuators.velocity_servos import VelocityServos
 from skywright.vehicle.bus import MuJoCo, ServoDrive
+from skywright.vehicle.physics import step_physics
 
 
 @pytest.fixture(scope="module")

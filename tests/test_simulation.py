@@ -10,7 +10,7 @@ import pytest
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
 from skywright.models.scene import build_scene
-from skywright.sim.simulation import Simulation
+from skywright.vehicle.simulation import Simulation
 
 
 def test_a_plant_that_diverges_shows_it_and_writes_no_file(

@@ -24,13 +24,13 @@ from skywright.inspection.calibration import (
     save_calibration,
 )
 from skywright.inspection.contact_quality import compute_contact_map, compute_coverage
-from skywright.inspection.eddy_current import build_probe_signal, ec_signal
 from skywright.inspection.surface_fit import (
     build_surface,
     fit_cylinder,
 )
 from skywright.inspection.weld import WeldResult, process_scan
 from skywright.inspection.weld_line import compute_line_error, estimate_weld_line
+from skywright.models.eddy_current import build_probe_signal, ec_signal
 from skywright.reports.weld_map import write_weld_map
 
 APPROACH = 6.0  # s

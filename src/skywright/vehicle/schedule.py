@@ -10,9 +10,9 @@ import numpy as np
 from numba import carray, njit
 
 from skywright.core.pointers import as_pointer
-from skywright.sim.physics import step_physics
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.native import MAX_PORTS, call_step
+from skywright.vehicle.physics import step_physics
 
 ROW = np.dtype(
     [

@@ -39,7 +39,6 @@ from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.things._build import OBJECT, find_offsets
 from skywright.models.things.bench import CLAMP, Bench
-from skywright.sim.simulation import Simulation
 from skywright.vehicle.assembly import Assembly, State
 from skywright.vehicle.bus import Allocated, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext
@@ -56,6 +55,7 @@ from skywright.vehicle.observers.operator import Operator
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.ports import list_steps
 from skywright.vehicle.recorder import Recorder
+from skywright.vehicle.simulation import Simulation
 from skywright.vehicle.ticker import Ticker
 from skywright.vehicle.topics import list_topics
 

@@ -15,11 +15,11 @@ from skywright.models.rigid_body import posture
 from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
-from skywright.sim.simulation import Snapshot
 from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.interface import Arms, Uav, WholeBody
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.simulated import SimulatedVehicle
+from skywright.vehicle.simulation import Snapshot
 
 SCAN = "pipe-weld-scan"
 

@@ -19,8 +19,8 @@ from skywright.evidence.reproduce.series import (
     smooth,
     tangential,
 )
-from skywright.inspection.eddy_current import Instrument
 from skywright.missions.scan.metrics import LIFT_OFF_THRESHOLD
+from skywright.models.eddy_current import Instrument
 from skywright.reports.figures.style import BLUE, ORANGE
 
 TIME = "time since the start of the run (s)"

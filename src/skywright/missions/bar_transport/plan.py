@@ -19,6 +19,7 @@ from skywright.description.world.spec import World
 from skywright.errors import InfeasibleError, InputError
 from skywright.missions.bar_transport.task import BarTransport
 from skywright.missions.skills.plan_flight import find_closest, load_checked_plan
+from skywright.missions.skills.plan_table import build_plan_table
 from skywright.models.rigid_body import posture
 from skywright.planning.motion.plan_file import PlanFile
 from skywright.planning.motion.transport import Transport, TransportProblem, build_transport
@@ -28,7 +29,6 @@ from skywright.planning.motion.transport_plan import (
 )
 from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
-from skywright.vehicle.plan_table import build_plan_table
 
 if TYPE_CHECKING:
     pass

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from skywright.errors import InputError
 from skywright.missions.follow_plan.task import FollowPlan
 from skywright.missions.skills.plan_flight import find_closest, load_checked_plan
+from skywright.missions.skills.plan_table import build_plan_table
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-from skywright.vehicle.plan_table import build_plan_table
 
 if TYPE_CHECKING:
     pass

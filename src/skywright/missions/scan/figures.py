@@ -17,11 +17,11 @@ from skywright.description.world.spec import Pipe
 from skywright.description.world.surface import build_cylinder
 from skywright.description.world.surface import surface_point as compute_surface_point
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT, compute_contact_map
-from skywright.inspection.eddy_current import Instrument
 from skywright.inspection.weld import detect_contact
 from skywright.missions.scan.metrics import LIFT_OFF_THRESHOLD
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
+from skywright.models.eddy_current import Instrument
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.planning.patterns import SIDES, build_pattern
 from skywright.reports.figures.paths import select_scan, unroll_points

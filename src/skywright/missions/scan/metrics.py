@@ -140,7 +140,7 @@ def find_lifts(gap_max: Array, dt: float) -> list[Lift]:
 
 
 def _instrument_axis() -> Array:
-    from skywright.inspection.eddy_current import Instrument
+    from skywright.models.eddy_current import Instrument
 
     phase = Instrument().phase
     return np.array([math.cos(phase), math.sin(phase)])

@@ -12,7 +12,7 @@ from numba import carray
 from skywright.core.compiled import helper
 from skywright.core.pointers import as_pointer
 from skywright.core.record import Array, Integers, Record
-from skywright.inspection.eddy_current import (
+from skywright.models.eddy_current import (
     Instrument,
     ProbeSignal,
     build_probe_signal,
