@@ -37,7 +37,7 @@ FLOATING = {"world.gravity_mps2": 1e-9}
 def build_floating(robot: str) -> tuple[Scene, mujoco.MjData, np.ndarray]:
     """A robot without weight, rotors off, at the place where it touches the pad, moving at it."""
     d = load_description("impact", robot=robot, sets=FLOATING)
-    way = plan_mission(d).task
+    way = plan_mission(d).way
     scene = build_scene(d.robot, d.world, Deviation())
     data = mujoco.MjData(scene.model)
     data.qpos[:3] = way.p_contact - 0.005 * way.ahead

@@ -1,7 +1,7 @@
 """What a compliant arm presses with: `python -m skywright.evidence.force_estimators`.
 
 Suarez 2020 controls the force of a hand through its Cartesian deflection, (25)-(28); beside it
-stands the static equilibrium of the links (estimation/contact_force.py). On a bench each of them
+stands the static equilibrium of the links (vehicle/arms/contact_force.py). On a bench each of them
 closes the force loop at 2 N, up and forward, in the L pose and with the arm almost stretched, with
 the reading called zero before the contact (tare) and without; the true contact force is compared.
 """

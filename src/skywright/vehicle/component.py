@@ -12,7 +12,7 @@ A component is a class with
 
 Steps are compiled by numba (`helper` decorates what they call; `words` and `table` read arrays by
 address), or run as plain Python (`compiled = False`, interactive mode only).
-They must not allocate: scratch belongs into `Me`.
+They must not allocate: scratch is `local(3)` (core/scratch.py), memory belongs into `Me`.
 """
 
 from __future__ import annotations
