@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import list_layer_problems, load_description
 from skywright.errors import InputError, SimulationError
+from skywright.run.directory import load_run
 from skywright.run.parts import build_estimator, build_law, build_named
 from skywright.run.run import build_vehicle, fly_and_evaluate
 
@@ -219,3 +222,38 @@ def test_a_step_that_raises_ends_the_run_with_its_place(tmp_path):
     with pytest.raises(SimulationError, match=r"law.*too late|too late.*law"):
         for _ in range(20):
             vehicle.tick()
+
+
+# --- a step that never returns -----------------------------------------------------------------
+
+ENDLESS = """
+@staticmethod
+def step(ref: Reference, est: Estimate, cmd: Out[WrenchCommand]) -> None:
+    n = 0
+    while est.t > 0.5:
+        n += 1
+        if n < 0:
+            break
+        n = n % 1000
+    cmd.f_B[2] = 1.0
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_law_that_never_returns_ends_the_run_and_leaves_its_recording(tmp_path, compiled):
+    kind = write_law(tmp_path, f"compiled = {compiled}\n{ENDLESS}")
+    out = tmp_path / "run"
+    command = [
+        sys.executable, "-m", "skywright", "run", "waypoints", "--robot", "othex",
+        "--set", f"mission.law={kind}", "--set", "mission.step_limit_s=2", "--out", str(out),
+        "--set", f"mission.mode={'fast' if compiled else 'interactive'}",
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 3, done.stderr + done.stdout
+    says = "component law (Mine.step) did not return within 2 s at t = 0.5"
+    told = " ".join((done.stderr + done.stdout).split())
+    assert says in told
+    stored = load_run(out.with_name("run.partial"))
+    assert stored.outcome == "diverged" and says in stored.reason
+    assert 0.3 < stored.samples["t"][-1] < 0.6

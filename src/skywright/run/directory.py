@@ -90,9 +90,11 @@ def write_json(path: Path, value: dict[str, Any]) -> None:
             fresh.unlink()
 
 
-def write_unfinished(partial: Path) -> None:
+def write_unfinished(
+    partial: Path, outcome: str = "interrupted", reason: str = "killed before it ended"
+) -> None:
     """Say that a run is under way: what stays there if the process is killed."""
-    value = {"outcome": "interrupted", "reason": "killed before it ended", "phases": []}
+    value = {"outcome": outcome, "reason": reason, "phases": []}
     write_json(partial / "metrics.json", {**value, "timing": {}})
 
 

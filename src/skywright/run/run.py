@@ -7,7 +7,9 @@ diverged run stays NAME.partial with a recording that is readable up to the last
 
 from __future__ import annotations
 
+import os
 import platform
+import sys
 import time
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -50,6 +52,7 @@ from skywright.run.supervisor import Supervisor
 from skywright.run.warm_up import is_compiled, start_warm_up
 from skywright.vehicle.observers.operator import Operator as OperatorStick
 from skywright.vehicle.simulated import SimulatedVehicle
+from skywright.vehicle.time_limit import watch
 
 FLUSH_S = 1.0  # simulated seconds between writes of the recording
 
@@ -309,9 +312,21 @@ def _fly(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
         on_measurement, operator,
     )  # fmt: skip
+
+    def on_stuck(says: str) -> None:
+        """Keep what was flown and end the process: compiled code cannot be interrupted."""
+        flush()
+        if writer is not None and partial is not None:
+            writer.event(vehicle.t, f"diverged: {says}")
+            writer.close()
+            write_unfinished(partial, "diverged", says)
+        print(f"error: {says}", file=sys.stderr, flush=True)
+        os._exit(SimulationError.exit_code)
+
     outcome, flight = "", Flight(False, "")
     try:
-        flight = supervisor.fly()
+        with watch(vehicle.ticker, on_stuck, description.mission.step_limit_s):
+            flight = supervisor.fly()
     except KeyboardInterrupt:
         if writer is None:  # nothing is kept of this flight: who asked for it ends, too
             raise

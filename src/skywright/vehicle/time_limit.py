@@ -12,8 +12,6 @@ from contextlib import contextmanager
 from skywright.errors import SimulationError
 from skywright.vehicle.ticker import Ticker
 
-LIMIT = 20.0
-"""s of wall time that one mission tick may take; it takes milliseconds."""
 POLL = 0.2  # s
 
 
@@ -22,7 +20,7 @@ class StepTooLong(SimulationError):
 
 
 @contextmanager
-def watch(ticker: Ticker, on_stuck: Callable[[str], None], limit: float = LIMIT) -> Iterator[None]:
+def watch(ticker: Ticker, on_stuck: Callable[[str], None], limit: float) -> Iterator[None]:
     """Watch the mission ticks that run in the block.
 
     A step in plain Python is interrupted: StepTooLong rises out of it. Compiled code cannot be:
