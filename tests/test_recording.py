@@ -18,8 +18,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from skywright.vehicle.columns import MIXED, PARTS, Recorded, list_recorded
 
+from recorded_columns import PARTS, Recorded, list_recorded
 from skywright.core import messages
 from skywright.core.cdr import build_layout
 from skywright.core.columns import Column, Stream, Topic, build_dtype, choose_topics
@@ -34,6 +34,7 @@ from skywright.models.link_frames import LinkFrames
 from skywright.models.rigid_body import build_body_model, compute_tip, joint_names
 from skywright.models.urdf import build_urdf
 from skywright.run.flight_recording import FlightRecording
+from skywright.vehicle.topics import MIXED
 
 JOINTS = ("link1", "link2")
 ROTORS = 6
