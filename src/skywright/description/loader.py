@@ -13,8 +13,7 @@ from skywright.core.keys import apply_assignments, parse_assignment
 from skywright.core.spec import Source, Spec
 from skywright.core.toml_files import Layer, describe_value, merge_layers
 from skywright.core.validation import list_problems, validate_root
-from skywright.description.mission.registry import find_mission_spec
-from skywright.description.mission.spec import Mission, Plant, T
+from skywright.description.mission.spec import Mission, Plant, T, find_mission_spec
 from skywright.description.parts import Part, drop_replaced, take_kinds, type_parts
 from skywright.description.renamed import load_layer, rename_key
 from skywright.description.robot.loader import find_robot, load_robot_layers

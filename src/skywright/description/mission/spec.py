@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
+from skywright.core.find import find
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
-from skywright.description.parts import Part
+from skywright.description.parts import Part, type_parts
 from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
 
 
 class Requirement(Spec):
@@ -67,8 +70,6 @@ class Mission(Spec, Generic[T]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by kind: the class is made at run time, and the task may be a user's."""
-        from skywright.description.mission.registry import revive_mission
-
         return revive_mission, (self.kind, self.model_dump())
 
 
@@ -101,3 +102,23 @@ class Plant(Spec):
     socket_yaw_error_deg: float = Field(default=0.0, ge=-10, le=10)
     survey_error_m: NonNegative = 0.001  # 1 sigma a axis: markers on bar and socket, together
     survey_error_deg: NonNegative = 0.5  # 1 sigma about each axis, likewise
+
+
+def find_mission_spec(kind: object, folders: Sequence[Path] = ()) -> tuple[str, type[Mission[Any]]]:
+    """Return a kind's resolved name (the path of a file is absolute) and its missions' spec.
+
+    Raises InputError where there is no such kind.
+    """
+    found = find("kind", kind, folders, "mission.kind")
+    task = found.cls.task if hasattr(found.cls, "task") else None
+    if not isinstance(task, type) or not issubclass(task, Task):
+        raise InputError(f"mission.kind: {found.name!r} lacks a class of tasks: task = ...")
+    mission: Any = Mission  # the task is known at run time only
+    return found.name, mission[task]
+
+
+def revive_mission(kind: str, values: Mapping[str, Any]) -> Mission[Any]:
+    """Build a mission from what `Mission.__reduce__` wrote."""
+    spec: Any = type_parts(find_mission_spec(kind)[1], "mission", {"mission": dict(values)})
+    mission: Mission[Any] = spec.model_validate(values)
+    return mission
