@@ -61,14 +61,25 @@ import os
 import signal
 from pathlib import Path
 
+from skywright.core.record import Record
+from skywright.vehicle.bus import WrenchCommand
+from skywright.vehicle.component import Law, Out
+
 MARK = Path(__file__).with_suffix(".killed")
-if not MARK.exists():
-    MARK.touch()
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
-def step(par, mem, ref, est, body, cmd):
-    cmd.f_B[2] = float("nan")
+class Killer(Law):
+    class Me(Record):
+        none: float
+
+    def build(self, me, table, context):
+        if not MARK.exists():
+            MARK.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    @staticmethod
+    def step(me: Me, cmd: Out[WrenchCommand]) -> None:
+        cmd.f_B[2] = float("nan")
 """
 
 VARY = (
@@ -238,20 +249,20 @@ def test_an_interrupted_campaign_loses_only_runs_in_flight(
 
 
 def test_a_killed_worker_costs_nothing(hop: Path) -> None:
-    """The law kills the first worker that loads it; then it diverges, which is a row, too."""
-    law = "mission.law=choice('killer.py:step','thrust_vectoring')"
+    """The law kills the first worker that builds it; then it diverges, which is a row, too."""
+    law = "mission.law=choice('killer.py:Killer','thrust_vectoring')"
     result = run_campaign(build(law, seed=1), 6, out=Path("c"))
     assert Path("killer.killed").exists()
     assert [row.run for row in result.rows] == list(range(6))
     outcomes = {row.varied["mission.law"]: row.outcome for row in result.rows}
-    assert outcomes == {"killer.py:step": "diverged", "thrust_vectoring": "succeeded"}
+    assert outcomes == {"killer.py:Killer": "diverged", "thrust_vectoring": "succeeded"}
     assert sorted({row.attempts for row in result.rows}) == [1, 2]
     assert all("NaN" in row.reason for row in result.rows if row.outcome == "diverged")
 
 
 def test_a_run_that_always_kills_its_worker_is_a_row(hop: Path) -> None:
     Path("killer.py").write_text(KILLER.replace("MARK.touch()", "pass"))
-    result = run_campaign(build("mission.law=choice('killer.py:step')"), 1, out=Path("c"))
+    result = run_campaign(build("mission.law=choice('killer.py:Killer')"), 1, out=Path("c"))
     (row,) = result.rows
     assert (row.outcome, row.attempts) == ("crashed", 3) and "SIGKILL" in row.reason
     assert result.exit_code == 1
@@ -442,7 +453,7 @@ def test_a_run_that_cannot_be_recorded_is_no_row(
 
 
 def test_another_law_behind_the_same_name_is_another_campaign(hop: Path) -> None:
-    law = "mission.law=choice('killer.py:step','thrust_vectoring')"
+    law = "mission.law=choice('killer.py:Killer','thrust_vectoring')"
     Store(Path("c"), build_identity(build(law))).close()
     Path("killer.py").write_text(KILLER + "\n")
     with pytest.raises(InputError, match="the file of a control law"):
@@ -475,14 +486,14 @@ def test_ray_gives_the_same_rows_and_survives_a_killed_worker(
 ) -> None:
     """With the law varied too, every other draw stays: half of the rows must be those of before."""
     pytest.importorskip("ray", reason="Ray is not installed (extra 'cluster')")
-    law = "mission.law=choice('killer.py:step','thrust_vectoring')"
+    law = "mission.law=choice('killer.py:Killer','thrust_vectoring')"
     result = run_campaign(build(*VARY, law), 6, out=Path("c"), ray="local", workers=2)
     assert Path("killer.killed").exists()
     assert sorted({row.attempts for row in result.rows}) == [1, 2]
     same = 0
     for with_ray, local in zip(result.rows, flown[1], strict=True):
         name = with_ray.varied.pop("mission.law")
-        if name == "killer.py:step":
+        if name == "killer.py:Killer":
             assert with_ray.outcome == "diverged" and "NaN" in with_ray.reason
             continue
         assert strip([with_ray._replace(command="")]) == strip([local._replace(command="")])

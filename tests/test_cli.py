@@ -246,7 +246,7 @@ def test_new_robot_is_valid_and_not_overwritten(tmp_path: Path) -> None:
         assert result.exit_code == 0, result.output
     assert call("show", "mine").exit_code == 0
     (tmp_path / "mine/robot.toml").write_text("changed")
-    assert_refused(call("new", "robot", "mine"), "mine/robot.toml", "not overwritten")
+    assert_refused(call("new", "robot", "mine"), "mine/mission.toml", "not overwritten")
     assert (tmp_path / "mine/robot.toml").read_text() == "changed"
 
 

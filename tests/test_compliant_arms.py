@@ -146,8 +146,7 @@ def test_a_heavy_load_is_known_without_encoders(load):
     for h in range(2):
         b.v.push(f"hand{h}", np.array([0.0, 0.0, -load]))
     rows = b.wait(6.0)[-100:]
-    arms = b.arms_state
-    assert not np.any(arms["sensed"][[1, 2, *range(4, 8)]])
+    assert not np.any(b.v.read(ArmModel).sensed[[1, 2, *range(4, 8)]])
     for side in ("left", "right"):
         off = (rows[f"{side}_p_WH"] - rows[f"{side}_est_p_WH"]).mean(axis=0)
         assert np.linalg.norm(off) < 0.008  # zeros of the shafts, a mass 2 % beside the model's
@@ -268,9 +267,9 @@ def test_integrals_stop_where_a_limit_holds_the_command():
     b.wait(2.0)
     wound = float(b.v.read(ArmsMemory, "arms_law").i_torque[3])
     b.wait(2.0)
-    arms = b.arms_state
-    growth = float(arms["ki_torque"] / arms["k"][3] * 4.0 * 2.0)  # rad, unbounded
-    assert abs(float(arms["i_torque"][3]) - wound) < 0.02 * growth
+    law = b.v.read(ArmsMemory, "arms_law")
+    growth = float(law.ki_torque / b.v.read(ArmModel).k[3] * 4.0 * 2.0)  # rad, unbounded
+    assert abs(float(law.i_torque[3]) - wound) < 0.02 * growth
 
 
 def test_a_force_that_nothing_resists_ends_at_the_limits():

@@ -306,13 +306,29 @@ def test_a_fault_of_the_program_costs_only_its_claims(paper, tmp_path):
     assert "ZeroDivisionError: division by zero (test_reproduce.py:" in bad.explanation
 
 
+LAW = """
+from skywright.core.record import Record
+from skywright.vehicle.bus import WrenchCommand
+from skywright.vehicle.component import Law, Out
+
+
+class Mine(Law):
+    class Me(Record):
+        none: float
+
+    @staticmethod
+    def step(me: Me, cmd: Out[WrenchCommand]) -> None:
+        {}
+"""
+
+
 def test_another_law_behind_the_same_name_is_flown_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     law = tmp_path / "law.py"
-    case = Case(sets={"mission.law": "law.py:step"})
+    case = Case(sets={"mission.law": "law.py:Mine"})
     contents = set()
-    for text in ("def step(*_): pass", "def step(*_): return"):
-        law.write_text(text)
+    for text in ("pass", "return"):
+        law.write_text(LAW.format(text))
         contents.add(describe_content(case, build_description(case, 1)))
     assert len(contents) == 2
 

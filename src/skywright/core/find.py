@@ -138,13 +138,12 @@ def list_classes(module: Any, group: str) -> list[Any]:
     ]
 
 
-@lru_cache
 def load_file(path: Path) -> Any:
-    """Import a user's file under a name that is the same in every process.
+    """Import a user's file under a name that follows from its content.
 
-    numba finds compiled code of a module again by that name.
+    numba keeps compiled code under that name: it is found again in every process, and by a copy.
     """
-    name = f"skywright_user_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    name = f"skywright_user_{path.stem}_{hashlib.sha256(path.read_bytes()).hexdigest()[:8]}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)

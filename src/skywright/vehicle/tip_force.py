@@ -12,7 +12,8 @@ from typing import Any
 
 from skywright.core.record import Record
 from skywright.vehicle.bus import Body, Estimate
-from skywright.vehicle.component import Component, InOut
+from skywright.vehicle.component import Component, InOut, Recorded
+from skywright.vehicle.follower import Press
 from skywright.vehicle.readings import TipForce
 
 
@@ -20,6 +21,13 @@ class TipForceEstimator(Component):
     """Fills `Estimate.f_tip`."""
 
     slot = "reference"  # after the estimators
+
+    columns = (
+        Recorded("force_meas", Estimate, "f_tip", "N", "by the probe's sensor, less its slider"),
+        Recorded("ref_force", Press, "force", "N", "that the tip shall exert"),
+        Recorded("pressing", Press, "press", "", "1: the arm controls the force"),
+        Recorded("docked", Press, "docked", "", "1: the feet shall rest on the structure"),
+    )
 
     class Me(Record):
         slider: float  # kg, of the bar between the probe's spring and its tip
@@ -36,7 +44,8 @@ class TipForceEstimator(Component):
         me.slider = context.robot.probe.slider_mass_kg
 
     @staticmethod
-    def step(me: Me, measured: TipForce, body: Body, est: InOut[Estimate]) -> None:
+    def step(me: Me, measured: TipForce, press: Press, body: Body, est: InOut[Estimate]) -> None:
+        """`press` is recorded beside the force."""
         up = 0.0
         for i in range(3):
             up += est.R_WB[2, i] * body.R_BT[i, 2]

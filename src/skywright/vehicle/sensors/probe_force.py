@@ -8,8 +8,8 @@ from typing import Any
 from skywright.core.record import Record
 from skywright.description.robot.force_sensor import ForceSensor
 from skywright.models.force_sensor import Converter, build_force_sensor, measure_force
-from skywright.vehicle.bus import Estimate, MuJoCo
-from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, words
+from skywright.vehicle.bus import MuJoCo
+from skywright.vehicle.component import Component, Normal, Out, Sensor, words
 from skywright.vehicle.readings import TipForce
 
 
@@ -27,10 +27,6 @@ class ProbeForce(Sensor):
     class Noise(Normal):
         stream = "force"
         count: float
-
-    columns = (
-        Recorded("force_meas", Estimate, "f_tip", "N", "by the probe's sensor, less its slider"),
-    )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the calibration and the spring."""
