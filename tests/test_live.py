@@ -168,7 +168,7 @@ def test_numbers_of_a_scan(tmp_path: Path) -> None:
 
     vehicle = build_vehicle(load_description("pipe-weld-scan"))
     vehicle.tick()
-    row = vehicle.samples[0].copy()
+    row = vehicle.last_sample[0].copy()
     row["gap"], row["f_normal"], row["tilt"] = 0.0004, 1.25, np.radians(4.0)
     text = build_numbers(row, vehicle)
     assert "| push | 1.25 N |" in text and "| air gap | 0.40 mm |" in text
