@@ -93,7 +93,7 @@ class MissionKind(ABC, Generic[T, P]):
 
     @abstractmethod
     def plan(self, setup: Setup[T]) -> MissionPlan[P]:
-        """Plan; what cannot be is told in `blocked_by`.
+        """Plan; `blocked_by` of the plan says why a request is infeasible.
 
         Raises InputError where robot or world lack what the mission is about.
         """

@@ -71,7 +71,7 @@ class Observer(Protocol):
 
 
 class RunResult(NamedTuple, Generic[T, P]):
-    """A finished run; `samples` holds the recorded columns (100 Hz; vehicle/columns.py)."""
+    """A finished run; `samples` holds the columns that components declare (100 Hz)."""
 
     description: Description[T]
     plan: MissionPlan[P]

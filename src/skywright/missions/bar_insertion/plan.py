@@ -65,7 +65,7 @@ class InsertionPlan(NamedTuple):
 
 
 def plan(setup: Setup[BarInsertion]) -> MissionPlan[InsertionPlan]:
-    """Find poses and check the straight ways; what cannot be is told."""
+    """Find poses and check the straight ways; refuse infeasible requests with the reason."""
     robot, world, task, began = setup.robot, setup.world, setup.task, time.perf_counter()
     _check_input(robot, world, task)
     grip = build_grip(robot, world.find_thing(task.bar, Peg), world.gravity_mps2)

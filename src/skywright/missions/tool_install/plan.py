@@ -81,7 +81,7 @@ class ToolPlan(NamedTuple):
 
 
 def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
-    """Find poses and ways; what cannot be is told."""
+    """Find poses and ways; an infeasible request is refused with the reason."""
     d, robot, world = setup.description, setup.robot, setup.world
     began, task = time.perf_counter(), setup.task
     _check_input(robot, world, task)
