@@ -95,7 +95,7 @@ def test_in_wind_the_robot_leans_less_before_it_docks() -> None:
         d = load_description("bridge-contact", sets=sets | {"world.wind.mean_mps": speed})
         found = plan_mission(d)
         assert found.feasible, found.blocked_by
-        for s in found.task.stations:
+        for s in found.way.stations:
             lean = math.acos(float(s.R_approach[2, 2]))
             assert lean <= s.tilt_limit
             angles.append(lean)

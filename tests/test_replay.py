@@ -58,7 +58,7 @@ SHORT = (
 
 
 SAMPLE = np.dtype(
-    [(n, "f8", 3) for n in ("p_WB", "p_WT")]
+    [(n, "f8", 3) for n in ("p_WB", "p_WT", "ref_normal_W")]
     + [(n, "f8", 4) for n in ("q_WB", "q_WT")]
     + [(n, "f8") for n in ("t", "spring", "gap", "gap_max", "tilt")]
     + [("q", "f8", MAX_JOINTS)]

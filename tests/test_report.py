@@ -20,6 +20,7 @@ from hypothesis.extra import numpy as hnp
 from rich.console import Console
 
 from skywright.description.loader import load_description
+from skywright.description.parts import Part
 from skywright.errors import InputError
 from skywright.evidence.pictures import COMPARED, PICTURES, ROBOTS
 from skywright.reports import page
@@ -248,7 +249,7 @@ def test_contact_lost_is_drawn(scan: RunResult) -> None:
 def test_truth_as_estimator_is_admitted(flight: RunResult, text_only: None) -> None:
     assert "simulator's truth" not in _Page(render_report(flight)).text
     d = flight.description
-    mission = d.mission.model_copy(update={"estimator": "truth"})
+    mission = d.mission.model_copy(update={"estimator": Part(kind="truth")})
     text = _Page(render_report(flight._replace(description=d._replace(mission=mission)))).text
     assert "fed the simulator's truth" in text
 
