@@ -36,6 +36,8 @@ GROUPS = {
     "sensor": Group("sensor", "skywright.vehicle.sensors", "skywright.components"),
     "estimator": Group("estimator", "skywright.vehicle.estimators", "skywright.components"),
     "effect": Group("effect", "skywright.vehicle.effects", "skywright.components"),
+    "fault": Group("fault", "skywright.vehicle.faults", "skywright.components"),
+    "rule": Group("fault rule", "skywright.run.faults", "skywright.components"),
     "thing": Group("thing", "skywright.models.things", "skywright.things"),
     "kind": Group("mission kind", "skywright.missions", "skywright.missions"),
 }

@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydantic import create_model
+from pydantic import Field, create_model
 
 from skywright.core.find import find, list_kinds
 from skywright.core.spec import Spec
@@ -26,8 +26,13 @@ from skywright.core.toml_files import Layer, Tree
 
 SINGLE = {("mission", "law"): "law", ("mission", "estimator"): "estimator"}
 """Tables that are a component, and its group; a plain text stands for `{ kind = TEXT }`."""
-NAMED = {("robot", "sensors"): "sensor", ("world", "effects"): "effect"}
+NAMED = {
+    ("robot", "sensors"): "sensor", ("world", "effects"): "effect",
+    ("plant", "faults"): "fault", ("mission", "faults"): "rule",
+}  # fmt: skip
 """Tables whose tables are components, by name."""
+ALWAYS = {"mission": ("faults", "rule")}
+"""Root -> a table in which every built-in kind of a group stands under its own name."""
 
 
 class Part(Spec):
@@ -129,10 +134,15 @@ def type_parts(spec: type[Spec], root: str, tree: Tree, touched: Sequence[str] =
     own. Raises InputError where a kind is unknown, or its file fails to import.
     """
     fields: list[tuple[str, str, str]] = []
+    if root in ALWAYS:
+        table, group = ALWAYS[root]
+        fields += [(f"{table}.{kind}", group, kind) for kind in list_kinds(group)]
     for place in list_places({root: tree.get(root, {})}):
         value = place.parent[place.name]
         kind = value.get("kind") if isinstance(value, dict) else value
         name = place.key.partition(".")[2]
+        if any(name == field[0] for field in fields) and kind in (None, place.name):
+            continue
         if not isinstance(kind, str):
             fields.append((name, place.group, ""))
             continue
@@ -155,10 +165,12 @@ def extend_spec(base: type[Spec], fields: tuple[tuple[str, str, str], ...]) -> t
         if dot:
             inside.setdefault(head, []).append((rest, group, kind))
         else:
-            new[name] = (make_table(group, kind) if kind else Part, ...)
+            table = make_table(group, kind) if kind else Part
+            new[name] = (table, Field(default_factory=table) if group == "rule" else ...)
     for head, parts in inside.items():
         child: Any = base.model_fields[head].annotation
-        new[head] = (extend_spec(child, tuple(parts)), ...)
+        table = extend_spec(child, tuple(parts))
+        new[head] = (table, Field(default_factory=table))
     out = create_model(base.__name__, __base__=base, **new)
     if base.__reduce__ is not object.__reduce__:  # it knows itself how
         return out
@@ -174,7 +186,8 @@ def make_table(group: str, kind: str) -> type[Part]:
     """Return the spec of a component's table: `kind` and the keys of its class."""
     cls = find(group, kind).cls
     bases = Part if cls.Table is Spec else (cls.Table, Part)
-    table = create_model(cls.__name__, __base__=bases)
+    own = {"kind": (str, kind)} if group == "rule" else {}
+    table = create_model(cls.__name__, __base__=bases, **own)
     return _make_picklable(table, _revive_table, group, kind)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from skywright.core.recording import Event, read_recording
 from skywright.errors import InputError
+from skywright.run.faults._rule import Acted
 from skywright.run.flight import PhaseRecord
 
 SUFFIX = ".partial"
@@ -26,6 +27,7 @@ class StoredRun(NamedTuple):
     outcome: str
     reason: str
     timing: dict[str, float]
+    acted: tuple[Acted, ...]
 
 
 def open_directory(out: Path | None, name: str) -> tuple[Path, Path]:
@@ -113,12 +115,13 @@ def load_run(directory: Path) -> StoredRun:
         phases = [PhaseRecord(**p) for p in old["phases"]]
         timing = {str(k): float(v) for k, v in old["timing"].items()}
         outcome, reason = str(old["outcome"]), str(old["reason"])
+        acted = tuple(Acted(**a) for a in old.get("faults", []))
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError(f"{file}: is damaged: {error}") from error
     if not phases:
         end = float(recording.samples["t"][-1]) if len(recording.samples) else 0.0
         phases = _phases_of(recording.events, end)
-    return StoredRun(recording.samples, phases, outcome, reason, timing)
+    return StoredRun(recording.samples, phases, outcome, reason, timing, acted)
 
 
 def _phases_of(events: list[Event], end: float) -> list[PhaseRecord]:

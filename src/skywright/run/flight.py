@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 from numpy.typing import NDArray
 
 from skywright.description.mission.spec import T
+from skywright.run.faults._rule import Acted
 from skywright.run.kind import P
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ class Flight(NamedTuple):
 
     completed: bool
     reason: str  # why it was cut short, or ""
+    acted: tuple[Acted, ...] = ()  # rules that ended the mission
 
 
 class Flown(Generic[T, P]):

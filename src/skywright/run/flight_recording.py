@@ -12,6 +12,7 @@ from skywright.description.robot.spec import Robot
 from skywright.models.link_frames import LinkFrames
 from skywright.models.rigid_body import joint_names
 from skywright.models.urdf import build_urdf
+from skywright.run.faults._rule import Acted
 from skywright.vehicle.simulated import Recorded
 
 EVERY = 2
@@ -46,3 +47,8 @@ class FlightRecording(RecordingWriter):
         """Note that a phase began at `t` (s)."""
         self.text("/mission/phase", t, name)
         self.event(t, f"phase {name}")
+
+    def acted(self, acted: Acted) -> None:
+        """Note that a rule acted."""
+        self.text("/mission/fault", acted.t_s, f"{acted.rule}: {acted.response}")
+        self.event(acted.t_s, f"rule {acted.rule}: {acted.says}")

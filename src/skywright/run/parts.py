@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from skywright.core.find import find
+from skywright.core.find import find, list_kinds
 from skywright.description.loader import Description
 from skywright.description.parts import Part, build_part, list_parts
 from skywright.description.robot.spec import Robot
@@ -13,7 +13,8 @@ from skywright.errors import InputError
 from skywright.models.allocation import build_allocator
 from skywright.models.rotors import build_rotors
 from skywright.models.things.marker import Marker
-from skywright.vehicle.component import Component, Estimator, Law
+from skywright.run.faults._rule import Rule
+from skywright.vehicle.component import Component, Estimator, Fault, Law
 
 
 def choose_law(robot: Robot) -> str:
@@ -80,13 +81,32 @@ def check_localisation(description: Description[Any]) -> None:
 
 
 def build_named(description: Description[Any]) -> list[Component]:
-    """Build the sensors and effects that robot and world name."""
+    """Build the sensors, effects and faults that robot, world and plant name."""
     sensors = list_parts(description.robot.sensors)
     effects = list_parts(description.world.effects)
+    faults = list_parts(description.plant.faults)
     return [
         *(build_part("sensor", part, name) for name, part in sensors.items()),
         *(build_part("effect", part, name) for name, part in effects.items()),
+        *(_build_fault(description, part, name) for name, part in faults.items()),
     ]
+
+
+def _build_fault(d: Description[Any], part: Part, name: str) -> Fault:
+    """Build a fault of the plant, drawn from the seed where it says so."""
+    fault: Fault = build_part("fault", part, name)
+    return fault.resolve(d.robot, d.world, d.mission.seed)
+
+
+def build_rules(description: Description[Any]) -> list[Rule]:
+    """Build the rules by which the robot answers faults."""
+    tables = list_parts(description.mission.faults)
+    return [build_part("rule", part, name) for name, part in tables.items()]
+
+
+def build_default_rules() -> list[Rule]:
+    """Build the built-in rules with their own limits."""
+    return [find("rule", kind).cls(kind) for kind in list_kinds("rule")]
 
 
 def uses_truth(description: Description[Any]) -> bool:

@@ -33,6 +33,7 @@ from skywright.run.directory import (
     write_json,
     write_unfinished,
 )
+from skywright.run.faults._rule import Acted
 from skywright.run.flight import Flight, Flown, PhaseRecord
 from skywright.run.flight_recording import FlightRecording
 from skywright.run.kind import P, load_kind
@@ -43,7 +44,7 @@ from skywright.run.operated import (
     write_mission,
 )
 from skywright.run.operator import Operator
-from skywright.run.parts import build_estimator, build_law, build_named
+from skywright.run.parts import build_estimator, build_law, build_named, build_rules
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.records import Measurement, RecordStore
 from skywright.run.requirements import Verdict, check_requirement_names, judge
@@ -85,6 +86,8 @@ class RunResult(NamedTuple, Generic[T, P]):
     details: Any
     """What the mission's kind found beyond numbers; of a scan a WeldResult, or None."""
     directory: Path
+    acted: tuple[Acted, ...] = ()
+    """Rules that ended the mission, in the order in which they acted."""
 
     @property
     def exit_code(self) -> int:
@@ -104,6 +107,7 @@ class RunResult(NamedTuple, Generic[T, P]):
             "requirements": [r._asdict() for r in self.requirements],
             "metrics": {k: v if np.isfinite(v) else None for k, v in self.metrics.items()},
             "phases": [p._asdict() for p in self.phases],
+            "faults": [a._asdict() for a in self.acted],
             "timing": self.timing,
             "versions": collect_versions(),
         }
@@ -196,7 +200,7 @@ def evaluate_directory(directory: Path) -> RunResult:
     setup = Setup(description)
     plan = plan_mission(description, setup)
     outcome = stored.outcome if stored.outcome in ("interrupted", "diverged") else ""
-    flight = Flight(stored.outcome in ("succeeded", "failed"), stored.reason)
+    flight = Flight(stored.outcome in ("succeeded", "failed"), stored.reason, stored.acted)
     flown = Flown(setup, plan, stored.samples, stored.phases)
     result = _evaluate(flown, flight, outcome, directory)
     return result._replace(timing=stored.timing)
@@ -308,9 +312,14 @@ def _fly(
         if writer is not None:
             writer.phase(vehicle.t, name)
 
+    def on_acted(acted: Acted) -> None:
+        if writer is not None:
+            writer.acted(acted)
+
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
-        on_measurement, operator,
+        on_measurement, operator, build_rules(description),
+        lambda: Setup(description).clearance_aloft, on_acted,
     )  # fmt: skip
 
     def on_stuck(says: str) -> None:
@@ -383,7 +392,7 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
         outcome = "aborted" if not flight.completed else "succeeded" if met else "failed"
     return RunResult(
         description, plan, run.samples, run.phases, outcome, reason, metrics, verdicts, {}, details,
-        directory,
+        directory, flight.acted,
     )  # fmt: skip
 
 

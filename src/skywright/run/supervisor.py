@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Generic
 
-import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.interrupt import check_interrupt
 from skywright.description.mission.spec import Mission, T
+from skywright.models.geometry import ClearanceQuery
+from skywright.run.faults._response import Trail, respond
+from skywright.run.faults._rule import Acted, Rule
+from skywright.run.faults._senses import Senses
+from skywright.run.faults._watch import RuleActed, Watch
 from skywright.run.flight import Flight, PhaseRecord
 from skywright.run.kind import load_kind
 from skywright.run.operator import Operator, Stick
+from skywright.run.parts import build_default_rules
 from skywright.run.planning import MissionPlan
 from skywright.run.records import Measurement
-from skywright.vehicle.guard import FIX_AGE_MAX, LOST_CONTROL
 from skywright.vehicle.interface import Arms, Backend, Probe, Uav, WholeBody, require
 
 Table = NDArray[Any]
@@ -26,8 +29,8 @@ START_MAX = 10.0  # s, on the ground without an estimate
 RELEASE = 3.0  # s, after the robot was let go in the air
 
 
-class LostControl(Exception):
-    """The robot no longer follows its reference; there is nothing left to command."""
+class NoEstimate(Exception):
+    """The robot does not know where it is: it stays on the ground."""
 
 
 class Supervisor(Generic[T]):
@@ -43,11 +46,16 @@ class Supervisor(Generic[T]):
         on_tick: Callable[[float, str], None] | None = None,
         on_measurement: Callable[[Measurement], None] | None = None,
         operator: Operator | None = None,
+        rules: Sequence[Rule] | None = None,
+        surroundings: Callable[[], ClearanceQuery] | None = None,
+        on_acted: Callable[[Acted], None] | None = None,
     ) -> None:
         """`ground_height` (m): of the platform's origin when it stands on its feet.
 
         `on_measurement` is called with each contact measurement as soon as it is finished;
-        `operator` is there in person, beside what the plan has.
+        `operator` is there in person, beside what the plan has. `rules` say what is done where
+        something goes wrong (default: the built-in ones), `on_acted` is told when; `surroundings`
+        gives the nominal scene, for landings beside what stands there.
         """
         self.vehicle, self.mission, self._plan = vehicle, mission, plan
         self.kind, self.task, self.segments = load_kind(mission.kind), mission.task, plan.segments
@@ -60,16 +68,36 @@ class Supervisor(Generic[T]):
         self.operator = operator or plan.operator
         self.sticks: list[tuple[float, Stick]] = []  # s since it took over, and what it did
         self._open: tuple[str, float] | None = None
+        self.senses, self.trail, self.surroundings = Senses(vehicle), Trail(), surroundings
+        rules = build_default_rules() if rules is None else rules
+        self.faults = Watch(rules, self.senses, on_acted)
         self.uav, self.arms = Uav(vehicle), Arms(vehicle)
         self.body, self.probe = WholeBody(vehicle), Probe(vehicle)
 
     def fly(self) -> Flight:
-        """Run the whole mission; returns when it has landed, or when control was lost."""
+        """Run the whole mission; returns when the robot is down, after a fault as well."""
         try:
             return self._fly()
-        except LostControl as error:
+        except NoEstimate as error:
             self.end("failed")
             return Flight(False, str(error))
+        except RuleActed as first:
+            self._respond(first)
+            says = "; then ".join(acted.says for acted in self.faults.acted)
+            return Flight(False, says, tuple(self.faults.acted))
+
+    def _respond(self, acted: RuleActed) -> None:
+        """Fly the response of the rule that acted, and of stronger ones that act meanwhile."""
+        self.watch = None
+        while True:
+            self.end("failed")
+            try:
+                respond(self, acted.rule.repair(self))
+            except RuleActed as stronger:
+                acted = stronger
+                continue
+            self.end("done")
+            return
 
     def _fly(self) -> Flight:
         kind, way = self.kind, self._plan.get_way()
@@ -82,6 +110,7 @@ class Supervisor(Generic[T]):
         self.wait(SPIN_UP)
         self.wait_for_estimate()
         self.uav.motors(True)
+        self.faults.begin(airborne=False)
         if kind.held:
             self.begin("release")
             self.vehicle.release()
@@ -91,6 +120,7 @@ class Supervisor(Generic[T]):
             self.uav.take_off(self.mission.hover_height_m)
             self.until_arrived()
             self.wait(1.0)
+        self.faults.begin(airborne=True)
         flight = kind.fly(self, way)
         if not kind.lands:
             self.end("done")
@@ -124,42 +154,29 @@ class Supervisor(Generic[T]):
             self.tick()
 
     def wait_for_estimate(self) -> None:
-        """Tick until the estimator knows a place; raises LostControl where it never does."""
+        """Tick until the estimator knows a place; raises NoEstimate where it never does."""
         while not self.vehicle.localised:
             if self.vehicle.t > START_MAX:
-                raise LostControl(
+                raise NoEstimate(
                     f"it did not take off: after {START_MAX:g} s on the ground the localisation "
                     "has not told where it is (world.localisation, and what it needs)"
                 )
             self.wait(0.1)
 
     def tick(self, guards: int = 0) -> Any:
-        """Run one mission tick; raises LostControl when there is nothing left to command."""
+        """Run one mission tick; raises RuleActed where a rule ends the mission."""
         check_interrupt()
         ticked = self.vehicle.tick(guards)
-        if ticked.fired & LOST_CONTROL:
-            raise LostControl(self._explain_lost_control())
+        self.senses.refresh()
+        phase = self._open[0] if self._open else ""
         if self._on_tick is not None:
-            self._on_tick(ticked.t, self._open[0] if self._open else "")
+            self._on_tick(ticked.t, phase)
+        if self.kind.flies:
+            self.trail.drop(self.senses)
+            self.faults.look(phase)
         if self.watch is not None:
             self.watch()
         return ticked
-
-    def _explain_lost_control(self) -> str:
-        est, ref = self.vehicle.estimate, self.vehicle.reference
-        error = float(np.linalg.norm(est["p_WB"] - ref["p_WB"]))
-        age = self.vehicle.fix_age
-        if age > FIX_AGE_MAX:
-            return (
-                f"control was lost in {self._open[0] if self._open else 'the flight'} at t = "
-                f"{self.vehicle.t:.1f} s: nothing told where it is for {age:.1f} s"
-            )
-        tilt = math.degrees(math.acos(min(max(float(est["R_WB"][2, 2]), -1.0), 1.0)))
-        phase = self._open[0] if self._open else "the flight"
-        return (
-            f"control was lost in {phase} at t = {self.vehicle.t:.1f} s: {error:.2f} m from the "
-            f"reference, tilted {tilt:.0f} deg"
-        )
 
     def report(self, measurement: Measurement) -> None:
         """Keep a finished measurement and hand it on."""

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from skywright.core.compiled import helper, integers, table, words
 from skywright.core.record import Array, Record
-from skywright.core.spec import Spec
+from skywright.core.spec import NonNegative, Spec
 
 if TYPE_CHECKING:
     from skywright.description.robot.spec import Robot
@@ -43,7 +43,7 @@ SLOTS = (
 """The parts of a control tick in order; rows of `fast` run after each physics step."""
 
 __all__ = [
-    "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
+    "Component", "Context", "Draws", "Effect", "Estimator", "Fault", "InOut", "Law", "Normal", "Out",
     "Output", "PlantContext", "Recorded", "ReferenceBlock", "Sensor", "Uniform", "helper",
     "integers", "table", "words",
 ]  # fmt: skip
@@ -158,6 +158,14 @@ class Recorded(NamedTuple):
     per: Literal["", "joint", "rotor", "hand", "object"] = ""
 
 
+class AttitudeGains(NamedTuple):
+    """A loop (k_p + k_d s + k_i / s) / (I s^2): k_p = w^2 I, k_d = 2 zeta w I, k_i = w_i k_p."""
+
+    bandwidth: float  # rad/s, w
+    damping: float  # zeta
+    integral: float  # rad/s, w_i
+
+
 class Component:
     """Base of everything that runs every tick; subclass a group below."""
 
@@ -249,6 +257,13 @@ class Law(Component):
     knows_modes: ClassVar[bool] = False
     """Whether it follows `Reference.mode`."""
 
+    def get_attitude_loop(self, robot: Robot) -> AttitudeGains | None:
+        """Return the attitude loop that a link's delay may make unstable.
+
+        None: the gains account for the delay, or nothing is known of them.
+        """
+        return None
+
     def observe_wrench(self, context: Context) -> Array | None:
         """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the
         external force that the law wants observed (port Wrench); None: it wants none.
@@ -266,6 +281,30 @@ class ArmsLaw(Component):
         from skywright.models.compliant_arms import count_command_ticks
 
         return count_command_ticks(context.robot) * float(context.dt)
+
+
+class Fault(Component):
+    """Something that goes wrong in the plant at `start_s`. `[plant.faults.NAME]`."""
+
+    group, slot, side = "fault", "effects", "plant"
+    needs_link: ClassVar[bool] = False
+    """Whether there must be a control link that it acts on."""
+
+    class Table(Spec):
+        """When it begins."""
+
+        start_s: NonNegative = 0.0
+
+    def resolve(self, robot: Robot, world: World, seed: int) -> Fault:
+        """Return the fault that this one stands for: itself, but for what the seed draws."""
+        return self
+
+    @classmethod
+    def draw_table(
+        cls, rng: np.random.Generator, robot: Robot, world: World
+    ) -> dict[str, Any] | None:
+        """Draw the keys of a fault of this kind, but for its time; None where it cannot happen."""
+        return None
 
 
 class Effect(Component):

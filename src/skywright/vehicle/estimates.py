@@ -19,3 +19,5 @@ class EstimatorState(Output):
     heard: float  # s, when the localisation was last heard of
     fix_age: float  # s, since the newest fix that was used, where fixes come by themselves
     pose_std: float  # m, largest standard deviation of the position; NaN where it is not known
+    rejected: float  # measurements of the place in a row that contradict the estimate
+    restarts: float  # times that it gave up its estimate for what is measured

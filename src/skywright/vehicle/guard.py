@@ -6,28 +6,22 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from skywright.core.record import Record
 from skywright.core.types import MAX_JOINTS
 from skywright.vehicle.bus import Clock, Estimate, Reference, ShaftCommand, Truth, WrenchCommand
 from skywright.vehicle.component import Component
-from skywright.vehicle.estimates import EstimatorState
 
 NOT_FINITE, CONTACT_MADE, CONTACT_LOST, COLLISION, LOST_CONTROL = 1, 2, 4, 8, 16
 
 ERROR_MAX = 0.8  # m between estimate and nominal pose: the robot no longer follows
-FIX_AGE_MAX = 1.0  # s without a sample of the localisation: nobody knows where the robot is
 UP_MIN = 0.3  # cosine of the tilt below which it has tipped over
 
 
 class CommandGuard(Component):
     """Stops the tick where a command is not finite, so that NaN never reaches an actuator; ends the
-    mission tick where the robot no longer follows or nobody knows where it is.
+    mission tick where the robot no longer follows.
     """
 
     slot = "guard"
-
-    class Me(Record):
-        heard: float  # s, when the localisation was last heard of, one tick ago
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
@@ -36,11 +30,9 @@ class CommandGuard(Component):
 
     @staticmethod
     def step(
-        me: Me,
         clock: Clock,
         ref: Reference,
         est: Estimate,
-        state: EstimatorState | None,
         cmd: WrenchCommand,
         shaft: ShaftCommand | None,
     ) -> None:
@@ -62,10 +54,6 @@ class CommandGuard(Component):
                 error += (ref.p_WB[i] - est.p_WB[i]) ** 2
             if error > ERROR_MAX * ERROR_MAX or est.R_WB[2, 2] < UP_MIN:
                 clock.fired |= LOST_CONTROL
-        if state is not None:
-            if ref.active > 0.5 and clock.t - me.heard > FIX_AGE_MAX:
-                clock.fired |= LOST_CONTROL
-            me.heard = state.heard
 
 
 class StateGuard(Component):

@@ -120,6 +120,9 @@ class Backend(Protocol):
     def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
         """Move the fixture that clamps the platform (a simulation of a world with a bench can)."""
 
+    def give_up_rotor(self, i: int) -> bool:
+        """Fly on without rotor `i` (from 0); False where the others cannot hold the robot."""
+
     def release(self) -> None:
         """Let go a robot that is held in the air (a simulation of a world with a bench can)."""
 

@@ -10,7 +10,7 @@ from typing import Any
 from skywright import vehicle
 from skywright.vehicle.component import Component, Context
 
-BY_KIND = ("laws", "estimators")
+BY_KIND = ("laws", "estimators", "faults")
 """Packages whose components are named in a description (core/find.py)."""
 
 

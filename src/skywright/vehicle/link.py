@@ -19,6 +19,7 @@ from skywright.vehicle.bus import DRIVES, Clock
 from skywright.vehicle.component import (
     Component,
     Draws,
+    Fault,
     Normal,
     Output,
     helper,
@@ -146,7 +147,8 @@ class ControlLink(Component):
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Without delay, jitter and loss, robot and controller are one computer."""
         link = context.world.link
-        if link.delay_s > 0.0 or link.jitter_s > 0.0 or link.loss_fraction > 0.0:
+        asked = any(isinstance(part, Fault) and part.needs_link for part in context.named)
+        if asked or link.delay_s > 0.0 or link.jitter_s > 0.0 or link.loss_fraction > 0.0:
             yield cls("link", link)
 
 

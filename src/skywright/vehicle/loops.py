@@ -11,13 +11,15 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
+import numpy as np
+
 from skywright.core.record import Array, Record, Vec3
 from skywright.core.rotations import cross, mat_t_mat, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.core.spec import Bandwidth, NonNegative, Positive, Spec
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.spec import Control
-from skywright.vehicle.component import Context, helper
+from skywright.vehicle.component import AttitudeGains, Context, helper
 
 SLOW = 1e-3
 """m/s, desired sliding speed below which the friction feed-forward fades."""
@@ -86,6 +88,20 @@ def choose_bandwidths(table: Spec, context: Context) -> Control:
     """Return [robot.control] with what the law's own table tells in its place."""
     own = {k: v for k, v in table if k in Control.model_fields and v is not None}
     return context.robot.control.model_copy(update=own)
+
+
+def compute_delay_margin(loop: AttitudeGains, rotor_tau: float, spare: float) -> float:
+    """Return the dead time (s) with which an attitude loop keeps `spare` (rad) of phase.
+
+    The loop is L(s) = (w^2 + 2 zeta w s + w_i w^2 / s) / (s^2 (1 + tau s)), tau that of the rotors.
+    """
+    w, zeta, w_i = loop
+    grid = w * np.geomspace(0.3, 100.0, 4000)
+    s = 1j * grid
+    L = (w * w + 2.0 * zeta * w * s + w_i * w * w / s) / (s * s * (1.0 + rotor_tau * s))
+    k = int(np.argmax(np.abs(L) < 1.0))  # the crossover: |L| falls
+    phase = math.pi + float(np.angle(L[k]))
+    return float(max(phase - spare, 0.0) / grid[k])
 
 
 def fill_position(me: Any, table: Spec, context: Context) -> None:

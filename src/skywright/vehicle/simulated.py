@@ -26,6 +26,7 @@ from skywright.description.world.thing import Placed
 from skywright.description.world.things import find_carrier, find_first, locate_thing
 from skywright.errors import InputError, SimulationError
 from skywright.models.allocation import build_allocator
+from skywright.models.rotor_loss import compute_allocation_without
 from skywright.models.arm_body import Deviation
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import (
@@ -40,7 +41,7 @@ from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.things._build import OBJECT, find_offsets
 from skywright.models.things.bench import CLAMP, Bench
 from skywright.vehicle.assembly import Assembly, State
-from skywright.vehicle.bus import Allocated, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
+from skywright.vehicle.bus import Allocated, Body, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext
 from skywright.vehicle.effects.forces import GivenForces
 from skywright.vehicle.estimates import EstimatorState
@@ -305,6 +306,16 @@ class SimulatedVehicle:
         w, _, y, _ = bench.q_WB
         c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
         self.sim.data.mocap_quat[0] = [c * w, -s * y, c * y, s * w]  # first about y, then about z
+
+    def give_up_rotor(self, i: int) -> bool:
+        """Allocate to the other rotors from now on; False where they cannot hold the robot."""
+        body = self.read(Body)
+        weight = float(body.mass * body.gravity)
+        P = compute_allocation_without(self.allocator, i, weight, body.p_BC)
+        if P is None:
+            return False
+        self.allocator.P[:], self.allocator.t_min[i], self.allocator.t_max[i] = P, 0.0, 0.0
+        return True
 
     def release(self) -> None:
         """Open the clamp that holds the platform; it stays open.

@@ -39,6 +39,14 @@ class Task(Spec):
 T = TypeVar("T", bound=Task)
 
 
+class Rules(Spec):
+    """What the robot does where something goes wrong: `[mission.faults.NAME]`, a table a rule."""
+
+
+class Faults(Spec):
+    """What goes wrong in the plant, by name: `[plant.faults.NAME] kind = ...`."""
+
+
 class Mission(Spec, Generic[T]):
     """The root `mission`; T is the task of its kind."""
 
@@ -62,6 +70,7 @@ class Mission(Spec, Generic[T]):
     planner_time_s: Positive = 20.0  # before the planner gives up
     task: T
     requirements: dict[str, Requirement] = {}
+    faults: Rules = Rules()
 
     @model_validator(mode="before")
     @classmethod
@@ -102,6 +111,7 @@ class Plant(Spec):
     socket_yaw_error_deg: float = Field(default=0.0, ge=-10, le=10)
     survey_error_m: NonNegative = 0.001  # 1 sigma a axis: markers on bar and socket, together
     survey_error_deg: NonNegative = 0.5  # 1 sigma about each axis, likewise
+    faults: Faults = Faults()
 
 
 def find_mission_spec(kind: object, folders: Sequence[Path] = ()) -> tuple[str, type[Mission[Any]]]:

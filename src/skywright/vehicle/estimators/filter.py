@@ -75,6 +75,8 @@ class Filter(Estimator):
         fused: int
         rejected: int
         rejected_row: int
+        refused: int  # samples in a row that the gate rejected
+        restarts: int
         last_p: Vec3
         last_R: Mat3
 
@@ -130,6 +132,7 @@ class Filter(Estimator):
             advance(me, me.n - IMU_HISTORY // 4, body.gravity)
             changed = True
         predict_now(me, imu, body, allocated, est, rotor, clock.t, before, changed)
+        state.rejected, state.restarts = float(me.refused), float(me.restarts)
         state.pose_std = math.sqrt(max(me.P[0, 0], me.P[1, 1], me.P[2, 2]))
 
 
@@ -224,12 +227,14 @@ def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
     advance(me, n, gravity)
     if fuse(me, mocap):
         me.fused += 1
-        me.rejected_row = 0
+        me.rejected_row = me.refused = 0
     else:
         me.rejected += 1
+        me.refused += 1
         me.rejected_row = me.rejected_row + 1 if agrees_with_last(me, mocap) else 1
         if me.rejected_row >= RESTART_AFTER:  # they agree with each other: the filter is wrong
             start_at(me, mocap, n)
+            me.restarts += 1
     correct_tip(me, mocap, me.c_B, me.p_f, me.R_f, me.p_BI, me.p_BT[(n - 1) & MASK])
     return True
 
@@ -254,10 +259,12 @@ def use_fix(me: Any, fix: Any, t: float, gravity: float) -> bool:
     advance(me, n, gravity)
     if fuse_fix(me, fix):
         me.fused += 1
-        me.rejected_row = 0
+        me.rejected_row = me.refused = 0
     else:
         me.rejected += 1
+        me.refused += 1
         me.rejected_row = me.rejected_row + 1 if agrees else 1
         if me.rejected_row >= RESTART_AFTER:
             move_to_fix(me, fix, SPEED_START, HOLD_RATE)
+            me.restarts += 1
     return True

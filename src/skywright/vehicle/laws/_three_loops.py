@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from skywright.vehicle.component import Law
+from skywright.description.robot.spec import Control, Robot
+from skywright.vehicle.component import AttitudeGains, Law
 from skywright.vehicle.loops import (
     ArmLoop,
     AttitudeLoop,
@@ -23,6 +24,14 @@ class ThreeLoops(Law):
 
     class Me(PositionLoop, AttitudeLoop, ArmLoop):
         """Gains and integrals of the three loops."""
+
+    def get_attitude_loop(self, robot: Robot) -> AttitudeGains:
+        """Return the loop that `attitude_torque` closes."""
+        own = {k: v for k, v in self.table if k in Control.model_fields and v is not None}
+        c = robot.control.model_copy(update=own)
+        return AttitudeGains(
+            c.attitude_bandwidth_rad_s, c.attitude_damping, c.attitude_integral_rad_s
+        )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill gains from bandwidths."""

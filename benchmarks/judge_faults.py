@@ -1,0 +1,102 @@
+"""Judge flights with faults from their recordings' truth: `python benchmarks/judge_faults.py DIR`.
+
+DIR holds run directories, as `skywright campaign ... --record all --out FOLDER` keeps them under
+FOLDER/runs. Of each flight it tells the fault, the rule that acted and how much later, collisions
+before and after that while it was still in the air, and whether the robot is down and still at the
+end. A flight passes when it is down, nothing was hit after the rule had acted, and a flight that
+did not succeed has a reason. Exit code 1 when one fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skywright.core.recording import read_recording
+from skywright.description.loader import load_description
+from skywright.run.parts import build_named
+from skywright.vehicle.component import Fault
+
+TOUCH_N = 0.5  # of an unintended contact
+APART_S = 0.3  # s, between two collisions
+LOW_M = 0.05  # m above where the platform stands
+STILL_MPS = 0.1
+
+
+class Judged(NamedTuple):
+    """What one flight shows."""
+
+    run: str
+    mission: str
+    fault: str
+    start_s: float
+    rule: str
+    after_s: float
+    outcome: str
+    before: int
+    later: int
+    is_down: bool
+    passed: bool
+    reason: str
+
+
+def count_hits(t: Any, force: Any) -> int:
+    """Return how many collisions there are, those close together counted once."""
+    times = t[force > TOUCH_N]
+    return 0 if len(times) == 0 else 1 + int(np.sum(np.diff(times) > APART_S))
+
+
+def judge(folder: Path) -> Judged:
+    """Judge one flight."""
+    told = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    d = load_description(folder)
+    fault = next(c for c in build_named(d) if isinstance(c, Fault))
+    s = read_recording(folder / "recording.mcap").samples
+    stands = d.robot.platform.gear_height_m
+    height = s["p_WB"][:, 2]
+    aloft = height > stands + LOW_M
+    acted = told["faults"]
+    at = acted[0]["t_s"] if acted else np.inf
+    before = s["t"] < at
+    let_go = any(a["response"] == "let_go" for a in acted)
+    speed = float(np.linalg.norm(s["v_WB"][-1]))
+    is_down = height[-1] < stands + (0.5 if let_go else LOW_M) and speed < STILL_MPS
+    first = count_hits(s["t"][before & aloft], s["f_collision"][before & aloft])
+    later = count_hits(s["t"][~before & aloft], s["f_collision"][~before & aloft])
+    has_reason = told["outcome"] == "succeeded" or bool(told["reason"])
+    if told["outcome"] == "failed":  # the requirements say why
+        has_reason = any(not r["passed"] for r in told["requirements"])
+    keys = fault.table.model_dump(exclude={"start_s"})
+    what = f"{type(fault).__name__} " + " ".join(f"{k}={v}" for k, v in keys.items())
+    return Judged(
+        folder.name, d.mission.name, what, fault.table.start_s,
+        "+".join(a["rule"] for a in acted) or "-", at - fault.table.start_s, told["outcome"],
+        first, later, bool(is_down), bool(is_down and has_reason and later == 0), told["reason"],
+    )  # fmt: skip
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("folders", type=Path, nargs="+")
+    a = parser.parse_args()
+    runs = sorted(m.parent for f in a.folders for m in f.glob("*/metrics.json"))
+    rows = [judge(run) for run in runs]
+    for r in rows:
+        mark = "ok  " if r.passed else "FAIL"
+        print(
+            f"{mark} {r.run:12s} {r.mission:15s} {r.start_s:6.1f} s {r.fault[:60]:60s} "
+            f"{r.rule:34s} {r.after_s:+6.2f} s {r.outcome:9s} hits {r.before}/{r.later} "
+            f"{'down' if r.is_down else 'NOT DOWN'} {r.reason[:70]}"
+        )
+    good = sum(r.passed for r in rows)
+    print(f"{good} of {len(rows)} flights pass; {sum(r.rule != '-' for r in rows)} ended by a rule")
+    return 0 if good == len(rows) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,290 @@
+"""What is flown after a rule acted, until the robot is down."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import exp_so3, log_so3
+from skywright.core.types import TASK_JOINTS
+from skywright.models.geometry import ClearanceQuery, compute_clearance
+from skywright.run.faults._rule import Response
+from skywright.run.faults._senses import Senses
+from skywright.vehicle.arms.ports import ArmModel, HandState
+from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
+
+if TYPE_CHECKING:
+    from skywright.run.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+Table = NDArray[Any]
+
+RETRACT_M, RETRACT_SPEED, RETRACT_ACCELERATION = 0.25, 0.4, 1.5  # m, m/s, m/s^2
+NEAR_M = 0.05  # m, within which a way back is cut short
+SPEED, TURN, JOINT = 0.4, 0.5, 0.5  # m/s, rad/s, rad/s of the way back
+SINK = 0.35  # m/s, of an emergency landing
+BELOW = 1.0  # m, that it aims below the ground: the estimate may be wrong
+DOWN_M, DOWN_S = 0.2, 0.3  # m that the robot stays above its reference, and s: it stands
+FALL_S = 3.0  # s, after the motors were stopped
+WAIT_S = 30.0  # s, of holding before it comes home
+AGREES_S = 1.0  # s, for which a value has to be good again
+MARGIN = 0.08  # m, kept from everything on the way down
+
+
+class Crumb(NamedTuple):
+    """Where the robot was commanded to be."""
+
+    p_WB: Array
+    R_WB: Array
+    q: Array
+    away: Array  # unit vector from what it touched, zero in free flight
+
+
+class Trail:
+    """The way that was flown, to come back on."""
+
+    PERIOD = 0.2  # s
+
+    def __init__(self) -> None:
+        self.crumbs: list[Crumb] = []
+        self._next = 0.0
+
+    def drop(self, v: Senses) -> None:
+        """Note where the robot is to be, now and then."""
+        if v.t < self._next or v.reference["active"] < 0.5:
+            return
+        self._next = v.t + self.PERIOD
+        away = v.away if v.touching else np.zeros(3)
+        ref = v.reference
+        self.crumbs.append(
+            Crumb(np.array(ref["p_WB"]), np.array(ref["R_WB"]), goal_joints(v), away)
+        )
+
+
+def goal_joints(v: Senses) -> Array:
+    """Return where the servos lead the joints, in the layout of a row's `q`."""
+    q, arm = np.array(v.reference["q"]), v.get(ArmModel)
+    if arm is not None:
+        goal = v.get(HandState).q_goal
+        for h in range(arm.n_hands):
+            if v.reference["task"][h] != TASK_JOINTS:
+                mine = slice(arm.first[h], arm.first[h] + arm.n)
+                q[mine] = goal[mine]
+    return q
+
+
+def respond(s: Supervisor, response: Response) -> None:
+    """Fly a response; returns when the robot is down."""
+    v = s.senses
+    if response == "let_go":
+        s.begin("let go")
+        s.uav.motors(False)
+        s.wait(FALL_S)
+        return
+    if v.engaged:
+        s.begin("retract")
+        retract(s)
+    if response == "hold":
+        s.begin("hold")
+        if not _wait_until_good(s):
+            response = "come_home"
+        response = "come_home"
+    s.begin("come home" if response == "come_home" else "land here")
+    if response == "come_home":
+        _come_home(s)
+    else:
+        _anchor(s)
+        _find_room(s)
+    _descend(s)
+    s.uav.motors(False)
+    s.wait(1.0)
+
+
+def build_rest(s: Supervisor) -> Any:
+    """Return a REFERENCE row at rest that presses, carries and grasps nothing."""
+    row = np.array(s.vehicle.reference)
+    row["q"] = goal_joints(s.senses)
+    for field in (
+        "t", "v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "track_tip", "dead_zone", "tare",
+        "press", "force", "docked", "f_feet_B", "t_feet_B", "load", "f_WH", "v_WH", "mode",
+    ):  # fmt: skip
+        row[field] = 0.0
+    row["R_WS"], row["active"], row["task"] = np.eye(3), 1.0, TASK_JOINTS
+    return row
+
+
+def retract(s: Supervisor) -> None:
+    """Draw back from what is touched, along its normal, the arm as it is."""
+    away = s.senses.away
+    row = build_rest(s)
+    _fly(s, [row["p_WB"], row["p_WB"] + RETRACT_M * away], row, RETRACT_SPEED, RETRACT_ACCELERATION)
+
+
+def _fly(s: Supervisor, way: list[Array], row: Any, speed: float, acceleration: float) -> None:
+    """Fly a straight line with all else as in `row`."""
+    total = duration(float(np.linalg.norm(way[1] - way[0])), speed, acceleration)
+    n = max(math.ceil(total / ROW_PERIOD), 1)
+    u = np.linspace(0.0, 1.0, n + 1)
+    points = way[0] + quintic(u)[0][:, None] * (way[1] - way[0])
+    s.body.track(_build_table(s, row, u * n * ROW_PERIOD, points))
+    s.until_arrived()
+
+
+def _build_table(
+    s: Supervisor, row: Any, t: Array, p: Array, R: Array | None = None, q: Array | None = None
+) -> Table:
+    """Return rows like `row` along points p (n, 3), attitudes R (n, 3, 3) and joints q."""
+    table = np.repeat(row[None], len(t))
+    table["t"], table["p_WB"] = t, p
+    if R is not None:
+        table["R_WB"] = R
+    if q is not None:
+        table["q"] = q
+    if len(t) > 1:
+        table["v_WB"] = np.gradient(p, t, axis=0)
+        table["qd"] = np.gradient(table["q"], t, axis=0)
+    for r in table:
+        r["p_WT"], r["R_WT"] = s.vehicle.tip_of(r)
+    if len(t) > 1:
+        table["v_WT"] = np.gradient(table["p_WT"], t, axis=0)
+    return table
+
+
+def _wait_until_good(s: Supervisor) -> bool:
+    """Hover until all rules have been quiet for a while; False where they never are."""
+    row = build_rest(s)
+    s.body.track(row[None])
+    start = quiet = s.vehicle.t
+    while s.vehicle.t - start < WAIT_S:
+        s.tick()
+        if any(rule.name == s.faults.acted[-1].rule and rule.look(s.senses) > rule.table.limit
+               for rule in s.faults.rules):  # fmt: skip
+            quiet = s.vehicle.t
+        if s.vehicle.t - quiet >= AGREES_S:
+            return True
+    return False
+
+
+def list_way_back(trail: list[Crumb], here: Crumb) -> list[Crumb]:
+    """Return the way from `here` to the first crumb, without loops; contact is kept clear of."""
+    points = np.array([c.p_WB + RETRACT_M * c.away for c in trail])
+    joints = np.array([c.q for c in trail])
+    out, k = [here], len(trail) - 1
+    while k >= 0:
+        p, q = points[k], joints[k]
+        out.append(trail[k]._replace(p_WB=p))
+        near = (np.linalg.norm(points[:k] - p, axis=1) < NEAR_M) & (
+            np.max(np.abs(joints[:k] - q), axis=1) < 0.1
+        )
+        k = int(np.argmax(near)) if np.any(near) else k - 1
+    return out
+
+
+def _come_home(s: Supervisor) -> None:
+    """Fly back the way that was flown, as one move."""
+    row = build_rest(s)
+    here = Crumb(np.array(row["p_WB"]), np.array(row["R_WB"]), np.array(row["q"]), np.zeros(3))
+    way = list_way_back(s.trail.crumbs, here)
+    # stop above the ground: what follows is a landing
+    high = max(s.ground_height + 0.5, min(s.mission.hover_height_m, here.p_WB[2]))
+    way = [c for i, c in enumerate(way) if i == 0 or c.p_WB[2] >= high - 1e-6] or [here]
+    if len(way) < 2:
+        return
+    p, q = np.array([c.p_WB for c in way]), np.array([c.q for c in way])
+    turn, turns = np.empty(3), np.zeros((len(way) - 1, 3))
+    for i, (a, b) in enumerate(zip(way[:-1], way[1:], strict=True)):
+        log_so3(np.ascontiguousarray(a.R_WB.T @ b.R_WB), turn)
+        turns[i] = turn
+    cost = np.maximum.reduce([
+        np.linalg.norm(np.diff(p, axis=0), axis=1) / SPEED,
+        np.linalg.norm(turns, axis=1) / TURN,
+        np.max(np.abs(np.diff(q, axis=0)), axis=1) / JOINT,
+        np.full(len(way) - 1, 1e-6),
+    ])  # fmt: skip
+    at = np.concatenate([[0.0], np.cumsum(cost)])
+    total = 1.875 * float(at[-1]) + 1.0
+    n = math.ceil(total / ROW_PERIOD)
+    u = np.linspace(0.0, 1.0, n + 1)
+    done = quintic(u)[0] * at[-1]
+    leg = np.clip(np.searchsorted(at, done, side="right") - 1, 0, len(way) - 2)
+    share = (done - at[leg]) / cost[leg]
+    rotation, R = np.empty((3, 3)), np.empty((n + 1, 3, 3))
+    for i in range(n + 1):
+        exp_so3(share[i] * turns[leg[i]], rotation)
+        R[i] = way[leg[i]].R_WB @ rotation
+    p_t = p[leg] + share[:, None] * (p[leg + 1] - p[leg])
+    q_t = q[leg] + share[:, None] * (q[leg + 1] - q[leg])
+    s.body.track(_build_table(s, row, u * n * ROW_PERIOD, p_t, R, q_t))
+    s.until_arrived()
+
+
+def _anchor(s: Supervisor) -> None:
+    """Take the place where the robot believes to be for its reference."""
+    row, est = build_rest(s), s.vehicle.estimate
+    row["p_WB"] = est["p_WB"]
+    s.body.track(row[None])
+    s.tick()
+
+
+def _find_room(s: Supervisor) -> None:
+    """Move aside where something stands in the way down, to the nearest place that is free."""
+    query = s.surroundings() if s.surroundings is not None else None
+    row = build_rest(s)
+    here = np.array(row["p_WB"])
+    if query is None or _is_free(s, query, here, row):
+        return
+    for far in (0.3, 0.6, 0.9, 1.3):
+        for angle in np.arange(0.0, 2.0 * math.pi, math.pi / 6.0):
+            there = here + far * np.array([math.cos(angle), math.sin(angle), 0.0])
+            middle = 0.5 * (here + there)
+            if _gap(s, query, middle, row) > MARGIN and _is_free(s, query, there, row):
+                _fly(s, [here, there], row, SPEED, 0.8)
+                return
+
+
+def _is_free(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> bool:
+    heights = np.arange(s.ground_height + 0.05, float(p[2]) + 1e-6, 0.1)
+    return all(_gap(s, query, np.array([p[0], p[1], z]), row) > MARGIN for z in heights)
+
+
+def _gap(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
+    n = s.vehicle.n_joints
+    return float(compute_clearance(query, p, row["R_WB"], np.array(row["q"][:n])).distance)
+
+
+def _descend(s: Supervisor) -> None:
+    """Sink until the robot stays behind its reference: it stands. The arm folds on the way."""
+    row = build_rest(s)
+    start, q = np.array(row["p_WB"]), np.array(row["q"])
+    home = s.trail.crumbs[0].q if s.trail.crumbs else q
+    z_end = s.ground_height - BELOW
+    way = max(float(start[2]) - z_end, 0.1)
+    n = max(math.ceil(max(way / SINK, 2.0) / ROW_PERIOD), 2)
+    u = np.linspace(0.0, 1.0, n + 1)
+    t = u * n * ROW_PERIOD
+    p = np.repeat(start[None], n + 1, axis=0)
+    p[:, 2] = start[2] - u * (start[2] - z_end)
+    folding = float(np.max(np.abs(home - q)))
+    fold_s = max(duration(folding, JOINT, 1.0), ROW_PERIOD)
+    arm = quintic(np.minimum(t / fold_s, 1.0))[0][:, None]
+    R = _level(row["R_WB"])
+    table = _build_table(s, row, t, p, np.repeat(R[None], n + 1, axis=0), q + arm * (home - q))
+    s.body.track(table)
+    behind = s.vehicle.t
+    while not s.tick().arrived:
+        ref, est = s.senses.reference, s.senses.estimate
+        if float(est["p_WB"][2] - ref["p_WB"][2]) < DOWN_M:
+            behind = s.vehicle.t
+        if s.vehicle.t - behind > DOWN_S:
+            return
+
+
+def _level(R: Array) -> Array:
+    """Return the level attitude with the heading of R."""
+    c, sn = R[0, 0], R[1, 0]
+    size = max(math.hypot(c, sn), 1e-9)
+    c, sn = c / size, sn / size
+    return np.array([[c, -sn, 0.0], [sn, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,109 @@
+"""What a rule is: everything that the author of one imports."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+
+from skywright.core.spec import NonNegative, Spec
+
+if TYPE_CHECKING:
+    from skywright.run.faults._senses import Senses
+    from skywright.run.supervisor import Supervisor
+
+Response = Literal["hold", "come_home", "land_here", "let_go"]
+RESPONSES: dict[Response, str] = {
+    "hold": "draw back from what it touches and hover until the value is good again, then come "
+    "home",
+    "come_home": "draw back from what it touches, fly back the way it came and land there",
+    "land_here": "draw back from what it touches and land on the spot",
+    "let_go": "stop the motors and fall",
+}
+"""What is flown, the mildest first: while one is flown only a stronger one may follow."""
+
+
+class Acted(NamedTuple):
+    """A rule that acted."""
+
+    rule: str
+    t_s: float
+    value: float
+    limit: float
+    unit: str
+    response: str
+    says: str
+
+
+class Rule:
+    """Base of all rules: `Table` with defaults, `watches`, `unit` and `look`."""
+
+    group: ClassVar[str] = "rule"
+    watches: ClassVar[str] = ""
+    """What it looks at, for the documentation."""
+    unit: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    """Where the limit comes from."""
+    from_take_off: ClassVar[bool] = False
+    """Whether it watches from the start of the motors; otherwise from the end of take-off."""
+
+    class Table(Spec):
+        """Keys of `[mission.faults.NAME]`."""
+
+        on: bool = True
+        limit: float = 0.0  # in the rule's unit
+        hold_s: NonNegative = 0.0
+        response: Response = "come_home"
+
+    def __init__(self, name: str, table: Any = None) -> None:
+        self.name = name
+        self.table: Any = self.Table() if table is None else table
+        self.peak = 0.0
+        """Largest value so far."""
+        self._since: float | None = None
+
+    def begin(self, v: Senses) -> None:
+        """The robot has taken off: what is usual may be remembered here."""
+
+    def look(self, v: Senses) -> float:
+        """Return the value now; NaN where there is nothing to watch."""
+        raise NotImplementedError
+
+    def explain(self, value: float) -> str:
+        """Say what happened, for a reason."""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.name.replace('_', ' ')} {value:.3g}{unit}, limit {self.table.limit:g}{unit}"
+
+    def repair(self, s: Supervisor) -> Response:
+        """Do what has to be done at once; returns the response to fly."""
+        response: Response = self.table.response
+        return response
+
+    def is_over(self, v: Senses) -> bool:
+        """Whether the value has been beyond the limit for the hold time."""
+        value = self.look(v)
+        if math.isfinite(value):
+            self.peak = max(self.peak, value)
+        if not value > self.table.limit:  # NaN is not
+            self._since = None
+            return False
+        if self._since is None:
+            self._since = v.t
+        return v.t - self._since >= self.table.hold_s - 1e-9
+
+
+class Follow:
+    """A first-order lag of a value that is looked at now and then."""
+
+    def __init__(self, lag: float) -> None:
+        """`lag` (s)."""
+        self.lag, self._t = lag, 0.0
+        self.value: Any = None
+
+    def step(self, t: float, x: Any) -> Any:
+        """Take in `x` at time t (s); returns the lagged value."""
+        if self.value is None:
+            self.value = x
+        else:
+            self.value = self.value + (1.0 - math.exp(-(t - self._t) / self.lag)) * (x - self.value)
+        self._t = t
+        return self.value

@@ -1,0 +1,59 @@
+"""Watches all rules in every mission tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from skywright.run.faults._rule import RESPONSES, Acted, Rule
+from skywright.run.faults._senses import Senses
+
+RANK = {name: k for k, name in enumerate(RESPONSES)}
+
+
+class RuleActed(Exception):
+    """A rule ends the mission: its response is to be flown."""
+
+    def __init__(self, rule: Rule, acted: Acted) -> None:
+        super().__init__(acted.says)
+        self.rule, self.acted = rule, acted
+
+
+class Watch:
+    """The rules of one run, and which acted."""
+
+    def __init__(
+        self, rules: Sequence[Rule], senses: Senses, on_acted: Callable[[Acted], None] | None = None
+    ) -> None:
+        """`on_acted` is told at once."""
+        self.rules = [r for r in rules if r.table.on]
+        self.senses, self._on_acted = senses, on_acted
+        self.acted: list[Acted] = []
+        self.rank = -1  # of the response that is flown now
+        self._begun: list[Rule] = []
+
+    def begin(self, airborne: bool) -> None:
+        """Watch from now on: the rules for a take-off, or all, where the robot is `airborne`."""
+        for rule in self.rules:
+            if rule not in self._begun and (airborne or rule.from_take_off):
+                rule.begin(self.senses)
+                self._begun.append(rule)
+
+    def look(self, phase: str) -> None:
+        """Look at all rules; raises RuleActed for the strongest that acts."""
+        if not self._begun or self.senses.reference["active"] < 0.5:
+            return
+        over = [rule for rule in self._begun if rule.is_over(self.senses)]
+        over = [rule for rule in over if RANK[rule.table.response] > self.rank]
+        if not over:
+            return
+        rule = max(over, key=lambda r: RANK[r.table.response])
+        self.rank = RANK[rule.table.response]
+        t, value = self.senses.t, rule.look(self.senses)
+        says = f"{rule.explain(value)} in {phase or 'the flight'} at t = {t:.1f} s"
+        acted = Acted(
+            rule.name, t, value, rule.table.limit, rule.unit, rule.table.response, says
+        )  # fmt: skip
+        self.acted.append(acted)
+        if self._on_acted is not None:
+            self._on_acted(acted)
+        raise RuleActed(rule, acted)

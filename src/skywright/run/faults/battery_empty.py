@@ -1,0 +1,20 @@
+"""A battery that is all but empty."""
+
+from __future__ import annotations
+
+from skywright.core.spec import NonNegative
+from skywright.run.faults._rule import Response, Rule
+from skywright.run.faults.battery_low import BatteryLow
+
+
+class BatteryEmpty(BatteryLow):
+    """As battery_low, where no time is left for the way home."""
+
+    source = "5 % of 50 Wh fly a robot of 300 W for half a minute: a landing"
+
+    class Table(Rule.Table):
+        """Limit as a share."""
+
+        limit: float = 0.95
+        hold_s: NonNegative = 0.5
+        response: Response = "land_here"

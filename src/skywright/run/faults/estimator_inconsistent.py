@@ -1,0 +1,49 @@
+"""Measurements that contradict the estimate one after the other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from skywright.core.spec import NonNegative
+from skywright.run.faults._rule import Response, Rule
+
+if TYPE_CHECKING:
+    from skywright.run.faults._senses import Senses
+
+RESTART = 100.0
+"""Rejections that an estimate given up counts as."""
+
+
+class EstimatorInconsistent(Rule):
+    """Measurements in a row that the estimator's gate rejected."""
+
+    watches = "measurements in a row that the estimator's gate rejects (chi-square, 99.9 %); an "\
+    "estimate that is given up counts as 100"
+    unit = ""
+    source = "the filter gives up after 10 that agree with each other"
+    from_take_off = True
+
+    class Table(Rule.Table):
+        """Limit in measurements."""
+
+        limit: float = 12.0
+        hold_s: NonNegative = 0.0
+        response: Response = "land_here"
+
+    def __init__(self, name: str, table: Any = None) -> None:
+        super().__init__(name, table)
+        self._restarts = 0.0
+
+    def begin(self, v: Senses) -> None:
+        from skywright.vehicle.estimates import EstimatorState
+
+        state = v.get(EstimatorState)
+        self._restarts = 0.0 if state is None else float(state.restarts)
+
+    def look(self, v: Senses) -> float:
+        from skywright.vehicle.estimates import EstimatorState
+
+        state = v.get(EstimatorState)
+        if state is None or v.reference["active"] < 0.5:
+            return float("nan")
+        return float(state.rejected + RESTART * (state.restarts - self._restarts))

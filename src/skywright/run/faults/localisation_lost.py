@@ -1,0 +1,34 @@
+"""No sample of the localisation for seconds: nothing tells where the robot is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from skywright.core.spec import NonNegative
+from skywright.run.faults._rule import Response, Rule
+
+if TYPE_CHECKING:
+    from skywright.run.faults._senses import Senses
+
+
+class LocalisationLost(Rule):
+    """Age of the localisation in the air."""
+
+    watches = "age of the newest sample of the localisation"
+    unit = "s"
+    source = "inertial navigation alone drifts by centimetres in 2 s and by decimetres in a landing"
+    from_take_off = True
+
+    class Table(Rule.Table):
+        """Limit (s)."""
+
+        limit: float = 2.0
+        hold_s: NonNegative = 0.0
+        response: Response = "land_here"
+
+    def look(self, v: Senses) -> float:
+        return v.vehicle.fix_age if v.reference["active"] > 0.5 else float("nan")
+
+    def explain(self, value: float) -> str:
+        """Say it as a reason."""
+        return f"nothing told where it is for {value:.1f} s"

@@ -1,0 +1,29 @@
+"""No sample of the localisation for a moment, while something is touched."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from skywright.core.spec import NonNegative
+from skywright.run.faults._rule import Response, Rule
+
+if TYPE_CHECKING:
+    from skywright.run.faults._senses import Senses
+
+
+class LocalisationStale(Rule):
+    """Age of the localisation in contact, where millimetres count."""
+
+    watches = "age of the newest sample of the localisation, while something is touched"
+    unit = "s"
+    source = "inertial navigation alone stays within a millimetre for 0.2 s"
+
+    class Table(Rule.Table):
+        """Limit (s)."""
+
+        limit: float = 0.2
+        hold_s: NonNegative = 0.0
+        response: Response = "hold"
+
+    def look(self, v: Senses) -> float:
+        return v.vehicle.fix_age if v.touching else float("nan")

@@ -1,0 +1,37 @@
+"""Rotors that cannot make what is commanded for long."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from skywright.core.spec import NonNegative
+from skywright.run.faults._rule import Follow, Response, Rule
+
+if TYPE_CHECKING:
+    from skywright.run.faults._senses import Senses
+
+LAG_S = 1.0
+
+
+class Saturation(Rule):
+    """Share of the time in which the allocation had to cut the command."""
+
+    watches = "share of the last second in which the allocation cut the command"
+    unit = ""
+    source = "integrals and feed-forward recover from less: gusts and touch-downs saturate for tenths of a second"
+
+    class Table(Rule.Table):
+        """Limit as a share."""
+
+        limit: float = 0.5
+        hold_s: NonNegative = 1.0
+        response: Response = "come_home"
+
+    def __init__(self, name: str, table: Any = None) -> None:
+        super().__init__(name, table)
+        self._share = Follow(LAG_S)
+
+    def look(self, v: Senses) -> float:
+        if v.reference["active"] < 0.5:
+            return float("nan")
+        return float(self._share.step(v.t, float(v.vehicle.saturated)))

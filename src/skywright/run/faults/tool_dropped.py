@@ -1,0 +1,46 @@
+"""What is carried is not at the hands any more."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skywright.core.spec import NonNegative
+from skywright.run.faults._rule import Response, Rule
+
+if TYPE_CHECKING:
+    from skywright.run.faults._senses import Senses
+
+
+class ToolDropped(Rule):
+    """Distance of what is carried from where it hung at the hands."""
+
+    watches = "place of what is carried by its marker, less its place at the hands when it was "\
+    "lifted"
+    unit = "m"
+    source = "a tool that swings on its hooks moves by less than 0.1 m"
+
+    class Table(Rule.Table):
+        """Limit (m)."""
+
+        limit: float = 0.15
+        hold_s: NonNegative = 0.1
+        response: Response = "come_home"
+
+    def __init__(self, name: str, table: Any = None) -> None:
+        super().__init__(name, table)
+        self._hung: Any = None
+
+    def look(self, v: Senses) -> float:
+        from skywright.vehicle.arms.ports import Hands, Marker
+
+        marker, hands = v.get(Marker), v.get(Hands)
+        if marker is None or hands is None or not np.any(v.reference["load"] > 0.0):
+            self._hung = None
+            return float("nan")
+        R_WB = v.estimate["R_WB"]
+        place = R_WB.T @ (marker.p_WM - np.mean(hands.p_WH[: v.hands], axis=0))
+        if self._hung is None:
+            self._hung = place
+        return float(np.linalg.norm(place - self._hung))

@@ -1,0 +1,43 @@
+"""The delay of a control link that a mission may ask the attitude loop to bear."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from skywright.description.loader import Description
+from skywright.models.rotors import build_rotors
+from skywright.run.parts import build_law
+from skywright.vehicle.loops import compute_delay_margin
+
+MARGIN = math.radians(10.0)
+"""Phase that is left at the crossover: with less the loop rings and saturates the rotors."""
+JITTERS = 1.5
+"""Standard deviations by which packets that keep their order are later than the mean."""
+
+
+def find_exceeded_delay(description: Description[Any]) -> str | None:
+    """Say by how much the link's delay exceeds what the attitude loop bears, or return None.
+
+    Laws whose gains account for the delay say nothing here.
+    """
+    d, link = description, description.world.link
+    asked = link.delay_s + JITTERS * link.jitter_s
+    if asked == 0.0:
+        return None
+    loop = build_law(d).get_attitude_loop(d.robot)
+    if loop is None:
+        return None
+    rotor_tau = build_rotors(d.robot.rotors).time_constant
+    period = 1.0 / d.robot.control.rate_hz
+    # half a period of sampling and one of computing go off, the rest is shared by both ways
+    both = compute_delay_margin(loop, rotor_tau, MARGIN) - 1.5 * period
+    most = max(0.5 * both, 0.0)
+    if asked <= most:
+        return None
+    return (
+        f"world.link is {1e3 * asked:.1f} ms late each way (delay_s + {JITTERS:g} jitter_s), more "
+        f"than the {1e3 * most:.1f} ms with which the attitude loop of {d.robot.name!r} keeps "
+        f"{math.degrees(MARGIN):.0f} deg of phase (robot.control.attitude_bandwidth_rad_s = "
+        f"{loop.bandwidth:g})"
+    )

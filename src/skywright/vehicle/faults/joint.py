@@ -1,0 +1,84 @@
+"""A joint whose servo is stuck where it is, or has no torque any more."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from skywright.core.record import Record
+from skywright.description.robot.limbs import list_joints
+from skywright.errors import InputError
+from skywright.models.compliant_arms import is_compliant
+from skywright.vehicle.bus import Clock, MuJoCo
+from skywright.vehicle.component import Fault, words
+
+TERMS = 3
+"""Terms of MuJoCo's affine gain and bias of an actuator."""
+
+
+class Joint(Fault):
+    """`stuck`: the servo holds its angle; `dead`: it makes no torque, only friction is left."""
+
+    class Table(Fault.Table):
+        """Which joint, counted from 1 in the order of the recording's `q`, and what is wrong."""
+
+        joint: int = Field(default=1, ge=1)
+        how: Literal["stuck", "dead"] = "stuck"
+
+    class Me(Record):
+        start: float  # s
+        ctrl: int  # of the servo
+        dead: int
+        speeds: int  # 1: the servo takes speeds
+        began: int
+        held: float  # its command at the start
+        gain: int  # address of the actuator's gain
+        bias: int
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Look up the servo; raises InputError for a joint that has none."""
+        limbs, model = list_joints(context.robot), context.scene.model
+        driven = [j + 1 for j, limb in enumerate(limbs) if limb.servo >= 0]
+        if table.joint not in driven:
+            raise InputError(
+                f"plant.faults.{self.name}.joint is {table.joint}; joints with a servo of "
+                f"{context.robot.name!r}: {', '.join(map(str, driven)) or 'none'}"
+            )
+        me.start, me.dead = table.start_s, table.how == "dead"
+        me.speeds = not is_compliant(context.robot)
+        me.ctrl = len(context.rotors.thrust_min) + limbs[table.joint - 1].servo
+        self._terms = model.actuator_gainprm[me.ctrl], model.actuator_biasprm[me.ctrl]
+        me.gain, me.bias = (terms.ctypes.data for terms in self._terms)
+
+    @classmethod
+    def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
+        """Any joint with a servo; None without one."""
+        driven = [j + 1 for j, limb in enumerate(list_joints(robot)) if limb.servo >= 0]
+        if not driven:
+            return None
+        return {"joint": int(rng.choice(driven)), "how": str(rng.choice(["stuck", "dead"]))}
+
+    def save(self) -> Any:
+        """Return the actuator's gain and bias."""
+        return [terms.copy() for terms in self._terms]
+
+    def restore(self, saved: Any) -> None:
+        """Put them back."""
+        for terms, were in zip(self._terms, saved, strict=True):
+            terms[:] = were
+
+    @staticmethod
+    def step(me: Me, clock: Clock, mj: MuJoCo) -> None:
+        if clock.t < me.start:
+            return
+        ctrl = words(mj.ctrl, mj.nu)
+        if me.began == 0:
+            me.began, me.held = 1, ctrl[me.ctrl]
+        if me.dead == 1:
+            gain, bias = words(me.gain, TERMS), words(me.bias, TERMS)
+            for k in range(TERMS):
+                gain[k] = bias[k] = 0.0
+        else:
+            ctrl[me.ctrl] = 0.0 if me.speeds == 1 else me.held

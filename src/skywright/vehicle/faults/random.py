@@ -1,0 +1,44 @@
+"""A fault that the seed draws: any kind that fits robot and world, at any time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field
+
+from skywright.core.find import find, list_kinds
+from skywright.core.spec import NonNegative
+from skywright.core.streams import build_stream
+from skywright.errors import InputError
+from skywright.vehicle.component import Fault
+
+
+class Random(Fault):
+    """Stands for one of the other faults; the seed draws which, when and how bad."""
+
+    class Table(Fault.Table):
+        """The kinds to draw from (all that fit, where the list is empty) and the latest start."""
+
+        among: list[str] = []
+        end_s: NonNegative = Field(default=100.0)
+
+    def resolve(self, robot: Any, world: Any, seed: int) -> Fault:
+        """Return the fault that is drawn, from `start_s` to `end_s`."""
+        table, rng = self.table, build_stream(seed, "faults")
+        if table.end_s < table.start_s:
+            raise InputError(
+                f"plant.faults.{self.name}.end_s = {table.end_s:g} s is before start_s = "
+                f"{table.start_s:g} s"
+            )
+        start = float(rng.uniform(table.start_s, table.end_s))
+        kinds = table.among or [k for k in list_kinds("fault") if k != "random"]
+        fitting: list[tuple[type[Fault], dict[str, Any]]] = []
+        for kind in kinds:
+            cls = find("fault", kind, (), f"plant.faults.{self.name}.among").cls
+            drawn = cls.draw_table(rng, robot, world)
+            if drawn is not None:
+                fitting.append((cls, drawn))
+        if not fitting:
+            raise InputError(f"plant.faults.{self.name}: none of {', '.join(kinds)} fits here")
+        cls, drawn = fitting[int(rng.integers(len(fitting)))]
+        return cls(self.name, cls.Table.model_validate({"start_s": start, **drawn}))

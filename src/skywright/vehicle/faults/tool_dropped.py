@@ -1,0 +1,73 @@
+"""What hangs on hooks or is held slips off: for a moment nothing touches its handle."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skywright.core.spec import Positive
+from skywright.errors import InputError
+from skywright.models.things._build import OBJECT
+from skywright.vehicle.bus import Clock
+from skywright.vehicle.component import Fault
+
+
+class ToolDropped(Fault):
+    """The handle of a movable thing meets nothing for `for_s`: what carries it loses it.
+
+    A thing that stands stays: its base goes on touching.
+    """
+
+    class Table(Fault.Table):
+        """Which thing."""
+
+        thing: str = "tool"
+        for_s: Positive = 0.3
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Find the handle's shapes; raises InputError where there is no such thing."""
+        self._model = model = context.scene.model
+        bodies = [model.body(i).name for i in range(model.nbody)]
+        if OBJECT + table.thing not in bodies:
+            movable = [b.removeprefix(OBJECT) for b in bodies if b.startswith(OBJECT)]
+            raise InputError(
+                f"plant.faults.{self.name}.thing: nothing that moves is called {table.thing!r}; "
+                f"valid: {', '.join(movable) or 'none in this world'}"
+            )
+        names = [model.geom(g).name for g in range(model.ngeom)]
+        self._geoms = [g for g, n in enumerate(names) if n == f"{table.thing} handle"]
+        self._usual = [
+            (int(model.geom_contype[g]), int(model.geom_conaffinity[g])) for g in self._geoms
+        ]
+        self._off = False
+
+    def before_tick(self, t: float, n_ticks: int) -> None:
+        """Take the handle's contacts away, and give them back."""
+        off = self.table.start_s <= t < self.table.start_s + self.table.for_s
+        if off != self._off:
+            self._set(off)
+
+    def _set(self, off: bool) -> None:
+        for g, (kind, meets) in zip(self._geoms, self._usual, strict=True):
+            self._model.geom_contype[g] = 0 if off else kind
+            self._model.geom_conaffinity[g] = 0 if off else meets
+        self._off = off
+
+    def save(self) -> Any:
+        """Return whether the handle is off."""
+        return self._off
+
+    def restore(self, saved: Any) -> None:
+        """Go back to that."""
+        self._set(bool(saved))
+
+    @classmethod
+    def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
+        """Any thing that moves; None in a world without one."""
+        movable = [n for n, thing in world.things.items() if thing.movable]
+        return {"thing": str(rng.choice(movable))} if movable else None
+
+    @staticmethod
+    def step(clock: Clock) -> None:
+        """Nothing between mission ticks: a fall takes far longer."""

@@ -1,0 +1,249 @@
+"""Faults of the plant, the rules that answer them, and what is flown then."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skywright.core.find import find, list_kinds
+from skywright.core.recording import read_recording
+from skywright.description.loader import load_description
+from skywright.errors import InputError
+from skywright.models.rotor_loss import list_dispensable
+from skywright.run.faults._rule import RESPONSES, Follow
+from skywright.run.faults._watch import RuleActed, Watch
+from skywright.run.parts import build_named, build_rules
+from skywright.run.planning import plan_mission
+from skywright.run.run import fly_and_evaluate, run_mission
+
+ROOT = Path(__file__).parents[1]
+SHORT_SCAN = ["mission.task.passes=1", "mission.task.pass_length_m=0.03"]
+
+
+def fly(mission, fault, **keys):
+    """Fly with one fault; returns the result."""
+    sets = SHORT_SCAN if mission == "pipe-weld-scan" else []
+    sets = [*sets, f"plant.faults.a.kind={fault}", *(f"plant.faults.a.{k}={v}" for k, v in keys.items())]
+    return fly_and_evaluate(load_description(mission, sets=sets))
+
+
+def check_down(result, rule, start, within, response=None):
+    """The rule acted soon after the fault, and the robot is down without having hit anything."""
+    acted = result.acted[0]
+    assert acted.rule == rule, result.reason
+    assert start <= acted.t_s <= start + within
+    assert result.outcome == "aborted"
+    assert acted.says in result.reason
+    if response is not None:
+        assert acted.response == response
+    s = result.samples
+    stands = result.description.robot.platform.gear_height_m
+    assert s["p_WB"][-1, 2] < stands + 0.05
+    assert np.linalg.norm(s["v_WB"][-1]) < 0.1
+    assert s["rotor_thrust"][-1].sum() < 0.5
+    aloft = (s["p_WB"][:, 2] > stands + 0.05) & (s["t"] > acted.t_s)
+    assert np.max(s["f_collision"][aloft], initial=0.0) < 0.5
+
+
+# --- data ----------------------------------------------------------------------------------------
+
+
+def test_every_rule_is_in_every_mission_and_can_be_set():
+    d = load_description("waypoints", sets=["mission.faults.excess_force.limit=7"])
+    rules = {r.name: r for r in build_rules(d)}
+    assert set(rules) == set(list_kinds("rule"))
+    assert rules["excess_force"].table.limit == 7.0
+    for rule in rules.values():
+        assert rule.watches and rule.source and rule.table.response in RESPONSES
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("mission.faults.excess_force.limt=7", "limt"),
+        ("mission.faults.excess_froce.limit=7", "excess_froce"),
+        ("mission.faults.saturation.response='pray'", "let_go"),
+        ("plant.faults.a.kind=gremlin", "joint"),
+    ],
+)
+def test_unknown_keys_are_refused_with_what_is_valid(key, message):
+    with pytest.raises(InputError, match=message):
+        load_description("waypoints", sets=[key])
+
+
+def test_a_resolved_mission_keeps_its_rules(tmp_path):
+    from skywright.description.dump import dump_description
+
+    d = load_description("waypoints", sets=["mission.faults.saturation.limit=0.25"])
+    (tmp_path / "mission.toml").write_text(dump_description(d))
+    again = load_description(tmp_path / "mission.toml")
+    assert again.mission.faults == d.mission.faults
+
+
+def test_a_rule_from_a_file_acts(tmp_path, monkeypatch):
+    (tmp_path / "my_rule.py").write_text(
+        "from skywright.run.faults._rule import Rule\n\n\n"
+        "class TooHigh(Rule):\n"
+        "    watches, unit = 'estimated height', 'm'\n\n"
+        "    def look(self, v):\n"
+        "        return float(v.estimate['p_WB'][2])\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    sets = ["mission.faults.too_high.kind=my_rule.py:TooHigh", "mission.faults.too_high.limit=0.9"]
+    result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
+    check_down(result, "too_high", 0.0, 10.0)
+
+
+@pytest.mark.parametrize("kind", [k for k in list_kinds("fault") if k != "random"])
+def test_every_fault_draws_keys_that_it_takes(kind):
+    d, rng = load_description("tool-install"), np.random.default_rng(1)
+    drawn = find("fault", kind).cls.draw_table(rng, d.robot, d.world)
+    assert (drawn is None) == (kind == "link")  # this world has none
+    if drawn is not None:
+        find("fault", kind).cls.Table.model_validate(drawn)
+
+
+def test_a_random_fault_follows_from_the_seed():
+    def draw(seed):
+        sets = ["plant.faults.a.kind=random", "plant.faults.a.end_s=50"]
+        (fault,) = build_named(load_description("waypoints", "othex", sets=sets, seed=seed))
+        return type(fault).__name__, fault.table
+
+    assert draw(3) == draw(3)
+    assert len({draw(seed)[0] for seed in range(20)}) > 3
+
+
+def test_a_fault_that_does_not_fit_is_refused():
+    for keys in ({"kind": "rotor", "rotor": 7}, {"kind": "joint", "joint": 9},
+                 {"kind": "tool_dropped"}, {"kind": "bump", "body": "wing"}):  # fmt: skip
+        sets = [f"plant.faults.a.{k}={v}" for k, v in keys.items()]
+        with pytest.raises(InputError, match=r"plant\.faults\.a"):
+            fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
+
+
+def test_the_page_has_todays_rules_and_faults():
+    spec = importlib.util.spec_from_file_location("generate_faults", ROOT / "docs/generate_faults.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    text = module.PAGE.read_text(encoding="utf-8")
+    assert text == module.build_page(text), "run: python docs/generate_faults.py"
+
+
+# --- watching ------------------------------------------------------------------------------------
+
+
+class Told:
+    """Senses of a value that a test tells."""
+
+    t, value, reference = 0.0, 0.0, {"active": 1.0}
+
+
+def build_watch(response="come_home", hold=0.1):
+    from skywright.run.faults._rule import Rule
+
+    class Given(Rule):
+        def look(self, v):
+            return v.value
+
+    table = Rule.Table(limit=1.0, hold_s=hold, response=response)
+    senses = Told()
+    watch = Watch([Given("given", table)], senses)
+    watch.begin(airborne=True)
+    return watch, senses
+
+
+def test_a_value_has_to_stay_beyond_its_limit_for_the_hold_time():
+    watch, v = build_watch()
+    for t, value in [(0.0, 2.0), (0.05, 0.5), (0.06, 2.0), (0.15, float("nan")), (0.2, 2.0)]:
+        v.t, v.value = t, value
+        watch.look("scan")
+    v.t = 0.3
+    with pytest.raises(RuleActed, match=r"given 2, limit 1 in scan at t = 0\.3 s"):
+        watch.look("scan")
+    assert [a.rule for a in watch.acted] == ["given"]
+    v.t = 1.0
+    watch.look("come home")  # no weaker nor equal response follows
+
+
+def test_nothing_is_watched_while_the_motors_are_off():
+    watch, v = build_watch(hold=0.0)
+    v.value, v.reference = 5.0, {"active": 0.0}
+    watch.look("start")
+    assert not watch.acted
+
+
+def test_a_lag_forgets_a_step_by_a_factor_of_e_in_its_time():
+    lag = Follow(2.0)
+    lag.step(0.0, 0.0)
+    for t in np.arange(0.02, 2.0 + 1e-9, 0.02):
+        value = lag.step(float(t), 1.0)
+    assert value == pytest.approx(1.0 - np.exp(-1.0), abs=1e-6)
+
+
+# --- before take-off -----------------------------------------------------------------------------
+
+
+def test_a_link_later_than_the_attitude_loop_bears_is_refused_with_the_number():
+    late = plan_mission(load_description("waypoints", "othex", sets=["world.link.delay_s=0.015"]))
+    assert not late.feasible
+    assert "8.8 ms" in late.blocked_by
+    early = load_description("waypoints", "othex", sets=["world.link.delay_s=0.005"])
+    assert plan_mission(early).feasible
+
+
+def test_parallel_rotors_can_lose_one_and_tilted_ones_cannot():
+    assert all(list_dispensable(load_description("waypoints", "bimanual").robot))
+    assert not any(list_dispensable(load_description("waypoints", "othex").robot))
+
+
+# --- flown ---------------------------------------------------------------------------------------
+
+
+def test_localisation_lost_for_good_lands_on_the_spot(tmp_path):
+    sets = ["plant.faults.a.kind=localisation", "plant.faults.a.start_s=6"]
+    d = load_description("waypoints", "othex", sets=sets)
+    result = run_mission(d, out=tmp_path / "run")
+    check_down(result, "localisation_lost", 6.0, 2.2, "land_here")
+    told = json.loads((result.directory / "metrics.json").read_text())
+    assert told["faults"][0]["rule"] == "localisation_lost"
+    assert told["outcome"] == "aborted" and "nothing told where it is" in told["reason"]
+    events = [e.text for e in read_recording(result.directory / "recording.mcap").events]
+    assert any(text.startswith("rule localisation_lost") for text in events)
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "rule", "within"),
+    [
+        ("sensor", {"jump": "[0.3, 0, 0]"}, "estimator_inconsistent", 0.5),
+        ("battery", {"charge_fraction": 0.15}, "battery_low", 1.0),
+        ("bump", {"force_x_n": 15, "for_s": 0.4}, "unintended_contact", 0.6),
+        ("link", {"for_s": 0.15}, "link_silent", 0.2),
+        ("joint", {"joint": 2, "how": "stuck"}, "joint_off", 8.0),
+    ],
+)
+def test_a_fault_in_the_air_is_answered_by_its_rule(kind, keys, rule, within):
+    check_down(fly("pipe-weld-scan", kind, start_s=8, **keys), rule, 8.0, within)
+
+
+def test_a_hexarotor_lands_without_a_rotor():
+    sets = ["plant.faults.a.kind=rotor", "plant.faults.a.efficiency=0", "plant.faults.a.start_s=6"]
+    result = fly_and_evaluate(load_description("waypoints", "bimanual", sets=sets))
+    check_down(result, "rotor_lost", 6.0, 0.2, "land_here")
+
+
+def test_a_weak_rotor_is_noticed_by_its_effect():
+    sets = ["plant.faults.a.kind=rotor", "plant.faults.a.rotor=3", "plant.faults.a.start_s=8"]
+    result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
+    check_down(result, "rotor_weak", 8.0, 3.0, "come_home")
+    assert "rotor 3" in result.reason
+
+
+def test_stale_localisation_in_contact_draws_back():
+    start = 36.0
+    result = fly("pipe-weld-scan", "localisation", start_s=start, for_s=1.0)
+    check_down(result, "localisation_stale", start, 0.3, "hold")
+    assert ["retract", "hold", "come home"] == [p.name for p in result.phases[-3:]]
