@@ -17,7 +17,10 @@ TABLES = ("rules", "responses", "faults")
 
 def list_rules() -> list[str]:
     """One row a rule."""
-    rows = ["| rule | watches | limit | for | response | why this limit |", "|---|---|---|---|---|---|"]
+    rows = [
+        "| rule | watches | limit | for | response | why this limit |",
+        "|---|---|---|---|---|---|",
+    ]
     for kind in list_kinds("rule"):
         rule = find("rule", kind).cls
         t = rule.Table()

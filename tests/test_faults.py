@@ -27,7 +27,11 @@ SHORT_SCAN = ["mission.task.passes=1", "mission.task.pass_length_m=0.03"]
 def fly(mission, fault, **keys):
     """Fly with one fault; returns the result."""
     sets = SHORT_SCAN if mission == "pipe-weld-scan" else []
-    sets = [*sets, f"plant.faults.a.kind={fault}", *(f"plant.faults.a.{k}={v}" for k, v in keys.items())]
+    sets = [
+        *sets,
+        f"plant.faults.a.kind={fault}",
+        *(f"plant.faults.a.{k}={v}" for k, v in keys.items()),
+    ]
     return fly_and_evaluate(load_description(mission, sets=sets))
 
 
@@ -126,7 +130,9 @@ def test_a_fault_that_does_not_fit_is_refused():
 
 
 def test_the_page_has_todays_rules_and_faults():
-    spec = importlib.util.spec_from_file_location("generate_faults", ROOT / "docs/generate_faults.py")
+    spec = importlib.util.spec_from_file_location(
+        "generate_faults", ROOT / "docs/generate_faults.py"
+    )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     text = module.PAGE.read_text(encoding="utf-8")
@@ -246,4 +252,4 @@ def test_stale_localisation_in_contact_draws_back():
     start = 36.0
     result = fly("pipe-weld-scan", "localisation", start_s=start, for_s=1.0)
     check_down(result, "localisation_stale", start, 0.3, "hold")
-    assert ["retract", "hold", "come home"] == [p.name for p in result.phases[-3:]]
+    assert [p.name for p in result.phases[-3:]] == ["retract", "hold", "come home"]

@@ -169,8 +169,8 @@ def extend_spec(base: type[Spec], fields: tuple[tuple[str, str, str], ...]) -> t
             new[name] = (table, Field(default_factory=table) if group == "rule" else ...)
     for head, parts in inside.items():
         child: Any = base.model_fields[head].annotation
-        table = extend_spec(child, tuple(parts))
-        new[head] = (table, Field(default_factory=table))
+        typed = extend_spec(child, tuple(parts))
+        new[head] = (typed, Field(default_factory=typed))
     out = create_model(base.__name__, __base__=base, **new)
     if base.__reduce__ is not object.__reduce__:  # it knows itself how
         return out
@@ -186,7 +186,7 @@ def make_table(group: str, kind: str) -> type[Part]:
     """Return the spec of a component's table: `kind` and the keys of its class."""
     cls = find(group, kind).cls
     bases = Part if cls.Table is Spec else (cls.Table, Part)
-    own = {"kind": (str, kind)} if group == "rule" else {}
+    own: dict[str, Any] = {"kind": (str, kind)} if group == "rule" else {}
     table = create_model(cls.__name__, __base__=bases, **own)
     return _make_picklable(table, _revive_table, group, kind)
 

@@ -102,6 +102,15 @@ class MissionKind(ABC, Generic[T, P]):
     def fly(self, s: Supervisor[T], way: P) -> Flight:
         """Fly the phases between take-off and landing; `s.segments` are those of the plan."""
 
+    def withdraw(self, s: Supervisor[T], way: P) -> None:
+        """Draw back from what the robot touches or grasps, after a fault, to where it hovers freely.
+
+        By default 0.25 m along the normal of what it touches, the arm as it is.
+        """
+        from skywright.run.faults._response import retract
+
+        retract(s)
+
     def requirements(self, setup: Setup[T], way: P | None) -> dict[str, Requirement]:
         """Return what a run must meet, by metric: by default what the mission's file says.
 

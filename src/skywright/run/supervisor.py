@@ -67,6 +67,7 @@ class Supervisor(Generic[T]):
         self.watch: Callable[[], None] | None = None  # called each tick; may raise to stop a move
         self.operator = operator or plan.operator
         self.sticks: list[tuple[float, Stick]] = []  # s since it took over, and what it did
+        self.way: Any = plan.way
         self._open: tuple[str, float] | None = None
         self.senses, self.trail, self.surroundings = Senses(vehicle), Trail(), surroundings
         rules = build_default_rules() if rules is None else rules
@@ -120,6 +121,7 @@ class Supervisor(Generic[T]):
             self.uav.take_off(self.mission.hover_height_m)
             self.until_arrived()
             self.wait(1.0)
+        self.trail.crumbs.clear()  # a way back ends over the start
         self.faults.begin(airborne=True)
         flight = kind.fly(self, way)
         if not kind.lands:

@@ -43,8 +43,8 @@ SLOTS = (
 """The parts of a control tick in order; rows of `fast` run after each physics step."""
 
 __all__ = [
-    "Component", "Context", "Draws", "Effect", "Estimator", "Fault", "InOut", "Law", "Normal", "Out",
-    "Output", "PlantContext", "Recorded", "ReferenceBlock", "Sensor", "Uniform", "helper",
+    "Component", "Context", "Draws", "Effect", "Estimator", "Fault", "InOut", "Law", "Normal",
+    "Out", "Output", "PlantContext", "Recorded", "ReferenceBlock", "Sensor", "Uniform", "helper",
     "integers", "table", "words",
 ]  # fmt: skip
 

@@ -26,7 +26,6 @@ from skywright.description.world.thing import Placed
 from skywright.description.world.things import find_carrier, find_first, locate_thing
 from skywright.errors import InputError, SimulationError
 from skywright.models.allocation import build_allocator
-from skywright.models.rotor_loss import compute_allocation_without
 from skywright.models.arm_body import Deviation
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import (
@@ -36,12 +35,21 @@ from skywright.models.rigid_body import (
     joint_names,
     posture,
 )
+from skywright.models.rotor_loss import compute_allocation_without
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.things._build import OBJECT, find_offsets
 from skywright.models.things.bench import CLAMP, Bench
 from skywright.vehicle.assembly import Assembly, State
-from skywright.vehicle.bus import Allocated, Body, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
+from skywright.vehicle.bus import (
+    Allocated,
+    Body,
+    Clock,
+    Estimate,
+    MuJoCo,
+    ShaftCommand,
+    WrenchCommand,
+)
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext
 from skywright.vehicle.effects.forces import GivenForces
 from skywright.vehicle.estimates import EstimatorState

@@ -38,6 +38,11 @@ class ToolInstallKind(MissionKind[ToolInstall, "ToolPlan"]):
 
         return fly(s, way)
 
+    def withdraw(self, s: Supervisor[ToolInstall], way: ToolPlan) -> None:
+        from skywright.missions.tool_install.fly import withdraw
+
+        withdraw(s, way)
+
     def metrics(self, run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
         from skywright.missions.tool_install.metrics import compute_tool_metrics
 

@@ -110,6 +110,17 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
     return Flight(returned, "" if returned else "the tool was lost on the way back")
 
 
+def withdraw(s: Supervisor[ToolInstall], way: ToolPlan) -> None:
+    """Draw the hooks down out of a handle and back off; what hangs on them stays there."""
+    if float(np.max(s.vehicle.reference["load"])) > 0.0:
+        return
+    s.arms.move_to(way.grip.q_low)
+    s.until_arrived()
+    R = s.vehicle.reference["R_WB"]
+    yaw = math.atan2(R[1, 0], R[0, 0])
+    move_platform(s, behind(np.array(s.vehicle.reference["p_WB"]), yaw), yaw, NEAR_SPEED)
+
+
 def _carry_back(
     s: Supervisor, way: ToolPlan, place: Place, weight: float, speeds: tuple[float, float]
 ) -> bool:

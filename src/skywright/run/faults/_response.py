@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -84,20 +85,20 @@ def respond(s: Supervisor, response: Response) -> None:
         s.uav.motors(False)
         s.wait(FALL_S)
         return
+    if response == "land_here":
+        _anchor(s)
     if v.engaged:
         s.begin("retract")
-        retract(s)
+        s.kind.withdraw(s, s.way)
     if response == "hold":
         s.begin("hold")
-        if not _wait_until_good(s):
-            response = "come_home"
-        response = "come_home"
-    s.begin("come home" if response == "come_home" else "land here")
-    if response == "come_home":
-        _come_home(s)
-    else:
-        _anchor(s)
+        _wait_until_good(s)
+    if response == "land_here":
+        s.begin("land here")
         _find_room(s)
+    else:
+        s.begin("come home")
+        _come_home(s)
     _descend(s)
     s.uav.motors(False)
     s.wait(1.0)
@@ -153,19 +154,16 @@ def _build_table(
     return table
 
 
-def _wait_until_good(s: Supervisor) -> bool:
-    """Hover until all rules have been quiet for a while; False where they never are."""
-    row = build_rest(s)
-    s.body.track(row[None])
-    start = quiet = s.vehicle.t
-    while s.vehicle.t - start < WAIT_S:
+def _wait_until_good(s: Supervisor) -> None:
+    """Hover until the value of the rule that acted has been good for a while, or too long."""
+    s.body.track(build_rest(s)[None])
+    name = s.faults.acted[-1].rule
+    rule = next(rule for rule in s.faults.rules if rule.name == name)
+    start = bad = s.vehicle.t
+    while s.vehicle.t - start < WAIT_S and s.vehicle.t - bad < AGREES_S:
         s.tick()
-        if any(rule.name == s.faults.acted[-1].rule and rule.look(s.senses) > rule.table.limit
-               for rule in s.faults.rules):  # fmt: skip
-            quiet = s.vehicle.t
-        if s.vehicle.t - quiet >= AGREES_S:
-            return True
-    return False
+        if rule.look(s.senses) > rule.table.limit:
+            bad = s.vehicle.t
 
 
 def list_way_back(trail: list[Crumb], here: Crumb) -> list[Crumb]:
@@ -188,14 +186,11 @@ def _come_home(s: Supervisor) -> None:
     row = build_rest(s)
     here = Crumb(np.array(row["p_WB"]), np.array(row["R_WB"]), np.array(row["q"]), np.zeros(3))
     way = list_way_back(s.trail.crumbs, here)
-    # stop above the ground: what follows is a landing
-    high = max(s.ground_height + 0.5, min(s.mission.hover_height_m, here.p_WB[2]))
-    way = [c for i, c in enumerate(way) if i == 0 or c.p_WB[2] >= high - 1e-6] or [here]
     if len(way) < 2:
         return
     p, q = np.array([c.p_WB for c in way]), np.array([c.q for c in way])
     turn, turns = np.empty(3), np.zeros((len(way) - 1, 3))
-    for i, (a, b) in enumerate(zip(way[:-1], way[1:], strict=True)):
+    for i, (a, b) in enumerate(pairwise(way)):
         log_so3(np.ascontiguousarray(a.R_WB.T @ b.R_WB), turn)
         turns[i] = turn
     cost = np.maximum.reduce([
@@ -260,6 +255,12 @@ def _descend(s: Supervisor) -> None:
     row = build_rest(s)
     start, q = np.array(row["p_WB"]), np.array(row["q"])
     home = s.trail.crumbs[0].q if s.trail.crumbs else q
+    if s.uav.arc is not None:  # a link that hangs below the platform is laid down along an arc
+        s.arms.move_to(home[: s.vehicle.n_joints])
+        s.until_arrived()
+        s.uav.land(s.ground_height)
+        s.until_arrived()
+        return
     z_end = s.ground_height - BELOW
     way = max(float(start[2]) - z_end, 0.1)
     n = max(math.ceil(max(way / SINK, 2.0) / ROW_PERIOD), 2)

@@ -17,8 +17,10 @@ RESTART = 100.0
 class EstimatorInconsistent(Rule):
     """Measurements in a row that the estimator's gate rejected."""
 
-    watches = "measurements in a row that the estimator's gate rejects (chi-square, 99.9 %); an "\
-    "estimate that is given up counts as 100"
+    watches = (
+        "measurements in a row that the estimator's gate rejects (chi-square, 99.9 %); an "
+        "estimate that is given up counts as 100"
+    )
     unit = ""
     source = "the filter gives up after 10 that agree with each other"
     from_take_off = True

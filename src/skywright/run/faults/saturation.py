@@ -18,12 +18,14 @@ class Saturation(Rule):
 
     watches = "share of the last second in which the allocation cut the command"
     unit = ""
-    source = "integrals and feed-forward recover from less: gusts and touch-downs saturate for tenths of a second"
+    source = (
+        "gusts and touch-downs of the built-in missions reach 0.5; 0.8 is 1.6 s without a break"
+    )
 
     class Table(Rule.Table):
         """Limit as a share."""
 
-        limit: float = 0.5
+        limit: float = 0.8
         hold_s: NonNegative = 1.0
         response: Response = "come_home"
 

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 class ToolDropped(Rule):
     """Distance of what is carried from where it hung at the hands."""
 
-    watches = "place of what is carried by its marker, less its place at the hands when it was "\
-    "lifted"
+    watches = (
+        "place of what is carried by its marker, less its place at the hands when it was lifted"
+    )
     unit = "m"
     source = "a tool that swings on its hooks moves by less than 0.1 m"
 

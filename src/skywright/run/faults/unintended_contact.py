@@ -21,8 +21,10 @@ FREE_S = 2.0
 class UnintendedContact(Rule):
     """The external force as estimated, less what it has been, over the robot's weight."""
 
-    watches = "estimated external force, less its mean of 2 s, over the weight, while nothing is "\
-    "to be touched"
+    watches = (
+        "estimated external force, less its mean of 2 s, over the weight, while nothing is "
+        "to be touched"
+    )
     unit = ""
     source = "above what gusts of 3 m/s and the hardest built-in manoeuvre show"
 

@@ -1,4 +1,4 @@
-"""A rotor that makes less thrust than its speed says, or none: a chipped propeller, a lost motor."""
+"""A rotor that makes less thrust than it is told, or none: a chipped propeller, a lost motor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sensor whose zero jumps: a gyroscope, an accelerometer, or localisation that moves its frame."""
+"""A sensor whose zero jumps: a gyroscope, an accelerometer, or the frame of the localisation."""
 
 from __future__ import annotations
 
