@@ -128,6 +128,7 @@ class Supervisor(Generic[T]):
             self.end("done")
             return flight
         self.begin("land")
+        self.faults.land()
         self.uav.land(self.ground_height)
         self.until_arrived()
         self.uav.motors(False)

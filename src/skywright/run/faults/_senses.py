@@ -25,6 +25,7 @@ class Senses:
         self.vehicle = vehicle
         self._seen: dict[Any, Any] = {}
         self._absent: set[Any] = set()
+        self.responding = False  # a rule has acted
 
     def refresh(self) -> None:
         """A tick has passed."""

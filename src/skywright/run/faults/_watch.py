@@ -38,6 +38,10 @@ class Watch:
                 rule.begin(self.senses)
                 self._begun.append(rule)
 
+    def land(self) -> None:
+        """The robot lands: the ground is met, so only the rules for a take-off go on."""
+        self._begun = [rule for rule in self._begun if rule.from_take_off]
+
     def look(self, phase: str) -> None:
         """Look at all rules; raises RuleActed for the strongest that acts."""
         if not self._begun or self.senses.reference["active"] < 0.5:
@@ -47,7 +51,7 @@ class Watch:
         if not over:
             return
         rule = max(over, key=lambda r: RANK[r.table.response])
-        self.rank = RANK[rule.table.response]
+        self.rank, self.senses.responding = RANK[rule.table.response], True
         t, value = self.senses.t, rule.look(self.senses)
         says = f"{rule.explain(value)} in {phase or 'the flight'} at t = {t:.1f} s"
         acted = Acted(

@@ -13,6 +13,8 @@ from skywright.run.faults._rule import Response, Rule
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
 
+PATIENCE = 0.25
+"""Of the distance that counts while the response of another rule is flown."""
 TILT_MAX = math.acos(0.3)
 """rad, beyond which it has tipped over."""
 
@@ -44,6 +46,8 @@ class LostControl(Rule):
             return float("nan")
         self._tilt = math.acos(min(max(float(est["R_WB"][2, 2]), -1.0), 1.0))
         error = float(np.linalg.norm(est["p_WB"] - ref["p_WB"]))
+        if v.responding:  # what was pushed may come back: only a robot that tips over falls
+            error *= PATIENCE
         return 10.0 + error if self._tilt > TILT_MAX else error
 
     def explain(self, value: float) -> str:

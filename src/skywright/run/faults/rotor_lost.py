@@ -27,7 +27,7 @@ class RotorLost(Rule):
     class Table(Rule.Table):
         """Limit as a share of the commanded speed that is missing."""
 
-        limit: float = 0.7
+        limit: float = 0.9
         hold_s: NonNegative = 0.04
         response: Response = "land_here"
 
