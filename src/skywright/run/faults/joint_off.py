@@ -36,6 +36,8 @@ class JointOff(Rule):
         if n == 0 or v.reference["active"] < 0.5:
             return float("nan")
         arm, drive, shafts = v.get(ArmModel), v.get(ServoDrive), v.get(Shafts)
+        if arm is None and v.reference["press"] > 0.0:
+            return float("nan")  # the joints do what the force loop asks for
         if arm is None:
             off = np.abs(v.reference["q"][:n] - v.estimate["q"][:n])
         else:
