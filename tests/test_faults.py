@@ -236,9 +236,7 @@ def test_a_fault_in_the_air_is_answered_by_its_rule(kind, keys, rule, within):
 
 
 def test_a_hexarotor_lands_without_a_rotor():
-    sets = ["plant.faults.a.kind=rotor", "plant.faults.a.efficiency=0", "plant.faults.a.start_s=6"]
-    result = fly_and_evaluate(load_description("waypoints", "bimanual", sets=sets))
-    check_down(result, "rotor_lost", 6.0, 0.2, "land_here")
+    check_down(fly("tool-install", "rotor", efficiency=0, start_s=8), "rotor_lost", 8.0, 0.2)
 
 
 def test_a_weak_rotor_is_noticed_by_its_effect():
@@ -249,7 +247,7 @@ def test_a_weak_rotor_is_noticed_by_its_effect():
 
 
 def test_stale_localisation_in_contact_draws_back():
-    start = 36.0
+    start = 28.0
     result = fly("pipe-weld-scan", "localisation", start_s=start, for_s=1.0)
     check_down(result, "localisation_stale", start, 0.3, "hold")
     assert [p.name for p in result.phases[-3:]] == ["retract", "hold", "come home"]

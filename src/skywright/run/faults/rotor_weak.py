@@ -35,7 +35,7 @@ class RotorWeak(Rule):
     class Table(Rule.Table):
         """Limit as a share of the thrust."""
 
-        limit: float = 0.18
+        limit: float = 0.25
         hold_s: NonNegative = 0.4
         response: Response = "come_home"
 
