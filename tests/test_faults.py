@@ -226,7 +226,7 @@ def test_localisation_lost_for_good_lands_on_the_spot(tmp_path):
     [
         ("sensor", {"jump": "[0.3, 0, 0]"}, "estimator_inconsistent", 0.5),
         ("battery", {"charge_fraction": 0.15}, "battery_low", 1.0),
-        ("bump", {"force_x_n": 15, "for_s": 0.4}, "unintended_contact", 0.6),
+        ("bump", {"force_x_n": -15, "for_s": 0.4}, "unintended_contact", 0.6),
         ("link", {"for_s": 0.15}, "link_silent", 0.2),
         ("joint", {"joint": 2, "how": "stuck"}, "joint_off", 8.0),
     ],

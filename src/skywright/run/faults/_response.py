@@ -162,7 +162,7 @@ def _wait_until_good(s: Supervisor) -> None:
     start = bad = s.vehicle.t
     while s.vehicle.t - start < WAIT_S and s.vehicle.t - bad < AGREES_S:
         s.tick()
-        if rule.look(s.senses) > rule.table.limit:
+        if rule.value > rule.table.limit:
             bad = s.vehicle.t
 
 
@@ -252,6 +252,7 @@ def _gap(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
 
 def _descend(s: Supervisor) -> None:
     """Sink until the robot stays behind its reference: it stands. The arm folds on the way."""
+    s.faults.land()
     row = build_rest(s)
     start, q = np.array(row["p_WB"]), np.array(row["q"])
     home = s.trail.crumbs[0].q if s.trail.crumbs else q

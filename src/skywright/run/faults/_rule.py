@@ -57,8 +57,7 @@ class Rule:
     def __init__(self, name: str, table: Any = None) -> None:
         self.name = name
         self.table: Any = self.Table() if table is None else table
-        self.peak = 0.0
-        """Largest value so far."""
+        self.value, self.peak = math.nan, 0.0  # now, and the largest so far
         self._since: float | None = None
 
     def begin(self, v: Senses) -> None:
@@ -80,7 +79,7 @@ class Rule:
 
     def is_over(self, v: Senses) -> bool:
         """Whether the value has been beyond the limit for the hold time."""
-        value = self.look(v)
+        value = self.value = self.look(v)
         if math.isfinite(value):
             self.peak = max(self.peak, value)
         if not value > self.table.limit:  # NaN is not

@@ -52,7 +52,7 @@ class Watch:
             return
         rule = max(over, key=lambda r: RANK[r.table.response])
         self.rank, self.senses.responding = RANK[rule.table.response], True
-        t, value = self.senses.t, rule.look(self.senses)
+        t, value = self.senses.t, rule.value
         says = f"{rule.explain(value)} in {phase or 'the flight'} at t = {t:.1f} s"
         acted = Acted(
             rule.name, t, value, rule.table.limit, rule.unit, rule.table.response, says
