@@ -213,10 +213,10 @@ def build_vehicle(
     """
     d, mission = description, description.mission
     setup = setup or Setup(description)
-    world = d.world
+    world, map_ = setup.true_world, d.world
     if load_kind(mission.kind).held:  # in the air, where the flight begins
         place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
-        world = world.add_thing("clamp", place)
+        world, map_ = world.add_thing("clamp", place), map_.add_thing("clamp", place)
     parts = build_named(d)
     if load_kind(mission.kind).operated:
         parts.append(OperatorStick("operator"))
@@ -231,6 +231,7 @@ def build_vehicle(
         interactive=mission.mode == "interactive",
         parts=parts,
         on_samples=on_samples,
+        map_=map_,
     )
 
 

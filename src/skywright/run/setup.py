@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 class Setup(Generic[T]):
     """A description and what is computed from it; each thing is built when it is first asked for.
 
-    Everything but `deviation` and `plant_scene` is nominal: what controllers and planners believe.
+    All is nominal, what controllers and planners believe, but `deviation` and what is called true.
     """
 
     def __init__(self, description: Description[T]) -> None:
@@ -51,8 +51,19 @@ class Setup(Generic[T]):
 
     @property
     def world(self) -> World:
-        """The world as its file has it."""
+        """The world as its file has it: the map."""
         return self.description.world
+
+    @cached_property
+    def true_world(self) -> World:
+        """The world as it truly is: for the plant and for judging, not for planners."""
+        return self.description.true_world
+
+    @cached_property
+    def true_cylinder(self) -> Cylinder | None:
+        """The pipe's surface as it truly is."""
+        pipe = self.true_world.pipe
+        return None if pipe is None else build_cylinder(pipe)
 
     @cached_property
     def model(self) -> NDArray[Any]:

@@ -98,13 +98,16 @@ class SimulatedVehicle:
         interactive: bool = False,
         parts: Sequence[Component] = (),
         on_samples: Callable[[NDArray[Any]], None] | None = None,
+        map_: World | None = None,
     ) -> None:
-        """`start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
+        """`world` is what is simulated, `map_` what missions read of it (default: the same).
+
+        `start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
 
         `parts` are further components: sensors and effects that the description names.
         Raises InputError where they do not fit together.
         """
-        self.robot, self.world, self.law, self.estimator = robot, world, law, estimator
+        self.robot, self.world, self.law, self.estimator = robot, map_ or world, law, estimator
         self.interactive = interactive
         self.n_steps, self.dt = check_rate(robot)
         self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
