@@ -92,7 +92,8 @@ def plan_scan(
 
     With a `survey` the way to its points comes in between. From `begin`, at rest in front of the
     surface with the arm unfolded, "face" takes the place of approach and unfolding.
-    model: (1,) BODY_MODEL. start, home (4,): hover poses x, y, z, yaw before and after. push_force
+
+    model: (1,) `BodyModel`. start, home (4,): hover poses x, y, z, yaw before and after. push_force
     N along the inward normal while the tip is inside. Never raises for an impossible task: the
     plan then says in `blocked_by` which constraint blocks it.
     """
