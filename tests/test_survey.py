@@ -40,7 +40,11 @@ from skywright.missions.skills.survey import (
 )
 from skywright.planning.patterns import build_pattern
 from skywright.planning.survey import choose_points
+from skywright.run.metrics import in_phases
+from skywright.run.planning import plan_mission
+from skywright.run.run import build_vehicle, fly_and_evaluate
 from skywright.run.setup import Setup
+from skywright.run.supervisor import Supervisor
 
 SETS = {
     "plant.map_error_m": 0.03, "plant.map_error_deg": 3.0, "plant.map_error_size_m": 0.005,
@@ -260,3 +264,61 @@ def test_too_few_touches_and_contradictions_are_told() -> None:
     wrong = fit_touches(setup, make_touches(6, wrong=(0, 2, 4)))
     assert "contradict" in wrong.reason
     assert isinstance(get_map_error(setup), MapError)
+
+
+SHORT = {
+    "mission.task.passes": 2, "mission.task.arc_deg": 20.0, "mission.task.pass_length_m": 0.1,
+    "mission.task.speed_mps": 0.02, "plant.map_error_m": 0.01, "plant.map_error_deg": 1.0,
+    "plant.map_error_size_m": 0.002,
+}  # fmt: skip
+
+
+@pytest.mark.slow
+def test_without_a_survey_the_push_is_off_by_stiffness_times_offset() -> None:
+    """Law (4): K (d - x), K = m wn^2, for a surface that stands x further away."""
+    d = load_description("pipe-weld-scan", sets=SHORT, seed=1)
+    run = fly_and_evaluate(d)
+    setup, scan = Setup(d), run.samples[in_phases(run.samples, run.phases, "scan")]
+    known, true = setup.cylinder, setup.true_cylinder
+    assert known is not None and true is not None
+    way = run.plan.get_way()
+    p, _ = roll_points(known, way.path_sphi[:, 0], known.radius * way.path_sphi[:, 1])
+    off = float(np.mean(unroll_points(true, p)[2]))  # how far the true surface is behind the map's
+    assert abs(off) > 0.004
+    stiffness = way.push_force_n / way.depth_m
+    wanted = stiffness * (way.depth_m - off)
+    assert float(np.mean(scan["f_normal"])) == pytest.approx(wanted, abs=0.25)
+
+
+@pytest.mark.slow
+def test_a_scan_finds_the_pipe_before_it_presses() -> None:
+    run = fly_and_evaluate(
+        load_description("pipe-weld-scan", sets={**SHORT, "mission.task.survey": True}, seed=1)
+    )
+    m = run.metrics
+    assert m["survey.touches"] == 6.0 and m["survey.missed"] == 0.0
+    assert m["survey.map_error_mm"] > 5.0 and m["survey.surface_error_mm"] < 2.5
+    assert m["force.mean_n"] == pytest.approx(2.0, abs=0.2)
+    assert m["contact.lost_s"] == 0.0 and m["contact.collisions"] == 0.0
+    assert m["weld.crossings"] == 2.0 and m["weld.offset_error_mm"] < 5.0
+    assert m["coverage.fraction"] > 0.98
+    names = [p.name for p in run.phases]
+    assert names.index("survey_leave") < names.index("face") < names.index("scan")
+
+
+@pytest.mark.slow
+def test_a_pipe_beyond_the_bounds_sends_the_robot_home() -> None:
+    """The plant's pipe is 4 cm further than the stated bounds: no touch, no press, home again."""
+    d = load_description("pipe-weld-scan", sets={**SHORT, "mission.task.survey": True}, seed=1)
+    setup = Setup(d)
+    pipe = setup.true_world.pipe
+    assert pipe is not None
+    far = pipe.model_copy(update={"x_m": pipe.x_m + 0.06})
+    setup.true_world = setup.true_world.model_copy(update={"pipe": far})
+    plan, vehicle = plan_mission(d, setup), build_vehicle(d, setup=setup)
+    s = Supervisor(vehicle, d.mission, plan, d.robot.platform.gear_height_m)
+    flight = s.fly()
+    assert not flight.completed
+    assert flight.reason.startswith("survey: 0 of 6 touches were made (nothing was met within")
+    assert s.phases[-1].name == "land" and s.phases[-1].outcome == "done"
+    assert "reverse approach" in [p.name for p in s.phases]
