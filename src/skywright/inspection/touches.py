@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
@@ -44,7 +45,7 @@ class TouchFit(NamedTuple):
     x: Array  # (k,) the estimate: differences from the map
     covariance: Array  # (k, k)
     residuals: Array  # (n,) m, of all touches; positive: off the surface
-    used: Array  # (n,) bool
+    used: NDArray[np.bool_]  # (n,)
     consistent: bool  # whether map, touches and deviations agree, at most one touch left out
 
 
@@ -135,7 +136,7 @@ def _fit(off: Callable[[Array], Array], prior: Array, n: int, std: float) -> Tou
 
 
 def _solve(
-    off: Callable[[Array], Array], prior: Array, used: Array, std: float
+    off: Callable[[Array], Array], prior: Array, used: NDArray[np.bool_], std: float
 ) -> tuple[Array, Array, float]:
     """Return estimate, covariance (J' J)^-1 and the sum of squares, prior included."""
 
