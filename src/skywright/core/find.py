@@ -7,11 +7,9 @@ what it finds.
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import importlib.util
 import pkgutil
-import sys
 import traceback
 from collections.abc import Iterable
 from functools import lru_cache
@@ -19,6 +17,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from skywright.core.user_files import load_file
 from skywright.errors import InputError, neighbours
 
 
@@ -138,26 +137,6 @@ def list_classes(module: Any, group: str) -> list[Any]:
     ]
 
 
-def load_file(path: Path) -> Any:
-    """Import a user's file under a name that follows from its content.
-
-    numba keeps compiled code under that name: it is found again in every process, and by a copy.
-    """
-    name = f"skywright_user_{path.stem}_{hashlib.sha256(path.read_bytes()).hexdigest()[:8]}"
-    if name in sys.modules:
-        return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
-
-
 def _find_in_file(group: str, kind: str, folders: Iterable[Path], key: str) -> Kind:
     file, colon, name = kind.rpartition(":")
     if not colon or not file.endswith(".py") or not name.isidentifier():
@@ -196,8 +175,10 @@ def _check_group(cls: Any, group: str, where: str, key: str) -> None:
 def explain(error: BaseException) -> str:
     """Describe an error of a user's code with the line of its file where it was raised."""
     if isinstance(error, SyntaxError) and error.filename:
-        return f"{type(error).__name__}: {error.msg} (line {error.lineno})"
-    frames = traceback.extract_tb(error.__traceback__)
+        at = f"line {error.lineno} of {Path(error.filename).name}"
+        return f"{type(error).__name__}: {error.msg} ({at})"
+    found = traceback.extract_tb(error.__traceback__)
+    frames = [f for f in found if not f.filename.startswith("<frozen")]
     at = f" (line {frames[-1].lineno} of {Path(frames[-1].filename).name})" if frames else ""
     return f"{type(error).__name__}: {error}{at}"
 
