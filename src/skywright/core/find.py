@@ -48,6 +48,13 @@ class Kind(NamedTuple):
     file: Path | None
 
 
+class Offer(NamedTuple):
+    """A kind that is built in, or offered by an installed package."""
+
+    place: str  # in messages
+    point: EntryPoint | None  # None: built in
+
+
 def find(group: str, kind: object, folders: Iterable[Path] = (), key: str = "kind") -> Kind:
     """Return the class that `kind` names in a group.
 
@@ -61,29 +68,45 @@ def find(group: str, kind: object, folders: Iterable[Path] = (), key: str = "kin
         )
     if ".py" in kind:
         return _find_in_file(group, kind, folders, key)
-    installed = [e for e in list_entry_points(group) if e.name == kind]
-    built_in = _module_name(kind) in list_modules(group)
-    origins = (["skywright"] if built_in else []) + [e.value for e in installed]
-    if len(origins) > 1:
-        raise InputError(f"{key}: {_what(group)} {kind!r} exists twice: {', '.join(origins)}")
-    if built_in:
-        return Kind(kind, load_built_in(group, kind), None)
-    if installed:
+    offers = list_offers(group).get(kind, [])
+    if len(offers) > 1:
+        places = ", ".join(offer.place for offer in offers)
+        raise InputError(f"{key}: {_what(group)} {kind!r} exists twice: {places}")
+    for offer in offers:
+        if offer.point is None:
+            return Kind(kind, load_built_in(group, kind), None)
         try:
-            cls = installed[0].load()
-        except Exception as error:
-            raise InputError(
-                f"{key}: importing {installed[0].value} failed: {explain(error)}"
-            ) from error
-        _check_group(cls, group, installed[0].value, key)
+            cls = offer.point.load()
+        except (Exception, SystemExit) as error:
+            raise InputError(f"{key}: importing {offer.place} failed: {explain(error)}") from error
+        _check_group(cls, group, offer.place, key)
         return Kind(kind, cls, None)
     raise InputError(f"{key}: {_what(group)} {kind!r} is unknown; valid: {_valid(kind, group)}")
 
 
 def list_kinds(group: str) -> list[str]:
     """List the kinds of a group by name, built in and installed, without importing any."""
-    names = [name.replace("_", "-") if group == "kind" else name for name in list_modules(group)]
-    return sorted({*names, *(e.name for e in list_entry_points(group))})
+    return sorted(list_offers(group))
+
+
+@lru_cache
+def list_offers(group: str) -> dict[str, list[Offer]]:
+    """Return what there is of a group by name, without importing any.
+
+    Components of all groups share one list of entry points: their names are `GROUP.NAME`, such as
+    `law.lqr`. A name with more than one offer is refused where it is used.
+    """
+    found: dict[str, list[Offer]] = {}
+    for module in list_modules(group):
+        name = module.replace("_", "-") if group == "kind" else module
+        found.setdefault(name, []).append(Offer("built in", None))
+    shared = GROUPS[group].entry_points == "skywright.components"
+    for point in entry_points(group=GROUPS[group].entry_points):
+        head, _, name = point.name.partition(".") if shared else (group, "", point.name)
+        if head == group:
+            package = point.dist.name if point.dist else "a package"
+            found.setdefault(name, []).append(Offer(f"{package} ({point.value})", point))
+    return found
 
 
 @lru_cache
@@ -98,22 +121,6 @@ def list_modules(group: str) -> tuple[str, ...]:
 
 SHARED = {"skills"}
 """Modules in a group's package that hold no kind; others begin with an underscore."""
-
-
-@lru_cache
-def list_entry_points(group: str) -> tuple[EntryPoint, ...]:
-    """Return what installed packages offer for a group.
-
-    Components of all groups share one list: their names are `GROUP.NAME`, such as `law.lqr`.
-    """
-    found = entry_points(group=GROUPS[group].entry_points)
-    if GROUPS[group].entry_points != "skywright.components":
-        return tuple(found)
-    return tuple(
-        EntryPoint(e.name.partition(".")[2], e.value, e.group)
-        for e in found
-        if e.name.partition(".")[0] == group
-    )
 
 
 @lru_cache

@@ -102,8 +102,10 @@ def fly_local(
                     row = build_failed_row(task, "crashed", reason)
                 else:
                     idle.append(worker)
-                    told = isinstance(answer, str)
-                    row = build_failed_row(task, "refused", answer) if told else answer
+                    if isinstance(answer, str):
+                        row = build_failed_row(task, "refused", answer)
+                    else:
+                        row = answer
                 wanted = workers
                 yield row._replace(attempts=attempt)
     finally:
