@@ -124,7 +124,7 @@ class Backend(Protocol):
         """Let go a robot that is held in the air (a simulation of a world with a bench can)."""
 
     def survey(self, name: str) -> tuple[Array, Array]:
-        """One look of motion capture at a tracked thing of the world: (p_WO, R_WO)."""
+        """Where motion capture says that a tracked thing is, or "pipe": (p_WO, R_WO), a mean."""
 
     def zero_gauges(self) -> None:
         """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
@@ -303,7 +303,7 @@ class Arms:
         """Lead hands to `places` (m, by hand) in the frame of the marker that is seen: (23).
 
         The marker is measured by the robot's camera, or without one by motion capture; while it is
-        out of sight the hands stay (`Marker.marker_age`, s, tells).
+        out of sight the hands stay (`Marker.age`, s, tells).
         """
         row = self._start()
         for h, place in self._hands(places):
