@@ -16,15 +16,11 @@ from numpy.typing import NDArray
 
 from skywright.core.columns import Column, Stream, Topic
 from skywright.core.record import View
-from skywright.core.rotations import quat_to_rot, rot_z
-from skywright.core.types import REFERENCE
-from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.thing import Placed
 from skywright.description.world.things import find_first
 from skywright.errors import InputError, SimulationError
 from skywright.models.arm_body import Deviation
-from skywright.models.compliant_arms import is_compliant
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import (
     compute_body,
@@ -35,7 +31,7 @@ from skywright.models.rigid_body import (
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.things.bench import CLAMP, Bench
 from skywright.vehicle.assembly import Assembly, State
-from skywright.vehicle.bus import Allocated, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
+from skywright.vehicle.bus import Allocated, Clock, Estimate, ShaftCommand, WrenchCommand
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext
 from skywright.vehicle.effects.forces import GivenForces
 from skywright.vehicle.estimates import EstimatorState
@@ -50,6 +46,7 @@ from skywright.vehicle.observers.operator import Operator
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.ports import list_steps
 from skywright.vehicle.recorder import Recorder
+from skywright.vehicle.set_up import build_home_row, check_rate, fill_bus, list_offers
 from skywright.vehicle.simulation import Simulation
 from skywright.vehicle.streams import StreamRecorder
 from skywright.vehicle.targets import PIPE, Target, list_tracked
@@ -128,7 +125,7 @@ class SimulatedVehicle:
         asked = {port.record for c in named for step in list_steps(c) for port in step.ports}
         context = dataclasses.replace(context, named=tuple(named), asked=frozenset(asked))
         self.assembly = Assembly([*named, *list_wanted(context)], context, seed)
-        self._fill_bus()
+        fill_bus(self.assembly, self.sim, self.scene, self.dt)
         self.ticker = Ticker(self.assembly, self.sim, self.n_steps)
         self.interactive |= bool(self.assembly.list_python_rows())
         components = self.assembly.components
@@ -138,7 +135,7 @@ class SimulatedVehicle:
         self._raw = [c for c in components if isinstance(c, StreamRecorder)]
         self.on_samples = on_samples
         self.on_stream: Callable[[str, NDArray[Any]], None] | None = None
-        self.track(self._build_home_row(home, start[2]))
+        self.track(build_home_row(nominal, world, home, start[2]))
 
     # --- Backend ---------------------------------------------------------------------------------
 
@@ -361,31 +358,6 @@ class SimulatedVehicle:
 
     # --- set-up ------------------------------------------------------------------------------
 
-    def _fill_bus(self) -> None:
-        """Tell the clock its periods and the components where MuJoCo's arrays are."""
-        clock, mj = self.assembly.get(Clock), self.assembly.get(MuJoCo)
-        clock["dt"], clock["h"] = self.dt, TIMESTEP
-        for name, array in self.sim.arrays.items():
-            mj[name] = array.ctypes.data
-        sizes = self.scene.model
-        mj["nq"], mj["nv"], mj["nsensor"] = sizes.nq, sizes.nv, sizes.nsensordata
-        mj["nsite"], mj["nbody"], mj["npair"] = sizes.nsite, sizes.nbody, sizes.npair
-        mj["nu"], mj["na"] = sizes.nu, sizes.na
-
-    def _build_home_row(self, home: tuple[Array, Array, Array], yaw: float) -> Table:
-        """Return the reference of a robot that stands at its start with its motors off."""
-        p, q_WB, q = home
-        table = np.zeros(1, REFERENCE)
-        row = table[0]
-        row["p_WB"], row["R_WB"] = p, rot_z(yaw)
-        bench = find_first(self.world.things, Bench)
-        if bench is not None and bench.pitch_deg != 0.0:
-            quat_to_rot(q_WB, row["R_WB"])
-        row["R_WS"] = np.eye(3)
-        row["q"][: self.n_joints] = q
-        row["p_WT"], row["R_WT"] = self.tip_of(row)
-        return table
-
     def _explain_not_finite(self) -> str:
         records = self.assembly.records
         given = [records[k, ""][0] for k in (WrenchCommand, ShaftCommand) if (k, "") in records]
@@ -396,31 +368,6 @@ class SimulatedVehicle:
                 "(force, torque or joint command); the command was not applied"
             )
         return f"the simulation diverged at t = {self.t:.3f} s: the state is not finite"
-
-
-def list_offers(robot: Robot) -> frozenset[str]:
-    """Return what a mission may command of a robot (vehicle/interface.py)."""
-    return frozenset(
-        ["uav"]
-        + (["arms", "whole_body"] if robot.arm else [])
-        + (["hands"] if is_compliant(robot) else [])
-        + (["probe"] if robot.probe else [])
-    )
-
-
-def check_rate(robot: Robot) -> tuple[int, float]:
-    """Return the physics steps of a control tick, and its period (s).
-
-    Raises InputError where the control rate does not divide the rate of the physics.
-    """
-    rate = robot.control.rate_hz
-    n_steps = round(1.0 / (rate * TIMESTEP))
-    if abs(n_steps * TIMESTEP * rate - 1.0) > 1e-9 or n_steps < 1:
-        raise InputError(
-            f"robot.control.rate_hz = {rate:g} does not divide the physics rate "
-            f"{1 / TIMESTEP:g} Hz; valid: 1000, 500, 250, 200, 125, 100"
-        )
-    return n_steps, n_steps * TIMESTEP
 
 
 def overrides(component: Component, method: str) -> bool:
