@@ -61,7 +61,7 @@ class StreamRecorder(Component):
 
     def _add(self, name: str, streamed: Streamed, source: NDArray[Any], context: Any) -> list[int]:
         """Make the buffer of a stream; returns its entry in the table."""
-        fields, record = source.dtype.fields, streamed.columns[0].source
+        fields, record = dict(source.dtype.fields or {}), streamed.columns[0].source
         batch = get_rule(record) == BATCH
         columns, moves = [Column("t", unit="s", meaning="of the sample")], []
         for c in streamed.columns:
