@@ -24,7 +24,7 @@ class Nominal:
 
     @cached_property
     def model(self) -> NDArray[Any]:
-        """The rigid body, (1,) of BODY_MODEL."""
+        """The rigid body, (1,) of `BodyModel`."""
         return build_body_model(self.robot, self.world.gravity_mps2)
 
     @cached_property

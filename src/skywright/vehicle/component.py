@@ -122,7 +122,7 @@ class Context:
 
     @property
     def model(self) -> Any:
-        """BODY_MODEL record, the nominal rigid body (models/rigid_body.py)."""
+        """BodyModel record, the nominal rigid body (models/rigid_body.py)."""
         return self.nominal.model[0]
 
     @property
