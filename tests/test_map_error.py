@@ -68,7 +68,7 @@ def test_the_plant_has_the_truth_and_missions_the_map() -> None:
     vehicle = build_vehicle(d, setup=setup)
     assert vehicle.world == d.world and setup.cylinder is not None
     assert isinstance(vehicle.assembly, Assembly)
-    true = setup.true_cylinder
+    true = setup.true.cylinder
     assert true is not None
     model = vehicle.scene.model
     i = int(np.flatnonzero([model.geom(g).name == "pipe" for g in range(model.ngeom)])[0])

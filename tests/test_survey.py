@@ -195,7 +195,7 @@ def test_the_true_surface_is_never_farther_than_the_reach() -> None:
 
 def test_a_found_pipe_is_written_as_a_table() -> None:
     setup = Setup(DESCRIPTION)
-    pipe, known, true = DESCRIPTION.world.pipe, setup.cylinder, setup.true_cylinder
+    pipe, known, true = DESCRIPTION.world.pipe, setup.cylinder, setup.true.cylinder
     assert pipe is not None and known is not None and true is not None
     s, c = np.meshgrid([-0.1, 0.0, 0.1], [-0.2, 0.0, 0.2])
     p, n = roll_points(true, s.ravel(), c.ravel())
@@ -251,7 +251,7 @@ def make_touches(count: int, wrong: tuple[int, ...] = ()) -> list[Touch]:
 def test_a_survey_gives_the_true_pipe_where_it_touched() -> None:
     setup = Setup(DESCRIPTION)
     surveyed = fit_touches(setup, make_touches(6))
-    true: Cylinder | None = setup.true_cylinder
+    true: Cylinder | None = setup.true.cylinder
     assert surveyed.reason == "" and surveyed.touched == list(range(6)) and true is not None
     p, _ = roll_points(surveyed.found.cylinder, np.zeros(3), np.array([-0.06, 0.0, 0.06]))
     assert np.max(np.abs(unroll_points(true, p)[2])) < 5e-4
@@ -279,7 +279,7 @@ def test_without_a_survey_the_push_is_off_by_stiffness_times_offset() -> None:
     d = load_description("pipe-weld-scan", sets=SHORT, seed=1)
     run = fly_and_evaluate(d)
     setup, scan = Setup(d), run.samples[in_phases(run.samples, run.phases, "scan")]
-    known, true = setup.cylinder, setup.true_cylinder
+    known, true = setup.cylinder, setup.true.cylinder
     assert known is not None and true is not None
     way = run.plan.get_way()
     p, _ = roll_points(known, way.path_sphi[:, 0], known.radius * way.path_sphi[:, 1])
@@ -311,10 +311,11 @@ def test_a_pipe_beyond_the_bounds_sends_the_robot_home() -> None:
     """The plant's pipe is 4 cm further than the stated bounds: no touch, no press, home again."""
     d = load_description("pipe-weld-scan", sets={**SHORT, "mission.task.survey": True}, seed=1)
     setup = Setup(d)
-    pipe = setup.true_world.pipe
+    pipe = setup.true.world.pipe
     assert pipe is not None
     far = pipe.model_copy(update={"x_m": pipe.x_m + 0.06})
-    setup.true_world = setup.true_world.model_copy(update={"pipe": far})
+    setup.true.world = setup.true.world.model_copy(update={"pipe": far})
+    assert setup.true.cylinder is not None
     plan, vehicle = plan_mission(d, setup), build_vehicle(d, setup=setup)
     s = Supervisor(vehicle, d.mission, plan, d.robot.platform.gear_height_m)
     flight = s.fly()

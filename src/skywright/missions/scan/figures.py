@@ -63,7 +63,7 @@ def _find_true_weld(result: RunResult[Scan, ScanWay]) -> Weld | None:
     line = result.details.line
     if surface is None:
         return None
-    return carry_weld(setup.true_world, surface, np.array([line.s, line.c] if line else [0.0, 0.0]))
+    return carry_weld(setup.true.world, surface, np.array([line.s, line.c] if line else [0.0, 0.0]))
 
 
 def draw_instrument(result: RunResult[Scan, ScanWay]) -> Figure | None:

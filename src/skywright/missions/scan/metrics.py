@@ -226,7 +226,7 @@ def _add_weld_metrics(out: dict[str, float], weld: WeldResult, run: Flown[Scan, 
     if weld.line is None or cylinder is None:
         return
     at = np.array([weld.line.s, weld.line.c])
-    true = carry_weld(run.setup.true_world, cylinder, at)
+    true = carry_weld(run.setup.true.world, cylinder, at)
     if true is None or not true.present:
         return
     offset, angle = compute_line_error(weld.line, true)
@@ -237,7 +237,7 @@ def _add_weld_metrics(out: dict[str, float], weld: WeldResult, run: Flown[Scan, 
 
 
 def _add_coverage(out: dict[str, float], s: Samples, run: Flown[Scan, ScanWay]) -> None:
-    cyl, path, known = run.setup.true_cylinder, run.way.path_sphi, get_surface(run)
+    cyl, path, known = run.setup.true.cylinder, run.way.path_sphi, get_surface(run)
     if cyl is None or known is None:
         return
     if known is not cyl:  # the planned path as it lies on the true pipe

@@ -145,7 +145,7 @@ def _fit_line(s: Array, c: Array) -> tuple[Array, Array]:
 
 def judge_survey(setup: Setup[Scan], surveyed: Surveyed, corners: Array) -> dict[str, float]:
     """Compare what was found with the map and the truth, over the pattern (n, 2) of (s, phi)."""
-    found, known, true = surveyed.found, setup.cylinder, setup.true_cylinder
+    found, known, true = surveyed.found, setup.cylinder, setup.true.cylinder
     assert known is not None and true is not None
     cylinder, fit = found.cylinder, found.fit
     sigma = np.sqrt(np.diag(fit.covariance))
