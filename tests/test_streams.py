@@ -52,8 +52,11 @@ def test_raw_samples_come_at_the_rates_of_their_sensors(tmp_path: Path) -> None:
         record(tmp_path / "late.mcap", world__link__delay_s=0.05, world__link__loss_fraction=0.3),
         streams=NAMES,
     )
-    for name in NAMES:  # as the sensors made them
-        assert late.streams[name].tobytes() == near.streams[name].tobytes()
+    for name in NAMES:  # as the sensors made them: none late, none lost
+        np.testing.assert_array_equal(late.streams[name]["t"], near.streams[name]["t"])
+    # the same noise; what the servos are told late moves the robot a little
+    seen = late.streams["/sensors/mocap/platform"]["p_WB"]
+    np.testing.assert_allclose(seen, mocap["p_WB"], atol=2e-4)
 
 
 @pytest.mark.slow
