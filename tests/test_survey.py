@@ -237,7 +237,7 @@ def test_a_carried_weld_lies_on_the_true_one() -> None:
 
 
 def make_touches(count: int, wrong: tuple[int, ...] = ()) -> list[Touch]:
-    true = Setup(DESCRIPTION).true_cylinder
+    true = Setup(DESCRIPTION).true.cylinder
     assert true is not None
     points = choose_points(build_pattern("raster", 0.2, 0.25).corners)
     p, n = roll_points(true, points[:, 0], true.radius * points[:, 1])
