@@ -22,7 +22,6 @@ from skywright.missions.skills.tool_handling import find_platform
 from skywright.missions.tool_install.plan import (
     MARGIN,
     ToolPlan,
-    draw_map,
     find_places,
     plan,
 )
@@ -34,10 +33,11 @@ from skywright.models.scene import Scene, build_scene
 from skywright.models.things.tool import Tool, compute_diameters, compute_seat
 from skywright.run.run import RunResult, fly_and_evaluate
 from skywright.run.setup import Setup
-from skywright.vehicle.arms.marker import PipeEstimate
-from skywright.vehicle.arms.ports import PipeCapture, TrackedPipe
-from skywright.vehicle.sensors.tracked_pipe import PipeTracking
+from skywright.vehicle.bus import Clock
+from skywright.vehicle.readings import TargetCapture
+from skywright.vehicle.sensors.tracked_target import TrackedTarget
 from skywright.vehicle.simulated import SimulatedVehicle
+from skywright.vehicle.targets import NEVER, Target, TargetEstimate
 
 DESCRIPTION = load_description("tool-install")
 TOOL = DESCRIPTION.world.find_thing("tool", Tool)
@@ -154,41 +154,26 @@ def test_the_parts_weigh_what_the_tool_weighs() -> None:
     assert sum(s.mass_kg for s in list_solids(TOOL)) == pytest.approx(TOOL.mass_kg)
 
 
-def test_the_map_is_off_by_no_more_than_is_said() -> None:
-    d = DESCRIPTION
-    assert d.world.pipe is not None
-    here, off = d.world.pipe, []
-    for seed in range(200):
-        pipe = draw_map(d.world, d.plant, seed).pipe
-        assert pipe is not None and pipe.diameter_m == here.diameter_m
-        off.append([pipe.x_m - here.x_m, pipe.y_m - here.y_m, pipe.z_m - here.z_m,
-                    math.radians(pipe.yaw_deg - here.yaw_deg)])  # fmt: skip
-    most = [d.plant.map_error_m] * 3 + [math.radians(d.plant.map_error_deg)]
-    assert np.all(np.abs(off) <= most) and np.all(
-        np.max(np.abs(off), axis=0) > 0.95 * np.array(most)
-    )
-    assert np.all(np.abs(np.mean(off, axis=0)) < 4.0 * np.array(most) / math.sqrt(3.0 * 200.0))
-
-
 def test_the_mean_of_a_tracked_pipe_is_better_than_a_sample() -> None:
-    sample, pipe = (View(np.zeros(1, r.dtype)[0]) for r in (PipeCapture, TrackedPipe))
+    records = (TargetEstimate.Me, Clock, TargetCapture, Target)
+    me, clock, sample, pipe = (View(np.zeros(1, r.dtype)[0]) for r in records)
+    me.memory, clock.dt, pipe.age = 1.0, 0.01, NEVER
     rng, R = np.random.default_rng(1), rot_z(0.4)
     sample.fresh = 1.0
     for _ in range(100):
-        sample.p_WP = [1.0, 2.0, 3.0] + 1e-3 * rng.standard_normal(3)
-        sample.R_WP = R @ rot_y(2e-3 * rng.standard_normal())
-        PipeEstimate.step(sample, pipe)
-    np.testing.assert_allclose(pipe.p_WP, [1.0, 2.0, 3.0], atol=4e-4)
-    np.testing.assert_allclose(pipe.R_WP, R, atol=1e-3)
+        sample.p_WO = [1.0, 2.0, 3.0] + 1e-3 * rng.standard_normal(3)
+        sample.R_WO = R @ rot_y(2e-3 * rng.standard_normal())
+        TargetEstimate.step(me, clock, sample, pipe)
+    np.testing.assert_allclose(pipe.p_WO, [1.0, 2.0, 3.0], atol=4e-4)
+    np.testing.assert_allclose(pipe.R_WO, R, atol=1e-3)
     for _ in range(600):  # somebody moves it
-        sample.p_WP, sample.R_WP = [1.1, 2.0, 3.0], R
-        PipeEstimate.step(sample, pipe)
-    np.testing.assert_allclose(pipe.p_WP, [1.1, 2.0, 3.0], atol=1e-3)
+        sample.p_WO, sample.R_WO = [1.1, 2.0, 3.0], R
+        TargetEstimate.step(me, clock, sample, pipe)
+    np.testing.assert_allclose(pipe.p_WO, [1.1, 2.0, 3.0], atol=1e-3)
 
 
 def test_the_platform_stands_where_the_hands_hold_the_handle() -> None:
-    exact = ["plant.map_error_m=0", "plant.map_error_deg=0"]
-    found = plan(Setup(load_description("tool-install", sets=exact))).way
+    found = plan(Setup(load_description("tool-install"))).way
     assert isinstance(found, ToolPlan)
     model = build_body_model(DESCRIPTION.robot)
     hands = find_hands(model, found.grip.q) + find_platform(found.grip, found.seat)
@@ -357,7 +342,7 @@ def test_a_tool_that_finds_no_pipe_is_carried_back() -> None:
         def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
             if phase == "carry" and not self.done:
                 self.done = True
-                vehicle.assembly.get(PipeTracking.Me, "tracked pipe")["p_WP"] += self.by
+                vehicle.assembly.get(TrackedTarget.Me, "tracked pipe")["error_p_W"] += self.by
 
     sets = ["mission.task.hover_s=2", "mission.task.wait_s=2"]
     moved = MoveTargets("carry", [-0.3, 0.0, 0.0])

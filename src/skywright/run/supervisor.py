@@ -20,7 +20,8 @@ from skywright.run.operator import Operator, Stick
 from skywright.run.parts import build_default_rules
 from skywright.run.planning import MissionPlan
 from skywright.run.records import Measurement
-from skywright.vehicle.interface import Arms, Backend, Probe, Uav, WholeBody, require
+from skywright.vehicle.arms_interface import Arms
+from skywright.vehicle.interface import Backend, Probe, Uav, WholeBody, require
 
 Table = NDArray[Any]
 

@@ -10,7 +10,9 @@ from typing import Annotated, ClassVar
 
 from skywright.core.record import Array, Integers, Mat3, Vec3
 from skywright.core.types import HOLD, MAX_HANDS, MAX_JOINTS
+from skywright.models.floating import FloatingInertia
 from skywright.vehicle.component import Output, ReferenceBlock
+from skywright.vehicle.targets import Target
 
 PerJoint = Annotated[Array, MAX_JOINTS]
 PerHand = Annotated[Array, MAX_HANDS]
@@ -110,16 +112,8 @@ class HandsReference(ReferenceBlock):
     tare: float  # 1: the estimated contact forces of now are called zero
 
 
-class Floating(Output):
-    """How the platform answers while a joint swings freely (models/floating.py), in B."""
-
-    swing: int  # index in q of the joint without a servo, -1: none
-    axis: Vec3  # of that joint
-    I_eff: Mat3  # kg m^2, torque over angular acceleration
-    A: Annotated[Array, 3, 4]  # N m per N of force at B and per N m about the joint
-    L_s: Vec3  # kg m, momentum of a unit rate of the joint
-    M_ws: Vec3  # kg m^2, its angular momentum about the origin of B
-    M_ss: float  # kg m^2, inertia about the joint of all that it carries
+class Floating(FloatingInertia, Output):
+    """How the platform answers while a joint swings freely, filled each control tick."""
 
 
 class Wrench(Output):
@@ -143,33 +137,5 @@ class MarkerImage(Output):
     R_BM: Mat3
 
 
-class MarkerCapture(Output):
-    """A marker's pose by motion capture."""
-
-    fresh: float
-    p_WM: Vec3  # m
-    R_WM: Mat3
-
-
-class PipeCapture(Output):
-    """A tracked pipe's pose by motion capture."""
-
-    fresh: float
-    p_WP: Vec3  # m
-    R_WP: Mat3
-
-
-class Marker(Output):
-    """Where the marker is, as estimated."""
-
-    p_WM: Vec3  # m
-    R_WM: Mat3
-    marker_age: float  # s, since it was last seen
-
-
-class TrackedPipe(Output):
-    """Where the tracked pipe is: the mean of its samples."""
-
-    p_WP: Vec3  # m
-    R_WP: Mat3
-    pipe_samples: float  # in the mean, 0: none came yet
+class Marker(Target):
+    """Where the marker is that hands are led to."""

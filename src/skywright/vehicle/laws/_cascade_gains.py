@@ -18,14 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.types import BODY, MAX_JOINTS
+from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Control, Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
+from skywright.models.body_records import Body, Kinematics
 from skywright.models.floating import compute_free_inertia, fill_floating
-from skywright.models.rigid_body import KINEMATICS, fill_body, fill_kinematics, posture
-from skywright.models.rotors import build_rotors
+from skywright.models.rigid_body import fill_body, fill_kinematics, posture
 from skywright.vehicle.arms.ports import Floating
 
 Array = NDArray[np.float64]
@@ -187,12 +187,12 @@ def compute_cascade_gains(
     Raises InputError where a loop has no phase margin, or no poles of the swing exist.
     """
     q = posture(robot, "working")
-    floating, body = np.zeros(1, Floating.dtype)[0], np.zeros(1, BODY)[0]
+    floating, body = np.zeros(1, Floating.dtype)[0], np.zeros(1, Body.dtype)[0]
     floating["swing"] = -1
     for j, limb in enumerate(list_joints(robot)):
         if limb.servo < 0:
             floating["swing"] = j
-    full, k = np.zeros(MAX_JOINTS), np.zeros(1, KINEMATICS)[0]
+    full, k = np.zeros(MAX_JOINTS), np.zeros(1, Kinematics.dtype)[0]
     full[: len(q)] = q
     fill_kinematics(model, full, k)
     fill_body(model, k, body)
@@ -250,7 +250,7 @@ def _scale_rate_loop(
     # what the link takes each way counts like the sampling: 10 ms cost 23 deg at 20 rad/s, more
     # where the loop is faster (above a resonance)
     delay = DELAY_TICKS / c.rate_hz + 2.0 * world.link.delay_s
-    tau = build_rotors(robot.rotors).time_constant
+    tau = robot.rotors.time_constant_s
     lead = compute_lead(k_rate, tau, delay, math.radians(c.phase_margin_deg))
     free = compute_free_inertia(robot, world, posture(robot, "working"))
     scale = np.minimum(1.0, compute_free_factor(k_rate, lead, delay) * free / inertia)
