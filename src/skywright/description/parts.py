@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from pydantic import Field, create_model
 
-from skywright.core.find import find, list_offers
+from skywright.core.find import find, list_kinds, list_offers
 from skywright.core.spec import Spec
 from skywright.core.toml_files import Layer, Tree
 

@@ -103,7 +103,7 @@ class MissionKind(ABC, Generic[T, P]):
         """Fly the phases between take-off and landing; `s.segments` are those of the plan."""
 
     def withdraw(self, s: Supervisor[T], way: P) -> None:
-        """Draw back from what the robot touches or grasps, after a fault, to where it hovers freely.
+        """Draw back, after a fault, from what the robot touches or grasps.
 
         By default 0.25 m along the normal of what it touches, the arm as it is.
         """

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skywright.description.loader import Description
 from skywright.models.rotors import build_rotors
 from skywright.run.parts import build_law
+from skywright.run.setup import Setup
 from skywright.vehicle.loops import compute_delay_margin
 
 MARGIN = math.radians(10.0)
@@ -16,16 +16,16 @@ JITTERS = 1.5
 """Standard deviations by which packets that keep their order are later than the mean."""
 
 
-def find_exceeded_delay(description: Description[Any]) -> str | None:
+def find_exceeded_delay(setup: Setup[Any]) -> str | None:
     """Say by how much the link's delay exceeds what the attitude loop bears, or return None.
 
     Laws whose gains account for the delay say nothing here.
     """
-    d, link = description, description.world.link
+    d, link = setup.description, setup.description.world.link
     asked = link.delay_s + JITTERS * link.jitter_s
     if asked == 0.0:
         return None
-    loop = build_law(d).get_attitude_loop(d.robot)
+    loop = build_law(d, setup).get_attitude_loop(d.robot)
     if loop is None:
         return None
     rotor_tau = build_rotors(d.robot.rotors).time_constant

@@ -92,7 +92,7 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
         blocked = _find_blocked_climb(setup)
         if blocked is not None:
             plan = plan._replace(feasible=False, blocked_by=blocked)
-    too_late = find_exceeded_delay(description)
+    too_late = find_exceeded_delay(setup)
     if too_late is not None:
         return plan._replace(feasible=False, blocked_by=too_late)
     too_windy = find_exceeded_wind(setup, plan.segments)

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Annotated, Any
 
+from numpy.typing import NDArray
+
 from skywright.core.compiled import table, words
 from skywright.core.record import Array, Record
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 from skywright.models.allocation import allocate, thrust_to_speed
 from skywright.models.compliant_arms import is_compliant
+from skywright.models.rotor_loss import compute_allocation_without
 from skywright.vehicle.bus import (
     Allocated,
     Body,
@@ -43,11 +46,29 @@ class RotorAllocation(Component):
         yield cls("allocation")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the nominal rotors."""
+        """Take the nominal rotors, a copy: one may be given up."""
         a = context.allocator
-        me.B, me.P = context.keep(a.B), context.keep(a.P)
-        me.t_min, me.t_max = context.keep(a.t_min), context.keep(a.t_max)
+        self._own = a._replace(P=a.P.copy(), t_min=a.t_min.copy(), t_max=a.t_max.copy())
+        me.B, me.P = context.keep(a.B), context.keep(self._own.P)
+        me.t_min, me.t_max = context.keep(self._own.t_min), context.keep(self._own.t_max)
         me.full, me.n, me.k_f = a.full, len(a.t_min), a.k_f
+
+    def give_up(self, i: int, weight: float, p_BC: NDArray[Any]) -> bool:
+        """Use rotor `i` no more; False where the others cannot hold `weight` (N) at p_BC (3,) m."""
+        own, P = self._own, compute_allocation_without(self._own, i, weight, p_BC)
+        if P is None:
+            return False
+        own.P[:], own.t_min[i], own.t_max[i] = P, 0.0, 0.0
+        return True
+
+    def save(self) -> Any:
+        """Return which rotors are used, and how."""
+        return [x.copy() for x in (self._own.P, self._own.t_min, self._own.t_max)]
+
+    def restore(self, saved: Any) -> None:
+        """Use them so again."""
+        for x, was in zip((self._own.P, self._own.t_min, self._own.t_max), saved, strict=True):
+            x[:] = was
 
     @staticmethod
     def step(

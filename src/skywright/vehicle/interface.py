@@ -16,6 +16,7 @@ from skywright.core.record import Record
 from skywright.core.types import REFERENCE
 from skywright.description.world.spec import World
 from skywright.errors import InputError
+from skywright.models.rotors import RotorSet
 from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration
 
@@ -46,6 +47,7 @@ class Backend(Protocol):
     offers: frozenset[str]
     limits: Limits
     n_joints: int
+    rotors: RotorSet  # as believed
     model: Any  # BodyModel of the robot as believed
     world: World
     arc: LinkArc | None  # of a link that lies on the ground at the start

@@ -28,9 +28,9 @@ from skywright.models.rigid_body import (
     joint_names,
     posture,
 )
-from skywright.models.rotor_loss import compute_allocation_without
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.things.bench import CLAMP, Bench
+from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate, ShaftCommand, WrenchCommand
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext
@@ -117,7 +117,7 @@ class SimulatedVehicle:
         self.offers = list_offers(robot)
         c = robot.control
         self.limits = Limits(c.speed_max_mps, c.acceleration_max_mps2, 0.8)
-        self.model = nominal.model
+        self.model, self.rotors = nominal.model, nominal.rotors
         self.arc = compute_link_arc(robot, self.model)
         home = home_pose(robot, world, *start)
         self.sim = Simulation(self.scene, home)
@@ -317,12 +317,7 @@ class SimulatedVehicle:
     def give_up_rotor(self, i: int) -> bool:
         """Allocate to the other rotors from now on; False where they cannot hold the robot."""
         body = self.read(Body)
-        weight = float(body.mass * body.gravity)
-        P = compute_allocation_without(self.allocator, i, weight, body.p_BC)
-        if P is None:
-            return False
-        self.allocator.P[:], self.allocator.t_min[i], self.allocator.t_max[i] = P, 0.0, 0.0
-        return True
+        return self.find(RotorAllocation).give_up(i, float(body.mass * body.gravity), body.p_BC)
 
     def release(self) -> None:
         """Open the clamp that holds the platform; it stays open.

@@ -50,8 +50,8 @@ class RotorWeak(Rule):
     def look(self, v: Senses) -> float:
         from skywright.vehicle.bus import Allocated, Body
 
-        body, made, rotors = v.get(Body), v.get(Allocated), getattr(v.vehicle, "rotors", None)
-        if v.reference["active"] < 0.5 or rotors is None or v.touching:
+        body, made, rotors = v.get(Body), v.get(Allocated), v.vehicle.rotors
+        if v.reference["active"] < 0.5 or v.touching:
             self._predicted = None
             return float("nan")
         est = v.estimate
