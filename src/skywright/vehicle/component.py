@@ -255,6 +255,15 @@ class Law(Component):
         """
         return None
 
+    def compute_gust_response(
+        self, robot: Robot, world: World, frequencies: Array, h: float
+    ) -> Array | None:
+        """Return by how much (n,) the contact force changes per newton of a gust along the probe,
+        at `frequencies` (n,) rad/s and a physics step `h` (s); None: the law does not close a loop
+        on it, so slow gusts go into it in full.
+        """
+        return None
+
 
 class ArmsLaw(Component):
     """A law of arms with position servos: fills ShaftCommand at the servos' rate."""
