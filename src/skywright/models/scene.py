@@ -34,10 +34,12 @@ from skywright.models.rotors import build_rotors
 from skywright.models.structure_body import add_structure, list_structure
 from skywright.models.things._build import OBJECT, add_things, find_offsets
 from skywright.models.things.bench import Bench
+from skywright.models.timestep import find_stiff_contact
 
 Array = NDArray[np.float64]
 
 TIMESTEP = 0.001
+"""s, a physics step unless `mission.timestep_ms` says otherwise."""
 SUPPORT_RADIUS = 0.03
 SUPPORT_INSET = 0.05  # m, from the pipe's end to the support's axis
 
@@ -78,13 +80,16 @@ def build_scene(
     deviation: Deviation | None = None,
     extend: Iterable[Callable[[mujoco.MjSpec], None]] = (),
     error: Array | None = None,
+    timestep: float = TIMESTEP,
 ) -> Scene:
     """Compile the nominal model, or with `deviation` the plant.
 
     `extend` are called with what is to be compiled, to add to it. `error` (6,) m, rad, places
-    tracked things in a nominal model as `Deviation.socket_error` would.
+    tracked things in a nominal model as `Deviation.socket_error` would. Raises InputError where a
+    contact is too stiff for `timestep` (s).
     """
     spec = build_spec(robot, world, deviation, error)
+    spec.option.timestep = timestep
     for add in extend:
         add(spec)
     try:
@@ -94,6 +99,12 @@ def build_scene(
         raise InputError(f"robot {robot.name!r} in world {world.name!r}: {what}") from None
     if robot.docking is not None:
         set_foot_stiffness(model, robot.docking)
+    stiff = find_stiff_contact(model, timestep) if timestep > TIMESTEP else None
+    if stiff is not None:
+        raise InputError(
+            f"mission.timestep_ms = {1e3 * timestep:g} is too long for {robot.name!r} in "
+            f"{world.name!r}: {stiff}"
+        )
     return Scene(model, _build_index(model, robot, deviation is not None), len(joint_names(robot)))
 
 

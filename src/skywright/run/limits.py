@@ -29,7 +29,6 @@ from skywright.description.world.wind import (
 from skywright.models.capability import build_drag_body
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.models.rotors import build_rotors
-from skywright.models.scene import TIMESTEP
 from skywright.models.statics import build_layout
 from skywright.models.wind import compute_hold, compute_largest, compute_wind_limits, is_held
 from skywright.run.parts import build_law
@@ -118,7 +117,9 @@ def find_exceeded_push(
         speed = float(np.linalg.norm(compute_wind_allowance(d.robot, d.world)))
     body, hubs = _compute_drag_factors(d.robot, d.world)
     fraction = d.mission.wind_fraction
-    response = build_law(d).compute_gust_response(d.robot, d.world, GUST_FREQUENCIES, TIMESTEP)
+    response = build_law(d).compute_gust_response(
+        d.robot, d.world, GUST_FREQUENCIES, 1e-3 * d.mission.timestep_ms
+    )
     if response is None:
         sigma = compute_gust_sigma(wind, speed, d.robot.control.position_bandwidth_rad_s)
         rms, when = math.sqrt(2.0) * float(sigma[0]), "between touch-down and scan"

@@ -27,7 +27,7 @@ def get_law(description: Description[Any]) -> Part:
 
 
 def build_law(description: Description[Any]) -> Law:
-    """Build the law; raises InputError where the rotors cannot make what it asks for."""
+    """Build the law; raises InputError where the robot lacks what it asks for."""
     part, robot = get_law(description), description.robot
     law: Law = build_part("law", part, "law")
     if law.needs_full_actuation and not _is_fully_actuated(robot):
@@ -35,6 +35,7 @@ def build_law(description: Description[Any]) -> Law:
             f"control law {part.kind!r} needs a fully actuated platform; the rotors of "
             f"{robot.name!r} make no lateral force: use 'thrust_vectoring'"
         )
+    law.check_robot(robot)
     return law
 
 

@@ -229,6 +229,7 @@ def build_vehicle(
         deviation=setup.deviation,
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
         interactive=mission.mode == "interactive",
+        timestep=1e-3 * mission.timestep_ms,
         parts=parts,
         on_samples=on_samples,
     )

@@ -249,6 +249,9 @@ class Law(Component):
     knows_modes: ClassVar[bool] = False
     """Whether it follows `Reference.mode`."""
 
+    def check_robot(self, robot: Robot) -> None:
+        """Raise InputError where a robot lacks what the law needs besides its rotors."""
+
     def observe_wrench(self, context: Context) -> Array | None:
         """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the
         external force that the law wants observed (port Wrench); None: it wants none.

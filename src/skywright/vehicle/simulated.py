@@ -96,20 +96,23 @@ class SimulatedVehicle:
         deviation: Deviation,
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         interactive: bool = False,
+        timestep: float = TIMESTEP,
         parts: Sequence[Component] = (),
         on_samples: Callable[[NDArray[Any]], None] | None = None,
     ) -> None:
         """`start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
 
-        `parts` are further components: sensors and effects that the description names.
+        `parts` are further components: sensors and effects that the description names. `timestep`
+        (s) is the physics step.
         Raises InputError where they do not fit together.
         """
         self.robot, self.world, self.law, self.estimator = robot, world, law, estimator
         self.interactive = interactive
-        self.n_steps, self.dt = check_rate(robot)
+        self.h = timestep
+        self.n_steps, self.dt = check_rate(robot, timestep)
         self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
         extend = [part.extend_scene for part in parts]
-        self.scene = build_scene(robot, world, deviation, extend)
+        self.scene = build_scene(robot, world, deviation, extend, timestep=timestep)
         self.n_joints = self.scene.n_joints
         self.offers = list_offers(robot)
         c = robot.control
@@ -122,7 +125,7 @@ class SimulatedVehicle:
         self.sim = Simulation(self.scene, home)
         context = PlantContext(
             robot, world, self.model[0], self.rotors, self.allocator,
-            compute_body(self.model, posture(robot, "working"))[0], self.dt, TIMESTEP,
+            compute_body(self.model, posture(robot, "working"))[0], self.dt, timestep,
             law.name, frozenset(), {}, deviation=deviation, scene=self.scene, sim=self.sim,
             seed=seed, start=start,
         )  # fmt: skip
@@ -369,7 +372,7 @@ class SimulatedVehicle:
     def _fill_bus(self) -> None:
         """Tell the clock its periods and the components where MuJoCo's arrays are."""
         clock, mj = self.assembly.get(Clock), self.assembly.get(MuJoCo)
-        clock["dt"], clock["h"] = self.dt, TIMESTEP
+        clock["dt"], clock["h"] = self.dt, self.h
         for name, array in self.sim.arrays.items():
             mj[name] = array.ctypes.data
         sizes = self.scene.model
@@ -413,19 +416,22 @@ def list_offers(robot: Robot) -> frozenset[str]:
     )
 
 
-def check_rate(robot: Robot) -> tuple[int, float]:
+def check_rate(robot: Robot, timestep: float = TIMESTEP) -> tuple[int, float]:
     """Return the physics steps of a control tick, and its period (s).
 
     Raises InputError where the control rate does not divide the rate of the physics.
     """
     rate = robot.control.rate_hz
-    n_steps = round(1.0 / (rate * TIMESTEP))
-    if abs(n_steps * TIMESTEP * rate - 1.0) > 1e-9 or n_steps < 1:
+    n_steps = round(1.0 / (rate * timestep))
+    if abs(n_steps * timestep * rate - 1.0) > 1e-9 or n_steps < 1:
+        rates = (1000, 500, 250, 200, 125, 100)
+        valid = [r for r in rates if abs(1.0 / (r * timestep) % 1.0) < 1e-9]
         raise InputError(
             f"robot.control.rate_hz = {rate:g} does not divide the physics rate "
-            f"{1 / TIMESTEP:g} Hz; valid: 1000, 500, 250, 200, 125, 100"
+            f"{1 / timestep:g} Hz (mission.timestep_ms = {1e3 * timestep:g}); valid: "
+            f"{', '.join(map(str, valid))}"
         )
-    return n_steps, n_steps * TIMESTEP
+    return n_steps, n_steps * timestep
 
 
 def overrides(component: Component, method: str) -> bool:

@@ -47,7 +47,7 @@ def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
     mass, _, _ = compute_body(model, posture(robot, "working"))
     stiffness = mass * robot.control.position_bandwidth_rad_s**2
     if scan.depth_m is None:
-        force = robot.probe.force_n
+        force = robot.probe.force_n if scan.force_n is None else scan.force_n
         depth = compute_depth(mass, robot.control.position_bandwidth_rad_s, force)
     else:
         depth, force = scan.depth_m, scan.depth_m * stiffness

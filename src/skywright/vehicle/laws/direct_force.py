@@ -124,29 +124,29 @@ class DirectForce(ThreeLoops):
         touching: float  # 1: a force is felt
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill gains; raises InputError where the robot does not measure its tip's force."""
+        """Fill gains; raises InputError where the loop is too slow for any."""
         super().build(me, table, context)
-        contact = self._find_contact(context.robot, context.world, context.dt, context.h)
+        contact = build_contact(context.robot, context.world, table, context.dt, context.h)
         gains = compute_gains(contact, table)
         me.damper, me.kp_force, me.ki_force = gains.damper, gains.kp, gains.ki
         told = table.approach_speed_mps
         me.approach_max = math.inf if told is None else told
         me.approach = math.inf if told is not None else 0.5 / math.sqrt(contact.k * contact.mass)
 
-    def _find_contact(self, robot: Robot, world: World, dt: float, h: float) -> Contact:
+    def check_robot(self, robot: Robot) -> None:
+        """Raise InputError for a robot that does not measure the force of its tip."""
         if find_tip_sensor(robot) is None:
             raise InputError(
                 f"control law {self.name!r} needs the measured force of a probe; "
-                f"{robot.name!r} has no force sensor there: [robot.sensors.NAME] kind = "
-                "'force_torque', at = 'probe' (as robot 'othex-force')"
+                f"{robot.name!r} has no force sensor there: take robot 'othex-force', or give it "
+                "[robot.sensors.NAME] kind = 'force_torque', at = 'probe'"
             )
-        return build_contact(robot, world, self.table, dt, h)
 
     def compute_gust_response(
         self, robot: Robot, world: World, frequencies: Array, h: float
     ) -> Array | None:
         """Return the contact force (n,) per newton of a gust along the normal; see Law."""
-        contact = self._find_contact(robot, world, 1.0 / robot.control.rate_hz, h)
+        contact = build_contact(robot, world, self.table, 1.0 / robot.control.rate_hz, h)
         return compute_gust_response(contact, compute_gains(contact, self.table), frequencies)
 
     @staticmethod
@@ -219,7 +219,7 @@ def build_contact(robot: Robot, world: World, table: Any, dt: float, h: float) -
     """Model a robot that presses along its probe; `dt`, `h` (s): control period, physics step."""
     assert robot.probe is not None
     sensor = find_tip_sensor(robot)
-    assert sensor is not None
+    assert sensor is not None  # check_robot
     model, q = build_body_model(robot, world.gravity_mps2), posture(robot, "working")
     mass, p_BC, inertia = compute_body(model, q)
     k = compute_kinematics(model, q)
