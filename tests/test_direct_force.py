@@ -88,7 +88,7 @@ class Bench:
 
 
 def test_the_force_answers_a_step_as_derived(contact):
-    """F / F^d = (w^2 s (1 + k_P) k / (m w^2) + w_i w^2) / (s^3 + 2 zeta w s^2 + w^2 s + w_i w^2)."""
+    """F / F^d = w^2 (s + w_i) / (s^3 + 2 zeta w s^2 + w^2 s + w_i w^2), ideal rotors."""
     bench = Bench(contact)
     w, k, m = bench.gains.w, contact.k, contact.mass
     bench.fly(1.0, 4.0)

@@ -48,7 +48,7 @@ def test_docking_feet_grow_unstable_where_the_rule_says():
 def test_the_control_rate_must_be_whole_steps():
     d = load_description("pipe-weld-scan", sets={"robot.control.rate_hz": 1000.0})
     assert check_rate(d.robot, 0.001) == (1, 0.001)
-    with pytest.raises(InputError, match="physics rate 500 Hz .*valid: 500, 250, 125, 100"):
+    with pytest.raises(InputError, match=r"physics rate 500 Hz .*valid: 500, 250, 125, 100"):
         check_rate(d.robot, 0.002)
 
 

@@ -125,7 +125,10 @@ def find_exceeded_push(
         rms, when = math.sqrt(2.0) * float(sigma[0]), "between touch-down and scan"
     else:
         scale, time = compute_gust_scales(wind, speed)
-        rms, when = compute_response_rms(response, float(scale[0]), float(time[0])), "at the loop"
+        rms, when = (
+            compute_response_rms(response, float(scale[0]), float(time[0])),
+            "beyond what the force loop takes up",
+        )
     gust = GUST_SIGMAS * rms * (2.0 * body * speed + hubs)
     if gust > fraction * push_force * (1.0 + 1e-9):
         return (
@@ -176,9 +179,9 @@ def _find_weak_rotors(d: Description, push_force: float, contact: Any) -> str | 
     if worst >= least * (1.0 - 1e-6):
         return None
     return (
-        f"in gusts of {np.linalg.norm(gust):.1f} m/s (mean + {GUST_SIGMAS:g} sigma) the rotors can "
-        f"make {max(worst, 0.0):.2f} N of the {push_force:.2f} N that the probe is pressed on with; "
-        f"at least {least:.2f} N must remain"
+        f"in gusts of {np.linalg.norm(gust):.1f} m/s (mean + {GUST_SIGMAS:g} sigma) the rotors "
+        f"can make {max(worst, 0.0):.2f} N of the {push_force:.2f} N that the probe is pressed on "
+        f"with; at least {least:.2f} N must remain"
     )
 
 

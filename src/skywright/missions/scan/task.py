@@ -21,7 +21,7 @@ class Scan(Task):
     pass_length_m: float = Field(default=0.2, ge=1e-3, le=100.0)
     centre_s_m: float = 0.0
     speed_mps: float = Field(default=0.01, ge=1e-4, le=1.0)
-    force_n: Positive | None = None  # that the probe is pressed on with; default robot.probe.force_n
+    force_n: Positive | None = None  # of the probe on the pipe; default robot.probe.force_n
     depth_m: Positive | None = None  # of the desired tip inside the surface, in place of a force
     stand_off_m: Positive = 0.05  # tip distance before touching
     retries: int = Field(default=2, ge=0, le=10)

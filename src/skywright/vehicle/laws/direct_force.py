@@ -19,9 +19,10 @@ Derivation of the gains. The tip is a spring k between robot and surface: F = k 
   either end of its travel only the rest gives way (`Contact.k_hard`), and k_P k grows with it.
 - zeta = 1. w_i = w / 4: the pair of poles that the integral makes then has a damping ratio of 0.7.
 - k_P >= 0. A bandwidth below that of the bare spring, sqrt(k / m), has k_P = 0.
-- w is the fastest at which the sensitivity |S| stays below 2 in contact with either stiffness and in
-  the air, behind the rotors' lag T and the dead time: 1.5 control periods (as in evidence/loop.py),
-  a physics step and half a period of the sensor, the link both ways. The loop opened at the rotors:
+- w is the fastest at which the sensitivity |S| stays below 2 in contact with either stiffness and
+  in the air, behind the rotors' lag T and the dead time: 1.5 control periods (as in
+  evidence/loop.py), a physics step and half a period of the sensor, the link both ways. The loop
+  opened at the rotors:
 
       L = (D s + k_P k + k_I k / s) e^{-s tau} / (1 + T s) / (m s^2 + k)
 
@@ -283,9 +284,7 @@ def _build_gains(c: Contact, table: DirectForce.Table, w: float) -> Gains:
     told = table.force_integral_rad_s
     wi = INTEGRAL * w if told is None else told
     over = max(c.mass * w**2 / c.k, 1.0)
-    # slower than the bare spring the integral crosses w_i alone: k_P = 0 and a loop of k_I / s
-    integral = wi * (over if c.mass * w**2 >= c.k else 1.0)
-    return Gains(w, 2.0 * table.force_damping * c.mass * w, over - 1.0, integral)
+    return Gains(w, 2.0 * table.force_damping * c.mass * w, over - 1.0, wi * over)
 
 
 def compute_sensitivity(c: Contact, g: Gains, w: Array = FREQUENCIES) -> float:
