@@ -157,14 +157,14 @@ def test_rotors_at_their_limits_wind_nothing_up(contact):
 def test_a_robot_without_a_force_sensor_is_refused():
     d = load_description("pipe-weld-scan", sets=["mission.law=direct_force"])
     with pytest.raises(InputError, match="'othex' has no force sensor there") as told:
-        build_law(d)
+        build_law(d, Setup(d))
     assert "\n" not in str(told.value)
 
 
 def test_gains_are_keys_of_the_law():
     sets = ["mission.law=direct_force", "mission.law.force_bandwidth_rad_s=5"]
     d = load_description("pipe-weld-scan", robot="othex-force", sets=sets)
-    law = build_law(d)
+    law = build_law(d, Setup(d))
     c = build_contact(d.robot, d.world, law.table, DT, 0.001)
     gains = compute_gains(c, law.table)
     assert gains.w == 5.0 and gains.damper == pytest.approx(2.0 * c.mass * 5.0)
@@ -173,9 +173,9 @@ def test_gains_are_keys_of_the_law():
 
 
 def test_othex_flies_the_papers_law_and_othex_force_its_own(othex_force):
-    assert build_law(load_description("pipe-weld-scan")).name == "law"
-    assert type(build_law(load_description("pipe-weld-scan"))).__name__ == "PushAndSlide"
-    assert isinstance(build_law(othex_force), DirectForce)
+    paper = load_description("pipe-weld-scan")
+    assert type(build_law(paper, Setup(paper))).__name__ == "PushAndSlide"
+    assert isinstance(build_law(othex_force, Setup(othex_force)), DirectForce)
     assert find_tip_sensor(othex_force.robot).name == "probe_force"
     assert find_tip_sensor(load_description("pipe-weld-scan").robot) is None
 

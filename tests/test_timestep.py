@@ -12,7 +12,7 @@ from skywright.models.scene import build_scene
 from skywright.models.timestep import find_stiff_contact, list_time_constants
 from skywright.run.setup import Setup
 from skywright.vehicle.bus import Clock
-from skywright.vehicle.simulated import check_rate
+from skywright.vehicle.set_up import check_rate
 
 
 def build(name: str, timestep: float = 0.001):
