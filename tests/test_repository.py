@@ -280,7 +280,7 @@ def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
 # -- size and imports of the code ---------------------------------------------------------------
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
-STATEMENTS = 41_500
+STATEMENTS = 42_000
 LONG_FILES = {
     "core/types.py", "description/robot/spec.py", "missions/bridge_contact/fly.py",
     "missions/sensor_install/fly.py", "missions/tool_install/fly.py",
