@@ -104,7 +104,7 @@ class WrenchTipForce(TipForceEstimator):
         sensor = find_tip_sensor(context.robot)
         if sensor is not None and sensor.name:
             found = cls("tip force")
-            found.ports = {"measured": sensor.name}  # type: ignore[misc]
+            found.ports = {"measured": sensor.name}
             yield found
 
     def build(self, me: Any, table: Any, context: Any) -> None:
