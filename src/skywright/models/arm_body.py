@@ -119,7 +119,7 @@ def _add_link_joints(
     if link.passive:
         _set_coefficient(joint, "damping", link.damping_nms_per_rad)
         joint.frictionloss = link.friction_nm
-    else:
+    elif robot.arm is not None and robot.arm.belt is None:  # through a belt: _add_servos
         joint.armature = list_servos(robot)[limbs[index].servo][1].armature_kgm2
     if link.flex_stiffness_nm_per_rad is not None:
         k = link.flex_stiffness_nm_per_rad
@@ -339,7 +339,9 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
 
     A position servo's command comes with its lag and speed limit from vehicle/actuators.
 
-    Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A.
+    Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A. So its
+    rotor couples them: J_AM^-T diag(armature) J_AM^-1 is what the joints feel (the motors' kinetic
+    energy in the joints' speeds), which MuJoCo makes of a tendon's armature.
     """
     assert robot.arm is not None
     joints = [limb.name for limb in list_joints(robot) if limb.servo >= 0]
@@ -351,6 +353,8 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
         for j, joint in enumerate(joints):
             if abs(motor_from_joint[i, j]) > 1e-12:
                 tendon.wrap_joint(joint, motor_from_joint[i, j])
+        if robot.arm.belt is not None:
+            tendon.armature = servo.armature_kgm2
         kp, kv = compute_servo_gains(robot, i)
         velocity = servo.mode == "velocity"
         dynamics = mujoco.mjtDyn.mjDYN_INTEGRATOR if velocity else mujoco.mjtDyn.mjDYN_NONE
