@@ -82,7 +82,7 @@ def add_arm(
         if robot.probe is None or i != tip:
             _add_hand(bodies[i], side, limbs[i].link, robot, dev, is_tip=i == tip)
     if robot.probe is not None:
-        _add_probe(bodies[tip], limbs[tip], robot, dev, plant)
+        _add_probe(spec, bodies[tip], limbs[tip], robot, dev, plant)
     if plant:
         _add_servos(spec, robot, limbs)
         for limb in limbs:
@@ -285,7 +285,12 @@ def _add_hand(
 
 
 def _add_probe(
-    link_body: mujoco.MjsBody, limb: Limb, robot: Robot, dev: Deviation, plant: bool
+    spec: mujoco.MjSpec,
+    link_body: mujoco.MjsBody,
+    limb: Limb,
+    robot: Robot,
+    dev: Deviation,
+    plant: bool,
 ) -> None:
     assert robot.probe is not None
     probe, parts = robot.probe, build_probe_parts(robot.probe)
@@ -332,6 +337,12 @@ def _add_probe(
         _set_coefficient(joint, "damping", damping)
         joint.springref = probe.spring_preload_n / k
         joint.solref_limit = [0.004, 1.0]
+        if robot.force_sensor is not None:  # softer beyond the knee: less of the spring there
+            knee = (robot.force_sensor.knee_n - probe.spring_preload_n) / k
+            tendon = spec.add_tendon(name="spring beyond")
+            tendon.wrap_joint("spring", 1.0)
+            _set_coefficient(tendon, "stiffness", -k * (1.0 - robot.force_sensor.hard_share))
+            tendon.springlength = [-knee, 1.0]
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:

@@ -71,6 +71,8 @@ class Backstepping(Law):
         k_R: Mat3  # the same of the attitude, a row about each axis of B
         k_force: float  # 1/s, of the arm's force loop
         spring: float  # N/m, of a probe with a force sensor; 0: none
+        knee: float  # N, beyond which it has `soft` (N/m)
+        soft: float
         friction: float  # believed coefficient of the surface
         thrust_max: float  # N, all rotors together along z_B
         f_integral_max: float  # N
@@ -97,7 +99,8 @@ class Backstepping(Law):
         fill_arm(me, table, context)
         me.dt, me.k_force, me.friction = context.dt, me.k_arm, c.friction_feed_forward
         if robot.force_sensor is not None and robot.probe is not None:
-            me.spring = robot.probe.spring_n_per_m
+            me.spring, me.knee = robot.probe.spring_n_per_m, robot.force_sensor.knee_n
+            me.soft = me.spring * robot.force_sensor.hard_share
         rotors, weight = context.rotors, context.mass * context.world.gravity_mps2
         me.thrust_max = float((rotors.thrust_max * rotors.axis[:, 2]).sum())
         me.f_integral_max, me.t_integral_max = 0.4 * weight, 0.1 * weight
@@ -327,7 +330,8 @@ def command_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, cmd: Any) ->
     if press.press < 0.5 or me.spring <= 0.0:
         return
     n = body.n_joints
-    along = (press.force - est.f_tip) * me.k_force / me.spring
+    spring = me.spring if est.f_tip < me.knee else me.soft
+    along = (press.force - est.f_tip) * me.k_force / spring
     along = min(max(along, -TIP_SPEED), TIP_SPEED)
     if press.docked < 0.5:  # in flight the arm takes back what the platform moves
         along -= find_approach(ref, est, body)
