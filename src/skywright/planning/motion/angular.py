@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from skywright.core.arrays import Array
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.edges import place_shapes
-from skywright.planning.motion.space import Record, Space
+from skywright.planning.motion.space import ScratchRecord, Space, SpaceRecord
 
 ROUND, RECTANGLE = range(2)
 
@@ -156,7 +156,9 @@ def blocked_by_rectangle(
 
 
 @njit(cache=True, error_model="numpy")
-def is_state_free_angular(space: Record, world: AngularMap, c: Array, k: Record) -> bool:
+def is_state_free_angular(
+    space: SpaceRecord, world: AngularMap, c: Array, k: ScratchRecord
+) -> bool:
     """Whether one configuration is free by the paper's check."""
     k.d[:] = 0.0
     place_shapes(space, c, k.d, k)
@@ -193,7 +195,7 @@ def is_state_free_angular(space: Record, world: AngularMap, c: Array, k: Record)
 
 @njit(cache=True, error_model="numpy")
 def is_edge_free_angular(
-    space: Record, world: AngularMap, a: Array, b: Array, resolution: float, k: Record
+    space: SpaceRecord, world: AngularMap, a: Array, b: Array, resolution: float, k: ScratchRecord
 ) -> bool:
     """COLLISION of Algorithm 1, negated: samples every `resolution` (m or rad) along a branch."""
     n = space.n
