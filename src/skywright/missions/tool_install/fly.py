@@ -32,7 +32,8 @@ from skywright.missions.skills.tool_handling import (
 from skywright.missions.tool_install.operated_install import install_by_operator
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.run.flight import Flight
-from skywright.vehicle.arms.ports import Hands, TrackedPipe
+from skywright.vehicle.arms.ports import Hands
+from skywright.vehicle.targets import PIPE
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
@@ -146,8 +147,7 @@ def _give_up(
 
 def _measure_seat(s: Supervisor, task: ToolInstall) -> Place:
     """Where the tool shall stand, on the pipe as motion capture sees it."""
-    pipe = s.vehicle.read(TrackedPipe)
-    return find_seat(s.vehicle.world, task, pipe.p_WP, pipe.R_WP)
+    return find_seat(s.vehicle.world, task, *s.vehicle.survey(PIPE))
 
 
 def _come(s: Supervisor, grip: Grip, place: Place) -> None:
