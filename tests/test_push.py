@@ -53,7 +53,7 @@ def test_a_controlled_robot_moves_by_all_forces_on_it(robot: str):
     v.n_ticks = 1  # what acts is held for a control tick
     model, platform = v.scene.model, v.scene.places.platform_body
     mass = model.body_subtreemass[platform]
-    axes = model.actuator_gear[: len(v.rotors.axis), :3].T
+    axes = model.actuator_gear[: len(v.nominal.rotors.axis), :3].T
     start, impulse = get_momentum(v.sim), np.zeros(3)
     for _ in range(round(0.2 / v.dt)):
         R = np.array(v.sim.data.xmat[platform]).reshape(3, 3)
