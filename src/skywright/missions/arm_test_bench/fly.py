@@ -20,7 +20,7 @@ from skywright.missions.arm_test_bench.plan import find_joints
 SETTLE_S = 1.0
 
 
-def fly(s: Supervisor[BenchTask]) -> Flight:
+def fly(s: Supervisor[BenchTask], way: None) -> Flight:
     """Rest, inspection position, staircase, rest; nothing flies."""
     task = s.task
     bench = Presser(s, task)

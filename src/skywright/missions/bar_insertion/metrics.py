@@ -70,7 +70,7 @@ def compute_peg_way(samples: Samples, d: Description[BarInsertion]) -> PegWay:
     return PegWay((tip - p_WS) @ R_WS, np.arccos(along), turn, carried - weight)
 
 
-def compute_insertion_metrics(run: Flown[BarInsertion, InsertionPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[BarInsertion, InsertionPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     samples, phases, description = run.samples, run.phases, run.setup.description
     peg = description.world.find_thing(run.task.bar, Peg)

@@ -20,7 +20,7 @@ STEADY_S = 4.0  # s, of hovering before the bar is carried: wind and weight are 
 SETTLE_S = 3.0  # s, at the goal
 
 
-def fly(s: Supervisor[BarTransport]) -> Flight:
+def fly(s: Supervisor[BarTransport], way: None) -> Flight:
     """Take the plan's first pose, carry, settle."""
     table = s.segments["transport"]
     n = s.vehicle.n_joints

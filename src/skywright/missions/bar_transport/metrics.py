@@ -38,7 +38,7 @@ MEASURES: Measures = {
 CARRYING = ("transport", "plan", "settle")
 
 
-def compute_transport_metrics(run: Flown[Any, None]) -> dict[str, float]:
+def compute_metrics(run: Flown[Any, None]) -> dict[str, float]:
     """Judge the phases in which the plan is followed."""
     samples, robot = run.samples, run.setup.robot
     out = run.plan.metrics

@@ -39,7 +39,7 @@ FREE = 0.005  # m, a plug that has moved so far is out
 LAST_S = 1.0  # s at the end of a phase over which a pose is judged
 
 
-def compute_bench_metrics(run: Flown[BimanualBench, BenchPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[BimanualBench, BenchPlan]) -> dict[str, float]:
     """Judge the trials that were made."""
     samples, phases, description = run.samples, run.phases, run.setup.description
     names, task = list_movers(description.world.things), run.task

@@ -55,7 +55,7 @@ def compute_press(samples: Samples) -> Array:
     return np.asarray(-np.sum(samples["f_contact"] * axis, axis=1))
 
 
-def compute_contact_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     samples, phases, way = run.samples, run.phases, run.way
     out: dict[str, float] = {}

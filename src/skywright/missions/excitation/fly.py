@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
 
-def fly(s: Supervisor[ExcitationTask]) -> Flight:
+def fly(s: Supervisor[ExcitationTask], way: None) -> Flight:
     for name, table in s.segments.items():
         s.follow(name, table)
         s.begin(f"rest after {name}")

@@ -36,7 +36,7 @@ def compute_tilt(samples: Samples) -> Array:
     return np.asarray(np.arccos(np.clip(up, -1.0, 1.0)))
 
 
-def compute_modes_metrics(run: Flown[ModesTask, ModesPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[ModesTask, ModesPlan]) -> dict[str, float]:
     """Judge each mode that was flown."""
     samples, phases, way = run.samples, run.phases, run.way
     out = {"modes.tilt_fraction": way.due / way.limit}

@@ -15,7 +15,7 @@ STEADY_S = 3.0  # s, of hovering before the plan
 SETTLE_S = 2.0  # s, at its end
 
 
-def fly(s: Supervisor[FollowPlan]) -> Flight:
+def fly(s: Supervisor[FollowPlan], way: None) -> Flight:
     """Take the plan's first pose, follow it, settle. The flight ends hovering there."""
     table = s.segments["plan"]
     n = s.vehicle.n_joints

@@ -45,7 +45,7 @@ OPEN_S = 0.05  # s without a force after which a contact counts as over
 BEFORE_S = 0.05  # s over which the speed before the contact is taken
 
 
-def compute_impact_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
     """Judge the collision; without one there is nothing to tell."""
     samples, phases, task, way = run.samples, run.phases, run.task, run.way
     near = in_phases(samples, phases, "impact", "retreat")

@@ -63,7 +63,7 @@ MEASURES: Measures = {
 """Metric -> unit and meaning, of those that only this kind has."""
 
 
-def compute_scan_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
+def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     """Contact, tracking, weld and coverage of a scan."""
     samples, phases, description = run.samples, run.phases, run.setup.description
     out: dict[str, float] = {}

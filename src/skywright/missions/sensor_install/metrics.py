@@ -34,7 +34,7 @@ BEFORE_S = 2.0  # s before the touch: where the platform stood
 PRESSING = 0.02  # N
 
 
-def compute_install_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
     samples, phases, task, way = run.samples, run.phases, run.task, run.way

@@ -63,7 +63,7 @@ def compute_stance(samples: Samples, at: int, index: int, place: Place) -> Stanc
     return Stance(wanted.T @ (p - place.p_WO), math.acos(min(max(cosine, -1.0), 1.0)))
 
 
-def compute_tool_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
     samples, phases, way, world = run.samples, run.phases, run.way, run.setup.world

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
 
-def fly(s: Supervisor[Waypoints]) -> Flight:
+def fly(s: Supervisor[Waypoints], way: None) -> Flight:
     for i, (name, table) in enumerate(s.segments.items()):
         s.follow(name, table)
         hold = s.task.points[i].hold_s if i < len(s.task.points) else 0.0
