@@ -11,7 +11,7 @@ import json
 import math
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import viser
@@ -39,10 +39,7 @@ from skywright.reports.scene3d import (
 )
 from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
 from skywright.run.kind import load_kind
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
+from skywright.run.run import RunResult
 
 FRAME_RATE = 15.0  # Hz
 MAX_FRAMES = 4500

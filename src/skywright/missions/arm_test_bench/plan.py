@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,10 +20,6 @@ from skywright.models.rigid_body import compute_tip
 from skywright.models.things.bench import Bench
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
-
 
 NEAREST, FARTHEST = 0.002, 0.04  # m, of the tip to the surface in the inspection position
 

@@ -14,7 +14,7 @@ sets the bar swinging. In contact the arms press by (31), and the platform follo
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,9 @@ from skywright.missions.skills.moves import set_rest
 from skywright.missions.skills.tool_handling import Grip, Weight, measure_tool
 from skywright.models.arm_inverse_kinematics import ArmChain, compute_arm_ik
 from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
 
 Array = NDArray[np.float64]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -27,9 +25,7 @@ from skywright.reports.figures.style import (
     stack_panels,
 )
 from skywright.run.kind import Chart, Figures
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 SHOWN = ("align", "lower", "insert", "draw out", "set free", "release")
 

@@ -8,7 +8,7 @@ feel.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,8 @@ from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.tool_handling import Grip, Place
 from skywright.models.things.peg import Peg
 from skywright.models.things.socket import Socket
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,10 +35,8 @@ from skywright.reports.figures.style import (
 from skywright.reports.outlines import outline_robot
 from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
+from skywright.run.run import RunResult
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]

@@ -7,14 +7,9 @@ hovering at the goal: neither take-off and landing nor handing the bar over is p
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from skywright.missions.bar_transport.task import BarTransport
 from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
+from skywright.run.supervisor import Supervisor
 
 STEADY_S = 4.0  # s, of hovering before the bar is carried: wind and weight are felt out
 SETTLE_S = 3.0  # s, at the goal

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING
 
 from skywright.description.loader import Description
 from skywright.description.robot.limbs import list_joints
@@ -29,9 +28,6 @@ from skywright.planning.motion.transport_plan import (
 )
 from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
 
 
 def plan(setup: Setup[BarTransport]) -> MissionPlan[None]:

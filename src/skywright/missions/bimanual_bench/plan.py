@@ -8,7 +8,7 @@ is clamped; between the stations the bench carries it.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,6 @@ from skywright.models.things.bench import Bench
 from skywright.models.things.box import Box
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 TRIAL_S = 37.0  # s, about, of one trial

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from skywright.missions.excitation.task import ExcitationTask
 from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
+from skywright.run.supervisor import Supervisor
 
 
 def fly(s: Supervisor[ExcitationTask], way: None) -> Flight:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,6 @@ from skywright.planning.excitation import (
 )
 from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
-
 
 ARM_SPEED = 0.8  # rad/s, between poses
 CLEAR = 0.05  # m, from anything in the world

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -11,9 +9,7 @@ from skywright.missions.flight_modes.plan import ModesPlan
 from skywright.missions.flight_modes.task import ModesTask
 from skywright.reports.figures.style import BLACK, BLUE, ORANGE, WIDTH, draw_line, new_figure
 from skywright.run.kind import Chart, Figures
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 MODES = {
     "standard stabilisation": "#e7f3e7",

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from pydantic import Field
 
 from skywright.core.spec import Positive
 from skywright.description.mission.spec import Task
-
-if TYPE_CHECKING:
-    pass
 
 
 class ModesTask(Task):

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from skywright.missions.follow_plan.task import FollowPlan
 from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
+from skywright.run.supervisor import Supervisor
 
 STEADY_S = 3.0  # s, of hovering before the plan
 SETTLE_S = 2.0  # s, at its end

@@ -9,17 +9,10 @@ takes part as it would.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from skywright.missions.impact.task import Impact
-from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
 
 from skywright.missions.impact.plan import (
     CRUISE_S,
@@ -29,6 +22,9 @@ from skywright.missions.impact.plan import (
     SPEED_UP_S,
     ImpactPlan,
 )
+from skywright.missions.impact.task import Impact
+from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
 
 Array = NDArray[np.float64]
 Table = NDArray[Any]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,6 @@ from skywright.models.things.pad import Pad
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 Table = NDArray[Any]

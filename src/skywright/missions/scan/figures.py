@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
@@ -30,10 +29,7 @@ from skywright.reports.figures.style import LIMIT, WIDTH, new_figure, new_map
 from skywright.reports.weld_map import draw_impedance_plane, draw_weld_map, draw_weld_signal
 from skywright.run.kind import Chart, Figures, Sketch
 from skywright.run.metrics import in_phases
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
+from skywright.run.run import RunResult
 
 CELL = 0.008  # m, of the contact map
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,8 @@ from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
 from skywright.missions.skills.tables import build_retreat, cut_table, lift_table, reverse_table
 from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.guard import CONTACT_LOST
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
 
 Table = NDArray[Any]
 

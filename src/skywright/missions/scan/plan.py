@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from skywright.planning.via_points import ScanTask
 from skywright.run.limits import find_exceeded_push
 from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 

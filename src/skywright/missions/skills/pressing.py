@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,7 @@ from skywright.description.world.structure import Structure, build_surface, find
 from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
 from skywright.run.records import Measurement
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
+from skywright.run.supervisor import Supervisor
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ so that the hands rise again to where they were.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,9 @@ from skywright.description.world.things import find_carrier, locate_thing
 from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
 from skywright.models.things.marker import Marker as MarkerThing
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
 from skywright.vehicle.plant import MISSION_TICK
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
 
 Array = NDArray[np.float64]
 

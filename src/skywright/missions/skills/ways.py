@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,8 @@ from skywright.models.geometry import ClearanceQuery, compute_clearance
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.run.setup import Setup
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.rest_to_rest import build_straight, duration
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
 
 Array = NDArray[np.float64]
 Table = NDArray[Any]

@@ -8,7 +8,6 @@ the landing gear, which the handle has to clear, the platform's places from the 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +29,6 @@ from skywright.missions.skills.tool_handling import (
     take_up_again,
 )
 from skywright.missions.tool_install.operated_install import install_by_operator
-from skywright.missions.tool_install.task import ToolInstall
-from skywright.run.flight import Flight
-from skywright.vehicle.arms.ports import Hands, TrackedPipe
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
 from skywright.missions.tool_install.plan import (
     ABOVE,
     CALM_SPEED,
@@ -47,6 +38,10 @@ from skywright.missions.tool_install.plan import (
     behind,
     find_seat,
 )
+from skywright.missions.tool_install.task import ToolInstall
+from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
+from skywright.vehicle.arms.ports import Hands, TrackedPipe
 
 Array = NDArray[np.float64]
 

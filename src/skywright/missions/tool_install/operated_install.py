@@ -12,7 +12,6 @@ done is believed only when the tool stands.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +30,9 @@ from skywright.missions.skills.tool_handling import (
     measure_tool,
 )
 from skywright.run.operator import STILL, Operator, Sight, Stick
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
 
 Array = NDArray[np.float64]
 

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from skywright.missions.waypoints.task import Waypoints
 from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
+from skywright.run.supervisor import Supervisor
 
 
 def fly(s: Supervisor[Waypoints], way: None) -> Flight:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +14,6 @@ from skywright.models.rigid_body import joint_names, posture
 from skywright.planning.waypoints import plan_waypoints
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
 
 
 def plan(setup: Setup[Waypoints]) -> MissionPlan[None]:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.core.columns import has_columns
 from skywright.reports.figures.style import BLUE, WIDTH, draw_line, new_figure
 from skywright.run.metrics import OUTAGE
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 SHADE = "#f6e3d5"
 CAPTION = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,9 +36,7 @@ from skywright.reports.outlines import (
     outline_tube,
 )
 from skywright.run.kind import load_kind
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 Samples = NDArray[Any]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,9 +29,7 @@ from skywright.reports.figures.style import (
     stack_panels,
 )
 from skywright.run.metrics import quat_angle
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 Samples = NDArray[Any]
 
