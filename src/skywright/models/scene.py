@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import quat_from_rot
 from skywright.core.types import MAX_HANDS
 from skywright.description.robot.limbs import list_limbs
@@ -34,8 +35,6 @@ from skywright.models.rotors import build_rotors
 from skywright.models.structure_body import add_structure, list_structure
 from skywright.models.things._build import OBJECT, add_things, find_offsets
 from skywright.models.things.bench import Bench
-
-Array = NDArray[np.float64]
 
 TIMESTEP = 0.001
 SUPPORT_RADIUS = 0.03

@@ -7,13 +7,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_from_rot
 from skywright.description.world.spec import World
 from skywright.description.world.structure import ARCH, CYLINDER, build_surface
-
-Array = NDArray[np.float64]
 
 STRUCTURE = "structure"
 """Names of the structure's geometries begin with it."""

@@ -17,8 +17,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE_POSITION, TASK_JOINTS
 from skywright.missions.skills.moves import set_rest
@@ -28,8 +28,6 @@ from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
-
-Array = NDArray[np.float64]
 
 CORRECT_S = 1.0
 """s, in which the marker's word replaces the hands': slow against the ringing of the springs."""

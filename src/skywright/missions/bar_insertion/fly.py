@@ -9,8 +9,8 @@ rest is done by the chamfer, the springs of the arms, and trying again (docs/how
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.missions.bar_insertion.bar_leading import BarLeader
 from skywright.missions.bar_insertion.insertion import build_hole, find_offset, insert, survey
@@ -37,7 +37,6 @@ from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
-Array = NDArray[np.float64]
 RELEASE_S = 1.5  # s, in which the hands let the weight go
 CARRY_SPEED, CARRY_ACCELERATION = 0.3, 0.2
 

@@ -11,8 +11,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.missions.bar_insertion.bar_leading import BarLeader, BarPose
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.tool_handling import Grip, Place
@@ -20,8 +20,6 @@ from skywright.models.things.peg import Peg
 from skywright.models.things.socket import Socket
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
-
-Array = NDArray[np.float64]
 
 SURVEY_LOOKS = 50  # of motion capture at the socket, a mission tick each
 READY = 0.012  # m, of the peg's end above the socket before it is lowered

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.description.loader import Description
 from skywright.description.world.things import list_movers, locate_thing
 from skywright.missions.bar_insertion.plan import InsertionPlan
@@ -19,9 +19,6 @@ from skywright.models.things.peg import Peg
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 MEASURES: Measures = {
     "insert.done": ("", "1 when the peg is in the hole at the end, hands withdrawn"),

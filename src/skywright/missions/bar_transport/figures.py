@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.core.rotations import rot_from_quat
 from skywright.description.world.scenario import get_structures
 from skywright.missions.bar_transport.metrics import (
@@ -37,9 +37,6 @@ from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
 from skywright.run.run import RunResult
 from skywright.run.setup import Setup
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 SNAPSHOTS = 6
 LEAST_SPAN_DEG = 5.0  # of an axis of angles

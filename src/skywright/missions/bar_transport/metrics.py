@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.core.columns import has_columns
 from skywright.core.rotations import rot_from_quat
 from skywright.description.world.scenario import get_structures
@@ -16,9 +16,6 @@ from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
 from skywright.run.setup import Setup
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 MEASURES: Measures = {
     "transport.contacts": ("", "contacts of robot, hands or bar with anything while carrying"),

@@ -11,8 +11,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.things import find_first, locate_thing
 from skywright.missions.bimanual_bench.plan import BenchPlan
 from skywright.missions.bimanual_bench.task import BimanualBench
@@ -22,8 +22,6 @@ from skywright.models.things.box import Box
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, Hands
-
-Array = NDArray[np.float64]
 
 STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
 """m, y of each station in the world `bench`."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.description.loader import Description
 from skywright.description.world.things import find_first, list_movers, locate_thing
 from skywright.missions.bimanual_bench.plan import BenchPlan
@@ -17,9 +18,6 @@ from skywright.models.things.bench import Bench
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 MEASURES: Measures = {
     "bench.box_lift_m": ("m", "least height of the held box above where it stood"),

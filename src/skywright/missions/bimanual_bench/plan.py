@@ -10,9 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from skywright.core.arrays import Array
 from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
@@ -25,7 +23,6 @@ from skywright.models.things.box import Box
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-Array = NDArray[np.float64]
 TRIAL_S = 37.0  # s, about, of one trial
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.missions.bridge_contact.plan import ContactPlan, Station
 from skywright.missions.bridge_contact.sliding import (
@@ -25,7 +24,6 @@ from skywright.models.contact_stance import (
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 
-Array = NDArray[np.float64]
 SEAT_S, UNSEAT_S = 2.0, 1.5  # s, in which the feet are loaded and relieved
 SEATED_M = 0.03  # m, of the feet to the deck, as estimated
 

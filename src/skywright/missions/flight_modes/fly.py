@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import exp_so3
 from skywright.core.types import MODE_POSE, MODE_STANDARD
 from skywright.missions.flight_modes.plan import ModesPlan
@@ -19,8 +19,6 @@ from skywright.missions.flight_modes.task import ModesTask
 from skywright.missions.skills.moves import build_move, set_rest
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
-
-Array = NDArray[np.float64]
 
 
 def fly(s: Supervisor[ModesTask], way: ModesPlan) -> Flight:

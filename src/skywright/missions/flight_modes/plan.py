@@ -11,9 +11,6 @@ import math
 import time
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skywright.core.find import find
 from skywright.core.rotations import rot_z
 from skywright.description.world.wind import compute_direction, compute_speed
@@ -23,8 +20,6 @@ from skywright.models.hover_tilt import compute_hover_tilt
 from skywright.models.rigid_body import posture
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-Array = NDArray[np.float64]
 
 CALM_FRACTION, WINDY_FRACTION = 0.85, 0.7
 """Of the computed hover tilt that must be held; the rest is for gusts and errors of the model."""

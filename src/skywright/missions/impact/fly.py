@@ -9,11 +9,9 @@ takes part as it would.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Table
 from skywright.missions.impact.plan import (
     CRUISE_S,
     RECOIL_S,
@@ -26,8 +24,6 @@ from skywright.missions.impact.task import Impact
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 ZERO_S = 0.2  # before the planned contact: the gauges are set to zero
 
 

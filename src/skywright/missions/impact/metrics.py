@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.columns import has_columns
 from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
 from skywright.missions.impact.task import Impact
@@ -15,8 +16,6 @@ from skywright.models.drawing import rotate_vectors
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
 
 MEASURES: Measures = {
     "impact.speed_mps": ("m/s", "speed of what touches, just before it does"),

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Table
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
 from skywright.missions.skills.tables import build_retreat, cut_table, lift_table, reverse_table
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.guard import CONTACT_LOST
-
-Table = NDArray[Any]
 
 TRIM_ERROR = 0.003  # m, tip error at which the free-flight integral is called settled
 TRIM_TIMES = (2.0, 12.0)  # s, least and most time for it

@@ -7,11 +7,11 @@ Truth is used to judge (gap, tilt, tip error, weld position); what the inspectio
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.description.loader import Description
 from skywright.inspection.calibration import Calibration, build_calibration
 from skywright.inspection.contact_quality import compute_coverage
@@ -22,9 +22,6 @@ from skywright.missions.scan.task import Scan
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE, in_phases, quat_angle
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 LIFT_OFF_THRESHOLD = 15.0  # instrument units, Tognon 2018 section VII
 WELD_THRESHOLD = 1.4

@@ -6,9 +6,7 @@ import math
 import time
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.errors import InputError
 from skywright.missions.scan.task import Scan
@@ -19,8 +17,6 @@ from skywright.planning.via_points import ScanTask
 from skywright.run.limits import find_exceeded_push
 from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
-
-Array = NDArray[np.float64]
 
 
 class ScanWay(NamedTuple):

@@ -8,11 +8,10 @@ the hand keeps a point in space, and how fast a swing of the passive link decays
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE, TASK_POSITION
 from skywright.missions.sensor_install.plan import InstallPlan
@@ -29,8 +28,6 @@ from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands
 from skywright.vehicle.rest_to_rest import quintic
 
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 CONTACT_N = 0.3  # N, estimated force at which the hand counts as touching
 CONTACT_S = 0.1  # s, for which it has to be felt
 SEARCH = 0.1  # m, how far beyond the expected surface the hand looks for it

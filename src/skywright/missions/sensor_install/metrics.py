@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
 from skywright.missions.sensor_install.plan import InstallPlan
@@ -16,8 +17,6 @@ from skywright.models.things.tape import Tape
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
 
 MEASURES: Measures = {
     "force.estimate_error_n": ("N", "rms distance of the estimated from the true force"),

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.find import find
 from skywright.description.mission.spec import Mission
 from skywright.description.robot.spec import Robot
@@ -17,8 +17,6 @@ from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
 from skywright.run.records import Measurement
 from skywright.run.supervisor import Supervisor
-
-Array = NDArray[np.float64]
 
 TIP_GAP = 0.008  # m, of the tip to the surface before the force loop takes over
 TOUCH_TIMEOUT_S = 15.0

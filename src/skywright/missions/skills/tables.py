@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Table
 from skywright.vehicle.rest_to_rest import quintic
-
-Table = NDArray[Any]
 
 ROW_PERIOD = 0.02  # s
 

@@ -12,8 +12,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.world.spec import World
 from skywright.description.world.thing import Frame
@@ -24,8 +24,6 @@ from skywright.models.things.marker import Marker as MarkerThing
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
 from skywright.vehicle.plant import MISSION_TICK
-
-Array = NDArray[np.float64]
 
 LOW = 0.08  # m, from the cradle, along its mouth, to where the hands wait for the handle
 DROP = 0.06  # m, by which the platform is lower meanwhile, so that the arms need not stretch

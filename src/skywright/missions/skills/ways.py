@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.types import MAX_JOINTS
 from skywright.missions.skills.moves import (
@@ -24,9 +25,6 @@ from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.rest_to_rest import build_straight, duration
-
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 
 STEP = 0.05  # m, between clearance checks of a straight line
 SAME = 1e-6  # rad, below which an angle need not move

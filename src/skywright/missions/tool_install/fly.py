@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.missions.skills.tool_handling import (
     DROP,
     LOW,
@@ -42,8 +42,6 @@ from skywright.missions.tool_install.task import ToolInstall
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, TrackedPipe
-
-Array = NDArray[np.float64]
 
 
 def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:

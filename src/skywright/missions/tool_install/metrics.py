@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.core.columns import has_columns
 from skywright.core.rotations import rot_from_quat, rot_z
 from skywright.description.world.things import list_movers
@@ -17,9 +17,6 @@ from skywright.missions.tool_install.task import ToolInstall
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 MEASURES: Measures = {
     "tool.seat_error_mm": (

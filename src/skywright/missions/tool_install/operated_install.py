@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.missions.skills.tool_handling import (
     LIGHT_N,
@@ -33,8 +33,6 @@ from skywright.run.operator import STILL, Operator, Sight, Stick
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
-
-Array = NDArray[np.float64]
 
 HAND_OVER = np.array([-0.03, 0.03, 0.0])
 """m, ahead, left, up, of the tool from the place over its seat when the operator takes over."""

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Samples
 from skywright.description.world import surface
 from skywright.description.world.scenario import get_structures
 from skywright.models.rigid_body import posture
@@ -37,8 +36,6 @@ from skywright.reports.outlines import (
 )
 from skywright.run.kind import load_kind
 from skywright.run.run import RunResult
-
-Samples = NDArray[Any]
 
 _PARTS: dict[str, tuple[str, float]] = {
     "pipe": ("#9a9a9a", 0.5), "box": ("#aa8866", 1.0), "disc": ("#5b7fa6", 0.8),

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Samples
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -30,8 +29,6 @@ from skywright.reports.figures.style import (
 )
 from skywright.run.metrics import quat_angle
 from skywright.run.run import RunResult
-
-Samples = NDArray[Any]
 
 TOUCHING = ("touch", "settle", "scan", "back_off", "leave")
 """Phases near the surface."""
