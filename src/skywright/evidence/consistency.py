@@ -7,8 +7,6 @@ section 5.4). Averaged over N independent runs, N times it is chi-square with 15
 freedom at each instant. The whitened innovations shall have unit variance and no memory.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

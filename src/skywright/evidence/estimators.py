@@ -4,8 +4,6 @@ Flies the weld scan with the filter, the observer and the truth itself, in good 
 conditions of motion capture and link, and prints the table of docs/howto/estimator-and-link.md.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

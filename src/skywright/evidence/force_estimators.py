@@ -6,8 +6,6 @@ closes the force loop at 2 N, up and forward, in the L pose and with the arm alm
 the reading called zero before the contact (tare) and without; the true contact force is compared.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -18,8 +18,6 @@ Margins are those of the loop broken at one component of the wrench, the other f
 tip's rms follows from the spectrum of Dryden turbulence (MIL-F-8785C) through the closed loop.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from typing import NamedTuple

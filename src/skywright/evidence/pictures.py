@@ -4,8 +4,6 @@ The missions are flown and the figures are those of their reports, so a picture 
 the code no longer does.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from collections.abc import Callable

@@ -14,8 +14,6 @@ F (`wrench.bandwidth`), that of s (SWING_BANDWIDTH, twice) and the way that the 
 (SHIFT_BANDWIDTH).
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from typing import NamedTuple

@@ -5,8 +5,6 @@ in steady wind and in gusts, each seed with a wind from another direction, and p
 docs/papers/caballero-2018.md. Both have the same bandwidths.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

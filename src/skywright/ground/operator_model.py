@@ -9,8 +9,6 @@ it the model sees no error below a threshold, sees what it sees with a slow nois
 its hand trembles at 8 to 12 Hz. It lowers the tool while it is near enough to its place.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import NamedTuple

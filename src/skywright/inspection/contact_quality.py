@@ -1,7 +1,5 @@
 """How well the probe sat on the surface, over the unrolled surface and along the planned path."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import NamedTuple

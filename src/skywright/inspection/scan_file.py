@@ -5,8 +5,6 @@ Columns t_s, re, im, x_m, y_m, z_m in any order; the unit is the suffix and othe
 probe) or ax, ay, az (the probe's axis). What had to be dropped or repaired is noted in words.
 """
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """From a scan to a weld: contact, weld signal, crossings, line. Simulated and real data alike."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The weld map of a scan file: what `skywright weld DATA.csv` does, without the picture."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -12,8 +12,6 @@ a = -L2 sin q4 and h = L1 + L2 cos q4 the hand is at
 y = L1 sin q2: it exists for those rolls with L1 |sin q2| within that circle.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ horizontal in B, from +x counter-clockwise. The limits are static: rotor thrusts
 robot (weight, arm offset, drag, push) within their range; transients need a margin on top.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """From the root `plant` to the perturbed plant of one run."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

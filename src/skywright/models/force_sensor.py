@@ -4,8 +4,6 @@ Calibration of Sanchez-Cuevas et al. 2020, Table 3: two straight pieces over the
 force falling with the count. The pieces meet at 7.80 and 7.81 N, less than a count apart.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

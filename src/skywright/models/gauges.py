@@ -5,8 +5,6 @@ sensors where arms or passive link are mounted on the platform, and the net cont
 gauged part.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray

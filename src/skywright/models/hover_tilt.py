@@ -1,7 +1,5 @@
 """How far a robot can tilt while it hovers in place, whichever way, in calm air or in a wind."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

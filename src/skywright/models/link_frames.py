@@ -4,8 +4,6 @@ The tree is read from the URDF itself, so that frames and links are the same. Li
 to the topic /tf, all others once to /tf_static.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ and a passive link hangs where the posture's weight lets it. The platform is lev
 pipe squarely.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any, NamedTuple

@@ -8,8 +8,6 @@ Frames: B body (FLU), link frames at the joints with the link along x or -z, T t
 the robot along the probe and y along the link's y, H hands likewise.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any
 

@@ -6,8 +6,6 @@ structural flexibility, sprung probe, servos, contacts, and every error of the r
 Both come from the same code, so geometry has one source.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The inspected structure in the scene: a plate, a pillar, or the staves of a tunnel's lining."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

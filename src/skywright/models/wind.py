@@ -5,8 +5,6 @@ Body: F_i = rho/2 (C_D A)_i |v| v_i per body axis, at B's origin. Rotors: -c w_i
 so loads and drag are iterated together.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

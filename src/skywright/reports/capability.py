@@ -1,7 +1,5 @@
 """The capability picture: what a robot can do at rest, on one page."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

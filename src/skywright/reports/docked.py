@@ -1,7 +1,5 @@
 """The picture of a docked robot's press: against slope, wind, direction and contact point."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Triangle meshes of simple solids and ribbons, for the 3-D views."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

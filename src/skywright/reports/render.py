@@ -5,8 +5,6 @@ interpolation", IEEE CG&A 12(4), 1992); shading is deferred; shadows come from a
 buffer seen from the sun (Williams, SIGGRAPH 1978). Colours are in 0..1.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ viser records the scene and bundles its own viewer with time slider and speed; a
 `replay.html#t=42&view=overview` opens at 42 s, seen from there.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """The report of a run: one HTML file that opens offline and prints well (ADR 0007)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -1,7 +1,5 @@
 """A still picture of a run in 3-D: robot, pipe, the probe's path painted with what it read."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The tip's path coloured by contact quality, and the legend of the 3-D views."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

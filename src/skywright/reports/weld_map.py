@@ -1,7 +1,5 @@
 """The weld map: the unrolled surface with what the probe read, the crossings and the line."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Pictures of a campaign: where in the varied space it fails, how near, and what drives it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

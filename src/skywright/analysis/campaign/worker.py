@@ -4,8 +4,6 @@ Takes tasks from a connection and answers with rows until the other end is gone.
 interpreter, not a fork: threads of the parent (numba, BLAS, a notebook) do not survive a fork.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 from multiprocessing.connection import Connection

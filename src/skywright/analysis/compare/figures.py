@@ -1,7 +1,5 @@
 """Pictures of a comparison: the robots at the pipe, reach, torque maps, collisions, accuracy."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures of an identification: measured against predicted, and the confidence intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ Parameters whose confidence interval is wide are kept at the robot file's value,
 other, and the rest is fitted anew.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

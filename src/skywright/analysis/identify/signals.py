@@ -14,8 +14,6 @@ low-pass filter runs over every column, so that filtering shifts nothing (the fi
 the equation of the filtered columns); the derivatives are taken after it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ velocity or acceleration; and the rotors, as measured speeds (`esc_status`) or a
 (`actuator_motors`, which is thrust over its largest by PX4's thrust model).
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

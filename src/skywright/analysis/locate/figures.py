@@ -1,7 +1,5 @@
 """Figures of a localisation: paths, coordinates, errors, clocks, drift of the camera."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

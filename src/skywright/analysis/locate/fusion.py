@@ -1,7 +1,5 @@
 """Station and camera fused over a whole recording, by either filter."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

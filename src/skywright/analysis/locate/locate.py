@@ -1,7 +1,5 @@
 """What `skywright locate` does, without the page: from files to a trajectory and its errors."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any, NamedTuple

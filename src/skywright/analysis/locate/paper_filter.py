@@ -6,8 +6,6 @@ positions only: here it does so too (H = [I 0]); `station_velocity` differentiat
 The camera's drift is not in the state: the filter follows whoever reports more often.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@ frame: residuals are tested against their own standard deviation and the worst i
 the rest fits (data snooping, Baarda 1968; here with the three coordinates of a point together).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ the absolute error is the distance after alignment, the relative one that of dis
 fixed time.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

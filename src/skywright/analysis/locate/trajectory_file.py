@@ -4,8 +4,6 @@ What a file is, is told from its inside. What had to be dropped, repaired or gue
 words; what cannot be read is refused with the file, the line, what was found and what is valid.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

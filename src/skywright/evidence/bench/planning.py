@@ -1,7 +1,5 @@
 """Planning time over seeds, and what one distance query of the whole robot costs."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Figures of claims from plain data: curves with limits, bars, stability maps, block diagrams."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

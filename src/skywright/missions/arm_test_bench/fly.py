@@ -3,8 +3,6 @@
 Rest at gamma = (95, 152) deg, inspection position (61, 55) deg near the surface, force control.
 """
 
-from __future__ import annotations
-
 from skywright.missions.arm_test_bench.plan import find_joints
 from skywright.missions.arm_test_bench.task import BenchTask
 from skywright.missions.skills.pressing import Presser

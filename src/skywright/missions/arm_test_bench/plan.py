@@ -3,8 +3,6 @@
 Rest at gamma = (95, 152) deg, inspection position (61, 55) deg near the surface, force control.
 """
 
-from __future__ import annotations
-
 import math
 import time
 

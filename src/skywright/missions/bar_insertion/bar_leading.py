@@ -11,8 +11,6 @@ the platform's motion can hold it (4 mm), since a servo's step of 0.33 deg is 2 
 sets the bar swinging. In contact the arms press by (31), and the platform follows them.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

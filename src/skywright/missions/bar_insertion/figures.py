@@ -1,7 +1,5 @@
 """What a report shows of a bar's insertion: the peg's depth, its error across, its force."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -6,8 +6,6 @@ lead the bar by (29), (30) meanwhile. Where the hole is, motion capture says to 
 rest is done by the chamfer, the springs of the arms, and trying again (docs/howto/insert-a-bar.md).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.core.arrays import Array

@@ -1,7 +1,5 @@
 """Metrics of the kind "bar-insertion": how deep the peg came, and what it took."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What a report shows of a carried bar: snapshots and time histories, as in Caballero 2018."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

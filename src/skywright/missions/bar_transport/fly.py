@@ -5,8 +5,6 @@ air: the robot is held where the plan begins, the bar in its closed grippers, an
 hovering at the goal: neither take-off and landing nor handing the bar over is part of it.
 """
 
-from __future__ import annotations
-
 from skywright.missions.bar_transport.task import BarTransport
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor

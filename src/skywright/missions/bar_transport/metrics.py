@@ -1,7 +1,5 @@
 """Metrics of a flight along a plan file: robot and carried bar against plan and surroundings."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

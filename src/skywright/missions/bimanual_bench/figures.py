@@ -1,7 +1,5 @@
 """What a report shows of trials on the bench: a figure a trial, and the hands all along."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

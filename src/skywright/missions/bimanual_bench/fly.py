@@ -5,8 +5,6 @@ release; lead a bar held by both hands; use the arms as a sensor of the base's d
 is clamped; between the stations the bench carries it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Metrics of the kind "bimanual-bench": what two hands did to box, plug, bar and post."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

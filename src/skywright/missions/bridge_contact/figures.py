@@ -1,7 +1,5 @@
 """What a report shows of contact inspection: the flight, the forces, where the feet stood."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

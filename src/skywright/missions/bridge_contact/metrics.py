@@ -3,8 +3,6 @@
 The force is the true one of the tip on the structure along the probe, against the reference.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ weight, press and a light load of the feet (models/docked_balance.py), the integ
 rubber feet hold against what is left.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import NamedTuple

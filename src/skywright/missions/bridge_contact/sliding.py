@@ -12,8 +12,6 @@ of what it is without friction at mu = 0.6 and negative from mu = 0.75: pushed a
 and jumps, as a piece of chalk does (Painleve). So the robot slides across its arm's plane there.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.core.arrays import Array

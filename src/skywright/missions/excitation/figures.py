@@ -1,7 +1,5 @@
 """What a report shows of an excitation flight: nothing that other flights lack."""
 
-from __future__ import annotations
-
 from skywright.missions.excitation.task import ExcitationTask
 from skywright.reports.explain import format_value
 from skywright.run.kind import Figures

@@ -1,7 +1,5 @@
 """An excitation flight: motions from which `skywright identify` learns a robot's parameters."""
 
-from __future__ import annotations
-
 from skywright.missions.excitation.task import ExcitationTask
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor

@@ -1,7 +1,5 @@
 """An excitation flight: motions from which `skywright identify` learns a robot's parameters."""
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any

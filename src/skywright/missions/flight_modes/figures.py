@@ -1,7 +1,5 @@
 """What a report shows of the three flight modes (Fig. 20 of Sanchez-Cuevas 2020)."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

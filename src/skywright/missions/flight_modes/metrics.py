@@ -1,7 +1,5 @@
 """Metrics of the kind "flight-modes": what each mode holds, and what it lets go."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ Command position translates with the attitude held level, command angle tilts wi
 held. The last two are one law with different references.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import NamedTuple

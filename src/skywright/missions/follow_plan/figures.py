@@ -1,7 +1,5 @@
 """What a report shows of a flight along a plan file: nothing that other flights lack."""
 
-from __future__ import annotations
-
 from skywright.missions.follow_plan.task import FollowPlan
 from skywright.reports.explain import format_value
 from skywright.run.kind import Figures

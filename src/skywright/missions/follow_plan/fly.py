@@ -1,7 +1,5 @@
 """Fly a plan file of platform and joints through the vehicle layer, whoever planned it."""
 
-from __future__ import annotations
-
 from skywright.missions.follow_plan.task import FollowPlan
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor

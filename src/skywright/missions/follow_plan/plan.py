@@ -1,7 +1,5 @@
 """Fly a plan file of platform and joints through the vehicle layer, whoever planned it."""
 
-from __future__ import annotations
-
 import time
 
 from skywright.errors import InputError

@@ -1,7 +1,5 @@
 """What a report shows of a collision: force on the pad, load on the platform, recoil."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Metrics of the kind "impact": loads on the platform, recoil, and what the pad received."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -7,8 +7,6 @@ then the robot's own at that speed, no projectile's mass has to be invented, and
 takes part as it would.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """What the inspection found: weld map, instrument display, contact quality."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ Truth is used to judge (gap, tilt, tip error, weld position); what the inspectio
 (instrument and motion capture) is the same data that a real flight would record.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A scan: touch the pipe with the probe, slide along a pattern, and come back (Tognon 2018)."""
 
-from __future__ import annotations
-
 import math
 import time
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What a report shows of the installation of a sensor: force, hand, platform and swing."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

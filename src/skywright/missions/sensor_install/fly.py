@@ -5,8 +5,6 @@ contact, force, retract, return, land; before the approach two checks of the rob
 the hand keeps a point in space, and how fast a swing of the passive link decays.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Metrics of the kind "sensor-install": force, hand, swing, platform, and what the tape did."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Rest-to-rest moves of platform, arm and contact forces together, as one reference table."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From a plan file to the reference table that a vehicle tracks."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

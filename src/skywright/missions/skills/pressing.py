@@ -1,7 +1,5 @@
 """Touch with the probe, hold each force of a profile, measure, release: what missions share."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """Small operations on reference tables that the supervisor needs when things go wrong."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

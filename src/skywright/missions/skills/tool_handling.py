@@ -6,8 +6,6 @@ it shows in the platform's external force; that is fed forward to the springs an
 so that the hands rise again to where they were.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

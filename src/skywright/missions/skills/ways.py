@@ -1,7 +1,5 @@
 """Ways of platform and arms together: straight where that is free, else the planner's."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """What a report shows of a tool's installation: the phases, the load, the hands at the handle."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -5,8 +5,6 @@ tracking the tool. All places follow from tool, bench, pipe and robot: the pose 
 the landing gear, which the handle has to clear, the platform's places from the tool's.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

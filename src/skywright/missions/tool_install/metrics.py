@@ -1,7 +1,5 @@
 """Metrics of the kind "tool-install": where the tool came to stand, how the hands tracked it."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

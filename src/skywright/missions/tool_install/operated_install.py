@@ -9,8 +9,6 @@ hands' goal slowly, and they work where the handle lies well in the hooks. What 
 done is believed only when the tool stands.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a report shows of a flight through way-points: nothing that other flights lack."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.description.loader import Description

@@ -1,7 +1,5 @@
 """A flight through way-points; any robot can fly it."""
 
-from __future__ import annotations
-
 from skywright.missions.waypoints.task import Waypoints
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor

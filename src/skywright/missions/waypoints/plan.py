@@ -1,7 +1,5 @@
 """A flight through way-points; any robot can fly it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

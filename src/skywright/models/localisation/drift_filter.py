@@ -8,8 +8,6 @@ is the same at every rate, which the paper's is not (`paper_filter`). While the 
 walks and p with it: `drift_floor` tells by how much at least.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ normalised correlation of the two speeds gives the delay to a fraction of a samp
 `calibration.calibrate` refines it together with the frame.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

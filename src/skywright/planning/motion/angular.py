@@ -8,8 +8,6 @@ of platform, arms or bar is projected onto it, so each of the three meets its ow
 green and red regions of figure 6).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

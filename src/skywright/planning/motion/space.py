@@ -9,8 +9,6 @@ Bounds on how far any point moves for a change of c are part of the data; they m
 checks rigorous.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -10,8 +10,6 @@ over one period of the passive joint it leaves no swing behind (an input shaper:
 is simulated along the motion, and time is stretched until it stays within its limit.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

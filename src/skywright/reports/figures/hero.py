@@ -1,7 +1,5 @@
 """The picture of one run in one glance: the robot at work, and the weld map that comes out."""
 
-from __future__ import annotations
-
 from matplotlib.figure import Figure
 
 from skywright.inspection.weld import WeldResult

@@ -1,7 +1,5 @@
 """Localisation in flight: error of the estimate, and where the total station was not there."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -1,7 +1,5 @@
 """Where the run went: the flight from above and from the side, the tip on the unrolled surface."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The plan: how close it comes to things, what it asks of the rotors, and how long it takes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

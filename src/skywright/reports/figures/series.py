@@ -1,7 +1,5 @@
 """Time series of a run: what the probe did in contact, and how the whole flight went."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Colours are those of Okabe and Ito (2008), which colour-blind readers can tell apart.
 """
 
-from __future__ import annotations
-
 import io
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
