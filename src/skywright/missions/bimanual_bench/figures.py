@@ -51,8 +51,7 @@ def _start(
     strip, axes = stack_panels(figure, 2)
     shade_phases(strip, axes, clip_phases(result.phases, float(s["t"][0]), float(s["t"][-1])))
     for ax, title, label in zip(axes, titles, labels, strict=True):
-        ax.set_title(title)
-        ax.set_ylabel(label)
+        ax.set(title=title, ylabel=label)
     return figure, axes, s
 
 
@@ -170,15 +169,13 @@ def draw_hands(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     figure = new_figure(WIDTH, 4.4)
     strip, axes = stack_panels(figure, 2)
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
-    axes[0].set_title("Force of each hand on what it touches")
-    axes[0].set_ylabel("force (N)")
+    axes[0].set(title="Force of each hand on what it touches", ylabel="force (N)")
     for side, color in SIDES:
         force = np.linalg.norm(s[f"{side}_f_W"], axis=1)
         draw_line(axes[0], t, force, color=color, label=side)
     axes[0].set_ylim(0.0, 8.0)
     axes[0].legend(loc="upper left", ncols=2)
-    axes[1].set_title("Springs of the left arm")
-    axes[1].set_ylabel("deflection (deg)")
+    axes[1].set(title="Springs of the left arm", ylabel="deflection (deg)")
     for j, (name, color) in enumerate(
         zip(("pitch", "roll", "yaw", "elbow"), (BLUE, GREEN, ORANGE, PURPLE), strict=True)
     ):

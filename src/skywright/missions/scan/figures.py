@@ -65,9 +65,11 @@ def draw_instrument(result: RunResult[Scan, ScanWay]) -> Figure | None:
     figure = new_figure(WIDTH, 6.8)
     left = figure.add_axes((0.075, 0.46, 0.43, 0.49))
     draw_impedance_plane(left, ec, shown)
-    left.set_title("Instrument display (impedance plane)")
-    left.set_xlabel("real part (instrument units)")
-    left.set_ylabel("imaginary part (instrument units)")
+    left.set(
+        title="Instrument display (impedance plane)",
+        xlabel="real part (instrument units)",
+        ylabel="imaginary part (instrument units)",
+    )
     right = figure.add_axes((0.58, 0.46, 0.40, 0.49))
     draw_impedance_plane(right, ec, shown, zoom=True)
     right.set_title("The same near contact; dashed: lift-off threshold")
@@ -112,8 +114,7 @@ def draw_contact_quality(result: RunResult[Scan, ScanWay]) -> Figure | None:
         ax.plot(1e3 * s_plan, 1e3 * c_plan, color="#999999", lw=0.5, ls=":")
         ax.grid(False)
         ax.set_aspect("equal", adjustable="datalim")
-        ax.set_title(title)
-        ax.set_xlabel("s, along the axis (mm)")
+        ax.set(title=title, xlabel="s, along the axis (mm)")
         if i == 0:
             ax.set_ylabel("c, around the pipe (mm)")
         scale = figure.add_axes((0.07 + 0.325 * i, 0.105, 0.265, 0.03))

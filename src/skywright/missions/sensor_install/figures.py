@@ -42,15 +42,13 @@ def draw_force(result: RunResult[SensorInstall, InstallPlan]) -> Figure | None:
     strip, axes = stack_panels(figure, 4)
     shade_phases(strip, axes, clip_phases(result.phases, t0, t1))
     true = s["left_f_W"] @ way.normal
-    axes[0].set_title("Force of the left hand on the pipe")
-    axes[0].set_ylabel("force (N)")
+    axes[0].set(title="Force of the left hand on the pipe", ylabel="force (N)")
     draw_line(axes[0], t, s["left_est_f_W"] @ way.normal, color=ORANGE, lw=0.8, label="estimated")
     draw_line(axes[0], t, true, color=BLUE, label="true")
     draw_line(axes[0], t, s["left_ref_f_W"] @ way.normal, color=GREEN, ls=":", label="desired")
     axes[0].legend(loc="upper left", ncols=3)
     fit_y(axes[0], float(np.max(true)), float(np.min(true)), 1.2 * task.force_n)
-    axes[1].set_title("Springs of the left arm: shaft minus output link")
-    axes[1].set_ylabel("deflection (deg)")
+    axes[1].set(title="Springs of the left arm: shaft minus output link", ylabel="deflection (deg)")
     names = joint_names(result.description.robot)
     first = 1 if result.description.robot.pendulum is not None else 0
     for j, color in ((first, BLUE), (first + 3, PURPLE)):
@@ -59,13 +57,11 @@ def draw_force(result: RunResult[SensorInstall, InstallPlan]) -> Figure | None:
     draw_limit(axes[1], -10.0, "end of the linear range, 10 deg", below=True)
     draw_limit(axes[1], 10.0, "end of the linear range, 10 deg")
     axes[1].legend(loc="upper left", ncols=2)
-    axes[2].set_title("Distances from the reference")
-    axes[2].set_ylabel("distance (mm)")
+    axes[2].set(title="Distances from the reference", ylabel="distance (mm)")
     platform = 1e3 * np.linalg.norm(s["p_WB"] - s["ref_p_WB"], axis=1)
     draw_line(axes[2], t, platform, color=BLACK, label="platform")
     axes[2].legend(loc="upper left")
-    axes[3].set_title("Passive link" if first else "Elbow of the left arm")
-    axes[3].set_ylabel("angle (deg)")
+    axes[3].set(title="Passive link" if first else "Elbow of the left arm", ylabel="angle (deg)")
     draw_line(axes[3], t, np.degrees(s["q"][:, 0 if first else 3]), color=BLUE)
     return figure
 

@@ -48,24 +48,20 @@ def draw_phases(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     figure = new_figure(WIDTH, 7.0)
     strip, axes = stack_panels(figure, 4)
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
-    axes[0].set_title("Platform (lines) and tool (dashed): way")
-    axes[0].set_ylabel("x, y (m)")
+    axes[0].set(title="Platform (lines) and tool (dashed): way", ylabel="x, y (m)")
     for a, color in ((0, BLUE), (1, ORANGE)):
         draw_line(axes[0], t, s["p_WB"][:, a], color=color, label="xy"[a])
         draw_line(axes[0], t, tool[:, a], color=color, ls="--", lw=0.9)
     axes[0].legend(loc="upper left", ncols=2)
-    axes[1].set_title("Heights")
-    axes[1].set_ylabel("z (m)")
+    axes[1].set(title="Heights", ylabel="z (m)")
     draw_line(axes[1], t, s["p_WB"][:, 2], color=BLACK, label="platform")
     draw_line(axes[1], t, tool[:, 2], color=GREEN, ls="--", label="tool")
     axes[1].legend(loc="upper left", ncols=2)
-    axes[2].set_title("True upward force of each hook on the handle")
-    axes[2].set_ylabel("force (N)")
+    axes[2].set(title="True upward force of each hook on the handle", ylabel="force (N)")
     for side, color in (("left", BLUE), ("right", PURPLE)):
         draw_line(axes[2], t, s[f"{side}_f_W"][:, 2], color=color, lw=0.8, label=side)
     axes[2].legend(loc="upper left", ncols=2)
-    axes[3].set_title("Springs of the left arm: shaft minus output link")
-    axes[3].set_ylabel("deflection (deg)")
+    axes[3].set(title="Springs of the left arm: shaft minus output link", ylabel="deflection (deg)")
     for j, color, label in ((0, BLUE, "shoulder pitch"), (3, PURPLE, "elbow pitch")):
         draw_line(axes[3], t, np.degrees(s["deflection"][:, j]), color=color, lw=0.8, label=label)
     axes[3].legend(loc="upper left", ncols=2)
@@ -87,8 +83,7 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
     for h, side in enumerate(("left", "right")):
         size = np.linalg.norm(error[:, h], axis=1)
-        axes[h].set_title(f"Tracking error of the {side} tip")
-        axes[h].set_ylabel("error (mm)")
+        axes[h].set(title=f"Tracking error of the {side} tip", ylabel="error (mm)")
         for a, color in ((0, BLUE), (1, ORANGE), (2, GREEN)):
             draw_line(axes[h], t, error[:, h, a], color=color, lw=0.8, label="xyz"[a])
         draw_line(axes[h], t, size, color=BLACK, lw=1.0, label="distance")
@@ -96,8 +91,7 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
         axes[h].legend(loc="upper left", ncols=4)
         fit_y(axes[h], HOVER_MM, float(np.max(size)), float(np.min(error[:, h])))
     drift = 1e3 * (s["p_WB"] - s["p_WB"][0])
-    axes[2].set_title("Platform: displacement from where it was at first")
-    axes[2].set_ylabel("way (mm)")
+    axes[2].set(title="Platform: displacement from where it was at first", ylabel="way (mm)")
     for a, color in ((0, BLUE), (1, ORANGE), (2, GREEN)):
         draw_line(axes[2], t, drift[:, a], color=color, lw=0.8, label="xyz"[a])
     axes[2].legend(loc="lower left", ncols=3)
@@ -115,14 +109,14 @@ def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     figure = new_figure(WIDTH, 7.0)
     strip, axes = stack_panels(figure, 4)
     shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
-    axes[0].set_title("The operator's stick: 1 is full deflection; grey: button pressed")
-    axes[0].set_ylabel("stick")
-    axes[1].set_title(
-        "Both hands' middle (lines) and where the stick led it (dotted), from the start"
+    axes[0].set(
+        title="The operator's stick: 1 is full deflection; grey: button pressed", ylabel="stick"
     )
-    axes[1].set_ylabel("way (mm)")
-    axes[2].set_title("The tool, from its seat on the pipe")
-    axes[2].set_ylabel("distance (mm)")
+    axes[1].set(
+        title="Both hands' middle (lines) and where the stick led it (dotted), from the start",
+        ylabel="way (mm)",
+    )
+    axes[2].set(title="The tool, from its seat on the pipe", ylabel="distance (mm)")
     for a, (color, label) in enumerate(((BLUE, "ahead"), (ORANGE, "left"), (GREEN, "up"))):
         draw_line(axes[0], t, s["operator_stick"][:, a], color=color, lw=0.8, label=label)
         draw_line(axes[1], t, 1e3 * way["hands"][:, a], color=color, label=label)
@@ -131,8 +125,7 @@ def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     pressed = np.flatnonzero(s["operator_button"] > 0.0)
     if len(pressed):
         axes[0].axvspan(t[pressed[0]], t[-1], color=GREY, alpha=0.3, lw=0.0)
-    axes[3].set_title("Weight on both hooks: none is left once the tool stands")
-    axes[3].set_ylabel("force (N)")
+    axes[3].set(title="Weight on both hooks: none is left once the tool stands", ylabel="force (N)")
     load = s["left_f_W"][:, 2] + s["right_f_W"][:, 2]
     draw_line(axes[3], t, load, color=PURPLE, lw=0.8)
     for ax in axes[:3]:

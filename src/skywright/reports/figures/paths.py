@@ -86,9 +86,7 @@ def draw_tip_path(result: RunResult) -> Figure | None:
         ax.plot(
             1e3 * s_true[lost], 1e3 * c_true[lost], ".", color=LIMIT, ms=5, label="no contact force"
         )
-    ax.set_aspect("equal")
-    ax.set_xlabel("s, along the pipe's axis (mm)")
-    ax.set_ylabel("c, around the pipe (mm)")
+    ax.set(aspect="equal", xlabel="s, along the pipe's axis (mm)", ylabel="c, around the pipe (mm)")
     ax.set_title("Path of the probe's tip on the unrolled pipe", pad=22)
     ax.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.995), ncols=5, borderaxespad=0.2)
     return figure
@@ -130,9 +128,7 @@ def draw_flight_path(result: RunResult) -> Figure | None:
         if b == 2:
             ax.axhline(0.0, color="#8d7750", lw=1.5, zorder=1)
         ax.set_aspect("equal", adjustable="datalim")
-        ax.set_title(title)
-        ax.set_xlabel(x_label)
-        ax.set_ylabel(y_label)
+        ax.set(title=title, xlabel=x_label, ylabel=y_label)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper center", ncols=len(labels))
     return figure

@@ -144,8 +144,7 @@ def draw_flight_series(result: RunResult) -> Figure | None:
 
 def _draw_single(ax: Axes, t: Array, y: Array, title: str, label: str, color: str) -> None:
     draw_line(ax, t, y, color=color)
-    ax.set_title(title)
-    ax.set_ylabel(label)
+    ax.set(title=title, ylabel=label)
 
 
 def _limit_above(ax: Axes, y: Array, limit: float | None, label: str) -> None:
@@ -223,8 +222,7 @@ def _draw_rotors(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
     n = len(rotors.azimuth_deg)
     for i in range(n):
         draw_line(ax, t, s["rotor_thrust"][:, i], color=SERIES[i], lw=0.9, label=f"{i + 1}")
-    ax.set_title("Thrust of each rotor")
-    ax.set_ylabel("thrust (N)")
+    ax.set(title="Thrust of each rotor", ylabel="thrust (N)")
     full, usable = rotors.thrust_max_n, rotors.thrust_max_n * rotors.thrust_fraction
     draw_limit(ax, full, f"rotor's limit {full:.3g} N")
     if usable < 0.995 * full:

@@ -172,8 +172,7 @@ def shade_phases(strip: Axes, axes: Sequence[Axes], spans: Sequence[Span]) -> No
         ax.broken_barh(
             bands[::2], (0, 1), transform=ax.get_xaxis_transform(), color="#eef1f5", lw=0, zorder=0
         )
-    strip.set_xlim(start, end)
-    strip.set_ylim(0, 1)
+    strip.set(xlim=(start, end), ylim=(0, 1))
     strip.broken_barh(bands[::2], (0, 1), color="#aab6c4", lw=0)
     strip.broken_barh(bands[1::2], (0, 1), color="#d9e0e8", lw=0)
     least = 0.022 * (end - start)  # so that slanted names do not touch
