@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 
 SUN = np.array([-0.75, -0.6, 1.2]) / math.sqrt(0.75**2 + 0.6**2 + 1.2**2)
 SHADOW_SIZE = 2048
@@ -24,7 +24,7 @@ class Item(NamedTuple):
     """A mesh in W: vertices (n, 3) m, triangles (m, 3), colours (n, 3), one opacity."""
 
     vertices: Array
-    faces: NDArray[np.int64]
+    faces: Ints
     colours: Array
     opacity: float = 1.0
 
@@ -39,8 +39,8 @@ class Camera(NamedTuple):
 
 @njit(cache=True)
 def _fill_buffer(
-    xy: Array, inverse: Array, faces: NDArray[np.int64], near: Array,
-    triangle: NDArray[np.int64], weight: Array, test: Array,
+    xy: Array, inverse: Array, faces: Ints, near: Array,
+    triangle: Ints, weight: Array, test: Array,
 ) -> None:  # fmt: skip
     """Draw triangles into a buffer: nearest index, its barycentric weights, 1/z (larger: nearer).
 

@@ -15,7 +15,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints, Mask
 from skywright.description.loader import Description
 from skywright.description.robot.limbs import SIDES
 from skywright.errors import InputError
@@ -80,7 +80,7 @@ def build_replay(result: RunResult) -> str:
     return _add_overlay(html, result, samples, views)
 
 
-def _choose_frames(samples: NDArray[Any]) -> NDArray[np.int64]:
+def _choose_frames(samples: NDArray[Any]) -> Ints:
     """Indices of the samples that are shown."""
     if len(samples) == 0:
         return np.zeros(0, np.int64)
@@ -129,7 +129,7 @@ def _record(
     return str(serializer.as_html())
 
 
-def _find_moves(values: Array, step: float) -> NDArray[np.bool_]:
+def _find_moves(values: Array, step: float) -> Mask:
     """Mask (n,) of the frames at which a row differs by more than `step` from the last one kept."""
     out = np.zeros(len(values), bool)
     last = 0

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from skywright.analysis.identify.fit import Estimate, Parameter, Prediction
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.reports.figures.style import BLACK, BLUE, GREY, ORANGE, RED, WIDTH, new_figure
 
 NAMES = ("x", "y", "z")
@@ -41,7 +40,7 @@ def draw_series(p: Prediction, part: slice, what: str, unit: str) -> Figure:
     return figure
 
 
-def _choose(t: Array, held_out: NDArray[np.bool_]) -> slice:
+def _choose(t: Array, held_out: Mask) -> slice:
     """Return a window around the first held-out part."""
     first = int(np.argmax(held_out))
     begin = int(np.searchsorted(t, t[first] - 0.5 * WINDOW))
@@ -49,7 +48,7 @@ def _choose(t: Array, held_out: NDArray[np.bool_]) -> slice:
     return slice(begin, max(end, begin + 2))
 
 
-def _shade(ax: object, t: Array, held_out: NDArray[np.bool_]) -> None:
+def _shade(ax: object, t: Array, held_out: Mask) -> None:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], held_out, [False]]).astype(int)))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
         ax.axvspan(t[a], t[min(b, len(t) - 1)], color=BLUE, alpha=0.08, lw=0)  # type: ignore[attr-defined]
@@ -86,8 +85,8 @@ def draw_intervals(estimates: Sequence[Estimate]) -> Figure:
     ax.set_yticks(at, [e.parameter.name for e in estimates])
     ax.set(
         ylim=(-0.7, len(estimates) - 0.3),
-        xlabel="deviation from the robot file (%; centre of mass: of 10 mm, products of inertia: of "
-        "the mean inertia)",
+        xlabel="deviation from the robot file (%; centre of mass: of 10 mm, products of "
+        "inertia: of the mean inertia)",
     )
     figure.tight_layout()
     return figure

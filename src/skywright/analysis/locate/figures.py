@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from skywright.analysis.locate.locate import Fusion, LocateReport
+from skywright.core.arrays import Mask
 from skywright.models.localisation.drift_filter import CAMERA, STATION
 from skywright.reports.figures.style import (
     BLACK,
@@ -60,7 +60,7 @@ def draw_paths(report: LocateReport) -> Figure:
     return figure
 
 
-def _every(mask: NDArray[np.bool_]) -> int:
+def _every(mask: Mask) -> int:
     return max(1, int(np.count_nonzero(mask)) // MANY_POINTS)
 
 

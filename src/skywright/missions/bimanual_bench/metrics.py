@@ -4,9 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array, Samples
+from skywright.core.arrays import Array, Mask, Samples
 from skywright.description.loader import Description
 from skywright.description.world.things import find_first, list_movers, locate_thing
 from skywright.missions.bimanual_bench.plan import BenchPlan
@@ -68,7 +67,7 @@ def _judge_box(
     }
 
 
-def _compute_slip(s: Samples, held: NDArray[np.bool_], i: int) -> float:
+def _compute_slip(s: Samples, held: Mask, i: int) -> float:
     """How far (mm) thing i moved from the middle of both hands since the first of these samples."""
     away = s[f"object{i}_p_WO"][held] - 0.5 * (s["left_p_WH"] + s["right_p_WH"])[held]
     return 1e3 * float(np.max(np.linalg.norm(away - away[0], axis=1)))

@@ -6,9 +6,8 @@ The force is the true one of the tip on the structure along the probe, against t
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array, Samples
+from skywright.core.arrays import Array, Mask, Samples
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.models.drawing import rotate_vectors
@@ -39,7 +38,7 @@ TOUCHING = 0.05  # N on the docking feet that counts as contact
 BEFORE_S = 0.05
 
 
-def select_phases(samples: Samples, phases: list[PhaseRecord], start: str) -> NDArray[np.bool_]:
+def select_phases(samples: Samples, phases: list[PhaseRecord], start: str) -> Mask:
     """Mask (n,) of samples in phases whose name begins with `start`."""
     wanted = [i for i, p in enumerate(phases) if p.name.startswith(start)]
     return np.isin(samples["phase"], wanted)

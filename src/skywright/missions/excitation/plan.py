@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.core.types import REFERENCE
 from skywright.description.loader import Description
@@ -81,7 +82,7 @@ def plan(setup: Setup[ExcitationTask]) -> MissionPlan[None]:
     return MissionPlan(True, None, spent, duration, clearance, margin, segments)
 
 
-def _rest(d: Description, hover: NDArray[np.float64]) -> Any:
+def _rest(d: Description, hover: Array) -> Any:
     """Return the REFERENCE row of hovering with the arm folded."""
     row = np.zeros(1, REFERENCE)[0]
     q = posture(d.robot, "folded")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.core.columns import has_columns
 from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
 from skywright.missions.impact.task import Impact
@@ -94,7 +94,7 @@ def compute_turn(samples: NDArray[Any], before: Any) -> Array:
     return np.asarray((turned + math.pi) % (2.0 * math.pi) - math.pi)
 
 
-def find_contact(samples: NDArray[Any], near: NDArray[np.bool_]) -> int | None:
+def find_contact(samples: NDArray[Any], near: Mask) -> int | None:
     """Return the index of the first sample with contact, or None."""
     felt = np.flatnonzero(near & (samples["pad_f_peak"] > FELT))
     return int(felt[0]) if len(felt) else None

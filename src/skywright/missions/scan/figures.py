@@ -5,8 +5,8 @@ import math
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.loader import Description
 from skywright.description.robot.spec import Robot
@@ -155,7 +155,7 @@ def describe(result: RunResult[Scan, ScanWay]) -> str:
     )
 
 
-def scan_path(scan: Scan, pipe: Pipe) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def scan_path(scan: Scan, pipe: Pipe) -> tuple[Array, Array]:
     """The scan's path as (s, phi), n points; empty where the pattern does not fit on the pipe."""
     centre = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
     corners = build_pattern(
@@ -169,7 +169,7 @@ def scan_path(scan: Scan, pipe: Pipe) -> tuple[NDArray[np.float64], NDArray[np.f
     return np.interp(u, index, corners[:, 0]), np.interp(u, index, corners[:, 1])
 
 
-def place_at_work(robot: Robot, pipe: Pipe, scan: Scan) -> tuple[NDArray[np.float64], float] | None:
+def place_at_work(robot: Robot, pipe: Pipe, scan: Scan) -> tuple[Array, float] | None:
     """Position and heading of the level platform with the probe square on the scan's middle.
 
     None where a level platform in working posture cannot point the probe there (top, underside).

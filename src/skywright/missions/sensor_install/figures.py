@@ -12,14 +12,10 @@ from skywright.reports.figures.style import (
     GREEN,
     ORANGE,
     PURPLE,
-    WIDTH,
-    clip_phases,
     draw_limit,
     draw_line,
+    draw_panels,
     fit_y,
-    new_figure,
-    shade_phases,
-    stack_panels,
 )
 from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
@@ -35,34 +31,33 @@ def draw_force(result: RunResult[SensorInstall, InstallPlan]) -> Figure | None:
     if not np.any(used):
         return None
     way, task = result.plan.get_way(), result.description.mission.task
-    t0, t1 = float(s["t"][used][0]), float(s["t"][used][-1])
-    s = s[(s["t"] >= t0) & (s["t"] <= t1)]
+    s = s[(s["t"] >= s["t"][used][0]) & (s["t"] <= s["t"][used][-1])]
     t = s["t"]
-    figure = new_figure(WIDTH, 6.6)
-    strip, axes = stack_panels(figure, 4)
-    shade_phases(strip, axes, clip_phases(result.phases, t0, t1))
+    hangs = result.description.robot.pendulum is not None
+    figure, axes = draw_panels(
+        6.6, result.phases, t,
+        ("Force of the left hand on the pipe", "force (N)"),
+        ("Springs of the left arm: shaft minus output link", "deflection (deg)"),
+        ("Distances from the reference", "distance (mm)"),
+        ("Passive link" if hangs else "Elbow of the left arm", "angle (deg)"),
+    )  # fmt: skip
     true = s["left_f_W"] @ way.normal
-    axes[0].set(title="Force of the left hand on the pipe", ylabel="force (N)")
     draw_line(axes[0], t, s["left_est_f_W"] @ way.normal, color=ORANGE, lw=0.8, label="estimated")
     draw_line(axes[0], t, true, color=BLUE, label="true")
     draw_line(axes[0], t, s["left_ref_f_W"] @ way.normal, color=GREEN, ls=":", label="desired")
     axes[0].legend(loc="upper left", ncols=3)
     fit_y(axes[0], float(np.max(true)), float(np.min(true)), 1.2 * task.force_n)
-    axes[1].set(title="Springs of the left arm: shaft minus output link", ylabel="deflection (deg)")
     names = joint_names(result.description.robot)
-    first = 1 if result.description.robot.pendulum is not None else 0
-    for j, color in ((first, BLUE), (first + 3, PURPLE)):
+    for j, color in ((hangs, BLUE), (hangs + 3, PURPLE)):
         label = names[j].replace("left_", "").replace("_", " ")
         draw_line(axes[1], t, np.degrees(s["deflection"][:, j]), color=color, label=label)
     draw_limit(axes[1], -10.0, "end of the linear range, 10 deg", below=True)
     draw_limit(axes[1], 10.0, "end of the linear range, 10 deg")
     axes[1].legend(loc="upper left", ncols=2)
-    axes[2].set(title="Distances from the reference", ylabel="distance (mm)")
     platform = 1e3 * np.linalg.norm(s["p_WB"] - s["ref_p_WB"], axis=1)
     draw_line(axes[2], t, platform, color=BLACK, label="platform")
     axes[2].legend(loc="upper left")
-    axes[3].set(title="Passive link" if first else "Elbow of the left arm", ylabel="angle (deg)")
-    draw_line(axes[3], t, np.degrees(s["q"][:, 0 if first else 3]), color=BLUE)
+    draw_line(axes[3], t, np.degrees(s["q"][:, 0 if hangs else 3]), color=BLUE)
     return figure
 
 

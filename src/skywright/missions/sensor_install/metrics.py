@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
 from skywright.missions.sensor_install.plan import InstallPlan
@@ -105,7 +105,7 @@ def _judge_tape(
     }
 
 
-def _duration(samples: NDArray[Any], mask: NDArray[np.bool_]) -> float:
+def _duration(samples: NDArray[Any], mask: Mask) -> float:
     dt = float(np.median(np.diff(samples["t"])))
     return dt * float(np.count_nonzero(mask))
 

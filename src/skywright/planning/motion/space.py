@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
 from skywright.models.kinematic_tree import (
     CAPSULE,
@@ -286,7 +286,7 @@ def _slide_room(tree: Tree, body: int) -> float:
     return 1.0 if tree.kind[body] == SLIDE else 0.0  # m, a slide's travel; generous
 
 
-def _chain_lengths(tree: Tree, shapes: Shapes) -> tuple[Array, NDArray[np.bool_]]:
+def _chain_lengths(tree: Tree, shapes: Shapes) -> tuple[Array, Mask]:
     ns, nb = len(shapes.body), len(tree.parent)
     reach, chain = np.zeros(ns), np.zeros((ns, nb), dtype=np.bool_)
     for s in range(ns):

@@ -5,9 +5,8 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array, Samples
+from skywright.core.arrays import Array, Mask, Samples
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -206,7 +205,7 @@ def _draw_gap(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
         ax.legend(loc="upper right")
 
 
-def _draw_attitude(ax: Axes, t: Array, s: Samples, flying: NDArray[np.bool_] | None = None) -> None:
+def _draw_attitude(ax: Axes, t: Array, s: Samples, flying: Mask | None = None) -> None:
     error = np.degrees(quat_angle(s["q_WB"], s["ref_q_WB"]))
     if flying is not None:
         error[~flying] = np.nan

@@ -225,6 +225,18 @@ def fit_y(ax: Axes, *values: float, low: float | None = None) -> None:
     ax.set_ylim(bottom if low is not None else bottom - 0.5 * room, top + room)
 
 
+def draw_panels(
+    height: float, phases: Sequence[PhaseRecord], t: Array, *panels: tuple[str, str]
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure of panels over times `t` (n,) s, each a (title, label), phases shaded."""
+    figure = new_figure(WIDTH, height)
+    strip, axes = stack_panels(figure, len(panels))
+    shade_phases(strip, axes, clip_phases(phases, float(t[0]), float(t[-1])))
+    for ax, (title, label) in zip(axes, panels, strict=True):
+        ax.set(title=title, ylabel=label)
+    return figure, axes
+
+
 def stack_panels(figure: Figure, count: int, *, bottom: float = 0.5) -> tuple[Axes, list[Axes]]:
     """Axes of equal height, one above the other, sharing the time, and a strip for the phases."""
     width, height = figure.get_size_inches()
