@@ -17,7 +17,8 @@ from skywright.models.arm_inverse_kinematics import (
     compute_arm_ik,
 )
 from skywright.models.arm_nearest import arm_jacobian
-from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_hands, fill_kinematics
+from skywright.models.body_records import Kinematics
+from skywright.models.rigid_body import build_body_model, fill_hands, fill_kinematics
 
 ROBOT = load_robot("bimanual")[0]
 CHAINS = [build_arm_chain(ROBOT, side) for side in (0, 1)]
@@ -31,7 +32,7 @@ def angles(chain, shares):
 
 @given(sides, st.tuples(share, share, share, share))
 def test_forward_kinematics_are_those_of_the_rigid_body(side, shares):
-    chain, model, k = CHAINS[side], build_body_model(ROBOT), np.zeros(1, KINEMATICS)
+    chain, model, k = CHAINS[side], build_body_model(ROBOT), np.zeros(1, Kinematics.dtype)
     q = np.zeros(9)
     q[chain.first : chain.first + 4] = angles(chain, shares)
     fill_kinematics(model[0], q, k[0])

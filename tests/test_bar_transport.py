@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from skywright.core.types import BODY
 from skywright.description.loader import load_description
 from skywright.errors import InputError
-from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_body, fill_kinematics
+from skywright.models.body_records import Body, Kinematics
+from skywright.models.rigid_body import build_body_model, fill_body, fill_kinematics
 from skywright.models.scene import build_scene
 from skywright.run.planning import plan_mission
 from skywright.run.run import RunResult, fly_and_evaluate
@@ -32,7 +32,11 @@ def test_the_rigid_body_carries_the_bar_as_the_scene_does() -> None:
     mujoco.mj_forward(scene.model, data)
     M = np.zeros((scene.model.nv, scene.model.nv))
     mujoco.mj_fullM(scene.model, data, M)
-    model, k, body = build_body_model(d.robot), np.zeros(1, KINEMATICS), np.zeros(1, BODY)
+    model, k, body = (
+        build_body_model(d.robot),
+        np.zeros(1, Kinematics.dtype),
+        np.zeros(1, Body.dtype),
+    )
     full = np.zeros(len(model[0]["q_min"]))
     full[:5] = q
     fill_kinematics(model[0], full, k[0])

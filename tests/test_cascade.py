@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from bench import set_joints
-from skywright.core.types import BODY, MAX_JOINTS
+from skywright.core.types import MAX_JOINTS
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.models.body_records import Kinematics
 from skywright.models.floating import compute_free_inertia, fill_floating
 from skywright.models.rigid_body import (
-    KINEMATICS,
     build_body_model,
     fill_body,
     fill_kinematics,
@@ -44,7 +44,7 @@ LONG = "bimanual-longreach"
 def compute_floating(name: str, q: Any) -> tuple[Any, Any, Any]:
     robot = load_description("waypoints", robot=name).robot
     model = build_body_model(robot)
-    w, k, body = np.zeros(1, Floating.dtype), np.zeros(1, KINEMATICS), np.zeros(1, BODY)
+    w, k, body = np.zeros(1, Floating.dtype), np.zeros(1, Kinematics.dtype), np.zeros(1, Body.dtype)
     w[0]["swing"] = 0 if robot.pendulum is not None else -1
     full = np.zeros(MAX_JOINTS)
     full[: len(q)] = q

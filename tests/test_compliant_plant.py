@@ -23,8 +23,8 @@ from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
 from skywright.models.arm_body import Deviation, compute_inertia_beyond, compute_servo_gains
+from skywright.models.body_records import Kinematics
 from skywright.models.rigid_body import (
-    KINEMATICS,
     build_body_model,
     fill_gravity_torque,
     fill_hands,
@@ -338,7 +338,7 @@ L_POSE = np.array([0.0, 0.0, 0.0, -math.pi / 2] * 2)
 
 def compute_statics(q, g_B) -> tuple[Any, Any]:
     """Gravity torques (8,) and the left hand's Jacobian (3, 8) of our own model."""
-    model, k = build_body_model(ROBOT), np.zeros(1, KINEMATICS)
+    model, k = build_body_model(ROBOT), np.zeros(1, Kinematics.dtype)
     full, torque = np.zeros(MAX_JOINTS), np.zeros(MAX_JOINTS)
     full[:8] = q
     fill_kinematics(model[0], full, k[0])

@@ -8,9 +8,10 @@ import pytest
 from skywright.core.record import View
 from skywright.core.types import MAX_JOINTS
 from skywright.description.loader import load_description
+from skywright.models.body_records import Kinematics
 from skywright.models.floating import fill_floating
 from skywright.models.planar import build_planar_lrm, fill_equations, fill_terms
-from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_body, fill_kinematics
+from skywright.models.rigid_body import build_body_model, fill_body, fill_kinematics
 from skywright.models.scene import build_scene
 from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.arms.ports import Floating, Wrench
@@ -44,7 +45,11 @@ def test_the_force_is_that_of_the_papers_model(seed):
 
     records = (ModelInversion.Me, Estimate, Body, Floating, Wrench)
     me, est, body, floating, wrench = (np.zeros(1, r.dtype)[0] for r in records)
-    model, k, joints = build_body_model(d.robot), np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS)
+    model, k, joints = (
+        build_body_model(d.robot),
+        np.zeros(1, Kinematics.dtype),
+        np.zeros(MAX_JOINTS),
+    )
     joints[:5] = [q0, q7, q8, q7, q8]
     floating["swing"], est["qd"][0] = 0, rate
     est["R_WB"] = [

@@ -17,8 +17,9 @@ from skywright.core.types import MAX_JOINTS, REFERENCE
 from skywright.description.loader import load_description
 from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.missions.scan import plan as scan_kind
+from skywright.models.body_records import Kinematics
 from skywright.models.geometry import build_clearance, compute_clearance
-from skywright.models.rigid_body import KINEMATICS, build_body_model, compute_tip, fill_kinematics
+from skywright.models.rigid_body import build_body_model, compute_tip, fill_kinematics
 from skywright.models.scene import build_scene, set_pose
 from skywright.models.things.box import Box
 from skywright.planning.inverse_dynamics import build_motion, compute_wrench
@@ -120,7 +121,7 @@ def test_wrench_is_mujoco_inverse_dynamics(nominal, seed: int) -> None:
     J = np.zeros((3, scene.model.nv))
     mujoco.mj_jacSite(scene.model, data, J, None, scene.places.tip_site)
     needed = data.qfrc_inverse - J.T @ f_tip
-    k, f, t = np.zeros(1, KINEMATICS), np.zeros(3), np.zeros(3)
+    k, f, t = np.zeros(1, Kinematics.dtype), np.zeros(3), np.zeros(3)
     full = np.zeros((3, MAX_JOINTS))
     full[:, :2] = q, qd, qdd
     fill_kinematics(model[0], full[0], k[0])

@@ -8,8 +8,8 @@ import pytest
 
 from skywright.core.types import MAX_JOINTS
 from skywright.description.loader import load_description
+from skywright.models.body_records import Kinematics
 from skywright.models.rigid_body import (
-    KINEMATICS,
     build_body_model,
     compute_body,
     compute_tip,
@@ -58,7 +58,7 @@ def test_composite_body_and_tip_equal_mujoco(setting):
 def test_tip_jacobians_match_finite_differences(setting):
     robot, _, model = setting
     n = len(joint_names(robot))
-    k = np.zeros(1, KINEMATICS)
+    k = np.zeros(1, Kinematics.dtype)
     rng = np.random.default_rng(4)
     for _ in range(10):
         q = np.zeros(MAX_JOINTS)

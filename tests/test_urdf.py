@@ -31,8 +31,8 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import load_world
 from skywright.errors import InputError
 from skywright.models.arm_body import Deviation
+from skywright.models.body_records import Kinematics
 from skywright.models.rigid_body import (
-    KINEMATICS,
     build_body_model,
     compute_body,
     compute_tip,
@@ -147,7 +147,7 @@ def _hold_record_equal(robot: Robot, own, p: Pin, s: State) -> None:
     np.testing.assert_allclose(mass * com, [M[1, 5], M[2, 3], M[0, 4]], atol=1e-9)
     if robot.arm is None:
         return
-    k, full, torque = np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS), np.zeros(MAX_JOINTS)
+    k, full, torque = np.zeros(1, Kinematics.dtype), np.zeros(MAX_JOINTS), np.zeros(MAX_JOINTS)
     full[:n] = s.q
     fill_kinematics(own[0], full, k[0])
     fill_hands(own[0], k[0])

@@ -213,7 +213,7 @@ def compute_capability(
 def build_drag_body(
     robot: Robot, model: NDArray[Any], q: Array, gravity: float, air_density: float
 ) -> DragBody:
-    """Build what drag and weight need at joints `q` (n_joints,) rad of a BODY_MODEL."""
+    """Build what drag and weight need at joints `q` (n_joints,) rad of a `BodyModel`."""
     mass, p_BC, _ = compute_body(model, q)
     p = robot.platform
     area = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])

@@ -18,7 +18,6 @@ from skywright.models.rigid_body import (
 )
 
 Array = Any
-Record = Any
 
 
 def is_compliant(robot: Robot) -> bool:
@@ -39,7 +38,7 @@ def count_command_ticks(robot: Robot) -> int:
 def find_swing(model: Any, q: Any) -> Any:
     """Return q (n_joints,) with the passive first joint where it hangs at rest (level platform).
 
-    `model` is a (1,) array of BODY_MODEL. Without gravity's torque about the joint there is
+    `model` is a (1,) array of `BodyModel`. Without gravity's torque about the joint there is
     nothing to find: it is found by bisection between -90 and 90 deg.
     """
     q = np.array(q, dtype=float)

@@ -10,30 +10,40 @@ the centre of mass and A (h_x - u_x) the lever of the rotors' force, as for any 
 link that swings about y, I_eff is the composite inertia in roll and the bare platform's in pitch.
 """
 
-from typing import Any
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.record import Array, Mat3, Record, Vec3
 from skywright.core.rotations import cross, mat_vec
 from skywright.core.scratch import local
-from skywright.core.types import BODY, WRENCH
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
-from skywright.models.rigid_body import MAX_LINKS, compute_kinematics, fill_body
+from skywright.models.body_records import MAX_LINKS, Body, BodyModel, Kinematics
+from skywright.models.rigid_body import compute_kinematics, fill_body
 from skywright.models.scene import build_scene
 
-Record = Any
+
+class FloatingInertia(Record):
+    """How the platform answers while a joint swings freely, in B."""
+
+    swing: int  # index in q of the joint without a servo, -1: none
+    axis: Vec3  # of that joint
+    I_eff: Mat3  # kg m^2, torque over angular acceleration
+    A: Annotated[Array, 3, 4]  # N m per N of force at B and per N m about the joint
+    L_s: Vec3  # kg m, momentum of a unit rate of the joint
+    M_ws: Vec3  # kg m^2, its angular momentum about the origin of B
+    M_ss: float  # kg m^2, inertia about the joint of all that it carries
 
 
 @njit(cache=True, error_model="numpy")
-def fill_floating(m: Record, k: Record, body: Record, w: Record) -> None:
-    """Fill I_eff, A, L_s, M_ws, M_ss and axis of a WRENCH record.
+def fill_floating(m: BodyModel, k: Kinematics, body: Body, w: FloatingInertia) -> None:
+    """Fill I_eff, A, L_s, M_ws, M_ss and axis of `w`.
 
     `k` and `body` come from `fill_kinematics` and `fill_body` at the same joints.
     """
@@ -70,7 +80,7 @@ def fill_floating(m: Record, k: Record, body: Record, w: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_swing(m: Record, k: Record, w: Record) -> None:
+def _fill_swing(m: BodyModel, k: Kinematics, w: FloatingInertia) -> None:
     """Inertial coupling of joint `w.swing` with the platform, summed over all that it carries."""
     for a in range(3):
         w.L_s[a], w.M_ws[a], w.axis[a] = 0.0, 0.0, 0.0
@@ -110,13 +120,14 @@ def _fill_swing(m: Record, k: Record, w: Record) -> None:
             w.M_ss += m.mass[i] * rate[a] * rate[a] + turn * w.axis[a]
 
 
-def compute_floating(model: NDArray[Any], q: Array, swing: int = -1) -> tuple[Record, Record]:
-    """Return the BODY and WRENCH records at joints q (n,); `swing`: the joint that is free."""
-    k, body, wrench = compute_kinematics(model, q), np.zeros(1, BODY), np.zeros(1, WRENCH)
-    wrench[0]["swing"] = swing
+def compute_floating(model: NDArray[Any], q: Array, swing: int = -1) -> tuple[Any, Any]:
+    """Return both records at joints q (n,); `swing`: the joint that is free."""
+    k, body = compute_kinematics(model, q), np.zeros(1, Body.dtype)
+    floating = np.zeros(1, FloatingInertia.dtype)
+    floating[0]["swing"] = swing
     fill_body(model[0], k, body[0])
-    fill_floating(model[0], k, body[0], wrench[0])
-    return body[0], wrench[0]
+    fill_floating(model[0], k, body[0], floating[0])
+    return body[0], floating[0]
 
 
 def compute_free_inertia(robot: Robot, world: World, q: Array) -> Array:

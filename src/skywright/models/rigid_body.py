@@ -1,6 +1,6 @@
 """The nominal rigid body: platform and arm as the controllers and planners believe them.
 
-One record (`BODY_MODEL`) describes the link tree; `fill_kinematics` and `fill_body` turn joint
+One record (`BodyModel`) describes the link tree; `fill_kinematics` and `fill_body` turn joint
 angles into the tip pose, the tip Jacobian and the composite mass, centre of mass and inertia.
 A test holds all of it against MuJoCo's own mass matrix and Jacobians.
 
@@ -9,20 +9,21 @@ the robot along the probe and y along the link's y, H hands likewise.
 """
 
 import math
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skywright.core.record import Array, Integers, Mat3, Record, Vec3
+from skywright.core.record import Array
 from skywright.core.rotations import mat_mat, mat_vec, rot_about
 from skywright.core.scratch import local
-from skywright.core.types import BODY, MAX_HANDS, MAX_JOINTS
+from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
 from skywright.description.robot.spec import Link, Probe, Robot
 from skywright.models.bar import compute_bar_share
+from skywright.models.body_records import MAX_LINKS, Body, BodyModel, Kinematics
 from skywright.models.part_masses import (
     SLIDER_INERTIA,
     build_docking_parts,
@@ -34,58 +35,6 @@ from skywright.models.part_masses import (
     rod_inertia,
     tip_rotation,
 )
-
-MAX_LINKS = 12
-
-Links = Annotated[Integers, MAX_LINKS]
-
-
-class BodyModel(Record):
-    """The link tree of a robot."""
-
-    n_links: int
-    n_joints: int
-    gravity: float
-    mass0: float  # kg, platform
-    com0: Vec3  # m, in B
-    inertia0: Mat3  # kg m^2 about the origin of B
-    parent: Links  # link index, -1 for the platform
-    joint: Links  # index into q, -1 when fixed
-    slide: Links
-    axis: Links  # 0 x, 1 y, 2 z of the link frame
-    offset: Annotated[Array, MAX_LINKS, 3]  # m, joint in the parent's frame
-    mass: Annotated[Array, MAX_LINKS]
-    com: Annotated[Array, MAX_LINKS, 3]
-    inertia: Annotated[Array, MAX_LINKS, 3, 3]  # kg m^2 about the link's own com
-    tip_link: int  # -1: no arm, the tip is the origin of B
-    tip_offset: Vec3
-    tip_rot: Mat3  # R_LT
-    n_hands: int  # ends of arms; hand 0 is the tip where there is no probe elsewhere
-    hand_link: Annotated[Integers, MAX_HANDS]
-    hand_offset: Annotated[Array, MAX_HANDS, 3]
-    hand_rot: Annotated[Array, MAX_HANDS, 3, 3]  # R_LH
-    q_min: Annotated[Array, MAX_JOINTS]
-    q_max: Annotated[Array, MAX_JOINTS]
-    belt: Annotated[Array, MAX_JOINTS, MAX_JOINTS]  # J_AM: joint = belt * motor speeds
-    belt_inv: Annotated[Array, MAX_JOINTS, MAX_JOINTS]
-    motor_speed_max: Annotated[Array, MAX_JOINTS]
-
-
-class Kinematics(Record):
-    """The link tree at some joint angles."""
-
-    p: Annotated[Array, MAX_LINKS, 3]  # m, joint origins in B
-    R: Annotated[Array, MAX_LINKS, 3, 3]
-    p_BT: Vec3
-    R_BT: Mat3
-    J_BT: Annotated[Array, 3, MAX_JOINTS]  # m/rad, in B
-    Jw_BT: Annotated[Array, 3, MAX_JOINTS]  # rad/rad, in B
-    p_BH: Annotated[Array, MAX_HANDS, 3]  # m, hands in B (`fill_hands`)
-    R_BH: Annotated[Array, MAX_HANDS, 3, 3]
-    J_BH: Annotated[Array, MAX_HANDS, 3, MAX_JOINTS]  # m/rad, in B
-
-
-BODY_MODEL, KINEMATICS = BodyModel.dtype, Kinematics.dtype
 
 
 def joint_names(robot: Robot) -> list[str]:
@@ -114,8 +63,8 @@ def posture(robot: Robot, which: str) -> Array:
 
 
 def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
-    """Return the robot's rigid-body description as a (1,) array of BODY_MODEL."""
-    out = np.zeros(1, BODY_MODEL)
+    """Return the robot's rigid-body description as a (1,) array of `BodyModel`."""
+    out = np.zeros(1, BodyModel.dtype)
     m = out[0]
     p = robot.platform
     com = np.array([p.com_x_m, p.com_y_m, p.com_z_m])
@@ -225,7 +174,7 @@ def _weld(m: Any, i: int, parts: list[tuple[float, Array, Array]]) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def fill_kinematics(m: Any, q: Array, k: Any) -> None:
+def fill_kinematics(m: BodyModel, q: Array, k: Kinematics) -> None:
     """Fill link frames, tip pose p_BT, R_BT and the tip Jacobians (all in B) at joints `q`."""
     rot, vec = local(3, 3), local(3)
     for i in range(m.n_links):
@@ -275,7 +224,7 @@ def fill_kinematics(m: Any, q: Array, k: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def fill_hands(m: Any, k: Any) -> None:
+def fill_hands(m: BodyModel, k: Kinematics) -> None:
     """Fill the hands' poses p_BH, R_BH and Jacobians J_BH from `fill_kinematics`' link frames."""
     vec = local(3)
     for h in range(m.n_hands):
@@ -288,7 +237,7 @@ def fill_hands(m: Any, k: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def fill_point_jacobian(m: Any, k: Any, link: int, p_B: Array, J: Array) -> None:
+def fill_point_jacobian(m: BodyModel, k: Kinematics, link: int, p_B: Array, J: Array) -> None:
     """Fill J (3, MAX_JOINTS) m/rad of a point of `link` at p_B (3,) m, in B."""
     for a in range(3):
         for j in range(MAX_JOINTS):
@@ -309,7 +258,7 @@ def fill_point_jacobian(m: Any, k: Any, link: int, p_B: Array, J: Array) -> None
 
 
 @njit(cache=True, error_model="numpy")
-def fill_gravity_torque(m: Any, k: Any, g_B: Array, torque: Array) -> None:
+def fill_gravity_torque(m: BodyModel, k: Kinematics, g_B: Array, torque: Array) -> None:
     """Fill `torque` (MAX_JOINTS,) N m (slides: N): what holds the arm at rest against gravity.
 
     g_B (3,) m/s^2 is gravity in B (pointing down). Equals the gravity part of the mass matrix'
@@ -340,8 +289,8 @@ def fill_gravity_torque(m: Any, k: Any, g_B: Array, torque: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def fill_body(m: Any, k: Any, body: Any) -> None:
-    """Fill the composite BODY record from link frames computed by `fill_kinematics`."""
+def fill_body(m: BodyModel, k: Kinematics, body: Body) -> None:
+    """Fill the composite record from link frames computed by `fill_kinematics`."""
     mass = m.mass0
     for a in range(3):
         body.p_BC[a] = m.mass0 * m.com0[a]
@@ -380,14 +329,14 @@ def fill_body(m: Any, k: Any, body: Any) -> None:
 
 def compute_body(model: NDArray[Any], q: Array) -> tuple[float, Array, Array]:
     """Return (mass kg, p_BC (3,) m, I_B (3, 3) kg m^2 about the origin of B) at joints `q`."""
-    body = np.zeros(1, BODY)
+    body = np.zeros(1, Body.dtype)
     fill_body(model[0], compute_kinematics(model, q), body[0])
     return float(body[0]["mass"]), body[0]["p_BC"].copy(), body[0]["I_B"].copy()
 
 
 def compute_kinematics(model: NDArray[Any], q: Array) -> Any:
-    """Return a KINEMATICS record, hands included, at joints `q` (n,), n at most MAX_JOINTS."""
-    k, full = np.zeros(1, KINEMATICS), np.zeros(MAX_JOINTS)
+    """Return a Kinematics record, hands included, at joints `q` (n,), n at most MAX_JOINTS."""
+    k, full = np.zeros(1, Kinematics.dtype), np.zeros(MAX_JOINTS)
     full[: len(q)] = q
     fill_kinematics(model[0], full, k[0])
     fill_hands(model[0], k[0])

@@ -1,12 +1,12 @@
 """What a nominal state must respect: joints, motors, speed, tilt, rotors and clearance."""
 
 import math
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from numba import njit
 
-from skywright.core.arrays import Array
+from skywright.core.record import Array, Record
 from skywright.core.rotations import mat_t_vec, norm
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 from skywright.models.geometry import FAR, query_clearance, query_self
@@ -23,22 +23,19 @@ from skywright.planning.problem import (
     Problem,
 )
 
-Record = Any
 
-TRACE = np.dtype(
-    [
-        ("clearance", np.float64),  # m, at the last check
-        ("rotor_margin", np.float64),  # fraction of the usable range
-        ("thrust", np.float64, MAX_ROTORS),  # N
-        ("task_error", np.float64),  # m
-    ]
-)
-"""What was checked at each row, for plots."""
+class Trace(Record):
+    """What was checked at each row, for plots."""
+
+    clearance: float  # m, at the last check
+    rotor_margin: float  # fraction of the usable range
+    thrust: Annotated[Array, MAX_ROTORS]  # N
+    task_error: float  # m
 
 
 @njit(cache=True)
 def check_dynamics(
-    prob: Problem, state: State, u: Array, f_tip_W: Array, trace: Record, found: Array
+    prob: Problem, state: State, u: Array, f_tip_W: Array, trace: Trace, found: Array
 ) -> int:
     """Check joints, motors, speed, acceleration, tilt and rotors; fill `trace`.
 

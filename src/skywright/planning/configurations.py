@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from skywright.core.arrays import Array
 from skywright.core.rotations import mat_vec
 from skywright.core.types import MAX_JOINTS
+from skywright.models.body_records import Kinematics
 from skywright.models.geometry import FAR
 from skywright.models.rigid_body import fill_kinematics
 from skywright.models.rotors import compute_power
-from skywright.planning.checks import TRACE, check_clearance, check_dynamics
+from skywright.planning.checks import Trace, check_clearance, check_dynamics
 from skywright.planning.inverse_kinematics import (
     State,
     build_state,
@@ -26,9 +27,6 @@ from skywright.planning.inverse_kinematics import (
     wrap,
 )
 from skywright.planning.problem import CLEARANCE, OK, ROTOR, TASK, Failure, Problem
-
-Record = Any
-
 
 HOME_PULL = 0.4
 """1/rad^2, how strongly the working posture is preferred (scores are of the order of 1)."""
@@ -45,7 +43,7 @@ class Candidates(NamedTuple):
 
 
 @njit(cache=True)
-def compute_manipulability(k: Record, nj: int) -> float:
+def compute_manipulability(k: Kinematics, nj: int) -> float:
     """Return the volume that the tip's Jacobian spans (Yoshikawa): the product of its singular
     values, by Gram-Schmidt over the joints that still add a direction."""
     basis = np.zeros((3, 3))
@@ -237,7 +235,7 @@ def find_configurations(
     home[: len(q_home)], last[: len(q_last)] = q_home, q_last
     rate_configurations(
         prob, tip, n_W, depth, yaws, np.ascontiguousarray(postures), home, HOME_PULL, last,
-        yaw_last, last_pull, p, R, q, score, miss, np.zeros(1, TRACE),
+        yaw_last, last_pull, p, R, q, score, miss, np.zeros(1, Trace.dtype),
     )  # fmt: skip
     order = np.argsort(-score, kind="stable")
     order = order[np.isfinite(score[order])]

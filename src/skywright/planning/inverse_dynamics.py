@@ -5,7 +5,7 @@ Dynamics Algorithms, 2008, section 5.3, in its classical form.) A test compares 
 inverse dynamics.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -13,11 +13,9 @@ from numba import njit
 from skywright.core.arrays import Array
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.models.allocation import Allocator
-from skywright.models.rigid_body import MAX_LINKS
+from skywright.models.body_records import MAX_LINKS, BodyModel, Kinematics
 from skywright.models.rotors import compute_rotor_drag
 from skywright.models.wind import compute_body_drag
-
-Record = Any
 
 
 class Loads(NamedTuple):
@@ -79,7 +77,14 @@ def build_motion() -> Motion:
 
 @njit(cache=True)
 def fill_motion(
-    m: Record, k: Record, w_B: Array, wd_B: Array, a_B: Array, qd: Array, qdd: Array, out: Motion
+    m: BodyModel,
+    k: Kinematics,
+    w_B: Array,
+    wd_B: Array,
+    a_B: Array,
+    qd: Array,
+    qdd: Array,
+    out: Motion,
 ) -> None:
     """Fill angular velocity, angular and linear acceleration of every link frame.
 
@@ -152,8 +157,8 @@ def _add_body(
 
 @njit(cache=True)
 def compute_wrench(
-    m: Record, k: Record, R_WB: Array, w_B: Array, wd_B: Array, a_W: Array, qd: Array, qdd: Array,
-    f_tip_W: Array, motion: Motion, f: Array, t: Array,
+    m: BodyModel, k: Kinematics, R_WB: Array, w_B: Array, wd_B: Array, a_W: Array, qd: Array,
+    qdd: Array, f_tip_W: Array, motion: Motion, f: Array, t: Array,
 ) -> None:  # fmt: skip
     """Fill force f (3,) N and torque t (3,) N m about B's origin, in B, that the rotors must make.
 

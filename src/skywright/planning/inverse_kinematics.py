@@ -13,7 +13,7 @@ rank has to be decided. (Tognon et al. 2018, section IV; the local planner of th
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,10 +21,9 @@ from numba import njit
 from skywright.core.arrays import Array
 from skywright.core.rotations import cross, dot, exp_so3, mat_mat, mat_t_vec, mat_vec
 from skywright.core.types import MAX_JOINTS
+from skywright.models.body_records import BodyModel, Kinematics
 from skywright.models.rigid_body import fill_kinematics
 from skywright.planning.inverse_dynamics import Motion, fill_motion
-
-Record = Any
 
 WEIGHT_TASK, WEIGHT_LEVEL, WEIGHT_POSTURE, DAMPING = 1.0, 1e-4, 1e-8, 1e-11
 WN = 10.0
@@ -119,7 +118,7 @@ def wrap(angle: float) -> float:
 
 @njit(cache=True)
 def solve_accelerations(
-    m: Record, k: Record, state: State, target: Target, motion: Motion, u: Array
+    m: BodyModel, k: Kinematics, state: State, target: Target, motion: Motion, u: Array
 ) -> bool:
     """Fill u (6 + MAX_JOINTS,): a_WB, wd_WB in W, qdd. `k` holds the kinematics at state.q."""
     nj = m.n_joints
@@ -252,7 +251,9 @@ def step_state(state: State, u: Array, nj: int, dt: float) -> None:
 
 
 @njit(cache=True)
-def settle_posture(m: Record, k: Record, R: Array, q: Array, z: Array, iterations: int) -> float:
+def settle_posture(
+    m: BodyModel, k: Kinematics, R: Array, q: Array, z: Array, iterations: int
+) -> float:
     """Turn platform and joints until the probe axis points along z (3,); return the error (rad).
 
     Newton steps on (platform rotation, joints) with the same priorities: axis exactly, level as

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import exp_so3, log_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec, norm
-from skywright.core.types import MAX_JOINTS, REFERENCE
+from skywright.core.types import MAX_JOINTS, REFERENCE, ReferenceRow
 from skywright.description.world.surface import surface_frame
 from skywright.models.geometry import FAR
 from skywright.models.rigid_body import fill_kinematics
-from skywright.planning.checks import TRACE, check_clearance, check_dynamics
+from skywright.planning.checks import Trace, check_clearance, check_dynamics
 from skywright.planning.inverse_kinematics import (
     State,
     Target,
@@ -29,8 +29,6 @@ from skywright.planning.inverse_kinematics import (
 )
 from skywright.planning.patterns import TimeLaw, eval_time_law
 from skywright.planning.problem import CLEARANCE, OK, SINGULAR, TASK, Failure, Problem
-
-Record = Any
 
 ROW = 0.02
 """s between rows of a plan."""
@@ -67,7 +65,7 @@ def fill_target(prob: Problem, s: Array, phi: Array, gap: Array, target: Target)
 
 
 @njit(cache=True)
-def fill_row(prob: Problem, state: State, u: Array, t: float, row: Record) -> None:
+def fill_row(prob: Problem, state: State, u: Array, t: float, row: ReferenceRow) -> None:
     """Fill a row of REFERENCE from the nominal state; kinematics must be up to date."""
     k, m = prob.kinematics[0], prob.model[0]
     nj = m.n_joints
@@ -291,7 +289,7 @@ def _finish(code: int, count: int, rows: Any, trace: Any, found: Array, state: S
 
 def _allocate(law: TimeLaw) -> tuple[NDArray[Any], NDArray[Any]]:
     count = round(law.duration / ROW) + 1
-    return np.zeros(count, REFERENCE), np.zeros(count, TRACE)
+    return np.zeros(count, REFERENCE), np.zeros(count, Trace.dtype)
 
 
 def copy_state(state: State) -> State:

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
-from skywright.core.types import BODY
 from skywright.description.world.surface import Cylinder
+from skywright.models.body_records import Body, Kinematics
 from skywright.models.geometry import ClearanceCore, ClearanceQuery, describe_pair
-from skywright.models.rigid_body import KINEMATICS
 from skywright.planning.inverse_dynamics import Loads, Motion, build_motion
 
 OK, CLEARANCE, ROTOR, JOINT, MOTOR, SPEED, ACCELERATION, TASK, TILT, SINGULAR = range(10)
@@ -41,15 +40,15 @@ class Limits(NamedTuple):
 class Problem(NamedTuple):
     """Robot, loads, surface and scratch space; readable from compiled code."""
 
-    model: NDArray[Any]  # (1,) BODY_MODEL
+    model: NDArray[Any]  # (1,) BodyModel
     loads: Loads
     clearance: ClearanceCore
     cylinder: Cylinder
     limits: Limits
     push_force: float  # N along the normal while the tip is inside
     reach: float  # m, from B's origin to the robot's farthest point
-    kinematics: NDArray[Any]  # (1,) KINEMATICS, scratch
-    body: NDArray[Any]  # (1,) BODY, scratch
+    kinematics: NDArray[Any]  # (1,) Kinematics, scratch
+    body: NDArray[Any]  # (1,) Body, scratch
     motion: Motion  # scratch
 
 
@@ -80,7 +79,7 @@ def build_problem(
     arm += float(np.linalg.norm(m["tip_offset"]))
     return Problem(
         model, loads, query.core, cylinder, limits, push_force, max(rotors + 0.2, arm),
-        np.zeros(1, KINEMATICS), np.zeros(1, BODY), build_motion(),
+        np.zeros(1, Kinematics.dtype), np.zeros(1, Body.dtype), build_motion(),
     )  # fmt: skip
 
 

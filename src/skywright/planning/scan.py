@@ -85,7 +85,7 @@ def plan_scan(
 ) -> ScanPlan:
     """Plan approach, unfolding, touch, scan, departure and return.
 
-    model: (1,) BODY_MODEL. start, home (4,): hover poses x, y, z, yaw before and after. push_force
+    model: (1,) `BodyModel`. start, home (4,): hover poses x, y, z, yaw before and after. push_force
     N along the inward normal while the tip is inside. Never raises for an impossible task: the
     plan then says in `blocked_by` which constraint blocks it.
     """

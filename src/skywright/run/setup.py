@@ -56,7 +56,7 @@ class Setup(Generic[T]):
 
     @cached_property
     def model(self) -> NDArray[Any]:
-        """The nominal rigid body, (1,) of BODY_MODEL."""
+        """The nominal rigid body, (1,) of `BodyModel`."""
         return build_body_model(self.robot, self.world.gravity_mps2)
 
     @cached_property

@@ -9,8 +9,9 @@ import numpy as np
 
 from skywright.core.record import fill
 from skywright.core.types import MAX_JOINTS
+from skywright.models.body_records import BodyModel, Kinematics
 from skywright.models.compliant_arms import is_compliant
-from skywright.models.rigid_body import BodyModel, Kinematics, fill_body, fill_kinematics
+from skywright.models.rigid_body import fill_body, fill_kinematics
 from skywright.vehicle.bus import Body, Estimate
 from skywright.vehicle.component import Component, Out
 from skywright.vehicle.readings import Shafts

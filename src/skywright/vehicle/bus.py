@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar
 
 from skywright.core.record import Array, Mat3, Record, Vec3
 from skywright.core.types import HOLD, HOLD_END, MAX_JOINTS, MAX_ROTORS, ROTATION
+from skywright.models.body_records import Body as Body
 
 
 class Clock(Record):
@@ -113,19 +114,6 @@ class Estimate(Record):
     R_WT: Mat3
     f_ext_W: Vec3  # N, estimated external force (wind, contact, error of the model)
     f_tip: float  # N, of the tip on what it touches, along the probe
-
-
-class Body(Record):
-    """The nominal rigid body at the estimated configuration."""
-
-    mass: float  # kg, whole robot
-    gravity: float  # m/s^2, positive down
-    p_BC: Vec3  # m, whole-robot centre of mass
-    I_B: Mat3  # kg m^2, composite inertia about the origin of B
-    p_BT: Vec3  # m, tip (without probe and arm: the origin)
-    R_BT: Mat3
-    J_BT: Annotated[Array, 3, MAX_JOINTS]  # m/rad, tip position Jacobian in B
-    n_joints: int
 
 
 class WrenchCommand(Record):

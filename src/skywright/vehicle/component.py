@@ -97,7 +97,7 @@ class Context:
 
     robot: Robot
     world: World
-    model: Any  # BODY_MODEL record, the nominal rigid body (models/rigid_body.py)
+    model: Any  # BodyModel record, the nominal rigid body (models/rigid_body.py)
     rotors: RotorSet
     allocator: Allocator
     mass: float  # kg, nominal, whole robot, arm folded

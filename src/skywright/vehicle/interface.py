@@ -62,7 +62,7 @@ class Backend(Protocol):
     offers: frozenset[str]
     limits: Limits
     n_joints: int
-    model: Any  # BODY_MODEL of the robot as believed
+    model: Any  # BodyModel of the robot as believed
     world: World
     arc: LinkArc | None  # of a link that lies on the ground at the start
 

@@ -24,7 +24,8 @@ from skywright.analysis.identify.flight_log import FlightLog
 from skywright.core.arrays import Array, Ints
 from skywright.core.types import MAX_JOINTS
 from skywright.errors import InputError
-from skywright.models.rigid_body import KINEMATICS, build_body_model, fill_kinematics
+from skywright.models.body_records import Kinematics
+from skywright.models.rigid_body import build_body_model, fill_kinematics
 from skywright.models.rotors import RotorSet, build_rotors
 from skywright.planning.inverse_dynamics import build_motion, compute_wrench
 
@@ -170,7 +171,7 @@ def compute_arm_wrench(
     if n == 0 or np.max(np.ptp(q, axis=0)) < 1e-6:
         return out
     model = build_body_model(log.robot, log.gravity)
-    motion, kin = build_motion(), np.zeros(1, KINEMATICS)
+    motion, kin = build_motion(), np.zeros(1, Kinematics.dtype)
     qd, still, at = np.zeros((len(q), MAX_JOINTS)), np.zeros(MAX_JOINTS), np.zeros(MAX_JOINTS)
     qdd = np.zeros_like(qd)
     qd[:, :n] = slope(q)

@@ -43,7 +43,7 @@ def build_move(
 
     Position on a straight line at up to `speed` (m/s), attitude about one axis, joints in step.
     Forces (`force`, `f_feet_B`, `t_feet_B`) follow linearly in time. Flags (press, docked, mode)
-    are those of `end` from the beginning. `model` is the robot's BODY_MODEL.
+    are those of `end` from the beginning. `model` is the robot's `BodyModel`.
     """
     start, end = set_rest(start), set_rest(end)
     delta = end["p_WB"] - start["p_WB"]

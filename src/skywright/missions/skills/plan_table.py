@@ -18,7 +18,7 @@ LEAD_S = 1.0  # s, over which an acceleration is rounded
 
 
 def build_plan_table(plan: PlanFile, model: NDArray[Any]) -> Table:
-    """Return REFERENCE rows of a plan for the robot of `model` (1,) BODY_MODEL.
+    """Return REFERENCE rows of a plan for the robot of `model` (1,) `BodyModel`.
 
     The position loop is closed at the tip (`track_tip`): what wind makes the tip hang away from
     the plan, the platform gives way to. With a passive joint what hangs on it lags z a / g behind

@@ -41,7 +41,7 @@ class Surroundings(NamedTuple):
 
     query: ClearanceQuery
     scene: PlanningScene
-    model: NDArray[Any]  # (1,) of BODY_MODEL
+    model: NDArray[Any]  # (1,) of `BodyModel`
     passive: str | None  # joint without a motor
     low_z: float  # m, lowest height of the platform's origin
     margin: float  # m, kept from everything

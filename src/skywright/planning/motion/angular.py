@@ -17,7 +17,7 @@ from numba import njit
 from skywright.core.arrays import Array, Ints
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.edges import place_shapes
-from skywright.planning.motion.space import Record, Space
+from skywright.planning.motion.space import ScratchRecord, Space, SpaceRecord
 
 ROUND, RECTANGLE = range(2)
 
@@ -153,7 +153,9 @@ def blocked_by_rectangle(
 
 
 @njit(cache=True, error_model="numpy")
-def is_state_free_angular(space: Record, world: AngularMap, c: Array, k: Record) -> bool:
+def is_state_free_angular(
+    space: SpaceRecord, world: AngularMap, c: Array, k: ScratchRecord
+) -> bool:
     """Whether one configuration is free by the paper's check."""
     k.d[:] = 0.0
     place_shapes(space, c, k.d, k)
@@ -190,7 +192,7 @@ def is_state_free_angular(space: Record, world: AngularMap, c: Array, k: Record)
 
 @njit(cache=True, error_model="numpy")
 def is_edge_free_angular(
-    space: Record, world: AngularMap, a: Array, b: Array, resolution: float, k: Record
+    space: SpaceRecord, world: AngularMap, a: Array, b: Array, resolution: float, k: ScratchRecord
 ) -> bool:
     """COLLISION of Algorithm 1, negated: samples every `resolution` (m or rad) along a branch."""
     n = space.n

@@ -22,7 +22,14 @@ from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.planning.motion.edges import pair_distance, place_shapes
 from skywright.planning.motion.pairs import PAIR_SELF
-from skywright.planning.motion.space import JOINT0, Record, Scratch, Space, build_scratch
+from skywright.planning.motion.space import (
+    JOINT0,
+    Scratch,
+    ScratchRecord,
+    Space,
+    SpaceRecord,
+    build_scratch,
+)
 
 
 class Grid(NamedTuple):
@@ -86,7 +93,7 @@ def _fill_free(spaces: Space, scratch: Scratch, x: float, grid: Grid, V: Array) 
 
 
 @njit(cache=True, error_model="numpy")
-def _add_curvature(space: Record, half: Array, move: Array, k: Record) -> None:
+def _add_curvature(space: SpaceRecord, half: Array, move: Array, k: ScratchRecord) -> None:
     """Add A / 2 of every shape for the largest step from a cell's centre; see `edges`."""
     first = turn = extra = 0.0
     rate = np.zeros(space.nb)

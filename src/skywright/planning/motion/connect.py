@@ -7,7 +7,7 @@ from skywright.core.arrays import Array, Ints
 from skywright.planning.motion.cost import displacement_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free
 from skywright.planning.motion.rng import State, uniform
-from skywright.planning.motion.space import Record
+from skywright.planning.motion.space import ScratchRecord, SpaceRecord
 
 TREE_SIZE = 2000
 """Nodes a tree may have before the search starts over."""
@@ -20,14 +20,14 @@ STEP = 4.0
 
 
 @njit(cache=True, error_model="numpy")
-def draw_coordinates(space: Record, state: State, out: Array) -> None:
+def draw_coordinates(space: SpaceRecord, state: State, out: Array) -> None:
     """Draw coordinates uniformly within their limits."""
     for i in range(space.n):
         out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
 
 
 @njit(cache=True, error_model="numpy")
-def draw_free(space: Record, state: State, along: int, out: Array, k: Record) -> None:
+def draw_free(space: SpaceRecord, state: State, along: int, out: Array, k: ScratchRecord) -> None:
     """Draw coordinates that keep all margins, the one `along` the way uniformly.
 
     That coordinate stays while the others are drawn again. So a place along the way where
@@ -44,8 +44,8 @@ def draw_free(space: Record, state: State, along: int, out: Array, k: Record) ->
 
 @njit(cache=True, error_model="numpy")
 def _extend(
-    space: Record, nodes: Array, parent: Ints, count: int, target: Array, new: Array, k: Record,
-    hits: Ints,
+    space: SpaceRecord, nodes: Array, parent: Ints, count: int, target: Array, new: Array,
+    k: ScratchRecord, hits: Ints,
 ) -> int:  # fmt: skip
     """Add a node towards `target`; return 0 trapped, 1 advanced, 2 reached."""
     best, near = 1e18, 0
@@ -73,8 +73,8 @@ def _extend(
 
 @njit(cache=True, error_model="numpy")
 def connect(
-    space: Record, start: Array, goal: Array, state: State, along: int, trees: Array,
-    parents: Ints, counts: Ints, tries: int, path: Array, k: Record, hits: Ints,
+    space: SpaceRecord, start: Array, goal: Array, state: State, along: int, trees: Array,
+    parents: Ints, counts: Ints, tries: int, path: Array, k: ScratchRecord, hits: Ints,
 ) -> int:  # fmt: skip
     """Grow two trees for at most `tries` samples; return the rows written to `path`, 0: none yet.
 

@@ -9,11 +9,11 @@ import math
 from numba import njit
 
 from skywright.core.arrays import Array
-from skywright.planning.motion.space import Record
+from skywright.planning.motion.space import SpaceRecord
 
 
 @njit(cache=True, error_model="numpy")
-def displacement_cost(space: Record, a: Array, b: Array) -> float:
+def displacement_cost(space: SpaceRecord, a: Array, b: Array) -> float:
     """CF_E of (6): p1 rho_UAV + p2 sigma_ARMS, from a to b."""
     move = turn = 0.0
     for i in range(space.n_move):
@@ -25,7 +25,7 @@ def displacement_cost(space: Record, a: Array, b: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def rho_uav(space: Record, a: Array, b: Array) -> float:
+def rho_uav(space: SpaceRecord, a: Array, b: Array) -> float:
     """rho_UAV of (5): distance that the platform moves, m."""
     move = 0.0
     for i in range(space.n_move):
@@ -34,7 +34,7 @@ def rho_uav(space: Record, a: Array, b: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def rho_arms(space: Record, a: Array, b: Array) -> float:
+def rho_arms(space: SpaceRecord, a: Array, b: Array) -> float:
     """rho_ARMS of (5): largest change of an angle, rad."""
     turn = 0.0
     for i in range(space.n_move, space.n):
@@ -43,13 +43,13 @@ def rho_arms(space: Record, a: Array, b: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def time_cost(space: Record, a: Array, b: Array, u_ref: float, w_ref: float) -> float:
+def time_cost(space: SpaceRecord, a: Array, b: Array, u_ref: float, w_ref: float) -> float:
     """CF_T of (6), the metric inside (4): max(t_UAV, t_ARMS), s. (4) prints min for argmin."""
     return max(rho_uav(space, a, b) / u_ref, rho_arms(space, a, b) / w_ref)
 
 
 @njit(cache=True, error_model="numpy")
-def path_cost(space: Record, path: Array, count: int) -> float:
+def path_cost(space: SpaceRecord, path: Array, count: int) -> float:
     """Sum of `displacement_cost` over the first `count` rows of `path`."""
     total = 0.0
     for i in range(count - 1):

@@ -20,14 +20,14 @@ from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.distance import box_box, segment_box, segment_segment
 from skywright.planning.motion.kinematics import compute_pose
 from skywright.planning.motion.pairs import PAIR_LIMIT, PAIR_SELF, PAIR_WORLD
-from skywright.planning.motion.space import JOINT0, YAW, Record
+from skywright.planning.motion.space import JOINT0, YAW, ScratchRecord, SpaceRecord
 
 SHORTEST = 2.0**-13
 """Half length of the shortest interval of an edge that is still halved."""
 
 
 @njit(cache=True, error_model="numpy")
-def place_shapes(space: Record, c: Array, d: Array, k: Record) -> None:
+def place_shapes(space: SpaceRecord, c: Array, d: Array, k: ScratchRecord) -> None:
     """Place all shapes at coordinates c, with velocities for c' = d."""
     pose, s = k, space
     compute_pose(space, c, d, pose)
@@ -52,7 +52,7 @@ def place_shapes(space: Record, c: Array, d: Array, k: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _bound_motion(space: Record, d: Array, k: Record) -> None:
+def _bound_motion(space: SpaceRecord, d: Array, k: ScratchRecord) -> None:
     """Fill `omega` and `acc` for an edge of direction d; `place_shapes` has filled `du`."""
     t, du = space, k.du
     yaw = abs(du[YAW])
@@ -80,7 +80,7 @@ def _bound_motion(space: Record, d: Array, k: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _core_gap(space: Record, k: Record, a: int, b: int) -> float:
+def _core_gap(space: SpaceRecord, k: ScratchRecord, a: int, b: int) -> float:
     """Distance from the middle of shape a to the core of obstacle b."""
     w = space
     px, py, pz = k.mid[a, 0], k.mid[a, 1], k.mid[a, 2]
@@ -110,7 +110,9 @@ def _core_gap(space: Record, k: Record, a: int, b: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _nearest(space: Record, k: Record, a: int, b: int, other_is_robot: bool) -> tuple[float, float]:
+def _nearest(
+    space: SpaceRecord, k: ScratchRecord, a: int, b: int, other_is_robot: bool
+) -> tuple[float, float]:
     """Distance between the cores of shape a and b, share on a; fills k.n from b to a."""
     s = space
     if other_is_robot:
@@ -133,14 +135,14 @@ def _nearest(space: Record, k: Record, a: int, b: int, other_is_robot: bool) -> 
 
 
 @njit(cache=True, error_model="numpy")
-def _box_extent(space: Record, k: Record, a: int, axis: int) -> float:
+def _box_extent(space: SpaceRecord, k: ScratchRecord, a: int, axis: int) -> float:
     h = space.s_half[a]
     r = k.box[a, axis]
     return abs(r[0]) * h[0] + abs(r[1]) * h[1] + abs(r[2]) * h[2]
 
 
 @njit(cache=True, error_model="numpy")
-def pair_distance(space: Record, k: Record, i: int) -> float:
+def pair_distance(space: SpaceRecord, k: ScratchRecord, i: int) -> float:
     """Distance (m) of pair i between surfaces, as the shapes are placed; below 0: they meet."""
     a, b, kind = space.pairs[i, 0], space.pairs[i, 1], space.pairs[i, 2]
     s = space
@@ -160,7 +162,7 @@ def _speed(v: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _check_pair(space: Record, k: Record, i: int, h: float) -> int:
+def _check_pair(space: SpaceRecord, k: ScratchRecord, i: int, h: float) -> int:
     """1: free over the whole interval; 0: not known; -1: blocked at its middle."""
     a, b, kind = space.pairs[i, 0], space.pairs[i, 1], space.pairs[i, 2]
     s, m = space, space.margin[i]
@@ -223,7 +225,7 @@ def _check_pair(space: Record, k: Record, i: int, h: float) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def is_state_free(space: Record, c: Array, k: Record) -> bool:
+def is_state_free(space: SpaceRecord, c: Array, k: ScratchRecord) -> bool:
     """Whether all margins hold at coordinates c; `k.blocked` names the pair otherwise."""
     k.d[:] = 0.0
     place_shapes(space, c, k.d, k)
@@ -231,7 +233,7 @@ def is_state_free(space: Record, c: Array, k: Record) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def is_placed_free(space: Record, k: Record) -> bool:
+def is_placed_free(space: SpaceRecord, k: ScratchRecord) -> bool:
     """Whether all margins hold as the shapes are placed; `k.blocked` names the pair otherwise."""
     for a in range(space.ns):
         k.omega[a] = k.acc[a] = 0.0
@@ -243,7 +245,7 @@ def is_placed_free(space: Record, k: Record) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def is_edge_free(space: Record, a: Array, b: Array, k: Record) -> bool:
+def is_edge_free(space: SpaceRecord, a: Array, b: Array, k: ScratchRecord) -> bool:
     """Whether the straight motion from a to b keeps all margins; certified, see the module."""
     n = space.n
     for j in range(n):
@@ -282,7 +284,9 @@ def is_edge_free(space: Record, a: Array, b: Array, k: Record) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def state_clearance(space: Record, c: Array, k: Record, kind: int = -1) -> tuple[float, int]:
+def state_clearance(
+    space: SpaceRecord, c: Array, k: ScratchRecord, kind: int = -1
+) -> tuple[float, int]:
     """Return (smallest reserve over the margins m, its pair) at coordinates c; of one `kind`."""
     k.d[:] = 0.0
     place_shapes(space, c, k.d, k)

@@ -16,7 +16,7 @@ from skywright.core.arrays import Array
 from skywright.planning.motion.cost import displacement_cost
 from skywright.planning.motion.edges import is_edge_free
 from skywright.planning.motion.rng import State, normal, pick, uniform
-from skywright.planning.motion.space import Record
+from skywright.planning.motion.space import ScratchRecord, SpaceRecord
 
 MAX_ROWS = 160
 """Rows that a path may have."""
@@ -47,7 +47,7 @@ def _point(path: Array, i: int, t: float, out: Array, row: int, n: int) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def remove_doubles(space: Record, path: Array, count: int) -> int:
+def remove_doubles(space: SpaceRecord, path: Array, count: int) -> int:
     """Drop rows that repeat the one before; the ends stay."""
     n, out = space.n, 1
     for i in range(1, count):
@@ -63,7 +63,7 @@ def remove_doubles(space: Record, path: Array, count: int) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def drop_corners(space: Record, path: Array, count: int, k: Record) -> int:
+def drop_corners(space: SpaceRecord, path: Array, count: int, k: ScratchRecord) -> int:
     """Remove every corner that its neighbours can do without."""
     i = 1
     while i < count - 1:
@@ -78,7 +78,9 @@ def drop_corners(space: Record, path: Array, count: int, k: Record) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def shortcut(space: Record, path: Array, count: int, state: State, k: Record, work: Array) -> int:
+def shortcut(
+    space: SpaceRecord, path: Array, count: int, state: State, k: ScratchRecord, work: Array
+) -> int:
     """Try one shortcut, whole or partial; return the new number of rows."""
     n, last = space.n, count - 1
     a, b = uniform(state) * last, uniform(state) * last
@@ -136,7 +138,13 @@ def shortcut(space: Record, path: Array, count: int, state: State, k: Record, wo
 
 @njit(cache=True, error_model="numpy")
 def move_corners(
-    space: Record, path: Array, count: int, state: State, scale: Array, k: Record, work: Array
+    space: SpaceRecord,
+    path: Array,
+    count: int,
+    state: State,
+    scale: Array,
+    k: ScratchRecord,
+    work: Array,
 ) -> bool:
     """Try to move a stretch of corners alike; `scale` (1,) in units of cost adapts."""
     if count < 3:
@@ -203,7 +211,7 @@ def _shift(rows: Array, m: int, c: int, by: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def thin_out(space: Record, path: Array, count: int, k: Record) -> int:
+def thin_out(space: SpaceRecord, path: Array, count: int, k: ScratchRecord) -> int:
     """Drop corners that sit close to the one before, where the path stays free."""
     i = 1
     while i < count - 1:
@@ -219,8 +227,8 @@ def thin_out(space: Record, path: Array, count: int, k: Record) -> int:
 
 @njit(cache=True, error_model="numpy")
 def improve(
-    space: Record, path: Array, count: int, state: State, scale: Array, tries: int, k: Record,
-    work: Array,
+    space: SpaceRecord, path: Array, count: int, state: State, scale: Array, tries: int,
+    k: ScratchRecord, work: Array,
 ) -> int:  # fmt: skip
     """Try `tries` moves; return the new number of rows."""
     for _ in range(tries):

@@ -10,7 +10,7 @@ from numba import njit
 from skywright.core.arrays import Array
 from skywright.core.rotations import cross, mat_mat, mat_vec
 from skywright.models.kinematic_tree import HINGE
-from skywright.planning.motion.space import JOINT0, YAW, Record
+from skywright.planning.motion.space import JOINT0, YAW, ScratchRecord, SpaceRecord
 
 
 @njit(cache=True, error_model="numpy")
@@ -34,7 +34,7 @@ def _copy(a: Array, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def compute_pose(space: Record, c: Array, d: Array, pose: Record) -> None:
+def compute_pose(space: SpaceRecord, c: Array, d: Array, pose: ScratchRecord) -> None:
     """Fill `pose` at coordinates c (n,), with the velocities for c' = d (n,)."""
     t = space
     u, du = pose.u, pose.du
@@ -90,7 +90,7 @@ def compute_pose(space: Record, c: Array, d: Array, pose: Record) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _hang(
-    space: Record, pose: Record, a: Array, r: Array, x: Array, old: Array, turn: Array
+    space: SpaceRecord, pose: ScratchRecord, a: Array, r: Array, x: Array, old: Array, turn: Array
 ) -> None:
     """Turn what hangs on the passive joint into its equilibrium (it was placed at angle 0).
 
@@ -171,7 +171,7 @@ def _hang(
 
 
 @njit(cache=True, error_model="numpy")
-def _hangs(t: Record, body: int, joint: int) -> bool:
+def _hangs(t: SpaceRecord, body: int, joint: int) -> bool:
     while body > joint:
         body = t.parent[body]
     return body == joint

@@ -19,7 +19,7 @@ from skywright.planning.motion.distance import segment_segment
 from skywright.planning.motion.edges import place_shapes, state_clearance
 from skywright.planning.motion.pairs import PAIR_SELF
 from skywright.planning.motion.rng import State, build_state
-from skywright.planning.motion.space import Record, Space, build_scratch
+from skywright.planning.motion.space import ScratchRecord, Space, SpaceRecord, build_scratch
 
 
 class PassageWidth(NamedTuple):
@@ -83,7 +83,7 @@ def _least_height(space: Space, scratch: Space, state: State, draws: int) -> flo
 
 
 @njit(cache=True, error_model="numpy")
-def _keeps_apart(s: Record, c: Array, k: Record) -> bool:
+def _keeps_apart(s: SpaceRecord, c: Array, k: ScratchRecord) -> bool:
     from_self = state_clearance(s, c, k, PAIR_SELF)
     return from_self[0] >= 0.0
 

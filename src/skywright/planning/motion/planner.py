@@ -17,7 +17,7 @@ from skywright.planning.motion.cost import displacement_cost, path_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free, state_clearance
 from skywright.planning.motion.improve import MAX_ROWS, drop_corners, improve, remove_doubles
 from skywright.planning.motion.rng import State, build_state, uniform
-from skywright.planning.motion.space import Record, Scratch, Space, build_scratch
+from skywright.planning.motion.space import Scratch, Space, SpaceRecord, build_scratch
 from skywright.planning.motion.through import Places, compute_places, pass_through
 
 POOL = 6
@@ -98,7 +98,7 @@ def _slice(
 
 @njit(cache=True, error_model="numpy")
 def _move(
-    space: Record, pool: Array, sizes: Ints, costs: Array, scales: Array, a: int, b: int
+    space: SpaceRecord, pool: Array, sizes: Ints, costs: Array, scales: Array, a: int, b: int
 ) -> None:
     for i in range(sizes[a]):
         for c in range(space.n):
@@ -108,7 +108,7 @@ def _move(
 
 @njit(cache=True, error_model="numpy")
 def _swap(
-    space: Record, pool: Array, sizes: Ints, costs: Array, scales: Array, a: int, b: int
+    space: SpaceRecord, pool: Array, sizes: Ints, costs: Array, scales: Array, a: int, b: int
 ) -> None:
     for i in range(max(sizes[a], sizes[b])):
         for c in range(space.n):

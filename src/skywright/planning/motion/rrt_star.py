@@ -19,7 +19,13 @@ from skywright.planning.motion.connect import draw_coordinates
 from skywright.planning.motion.cost import displacement_cost, rho_arms, rho_uav, time_cost
 from skywright.planning.motion.edges import is_edge_free
 from skywright.planning.motion.rng import State, build_state, uniform
-from skywright.planning.motion.space import Record, Scratch, Space, build_scratch
+from skywright.planning.motion.space import (
+    Scratch,
+    ScratchRecord,
+    Space,
+    SpaceRecord,
+    build_scratch,
+)
 
 
 class RrtStar(NamedTuple):
@@ -46,7 +52,7 @@ class RrtStarResult(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _cost(space: Record, par: RrtStar, a: Array, b: Array) -> float:
+def _cost(space: SpaceRecord, par: RrtStar, a: Array, b: Array) -> float:
     if par.minimise_time:
         return time_cost(space, a, b, par.u_ref, par.w_ref)
     return displacement_cost(space, a, b)
@@ -54,7 +60,7 @@ def _cost(space: Record, par: RrtStar, a: Array, b: Array) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _collision(
-    space: Record, par: RrtStar, world: AngularMap, a: Array, b: Array, k: Record
+    space: SpaceRecord, par: RrtStar, world: AngularMap, a: Array, b: Array, k: ScratchRecord
 ) -> bool:
     if par.certified:
         return not is_edge_free(space, a, b, k)

@@ -11,12 +11,13 @@ checks rigorous.
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array, Mask
+from skywright.core.arrays import Mask
+from skywright.core.record import Array, Integers, Mat3, Record, Vec3
 from skywright.errors import InputError
 from skywright.models.kinematic_tree import (
     CAPSULE,
@@ -42,105 +43,104 @@ MAX_U = 16
 
 f8, i8 = np.float64, np.int64
 
-SPACE = np.dtype(
-    [
-        ("n", i8),  # coordinates
-        ("n_move", i8),  # of them, translations
-        ("nb", i8),  # bodies
-        ("ns", i8),  # shapes of the robot and what it carries
-        ("nw", i8),  # obstacles
-        ("n_pairs", i8),
-        ("nu", i8),  # 4 + joints
-        ("passive", i8),  # body of the passive joint, -1: none
-        # coordinates
-        ("offset", f8, MAX_U),
-        ("map", f8, (MAX_U, MAX_COORDINATES)),
-        ("low", f8, MAX_COORDINATES),
-        ("high", f8, MAX_COORDINATES),
-        ("weight", f8, MAX_COORDINATES),  # in cost (6): p1, or p2 times the driven joints
-        # the tree, see models.kinematic_tree.Tree
-        ("parent", i8, MAX_BODIES),
-        ("kind", i8, MAX_BODIES),
-        ("joint", i8, MAX_BODIES),
-        ("pos", f8, (MAX_BODIES, 3)),
-        ("rot", f8, (MAX_BODIES, 3, 3)),
-        ("axis", f8, (MAX_BODIES, 3)),
-        ("mass", f8, MAX_BODIES),
-        ("com", f8, (MAX_BODIES, 3)),
-        # the robot's shapes, see models.kinematic_tree.Shapes
-        ("s_body", i8, MAX_SHAPES),
-        ("s_kind", i8, MAX_SHAPES),
-        ("s_p0", f8, (MAX_SHAPES, 3)),
-        ("s_p1", f8, (MAX_SHAPES, 3)),
-        ("s_rot", f8, (MAX_SHAPES, 3, 3)),
-        ("s_half", f8, (MAX_SHAPES, 3)),
-        ("s_radius", f8, MAX_SHAPES),
-        # obstacles
-        ("w_kind", i8, MAX_OBSTACLES),
-        ("w_p0", f8, (MAX_OBSTACLES, 3)),
-        ("w_p1", f8, (MAX_OBSTACLES, 3)),
-        ("w_rot", f8, (MAX_OBSTACLES, 3, 3)),
-        ("w_half", f8, (MAX_OBSTACLES, 3)),
-        ("w_radius", f8, MAX_OBSTACLES),
-        # bounds
-        ("reach", f8, MAX_SHAPES),  # m, chain from the platform's origin to a shape's far end
-        ("chain", i8, (MAX_SHAPES, MAX_BODIES)),  # 1: the body is between platform and shape
-        ("moment", f8, MAX_BODIES),  # kg m, mass beyond a joint times its largest distance
-        ("moment_min", f8),  # kg m, smallest first moment about the passive joint
-        ("bound", f8, MAX_SHAPES),  # m, radius around the shape's middle that holds it
-        # pairs of shapes that must keep apart
-        ("pairs", i8, (MAX_PAIRS, 3)),  # robot's shape, other, kind of pair
-        ("margin", f8, MAX_PAIRS),  # m
-        ("area", f8, (3, 2)),  # m, limits of every shape's surface, before the margin
-    ]
-)
-"""A configuration space as compiled code sees it; arrays of one record are passed around."""
+
+class SpaceRecord(Record):
+    """A configuration space as compiled code sees it; arrays of one record are passed around."""
+
+    n: int  # coordinates
+    n_move: int  # of them, translations
+    nb: int  # bodies
+    ns: int  # shapes of the robot and what it carries
+    nw: int  # obstacles
+    n_pairs: int
+    nu: int  # 4 + joints
+    passive: int  # body of the passive joint, -1: none
+    # coordinates
+    offset: Annotated[Array, MAX_U]
+    map: Annotated[Array, MAX_U, MAX_COORDINATES]
+    low: Annotated[Array, MAX_COORDINATES]
+    high: Annotated[Array, MAX_COORDINATES]
+    weight: Annotated[Array, MAX_COORDINATES]  # in cost (6): p1, or p2 times the driven joints
+    # the tree, see models.kinematic_tree.Tree
+    parent: Annotated[Integers, MAX_BODIES]
+    kind: Annotated[Integers, MAX_BODIES]
+    joint: Annotated[Integers, MAX_BODIES]
+    pos: Annotated[Array, MAX_BODIES, 3]
+    rot: Annotated[Array, MAX_BODIES, 3, 3]
+    axis: Annotated[Array, MAX_BODIES, 3]
+    mass: Annotated[Array, MAX_BODIES]
+    com: Annotated[Array, MAX_BODIES, 3]
+    # the robot's shapes, see models.kinematic_tree.Shapes
+    s_body: Annotated[Integers, MAX_SHAPES]
+    s_kind: Annotated[Integers, MAX_SHAPES]
+    s_p0: Annotated[Array, MAX_SHAPES, 3]
+    s_p1: Annotated[Array, MAX_SHAPES, 3]
+    s_rot: Annotated[Array, MAX_SHAPES, 3, 3]
+    s_half: Annotated[Array, MAX_SHAPES, 3]
+    s_radius: Annotated[Array, MAX_SHAPES]
+    # obstacles
+    w_kind: Annotated[Integers, MAX_OBSTACLES]
+    w_p0: Annotated[Array, MAX_OBSTACLES, 3]
+    w_p1: Annotated[Array, MAX_OBSTACLES, 3]
+    w_rot: Annotated[Array, MAX_OBSTACLES, 3, 3]
+    w_half: Annotated[Array, MAX_OBSTACLES, 3]
+    w_radius: Annotated[Array, MAX_OBSTACLES]
+    # bounds
+    reach: Annotated[Array, MAX_SHAPES]  # m, chain from the platform's origin to a shape's far end
+    chain: Annotated[Integers, MAX_SHAPES, MAX_BODIES]  # 1: the body is between platform and shape
+    moment: Annotated[Array, MAX_BODIES]  # kg m, mass beyond a joint times its largest distance
+    moment_min: float  # kg m, smallest first moment about the passive joint
+    bound: Annotated[Array, MAX_SHAPES]  # m, radius around the shape's middle that holds it
+    # pairs of shapes that must keep apart
+    pairs: Annotated[Integers, MAX_PAIRS, 3]  # robot's shape, other, kind of pair
+    margin: Annotated[Array, MAX_PAIRS]  # m
+    area: Annotated[Array, 3, 2]  # m, limits of every shape's surface, before the margin
+
 
 Space = NDArray[Any]
-Record = Any  # one SPACE or SCRATCH record inside compiled code
 
-SCRATCH = np.dtype(
-    [
-        # where the bodies are, and how fast they move along an edge (a unit of s)
-        ("u", f8, MAX_U),
-        ("du", f8, MAX_U),
-        ("p", f8, (MAX_BODIES, 3)),  # m, in W
-        ("R", f8, (MAX_BODIES, 3, 3)),
-        ("v", f8, (MAX_BODIES, 3)),  # m, of the body's origin
-        ("w", f8, (MAX_BODIES, 3)),  # rad, in W
-        # shapes in W: ends, middle, and their velocities
-        ("p0", f8, (MAX_SHAPES, 3)),
-        ("p1", f8, (MAX_SHAPES, 3)),
-        ("mid", f8, (MAX_SHAPES, 3)),
-        ("v0", f8, (MAX_SHAPES, 3)),
-        ("v1", f8, (MAX_SHAPES, 3)),
-        ("vm", f8, (MAX_SHAPES, 3)),
-        ("box", f8, (MAX_SHAPES, 3, 3)),  # axes of boxes
-        ("omega", f8, MAX_SHAPES),  # rad, bound on the turning of a shape
-        ("acc", f8, MAX_SHAPES),  # m, bound on the second derivative of its points
-        # of the edge check
-        ("active", i8, MAX_PAIRS),
-        ("stack", f8, (64, 3)),
-        ("c", f8, MAX_COORDINATES),
-        ("d", f8, MAX_COORDINATES),
-        ("normal", f8, 3),
-        ("blocked", i8),  # pair that blocked the last check
-        ("local", f8, (3, 3)),
-        ("turn", f8, (3, 3)),
-        ("a3", f8, 3),
-        ("r3", f8, 3),
-        ("x3", f8, 3),
-        ("y3", f8, 3),
-    ]
-)
-"""Memory of the checks; one a thread."""
+
+class ScratchRecord(Record):
+    """Memory of the checks; one a thread."""
+
+    # where the bodies are, and how fast they move along an edge (a unit of s)
+    u: Annotated[Array, MAX_U]
+    du: Annotated[Array, MAX_U]
+    p: Annotated[Array, MAX_BODIES, 3]  # m, in W
+    R: Annotated[Array, MAX_BODIES, 3, 3]
+    v: Annotated[Array, MAX_BODIES, 3]  # m, of the body's origin
+    w: Annotated[Array, MAX_BODIES, 3]  # rad, in W
+    # shapes in W: ends, middle, and their velocities
+    p0: Annotated[Array, MAX_SHAPES, 3]
+    p1: Annotated[Array, MAX_SHAPES, 3]
+    mid: Annotated[Array, MAX_SHAPES, 3]
+    v0: Annotated[Array, MAX_SHAPES, 3]
+    v1: Annotated[Array, MAX_SHAPES, 3]
+    vm: Annotated[Array, MAX_SHAPES, 3]
+    box: Annotated[Array, MAX_SHAPES, 3, 3]  # axes of boxes
+    omega: Annotated[Array, MAX_SHAPES]  # rad, bound on the turning of a shape
+    acc: Annotated[Array, MAX_SHAPES]  # m, bound on the second derivative of its points
+    # of the edge check
+    active: Annotated[Integers, MAX_PAIRS]
+    stack: Annotated[Array, 64, 3]
+    c: Annotated[Array, MAX_COORDINATES]
+    d: Annotated[Array, MAX_COORDINATES]
+    normal: Vec3
+    blocked: int  # pair that blocked the last check
+    local: Mat3
+    turn: Mat3
+    a3: Vec3
+    r3: Vec3
+    x3: Vec3
+    y3: Vec3
+
 
 Scratch = NDArray[Any]
 
 
 def build_scratch(space: Space) -> Scratch:
     """Allocate the memory of the checks of one space."""
-    scratch = np.zeros(1, SCRATCH)
+    scratch = np.zeros(1, ScratchRecord.dtype)
     scratch[0]["active"] = np.arange(MAX_PAIRS)
     return scratch
 
@@ -227,7 +227,7 @@ def build_space(
     if not cmap[[Y, YAW]].any() and offset[YAW] == 0.0:
         pairs = drop_beside(tree, shapes, scene.world, box, pairs, offset[Y], margin)
     keep = np.array([margin_self if kind == PAIR_SELF else margin for _, _, kind in pairs])
-    space = np.zeros(1, SPACE)
+    space = np.zeros(1, SpaceRecord.dtype)
     r = space[0]
     sizes = {
         "n": n, "n_move": n_move, "nb": len(tree.parent), "ns": len(shapes.body),

@@ -15,7 +15,7 @@ planners that turn first and move after (rotate-at-s: Amato et al., WAFR 1998). 
 a place that no single posture passes is left to the trees (`connect`).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,7 +24,7 @@ from skywright.core.arrays import Array, Ints
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.edges import is_edge_free, is_placed_free, place_shapes
 from skywright.planning.motion.rng import State, pick, uniform
-from skywright.planning.motion.space import Record, Space, X, Z
+from skywright.planning.motion.space import ScratchRecord, Space, SpaceRecord, X, Z
 
 DRAWS = 60
 """States that are tried at one spot of a place."""
@@ -72,7 +72,7 @@ def compute_places(space: Space, start: Array, goal: Array) -> Places:
     )
 
 
-def _list_spans(r: Record, axis: int, start: float, goal: float) -> Array:
+def _list_spans(r: Any, axis: int, start: float, goal: float) -> Array:
     """Return (k, 2) m, from where to where along one axis the places between both ends reach."""
     count = int(r["nw"])
     reach = r["w_radius"][:count] + np.einsum(
@@ -95,7 +95,13 @@ def _list_spans(r: Record, axis: int, start: float, goal: float) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _draw_inside(
-    space: Record, state: State, along: int, low: float, high: float, out: Array, k: Record
+    space: SpaceRecord,
+    state: State,
+    along: int,
+    low: float,
+    high: float,
+    out: Array,
+    k: ScratchRecord,
 ) -> bool:
     """Draw a free state with coordinate `along` in [low, high]; its shapes stay placed."""
     out[along] = low + uniform(state) * (high - low)
@@ -120,7 +126,7 @@ def _draw_inside(
 
 
 @njit(cache=True, error_model="numpy")
-def _translate(space: Record, i: int, by: float, k: Record) -> None:
+def _translate(space: SpaceRecord, i: int, by: float, k: ScratchRecord) -> None:
     """Move all shapes along with coordinate i, a translation of the platform."""
     for axis in range(X, Z + 1):
         step = space.map[axis, i] * by
@@ -132,7 +138,7 @@ def _translate(space: Record, i: int, by: float, k: Record) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _extent(space: Record, axis: int, x: float, k: Record) -> tuple[float, float]:
+def _extent(space: SpaceRecord, axis: int, x: float, k: ScratchRecord) -> tuple[float, float]:
     """How far (m) the placed robot reaches behind and ahead of x along an axis."""
     behind = ahead = 0.0
     for s in range(space.ns):
@@ -146,7 +152,7 @@ def _extent(space: Record, axis: int, x: float, k: Record) -> tuple[float, float
 
 
 @njit(cache=True, error_model="numpy")
-def _link(space: Record, a: Array, b: Array, via: Array, k: Record, hits: Ints) -> int:
+def _link(space: SpaceRecord, a: Array, b: Array, via: Array, k: ScratchRecord, hits: Ints) -> int:
     """Join a and b: 1 straight, 2 over `via`, angles first or platform first, 0 not."""
     if is_edge_free(space, a, b, k):
         return 1
@@ -161,8 +167,8 @@ def _link(space: Record, a: Array, b: Array, via: Array, k: Record, hits: Ints) 
 
 @njit(cache=True, error_model="numpy")
 def pass_through(
-    space: Record, start: Array, goal: Array, places: Array, along: int, axis: int, state: State,
-    tries: int, path: Array, k: Record, hits: Ints,
+    space: SpaceRecord, start: Array, goal: Array, places: Array, along: int, axis: int,
+    state: State, tries: int, path: Array, k: ScratchRecord, hits: Ints,
 ) -> int:  # fmt: skip
     """Look for a path through all places with `tries` draws; return its rows in `path`, 0: none.
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from skywright.description.robot.limbs import list_joints
+from skywright.models.body_records import BodyModel, Kinematics
 from skywright.models.floating import fill_floating
-from skywright.models.rigid_body import BodyModel, Kinematics
 from skywright.vehicle.arms.ports import Floating, Wrench
 from skywright.vehicle.bus import Body
 from skywright.vehicle.component import Component, Out

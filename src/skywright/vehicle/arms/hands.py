@@ -10,14 +10,9 @@ from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import SIDES
+from skywright.models.body_records import BodyModel, Kinematics
 from skywright.models.compliant_arms import count_command_ticks
-from skywright.models.rigid_body import (
-    BodyModel,
-    Kinematics,
-    fill_gravity_torque,
-    fill_kinematics,
-    fill_point_jacobian,
-)
+from skywright.models.rigid_body import fill_gravity_torque, fill_kinematics, fill_point_jacobian
 from skywright.models.rigid_body import fill_hands as fill_hand_frames
 from skywright.models.springs import joint_deflection
 from skywright.vehicle.arms.joints import ArmComponent

@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar
 
 from skywright.core.record import Array, Integers, Mat3, Vec3
 from skywright.core.types import HOLD, MAX_HANDS, MAX_JOINTS
+from skywright.models.floating import FloatingInertia
 from skywright.vehicle.component import Output, ReferenceBlock
 
 PerJoint = Annotated[Array, MAX_JOINTS]
@@ -110,16 +111,8 @@ class HandsReference(ReferenceBlock):
     tare: float  # 1: the estimated contact forces of now are called zero
 
 
-class Floating(Output):
-    """How the platform answers while a joint swings freely (models/floating.py), in B."""
-
-    swing: int  # index in q of the joint without a servo, -1: none
-    axis: Vec3  # of that joint
-    I_eff: Mat3  # kg m^2, torque over angular acceleration
-    A: Annotated[Array, 3, 4]  # N m per N of force at B and per N m about the joint
-    L_s: Vec3  # kg m, momentum of a unit rate of the joint
-    M_ws: Vec3  # kg m^2, its angular momentum about the origin of B
-    M_ss: float  # kg m^2, inertia about the joint of all that it carries
+class Floating(FloatingInertia, Output):
+    """How the platform answers while a joint swings freely, filled each control tick."""
 
 
 class Wrench(Output):

@@ -29,8 +29,8 @@ from skywright.core.scratch import local
 from skywright.core.types import MAX_ROTORS
 from skywright.description.robot.bar import Bar
 from skywright.description.robot.limbs import list_limbs
+from skywright.models.body_records import MAX_LINKS
 from skywright.models.part_masses import link_direction
-from skywright.models.rigid_body import MAX_LINKS
 from skywright.vehicle.bus import Clock, MuJoCo, Truth
 from skywright.vehicle.component import Component, Effect, InOut, helper, table
 from skywright.vehicle.plant import AirForce, RotorState, Wind

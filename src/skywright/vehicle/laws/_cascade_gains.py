@@ -18,13 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.types import BODY, MAX_JOINTS
+from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Control, Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
+from skywright.models.body_records import Body, Kinematics
 from skywright.models.floating import compute_free_inertia, fill_floating
-from skywright.models.rigid_body import KINEMATICS, fill_body, fill_kinematics, posture
+from skywright.models.rigid_body import fill_body, fill_kinematics, posture
 from skywright.models.rotors import build_rotors
 from skywright.vehicle.arms.ports import Floating
 
@@ -187,12 +188,12 @@ def compute_cascade_gains(
     Raises InputError where a loop has no phase margin, or no poles of the swing exist.
     """
     q = posture(robot, "working")
-    floating, body = np.zeros(1, Floating.dtype)[0], np.zeros(1, BODY)[0]
+    floating, body = np.zeros(1, Floating.dtype)[0], np.zeros(1, Body.dtype)[0]
     floating["swing"] = -1
     for j, limb in enumerate(list_joints(robot)):
         if limb.servo < 0:
             floating["swing"] = j
-    full, k = np.zeros(MAX_JOINTS), np.zeros(1, KINEMATICS)[0]
+    full, k = np.zeros(MAX_JOINTS), np.zeros(1, Kinematics.dtype)[0]
     full[: len(q)] = q
     fill_kinematics(model, full, k)
     fill_body(model, k, body)
