@@ -135,7 +135,7 @@ def draw_bar(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
 def draw_drift(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """The base's drift, true and as the arms felt it."""
     begun = _start(
-        result, "drift", "drift", ("Drift forward", "Drift upward"), ("way (mm)", "way (mm)")
+        result, "drift", "drift", ("Drift forward", "way (mm)"), ("Drift upward", "way (mm)")
     )
     found = compute_drift(result.samples, result.phases, result.description)
     if begun is None or found is None:
