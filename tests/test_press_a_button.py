@@ -35,9 +35,9 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
         "[skywright.missions]\npress-a-button = press_a_button:PressAButton\n"
     )
     monkeypatch.syspath_prepend(str(site))
-    find.list_entry_points.cache_clear()
+    find.list_offers.cache_clear()
     yield
-    find.list_entry_points.cache_clear()
+    find.list_offers.cache_clear()
     sys.modules.pop("press_a_button", None)
 
 

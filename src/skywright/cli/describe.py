@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from skywright.cli.options import as_json_option, check_writable, print_json
+from skywright.core.catalog import Entry
+from skywright.core.find import GROUPS, list_offers
 from skywright.errors import InputError
 
 if TYPE_CHECKING:
@@ -120,13 +122,23 @@ def compare(
         print_comparison(found, page)
 
 
+PARTS = {f"{group.replace('_', '-')}s": group for group in GROUPS}
+"""Words of `skywright list`, and the group of which they list the kinds."""
+
+
 @click.command(name="list")
 @click.argument(
-    "kind", type=click.Choice(["robots", "worlds", "missions", "claims"]), required=False
+    "kind",
+    type=click.Choice(["robots", "worlds", "missions", "claims", *PARTS]),
+    metavar="[robots|worlds|missions|claims|laws|sensors|...]",
+    required=False,
 )
 @as_json_option
 def list_(kind: str | None, as_json: bool) -> None:
-    """List robots, worlds, missions or claims."""
+    """List robots, worlds, missions or claims; or parts that are built in or installed.
+
+    Parts are laws, arms-laws, sensors, estimators, effects, things and kinds (of missions).
+    """
     from skywright.description.loader import list_missions
     from skywright.description.robot.loader import list_robots
     from skywright.description.world.loader import list_worlds
@@ -137,6 +149,9 @@ def list_(kind: str | None, as_json: bool) -> None:
         from skywright.evidence.reproduce.load import list_claims
 
         found["claims"] = list_claims()
+    if kind is not None and kind in PARTS:
+        offers = sorted(list_offers(PARTS[kind]).items())
+        found[kind] = [Entry(name, ", ".join(o.place for o in several)) for name, several in offers]
     if as_json:
         print_json({name: [e._asdict() for e in entries] for name, entries in found.items()})
         return

@@ -12,6 +12,7 @@ import numpy as np
 from numba import carray, njit, types
 from numba.core.errors import NumbaExperimentalFeatureWarning
 
+import skywright.core.user_code  # noqa: F401  (where users' code is kept)
 from skywright.core.pointers import as_pointer
 
 P = ParamSpec("P")

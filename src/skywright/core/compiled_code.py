@@ -32,7 +32,7 @@ def drop_stale_code(root: Path) -> list[str]:
     elsewhere = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(elsewhere) if elsewhere else root / "__pycache__"
     stamps = folder / f"skywright-{hashlib.sha256(os.fsencode(root)).hexdigest()[:8]}.json"
-    now = _read_stamps(root)
+    now = read_stamps(root)
     try:
         before: Stamps = json.loads(stamps.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -68,7 +68,8 @@ def find_dependents(changed: Iterable[str], imports: Mapping[str, Iterable[str]]
     return found
 
 
-def _read_stamps(root: Path) -> Stamps:
+def read_stamps(root: Path) -> Stamps:
+    """Return time and size of the modules below `root` by their names."""
     stamps = {}
     for folder, folders, files in os.walk(root):
         folders[:] = [f for f in folders if f not in ("__pycache__", "data", "templates")]

@@ -7,11 +7,9 @@ what it finds.
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import importlib.util
 import pkgutil
-import sys
 import traceback
 from collections.abc import Iterable
 from functools import lru_cache
@@ -19,6 +17,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from skywright.core.user_files import load_file
 from skywright.errors import InputError, neighbours
 
 
@@ -49,6 +48,13 @@ class Kind(NamedTuple):
     file: Path | None
 
 
+class Offer(NamedTuple):
+    """A kind that is built in, or offered by an installed package."""
+
+    place: str  # in messages
+    point: EntryPoint | None  # None: built in
+
+
 def find(group: str, kind: object, folders: Iterable[Path] = (), key: str = "kind") -> Kind:
     """Return the class that `kind` names in a group.
 
@@ -62,29 +68,45 @@ def find(group: str, kind: object, folders: Iterable[Path] = (), key: str = "kin
         )
     if ".py" in kind:
         return _find_in_file(group, kind, folders, key)
-    installed = [e for e in list_entry_points(group) if e.name == kind]
-    built_in = _module_name(kind) in list_modules(group)
-    origins = (["skywright"] if built_in else []) + [e.value for e in installed]
-    if len(origins) > 1:
-        raise InputError(f"{key}: {_what(group)} {kind!r} exists twice: {', '.join(origins)}")
-    if built_in:
-        return Kind(kind, load_built_in(group, kind), None)
-    if installed:
+    offers = list_offers(group).get(kind, [])
+    if len(offers) > 1:
+        places = ", ".join(offer.place for offer in offers)
+        raise InputError(f"{key}: {_what(group)} {kind!r} exists twice: {places}")
+    for offer in offers:
+        if offer.point is None:
+            return Kind(kind, load_built_in(group, kind), None)
         try:
-            cls = installed[0].load()
-        except Exception as error:
-            raise InputError(
-                f"{key}: importing {installed[0].value} failed: {explain(error)}"
-            ) from error
-        _check_group(cls, group, installed[0].value, key)
+            cls = offer.point.load()
+        except (Exception, SystemExit) as error:
+            raise InputError(f"{key}: importing {offer.place} failed: {explain(error)}") from error
+        _check_group(cls, group, offer.place, key)
         return Kind(kind, cls, None)
     raise InputError(f"{key}: {_what(group)} {kind!r} is unknown; valid: {_valid(kind, group)}")
 
 
 def list_kinds(group: str) -> list[str]:
     """List the kinds of a group by name, built in and installed, without importing any."""
-    names = [name.replace("_", "-") if group == "kind" else name for name in list_modules(group)]
-    return sorted({*names, *(e.name for e in list_entry_points(group))})
+    return sorted(list_offers(group))
+
+
+@lru_cache
+def list_offers(group: str) -> dict[str, list[Offer]]:
+    """Return what there is of a group by name, without importing any.
+
+    Components of all groups share one list of entry points: their names are `GROUP.NAME`, such as
+    `law.lqr`. A name with more than one offer is refused where it is used.
+    """
+    found: dict[str, list[Offer]] = {}
+    for module in list_modules(group):
+        name = module.replace("_", "-") if group == "kind" else module
+        found.setdefault(name, []).append(Offer("built in", None))
+    shared = GROUPS[group].entry_points == "skywright.components"
+    for point in entry_points(group=GROUPS[group].entry_points):
+        head, _, name = point.name.partition(".") if shared else (group, "", point.name)
+        if head == group:
+            package = point.dist.name if point.dist else "a package"
+            found.setdefault(name, []).append(Offer(f"{package} ({point.value})", point))
+    return found
 
 
 @lru_cache
@@ -99,22 +121,6 @@ def list_modules(group: str) -> tuple[str, ...]:
 
 SHARED = {"skills"}
 """Modules in a group's package that hold no kind; others begin with an underscore."""
-
-
-@lru_cache
-def list_entry_points(group: str) -> tuple[EntryPoint, ...]:
-    """Return what installed packages offer for a group.
-
-    Components of all groups share one list: their names are `GROUP.NAME`, such as `law.lqr`.
-    """
-    found = entry_points(group=GROUPS[group].entry_points)
-    if GROUPS[group].entry_points != "skywright.components":
-        return tuple(found)
-    return tuple(
-        EntryPoint(e.name.partition(".")[2], e.value, e.group)
-        for e in found
-        if e.name.partition(".")[0] == group
-    )
 
 
 @lru_cache
@@ -136,26 +142,6 @@ def list_classes(module: Any, group: str) -> list[Any]:
         and (cls.__module__ == module.__name__ or cls.__module__.startswith(module.__name__ + "."))
         and not cls.__name__.startswith("_")
     ]
-
-
-def load_file(path: Path) -> Any:
-    """Import a user's file under a name that follows from its content.
-
-    numba keeps compiled code under that name: it is found again in every process, and by a copy.
-    """
-    name = f"skywright_user_{path.stem}_{hashlib.sha256(path.read_bytes()).hexdigest()[:8]}"
-    if name in sys.modules:
-        return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
 
 
 def _find_in_file(group: str, kind: str, folders: Iterable[Path], key: str) -> Kind:
@@ -196,8 +182,10 @@ def _check_group(cls: Any, group: str, where: str, key: str) -> None:
 def explain(error: BaseException) -> str:
     """Describe an error of a user's code with the line of its file where it was raised."""
     if isinstance(error, SyntaxError) and error.filename:
-        return f"{type(error).__name__}: {error.msg} (line {error.lineno})"
-    frames = traceback.extract_tb(error.__traceback__)
+        at = f"line {error.lineno} of {Path(error.filename).name}"
+        return f"{type(error).__name__}: {error.msg} ({at})"
+    found = traceback.extract_tb(error.__traceback__)
+    frames = [f for f in found if not f.filename.startswith("<frozen")]
     at = f" (line {frames[-1].lineno} of {Path(frames[-1].filename).name})" if frames else ""
     return f"{type(error).__name__}: {error}{at}"
 

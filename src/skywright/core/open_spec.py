@@ -9,6 +9,7 @@ from pydantic import ModelWrapValidatorHandler, model_validator
 
 from skywright.core.find import find
 from skywright.core.spec import Spec
+from skywright.core.user_files import is_user_module
 from skywright.errors import InputError
 
 
@@ -27,6 +28,12 @@ class OpenSpec(Spec):
             return cls
         return found if issubclass(found, cls) else cls
 
+    def __reduce__(self) -> Any:
+        """Pickle that of a user's file by its kind: another process loads the file first."""
+        if not is_user_module(type(self).__module__):
+            return super().__reduce__()
+        return _revive, (self.group, self.kind, self.model_dump(exclude_unset=True))
+
     @model_validator(mode="wrap")
     @classmethod
     def _is_of_its_kind(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
@@ -41,6 +48,11 @@ class OpenSpec(Spec):
         if not issubclass(found.cls, cls):
             raise ValueError(f"kind: {found.name!r} is no {cls.__name__}")
         return found.cls.model_validate({**data, "kind": found.name})
+
+
+def _revive(group: str, kind: str, values: dict[str, Any]) -> OpenSpec:
+    spec: OpenSpec = find(group, kind).cls.model_validate(values)
+    return spec
 
 
 def _names_itself(cls: type[OpenSpec]) -> bool:

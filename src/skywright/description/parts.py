@@ -184,7 +184,7 @@ def _revive_table(group: str, kind: str, values: dict[str, Any]) -> Part:
 
 def _make_picklable(spec: Any, revive: Any, *recipe: Any) -> Any:
     """Let another process make the class again, which no module holds by name."""
-    spec.__reduce__ = lambda self: (revive, (*recipe, self.model_dump()))
+    spec.__reduce__ = lambda self: (revive, (*recipe, dict(self)))
     return spec
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from skywright.core.recording import Event, read_recording
+from skywright.core.user_files import read_sources
 from skywright.errors import InputError
 from skywright.run.flight import PhaseRecord
 
@@ -88,6 +90,28 @@ def write_json(path: Path, value: dict[str, Any]) -> None:
     except OSError:
         with suppress(OSError):
             fresh.unlink()
+
+
+def write_sources(folder: Path, files: Sequence[Path]) -> dict[Path, str]:
+    """Copy users' files, and those beside them that they import, into a run's directory.
+
+    Returns what each of `files` is called there. What comes from one folder stays together.
+    """
+    kept: dict[Path, dict[Path, bytes]] = {}  # by folder
+    for file in files:
+        kept.setdefault(file.parent, {}).update(read_sources(file))
+    taken: set[str] = set()
+    names: dict[Path, str] = {}
+    for i, (parent, sources) in enumerate(kept.items(), 1):
+        found = {path.name for path in sources}
+        inside = f"sources_{i}" if found & taken else ""
+        taken |= found
+        for path, data in sources.items():
+            copy = folder / inside / path.name
+            copy.parent.mkdir(exist_ok=True)
+            copy.write_bytes(data)
+        names.update({f: str(Path(inside, f.name)) for f in files if f.parent == parent})
+    return names
 
 
 def write_unfinished(

@@ -3,15 +3,13 @@
 Each kind is one folder of `skywright.missions`, one class in a user's file, or one class of an
 installed package (entry points `skywright.missions`); `core/find.py` finds it by its name. The
 class is small: its methods import what they need when they are called, or the class is a
-`FolderKind`, whose folder has a module for each; so a kind costs nothing until it is used.
+`FolderKind` (folder_kind.py), whose folder has a module for each; so a kind costs nothing until it is used.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from importlib import import_module
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -125,41 +123,6 @@ class MissionKind(ABC, Generic[T, P]):
     @abstractmethod
     def figures(self) -> Figures:
         """Return what a report shows."""
-
-
-class FolderKind(MissionKind[T, Any]):
-    """A kind whose folder has `plan.py`, `fly.py`, `metrics.py` and `figures.py`.
-
-    They define `plan(setup)`, `fly(s, way)`, `compute_metrics(run)` with `MEASURES`, and `FIGURES`,
-    and are imported when they are needed. A folder without metrics is judged by the way flown.
-    """
-
-    @property
-    def measures(self) -> Measures:
-        return self._part("metrics").MEASURES if self._has_metrics else {}
-
-    def plan(self, setup: Setup[T]) -> MissionPlan[Any]:
-        return self._part("plan").plan(setup)
-
-    def fly(self, s: Supervisor[T], way: Any) -> Flight:
-        return self._part("fly").fly(s, way)
-
-    def metrics(self, run: Flown[T, Any]) -> dict[str, float]:
-        if self._has_metrics:
-            return self._part("metrics").compute_metrics(run)
-        from skywright.run.metrics import compute_tracking
-
-        return compute_tracking(run)
-
-    def figures(self) -> Figures:
-        return self._part("figures").FIGURES
-
-    @property
-    def _has_metrics(self) -> bool:
-        return find_spec(f"{self.__module__}.metrics") is not None
-
-    def _part(self, name: str) -> Any:
-        return import_module(f"{self.__module__}.{name}")
 
 
 def load_kind(name: str) -> MissionKind[Any, Any]:

@@ -10,6 +10,7 @@ from skywright.core.find import list_kinds
 from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import Description
 from skywright.errors import InputError
+from skywright.run.directory import write_sources
 from skywright.run.kind import load_kind
 from skywright.run.operator import FILE, Stick, write_recording
 from skywright.run.planning import MissionPlan
@@ -53,12 +54,7 @@ def keep_operator(
 
 
 def _dump(partial: Path, description: Description) -> None:
-    kept: dict[Path, str] = {}  # sources of users are kept, so that the run can be repeated
-    for path in list_sources(description):
-        copy = path.name if path.name not in kept.values() else f"{len(kept)}_{path.name}"
-        kept[path] = copy
-        if not (partial / copy).exists():
-            (partial / copy).write_bytes(path.read_bytes())
+    kept = write_sources(partial, list_sources(description))  # so that the run can be repeated
     fresh = partial / "mission.toml.new"
     fresh.write_text(dump_description(description, kept), encoding="utf-8")
     fresh.replace(partial / "mission.toml")

@@ -26,6 +26,7 @@ from skywright.analysis.campaign.spec import (
     write_command,
 )
 from skywright.analysis.campaign.store import Store, compare_identity
+from skywright.core.user_files import tried_first
 from skywright.errors import InputError
 from skywright.models.capability import check_can_fly
 from skywright.run.kind import load_kind
@@ -84,6 +85,7 @@ class CampaignResult(NamedTuple):
         }
 
 
+@tried_first()
 def run_campaign(
     campaign: Campaign,
     runs: int,

@@ -90,7 +90,7 @@ def fly_local(
                 assert isinstance(connection, Connection)
                 worker, task, attempt = busy.pop(connection)
                 try:
-                    row: Row = connection.recv()
+                    answer: Row | str = connection.recv()
                 except (EOFError, OSError):
                     why = _stop_worker(worker)
                     if attempt < ATTEMPTS:
@@ -100,6 +100,10 @@ def fly_local(
                     row = build_failed_row(task, "crashed", reason)
                 else:
                     idle.append(worker)
+                    if isinstance(answer, str):
+                        row = build_failed_row(task, "refused", answer)
+                    else:
+                        row = answer
                 wanted = workers
                 yield row._replace(attempts=attempt)
     finally:

@@ -15,6 +15,7 @@ from skywright.analysis.campaign.distributions import (
     parse_variations,
 )
 from skywright.core.toml_files import parse_value
+from skywright.core.user_files import PythonEndedError, read_sources, tried_first
 from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import Description, load_description, split_assignments
 from skywright.errors import InputError
@@ -47,6 +48,7 @@ class Draw(NamedTuple):
     varied: dict[str, Value]
 
 
+@tried_first()
 def build_campaign(
     mission: str | os.PathLike[str],
     vary: Sequence[str] = (),
@@ -112,6 +114,8 @@ def check_variations(campaign: Campaign, runs: int) -> None:
                     load_run(campaign, Draw(0, campaign.seed, varied))
                     break
                 except InputError as error:
+                    if isinstance(error.__cause__, PythonEndedError):
+                        break  # such runs are refused one by one, the others fly
                     refused = error
             else:
                 raise InputError(_tell_refusal(variation, value, str(refused)))
@@ -187,6 +191,8 @@ def _hash_laws(campaign: Campaign) -> str | None:
         for path in (Path(campaign.mission).parent / file, Path(file)):
             for one in sorted(path.glob("*.toml")) if path.is_dir() else [path]:
                 if one.is_file():
-                    digest.update(one.as_posix().encode() + b"\0" + one.read_bytes())
+                    read = read_sources(one) if one.suffix == ".py" else {one: one.read_bytes()}
+                    for source, data in sorted(read.items()):
+                        digest.update(source.as_posix().encode() + b"\0" + data)
                     found = True
     return digest.hexdigest()[:16] if found else None

@@ -1,7 +1,8 @@
 """A local worker process: `python -m skywright.analysis.campaign.worker FD`.
 
-Takes tasks from a connection and answers with rows until the other end is gone. A fresh
-interpreter, not a fork: threads of the parent (numba, BLAS, a notebook) do not survive a fork.
+Takes tasks from a connection and answers with rows, or with why a task cannot be read, until the
+other end is gone. A fresh interpreter, not a fork: threads of the parent (numba, BLAS, a notebook)
+do not survive a fork.
 """
 
 import signal
@@ -14,14 +15,18 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     connection = Connection(int(sys.argv[1]))
     from skywright.analysis.campaign.runner import fly_row
+    from skywright.core.find import explain
+    from skywright.run.rows import Row
 
     while True:
         try:
-            task = connection.recv()
+            answer: Row | str = fly_row(connection.recv())
         except (EOFError, OSError):
             return  # the parent is gone, or has no more work
+        except (Exception, SystemExit) as error:  # a file of the user's is gone, or wrong
+            answer = explain(error)
         try:
-            connection.send(fly_row(task))
+            connection.send(answer)
         except (BrokenPipeError, ConnectionResetError):
             return
 

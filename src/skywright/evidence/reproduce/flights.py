@@ -3,7 +3,6 @@
 All start from ordinary descriptions; what is kept of a flight is small enough to be cached.
 """
 
-import hashlib
 import json
 import math
 from typing import Any
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from skywright.analysis.identify.load import IDENTIFY_FIELDS
 from skywright.core.arrays import Array
 from skywright.core.columns import build_dtype, has_columns
+from skywright.core.user_files import hash_sources
 from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import Description, load_description
 from skywright.description.world.things import list_movers
@@ -67,8 +67,7 @@ def build_description(case: Case, seed: int) -> Description:
 def describe_content(case: Case, description: Description) -> str:
     """Everything that says what is flown."""
     doing = case.model_dump(exclude={"mission", "robot", "sets", "seeds", "needs"})
-    for path in list_sources(description):  # no part of the source that the cache hashes
-        doing[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    doing["sources"] = hash_sources(list_sources(description))  # the cache hashes none of a user's
     return json.dumps(doing, sort_keys=True) + dump_description(description)
 
 

@@ -2,7 +2,8 @@
 
 from skywright.missions.arm_test_bench.task import BenchTask
 from skywright.run.flight import Flown
-from skywright.run.kind import Figures, FolderKind
+from skywright.run.folder_kind import FolderKind
+from skywright.run.kind import Figures
 
 
 class ArmTestBenchKind(FolderKind[BenchTask]):

@@ -1,7 +1,7 @@
 """The mission kind "bar-insertion"."""
 
 from skywright.missions.bar_insertion.task import BarInsertion
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 
 class BarInsertionKind(FolderKind[BarInsertion]):

@@ -1,7 +1,7 @@
 """The mission kind "bar-transport"."""
 
 from skywright.missions.bar_transport.task import BarTransport
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 
 class BarTransportKind(FolderKind[BarTransport]):

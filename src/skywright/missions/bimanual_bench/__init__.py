@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from skywright.description.mission.spec import Requirement
 from skywright.missions.bimanual_bench.task import JUDGED_BY, BimanualBench
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 if TYPE_CHECKING:
     from skywright.run.setup import Setup

@@ -1,7 +1,7 @@
 """The mission kind "bridge-contact"."""
 
 from skywright.missions.bridge_contact.task import BridgeContact
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 
 class BridgeContactKind(FolderKind[BridgeContact]):

@@ -1,7 +1,7 @@
 """The mission kind "excitation"."""
 
 from skywright.missions.excitation.task import ExcitationTask
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 
 class ExcitationKind(FolderKind[ExcitationTask]):

@@ -1,7 +1,7 @@
 """The mission kind "flight-modes"."""
 
 from skywright.missions.flight_modes.task import ModesTask
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 
 class FlightModesKind(FolderKind[ModesTask]):

@@ -2,7 +2,8 @@
 
 from skywright.missions.follow_plan.task import FollowPlan
 from skywright.run.flight import Flown
-from skywright.run.kind import FolderKind, Measures
+from skywright.run.folder_kind import FolderKind
+from skywright.run.kind import Measures
 
 
 class FollowPlanKind(FolderKind[FollowPlan]):

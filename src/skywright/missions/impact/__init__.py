@@ -1,7 +1,7 @@
 """The mission kind "impact"."""
 
 from skywright.missions.impact.task import Impact
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 
 class ImpactKind(FolderKind[Impact]):

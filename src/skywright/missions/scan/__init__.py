@@ -4,7 +4,7 @@ from typing import Any
 
 from skywright.missions.scan.task import Scan
 from skywright.run.flight import Flown
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 
 class ScanKind(FolderKind[Scan]):

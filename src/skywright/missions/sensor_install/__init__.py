@@ -1,7 +1,7 @@
 """The mission kind "sensor-install"."""
 
 from skywright.missions.sensor_install.task import SensorInstall
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 
 class SensorInstallKind(FolderKind[SensorInstall]):

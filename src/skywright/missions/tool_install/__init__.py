@@ -1,7 +1,7 @@
 """The mission kind "tool-install"."""
 
 from skywright.missions.tool_install.task import ToolInstall
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 
 class ToolInstallKind(FolderKind[ToolInstall]):

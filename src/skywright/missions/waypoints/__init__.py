@@ -1,7 +1,7 @@
 """The mission kind "waypoints"."""
 
 from skywright.missions.waypoints.task import Waypoints
-from skywright.run.kind import FolderKind
+from skywright.run.folder_kind import FolderKind
 
 
 class WaypointsKind(FolderKind[Waypoints]):
