@@ -14,8 +14,8 @@ from skywright.run.run import build_vehicle
 from skywright.vehicle.arms.ports import HandState
 from skywright.vehicle.arms.truth import ServoState
 from skywright.vehicle.arms.view import ArmsMemory
+from skywright.vehicle.arms_interface import Arms
 from skywright.vehicle.bus import Estimate, ServoDrive, ShaftCommand
-from skywright.vehicle.interface import Arms
 from skywright.vehicle.readings import Shafts
 
 L_POSE = np.array([0.0, 0.0, 0.0, -math.pi / 2])

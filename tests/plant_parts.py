@@ -9,10 +9,8 @@ import numpy as np
 
 from skywright.core.record import Record, View
 from skywright.description.loader import load_description
-from skywright.models.allocation import build_allocator
 from skywright.models.arm_body import Deviation
-from skywright.models.rigid_body import build_body_model
-from skywright.models.rotors import build_rotors
+from skywright.models.nominal import Nominal
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.vehicle.assembly import Assembly
 from skywright.vehicle.bus import (
@@ -88,13 +86,12 @@ def build_context(
     d = load_description(mission, sets=list(sets))
     robot, world = d.robot, d.world
     dev = Deviation(**deviation)
-    scene = build_scene(robot, world, dev, [c.extend_scene for c in extend])
-    rotors = build_rotors(robot.rotors)
+    nominal = Nominal(robot, world)
+    scene = build_scene(robot, world, dev, [c.extend_scene for c in extend], nominal=nominal)
     sim = Simulation(scene, home_pose(robot, world, 0.0, 0.0, 0.0))
     return PlantContext(
-        robot, world, build_body_model(robot, world.gravity_mps2), rotors,
-        build_allocator(rotors), 1.0, 1.0 / robot.control.rate_hz, TIMESTEP, "none", frozenset(),
-        {}, deviation=dev, scene=scene, sim=sim, seed=seed,
+        nominal, world, 1.0, 1.0 / robot.control.rate_hz, TIMESTEP, "none", frozenset(), {},
+        deviation=dev, scene=scene, sim=sim, seed=seed,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from skywright.errors import InputError
 from skywright.run.planning import plan_mission
 from skywright.run.run import RunResult, build_vehicle, fly_and_evaluate
 from skywright.vehicle.arms.ports import Hands
-from skywright.vehicle.interface import Arms
+from skywright.vehicle.arms_interface import Arms
 
 
 def fly(*trials: str, sets: tuple[str, ...] = (), seed: int = 1) -> RunResult:

@@ -162,7 +162,7 @@ def hover(name: str, swing_deg: float = 0.0, sets: tuple[str, ...] = ()) -> Simu
     mujoco.mj_forward(model, data)
     data.act[:] = data.actuator_length[model.nu - model.na :]
     set_joints(v, q)
-    weight, rotors = float(get(Body)["mass"]) * 9.81, v.rotors
+    weight, rotors = float(get(Body)["mass"]) * 9.81, v.nominal.rotors
     count = len(rotors.thrust_min)
     get(RotorState)["speed"][:count] = math.sqrt(weight / count / rotors.k_f)
     get(RotorForce)["f_B"][2], get(Estimate)["p_WB"][2] = weight, 2.0

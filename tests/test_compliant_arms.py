@@ -348,7 +348,7 @@ def test_a_hand_is_led_to_a_marker(sets):
     b.arms.hands_to_marker({"left": PLACE}, speed=0.1)
     b.wait(4.0)
     rows = b.wait(2.0)
-    assert b.v.read(Marker).marker_age < 0.2
+    assert b.v.read(Marker).age < 0.2
     goal = [0.6 - 0.25, 0.1, 1.1]
     assert np.linalg.norm(rows["left_p_WH"].mean(axis=0) - goal) < 0.006
 
@@ -359,7 +359,7 @@ def test_a_marker_out_of_sight_moves_no_hand():
     before = b.wait(0.5)["left_p_WH"].mean(axis=0)
     b.arms.hands_to_marker({"left": PLACE}, speed=0.1)
     b.wait(1.0)
-    assert b.v.read(Marker).marker_age > 100.0
+    assert b.v.read(Marker).age > 100.0
     assert np.linalg.norm(b.wait(0.5)["left_p_WH"].mean(axis=0) - before) < 0.004
 
 

@@ -7,10 +7,14 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner, Result
 
+from skywright import cli
+from skywright.core.find import list_offers
 from skywright.core.recording import read_recording
 from user_parts import FILES, MISSION
 
@@ -48,10 +52,19 @@ def skywright(site: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture
-def site(tmp_path: Path) -> Path:
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     site = tmp_path / "site"
     install(site, "my-parts", POINTS, {"__init__.py": "", **FILES})
-    return site
+    monkeypatch.syspath_prepend(str(site))
+    list_offers.cache_clear()
+    yield site
+    list_offers.cache_clear()
+    sys.modules.pop("other", None)
+
+
+def call(*arguments: str) -> Result:
+    """Run the command line in this process."""
+    return CliRunner().invoke(cli.main, list(arguments))
 
 
 def test_parts_of_a_package_are_listed_with_where_they_come_from(site: Path) -> None:
@@ -62,7 +75,7 @@ def test_parts_of_a_package_are_listed_with_where_they_come_from(site: Path) -> 
         ("things", "post", "my_parts.post:Post"),
         ("kinds", "my-hop", "my_parts.hop:Hop"),
     ):
-        found = json.loads(skywright(site, "list", word, "--json").stdout)[word]
+        found = json.loads(call("list", word, "--json").stdout)[word]
         places = {entry["name"]: entry["description"] for entry in found}
         assert places[name] == f"my-parts ({value})" and "built in" in places.values()
 
@@ -105,17 +118,17 @@ def test_a_name_that_exists_twice_is_refused_with_both_places(
     site: Path, points: str, key: str, places: tuple[str, ...]
 ) -> None:
     install(site, "other", points, {"__init__.py": "class X: ...\n"})
-    done = skywright(site, "run", "waypoints", "--set", key)
+    done = call("run", "waypoints", "--set", key, "--out", str(site / "run"))
     told = " ".join(done.stderr.split())
-    assert done.returncode == 2 and "exists twice" in told, told
+    assert done.exit_code == 2 and "exists twice" in told, told
     assert all(place in told for place in places), told
-    assert "Traceback" not in told and not (site / "runs").exists()
+    assert "Traceback" not in told and not list(site.glob("run*"))
 
 
 def test_a_package_that_does_not_import_is_told(site: Path) -> None:
     install(site, "other", "[skywright.components]\nlaw.sick = other:X\n",
             {"__init__.py": "x = 1\nraise SystemExit(4)\n"})  # fmt: skip
-    done = skywright(site, "run", "waypoints", "--set", "mission.law=sick")
+    done = call("run", "waypoints", "--set", "mission.law=sick")
     told = " ".join(done.stderr.split())
-    assert done.returncode == 2, told
+    assert done.exit_code == 2, told
     assert "importing other (other:X) failed: SystemExit: 4 (line 2 of __init__.py)" in told

@@ -16,6 +16,7 @@ from skywright.errors import InputError, SimulationError
 from skywright.run.directory import load_run
 from skywright.run.parts import build_estimator, build_law, build_named
 from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.setup import Setup
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 LQR = f"{EXAMPLES / 'laws' / 'lqr.py'}:Lqr"
@@ -53,9 +54,11 @@ def test_a_text_and_a_table_mean_the_same_law():
 
 def test_a_laws_own_keys_are_set_and_checked():
     d = load(mission__law=LQR, mission__law__q=900.0)
-    assert build_law(d).table.q == 900.0 and build_law(load(mission__law=LQR)).table.q == 10000.0
+    assert build_law(d, Setup(d)).table.q == 900.0
+    d = load(mission__law=LQR)
+    assert build_law(d, Setup(d)).table.q == 10000.0
     d = load(mission__law="push_and_slide", mission__law__position_bandwidth_rad_s=2.0)
-    assert build_law(d).table.position_bandwidth_rad_s == 2.0
+    assert build_law(d, Setup(d)).table.position_bandwidth_rad_s == 2.0
     with pytest.raises(InputError, match=r"mission\.law.*q_dott.*q_dot"):
         load(mission__law=LQR, mission__law__q_dott=1.0)
     with pytest.raises(InputError, match=r"mission\.law\.q is -1"):

@@ -48,7 +48,7 @@ def test_places_are_found_again(
     assert pytest.approx(np.eye(3), abs=1e-12) == R.T @ R and np.linalg.det(R) == pytest.approx(1)
     assert find_place(surface, p + off * R[:, 2]) == pytest.approx([x, y, off], abs=1e-9)
     record = view(StructureShape)
-    fill_structure(record, build_structure(shape, facing, yaw, slope, toward))
+    fill_structure(record, build_structure(shape, facing, yaw, slope, toward), surface)
     normal = np.empty(3)
     assert measure_surface(record, p + off * R[:, 2], normal) == pytest.approx(off, abs=1e-9)
     assert normal == pytest.approx(R[:, 2], abs=1e-9)
@@ -99,7 +99,7 @@ def test_rotors_feel_the_deck_above_them_only() -> None:
     world, _ = load_world("bridge")
     assert world.structure is not None
     me, out, truth = view(SurfaceThrust.Me, n=2, disc=0.12), view(RotorGain), view(Truth)
-    fill_structure(me.structure, world.structure)
+    fill_structure(me.structure, world.structure, build_surface(world.structure))
     me.rotor_p[:2], me.rotor_axis[:2] = [[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]], [0.0, 0.0, 1.0]
     truth.R_WB[:] = np.eye(3)
     for p, low, high in (

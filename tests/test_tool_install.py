@@ -34,10 +34,11 @@ from skywright.models.scene import Scene, build_scene
 from skywright.models.things.tool import Tool, compute_diameters, compute_seat
 from skywright.run.run import RunResult, fly_and_evaluate
 from skywright.run.setup import Setup
-from skywright.vehicle.arms.marker import PipeEstimate
-from skywright.vehicle.arms.ports import PipeCapture, TrackedPipe
-from skywright.vehicle.sensors.tracked_pipe import PipeTracking
+from skywright.vehicle.bus import Clock
+from skywright.vehicle.readings import TargetCapture
+from skywright.vehicle.sensors.tracked_target import TrackedTarget
 from skywright.vehicle.simulated import SimulatedVehicle
+from skywright.vehicle.targets import NEVER, Target, TargetEstimate
 
 DESCRIPTION = load_description("tool-install")
 TOOL = DESCRIPTION.world.find_thing("tool", Tool)
@@ -171,19 +172,21 @@ def test_the_map_is_off_by_no_more_than_is_said() -> None:
 
 
 def test_the_mean_of_a_tracked_pipe_is_better_than_a_sample() -> None:
-    sample, pipe = (View(np.zeros(1, r.dtype)[0]) for r in (PipeCapture, TrackedPipe))
+    records = (TargetEstimate.Me, Clock, TargetCapture, Target)
+    me, clock, sample, pipe = (View(np.zeros(1, r.dtype)[0]) for r in records)
+    me.memory, clock.dt, pipe.age = 1.0, 0.01, NEVER
     rng, R = np.random.default_rng(1), rot_z(0.4)
     sample.fresh = 1.0
     for _ in range(100):
-        sample.p_WP = [1.0, 2.0, 3.0] + 1e-3 * rng.standard_normal(3)
-        sample.R_WP = R @ rot_y(2e-3 * rng.standard_normal())
-        PipeEstimate.step(sample, pipe)
-    np.testing.assert_allclose(pipe.p_WP, [1.0, 2.0, 3.0], atol=4e-4)
-    np.testing.assert_allclose(pipe.R_WP, R, atol=1e-3)
+        sample.p_WO = [1.0, 2.0, 3.0] + 1e-3 * rng.standard_normal(3)
+        sample.R_WO = R @ rot_y(2e-3 * rng.standard_normal())
+        TargetEstimate.step(me, clock, sample, pipe)
+    np.testing.assert_allclose(pipe.p_WO, [1.0, 2.0, 3.0], atol=4e-4)
+    np.testing.assert_allclose(pipe.R_WO, R, atol=1e-3)
     for _ in range(600):  # somebody moves it
-        sample.p_WP, sample.R_WP = [1.1, 2.0, 3.0], R
-        PipeEstimate.step(sample, pipe)
-    np.testing.assert_allclose(pipe.p_WP, [1.1, 2.0, 3.0], atol=1e-3)
+        sample.p_WO, sample.R_WO = [1.1, 2.0, 3.0], R
+        TargetEstimate.step(me, clock, sample, pipe)
+    np.testing.assert_allclose(pipe.p_WO, [1.1, 2.0, 3.0], atol=1e-3)
 
 
 def test_the_platform_stands_where_the_hands_hold_the_handle() -> None:
@@ -357,7 +360,7 @@ def test_a_tool_that_finds_no_pipe_is_carried_back() -> None:
         def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
             if phase == "carry" and not self.done:
                 self.done = True
-                vehicle.assembly.get(PipeTracking.Me, "tracked pipe")["p_WP"] += self.by
+                vehicle.assembly.get(TrackedTarget.Me, "tracked pipe")["error_p_W"] += self.by
 
     sets = ["mission.task.hover_s=2", "mission.task.wait_s=2"]
     moved = MoveTargets("carry", [-0.3, 0.0, 0.0])

@@ -39,6 +39,7 @@ from skywright.run.limits import (
 )
 from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
+from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.bus import Clock, MuJoCo, Truth
 from skywright.vehicle.effects.drag import Drag
@@ -278,7 +279,7 @@ def test_friction_under_the_tip_reaches_mujoco_s_contact():
 
 
 def _refusal(*sets: str) -> str | None:
-    return find_exceeded_wind(load_description("pipe-weld-scan", sets=list(sets)), {})
+    return find_exceeded_wind(Setup(load_description("pipe-weld-scan", sets=list(sets))), {})
 
 
 def test_gusts_count_with_three_sigma():
@@ -311,24 +312,24 @@ def test_gusts_that_could_lift_the_probe_are_refused():
     That is 1.7 N, and 70 % of the push may be taken.
     """
     sets = ["world.wind.kind=dryden", "world.wind.mean_mps=3"]
-    d = load_description("pipe-weld-scan", sets=sets)
+    d = Setup(load_description("pipe-weld-scan", sets=sets))
     assert find_exceeded_push(d, 1.8 / 0.7) is None
     told = find_exceeded_push(d, 1.55 / 0.7)
     assert told is not None and "could lift it" in told and "2.21 N" in told
-    assert find_exceeded_push(load_description("pipe-weld-scan"), 0.0) is None
+    assert find_exceeded_push(Setup(load_description("pipe-weld-scan")), 0.0) is None
 
 
 def test_equivalent_wind_of_a_jet_is_weaker_than_its_axis_and_of_a_wide_jet_is_the_axis():
     sets = ["world.wind.kind=fan", "world.wind.mean_mps=6"]
-    d = load_description("pipe-weld-scan", sets=sets)
+    d = Setup(load_description("pipe-weld-scan", sets=sets))
     p = np.array([0.0, 0.0, 1.5])
-    narrow = np.linalg.norm(compute_equivalent_wind(d.robot, d.world, p, 0.0))
+    narrow = np.linalg.norm(compute_equivalent_wind(d, p, 0.0))
     assert 1.5 < narrow < 5.0
     wide = load_description("pipe-weld-scan", sets=[*sets, "world.wind.fan.diameter_m=50"])
-    v = compute_equivalent_wind(wide.robot, wide.world, p, 0.0)
+    v = compute_equivalent_wind(Setup(wide), p, 0.0)
     np.testing.assert_allclose(v, [6.0, 0.0, 0.0], rtol=2e-3, atol=1e-6)
-    assert np.linalg.norm(compute_wind_allowance(d.robot, d.world)) < 6.0
-    beside = compute_equivalent_wind(d.robot, d.world, p + [0.0, 3.0, 0.0], 0.0)
+    assert np.linalg.norm(compute_wind_allowance(d)) < 6.0
+    beside = compute_equivalent_wind(d, p + [0.0, 3.0, 0.0], 0.0)
     assert np.linalg.norm(beside) < 0.1
 
 

@@ -17,8 +17,8 @@ from skywright.core.spec import Positive, Spec
 from skywright.vehicle.bus import Body, Clock, Estimate
 from skywright.vehicle.component import Estimator, Out
 from skywright.vehicle.estimates import EstimatorState
-from skywright.vehicle.estimators._tip import fill_tip
 from skywright.vehicle.readings import ImuBatch, MocapSample
+from skywright.vehicle.tip import fill_tip
 
 
 class Complementary(Estimator):

@@ -36,8 +36,8 @@ class Topic(NamedTuple):
     """A topic: its ROS 2 type, the frame of its header, and the column behind each path.
 
     A path such as `pose.position` stands for all numbers below it. `texts` fixes strings by their
-    path (`name[0]`), `lengths` those of sequences, `types` defines each message type (`pkg/Type`)
-    that is neither standard nor defined by another topic.
+    path (`name[0]`), `numbers` numbers, `lengths` those of sequences, `types` defines each message
+    type (`pkg/Type`) that is neither standard nor defined by another topic.
     """
 
     name: str
@@ -47,6 +47,7 @@ class Topic(NamedTuple):
     texts: Mapping[str, str] = _NONE
     lengths: Mapping[str, int] = _NONE
     types: Mapping[str, str] = _NONE
+    numbers: Mapping[str, float] = _NONE
 
 
 class Stream(NamedTuple):

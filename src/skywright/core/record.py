@@ -16,10 +16,11 @@ from __future__ import annotations
 from typing import Annotated, Any, ClassVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from skywright.core.arrays import Array as Array
+from skywright.core.arrays import Ints
+
+Integers = Ints
 Vec2 = Annotated[Array, 2]
 Vec3 = Annotated[Array, 3]
 Vec4 = Annotated[Array, 4]

@@ -109,20 +109,26 @@ def build_topic_layout(topic: Topic) -> Layout:
     """Lay out a message of a topic. CDR ends a text with NUL, so that none holds one."""
     texts = {path: text.replace("\0", "") for path, text in topic.texts.items()}
     texts.setdefault("header.frame_id", topic.frame)
-    return build_layout(topic.kind, definition(topic.kind, topic.types), texts, topic.lengths)
+    layout = build_layout(topic.kind, definition(topic.kind, topic.types), texts, topic.lengths)
+    return layout._replace(template=_fill(layout, topic.numbers))
+
+
+def _fill(layout: Layout, values: Mapping[str, float]) -> bytes:
+    """Return a layout's template with `values` by their paths."""
+    body = bytearray(layout.template)
+    for path, value in values.items():
+        place = layout.leaves[path]
+        end = place.offset + int(place.format[2:])
+        body[place.offset : end] = np.array(value, place.format).tobytes()
+    return bytes(body)
 
 
 def build_message(topic: Topic, ns: int, values: Mapping[str, float] | None = None) -> bytes:
     """Return one message of a topic with all stamps at `ns` and `values` by their paths."""
     layout = build_topic_layout(topic)
-    body = bytearray(layout.template)
     stamp = int(compute_stamp(np.array([ns], np.uint64))[0])
     filled = {p: stamp for p in layout.leaves if p.endswith("stamp")} | dict(values or {})
-    for path, value in filled.items():
-        place = layout.leaves[path]
-        end = place.offset + int(place.format[2:])
-        body[place.offset : end] = np.array(value, place.format).tobytes()
-    return bytes(body)
+    return _fill(layout, filled)
 
 
 def read_rows(

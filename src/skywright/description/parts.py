@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from pydantic import create_model
 
-from skywright.core.find import find, list_kinds
+from skywright.core.find import find, list_offers
 from skywright.core.spec import Spec
 from skywright.core.toml_files import Layer, Tree
 
@@ -137,7 +137,8 @@ def type_parts(spec: type[Spec], root: str, tree: Tree, touched: Sequence[str] =
             fields.append((name, place.group, ""))
             continue
         own = len(value) > 1 or any(key.startswith(place.key + ".") for key in touched)
-        if own or kind not in list_kinds(place.group):
+        offers = list_offers(place.group).get(kind, [])
+        if own or len(offers) != 1 or offers[0].point is not None:  # not simply built in
             find(place.group, kind, (), place.key)
             fields.append((name, place.group, kind))
         elif "." in name:

@@ -20,7 +20,7 @@ from skywright.models.things.bench import Bench
 from skywright.models.things.box import Box
 from skywright.run.run import build_vehicle
 from skywright.vehicle.arms.ports import HandState
-from skywright.vehicle.interface import Arms
+from skywright.vehicle.arms_interface import Arms
 
 FORCE = 2.0  # N, of the paper's trials
 HEIGHT = 1.5  # m, of the clamped platform

@@ -20,15 +20,16 @@ from skywright.description.robot.limbs import list_limbs
 from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import World
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import Cylinder, build_cylinder
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
 from skywright.models.bar_body import BAR, add_bar
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
 from skywright.models.gauges import add_gauges, has_gauges
+from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import joint_names, posture
-from skywright.models.rotors import build_rotors
+from skywright.models.rotors import RotorSet
 from skywright.models.structure_body import add_structure, list_structure
 from skywright.models.things._build import OBJECT, add_things, find_offsets
 from skywright.models.things.bench import Bench
@@ -74,13 +75,15 @@ def build_scene(
     deviation: Deviation | None = None,
     extend: Iterable[Callable[[mujoco.MjSpec], None]] = (),
     error: Array | None = None,
+    nominal: Nominal | None = None,
 ) -> Scene:
     """Compile the nominal model, or with `deviation` the plant.
 
     `extend` are called with what is to be compiled, to add to it. `error` (6,) m, rad, places
-    tracked things in a nominal model as `Deviation.socket_error` would.
+    tracked things in a nominal model as `Deviation.socket_error` would. `nominal` is what has been
+    built of robot and world.
     """
-    spec = build_spec(robot, world, deviation, error)
+    spec = build_spec(robot, world, deviation, error, nominal)
     for add in extend:
         add(spec)
     try:
@@ -94,9 +97,14 @@ def build_scene(
 
 
 def build_spec(
-    robot: Robot, world: World, deviation: Deviation | None = None, error: Array | None = None
+    robot: Robot,
+    world: World,
+    deviation: Deviation | None = None,
+    error: Array | None = None,
+    nominal: Nominal | None = None,
 ) -> mujoco.MjSpec:
     """Describe what `build_scene` compiles; the stiffness of docking feet is set after that."""
+    nominal = nominal or Nominal(robot, world)
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
     spec.option.timestep = TIMESTEP
@@ -109,9 +117,9 @@ def build_spec(
     spec.option.gravity = [0.0, 0.0, -world.gravity_mps2]
     spec.compiler.degree = False
     spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
-    _add_world(spec, world)
+    _add_world(spec, world, nominal)
     plant = deviation is not None
-    _add_robot(spec, robot, deviation or Deviation(), plant)
+    _add_robot(spec, robot, nominal.rotors, deviation or Deviation(), plant)
     if deviation is not None:
         error = deviation.socket_error
     offsets = {} if error is None else find_offsets(world.things, error)
@@ -123,7 +131,7 @@ def build_spec(
     return spec
 
 
-def _add_world(spec: mujoco.MjSpec, world: World) -> None:
+def _add_world(spec: mujoco.MjSpec, world: World, nominal: Nominal) -> None:
     body = spec.worldbody
     # the pipe itself is met by the probe's tip only, through an explicit pair
     pipe: dict[str, Any] = {"contype": WORLD, "conaffinity": ROBOT | FEET}
@@ -132,8 +140,8 @@ def _add_world(spec: mujoco.MjSpec, world: World) -> None:
         name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[10, 10, 0.1],
         rgba=[0.75, 0.77, 0.8, 1], friction=[0.8, 0.005, 0.0001], **kwargs,
     )  # fmt: skip
-    if world.pipe is not None:
-        cyl = build_cylinder(world.pipe)
+    cyl = nominal.cylinder
+    if world.pipe is not None and cyl is not None:
         y, x, z = cyl.R_WP[:, 1], cyl.R_WP[:, 0], cyl.R_WP[:, 2]
         quat = quat_from_rot(np.column_stack([z, x, y]))  # MuJoCo cylinders run along z
         body.add_geom(
@@ -142,14 +150,14 @@ def _add_world(spec: mujoco.MjSpec, world: World) -> None:
             rgba=[0.55, 0.57, 0.6, 1], **pipe,
         )  # fmt: skip
         if world.pipe.supports:
-            for i, p in enumerate(support_posts(world)):
+            for i, p in enumerate(support_posts(world, cyl)):
                 half = 0.5 * p[2]
                 body.add_geom(
                     name=f"support{i}", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
                     size=[SUPPORT_RADIUS, half, 0], pos=[p[0], p[1], half],
                     rgba=[0.35, 0.37, 0.4, 1], **kwargs,
                 )  # fmt: skip
-    add_structure(spec, world, pipe)
+    add_structure(spec, world, nominal.surface, pipe)
     for name, tube in get_structures(world).tubes.items():
         body.add_geom(
             name=f"tube {name}", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -159,10 +167,10 @@ def _add_world(spec: mujoco.MjSpec, world: World) -> None:
         )  # fmt: skip
 
 
-def support_posts(world: World) -> list[Array]:
-    """Top ends (3,) of the posts that carry the pipe: near its ends, up to its axis."""
+def support_posts(world: World, cyl: Cylinder | None = None) -> list[Array]:
+    """Top ends (3,) of the posts that carry the pipe `cyl`: near its ends, up to its axis."""
     assert world.pipe is not None
-    cyl = build_cylinder(world.pipe)
+    cyl = cyl or build_cylinder(world.pipe)
     reach = max(cyl.half_length - SUPPORT_INSET, 0.0)
     if abs(world.pipe.inclination_deg) > 75.0:  # an upright pipe stands on one post below it
         lower = cyl.p_WP - math.copysign(cyl.half_length, cyl.R_WP[2, 1]) * cyl.R_WP[:, 1]
@@ -171,7 +179,9 @@ def support_posts(world: World) -> list[Array]:
     return [p for p in posts if p[2] > 0.02]
 
 
-def _add_robot(spec: mujoco.MjSpec, robot: Robot, dev: Deviation, plant: bool) -> None:
+def _add_robot(
+    spec: mujoco.MjSpec, robot: Robot, rotors: RotorSet, dev: Deviation, plant: bool
+) -> None:
     p = robot.platform
     height = p.gear_height_m
     base = spec.worldbody.add_body(name="platform", pos=[0, 0, height])
@@ -187,7 +197,6 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, dev: Deviation, plant: bool) -
         name="hub", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         size=[p.body_radius_m, p.height_m / 2, 0], rgba=[0.15, 0.2, 0.3, 1], **kwargs,
     )  # fmt: skip
-    rotors = build_rotors(robot.rotors)
     gains = dev.rotor_gain if len(dev.rotor_gain) else np.ones(len(rotors.position))
     for i, (pos, axis) in enumerate(zip(rotors.position, rotors.axis, strict=True)):
         x = np.cross([0.0, 1.0, 0.0], axis)

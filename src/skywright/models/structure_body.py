@@ -8,7 +8,7 @@ import numpy as np
 
 from skywright.core.rotations import quat_from_rot
 from skywright.description.world.spec import World
-from skywright.description.world.structure import ARCH, CYLINDER, build_surface
+from skywright.description.world.structure import ARCH, CYLINDER, Surface
 
 STRUCTURE = "structure"
 """Names of the structure's geometries begin with it."""
@@ -18,12 +18,13 @@ SPAN = math.radians(75.0)  # of the arch, to each side
 COLOUR = [0.62, 0.63, 0.62, 1]
 
 
-def add_structure(spec: mujoco.MjSpec, world: World, classes: dict[str, Any]) -> None:
-    """Add the world's structure; `classes` are its collision classes."""
-    s = world.structure
-    if s is None:
+def add_structure(
+    spec: mujoco.MjSpec, world: World, surface: Surface | None, classes: dict[str, Any]
+) -> None:
+    """Add the world's structure with its `surface`; `classes` are its collision classes."""
+    s, body = world.structure, spec.worldbody
+    if s is None or surface is None:
         return
-    surface, body = build_surface(s), spec.worldbody
     p, R = surface.p_WS, surface.R_WS
     if surface.shape == CYLINDER:
         axis, half = R[:, surface.along], 0.5 * (s.width_m if surface.along else s.length_m)

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from skywright.core.compiled import helper
 from skywright.core.record import Array, Mat3, Record, Vec3
 from skywright.core.scratch import local
-from skywright.description.world.structure import ARCH, CYLINDER, PLANE, Structure, build_surface
+from skywright.description.world.structure import ARCH, CYLINDER, PLANE, Structure, Surface
 
 
 class StructureShape(Record):
@@ -20,9 +20,8 @@ class StructureShape(Record):
     half: Annotated[Array, 2]  # m, of the surface along x_S and y_S
 
 
-def fill_structure(s: Any, structure: Structure) -> None:
-    """Fill a StructureShape."""
-    found = build_surface(structure)
+def fill_structure(s: Any, structure: Structure, found: Surface) -> None:
+    """Fill a StructureShape from a structure and its surface."""
     s["p_WS"], s["R_WS"], s["shape"] = found.p_WS, found.R_WS, found.shape
     s["radius"], s["along"] = found.radius, found.along
     s["half"] = [0.5 * structure.length_m, 0.5 * structure.width_m]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from skywright.core.keys import iterate_leaves
 from skywright.models.deviation import build_deviation
+from skywright.models.nominal import Nominal
 from skywright.reports.summary import (
     describe_inertial,
     describe_link,
@@ -128,7 +129,7 @@ def list_conditions(result: RunResult) -> list[Row]:
     d = result.description
     c, m, w = d.robot.control, d.mission, d.world
     rows = [
-        Row("control law", get_law(d).kind),
+        Row("control law", get_law(d, Nominal(d.robot, d.world)).kind),
         Row("estimator", "the simulator's truth" if uses_truth(d) else m.estimator.kind),
         Row(
             "position bandwidth",

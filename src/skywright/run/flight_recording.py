@@ -26,7 +26,8 @@ class FlightRecording(RecordingWriter):
         self._frames = LinkFrames(urdf, joints, recorded.columns)
         self._skip = 0  # samples before the next transforms
         super().__init__(
-            folder / "recording.mcap", recorded.columns, recorded.topics, [self._frames.stream],
+            folder / "recording.mcap", recorded.columns, recorded.topics,
+            [self._frames.stream, *recorded.streams],
             {"joint_names": joints, "n_rotors": len(robot.rotors.azimuth_deg)},
         )  # fmt: skip
         self.attach("mission.toml", (folder / "mission.toml").read_bytes())

@@ -9,16 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
-from skywright.description.loader import Description
-from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import World
-from skywright.description.world.surface import build_cylinder
 from skywright.description.world.wind import (
     compute_direction,
     compute_gust_sigma,
@@ -26,10 +22,13 @@ from skywright.description.world.wind import (
     compute_speed,
 )
 from skywright.models.capability import build_drag_body
-from skywright.models.rigid_body import build_body_model, posture
-from skywright.models.rotors import build_rotors
+from skywright.models.nominal import Nominal
+from skywright.models.rigid_body import posture
 from skywright.models.statics import build_layout
 from skywright.models.wind import compute_wind_limits
+
+if TYPE_CHECKING:
+    from skywright.run.setup import Setup
 
 Array = NDArray[np.float64]
 
@@ -43,9 +42,7 @@ SWEEP_STEPS = 9  # directions of an oscillating fan that are looked at
 GUST_DIRECTIONS = 12
 
 
-def find_exceeded_wind(
-    description: Description, segments: Mapping[str, NDArray[Any]]
-) -> str | None:
+def find_exceeded_wind(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) -> str | None:
     """Say by how much the wind exceeds what the robot may be asked to hold, or return None.
 
     Checked at every heading of `segments`, in a fan's jet at every place too; without a plan at
@@ -53,18 +50,17 @@ def find_exceeded_wind(
     plus GUST_SIGMAS standard deviations of what is slower than the position loop, in its worst
     direction. The arm is in its working posture.
     """
-    d, wind = description, description.world.wind
+    world, robot, mission = setup.world, setup.robot, setup.description.mission
+    wind = world.wind
     if compute_speed(wind) == 0.0:
         return None
-    world, robot = d.world, d.robot
-    layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
-    model = build_body_model(robot, world.gravity_mps2)
+    layout = build_layout(setup.rotors, robot.rotors.thrust_fraction)
     q = posture(robot, "working")
-    body = build_drag_body(robot, model, q, world.gravity_mps2, world.air_density_kg_m3)
+    body = build_drag_body(robot, setup.model, q, world.gravity_mps2, world.air_density_kg_m3)
     cases = [
         (heading, gust)
-        for heading, mean in _find_winds(d, segments)
-        for gust in _find_gusts(d, mean)
+        for heading, mean in _find_winds(setup, segments)
+        for gust in _find_gusts(setup, mean)
     ]
     gusts = np.array([gust for _, gust in cases])
     speeds = np.linalg.norm(gusts, axis=1)
@@ -77,19 +73,19 @@ def find_exceeded_wind(
     limits = np.where(np.isfinite(limits), limits, 0.0)[which]  # NaN: not even calm air is held
     loads = speeds / np.maximum(limits, 1e-9)
     k = int(np.argmax(loads))
-    fraction = d.mission.wind_fraction
+    fraction = mission.wind_fraction
     if loads[k] <= fraction * (1.0 + 1e-9):
         return None
     speed, limit = float(speeds[k]), float(limits[k])
     what = "wind" if not wind.gusty else f"wind with gusts (mean + {GUST_SIGMAS:g} sigma)"
     return (
         f"{what} of {speed:.1f} m/s exceeds {fraction * limit:.1f} m/s, {fraction:.0%} of the "
-        f"{limit:.1f} m/s that {d.robot.name} can hold when it blows toward {toward[k]:.0f} deg "
+        f"{limit:.1f} m/s that {robot.name} can hold when it blows toward {toward[k]:.0f} deg "
         "(0 is ahead, 90 to the left)"
     )
 
 
-def find_exceeded_push(description: Description, push_force: float) -> str | None:
+def find_exceeded_push(setup: Setup[Any], push_force: float) -> str | None:
     """Say that gusts could lift the probe that is pressed on with `push_force` (N), or None.
 
     The push is a deflection of the position loop, so slow gusts go into the contact force in full.
@@ -99,16 +95,16 @@ def find_exceeded_push(description: Description, push_force: float) -> str | Non
     nominal model says, may take `mission.wind_fraction` of the push; the rest is for drag that is
     larger than believed.
     """
-    d, wind = description, description.world.wind
+    wind = setup.world.wind
     speed = compute_speed(wind)
     if not wind.gusty or speed == 0.0:
         return None
     if wind.kind == "fan":
-        speed = float(np.linalg.norm(compute_wind_allowance(d.robot, d.world)))
-    body, hubs = _compute_drag_factors(d.robot, d.world)
-    sigma = compute_gust_sigma(wind, speed, d.robot.control.position_bandwidth_rad_s)
+        speed = float(np.linalg.norm(compute_wind_allowance(setup)))
+    body, hubs = _compute_drag_factors(setup)
+    sigma = compute_gust_sigma(wind, speed, setup.robot.control.position_bandwidth_rad_s)
     gust = GUST_SIGMAS * math.sqrt(2.0) * float(sigma[0]) * (2.0 * body * speed + hubs)
-    fraction = d.mission.wind_fraction
+    fraction = setup.description.mission.wind_fraction
     if gust <= fraction * push_force * (1.0 + 1e-9):
         return None
     return (
@@ -118,37 +114,35 @@ def find_exceeded_push(description: Description, push_force: float) -> str | Non
     )
 
 
-def compute_wind_allowance(robot: Robot, world: World) -> Array:
+def compute_wind_allowance(nominal: Nominal) -> Array:
     """Return the steady wind (3,) m/s in W that a plan allows for: the mean.
 
     In a fan's jet the uniform wind that drags as the jet does on a robot in the middle of it, at
     the distance of the pipe, or else at the outlet.
     """
-    wind = world.wind
+    wind = nominal.world.wind
     direction, speed = compute_direction(wind), compute_speed(wind)
     if wind.kind != "fan":
         return np.asarray(speed * direction)
     place, along = np.array([wind.fan.x_m, wind.fan.y_m, wind.fan.z_m]), 0.0
-    if world.pipe is not None:
-        along = max(float((build_cylinder(world.pipe).p_WP - place) @ direction), 0.0)
-    v = compute_equivalent_wind(robot, world, place + along * direction, 0.0)
+    if nominal.cylinder is not None:
+        along = max(float((nominal.cylinder.p_WP - place) @ direction), 0.0)
+    v = compute_equivalent_wind(nominal, place + along * direction, 0.0)
     return np.asarray(float(np.linalg.norm(v)) * direction)
 
 
-def compute_equivalent_wind(
-    robot: Robot, world: World, p_WB: Array, yaw: float, turn: float = 0.0
-) -> Array:
+def compute_equivalent_wind(nominal: Nominal, p_WB: Array, yaw: float, turn: float = 0.0) -> Array:
     """Return the uniform wind (3,) m/s that drags as the mean wind does on a level robot at p_WB.
 
     A jet is narrower than a robot, so the drag of body and hubs (hovering rotors, each in its own
     air) is summed and a v^2 + b v = F solved for the speed; the uneven drag's torque is left out.
     """
-    rotors = build_rotors(robot.rotors)
-    points = np.vstack([np.zeros(3), rotors.position @ rot_z(yaw).T]) + p_WB
-    air = compute_mean_wind(world.wind, points, turn)
-    if world.wind.kind != "fan":
+    wind = nominal.world.wind
+    points = np.vstack([np.zeros(3), nominal.rotors.position @ rot_z(yaw).T]) + p_WB
+    air = compute_mean_wind(wind, points, turn)
+    if wind.kind != "fan":
         return np.asarray(air[0])
-    a, b = _compute_drag_factors(robot, world)
+    a, b = _compute_drag_factors(nominal)
     force = a * float(np.linalg.norm(air[0])) * air[0] + b * air[1:].mean(axis=0)
     size = float(np.linalg.norm(force))
     if size < 1e-9:
@@ -156,9 +150,10 @@ def compute_equivalent_wind(
     return np.asarray(2.0 * force / (b + math.sqrt(b * b + 4.0 * a * size)))
 
 
-def _compute_drag_factors(robot: Robot, world: World) -> tuple[float, float]:
+def _compute_drag_factors(nominal: Nominal) -> tuple[float, float]:
     """Return a (kg/m) and b (kg/s) of the horizontal drag a v^2 + b v: body, and hovering hubs."""
-    rotors, p = build_rotors(robot.rotors), robot.platform
+    robot, world, rotors = nominal.robot, nominal.world, nominal.rotors
+    p = robot.platform
     mass = p.mass_kg
     if robot.arm is not None:
         mass += sum(link.mass_kg for link in robot.arm.links.values())
@@ -170,13 +165,13 @@ def _compute_drag_factors(robot: Robot, world: World) -> tuple[float, float]:
     return a, n * rotors.drag_coefficient * omega
 
 
-def _find_gusts(d: Description, mean: Array) -> Array:
+def _find_gusts(nominal: Nominal, mean: Array) -> Array:
     """Return the mean wind (3,) and the gusts around it, (n, 3) m/s."""
-    wind = d.world.wind
+    wind = nominal.world.wind
     speed = float(np.linalg.norm(mean))
     if not wind.gusty or speed == 0.0:
         return mean[None]
-    sigma = compute_gust_sigma(wind, speed, d.robot.control.position_bandwidth_rad_s)
+    sigma = compute_gust_sigma(wind, speed, nominal.robot.control.position_bandwidth_rad_s)
     along = mean / speed
     across = np.array([-along[1], along[0], 0.0])
     around = np.linspace(0.0, 2.0 * math.pi, GUST_DIRECTIONS, endpoint=False)[:, None]
@@ -184,10 +179,12 @@ def _find_gusts(d: Description, mean: Array) -> Array:
     return np.vstack([mean, mean + GUST_SIGMAS * gusts])
 
 
-def _find_winds(d: Description, segments: Mapping[str, NDArray[Any]]) -> list[tuple[float, Array]]:
+def _find_winds(
+    setup: Setup[Any], segments: Mapping[str, NDArray[Any]]
+) -> list[tuple[float, Array]]:
     """Return each distinct (heading in deg, mean wind (3,) m/s) of a plan."""
-    wind = d.world.wind
-    poses = _find_poses(d, segments)
+    wind = setup.world.wind
+    poses = _find_poses(setup, segments)
     if wind.kind != "fan":
         mean = compute_mean_wind(wind, np.zeros((1, 3)))[0]
         return [(heading, mean) for heading in sorted({h for h, _ in poses})]
@@ -196,18 +193,20 @@ def _find_winds(d: Description, segments: Mapping[str, NDArray[Any]]) -> list[tu
     found = {}
     for heading, p in poses:
         for turn in turns:
-            v = compute_equivalent_wind(d.robot, d.world, p, math.radians(heading), turn)
+            v = compute_equivalent_wind(setup, p, math.radians(heading), turn)
             key = (heading, *np.round(v, 1).tolist())
             found[key] = (heading, v)
     return list(found.values())
 
 
-def _find_poses(d: Description, segments: Mapping[str, NDArray[Any]]) -> list[tuple[float, Array]]:
+def _find_poses(
+    setup: Setup[Any], segments: Mapping[str, NDArray[Any]]
+) -> list[tuple[float, Array]]:
     """Return distinct (heading in deg, place (3,) m) of a plan, or two that a mission starts from.
 
     Places are told apart in a fan's jet only.
     """
-    jet = d.world.wind.kind == "fan"
+    jet = setup.world.wind.kind == "fan"
     if segments:
         found = {}
         for table in segments.values():
@@ -220,10 +219,10 @@ def _find_poses(d: Description, segments: Mapping[str, NDArray[Any]]) -> list[tu
                 key = (int(headings[i]), *places[i].tolist())
                 found[key] = (headings[i] * HEADING_STEP_DEG, np.array(table["p_WB"][i]))
         return [found[k] for k in sorted(found)]
-    m = d.mission
+    m = setup.description.mission
     start = np.array([m.start_x_m, m.start_y_m, m.hover_height_m])
     out = [(m.start_yaw_deg, start)]
-    if d.world.pipe is not None:
-        ahead = build_cylinder(d.world.pipe).R_WP[:, 0]
+    if setup.cylinder is not None:
+        ahead = setup.cylinder.R_WP[:, 0]
         out.append((math.degrees(math.atan2(ahead[1], ahead[0])), start))
     return out

@@ -7,33 +7,32 @@ from typing import Any
 from skywright.core.find import find
 from skywright.description.loader import Description
 from skywright.description.parts import Part, build_part, list_parts
-from skywright.description.robot.spec import Robot
+from skywright.description.world.thing import Placed
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
-from skywright.models.allocation import build_allocator
-from skywright.models.rotors import build_rotors
+from skywright.models.nominal import Nominal
 from skywright.models.things.marker import Marker
 from skywright.vehicle.component import Component, Estimator, Law
 
 
-def choose_law(robot: Robot) -> str:
+def choose_law(nominal: Nominal) -> str:
     """Name the law that a run takes when neither mission nor robot names one."""
-    return "push_and_slide" if _is_fully_actuated(robot) else "thrust_vectoring"
+    return "push_and_slide" if nominal.allocator.full else "thrust_vectoring"
 
 
-def get_law(description: Description[Any]) -> Part:
+def get_law(description: Description[Any], nominal: Nominal) -> Part:
     """Return the law of a run: the mission's, the robot's, or one that the rotors can fly."""
-    return description.law or Part(kind=choose_law(description.robot))
+    return description.law or Part(kind=choose_law(nominal))
 
 
-def build_law(description: Description[Any]) -> Law:
+def build_law(description: Description[Any], nominal: Nominal) -> Law:
     """Build the law; raises InputError where the rotors cannot make what it asks for."""
-    part, robot = get_law(description), description.robot
+    part = get_law(description, nominal)
     law: Law = build_part("law", part, "law")
-    if law.needs_full_actuation and not _is_fully_actuated(robot):
+    if law.needs_full_actuation and not nominal.allocator.full:
         raise InputError(
             f"control law {part.kind!r} needs a fully actuated platform; the rotors of "
-            f"{robot.name!r} make no lateral force: use 'thrust_vectoring'"
+            f"{nominal.robot.name!r} make no lateral force: use 'thrust_vectoring'"
         )
     return law
 
@@ -63,6 +62,9 @@ def check_localisation(description: Description[Any]) -> None:
         raise InputError(f"{says}world.marker needs motion capture, or robot.camera to see it")
     if world.pipe is not None and world.pipe.tracked:
         raise InputError(f"{says}world.pipe.tracked needs motion capture")
+    for name, thing in world.things.items():
+        if isinstance(thing, Placed) and thing.tracked and not isinstance(thing, Marker):
+            raise InputError(f"{says}world.things.{name}.tracked needs motion capture")
     if robot.probe is not None and (kind == "gnss" or robot.force_sensor is None):
         raise InputError(
             f"{says}the probe of {robot.name!r} needs the markers that motion capture sees"
@@ -92,7 +94,3 @@ def build_named(description: Description[Any]) -> list[Component]:
 def uses_truth(description: Description[Any]) -> bool:
     """Whether the robot is told the simulator's truth in place of an estimate."""
     return bool(find("estimator", description.mission.estimator.kind).cls.is_truth)
-
-
-def _is_fully_actuated(robot: Robot) -> bool:
-    return bool(build_allocator(build_rotors(robot.rotors)).full)

@@ -89,7 +89,7 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
         blocked = _find_blocked_climb(setup)
         if blocked is not None:
             plan = plan._replace(feasible=False, blocked_by=blocked)
-    too_windy = find_exceeded_wind(description, plan.segments)
+    too_windy = find_exceeded_wind(setup, plan.segments)
     if too_windy is not None:
         return plan._replace(feasible=False, blocked_by=too_windy)
     return plan

@@ -52,6 +52,7 @@ from skywright.run.supervisor import Supervisor
 from skywright.run.warm_up import is_compiled, start_warm_up
 from skywright.vehicle.observers.operator import Operator as OperatorStick
 from skywright.vehicle.simulated import SimulatedVehicle
+from skywright.vehicle.streams import StreamRecorder
 from skywright.vehicle.time_limit import watch
 
 FLUSH_S = 1.0  # simulated seconds between writes of the recording
@@ -218,13 +219,15 @@ def build_vehicle(
         place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
         world = world.add_thing("clamp", place)
     parts = build_named(d)
+    if mission.record_raw:
+        parts.append(StreamRecorder("raw samples"))
     if load_kind(mission.kind).operated:
         parts.append(OperatorStick("operator"))
     return SimulatedVehicle(
-        d.robot,
-        world,
-        build_law(d),
+        setup,
+        build_law(d, setup),
         build_estimator(d),
+        world=world,
         seed=mission.seed,
         deviation=setup.deviation,
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
@@ -284,6 +287,7 @@ def _fly(
     writer: FlightRecording | None = None
     if partial is not None:
         writer = FlightRecording(partial, robot, vehicle.recorded)
+        vehicle.on_stream = writer.append_stream
     vehicle.on_samples = blocks.append
 
     def flush() -> None:

@@ -16,8 +16,9 @@ from skywright.run.kind import load_kind
 from skywright.run.operator import Operator, Stick
 from skywright.run.planning import MissionPlan
 from skywright.run.records import Measurement
+from skywright.vehicle.arms_interface import Arms
 from skywright.vehicle.guard import FIX_AGE_MAX, LOST_CONTROL
-from skywright.vehicle.interface import Arms, Backend, Probe, Uav, WholeBody, require
+from skywright.vehicle.interface import Backend, Probe, Uav, WholeBody, require
 
 Table = NDArray[Any]
 

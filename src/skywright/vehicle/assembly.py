@@ -109,14 +109,15 @@ class Assembly:
             return record, ""
         fillers = self._fillers.get(record, [])
         owners = list(dict.fromkeys(s.component.name for s in fillers))
-        if not owners:
+        wanted = component.ports.get(port.name, "")
+        if not owners or (port.optional and wanted and wanted not in owners):
             return None
         if len({type(s.component) for s in fillers}) > 1 or len(owners) == 1:
             name = ""
         elif component.name in owners:
             name = component.name
         else:
-            name = component.ports.get(port.name, "")
+            name = wanted
             if name not in owners:
                 raise InputError(
                     f"{step.label}: {record.__qualname__} is filled by several components: say "

@@ -17,7 +17,7 @@ They must not allocate: scratch is `local(3)` (core/scratch.py), memory belongs 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from skywright.description.world.spec import World
     from skywright.models.allocation import Allocator
     from skywright.models.arm_body import Deviation
+    from skywright.models.nominal import Nominal
     from skywright.models.rotors import RotorSet
     from skywright.models.scene import Scene
 
@@ -44,8 +45,8 @@ SLOTS = (
 
 __all__ = [
     "Component", "Context", "Draws", "Effect", "Estimator", "InOut", "Law", "Normal", "Out",
-    "Output", "PlantContext", "Recorded", "ReferenceBlock", "Sensor", "Uniform", "helper",
-    "integers", "table", "words",
+    "Output", "PlantContext", "Recorded", "ReferenceBlock", "Sensor", "Streamed", "Uniform",
+    "helper", "integers", "table", "words",
 ]  # fmt: skip
 
 _T = TypeVar("_T")
@@ -95,11 +96,9 @@ class Uniform(Draws):
 class Context:
     """What a component is built from: the robot's side, nominal."""
 
-    robot: Robot
+    nominal: Nominal
+    """The robot, its rigid body, rotors and allocation, and the surfaces of the world."""
     world: World
-    model: Any  # BodyModel record, the nominal rigid body (models/rigid_body.py)
-    rotors: RotorSet
-    allocator: Allocator
     mass: float  # kg, nominal, whole robot, arm folded
     dt: float  # s, control period
     h: float  # s, physics step
@@ -115,6 +114,26 @@ class Context:
     """All of the vehicle, at build."""
     carried: list[Any] = field(default_factory=list)
     """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot as described."""
+        return self.nominal.robot
+
+    @property
+    def model(self) -> Any:
+        """BodyModel record, the nominal rigid body (models/rigid_body.py)."""
+        return self.nominal.model[0]
+
+    @property
+    def rotors(self) -> RotorSet:
+        """The nominal rotors."""
+        return self.nominal.rotors
+
+    @property
+    def allocator(self) -> Allocator:
+        """From wrenches to thrusts of the nominal rotors."""
+        return self.nominal.allocator
 
     def keep(self, array: NDArray[Any]) -> int:
         """Return the address of a C-contiguous array, which lives as long as the vehicle."""
@@ -158,6 +177,24 @@ class Recorded(NamedTuple):
     per: Literal["", "joint", "rotor", "hand", "object"] = ""
 
 
+class Streamed(NamedTuple):
+    """Raw samples of a sensor, recorded each at its own time (vehicle/streams.py).
+
+    `columns` show fields of one Output: with `fresh`, a row whenever it is new, at its `t` where it
+    has one; a batch, a row for each of its rows, a physics step apart and the last one at `t`. The
+    topic is /sensors/COMPONENT, and `name` below it where a component has several. `paths` say
+    where a message of the ROS 2 type `kind` holds the columns, `numbers` what else it holds;
+    without a kind the message has the columns as they are.
+    """
+
+    columns: tuple[Recorded, ...]
+    kind: str = ""
+    frame: str = ""
+    paths: Mapping[str, str] = {}
+    numbers: Mapping[str, float] = {}
+    name: str = ""
+
+
 class Component:
     """Base of everything that runs every tick; subclass a group below."""
 
@@ -168,10 +205,13 @@ class Component:
     side: ClassVar[Literal["robot", "plant"]] = "robot"
     compiled: ClassVar[bool] = True
     """False: steps run as plain Python, which flies in interactive mode only."""
-    ports: ClassVar[dict[str, str]] = {}
-    """Parameter of a step -> name of the component that fills it, where several do."""
+    ports: dict[str, str] = {}
+    """Parameter of a step -> name of the component that fills it, where several do; an optional
+    port that names a component which the vehicle lacks is None."""
     columns: ClassVar[tuple[Recorded, ...]] = ()
     """What samples tell of it, where the vehicle has the records."""
+    streams: ClassVar[tuple[Streamed, ...]] = ()
+    """What is recorded of it at its own rate."""
     Table: ClassVar[type[Spec]] = Spec
 
     def __init__(self, name: str, table: Any = None) -> None:

@@ -41,6 +41,14 @@ class MocapSample(Output):
     axis_W: Vec3  # of the probe
 
 
+class TargetCapture(Output):
+    """The pose of a tracked thing by motion capture."""
+
+    fresh: float
+    p_WO: Vec3
+    R_WO: Mat3
+
+
 class Fix(Output):
     """Where a point of the robot was, by satellites or a total station."""
 

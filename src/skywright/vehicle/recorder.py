@@ -20,8 +20,9 @@ SAMPLES = 256
 SAMPLES_A_TICK = 16
 """More than one mission tick can write."""
 MAX_ITEMS = 64
-MOVE = 4
-"""Numbers of a move: source's address, byte in the row, words, 1 for a rotation."""
+MOVE = 5
+"""Numbers of a move: source's address, byte in the row, words, 1 for a rotation, bytes to the same
+of the next row of a batch."""
 
 
 class Recorder(Component):
@@ -86,7 +87,7 @@ class Recorder(Component):
         self.dtype = np.dtype(fields)
         self._rows = np.zeros(SAMPLES, self.dtype)
         moves = [
-            (s.ctypes.data, self.dtype.fields[f[0]][1], s.size, c.rotation)  # type: ignore[index]
+            (s.ctypes.data, self.dtype.fields[f[0]][1], s.size, c.rotation, 0)  # type: ignore[index]
             for s, f, c in zip(sources, fields, self.recorded.values(), strict=True)
             if s.size
         ]
@@ -124,14 +125,7 @@ class Recorder(Component):
 
     @staticmethod
     def step(me: Me) -> None:
-        row = me.rows + me.n * me.row_bytes
-        moves = integers(me.moves, MOVE * me.n_moves)
-        for m in range(0, MOVE * me.n_moves, MOVE):
-            source, target, n = moves[m], row + moves[m + 1], moves[m + 2]
-            if moves[m + 3]:
-                rot_to_quat(table(source, 3, 3), words(target, 4))
-            else:
-                copy_words(source, target, n)
+        copy_row(me.moves, me.n_moves, me.rows + me.n * me.row_bytes, 0)
         me.n += 1
 
     @classmethod
@@ -150,6 +144,18 @@ def find_source(record: NDArray[Any], column: Recorded, count: int | None) -> ND
     out = found.reshape(found.shape[1:])
     assert out.size == 0 or np.shares_memory(out, record)
     return out
+
+
+@helper
+def copy_row(moves: int, n: int, row: int, k: int) -> None:
+    """Fill the row at an address by `n` moves; of batches with their row `k`."""
+    given = integers(moves, MOVE * n)
+    for m in range(0, MOVE * n, MOVE):
+        source, target = given[m] + k * given[m + 4], row + given[m + 1]
+        if given[m + 3]:
+            rot_to_quat(table(source, 3, 3), words(target, 4))
+        else:
+            copy_words(source, target, given[m + 2])
 
 
 @helper

@@ -14,33 +14,24 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.columns import Column, Topic
+from skywright.core.columns import Column, Stream, Topic
 from skywright.core.record import View
-from skywright.core.rotations import exp_so3, quat_to_rot, rot_z
-from skywright.core.streams import build_stream
-from skywright.core.types import REFERENCE
-from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
-from skywright.description.world.thing import Frame as Pose
 from skywright.description.world.thing import Placed
-from skywright.description.world.things import find_carrier, find_first, locate_thing
+from skywright.description.world.things import find_first
 from skywright.errors import InputError, SimulationError
-from skywright.models.allocation import build_allocator
 from skywright.models.arm_body import Deviation
-from skywright.models.compliant_arms import is_compliant
+from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import (
-    build_body_model,
     compute_body,
     compute_tip,
     joint_names,
     posture,
 )
-from skywright.models.rotors import build_rotors
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
-from skywright.models.things._build import OBJECT, find_offsets
 from skywright.models.things.bench import CLAMP, Bench
 from skywright.vehicle.assembly import Assembly, State
-from skywright.vehicle.bus import Allocated, Clock, Estimate, MuJoCo, ShaftCommand, WrenchCommand
+from skywright.vehicle.bus import Allocated, Clock, Estimate, ShaftCommand, WrenchCommand
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext
 from skywright.vehicle.effects.forces import GivenForces
 from skywright.vehicle.estimates import EstimatorState
@@ -55,7 +46,10 @@ from skywright.vehicle.observers.operator import Operator
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.ports import list_steps
 from skywright.vehicle.recorder import Recorder
+from skywright.vehicle.set_up import build_home_row, check_rate, fill_bus, list_offers
 from skywright.vehicle.simulation import Simulation
+from skywright.vehicle.streams import StreamRecorder
+from skywright.vehicle.targets import PIPE, Target, list_tracked
 from skywright.vehicle.ticker import Ticker
 from skywright.vehicle.topics import list_topics
 
@@ -68,6 +62,7 @@ class Recorded(NamedTuple):
 
     columns: tuple[Column, ...]
     topics: tuple[Topic, ...]
+    streams: tuple[Stream, ...] = ()
 
 
 class Saved(NamedTuple):
@@ -87,11 +82,11 @@ class SimulatedVehicle:
 
     def __init__(
         self,
-        robot: Robot,
-        world: World,
+        nominal: Nominal,
         law: Law,
         estimator: Estimator,
         *,
+        world: World | None = None,
         seed: int,
         deviation: Deviation,
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -99,47 +94,48 @@ class SimulatedVehicle:
         parts: Sequence[Component] = (),
         on_samples: Callable[[NDArray[Any]], None] | None = None,
     ) -> None:
-        """`start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
+        """`world` is the one flown in, where it has more things than that of `nominal`.
+
+        `start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
 
         `parts` are further components: sensors and effects that the description names.
         Raises InputError where they do not fit together.
         """
-        self.robot, self.world, self.law, self.estimator = robot, world, law, estimator
+        self.nominal, self.law, self.estimator = nominal, law, estimator
+        self.robot, self.world = robot, world = nominal.robot, world or nominal.world
         self.interactive = interactive
         self.n_steps, self.dt = check_rate(robot)
         self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
         extend = [part.extend_scene for part in parts]
-        self.scene = build_scene(robot, world, deviation, extend)
+        self.scene = build_scene(robot, world, deviation, extend, nominal=nominal)
         self.n_joints = self.scene.n_joints
         self.offers = list_offers(robot)
         c = robot.control
         self.limits = Limits(c.speed_max_mps, c.acceleration_max_mps2, 0.8)
-        self.rotors = build_rotors(robot.rotors)
-        self.allocator = build_allocator(self.rotors)
-        self.model = build_body_model(robot, world.gravity_mps2)
+        self.model = nominal.model
         self.arc = compute_link_arc(robot, self.model)
         home = home_pose(robot, world, *start)
         self.sim = Simulation(self.scene, home)
         context = PlantContext(
-            robot, world, self.model[0], self.rotors, self.allocator,
-            compute_body(self.model, posture(robot, "working"))[0], self.dt, TIMESTEP,
-            law.name, frozenset(), {}, deviation=deviation, scene=self.scene, sim=self.sim,
-            seed=seed, start=start,
+            nominal, world, compute_body(self.model, posture(robot, "working"))[0], self.dt,
+            TIMESTEP, law.name, frozenset(), {}, deviation=deviation, scene=self.scene,
+            sim=self.sim, seed=seed, start=start,
         )  # fmt: skip
         named = [law, *estimator.assemble(estimator.table, context), *parts]
         asked = {port.record for c in named for step in list_steps(c) for port in step.ports}
         context = dataclasses.replace(context, named=tuple(named), asked=frozenset(asked))
         self.assembly = Assembly([*named, *list_wanted(context)], context, seed)
-        self._fill_bus()
+        fill_bus(self.assembly, self.sim, self.scene, self.dt)
         self.ticker = Ticker(self.assembly, self.sim, self.n_steps)
         self.interactive |= bool(self.assembly.list_python_rows())
         components = self.assembly.components
         self._before = [c for c in components if overrides(c, "before_tick")]
         self._after = [c for c in components if overrides(c, "after_tick")]
         self._follower, self._recorder = self.find(Follower), self.find(Recorder)
+        self._raw = [c for c in components if isinstance(c, StreamRecorder)]
         self.on_samples = on_samples
-        self._deviation, self._survey = deviation, build_stream(seed, "survey")
-        self.track(self._build_home_row(home, start[2]))
+        self.on_stream: Callable[[str, NDArray[Any]], None] | None = None
+        self.track(build_home_row(nominal, world, home, start[2]))
 
     # --- Backend ---------------------------------------------------------------------------------
 
@@ -217,7 +213,7 @@ class SimulatedVehicle:
         for c in self._before:
             c.before_tick(self.t, self.n_ticks)
         self.ticker.run(self.n_ticks, self.interactive)
-        if self._recorder.is_full:
+        if self._recorder.is_full or any(c.is_full for c in self._raw):
             self.flush()
         fired = int(clock["fired"])
         if fired & NOT_FINITE:
@@ -227,10 +223,14 @@ class SimulatedVehicle:
         return Ticked(self.t, fired, self.t - self._table_start >= self._table_end - 1e-9)
 
     def flush(self) -> None:
-        """Deliver the samples taken since the last delivery."""
+        """Deliver the samples, and raw samples by their topic, taken since the last delivery."""
         samples = self._recorder.take()
         if len(samples) and self.on_samples is not None:
             self.on_samples(samples)
+        for recorder in self._raw:
+            for topic, rows in recorder.take():
+                if self.on_stream is not None:
+                    self.on_stream(topic, rows)
 
     def save(self) -> Saved:
         """Return everything that the next tick depends on; see restore."""
@@ -250,6 +250,8 @@ class SimulatedVehicle:
         self._table, self._table_start = saved.table, saved.table_start
         self._table_end = float(self._table[-1]["t"])
         self._recorder.take()
+        for recorder in self._raw:
+            recorder.take()
 
     def tip_of(self, row: Any) -> tuple[Array, Array]:
         """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
@@ -282,8 +284,9 @@ class SimulatedVehicle:
     def recorded(self) -> Recorded:
         """What samples hold."""
         columns = self._recorder.list_columns()
-        joints, n_rotors = joint_names(self.robot), len(self.rotors.axis)
-        return Recorded(columns, list_topics(columns, joints, n_rotors))
+        joints, n_rotors = joint_names(self.robot), len(self.nominal.rotors.axis)
+        streams = [b.stream for c in self._raw for b in c.buffers]
+        return Recorded(columns, list_topics(columns, joints, n_rotors), tuple(streams))
 
     @property
     def last_sample(self) -> Any:
@@ -315,34 +318,23 @@ class SimulatedVehicle:
         self.sim.data.eq_active[self.scene.model.equality(CLAMP).id] = 0
 
     def survey(self, name: str) -> tuple[Array, Array]:
-        """Return (p_WO, R_WO) of a tracked thing as motion capture sees it: true, but for the error
-        of its markers, one for the run, and a sample's noise.
+        """Return (p_WO, R_WO) of a tracked thing, or of the pipe (PIPE), by motion capture.
 
-        Raises InputError where the world has no tracked thing of that name.
+        It is the running mean of the samples (vehicle/targets.py), with the error of the targets.
+        Raises InputError where nothing of that name is tracked, or none of its samples came yet.
         """
-        thing = self.world.find_thing(name, Placed)
-        if not thing.tracked:
+        tracked = list_tracked(self.robot, self.world)
+        if name not in tracked:
+            if name != PIPE:
+                self.world.find_thing(name, Placed)
             raise InputError(
-                f"world {self.world.name!r}: motion capture does not see {name!r}: "
-                f"[world.things.{name}] tracked = true"
+                f"world {self.world.name!r}: motion capture does not see {name!r}: it needs "
+                f"tracked = true in a world with motion capture; seen: {', '.join(tracked) or '-'}"
             )
-        draw, mocap = self._survey.standard_normal(6), self.world.mocap
-        noise = np.repeat([mocap.position_noise_m, mocap.attitude_noise_rad], 3) * draw
-        p, R = self._locate(name)
-        error, turn = self._deviation.survey_error + noise, np.empty((3, 3))
-        exp_so3(error[3:], turn)
-        return p + R @ error[:3], R @ turn
-
-    def _locate(self, name: str) -> Pose:
-        """Where a thing is in truth."""
-        things = self.world.things
-        carrier = name if things[name].movable else find_carrier(things, name)
-        if carrier is None:
-            offsets = find_offsets(things, self._deviation.socket_error)
-            return locate_thing(things, name, offsets=offsets)
-        body, data = self.scene.model.body(OBJECT + carrier).id, self.sim.data
-        frame = Pose(np.array(data.xpos[body]), np.array(data.xmat[body]).reshape(3, 3))
-        return frame if carrier == name else frame.at(locate_thing(things, name, carrier))
+        found = self.read(Target, f"{name} target" if len(tracked) > 1 else "")
+        if found.samples == 0.0:
+            raise InputError(f"motion capture has not seen {name!r} yet, t = {self.t:.2f} s")
+        return np.array(found.p_WO), np.array(found.R_WO)
 
     def _find_bench(self) -> Bench:
         bench = find_first(self.world.things, Bench)
@@ -366,31 +358,6 @@ class SimulatedVehicle:
 
     # --- set-up ------------------------------------------------------------------------------
 
-    def _fill_bus(self) -> None:
-        """Tell the clock its periods and the components where MuJoCo's arrays are."""
-        clock, mj = self.assembly.get(Clock), self.assembly.get(MuJoCo)
-        clock["dt"], clock["h"] = self.dt, TIMESTEP
-        for name, array in self.sim.arrays.items():
-            mj[name] = array.ctypes.data
-        sizes = self.scene.model
-        mj["nq"], mj["nv"], mj["nsensor"] = sizes.nq, sizes.nv, sizes.nsensordata
-        mj["nsite"], mj["nbody"], mj["npair"] = sizes.nsite, sizes.nbody, sizes.npair
-        mj["nu"], mj["na"] = sizes.nu, sizes.na
-
-    def _build_home_row(self, home: tuple[Array, Array, Array], yaw: float) -> Table:
-        """Return the reference of a robot that stands at its start with its motors off."""
-        p, q_WB, q = home
-        table = np.zeros(1, REFERENCE)
-        row = table[0]
-        row["p_WB"], row["R_WB"] = p, rot_z(yaw)
-        bench = find_first(self.world.things, Bench)
-        if bench is not None and bench.pitch_deg != 0.0:
-            quat_to_rot(q_WB, row["R_WB"])
-        row["R_WS"] = np.eye(3)
-        row["q"][: self.n_joints] = q
-        row["p_WT"], row["R_WT"] = self.tip_of(row)
-        return table
-
     def _explain_not_finite(self) -> str:
         records = self.assembly.records
         given = [records[k, ""][0] for k in (WrenchCommand, ShaftCommand) if (k, "") in records]
@@ -401,31 +368,6 @@ class SimulatedVehicle:
                 "(force, torque or joint command); the command was not applied"
             )
         return f"the simulation diverged at t = {self.t:.3f} s: the state is not finite"
-
-
-def list_offers(robot: Robot) -> frozenset[str]:
-    """Return what a mission may command of a robot (vehicle/interface.py)."""
-    return frozenset(
-        ["uav"]
-        + (["arms", "whole_body"] if robot.arm else [])
-        + (["hands"] if is_compliant(robot) else [])
-        + (["probe"] if robot.probe else [])
-    )
-
-
-def check_rate(robot: Robot) -> tuple[int, float]:
-    """Return the physics steps of a control tick, and its period (s).
-
-    Raises InputError where the control rate does not divide the rate of the physics.
-    """
-    rate = robot.control.rate_hz
-    n_steps = round(1.0 / (rate * TIMESTEP))
-    if abs(n_steps * TIMESTEP * rate - 1.0) > 1e-9 or n_steps < 1:
-        raise InputError(
-            f"robot.control.rate_hz = {rate:g} does not divide the physics rate "
-            f"{1 / TIMESTEP:g} Hz; valid: 1000, 500, 250, 200, 125, 100"
-        )
-    return n_steps, n_steps * TIMESTEP
 
 
 def overrides(component: Component, method: str) -> bool:

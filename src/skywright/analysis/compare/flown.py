@@ -19,8 +19,9 @@ from skywright.models.compliant_arms import find_hands
 from skywright.models.rigid_body import build_body_model
 from skywright.run.metrics import in_phases
 from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.vehicle.arms_interface import Arms
 from skywright.vehicle.guard import LOST_CONTROL
-from skywright.vehicle.interface import Arms, Uav, WholeBody
+from skywright.vehicle.interface import Uav, WholeBody
 from skywright.vehicle.simulated import SimulatedVehicle
 
 Step = Callable[[str], None]

@@ -59,6 +59,7 @@ class Mission(Spec, Generic[T]):
     wind_fraction: Fraction = 0.7  # of the computed wind limit that a mission may use
     # wall time that a mission tick (20 ms of flight) may take before a component counts as stuck
     step_limit_s: float = Field(default=20.0, ge=0.1, le=3600)
+    record_raw: bool = True  # every sample of sensors that declare streams, at its own rate
     planner_time_s: Positive = 20.0  # before the planner gives up
     task: T
     requirements: dict[str, Requirement] = {}

@@ -25,6 +25,11 @@ def find_first(things: Things, cls: type[T]) -> T | None:
     return next((thing for thing in things.values() if isinstance(thing, cls)), None)
 
 
+def find_name(things: Things, cls: type[Thing]) -> str:
+    """Return the name of the first thing of a class, or ""."""
+    return next((name for name, thing in things.items() if isinstance(thing, cls)), "")
+
+
 def find_thing(things: Things, name: str, cls: type[T], world: str) -> T:
     """Return the thing of that name; InputError where there is none or it is of another class.
 

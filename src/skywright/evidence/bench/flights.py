@@ -14,7 +14,8 @@ from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands
-from skywright.vehicle.interface import Arms, Uav, WholeBody
+from skywright.vehicle.arms_interface import Arms
+from skywright.vehicle.interface import Uav, WholeBody
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.simulation import Snapshot

@@ -79,7 +79,7 @@ def measure_case(name: str, case: Case, folder: Path, rounds: int) -> list[Row]:
     vehicle = case.fly()
     ticks = count_ticks(1.0)
     with RecordingWriter(folder / f"{name}loop.mcap", *vehicle.recorded) as writer:
-        vehicle.on_samples = writer.append
+        vehicle.on_samples, vehicle.on_stream = writer.append, writer.append_stream
         times = interleave(
             {
                 "bare": lambda: step_bare(vehicle, record_applied(vehicle, ticks)),

@@ -82,7 +82,7 @@ def fly_long(minutes: int, keep: bool, folder: Path) -> list[float]:
             if keep:
                 kept.append(samples)
 
-        vehicle.on_samples = deliver
+        vehicle.on_samples, vehicle.on_stream = deliver, writer.append_stream
         found = [read_rss()]
         for _ in range(minutes):
             run_ticks(vehicle, count_ticks(60.0))

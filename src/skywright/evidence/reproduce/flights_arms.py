@@ -21,7 +21,7 @@ from skywright.models.compliant_arms import find_swing
 from skywright.models.rigid_body import build_body_model
 from skywright.models.tip_force import Loaded
 from skywright.run.run import build_vehicle
-from skywright.vehicle.interface import Arms
+from skywright.vehicle.arms_interface import Arms
 from skywright.vehicle.rest_to_rest import quintic
 
 RADIUS = 0.1  # m, of the paper's pipe: the arms' pose

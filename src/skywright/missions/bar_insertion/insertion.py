@@ -21,7 +21,7 @@ from skywright.models.things.socket import Socket
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
-SURVEY_LOOKS = 50  # of motion capture at the socket, a mission tick each
+SURVEY_S = 1.0  # s, of motion capture's look at the socket
 READY = 0.012  # m, of the peg's end above the socket before it is lowered
 CALM_S = 0.3  # s, for which the peg has to be over the hole
 ALIGN_MAX_S = 12.0  # s, after which it is lowered from where it is
@@ -38,15 +38,9 @@ TOUCH_S = 0.8  # s without progress while it is lowered: it stands beside the ho
 
 def survey(s: Supervisor, socket: str) -> tuple[Place, Array]:
     """Look at a socket for a time; return its place (O of a bar that is in it) and R_WS."""
-    places, R = [], np.zeros((3, 3))
-    for _ in range(SURVEY_LOOKS):
-        s.tick()
-        p, turn = s.vehicle.survey(socket)
-        places.append(p)
-        R += turn
-    u, _, vt = np.linalg.svd(R)  # the rotation nearest to the mean
-    R = u @ vt
-    return Place(np.mean(places, axis=0), math.atan2(R[1, 0], R[0, 0])), R
+    s.wait(SURVEY_S)
+    p, R = s.vehicle.survey(socket)
+    return Place(p, math.atan2(R[1, 0], R[0, 0])), R
 
 
 def find_offset(missed: int, capture: float) -> Array:

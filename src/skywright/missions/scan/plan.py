@@ -69,7 +69,7 @@ def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
         tuple(joint_names(robot)), d.mission.planner_time_s,
     )  # fmt: skip
     spent = time.perf_counter() - began
-    blocked = found.blocked_by or find_exceeded_push(d, force)
+    blocked = found.blocked_by or find_exceeded_push(setup, force)
     return MissionPlan(
         blocked is None, blocked, spent, found.duration_s, found.min_clearance_m,
         found.min_rotor_margin, found.segments, ScanWay(depth, force, found.path_sphi),

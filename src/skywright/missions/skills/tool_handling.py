@@ -68,8 +68,8 @@ def find_platform(grip: Grip, place: Place) -> Array:
 def measure_tool(s: Supervisor) -> tuple[Array, Array]:
     """Return (p_WO, R_WO) of the tool as motion capture sees it now."""
     marker, seen = find_marker(s.vehicle.world), s.vehicle.read(Marker)
-    R = seen.R_WM @ marker.R.T
-    return seen.p_WM - R @ marker.p, R
+    R = seen.R_WO @ marker.R.T
+    return seen.p_WO - R @ marker.p, R
 
 
 def find_marker(world: World, tool: str | None = None) -> Frame:

@@ -39,7 +39,8 @@ from skywright.missions.tool_install.plan import (
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
-from skywright.vehicle.arms.ports import Hands, TrackedPipe
+from skywright.vehicle.arms.ports import Hands
+from skywright.vehicle.targets import PIPE
 
 
 def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
@@ -137,8 +138,7 @@ def _give_up(
 
 def _measure_seat(s: Supervisor, task: ToolInstall) -> Place:
     """Where the tool shall stand, on the pipe as motion capture sees it."""
-    pipe = s.vehicle.read(TrackedPipe)
-    return find_seat(s.vehicle.world, task, pipe.p_WP, pipe.R_WP)
+    return find_seat(s.vehicle.world, task, *s.vehicle.survey(PIPE))
 
 
 def _come(s: Supervisor, grip: Grip, place: Place) -> None:

@@ -68,12 +68,12 @@ def step_position(v: ArmsView, h: int, dr: Any) -> None:
 def step_to_marker(v: ArmsView, h: int, dr: Any) -> None:
     """Fill dr (3,) m: (23) towards v.tasks.p_WH in the marker's frame, while it is seen."""
     e = local(3)
-    mat_vec(v.marker.R_WM, v.tasks.p_WH[h], e)
+    mat_vec(v.marker.R_WO, v.tasks.p_WH[h], e)
     for a in range(3):
-        e[a] += v.marker.p_WM[a] - v.state.p_ref[h, a]
+        e[a] += v.marker.p_WO[a] - v.state.p_ref[h, a]
     speed = norm(v.tasks.v_WH[h])
     step = min((speed if speed > 0.0 else v.state.speed_hand) * v.arm.dt, norm(e))
-    step = step if v.marker.marker_age < SIGHT else 0.0
+    step = step if v.marker.age < SIGHT else 0.0
     length = max(norm(e), 1e-12)
     for a in range(3):
         dr[a] = step * e[a] / length

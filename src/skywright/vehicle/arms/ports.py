@@ -12,6 +12,7 @@ from skywright.core.record import Array, Integers, Mat3, Vec3
 from skywright.core.types import HOLD, MAX_HANDS, MAX_JOINTS
 from skywright.models.floating import FloatingInertia
 from skywright.vehicle.component import Output, ReferenceBlock
+from skywright.vehicle.targets import Target
 
 PerJoint = Annotated[Array, MAX_JOINTS]
 PerHand = Annotated[Array, MAX_HANDS]
@@ -136,33 +137,5 @@ class MarkerImage(Output):
     R_BM: Mat3
 
 
-class MarkerCapture(Output):
-    """A marker's pose by motion capture."""
-
-    fresh: float
-    p_WM: Vec3  # m
-    R_WM: Mat3
-
-
-class PipeCapture(Output):
-    """A tracked pipe's pose by motion capture."""
-
-    fresh: float
-    p_WP: Vec3  # m
-    R_WP: Mat3
-
-
-class Marker(Output):
-    """Where the marker is, as estimated."""
-
-    p_WM: Vec3  # m
-    R_WM: Mat3
-    marker_age: float  # s, since it was last seen
-
-
-class TrackedPipe(Output):
-    """Where the tracked pipe is: the mean of its samples."""
-
-    p_WP: Vec3  # m
-    R_WP: Mat3
-    pipe_samples: float  # in the mean, 0: none came yet
+class Marker(Target):
+    """Where the marker is that hands are led to."""

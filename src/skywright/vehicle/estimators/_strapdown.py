@@ -14,9 +14,8 @@ from skywright.core.record import Array, Mat3, Vec3
 from skywright.core.rotations import cross, exp_so3, mat_mat, mat_vec, orthonormalise
 from skywright.core.scratch import local
 from skywright.core.types import IMU_HISTORY
-from skywright.models.rotors import build_rotors
 from skywright.vehicle.component import Context, helper
-from skywright.vehicle.estimators._tip import TipCorrection, fill_tip
+from skywright.vehicle.tip import TipCorrection, fill_tip
 
 P_, V_, R_, BG_, BA_ = 0, 3, 6, 9, 12  # where the error's parts start
 N_STATE = 15
@@ -65,7 +64,7 @@ class Strapdown(TipCorrection):
 
 def fill_strapdown(me: Any, context: Context) -> None:
     """Fill the parameters of a Strapdown from data sheets: noise densities, vibration at hover."""
-    robot, rotors = context.robot, build_rotors(context.robot.rotors)
+    robot, rotors = context.robot, context.rotors
     s = robot.sensors
     me.dt, me.bandwidth = context.dt, robot.control.observer_bandwidth_rad_s
     me.rotor_tau, me.h = rotors.time_constant, context.h

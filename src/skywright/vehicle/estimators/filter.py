@@ -53,9 +53,9 @@ from skywright.vehicle.estimators._strapdown import (
     predict_now,
     receive_inertial,
 )
-from skywright.vehicle.estimators._tip import TIP_WALK, correct_tip
 from skywright.vehicle.estimators.station_camera import StationCamera
 from skywright.vehicle.readings import Fix, ImuBatch, MocapSample
+from skywright.vehicle.tip import TIP_WALK, correct_tip
 
 GATE = 22.46  # chi-square of 6 at 99.9 %
 RESTART_AFTER = 10  # rejected samples in a row that agree with each other

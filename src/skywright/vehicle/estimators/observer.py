@@ -26,12 +26,11 @@ from skywright.core.rotations import (
     orthonormalise,
 )
 from skywright.core.scratch import local
-from skywright.models.rotors import build_rotors
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
 from skywright.vehicle.component import Estimator, Out, helper
 from skywright.vehicle.estimates import EstimatorState, RotorForce
-from skywright.vehicle.estimators._tip import fill_tip
 from skywright.vehicle.readings import ImuBatch, MocapSample
+from skywright.vehicle.tip import fill_tip
 
 HISTORY = 64
 """Control ticks of estimates kept for delayed samples."""
@@ -58,7 +57,7 @@ class Observer(Estimator):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take its bandwidth and the rotors' lag."""
         me.dt, me.bandwidth = context.dt, context.robot.control.observer_bandwidth_rad_s
-        me.rotor_tau = build_rotors(context.robot.rotors).time_constant
+        me.rotor_tau = context.rotors.time_constant
 
     @staticmethod
     def step(

@@ -26,7 +26,6 @@ from skywright.errors import InputError
 from skywright.models.body_records import Body, Kinematics
 from skywright.models.floating import compute_free_inertia, fill_floating
 from skywright.models.rigid_body import fill_body, fill_kinematics, posture
-from skywright.models.rotors import build_rotors
 from skywright.vehicle.arms.ports import Floating
 
 Array = NDArray[np.float64]
@@ -251,7 +250,7 @@ def _scale_rate_loop(
     # what the link takes each way counts like the sampling: 10 ms cost 23 deg at 20 rad/s, more
     # where the loop is faster (above a resonance)
     delay = DELAY_TICKS / c.rate_hz + 2.0 * world.link.delay_s
-    tau = build_rotors(robot.rotors).time_constant
+    tau = robot.rotors.time_constant_s
     lead = compute_lead(k_rate, tau, delay, math.radians(c.phase_margin_deg))
     free = compute_free_inertia(robot, world, posture(robot, "working"))
     scale = np.minimum(1.0, compute_free_factor(k_rate, lead, delay) * free / inertia)

@@ -8,7 +8,6 @@ from typing import Any
 
 from skywright.core.record import Mat3, Record, Vec3
 from skywright.core.scratch import local
-from skywright.description.world.surface import build_cylinder
 from skywright.models.structure_distance import StructureShape, fill_structure, measure_surface
 from skywright.vehicle.bus import Truth
 from skywright.vehicle.component import Component, InOut, Out, Recorded, helper
@@ -44,12 +43,12 @@ class SurfaceObserver(Component):
         probe, world = context.robot.probe, context.world
         me.tip_radius = 0.0 if probe is None else probe.tip_radius_m
         if world.pipe is not None and probe is not None:
-            cylinder = build_cylinder(world.pipe)
+            cylinder = context.nominal.cylinder
             me.kind, me.radius = PIPE, cylinder.radius
             me.p_WP[:], me.R_WP[:] = cylinder.p_WP, cylinder.R_WP
         if world.structure is not None and context.scene.places.tip_site >= 0:
             me.kind = STRUCTURE
-            fill_structure(me.structure, world.structure)
+            fill_structure(me.structure, world.structure, context.nominal.surface)
 
     def get_period(self, step: str, context: Any) -> float:
         """Peaks last for a sample."""

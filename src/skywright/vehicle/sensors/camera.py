@@ -13,24 +13,16 @@ from collections.abc import Iterable
 from typing import Any
 
 from skywright.core.record import Mat3, Record, Vec3
-from skywright.core.rotations import exp_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec, quat_to_rot
+from skywright.core.rotations import exp_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.description.robot.camera import Camera
-from skywright.description.world.things import find_carrier, find_first, list_movers, locate_thing
+from skywright.description.world.things import find_first, find_name
 from skywright.models.things.marker import Marker
 from skywright.vehicle.arms.ports import MarkerImage
 from skywright.vehicle.bus import Clock, MuJoCo, Truth
-from skywright.vehicle.component import Component, Normal, Out, Sensor, helper, words
-
-
-class Target(Record):
-    """The marker in the world."""
-
-    object_qpos: int  # of the thing that it sits on, -1: it does not move
-    p_OM: Vec3  # m, on that thing, or in W
-    R_OM: Mat3
-    p_WM: Vec3  # m, truth of this tick
-    R_WM: Mat3
+from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, Streamed, helper
+from skywright.vehicle.sensors.target_place import TargetPlace, fill_place, move_place
+from skywright.vehicle.topics import BODY
 
 
 class MarkerNoise(Normal):
@@ -39,8 +31,6 @@ class MarkerNoise(Normal):
     stream = "camera"
     bearing: Vec3  # two bearings and the distance
     attitude: Vec3
-    p: Vec3  # by motion capture
-    R: Vec3
 
 
 class MarkerCamera(Sensor):
@@ -49,7 +39,7 @@ class MarkerCamera(Sensor):
     Table = Camera
 
     class Me(Record):
-        target: Target
+        place: TargetPlace
         p_BC: Vec3  # m
         R_BC: Mat3
         edge: float  # tangent of half the field of view
@@ -61,6 +51,17 @@ class MarkerCamera(Sensor):
         period: float  # s
         next: float  # s, next image
 
+    streams = (
+        Streamed(
+            (
+                Recorded("p_BM", MarkerImage, "p_BM", "m", "marker"),
+                Recorded("q_BM", MarkerImage, "R_BM", "", "marker", rotation=True),
+            ),
+            "geometry_msgs/PoseStamped", BODY,
+            {"pose.position": "p_BM", "pose.orientation": "q_BM"},
+        ),
+    )  # fmt: skip
+
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Robots with a camera have one where there is a marker."""
@@ -69,7 +70,7 @@ class MarkerCamera(Sensor):
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the camera's data and the marker's place."""
-        fill_target(me.target, context)
+        fill_place(me.place, context, find_name(context.world.things, Marker))
         me.p_BC[:], me.R_BC[:] = [table.x_m, table.y_m, table.z_m], table.rotation
         me.edge = math.tan(0.5 * math.radians(table.field_of_view_deg))
         me.range_max = table.range_max_m
@@ -85,47 +86,22 @@ class MarkerCamera(Sensor):
     def step(
         me: Me, clock: Clock, mj: MuJoCo, truth: Truth, draw: MarkerNoise, out: Out[MarkerImage]
     ) -> None:
-        place_target(me.target, mj)
+        move_place(me.place, mj)
         if clock.t < me.next - 1e-9:
             return
         me.next += me.period
         d, p_B, p_C = local(3), local(3), local(3)
         R_WC, R_CM = local(3, 3), local(3, 3)
         for a in range(3):
-            d[a] = me.target.p_WM[a] - truth.p_WB[a]
+            d[a] = me.place.p_WO[a] - truth.p_WB[a]
         mat_t_vec(truth.R_WB, d, p_B)
         for a in range(3):
             d[a] = p_B[a] - me.p_BC[a]
         mat_t_vec(me.R_BC, d, p_C)
         mat_mat(truth.R_WB, me.R_BC, R_WC)
-        mat_t_mat(R_WC, me.target.R_WM, R_CM)
+        mat_t_mat(R_WC, me.place.R_WO, R_CM)
         if is_seen(me, p_C, R_CM):
             spoil_image(me, p_C, R_CM, draw, out)
-
-
-def fill_target(target: Any, context: Any) -> None:
-    """Write a Target from the world's marker."""
-    things, places = context.world.things, context.scene.places
-    name = next(name for name, thing in things.items() if isinstance(thing, Marker))
-    carrier, target.object_qpos = find_carrier(things, name), -1
-    at = locate_thing(things, name, carrier)
-    target.p_OM[:], target.R_OM[:] = target.p_WM[:], target.R_WM[:] = at
-    if carrier is not None:
-        target.object_qpos = places.object_qpos[list_movers(things).index(carrier)]
-
-
-@helper
-def place_target(target: Any, mj: Any) -> None:
-    """Fill the marker's true pose: fixed, or with the thing that it sits on."""
-    at, qpos = target.object_qpos, words(mj.qpos, mj.nq)
-    if at < 0:
-        return
-    rot, vec = local(3, 3), local(3)
-    quat_to_rot(qpos[at + 3 : at + 7], rot)
-    mat_vec(rot, target.p_OM, vec)
-    for a in range(3):
-        target.p_WM[a] = qpos[at + a] + vec[a]
-    mat_mat(rot, target.R_OM, target.R_WM)
 
 
 @helper

@@ -20,9 +20,20 @@ from skywright.core.scratch import local
 from skywright.core.types import IMU_BATCH, MAX_ROTORS
 from skywright.description.robot.spec import Sensors
 from skywright.vehicle.bus import Clock, MuJoCo
-from skywright.vehicle.component import Component, Draws, Normal, Out, Sensor, helper, words
+from skywright.vehicle.component import (
+    Component,
+    Draws,
+    Normal,
+    Out,
+    Recorded,
+    Sensor,
+    Streamed,
+    helper,
+    words,
+)
 from skywright.vehicle.plant import RotorState
 from skywright.vehicle.readings import ImuBatch
+from skywright.vehicle.topics import BODY
 
 WALK_EVERY = 10  # samples between steps of the biases' walk
 
@@ -56,6 +67,17 @@ class Inertial(Sensor):
         n: int  # samples of this control tick
         gyro: Annotated[Array, IMU_BATCH, 3]
         accel: Annotated[Array, IMU_BATCH, 3]
+
+    streams = (
+        Streamed(
+            (
+                Recorded("gyro", ImuBatch, "gyro", "rad/s", "mean over a sample's period, in B"),
+                Recorded("accel", ImuBatch, "accel", "m/s^2", "specific force at the unit, in B"),
+            ),
+            "sensor_msgs/Imu", BODY, {"angular_velocity": "gyro", "linear_acceleration": "accel"},
+            {"orientation_covariance[0]": -1.0},  # in ROS: it does not tell the orientation
+        ),
+    )  # fmt: skip
 
     class GyroError(Normal):
         stream = "gyro"

@@ -11,8 +11,18 @@ from skywright.core.rotations import exp_so3, mat_mat, mat_vec
 from skywright.core.scratch import local
 from skywright.description.world.spec import Mocap
 from skywright.vehicle.bus import Clock, Truth
-from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, Uniform, helper
+from skywright.vehicle.component import (
+    Component,
+    Normal,
+    Out,
+    Recorded,
+    Sensor,
+    Streamed,
+    Uniform,
+    helper,
+)
 from skywright.vehicle.readings import MocapSample
+from skywright.vehicle.topics import MAP
 
 QUEUE = 64
 """Samples that may be under way."""
@@ -67,6 +77,25 @@ class MotionCapture(Sensor):
         Recorded("meas_p_WT", MocapSample, "p_WT", "m", "tip as motion capture measured it"),
         Recorded("meas_axis_W", MocapSample, "axis_W", "", "measured probe axis, out of the robot"),
     )
+
+    streams = (
+        Streamed(
+            (
+                Recorded("p_WB", MocapSample, "p_WB", "m", "platform"),
+                Recorded("q_WB", MocapSample, "R_WB", "", "platform", rotation=True),
+            ),
+            "geometry_msgs/PoseStamped", MAP,
+            {"pose.position": "p_WB", "pose.orientation": "q_WB"}, name="platform",
+        ),
+        Streamed(
+            (Recorded("p_WT", MocapSample, "p_WT", "m", "tip"),),
+            "geometry_msgs/PointStamped", MAP, {"point": "p_WT"}, name="tip",
+        ),
+        Streamed(
+            (Recorded("axis_W", MocapSample, "axis_W", "", "probe axis, out of the robot"),),
+            "geometry_msgs/Vector3Stamped", MAP, {"vector": "axis_W"}, name="probe_axis",
+        ),
+    )  # fmt: skip
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take rates and noise from the table, the markers' error from the deviation."""

@@ -12,13 +12,14 @@ from skywright.core.spec import NonNegative, Positive, Spec
 from skywright.errors import InputError
 from skywright.models.sight import Sight
 from skywright.vehicle.bus import Clock
-from skywright.vehicle.component import Normal, Out, Output, Recorded, Sensor
+from skywright.vehicle.component import Normal, Out, Output, Recorded, Sensor, Streamed
 
 
 class TipDistance(Sensor):
     """Measures from the tip to the first thing that is not the robot; silent beyond its range.
 
-    The ray is cast once a mission tick, 50 times a second.
+    The ray is cast in the mission tick (20 ms) in which a sample is due, so that faster rates see
+    one ray several times.
     """
 
     class Table(Spec):
@@ -46,6 +47,7 @@ class TipDistance(Sensor):
         distance: float  # m
 
     columns = (Recorded("tip_distance", Reading, "distance", "m", "along the probe, newest"),)
+    streams = (Streamed((Recorded("distance", Reading, "distance", "m", "along the probe"),)),)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Find the tip.
@@ -62,13 +64,27 @@ class TipDistance(Sensor):
             )
         me.low, me.high = table.range_min_m, table.range_max_m
         me.sigma, me.lsb, me.distance = table.noise_m, table.resolution_m, math.inf
+        self._dt, self._due = context.dt, 0.0
+        self._period = max(round(1.0 / (table.rate_hz * self._dt)), 1) * self._dt  # whole ticks
         self._me, self._data = me, context.sim.data
         self._sight = Sight(context.scene, self._data)
 
     def before_tick(self, t: float, n_ticks: int) -> None:
-        """Cast the ray."""
+        """Cast the ray where a sample is due in this mission tick."""
+        if t + n_ticks * self._dt <= self._due + 1e-9:
+            return
+        while self._due < t + n_ticks * self._dt - 1e-9:
+            self._due += self._period
         axis = np.array(self._data.site_xmat[self._site].reshape(3, 3)[:, 2])
         self._me.distance = self._sight.measure(np.array(self._data.site_xpos[self._site]), axis)
+
+    def save(self) -> Any:
+        """Return when the next sample is due."""
+        return self._due
+
+    def restore(self, saved: Any) -> None:
+        """Go back to it."""
+        self._due = saved
 
     @staticmethod
     def step(me: Me, clock: Clock, noise: Noise, out: Out[Reading]) -> None:
