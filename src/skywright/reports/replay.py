@@ -70,7 +70,7 @@ def build_replay(result: RunResult) -> str:
     rows = _choose_frames(samples)
     d = result.description
     flown = samples["p_WB"][::50] if len(samples) else np.zeros((1, 3))
-    views = build_views(d.robot, d.world, flown)
+    views = build_views(d.robot, d.true_world, flown)
     server = start_server()
     try:
         with server.atomic():  # nobody is connected: do not wake viser's thread at every message
@@ -95,7 +95,7 @@ def _record(
 ) -> str:
     """Draw the scene, play the samples that are `shown` into viser's recorder."""
     d = result.description
-    scene = Scene3d(server, d.robot, d.world, build_socket_error(d.plant))
+    scene = Scene3d(server, d.robot, d.true_world, build_socket_error(d.plant))
     scene.draw_sketch(load_kind(d.mission.kind).figures().sketch(d, result.plan.way))
     set_camera(server, views[0])
     scene.draw_wind(views[0].look_at + [0.0, 0.0, 0.75])
@@ -182,7 +182,7 @@ def _add_overlay(html: str, result: RunResult, samples: NDArray[Any], views: lis
 
 def _describe_camera(d: Description) -> dict[str, Any]:
     """The first-person view: the drawn platform that carries it, and its mount in B."""
-    drawing = build_drawing(d.robot, d.world)
+    drawing = build_drawing(d.robot, d.true_world)
     mount = find_mount(d.robot, drawing)
     vectors = {
         "position": mount.position, "forward": mount.forward, "up": mount.up

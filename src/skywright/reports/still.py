@@ -49,7 +49,7 @@ def render_run(result: RunResult, width: int, height: int, t: float | None = Non
 def _place_camera(result: RunResult, row: Any) -> Camera:
     """In front of the robot and a little above, so that robot and pipe share the picture."""
     centre = np.array(row["p_WB"])
-    pipe = result.description.world.pipe
+    pipe = result.description.true_world.pipe
     if pipe is None:
         side = np.array([-0.6, -1.0, 0.5])
         look = centre
@@ -66,7 +66,7 @@ def _place_camera(result: RunResult, row: Any) -> Camera:
 
 def _build_items(result: RunResult, row: Any) -> list[Item]:
     d = result.description
-    drawing = build_drawing(d.robot, d.world, build_socket_error(d.plant))
+    drawing = build_drawing(d.robot, d.true_world, build_socket_error(d.plant))
     items = []
     for shape in drawing.world:
         if shape.kind != "plane":
@@ -96,7 +96,7 @@ def _build_items(result: RunResult, row: Any) -> list[Item]:
 
 def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Item]:
     """The weld, the path coloured by the weld signal, and the estimated line, as bands."""
-    weld, pipe = result.details, result.description.world.pipe
+    weld, pipe = result.details, result.description.true_world.pipe
     assert isinstance(weld, WeldResult) and pipe is not None
     items = []
     true = result.description.world.weld
@@ -120,7 +120,7 @@ def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Ite
 
 
 def _band(result: RunResult, s: Array, c: Array, width: float, lift: float, colour: Any) -> Item:
-    pipe = result.description.world.pipe
+    pipe = result.description.true_world.pipe
     assert pipe is not None
     cyl = build_cylinder(pipe)
     points, normals = roll_points(cyl, s, c)

@@ -100,7 +100,7 @@ def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     s = result.samples[in_phases(result.samples, result.phases, "install")]
     if not len(s) or not has_columns(s, "operator_stick") or not np.any(s["operator_stick"]):
         return None
-    t, world = s["t"], result.description.world
+    t, world = s["t"], result.description.true_world
     _, seat = find_places(world, result.description.mission.task)
     way = compute_operated(s, _find_index(result), seat)
     figure, axes = draw_panels(

@@ -61,7 +61,7 @@ def compute_stance(samples: Samples, at: int, index: int, place: Place) -> Stanc
 def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
-    samples, phases, way, world = run.samples, run.phases, run.way, run.setup.world
+    samples, phases, way, world = run.samples, run.phases, run.way, run.setup.true.world
     i = list_movers(world.things).index(run.task.tool)
     bench, seat = find_places(world, run.task)  # not as the map has it
     wait = np.flatnonzero(in_phases(samples, phases, "wait"))

@@ -48,7 +48,7 @@ WORK = ("force", "inspect", "carry", "transport")
 
 def unroll_points(result: RunResult, p_W: Array) -> tuple[Array, Array]:
     """Unrolled coordinates (s, c), each (n,) m, of points (n, 3) in W near the pipe."""
-    pipe = result.description.world.pipe
+    pipe = result.description.true_world.pipe
     assert pipe is not None
     cyl = surface.build_cylinder(pipe)
     s, c, _ = surface.unroll_points(cyl, p_W)
@@ -135,7 +135,7 @@ def draw_flight_path(result: RunResult) -> Figure | None:
 
 
 def _outline_world(result: RunResult) -> list[Outline]:
-    world = result.description.world
+    world = result.description.true_world
     parts = outline_pipe(world.pipe) if world.pipe is not None else []
     if world.structure is not None:
         parts += outline_structure(world.structure)

@@ -46,7 +46,7 @@ class SurfaceThrust(Effect):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the structure and the rotors."""
         rotors = context.rotors
-        fill_structure(me.structure, context.world.structure, context.nominal.surface)
+        fill_structure(me.structure, context.world.structure, context.true.surface)
         me.n, me.disc = len(rotors.thrust_min), context.robot.rotors.propeller_radius_m
         me.rotor_p[: me.n], me.rotor_axis[: me.n] = rotors.position, rotors.axis
 
