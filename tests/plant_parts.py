@@ -91,7 +91,7 @@ def build_context(
     sim = Simulation(scene, home_pose(robot, world, 0.0, 0.0, 0.0))
     return PlantContext(
         nominal, world, 1.0, 1.0 / robot.control.rate_hz, TIMESTEP, "none", frozenset(), {},
-        deviation=dev, scene=scene, sim=sim, seed=seed,
+        deviation=dev, true=nominal, scene=scene, sim=sim, seed=seed,
     )  # fmt: skip
 
 

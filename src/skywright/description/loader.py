@@ -13,6 +13,7 @@ from skywright.core.keys import apply_assignments, parse_assignment
 from skywright.core.spec import Source, Spec
 from skywright.core.toml_files import Layer, describe_value, merge_layers
 from skywright.core.validation import list_problems, validate_root
+from skywright.description.map_error import displace_world
 from skywright.description.mission.spec import Mission, Plant, T, find_mission_spec
 from skywright.description.parts import Part, drop_replaced, take_kinds, type_parts
 from skywright.description.renamed import load_layer, rename_key
@@ -63,6 +64,11 @@ class Description(NamedTuple, Generic[T]):
     """Dotted key -> where its number comes from."""
     origin: dict[str, str]
     """Dotted key -> the file (or `--set`) that wrote it; a default has none."""
+
+    @property
+    def true_world(self) -> World:
+        """The world as it truly is; `world` is the map that the robot has of it."""
+        return displace_world(self.world, self.plant, self.mission.seed)
 
     @property
     def law(self) -> Part | None:
@@ -158,6 +164,8 @@ def load_layers(
             f"{', '.join(mission.tree)}"
         )
     complete = table.get("resolved") is True
+    if complete:
+        _drop_old_map_error(mission.tree.get("plant", {}))
     folder = found.path.parent
     layers: list[Layer] = []
     chosen: list[tuple[str, object]] = []
@@ -220,6 +228,13 @@ def load_layers(
             pairs = translate_assignments(pairs, tree)
             layers.append(apply_assignments(tree, pairs, specs, label))
     return layers
+
+
+def _drop_old_map_error(plant: dict[str, Any]) -> None:
+    """Take the world file of a run from before map_error_size_m as the truth, which it was then."""
+    if "map_error_size_m" not in plant:
+        for key in ("map_error_m", "map_error_deg"):
+            plant.pop(key, None)
 
 
 def _drop(sources: dict[str, Source], root: str) -> dict[str, Source]:

@@ -87,12 +87,12 @@ class LiveView:
         d = description
         self._duration = plan.duration_s
         self.server = start_server(self.host, self.port)
-        self._scene = Scene3d(self.server, d.robot, d.world)
+        self._scene = Scene3d(self.server, d.robot, d.true_world)
         self._judged_phases = list_judged(d.robot, d.world)
         self._scene.draw_sketch(load_kind(d.mission.kind).figures().sketch(d, plan.way))
         start = np.array([d.mission.start_x_m, d.mission.start_y_m, 0.0])
         planned = [table["p_WB"][::25] for table in plan.segments.values() if len(table)]
-        views = build_views(d.robot, d.world, np.concatenate([start[None], *planned]))
+        views = build_views(d.robot, d.true_world, np.concatenate([start[None], *planned]))
         set_camera(self.server, views[0])
         self._scene.draw_wind(views[0].look_at + [0.0, 0.0, 0.75])
         self._build_panel(d)

@@ -1,7 +1,5 @@
 """The arm's bodies in the scene: links, flexibility, hands, sprung probe and servos."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

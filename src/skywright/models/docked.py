@@ -10,8 +10,6 @@ G_i spans the friction pyramid of foot i (inside the cone, so on the safe side).
 torques about B's origin. Static, like every limit of the capability analysis.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

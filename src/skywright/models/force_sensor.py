@@ -6,8 +6,6 @@ potentiometer makes the count, so the two slopes are the spring's: harder to 7.8
 stroke of 30 mm), softer beyond (432 N/m).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

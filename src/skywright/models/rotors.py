@@ -6,8 +6,6 @@ describes the OTHex of Tognon et al. 2018). Thrust is k_f w^2 along the axis; th
 torque acts on the body against its spin.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ try at each edge is the straight segment with the best-rated posture; then other
 detours over the surface are sampled from the seeded generator.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any, NamedTuple
@@ -22,7 +20,7 @@ from skywright.description.world.surface import Cylinder
 from skywright.models.geometry import ClearanceQuery
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.configurations import Candidates, resting
-from skywright.planning.flight import build_rest, plan_flight
+from skywright.planning.flight import build_rest, build_transit_law, plan_flight
 from skywright.planning.inverse_dynamics import Loads
 from skywright.planning.inverse_kinematics import State, build_state, wrap
 from skywright.planning.local_planner import (
@@ -33,6 +31,7 @@ from skywright.planning.local_planner import (
 )
 from skywright.planning.patterns import TimeLaw, build_time_law
 from skywright.planning.problem import Limits, build_problem
+from skywright.planning.survey import SurveyTask, plan_survey
 from skywright.planning.via_points import ScanTask, Search, Slide
 
 SETTLE = 2.0
@@ -84,8 +83,13 @@ def plan_scan(
     rng: np.random.Generator,
     joints: tuple[str, ...] = (),
     time_limit: float = 20.0,
+    survey: SurveyTask | None = None,
+    begin: State | None = None,
 ) -> ScanPlan:
     """Plan approach, unfolding, touch, scan, departure and return.
+
+    With a `survey` the way to its points comes in between. From `begin`, at rest in front of the
+    surface with the arm unfolded, "face" takes the place of approach and unfolding.
 
     model: (1,) `BodyModel`. start, home (4,): hover poses x, y, z, yaw before and after. push_force
     N along the inward normal while the tip is inside. Never raises for an impossible task: the
@@ -105,7 +109,12 @@ def plan_scan(
             f"{1e3 * cylinder.radius:.0f} mm"
         )
     if blocked is None:
-        segments, path, blocked = _plan(search, start, home, q_folded)
+        segments, path, blocked = _plan(search, start, home, q_folded, begin)
+    if blocked is None and survey is not None:
+        close, first = segments["close_in"][-1], task.pattern.corners[0]
+        away = task.stand_off + RETREATS[0]
+        more, blocked = plan_survey(search, close.state, first, survey, away)
+        segments |= more
     joined = {name: join_edges(edges) for name, edges in segments.items()}
     rows = {name: r for name, (r, _) in joined.items()}
     traces = {name: t for name, (_, t) in joined.items()}
@@ -130,7 +139,7 @@ def plan_scan(
 
 
 def _plan(
-    search: Search, start: Array, home: Array, q_folded: Array
+    search: Search, start: Array, home: Array, q_folded: Array, begin: State | None
 ) -> tuple[dict[str, list[Edge]], Array, str | None]:
     """Try starting configurations until everything connects; tell the first obstacle otherwise."""
     corners = search.task.pattern.corners
@@ -146,7 +155,7 @@ def _plan(
         message = None
         segments: dict[str, list[Edge]] = {}
         if failure is None:
-            segments, message = _connect(search, state, scan, start, home, q_folded)
+            segments, message = _connect(search, state, scan, start, home, q_folded, begin)
         else:
             message = search.explain(failure)
         if message is None:
@@ -201,14 +210,16 @@ def _moved(state: State, offset: Array) -> State:
 
 def _connect(
     search: Search, first: State, scan: list[Slide], start: Array, home: Array,
-    q_folded: Array,
+    q_folded: Array, begin: State | None,
 ) -> tuple[dict[str, list[Edge]], str | None]:  # fmt: skip
     """Add the motions before and after the scan; return the segments or what blocks them."""
     last = scan[-1].edge.state
     a, b = scan[0].start, scan[-1].end
     task, message = search.task, ""
     for distance in RETREATS:
-        edges, message = _arrive(search, first, a, task.stand_off + distance, start, q_folded)
+        edges, message = _arrive(
+            search, first, a, task.stand_off + distance, start, q_folded, begin
+        )
         if edges:
             break
     else:
@@ -231,19 +242,25 @@ def _fold_law(search: Search, q_a: Array, q_b: Array) -> TimeLaw:
 
 
 def _arrive(
-    search: Search, first: State, corner: Array, distance: float, start: Array, q_folded: Array
-) -> tuple[dict[str, list[Edge]], str]:
-    """approach, unfold, close_in and touch for a start `distance` (m) in front of the surface."""
+    search: Search, first: State, corner: Array, distance: float, start: Array, q_folded: Array,
+    begin: State | None,
+) -> tuple[dict[str, list[Edge]], str]:  # fmt: skip
+    """approach, unfold, close_in and touch for a start `distance` (m) in front of the surface.
+
+    From `begin`: face, close_in and touch.
+    """
     prob, task, lim = search.prob, search.task, search.prob.limits
     s, phi = float(corner[0]), float(corner[1])
     _, n = search.tip(s, phi)
     front = _moved(first, n * (task.depth + distance))
     yaw = math.atan2(front.R[1, 0], front.R[0, 0])
     gate = build_state(front.p, rot_z(yaw), q_folded)
-    unfold = plan_free_edge(
-        prob, gate, front.p, front.R, front.q, _fold_law(search, gate.q, front.q),
-        lim.margin_transit,
-    )  # fmt: skip
+    leading = begin or gate
+    law = _fold_law(search, leading.q, front.q)
+    if begin is not None:
+        transit = build_transit_law(begin, np.array([*front.p, yaw]), lim)
+        law = max(law, transit, key=lambda x: x.duration)
+    unfold = plan_free_edge(prob, leading, front.p, front.R, front.q, law, lim.margin_transit)
     if unfold.failure is not None:
         return {}, search.explain(unfold.failure)
     law = build_time_law(
@@ -261,6 +278,8 @@ def _arrive(
     )
     if touch.failure is not None:
         return {}, search.explain(touch.failure)
+    if begin is not None:
+        return {"face": [unfold], "close_in": [close], "touch": [touch]}, ""
     gate_pose = np.array([*front.p, yaw])
     approach, failure = plan_flight(prob, search.scene, start, gate_pose, q_folded, search.rng)
     if failure is not None:

@@ -113,7 +113,7 @@ def list_changes(result: RunResult) -> list[Row]:
 def list_plant(result: RunResult) -> list[Row]:
     """How the simulated truth deviated from what the controller believed."""
     d = result.description
-    mapped = d.world.pipe is not None and d.world.pipe.tracked
+    mapped = d.world.pipe is not None or d.world.structure is not None
     rows = [
         Row(key, _text(value))
         for key, value in iterate_leaves(d.plant, "plant")

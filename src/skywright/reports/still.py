@@ -1,9 +1,7 @@
 """A still picture of a run in 3-D: robot, pipe, the probe's path painted with what it read."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
@@ -22,10 +20,7 @@ from skywright.models.drawing import (
 )
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon
 from skywright.reports.render import Camera, Item, render_scene
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
+from skywright.run.run import RunResult
 
 CCW, CW = (0.17, 0.42, 0.78), (0.45, 0.72, 0.96)
 PATH_WIDTH = 0.007  # m
@@ -54,7 +49,7 @@ def render_run(result: RunResult, width: int, height: int, t: float | None = Non
 def _place_camera(result: RunResult, row: Any) -> Camera:
     """In front of the robot and a little above, so that robot and pipe share the picture."""
     centre = np.array(row["p_WB"])
-    pipe = result.description.world.pipe
+    pipe = result.description.true_world.pipe
     if pipe is None:
         side = np.array([-0.6, -1.0, 0.5])
         look = centre
@@ -71,7 +66,7 @@ def _place_camera(result: RunResult, row: Any) -> Camera:
 
 def _build_items(result: RunResult, row: Any) -> list[Item]:
     d = result.description
-    drawing = build_drawing(d.robot, d.world, build_socket_error(d.plant))
+    drawing = build_drawing(d.robot, d.true_world, build_socket_error(d.plant))
     items = []
     for shape in drawing.world:
         if shape.kind != "plane":
@@ -101,7 +96,7 @@ def _build_items(result: RunResult, row: Any) -> list[Item]:
 
 def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Item]:
     """The weld, the path coloured by the weld signal, and the estimated line, as bands."""
-    weld, pipe = result.details, result.description.world.pipe
+    weld, pipe = result.details, result.description.true_world.pipe
     assert isinstance(weld, WeldResult) and pipe is not None
     items = []
     true = result.description.world.weld
@@ -125,7 +120,7 @@ def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Ite
 
 
 def _band(result: RunResult, s: Array, c: Array, width: float, lift: float, colour: Any) -> Item:
-    pipe = result.description.world.pipe
+    pipe = result.description.true_world.pipe
     assert pipe is not None
     cyl = build_cylinder(pipe)
     points, normals = roll_points(cyl, s, c)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
 from skywright.description.loader import Description
+from skywright.description.map_error import check_map_error
 from skywright.description.mission.spec import T
 from skywright.models.geometry import compute_clearance
 from skywright.models.rigid_body import posture
@@ -81,6 +82,7 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
     setup = setup or Setup(description)
     kind = load_kind(description.mission.kind)
     plan = kind.plan(setup)
+    check_map_error(description.world, description.plant, description.origin)
     if not plan.feasible and plan.plan_s > description.mission.planner_time_s:
         plan = kind.plan(setup)  # the first call in a process may have spent its time compiling
     if not kind.flies:

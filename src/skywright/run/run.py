@@ -214,7 +214,7 @@ def build_vehicle(
     """
     d, mission = description, description.mission
     setup = setup or Setup(description)
-    world = d.world
+    world = setup.true.world
     if load_kind(mission.kind).held:  # in the air, where the flight begins
         place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
         world = world.add_thing("clamp", place)

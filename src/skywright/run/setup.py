@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 class Setup(Nominal, Generic[T]):
     """A description and what is computed from it; each thing is built when it is first asked for.
 
-    Everything but `deviation` and `plant_scene` is nominal: what controllers and planners believe.
+    All is nominal, what controllers and planners believe, but `deviation` and what is called true.
     """
 
     def __init__(self, description: Description[T]) -> None:
@@ -38,6 +38,11 @@ class Setup(Nominal, Generic[T]):
     def task(self) -> T:
         """What the mission's kind is asked to do."""
         return self.description.mission.task
+
+    @cached_property
+    def true(self) -> Nominal:
+        """Robot and world as they truly are in their geometry: for judging, not for planners."""
+        return Nominal(self.robot, self.description.true_world)
 
     @cached_property
     def scene(self) -> Scene:

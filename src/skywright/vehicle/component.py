@@ -147,6 +147,7 @@ class PlantContext(Context):
     """What a component of the plant's side is built from: the truth as well."""
 
     deviation: Deviation = None  # type: ignore[assignment]
+    true: Nominal = None  # type: ignore[assignment]  # robot and world with the true surfaces
     scene: Scene = None  # type: ignore[assignment]
     sim: Any = None  # Simulation: MuJoCo's model and data
     seed: int = 0

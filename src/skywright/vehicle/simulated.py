@@ -94,7 +94,8 @@ class SimulatedVehicle:
         parts: Sequence[Component] = (),
         on_samples: Callable[[NDArray[Any]], None] | None = None,
     ) -> None:
-        """`world` is the one flown in, where it has more things than that of `nominal`.
+        """`world` is the one flown in: with more things than that of `nominal`, and with pipe or
+        structure where they truly are. Missions read these as `nominal` has them.
 
         `start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
 
@@ -102,12 +103,15 @@ class SimulatedVehicle:
         Raises InputError where they do not fit together.
         """
         self.nominal, self.law, self.estimator = nominal, law, estimator
-        self.robot, self.world = robot, world = nominal.robot, world or nominal.world
+        self.robot, world = nominal.robot, world or nominal.world
+        robot, true = nominal.robot, Nominal(nominal.robot, world)
+        known = {"pipe": nominal.world.pipe, "structure": nominal.world.structure}
+        self.world = world.model_copy(update=known)
         self.interactive = interactive
         self.n_steps, self.dt = check_rate(robot)
         self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
         extend = [part.extend_scene for part in parts]
-        self.scene = build_scene(robot, world, deviation, extend, nominal=nominal)
+        self.scene = build_scene(robot, world, deviation, extend, nominal=true)
         self.n_joints = self.scene.n_joints
         self.offers = list_offers(robot)
         c = robot.control
@@ -119,7 +123,7 @@ class SimulatedVehicle:
         context = PlantContext(
             nominal, world, compute_body(self.model, posture(robot, "working"))[0], self.dt,
             TIMESTEP, law.name, frozenset(), {}, deviation=deviation, scene=self.scene,
-            sim=self.sim, seed=seed, start=start,
+            sim=self.sim, seed=seed, start=start, true=true,
         )  # fmt: skip
         named = [law, *estimator.assemble(estimator.table, context), *parts]
         asked = {port.record for c in named for step in list_steps(c) for port in step.ports}

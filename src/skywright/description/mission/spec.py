@@ -91,9 +91,10 @@ class Plant(Spec):
     joint_offset_error_deg: float = 0.4  # encoder zero of every joint
     drag_error: float = Field(default=0.2, gt=-1, lt=10)
     marker_error_m: NonNegative = 0.001  # 1 sigma a axis: motion-capture markers of the probe
-    # a pipe that is tracked is this far, either way, from where the planner's map has it
-    map_error_m: float = Field(default=0.02, ge=0, le=0.2)  # each axis
-    map_error_deg: float = Field(default=2.0, ge=0, le=20)  # heading
+    # the true pipe or structure is up to this far, either way, from the map (world file)
+    map_error_m: float = Field(default=0.0, ge=0, le=0.2)  # each axis
+    map_error_deg: float = Field(default=0.0, ge=0, le=20)  # heading, inclination or slope
+    map_error_size_m: float = Field(default=0.0, ge=0, le=0.05)  # radius
     # where tracked things that do not move, as a socket, stand against the world file
     socket_x_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)  # in the socket's frame
     socket_y_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)

@@ -1,25 +1,23 @@
 """What the inspection found: weld map, instrument display, contact quality."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.loader import Description
 from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import Pipe
+from skywright.description.world.spec import Pipe, Weld
 from skywright.description.world.surface import build_cylinder
 from skywright.description.world.surface import surface_point as compute_surface_point
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT, compute_contact_map
 from skywright.inspection.weld import detect_contact
-from skywright.missions.scan.metrics import LIFT_OFF_THRESHOLD
+from skywright.missions.scan.metrics import LIFT_OFF_THRESHOLD, find_survey, get_surface
 from skywright.missions.scan.plan import ScanWay
+from skywright.missions.scan.surveyed import carry_weld
 from skywright.missions.scan.task import Scan
 from skywright.models.eddy_current import Instrument
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
@@ -28,12 +26,11 @@ from skywright.reports.figures.paths import select_scan, unroll_points
 from skywright.reports.figures.series import draw_contact_series
 from skywright.reports.figures.style import LIMIT, WIDTH, new_figure, new_map
 from skywright.reports.weld_map import draw_impedance_plane, draw_weld_map, draw_weld_signal
+from skywright.run.flight import Flown
 from skywright.run.kind import Chart, Figures, Sketch
 from skywright.run.metrics import in_phases
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
+from skywright.run.run import RunResult
+from skywright.run.setup import Setup
 
 CELL = 0.008  # m, of the contact map
 
@@ -48,9 +45,19 @@ def draw_map(result: RunResult[Scan, ScanWay]) -> Figure | None:
     figure, ax = new_map(
         result.details.s[seen], result.details.c[seen], 0.2, below=0.85, right=0.65
     )
-    draw_weld_map(ax, result.details, result.description.world.weld)
+    draw_weld_map(ax, result.details, _find_true_weld(result))
     ax.grid(False)
     return figure
+
+
+def _find_true_weld(result: RunResult[Scan, ScanWay]) -> Weld | None:
+    """The true weld as it lies on the map of the inspection."""
+    setup = Setup(result.description)
+    surface = get_surface(Flown(setup, result.plan, result.samples, result.phases))
+    line = result.details.line
+    if surface is None:
+        return None
+    return carry_weld(setup.true.world, surface, np.array([line.s, line.c] if line else [0.0, 0.0]))
 
 
 def draw_instrument(result: RunResult[Scan, ScanWay]) -> Figure | None:
@@ -71,9 +78,11 @@ def draw_instrument(result: RunResult[Scan, ScanWay]) -> Figure | None:
     figure = new_figure(WIDTH, 6.8)
     left = figure.add_axes((0.075, 0.46, 0.43, 0.49))
     draw_impedance_plane(left, ec, shown)
-    left.set_title("Instrument display (impedance plane)")
-    left.set_xlabel("real part (instrument units)")
-    left.set_ylabel("imaginary part (instrument units)")
+    left.set(
+        title="Instrument display (impedance plane)",
+        xlabel="real part (instrument units)",
+        ylabel="imaginary part (instrument units)",
+    )
     right = figure.add_axes((0.58, 0.46, 0.40, 0.49))
     draw_impedance_plane(right, ec, shown, zoom=True)
     right.set_title("The same near contact; dashed: lift-off threshold")
@@ -118,8 +127,7 @@ def draw_contact_quality(result: RunResult[Scan, ScanWay]) -> Figure | None:
         ax.plot(1e3 * s_plan, 1e3 * c_plan, color="#999999", lw=0.5, ls=":")
         ax.grid(False)
         ax.set_aspect("equal", adjustable="datalim")
-        ax.set_title(title)
-        ax.set_xlabel("s, along the axis (mm)")
+        ax.set(title=title, xlabel="s, along the axis (mm)")
         if i == 0:
             ax.set_ylabel("c, around the pipe (mm)")
         scale = figure.add_axes((0.07 + 0.325 * i, 0.105, 0.265, 0.03))
@@ -134,6 +142,11 @@ PHASES = {
     "approach": "Along the planned way to the pipe, arm folded.",
     "unfold": "The arm takes the pose in which it measures.",
     "close_in": "The probe stops a few centimetres off the surface.",
+    "survey_move": "On the way to the next place that is touched to find the pipe.",
+    "survey_touch": "Slowly inward until the pipe is felt; the tip rests there for a second.",
+    "survey_back": "Back off the surface.",
+    "survey_leave": "Away from the pipe; the touches are evaluated and the scan is planned again.",
+    "face": "In front of the pipe where the touches show it.",
     "trim": "The controller learns the steady errors before it touches.",
     "touch": "The probe moves onto the surface and its spring is pressed in.",
     "settle": "At rest in contact; is the probe really on?",
@@ -160,7 +173,7 @@ def describe(result: RunResult[Scan, ScanWay]) -> str:
     )
 
 
-def scan_path(scan: Scan, pipe: Pipe) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def scan_path(scan: Scan, pipe: Pipe) -> tuple[Array, Array]:
     """The scan's path as (s, phi), n points; empty where the pattern does not fit on the pipe."""
     centre = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
     corners = build_pattern(
@@ -174,7 +187,7 @@ def scan_path(scan: Scan, pipe: Pipe) -> tuple[NDArray[np.float64], NDArray[np.f
     return np.interp(u, index, corners[:, 0]), np.interp(u, index, corners[:, 1])
 
 
-def place_at_work(robot: Robot, pipe: Pipe, scan: Scan) -> tuple[NDArray[np.float64], float] | None:
+def place_at_work(robot: Robot, pipe: Pipe, scan: Scan) -> tuple[Array, float] | None:
     """Position and heading of the level platform with the probe square on the scan's middle.
 
     None where a level platform in working posture cannot point the probe there (top, underside).
@@ -207,12 +220,13 @@ def sketch(d: Description[Scan], way: ScanWay | None) -> Sketch:
 def list_notes(result: RunResult[Scan, ScanWay]) -> list[str]:
     """Say what the pictures do not: why there is no map, or no weld on it."""
     weld, true = result.details, result.description.world.weld
+    survey = _describe_survey(result)
     if weld is None:
         scanned = any(p.name == "scan" for p in result.phases)
         why = "the scan could not be evaluated" if scanned else "the run never came to scanning"
         more = f" ({result.reason})" if result.reason else ""
-        return [f"There is nothing to map: {why}{more}."]
-    notes = [f"Note: {note}" for note in weld.notes]
+        return [*survey, f"There is nothing to map: {why}{more}."]
+    notes = survey + [f"Note: {note}" for note in weld.notes]
     if weld.line is not None:
         return notes
     where = "The pipe has none."
@@ -222,6 +236,29 @@ def list_notes(result: RunResult[Scan, ScanWay]) -> list[str]:
             "quality and the instrument's signal."
         )
     return [f"No weld was found. {where}", *notes]
+
+
+def _describe_survey(result: RunResult[Scan, ScanWay]) -> list[str]:
+    """Say what the touches told of the pipe, with the covariance of it."""
+    setup = Setup(result.description)
+    found = find_survey(Flown(setup, result.plan, result.samples, result.phases))
+    if found is None:
+        return []
+    m, fit = result.metrics, found.found.fit
+    names = ("turn_up", "turn_aside", "ahead", "up", "radius")
+    units = ("deg", "deg", "mm", "mm", "mm")
+    rows = ", ".join(
+        f"{name.replace('_', ' ')} {m[f'survey.{name}_{unit}']:+.2f} ± "
+        f"{m[f'survey.{name}_std_{unit}']:.2f} {unit}"
+        for name, unit in zip(names, units, strict=True)
+    )
+    scale = np.array([1e3, 1e3, 1e3, 1e3, 1e3])
+    matrix = "; ".join(" ".join(f"{x:.3g}" for x in row) for row in fit.covariance * scale**2)
+    return [
+        f"Survey: {len(found.touched)} touches found the pipe against the map at {rows}. "
+        "Its place along its axis and its turn about it are the map's: touches do not show them. "
+        f"Covariance of these five in the same order (mrad², mrad mm, mm²): {matrix}."
+    ]
 
 
 def draw_contact(result: RunResult[Scan, ScanWay]) -> Figure | None:

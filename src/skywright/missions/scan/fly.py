@@ -1,23 +1,18 @@
 """A scan: touch the pipe with the probe, slide along a pattern, and come back (Tognon 2018)."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skywright.missions.scan.plan import ScanWay
+from skywright.core.arrays import Table
+from skywright.missions.scan.plan import ScanWay, SurveyWay, plan_found
+from skywright.missions.scan.surveyed import fit_touches
 from skywright.missions.scan.task import Scan
+from skywright.missions.skills.survey import survey_surface
 from skywright.missions.skills.tables import build_retreat, cut_table, lift_table, reverse_table
 from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.guard import CONTACT_LOST
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
-Table = NDArray[Any]
 
 TRIM_ERROR = 0.003  # m, tip error at which the free-flight integral is called settled
 TRIM_TIMES = (2.0, 12.0)  # s, least and most time for it
@@ -26,9 +21,18 @@ LOST_PATIENCE = 0.5  # s without contact before the scan backs off
 
 
 def fly(s: Supervisor[Scan], way: ScanWay) -> Flight:
+    """Fly the phases between take-off and landing."""
     segments = s.segments
+    way_back: list[tuple[str, Table]] = []  # what was flown to here
     for name in ("approach", "unfold", "close_in"):
         s.follow(name, segments[name])
+        way_back.append((name, segments[name]))
+    if way.survey is not None:
+        again, reason = _survey(s, way.survey, way_back)
+        if again is None:
+            _fly_back(s, way_back)
+            return Flight(False, reason)
+        segments = again
     retries = s.task.retries
     table, done = segments["scan"], 0.0
     touch: Table = segments["touch"]
@@ -51,7 +55,7 @@ def fly(s: Supervisor[Scan], way: ScanWay) -> Flight:
         touch = build_retreat(row, distance, 8.0, back=True)
         if attempt == retries:
             break
-    _go_home(s, done)
+    _go_home(s, segments, done, way_back)
     where = f"after {done:.1f} s of the scan" if done else "at the first touch"
     return Flight(False, f"no lasting contact {where}, {retries} retries used")
 
@@ -100,13 +104,43 @@ def _trim(s: Supervisor) -> None:
             return
 
 
-def _go_home(s: Supervisor, done: float) -> None:
+def _survey(
+    s: Supervisor[Scan], survey: SurveyWay, way_back: list[tuple[str, Table]]
+) -> tuple[Mapping[str, Table] | None, str]:
+    """Touch the pipe and plan again; returns the new segments, or None and why there are none."""
+    moves = [s.segments.get(f"survey {i + 1}") for i in range(len(survey.points))]
+    touches = survey_surface(
+        s, moves, survey.frames, survey.travels.tolist(), survey.sensed, lambda: _trim(s),
+        lambda table: way_back.append(("survey_move", table)),
+    )  # fmt: skip
+    leave = s.segments["survey leave"]
+    s.follow("survey_leave", leave)
+    way_back.append(("survey_leave", leave))
+    surveyed = fit_touches(survey.setup, touches)
+    if surveyed.reason:
+        return None, surveyed.reason
+    again = plan_found(survey.setup, surveyed.found.cylinder, leave[-1])
+    if not again.feasible:
+        return None, f"with the pipe where the touches show it: {again.blocked_by}"
+    for name in ("face", "close_in"):
+        s.follow(name, again.segments[name])
+        way_back.append((name, again.segments[name]))
+    return again.segments, ""
+
+
+def _go_home(
+    s: Supervisor, segments: Mapping[str, Table], done: float, way_back: list[tuple[str, Table]]
+) -> None:
     """Back along the planned way: over the scanned path at the stand-off, then the approach."""
-    segments = s.segments
     flown = segments["scan"][segments["scan"]["t"] <= done]
     touch = segments["touch"]
     lift = float(np.linalg.norm(touch["p_WT"][0] - touch["p_WT"][-1]))
     if done > 0.0 and len(flown) > 1:
         s.follow("retrace", reverse_table(lift_table(flown, lift), speed_up=4.0))
-    for name in ("close_in", "unfold", "approach"):
-        s.follow(f"reverse {name}", reverse_table(segments[name]))
+    _fly_back(s, way_back)
+
+
+def _fly_back(s: Supervisor, way_back: list[tuple[str, Table]]) -> None:
+    """Fly what was flown to here the other way round."""
+    for name, table in reversed(way_back):
+        s.follow(f"reverse {name}", reverse_table(table))

@@ -4,27 +4,24 @@ Truth is used to judge (gap, tilt, tip error, weld position); what the inspectio
 (instrument and motion capture) is the same data that a real flight would record.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skywright.description.loader import Description
+from skywright.core.arrays import Array, Samples
+from skywright.description.world.surface import Cylinder, roll_points, unroll_points
 from skywright.inspection.calibration import Calibration, build_calibration
 from skywright.inspection.contact_quality import compute_coverage
 from skywright.inspection.weld import WeldResult, process_scan
 from skywright.inspection.weld_line import compute_line_error
 from skywright.missions.scan.plan import ScanWay
+from skywright.missions.scan.surveyed import Surveyed, carry_weld, fit_touches, judge_survey
 from skywright.missions.scan.task import Scan
+from skywright.missions.skills.survey import PHASE, read_touches
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE, in_phases, quat_angle
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 LIFT_OFF_THRESHOLD = 15.0  # instrument units, Tognon 2018 section VII
 WELD_THRESHOLD = 1.4
@@ -58,15 +55,44 @@ MEASURES: Measures = {
     "weld.angle_error_deg": ("deg", "angle between estimated and true weld line"),
     "weld.offset_std_mm": ("mm", "uncertainty of the weld line's offset that the fit states"),
     "weld.angle_std_deg": ("deg", "uncertainty of the weld line's angle that the fit states"),
+    "survey.touches": ("", "touches of the survey that were made"),
+    "survey.missed": ("", "touches that were not: nothing was met, or it did not last"),
+    "survey.left_out": ("", "touches that contradict the others, at most one"),
+    "survey.turn_up_deg": ("deg", "pipe found against the map: its +y end up"),
+    "survey.turn_aside_deg": ("deg", "pipe found against the map: heading, about the pipe's z"),
+    "survey.ahead_mm": ("mm", "pipe found against the map: along the pipe's x"),
+    "survey.up_mm": ("mm", "pipe found against the map: along the pipe's z"),
+    "survey.radius_mm": ("mm", "pipe found against the map: radius"),
+    "survey.turn_up_std_deg": (
+        "deg",
+        "standard deviation of survey.turn_up_deg that the fit states",
+    ),
+    "survey.turn_aside_std_deg": ("deg", "likewise of survey.turn_aside_deg"),
+    "survey.ahead_std_mm": ("mm", "likewise of survey.ahead_mm, the markers' calibration included"),
+    "survey.up_std_mm": ("mm", "likewise of survey.up_mm, the markers' calibration included"),
+    "survey.radius_std_mm": ("mm", "likewise of survey.radius_mm"),
+    "survey.map_error_mm": (
+        "mm",
+        "largest distance of the map's surface from the true one where it was touched",
+    ),
+    "survey.surface_error_mm": ("mm", "the same of the surface that was found"),
+    "survey.surface_std_mm": (
+        "mm",
+        "standard deviation of it that the fit states, the markers' calibration included",
+    ),
+    "survey.axis_error_deg": ("deg", "angle between the axis that was found and the true one"),
     "coverage.fraction": ("", "share of the planned path inspected within 1 mm and 10 deg"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
 
-def compute_scan_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
+def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     """Contact, tracking, weld and coverage of a scan."""
     samples, phases, description = run.samples, run.phases, run.setup.description
     out: dict[str, float] = {}
+    surveyed = run.once(find_survey)
+    if surveyed is not None and run.way.survey is not None:
+        out |= judge_survey(run.setup, surveyed, run.way.survey.points)
     scan = in_phases(samples, phases, "scan")
     if not np.any(scan):
         return out
@@ -88,7 +114,7 @@ def compute_scan_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     out["contact.no_force_s"] = dt * float(np.count_nonzero(s["f_normal"] <= 0.0))
     out["contact.tilt_max_deg"] = math.degrees(float(np.max(s["tilt"])))
     out["contact.duration_s"] = dt * len(s)
-    out["contact.retries"] = float(sum(p.outcome == "retry" for p in phases))
+    out["contact.retries"] = float(sum(p.outcome == "retry" and p.name != PHASE for p in phases))
     out["force.mean_n"] = float(np.mean(s["f_normal"]))
     out["force.min_n"] = float(np.min(s["f_normal"]))
     out["force.max_n"] = float(np.max(s["f_normal"]))
@@ -112,7 +138,7 @@ def compute_scan_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     out["rotors.thrust_max_fraction"] = float(np.max(fractions[:, :n])) / rotors.thrust_max_n
     weld = run.once(process_weld)
     if weld is not None:
-        _add_weld_metrics(out, weld, description)
+        _add_weld_metrics(out, weld, run)
     _add_coverage(out, s, run)
     return out
 
@@ -146,12 +172,26 @@ def _instrument_axis() -> Array:
     return np.array([math.cos(phase), math.sin(phase)])
 
 
+def find_survey(run: Flown[Scan, ScanWay]) -> Surveyed | None:
+    """Fit the pipe to the recorded touches; None without a survey, or one cut short."""
+    touches = read_touches(run.samples, run.phases)
+    if not run.task.survey or not any(not t.reason for t in touches):
+        return None
+    return fit_touches(run.setup, touches)
+
+
+def get_surface(run: Flown[Scan, ScanWay]) -> Cylinder | None:
+    """The pipe as the inspection knows it: as the survey found it, else as the map has it."""
+    surveyed = run.once(find_survey)
+    return run.setup.cylinder if surveyed is None else surveyed.found.cylinder
+
+
 def process_weld(run: Flown[Scan, ScanWay]) -> WeldResult | None:
     """Calibrate on the last approach before the scan, then process the scan's own data.
 
     None where it never came to scanning. Raises InputError where the approach tells too little.
     """
-    cylinder = run.setup.cylinder
+    cylinder = get_surface(run)
     s = run.samples[in_phases(run.samples, run.phases, "scan")]
     if cylinder is None or not len(s):
         return None
@@ -174,11 +214,15 @@ def calibrate_on_touch(samples: Samples, phases: list[PhaseRecord]) -> Calibrati
     )
 
 
-def _add_weld_metrics(out: dict[str, float], weld: WeldResult, description: Description) -> None:
+def _add_weld_metrics(out: dict[str, float], weld: WeldResult, run: Flown[Scan, ScanWay]) -> None:
     out["weld.contact_fraction"] = weld.contact_fraction
     out["weld.crossings"] = float(sum(c.on_line or weld.line is None for c in weld.crossings))
-    true = description.world.weld
-    if weld.line is None or true is None or not true.present:
+    cylinder = get_surface(run)
+    if weld.line is None or cylinder is None:
+        return
+    at = np.array([weld.line.s, weld.line.c])
+    true = carry_weld(run.setup.true.world, cylinder, at)
+    if true is None or not true.present:
         return
     offset, angle = compute_line_error(weld.line, true)
     out["weld.offset_error_mm"] = 1e3 * abs(offset)
@@ -188,9 +232,13 @@ def _add_weld_metrics(out: dict[str, float], weld: WeldResult, description: Desc
 
 
 def _add_coverage(out: dict[str, float], s: Samples, run: Flown[Scan, ScanWay]) -> None:
-    cyl, path = run.setup.cylinder, run.way.path_sphi
-    if cyl is None:
+    cyl, path, known = run.setup.true.cylinder, run.way.path_sphi, get_surface(run)
+    if cyl is None or known is None:
         return
+    if known is not cyl:  # the planned path as it lies on the true pipe
+        p, _ = roll_points(known, path[:, 0], known.radius * path[:, 1])
+        along, around, _ = unroll_points(cyl, p)
+        path = np.column_stack([along, around / cyl.radius])
     d = (s["p_WT"] - cyl.p_WP) @ cyl.R_WP
     along, around = d[:, 1], cyl.radius * np.arctan2(d[:, 2], -d[:, 0])
     out["coverage.fraction"] = compute_coverage(

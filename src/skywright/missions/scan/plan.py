@@ -1,29 +1,40 @@
 """A scan: touch the pipe with the probe, slide along a pattern, and come back (Tognon 2018)."""
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
+from skywright.description.world.surface import Cylinder, surface_frame
 from skywright.errors import InputError
+from skywright.missions.scan.surveyed import CLEAR, compute_reach, get_map_error, move_pipe
 from skywright.missions.scan.task import Scan
+from skywright.missions.skills.survey import FELT_N
 from skywright.models.rigid_body import compute_body, joint_names, posture
+from skywright.planning.inverse_kinematics import State, build_state
 from skywright.planning.patterns import SIDES, build_pattern
 from skywright.planning.scan import compute_depth, plan_scan
+from skywright.planning.survey import SurveyTask, choose_points
 from skywright.planning.via_points import ScanTask
 from skywright.run.limits import find_exceeded_push
 from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
 
-if TYPE_CHECKING:
-    pass
+PRESS = 2.0
+"""Times the depth that makes FELT_N: how far beyond the farthest surface a touch goes."""
 
-Array = NDArray[np.float64]
+
+class SurveyWay(NamedTuple):
+    """What a scan keeps of the plan of its survey."""
+
+    setup: Setup[Scan]  # to plan again with, once the pipe is known
+    points: Array  # (n, 2) s (m) and phi (rad) by the map
+    frames: list[Array]  # (3, 3) each: of the surface there by the map, z outward
+    travels: Array  # (n,) m, that a touch goes at most, from its stand-off
+    sensed: bool  # whether the probe measures its force
 
 
 class ScanWay(NamedTuple):
@@ -32,10 +43,12 @@ class ScanWay(NamedTuple):
     depth_m: float  # of the desired tip inside the surface
     push_force_n: float  # that it makes
     path_sphi: Array  # (n, 2) s (m) and phi (rad) of the tip on the pipe
+    survey: SurveyWay | None = None
 
 
 def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
-    d, robot, world, scan = setup.description, setup.robot, setup.world, setup.task
+    """Plan by the map."""
+    robot, world, scan = setup.robot, setup.world, setup.task
     cylinder = setup.cylinder
     if cylinder is None:
         raise InputError(f"world {world.name!r} has no pipe to scan: give it a [world.pipe] table")
@@ -43,6 +56,35 @@ def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
         raise InputError(
             f"robot {robot.name!r} has no probe: a scan needs [robot.arm] and [robot.probe]"
         )
+    if scan.survey and world.localisation != "mocap":
+        raise InputError(
+            "mission.task.survey: places of touches are told by motion capture of the probe; "
+            f"world.localisation is {world.localisation!r}"
+        )
+    return _plan_on(setup, cylinder, None)
+
+
+def plan_found(setup: Setup[Scan], found: Cylinder, row: Any) -> MissionPlan[ScanWay]:
+    """Plan again with the pipe that was found, from the row of REFERENCE that is held."""
+    pipe = setup.world.pipe
+    assert pipe is not None
+    world = setup.world.model_copy(update={"pipe": move_pipe(pipe, found)})
+    n = int(setup.model[0]["n_joints"])
+    begin = build_state(row["p_WB"], row["R_WB"], row["q"][:n])
+    return _plan_on(Setup(setup.description._replace(world=world)), found, begin)
+
+
+def build_frame(cylinder: Cylinder, phi: float) -> Array:
+    """Return R_WS (3, 3) at the angle `phi` (rad)."""
+    R = np.empty((3, 3))
+    surface_frame(cylinder, phi, R)
+    return R
+
+
+def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> MissionPlan[ScanWay]:
+    """Plan on a surface: from the start with the survey if one is asked for, or from `begin`."""
+    d, robot, scan = setup.description, setup.robot, setup.task
+    assert robot.probe is not None
     model = setup.model
     mass, _, _ = compute_body(model, posture(robot, "working"))
     stiffness = mass * robot.control.position_bandwidth_rad_s**2
@@ -52,17 +94,27 @@ def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
     else:
         depth, force = scan.depth_m, scan.depth_m * stiffness
     centre = SIDES.get(scan.side, scan.centre_angle_deg)
+    pattern = build_pattern(
+        scan.pattern, cylinder.radius, cylinder.half_length, math.radians(centre),
+        math.radians(scan.arc_deg), scan.passes, scan.pass_length_m, scan.centre_s_m,
+        2.0 * robot.probe.tip_radius_m,
+    )  # fmt: skip
+    way, stand_off, survey = None, scan.stand_off_m, None
+    if scan.survey and begin is None and pattern.blocked_by is None:
+        points = choose_points(pattern.corners)
+        reach = np.array([compute_reach(cylinder, get_map_error(setup), x) for x in points])
+        stand_off = max(stand_off, float(np.max(reach)) + CLEAR)
+        beyond = reach + PRESS * FELT_N / stiffness
+        survey = SurveyTask(points, float(np.max(beyond)))
+        frames = [build_frame(cylinder, float(x[1])) for x in points]
+        way = SurveyWay(setup, points, frames, stand_off + beyond, robot.force_sensor is not None)
     task = ScanTask(
-        pattern=build_pattern(
-            scan.pattern, cylinder.radius, cylinder.half_length, math.radians(centre),
-            math.radians(scan.arc_deg), scan.passes, scan.pass_length_m, scan.centre_s_m,
-            2.0 * robot.probe.tip_radius_m,
-        ),
+        pattern=pattern,
         speed=scan.speed_mps,
         depth=depth,
         dead_zone=1.5 * depth,
-        stand_off=scan.stand_off_m,
-    )  # fmt: skip
+        stand_off=stand_off,
+    )
     query, scene, loads, hover = setup.clearance, setup.planning_scene, setup.loads, setup.hover
     began = time.perf_counter()
     if not loads.full:
@@ -75,12 +127,12 @@ def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
         model, loads, query, scene, cylinder, task, setup.limits, force, hover, hover,
         posture(robot, "folded"), posture(robot, "working"),
         build_stream(d.mission.seed, "planner"),
-        tuple(joint_names(robot)), d.mission.planner_time_s,
+        tuple(joint_names(robot)), d.mission.planner_time_s, survey, begin,
     )  # fmt: skip
     spent = time.perf_counter() - began
     blocked = found.blocked_by or find_exceeded_push(setup, force)
     return MissionPlan(
         blocked is None, blocked, spent, found.duration_s, found.min_clearance_m,
-        found.min_rotor_margin, found.segments, ScanWay(depth, force, found.path_sphi),
+        found.min_rotor_margin, found.segments, ScanWay(depth, force, found.path_sphi, way),
         found.traces,
     )  # fmt: skip

@@ -1,7 +1,5 @@
 """What a mission of the kind "scan" may say."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic import Field
@@ -23,4 +21,5 @@ class Scan(Task):
     speed_mps: float = Field(default=0.01, ge=1e-4, le=1.0)
     depth_m: Positive | None = None  # of the desired tip inside the surface; default from force_n
     stand_off_m: Positive = 0.05  # tip distance before touching
+    survey: bool = False  # touch the pipe at six places first, and plan again with what they tell
     retries: int = Field(default=2, ge=0, le=10)

@@ -5,20 +5,17 @@ tracking the tool. All places follow from tool, bench, pipe and robot: the pose 
 the landing gear, which the handle has to clear, the platform's places from the tool's.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
 from skywright.description.loader import Description
-from skywright.description.mission.spec import Plant
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder
@@ -45,11 +42,6 @@ from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.run.operator import Recording, load_recording
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
-
-Array = NDArray[np.float64]
 
 BACK = 0.35  # m, behind the tool, where the platform comes from and goes to
 FAR_BACK = 0.55  # m, the same where the planned way ends: MARGIN from the tool, gear and all
@@ -85,8 +77,6 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
     d, robot, world = setup.description, setup.robot, setup.world
     began, task = time.perf_counter(), setup.task
     _check_input(robot, world, task)
-    world = draw_map(world, d.plant, d.mission.seed)
-    d = d._replace(world=world)
     grip = build_grip(robot, world.find_thing(task.tool, Tool), world.gravity_mps2)
     bench, seat = find_places(world, task)
     hover, empty = setup.hover, np.zeros((0, 4))
@@ -245,19 +235,6 @@ def find_seat(world: World, task: ToolInstall, p_WP: Array, R_WP: Array) -> Plac
     height = compute_seat(world.find_thing(task.tool, Tool), world.pipe.diameter_m).height
     p = p_WP + task.along_pipe_m * R_WP[:, 1] + height * R_WP[:, 2]
     return Place(p, math.atan2(R_WP[1, 0], R_WP[0, 0]))
-
-
-def draw_map(world: World, plant: Plant, seed: int) -> World:
-    """Return the world as the planner's map has it: the pipe up to `plant.map_error` off."""
-    assert world.pipe is not None
-    off, turn = np.split(build_stream(seed, "map").uniform(-1.0, 1.0, 4), [3])
-    x, y, z = plant.map_error_m * off
-    pipe = world.pipe
-    moved = pipe.model_copy(update={
-        "x_m": pipe.x_m + float(x), "y_m": pipe.y_m + float(y), "z_m": pipe.z_m + float(z),
-        "yaw_deg": pipe.yaw_deg + plant.map_error_deg * float(turn[0]),
-    })  # fmt: skip
-    return world.model_copy(update={"pipe": moved})
 
 
 def behind(p: Array, yaw: float, back: float = BACK) -> Array:

@@ -66,7 +66,7 @@ class SurfaceThrust(Effect):
         me.floors, me.n_floors = context.keep(floors), len(floors)
         me.has_structure = structure is not None
         if structure is not None:
-            fill_structure(me.structure, structure, context.nominal.surface)
+            fill_structure(me.structure, structure, context.true.surface)
         me.n, me.disc = len(rotors.thrust_min), context.robot.rotors.propeller_radius_m
         me.rotor_p[: me.n], me.rotor_axis[: me.n] = rotors.position, rotors.axis
 

@@ -43,12 +43,12 @@ class SurfaceObserver(Component):
         probe, world = context.robot.probe, context.world
         me.tip_radius = 0.0 if probe is None else probe.tip_radius_m
         if world.pipe is not None and probe is not None:
-            cylinder = context.nominal.cylinder
+            cylinder = context.true.cylinder
             me.kind, me.radius = PIPE, cylinder.radius
             me.p_WP[:], me.R_WP[:] = cylinder.p_WP, cylinder.R_WP
         if world.structure is not None and context.scene.places.tip_site >= 0:
             me.kind = STRUCTURE
-            fill_structure(me.structure, world.structure, context.nominal.surface)
+            fill_structure(me.structure, world.structure, context.true.surface)
 
     def get_period(self, step: str, context: Any) -> float:
         """Peaks last for a sample."""

@@ -31,7 +31,7 @@ def fill_place(place: Any, context: Any, name: str) -> None:
     things, movers = context.world.things, context.scene.places.object_qpos
     place.object_qpos = -1
     if name not in things:
-        cylinder = context.nominal.cylinder
+        cylinder = context.true.cylinder
         at = Frame(cylinder.p_WP, cylinder.R_WP)
     else:
         carrier = name if things[name].movable else find_carrier(things, name)

@@ -1,0 +1,103 @@
+"""The plant's structure stands beside the map; everybody but the plant knows the map only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skywright.description.loader import load_description
+from skywright.description.map_error import displace_world
+from skywright.description.world.structure import build_surface
+from skywright.errors import InputError
+from skywright.run.planning import plan_mission
+from skywright.run.run import build_vehicle
+from skywright.run.setup import Setup
+from skywright.vehicle.assembly import Assembly
+
+SETS = {"plant.map_error_m": 0.03, "plant.map_error_deg": 3.0, "plant.map_error_size_m": 0.005}
+
+
+def test_pipes_are_off_by_no_more_than_is_said() -> None:
+    d = load_description("pipe-weld-scan", sets=SETS)
+    here, off = d.world.pipe, []
+    assert here is not None
+    for seed in range(300):
+        pipe = displace_world(d.world, d.plant, seed).pipe
+        assert pipe is not None
+        off.append([pipe.x_m - here.x_m, pipe.y_m - here.y_m, pipe.z_m - here.z_m,
+                    pipe.yaw_deg - here.yaw_deg, pipe.inclination_deg - here.inclination_deg,
+                    0.5 * (pipe.diameter_m - here.diameter_m)])  # fmt: skip
+    most = np.array([0.03, 0.03, 0.03, 3.0, 3.0, 0.005])
+    reached = np.max(np.abs(off), axis=0)
+    assert np.all(reached <= most) and np.all(reached > 0.95 * most)
+    assert np.all(np.abs(np.mean(off, axis=0)) < 4.0 * most / np.sqrt(3.0 * len(off)))
+    spread = np.corrcoef(np.array(off).T) - np.eye(6)
+    assert np.max(np.abs(spread)) < 0.25  # each is drawn for itself
+
+
+@pytest.mark.parametrize("world", ["bridge", "tunnel", "pillar"])
+def test_structures_are_off_by_no_more_than_is_said(world: str) -> None:
+    d = load_description("bridge-contact", world=world)
+    plant = d.plant.model_copy(update={k.split(".")[1]: v for k, v in SETS.items()})
+    s = d.world.structure
+    assert s is not None
+    known, tilts = build_surface(s), []
+    for seed in range(100):
+        true = displace_world(d.world, plant, seed).structure
+        assert true is not None
+        surface = build_surface(true)
+        assert np.all(np.abs(surface.p_WS - known.p_WS) <= 0.03)
+        assert abs(surface.radius - known.radius) <= (0.005 if s.radius_m else 0.0)
+        tilts.append(np.degrees(np.arccos(min(surface.R_WS[:, 2] @ known.R_WS[:, 2], 1.0))))
+    assert max(tilts) <= 3.0 * np.sqrt(2.0) + 1e-6 and max(tilts) > 2.0
+
+
+def test_seeds_draw_and_repeat() -> None:
+    d = load_description("pipe-weld-scan", sets=SETS)
+    assert displace_world(d.world, d.plant, 4) == displace_world(d.world, d.plant, 4)
+    assert displace_world(d.world, d.plant, 4) != displace_world(d.world, d.plant, 5)
+    exact = load_description("pipe-weld-scan", sets={key: 0.0 for key in SETS})
+    assert exact.true_world == exact.world
+
+
+def test_the_plant_has_the_truth_and_missions_the_map() -> None:
+    d = load_description("pipe-weld-scan", sets=SETS)
+    setup = Setup(d)
+    vehicle = build_vehicle(d, setup=setup)
+    assert vehicle.world == d.world and setup.cylinder is not None
+    assert isinstance(vehicle.assembly, Assembly)
+    true = setup.true.cylinder
+    assert true is not None
+    model = vehicle.scene.model
+    i = int(np.flatnonzero([model.geom(g).name == "pipe" for g in range(model.ngeom)])[0])
+    np.testing.assert_allclose(model.geom_pos[i], true.p_WP)
+    assert model.geom_size[i][0] == pytest.approx(true.radius)
+    assert np.max(np.abs(true.p_WP - setup.cylinder.p_WP)) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("mission", "key", "what"),
+    [
+        ("waypoints", "map_error_m", "no pipe and no structure"),
+        ("bridge-contact", "map_error_size_m", "no curved surface"),
+    ],
+)
+def test_an_error_of_nothing_is_refused(mission: str, key: str, what: str) -> None:
+    d = load_description(mission, sets={f"plant.{key}": 0.01})
+    with pytest.raises(
+        InputError, match=rf"--set: plant.{key} = 0.01 has no effect: .* has {what}"
+    ):
+        plan_mission(d)
+
+
+def test_a_run_from_before_flew_with_its_world_as_the_truth(tmp_path: Path) -> None:
+    from skywright.description.dump import dump_description
+
+    text = dump_description(load_description("pipe-weld-scan"))
+    old = [line for line in text.splitlines() if "map_error_size_m" not in line]
+    old = ["map_error_m = 0.02" if "map_error_m " in line else line for line in old]
+    (tmp_path / "mission.toml").write_text("\n".join(old))
+    d = load_description(tmp_path / "mission.toml")
+    assert d.plant.map_error_m == 0.0 and d.true_world == d.world
