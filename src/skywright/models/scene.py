@@ -6,16 +6,14 @@ structural flexibility, sprung probe, servos, contacts, and every error of the r
 Both come from the same code, so geometry has one source.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Ints
 from skywright.core.rotations import quat_from_rot
 from skywright.core.types import MAX_HANDS
 from skywright.description.robot.limbs import list_limbs
@@ -37,8 +35,6 @@ from skywright.models.things._build import OBJECT, add_things, find_offsets
 from skywright.models.things.bench import Bench
 from skywright.models.timestep import find_stiff_contact
 
-Array = NDArray[np.float64]
-
 TIMESTEP = 0.001
 """s, a physics step unless `mission.timestep_ms` says otherwise."""
 SUPPORT_RADIUS = 0.03
@@ -48,22 +44,22 @@ SUPPORT_INSET = 0.05  # m, from the pipe's end to the support's axis
 class SceneIndex(NamedTuple):
     """Where things sit in the compiled model's arrays."""
 
-    joint_qpos: NDArray[np.int64]  # (n_joints,)
-    joint_dof: NDArray[np.int64]
-    flex_qpos: NDArray[np.int64]  # -1 where a joint has no flexibility
+    joint_qpos: Ints  # (n_joints,)
+    joint_dof: Ints
+    flex_qpos: Ints  # -1 where a joint has no flexibility
     slider_qpos: int  # -1 without a probe
     platform_body: int
     tip_site: int  # -1 without an arm
-    robot_geoms: NDArray[np.int64]
-    world_geoms: NDArray[np.int64]
-    probe_geoms: NDArray[np.int64]  # those that may be near the pipe while scanning
-    feet_geoms: NDArray[np.int64]
-    object_qpos: NDArray[np.int64]  # of each movable thing, in the order of the world file
-    hand_sites: NDArray[np.int64]  # (n_hands,)
-    hand_bodies: NDArray[np.int64]  # (n_hands,), -1 where a hand is no body of its own
+    robot_geoms: Ints
+    world_geoms: Ints
+    probe_geoms: Ints  # those that may be near the pipe while scanning
+    feet_geoms: Ints
+    object_qpos: Ints  # of each movable thing, in the order of the world file
+    hand_sites: Ints  # (n_hands,)
+    hand_bodies: Ints  # (n_hands,), -1 where a hand is no body of its own
     sensor_tip_force: int  # address of the tip's net contact force, -1 without
-    sensor_hand_force: NDArray[np.int64]  # (n_hands,) likewise of each hand
-    sensor_collision: NDArray[np.int64]  # addresses of net contact forces that must be zero
+    sensor_hand_force: Ints  # (n_hands,) likewise of each hand
+    sensor_collision: Ints  # addresses of net contact forces that must be zero
     sensor_docking: int = -1  # address of the docking feet's net contact force, -1 without
 
 

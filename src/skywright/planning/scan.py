@@ -7,8 +7,6 @@ try at each edge is the straight segment with the best-rated posture; then other
 detours over the surface are sampled from the seeded generator.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any, NamedTuple

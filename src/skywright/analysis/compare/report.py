@@ -1,7 +1,5 @@
 """A comparison for people: a page that opens offline, and tables."""
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence

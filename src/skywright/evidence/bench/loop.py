@@ -6,8 +6,6 @@ cheaper to simulate). The scan is flown in contact, the F550 docked, the two-arm
 there MuJoCo has least to do, so the ratio is at its worst.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

@@ -5,8 +5,6 @@ the source of the packages that fly, a user's law, and the versions of MuJoCo, n
 SciPy. A damaged entry is flown again; a full or read-only disk costs the cache, not the result.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

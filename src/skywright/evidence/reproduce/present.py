@@ -1,7 +1,5 @@
 """Claims as they are shown: on the terminal, on a page, in the docs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,14 +1,12 @@
 """A scan: touch the pipe with the probe, slide along a pattern, and come back (Tognon 2018)."""
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.description.world.surface import Cylinder, surface_frame
 from skywright.errors import InputError
@@ -24,8 +22,6 @@ from skywright.planning.via_points import ScanTask
 from skywright.run.limits import find_exceeded_push
 from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
-
-Array = NDArray[np.float64]
 
 PRESS = 2.0
 """Times the depth that makes FELT_N: how far beyond the farthest surface a touch goes."""

@@ -1,15 +1,11 @@
 """Small operations on reference tables that the supervisor needs when things go wrong."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Table
 from skywright.vehicle.rest_to_rest import quintic
-
-Table = NDArray[Any]
 
 ROW_PERIOD = 0.02  # s
 
