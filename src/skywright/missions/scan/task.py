@@ -1,6 +1,6 @@
 """What a mission of the kind "scan" may say."""
 
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -26,7 +26,7 @@ class Scan(Task):
     retries: int = Field(default=2, ge=0, le=10)
 
     @model_validator(mode="after")
-    def _is_one_push(self) -> Scan:
+    def _is_one_push(self) -> Self:
         if self.force_n is not None and self.depth_m is not None:
             raise ValueError("force_n and depth_m both say how hard the probe is pressed on: one")
         return self
