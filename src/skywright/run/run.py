@@ -208,10 +208,7 @@ def build_vehicle(
     on_samples: Callable[[NDArray[Any]], None] | None = None,
     setup: Setup[Any] | None = None,
 ) -> SimulatedVehicle:
-    """Build the physics back end of a description: plant, sensors, law and estimator.
-
-    `setup` is what has been built of the description.
-    """
+    """Build the physics back end of a description; `setup` is what has been built of it."""
     d, mission = description, description.mission
     setup = setup or Setup(description)
     world = setup.true.world
