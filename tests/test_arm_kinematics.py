@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.models.arm_inverse_kinematics import (
-    arm_jacobian,
     build_arm_chain,
     compute_arm_fk,
     compute_arm_ik,
 )
+from skywright.models.arm_nearest import arm_jacobian
 from skywright.models.body_records import Kinematics
 from skywright.models.rigid_body import build_body_model, fill_hands, fill_kinematics
 

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from skywright.description.loader import load_description
 from skywright.description.robot.force_sensor import ForceSensor
 from skywright.description.robot.loader import load_robot
+from skywright.models.arm_body import Deviation
 from skywright.models.force_resolution import compute_force_resolution
 from skywright.models.force_sensor import (
     build_force_sensor,
     compute_count,
     compute_force,
-    convert_force,
-    measure_force,
+    compute_spring_force,
+    compute_travel,
+    convert_travel,
+    measure_travel,
 )
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
+from skywright.models.scene import build_scene
 
 ROBOT = load_robot("f550-bridge")[0]
 assert ROBOT.force_sensor is not None
@@ -29,6 +35,14 @@ FULL_N = 16.368  # at count 0
 STEP_N = 8.8239e-3  # the coarser of the two slopes
 
 forces = st.floats(0.0, FULL_N)
+
+
+def convert_force(sensor, force: float, noise: float) -> float:
+    return convert_travel(sensor, compute_travel(sensor, force), noise)
+
+
+def measure_force(sensor, force: float, noise: float) -> float:
+    return measure_travel(sensor, compute_travel(sensor, force), noise)
 
 
 def test_table_3() -> None:
@@ -130,3 +144,39 @@ def test_coarse_servo_makes_a_coarse_force() -> None:
 
 def test_robots_without_a_spring_have_no_resolution() -> None:
     assert compute_force_resolution(load_robot("hexarotor")[0]) is None
+
+
+def test_spring_of_the_plant_follows_both_slopes_and_the_reading_follows_it() -> None:
+    """Loads along the upright slider: where they hold it, and what the sensor says of them."""
+    d = load_description("bridge-contact")
+    scene = build_scene(d.robot, d.world, Deviation())
+    m, data, probe, sensor = (
+        scene.model,
+        mujoco.MjData(scene.model),
+        d.robot.probe,
+        d.robot.force_sensor,
+    )
+    assert probe is not None and sensor is not None
+    m.opt.gravity[:] = 0.0
+    dof, at = m.joint("spring").dofadr[0], scene.places.slider_qpos
+    rows = build_force_sensor(sensor, probe.spring_preload_n)[0]
+    for force in (1.0, 5.0, 7.0, 9.0, 12.0, 15.0):
+        low, high = 0.0, probe.spring_travel_m
+        for _ in range(60):
+            data.qpos[at] = -0.5 * (low + high)
+            mujoco.mj_forward(m, data)
+            if data.qfrc_passive[dof] < force:
+                low = -data.qpos[at]
+            else:
+                high = -data.qpos[at]
+        assert compute_spring_force(probe, sensor, low) == pytest.approx(force, abs=1e-6)
+        soft = probe.spring_n_per_m
+        by_hand = (
+            force / soft if force < 7.806 else 7.806 / soft + (force - 7.806) / (0.3588 * soft)
+        )
+        assert low == pytest.approx(by_hand, rel=1e-3)
+        assert measure_travel(rows, low, 0.0) == pytest.approx(force, abs=0.012)
+    assert sensor.hard_share * probe.spring_n_per_m == pytest.approx(432.0, abs=1.0)
+    assert compute_spring_force(probe, sensor, probe.spring_travel_m) == pytest.approx(
+        16.37, abs=0.05
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import pickle
 import re
 from pathlib import Path
@@ -36,6 +37,27 @@ def test_every_kind_is_complete(name: str) -> None:
     assert not set(kind.measures) & set(COMMON)
     figures = kind.figures()
     assert callable(figures.describe) and all(c.caption for c in figures.charts.values())
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_functions_of_a_folder_take_and_give_what_its_kind_says(name: str) -> None:
+    """They are found by name, where mypy sees no types: task and way are the same in all."""
+    folder = Path(skywright.__file__).parent / "missions" / name.replace("-", "_")
+    found = {
+        node.name: [ast.unparse(a.annotation) for a in node.args.args if a.annotation]
+        + [ast.unparse(node.returns) if node.returns else ""]
+        for part in ("plan", "fly", "metrics")
+        if (folder / f"{part}.py").is_file()
+        for node in ast.parse((folder / f"{part}.py").read_text("utf-8")).body
+        if isinstance(node, ast.FunctionDef)
+    }
+    task = load_kind(name).task.__name__
+    way = found["plan"][-1].removeprefix("MissionPlan[").removesuffix("]")
+    assert found["plan"] == [f"Setup[{task}]", f"MissionPlan[{way}]"]
+    assert found["fly"] == [f"Supervisor[{task}]", way, "Flight"]
+    judged = found.get("compute_metrics", [f"Flown[{task}, {way}]", "dict[str, float]"])
+    assert judged[0] in (f"Flown[{task}, {way}]", f"Flown[Any, {way}]")
+    assert judged[1] == "dict[str, float]"
 
 
 def test_every_metric_of_a_mission_is_one_of_its_kind() -> None:

@@ -18,7 +18,7 @@ from skywright.vehicle.assembly import NEAR
 from skywright.vehicle.bus import Clock, MuJoCo, RotorDrive, Truth
 from skywright.vehicle.effects.forces import GivenForces
 from skywright.vehicle.link import BATCH, FRESH, LATEST, get_rule
-from skywright.vehicle.plant import AirForce, JointTruth, RotorState, Surface
+from skywright.vehicle.plant import AirForce, JointTruth, RotorGain, RotorState, Surface
 from skywright.vehicle.readings import Fix, ImuBatch, MocapSample, Shafts
 from skywright.vehicle.recorder import SAMPLES, Recorder
 from skywright.vehicle.sensors.gnss import SatelliteReceiver
@@ -80,7 +80,8 @@ def test_rotors_follow_their_exact_lag():
     w = 400.0 * (1.0 - math.exp(-25 * context.dt / context.rotors.time_constant))
     state = plant.read(RotorState)
     np.testing.assert_allclose(state.speed[:6], w, rtol=1e-12)
-    np.testing.assert_allclose(plant.sim.ctrl[:6], context.rotors.k_f * w**2, rtol=1e-12)
+    gain = plant.read(RotorGain).gain[:6]  # it stands on the ground
+    np.testing.assert_allclose(plant.sim.ctrl[:6], context.rotors.k_f * w**2 * gain, rtol=1e-12)
     assert np.all(state.thrust[6:] == 0.0)
 
 

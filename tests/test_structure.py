@@ -100,6 +100,7 @@ def test_rotors_feel_the_deck_above_them_only() -> None:
     assert world.structure is not None
     me, out, truth = view(SurfaceThrust.Me, n=2, disc=0.12), view(RotorGain), view(Truth)
     fill_structure(me.structure, world.structure, build_surface(world.structure))
+    me.has_structure = 1
     me.rotor_p[:2], me.rotor_axis[:2] = [[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]], [0.0, 0.0, 1.0]
     truth.R_WB[:] = np.eye(3)
     for p, low, high in (

@@ -1,7 +1,5 @@
 """The one error base class. Every message says what was wrong and lists what is valid."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 

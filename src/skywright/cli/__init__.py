@@ -5,8 +5,6 @@ Exit codes: 0 all requirements met, 1 a requirement failed, no plan exists or th
 interrupted, 2 the input is wrong and nothing was started, 3 the simulation failed.
 """
 
-from __future__ import annotations
-
 import click
 
 from skywright.cli import data, describe, evidence, fly

@@ -1,7 +1,5 @@
 """Commands that read what instruments and flights recorded."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

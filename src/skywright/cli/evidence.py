@@ -1,7 +1,5 @@
 """Commands that measure what the project states: `reproduce`, `bench`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """Commands that plan and fly: `run`, `plan`, `campaign`, `replay`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """How every command behaves: order, errors as one line, exit codes."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What commands share: options, output, and files that can be written."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable

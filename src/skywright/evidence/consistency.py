@@ -7,13 +7,11 @@ section 5.4). Averaged over N independent runs, N times it is chi-square with 15
 freedom at each instant. The whitened innovations shall have unit variance and no memory.
 """
 
-from __future__ import annotations
-
-import argparse
 import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 from scipy.stats import chi2
 
@@ -146,15 +144,14 @@ def compute_whiteness(traces: list[Trace]) -> tuple[Array, Array]:
     return variance, memory
 
 
-def main() -> int:
+@click.command(help=__doc__)
+@click.argument("mission", default="pipe-weld-scan")
+@click.option("--seeds", default=20)
+@click.option("--set", "sets", multiple=True, metavar="KEY=VALUE")
+def main(mission: str, seeds: int, sets: tuple[str, ...]) -> None:
     """Fly and print a table; exit code 1 when the whole state is not consistent."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("mission", nargs="?", default="pipe-weld-scan")
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--set", action="append", default=[], dest="sets")
-    args = parser.parse_args()
-    traces = fly_traces(args.mission, args.sets, range(1, args.seeds + 1))
-    print(f"{args.mission}, {args.seeds} seeds, {min(len(t.t) for t in traces)} instants each")
+    traces = fly_traces(mission, sets, range(1, seeds + 1))
+    print(f"{mission}, {seeds} seeds, {min(len(t.t) for t in traces)} instants each")
     print("part                 NEES/n   95 % of averages   instants inside")
     for name, part in PARTS.items():
         c = compute_consistency(traces, part)
@@ -163,8 +160,8 @@ def main() -> int:
     print("innovations, variance   ", np.round(variance, 3))
     print("innovations, correlation", np.round(memory, 3))
     c = compute_consistency(traces, PARTS["all"])
-    return 0 if c.low < c.mean < c.high else 1
+    sys.exit(not c.low < c.mean < c.high)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

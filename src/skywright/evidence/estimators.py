@@ -4,13 +4,10 @@ Flies the weld scan with the filter, the observer and the truth itself, in good 
 conditions of motion capture and link, and prints the table of docs/howto/estimator-and-link.md.
 """
 
-from __future__ import annotations
-
-import argparse
-import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import click
 import numpy as np
 
 from skywright.description.loader import load_description
@@ -68,15 +65,14 @@ def measure_all(condition: str, seeds: Sequence[int]) -> list[Row]:
     return [measure(condition, estimator, seeds) for estimator in names]
 
 
-def main() -> int:
+@click.command(help=__doc__)
+@click.option("--seeds", default=3)
+def main(seeds: int) -> None:
     """Fly everything and print Markdown."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=3)
-    args = parser.parse_args()
     print("| condition | estimator | requirements | position error | velocity error "
           "| tip along the surface |\n|---|---|---|---|---|---|")  # fmt: skip
     for condition in CONDITIONS:
-        for row in measure_all(condition, range(1, args.seeds + 1)):
+        for row in measure_all(condition, range(1, seeds + 1)):
             errors = (
                 f"{row.position_mm:.2f} mm | {row.velocity_mmps:.0f} mm/s | {row.tip_mm:.1f} mm"
                 if row.lost < row.flights
@@ -84,8 +80,7 @@ def main() -> int:
             )
             print(f"| {condition} | {row.estimator} | {row.met} of {row.flights} | {errors} |",
                   flush=True)  # fmt: skip
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

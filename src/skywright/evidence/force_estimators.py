@@ -6,15 +6,11 @@ closes the force loop at 2 N, up and forward, in the L pose and with the arm alm
 the reading called zero before the contact (tare) and without; the true contact force is compared.
 """
 
-from __future__ import annotations
-
-import argparse
 import json
 import math
-import sys
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 
 from skywright.description.loader import load_description
@@ -112,17 +108,16 @@ def compare(robot: str = "bimanual", seed: int = 1) -> list[Row]:
     ]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@click.command()
+@click.option("--seed", default=1)
+@click.option("--json", "as_json", is_flag=True)
+def main(seed: int, as_json: bool) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(prog="skywright.evidence.force_estimators")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args(arguments)
-    rows = compare(seed=options.seed)
-    if options.json:
+    rows = compare(seed=seed)
+    if as_json:
         print(json.dumps({"rows": [row._asdict() for row in rows]}))
-        return 0
-    print(f"{FORCE:g} N asked for over {HOLD:g} s, platform clamped, seed {options.seed}")
+        return
+    print(f"{FORCE:g} N asked for over {HOLD:g} s, platform clamped, seed {seed}")
     print("pose       push     estimator  tare  true mean N  rms error N  estimate N  lever m")
     for r in rows:
         note = "  at a limit" if r.saturated else ""
@@ -131,8 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{r.true_mean_n:11.2f} {r.rms_error_n:12.3f} {r.estimated_mean_n:11.2f} "
             f"{r.lever_m:8.3f}{note}"
         )
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -6,8 +6,6 @@ link itself, at several speeds and seeds, and prints the table of docs/papers/su
 over the seeds, and how many flights met the requirements of the mission.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

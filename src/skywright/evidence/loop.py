@@ -18,12 +18,10 @@ Margins are those of the loop broken at one component of the wrench, the other f
 tip's rms follows from the spectrum of Dryden turbulence (MIL-F-8785C) through the closed loop.
 """
 
-from __future__ import annotations
-
-import argparse
 import math
 from typing import NamedTuple
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -240,12 +238,11 @@ def _cross(p: Array) -> Array:
     return np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
 
 
-def main() -> None:
-    """Entry point of the module."""
-    parser = argparse.ArgumentParser(description="Margins and gust response of a scan's loops.")
-    parser.add_argument("--set", dest="sets", action="append", default=[], metavar="KEY=VALUE")
-    arguments = parser.parse_args()
-    d = load_description("pipe-weld-scan", sets=arguments.sets)
+@click.command()
+@click.option("--set", "sets", multiple=True, metavar="KEY=VALUE")
+def main(sets: tuple[str, ...]) -> None:
+    """Margins and gust response of a scan's loops."""
+    d = load_description("pipe-weld-scan", sets=sets)
     m, g = build_loop_model(d), read_gains(d)
     print("  ".join(f"{k} {v:g}" for k, v in g._asdict().items()))
     print(f"slowest pole {np.max(compute_poles(m, g).real):.2f} 1/s")

@@ -4,12 +4,11 @@ The missions are flown and the figures are those of their reports, so a picture 
 the code no longer does.
 """
 
-from __future__ import annotations
-
-import argparse
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+
+import click
 
 from skywright.analysis.compare.compare import MISSION, compare_robots
 from skywright.analysis.compare.figures import draw_pair, draw_reach, draw_reaction
@@ -70,13 +69,12 @@ def write_pictures(folder: Path, say: Callable[[str], None] = print) -> list[Pat
     return written
 
 
-def main() -> None:
-    """Entry point of the module."""
-    parser = argparse.ArgumentParser(description="Make the pictures of README and docs.")
-    parser.add_argument("--out", type=Path, default=Path("docs/images"), help="folder")
-    folder = parser.parse_args().out
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("docs/images"), help="Folder.")
+def main(out: Path) -> None:
+    """Make the pictures of README and docs."""
     try:
-        write_pictures(folder)
+        write_pictures(out)
     except (SkywrightError, OSError) as error:
         raise SystemExit(f"pictures: {error}") from None
 

@@ -14,12 +14,9 @@ F (`wrench.bandwidth`), that of s (SWING_BANDWIDTH, twice) and the way that the 
 (SHIFT_BANDWIDTH).
 """
 
-from __future__ import annotations
-
-import argparse
-import sys
 from typing import NamedTuple
 
+import click
 import numpy as np
 from scipy.linalg import expm
 
@@ -128,15 +125,14 @@ def take_carrying(run: RunResult) -> tuple[Array, Array, Array, float]:
     return compute_tip_errors(s), np.asarray(off), np.asarray(s["f_wind_W"][:, 0]), dt
 
 
-def main() -> int:
+@click.command(help=__doc__)
+@click.argument("table")
+@click.option("--run", type=int, required=True, help="Row of the campaign's table, from 0.")
+@click.option("--seed", default=1, help="Of the campaign.")
+def main(table: str, run: int, seed: int) -> None:
     """Fly one row twice and print what its gust did."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("table", help="table of a campaign (CSV)")
-    parser.add_argument("--run", type=int, required=True, help="row, from 0")
-    parser.add_argument("--seed", type=int, default=1, help="of the campaign")
-    args = parser.parse_args()
-    campaign = build_campaign("bar-transport", [args.table], seed=args.seed)
-    drawn = draw_run(campaign, args.run)
+    campaign = build_campaign("bar-transport", [table], seed=seed)
+    drawn = draw_run(campaign, run)
     still = {**drawn.varied, "world.wind.kind": "none", "world.wind.mean_mps": 0.0}
     d = load_run(campaign, drawn)
     tip, platform, drag, dt = take_carrying(fly_and_evaluate(d))
@@ -172,8 +168,7 @@ def main() -> int:
     ):  # fmt: skip
         found = simulate(other, inputs, dt)[1]
         print(f"| {name} | {cm * found[worst]:.1f} cm | {cm * np.sqrt(np.mean(found**2)):.1f} cm |")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -5,13 +5,10 @@ in steady wind and in gusts, each seed with a wind from another direction, and p
 docs/papers/caballero-2018.md. Both have the same bandwidths.
 """
 
-from __future__ import annotations
-
-import argparse
-import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 
 from skywright.description.loader import load_description
@@ -65,22 +62,20 @@ def measure(condition: str, law: str, seeds: Sequence[int]) -> Row:
     )  # fmt: skip
 
 
-def main() -> int:
+@click.command(help=__doc__)
+@click.option("--seeds", default=5)
+def main(seeds: int) -> None:
     """Fly everything and print Markdown."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=5)
-    args = parser.parse_args()
     print("| condition | law | requirements | bar's middle, largest | rms | swing, largest "
           "| clearance, least | energy |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
     for condition in CONDITIONS:
         for law in LAWS:
-            r = measure(condition, law, range(1, args.seeds + 1))
+            r = measure(condition, law, range(1, seeds + 1))
             print(f"| {condition} | `{law}` | {r.met} of {r.flights} | {100 * r.tip_max_m:.1f} cm "
                   f"| {100 * r.tip_rms_m:.1f} cm | {r.swing_max_deg:.1f} deg "
                   f"| {100 * r.clearance_min_m:.0f} cm | {r.energy_wh:.2f} Wh |",
                   flush=True)  # fmt: skip
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

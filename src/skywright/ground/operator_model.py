@@ -9,15 +9,13 @@ it the model sees no error below a threshold, sees what it sees with a slow nois
 its hand trembles at 8 to 12 Hz. It lowers the tool while it is near enough to its place.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.run.operator import Sight, Stick
 from skywright.vehicle.plant import MISSION_TICK
@@ -82,7 +80,7 @@ class ModelOperator:
     def close(self) -> None:
         """There is nothing to close."""
 
-    def _tremble(self) -> NDArray[np.float64]:
+    def _tremble(self) -> Array:
         """Return the tremor (3,): noise through a resonance, its rms TREMOR."""
         w, h = 2.0 * math.pi * TREMOR_HZ, MISSION_TICK / 10.0
         push = TREMOR * 2.0 * w * math.sqrt(w * TREMOR_DAMPING)  # rms of x'' + 2 z w x' + w^2 x = n

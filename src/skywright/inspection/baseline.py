@@ -5,8 +5,6 @@ pipe then stands off the lift-off curve, and what is found is the weld's negativ
 tells: base metal is what the probe reads over most of an area that is wider than any weld.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -13,8 +13,6 @@ and the bend a cubic p(l) about it, both from the approach:
 with l the lift-off and m the weld component; e_w is the weld's direction in that frame.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

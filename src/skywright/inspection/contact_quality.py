@@ -1,16 +1,13 @@
 """How well the probe sat on the surface, over the unrolled surface and along the planned path."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 from skywright.errors import InputError
 
 GAP_LIMIT = 1e-3
@@ -27,7 +24,7 @@ class ContactMap(NamedTuple):
     gap: Array  # (n_s, n_c) m, largest
     tilt: Array  # (n_s, n_c) rad, largest
     lift_off: Array  # (n_s, n_c) instrument units, largest
-    samples: NDArray[np.int64]  # (n_s, n_c)
+    samples: Ints  # (n_s, n_c)
 
 
 def compute_contact_map(

@@ -5,15 +5,13 @@ Columns t_s, re, im, x_m, y_m, z_m in any order; the unit is the suffix and othe
 probe) or ax, ay, az (the probe's axis). What had to be dropped or repaired is noted in words.
 """
 
-from __future__ import annotations
-
-import csv
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from skywright.core.arrays import Array
+from skywright.core.text_table import decode, read_bytes, read_number, split_row
 from skywright.errors import InputError
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
@@ -40,33 +38,6 @@ class Scan(NamedTuple):
     notes: tuple[str, ...]
 
 
-def _decode(path: Path) -> str:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: larger than {MAX_BYTES // 1_000_000} MB; split the file")
-        raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    try:
-        if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-            return raw.decode("utf-16")
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
-    if "\0" in text:
-        raise InputError(f"{path}: is not a text file; valid: delimited text with a header")
-    return text
-
-
-def _split(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return line.split()
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
-    except (csv.Error, StopIteration):
-        return [line]
-
-
 def _quantity(name: str) -> tuple[str, float] | None:
     """(quantity, factor to SI) of a column name, or None where it is not ours."""
     stem, _, unit = name.partition("_")
@@ -83,9 +54,9 @@ def _read_header(path: Path, line: str) -> tuple[str, dict[str, tuple[int, float
     """(delimiter, {quantity: (column, factor)}, columns, notes)."""
     best: tuple[int, str] = (-1, ",")
     for delimiter in (",", ";", "\t", " "):
-        names = [cell.lower() for cell in _split(line, delimiter)]
+        names = [cell.lower() for cell in split_row(line, delimiter)]
         best = max(best, (sum(_quantity(n) is not None for n in names), delimiter))
-    names = [cell.lower() for cell in _split(line, best[1])]
+    names = [cell.lower() for cell in split_row(line, best[1])]
     columns: dict[str, tuple[int, float]] = {}
     ignored = []
     for index, name in enumerate(names):
@@ -113,20 +84,13 @@ def _read_header(path: Path, line: str) -> tuple[str, dict[str, tuple[int, float
     return best[1], columns, len(names), notes
 
 
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return np.nan
-
-
 def _read_rows(
     path: Path, lines: list[str], delimiter: str, width: int, used: list[int], notes: list[str]
 ) -> Array:
     """(rows, columns) of numbers, NaN where a cell is none."""
     rows, ragged = [], 0
     for line in lines:
-        cells = _split(line, delimiter)
+        cells = split_row(line, delimiter)
         while len(cells) > width and not cells[-1]:
             cells.pop()  # a trailing delimiter
         if len(cells) != width:
@@ -149,7 +113,7 @@ def _read_rows(
             notes.append("decimal commas read as decimal points")
     if not rows:
         return np.empty((0, width))
-    return np.array([[_number(cell) for cell in row] for row in rows])
+    return np.array([[read_number(cell) for cell in row] for row in rows])
 
 
 def _build_axis(table: Array, columns: dict[str, tuple[int, float]]) -> Array | None:
@@ -177,8 +141,12 @@ def load_scan(path: Path) -> Scan:
     header, lacks a column, or loses more than half of its rows.
     """
     path = Path(path)
-    every = _decode(path).splitlines()
-    lines = [x for x in every if x.strip() and not x.lstrip().startswith(("#", "%", "//"))]
+    text = decode(read_bytes(path, MAX_BYTES, "split the file"))
+    if "\0" in text:
+        raise InputError(f"{path}: is not a text file; valid: delimited text with a header")
+    lines = [
+        x for x in text.splitlines() if x.strip() and not x.lstrip().startswith(("#", "%", "//"))
+    ]
     if not lines:
         raise InputError(f"{path}: the file is empty; valid: a header and rows of numbers")
     delimiter, columns, width, notes = _read_header(path, lines[0])

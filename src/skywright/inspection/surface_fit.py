@@ -4,8 +4,6 @@ A contact scan sees only a sector: over 40 deg of a 0.4 m pipe the surface bends
 of 0.3 mm moves the radius by several millimetres. The standard deviations say so.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import NamedTuple

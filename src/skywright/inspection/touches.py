@@ -9,18 +9,15 @@ One touch may be false (a gust, a cable, a bracket): when all together contradic
 deviations (chi-square at 0.999), the one whose absence explains most is left out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.core.rotations import exp_so3
 from skywright.description.world.surface import Cylinder
 from skywright.errors import InputError
@@ -45,7 +42,7 @@ class TouchFit(NamedTuple):
     x: Array  # (k,) the estimate: differences from the map
     covariance: Array  # (k, k)
     residuals: Array  # (n,) m, of all touches; positive: off the surface
-    used: NDArray[np.bool_]  # (n,)
+    used: Mask  # (n,)
     consistent: bool  # whether map, touches and deviations agree, at most one touch left out
 
 
@@ -136,7 +133,7 @@ def _fit(off: Callable[[Array], Array], prior: Array, n: int, std: float) -> Tou
 
 
 def _solve(
-    off: Callable[[Array], Array], prior: Array, used: NDArray[np.bool_], std: float
+    off: Callable[[Array], Array], prior: Array, used: Mask, std: float
 ) -> tuple[Array, Array, float]:
     """Return estimate, covariance (J' J)^-1 and the sum of squares, prior included."""
 

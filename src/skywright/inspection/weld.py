@@ -1,7 +1,5 @@
 """From a scan to a weld: contact, weld signal, crossings, line. Simulated and real data alike."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -10,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.description.world.surface import Cylinder, roll_points, unroll_points
 from skywright.errors import InputError
 from skywright.inspection.baseline import MAJORITY, centre_calibration
@@ -64,8 +62,8 @@ class WeldResult(NamedTuple):
     gap: Array  # m, measured tip to surface
     lift_off: Array  # instrument units
     weld: Array  # instrument units
-    contact: NDArray[np.bool_]
-    on_weld: NDArray[np.bool_]
+    contact: Mask
+    on_weld: Mask
     contact_fraction: float
     crossings: tuple[Crossing, ...]
     line: WeldLine | None
@@ -74,15 +72,13 @@ class WeldResult(NamedTuple):
     notes: tuple[str, ...]
 
 
-def detect_contact(
-    ec: NDArray[Any], calibration: Calibration
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+def detect_contact(ec: NDArray[Any], calibration: Calibration) -> tuple[Array, Array, Mask]:
     """(lift_off, weld, contact), each (n,): contact where |lift_off| < threshold (Tognon 2018)."""
     lift_off, weld = compute_components(ec, calibration)
     return lift_off, weld, np.abs(lift_off) < calibration.lift_off_threshold
 
 
-def _runs(flag: NDArray[np.bool_], t: Array, s: Array, c: Array) -> list[tuple[int, int]]:
+def _runs(flag: Mask, t: Array, s: Array, c: Array) -> list[tuple[int, int]]:
     """Stretches [start, stop) of set flags; a gap in the recording ends one."""
     jump = np.zeros(flag.size + 1, bool)
     jump[1:-1] = (np.diff(t) > MERGE_TIME) | (np.hypot(np.diff(s), np.diff(c)) > 0.01)
@@ -197,10 +193,10 @@ def find_crossings(
     s: Array,
     c: Array,
     weld: Array,
-    on_weld: NDArray[np.bool_],
+    on_weld: Mask,
     noise: float,
     surface: Cylinder,
-    base: NDArray[np.bool_],
+    base: Mask,
     normal: tuple[float, float] | None = None,
 ) -> tuple[list[Crossing], list[Crossing]]:
     """(crossings, points for the line) of a scan; `base` (n,) flags contact off the weld.
@@ -246,9 +242,7 @@ def find_crossings(
     return crossings, points
 
 
-def remove_drift(
-    s: Array, c: Array, weld: Array, contact: NDArray[np.bool_], threshold: float
-) -> Array:
+def remove_drift(s: Array, c: Array, weld: Array, contact: Mask, threshold: float) -> Array:
     """Subtract the slow drift of the base metal's texture from the weld signal (n,).
 
     A running median over DRIFT_LENGTH of path, which a crossing of about 12 mm hardly moves;

@@ -1,15 +1,13 @@
 """The weld map of a scan file: what `skywright weld DATA.csv` does, without the picture."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
+from skywright.core.text_table import parse_span
 from skywright.description.world.surface import roll_points, unroll_points
 from skywright.errors import InputError
 from skywright.inspection.calibration import (
@@ -87,20 +85,6 @@ def _round(x: Array, digits: int) -> list[float]:
     return [round(float(v), digits) for v in x]
 
 
-def parse_span(text: str) -> tuple[float, float]:
-    """'T0:T1' (s) to numbers; raises InputError."""
-    try:
-        start, stop = (float(part) for part in text.split(":"))
-    except ValueError:
-        start, stop = math.nan, math.nan
-    if not (math.isfinite(start) and math.isfinite(stop) and start < stop):
-        raise InputError(
-            f"--calibrate: {text[:60]!r} is not a time span; valid: T0:T1 in seconds of the file, "
-            "T0 below T1, such as 0:6.5"
-        )
-    return start, stop
-
-
 def find_approach(scan: Scan) -> tuple[float, float]:
     """Time span (s) of the first approach, air to contact, by the signal alone.
 
@@ -153,9 +137,7 @@ def _calibrate(
     return cal
 
 
-def _check_span(
-    scan: Scan, span: tuple[float, float], contact: NDArray[np.bool_], given: bool
-) -> str | None:
+def _check_span(scan: Scan, span: tuple[float, float], contact: Mask, given: bool) -> str | None:
     """A note where the calibration span holds most of the contact, which is then not searched.
 
     Raises InputError where it was `given` and leaves next to nothing.
@@ -195,7 +177,7 @@ def process_file(
             raise InputError(f"{name} threshold {value}; valid: a number above 0")
     if calibrate is not None and calibration_file is not None:
         raise InputError("give either --calibrate T0:T1 or a calibration file, not both")
-    span = parse_span(calibrate) if calibrate is not None else None
+    span = parse_span(calibrate, "of the file", "0:6.5") if calibrate is not None else None
     scan = load_scan(path)
     notes = list(scan.notes)
     if calibration_file is not None:

@@ -7,8 +7,6 @@ third parameter with a prior: passes in opposite directions determine it, passes
 leave it to widen the uncertainty.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ form (a ray against the box of limits), so a call costs well under a microsecond
 iteration that could fail to converge.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

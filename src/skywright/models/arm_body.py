@@ -1,7 +1,5 @@
 """The arm's bodies in the scene: links, flexibility, hands, sprung probe and servos."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -82,7 +80,7 @@ def add_arm(
         if robot.probe is None or i != tip:
             _add_hand(bodies[i], side, limbs[i].link, robot, dev, is_tip=i == tip)
     if robot.probe is not None:
-        _add_probe(bodies[tip], limbs[tip], robot, dev, plant)
+        _add_probe(spec, bodies[tip], limbs[tip], robot, dev, plant)
     if plant:
         _add_servos(spec, robot, limbs)
         for limb in limbs:
@@ -119,7 +117,7 @@ def _add_link_joints(
     if link.passive:
         _set_coefficient(joint, "damping", link.damping_nms_per_rad)
         joint.frictionloss = link.friction_nm
-    else:
+    elif robot.arm is not None and robot.arm.belt is None:  # through a belt: _add_servos
         joint.armature = list_servos(robot)[limbs[index].servo][1].armature_kgm2
     if link.flex_stiffness_nm_per_rad is not None:
         k = link.flex_stiffness_nm_per_rad
@@ -285,7 +283,12 @@ def _add_hand(
 
 
 def _add_probe(
-    link_body: mujoco.MjsBody, limb: Limb, robot: Robot, dev: Deviation, plant: bool
+    spec: mujoco.MjSpec,
+    link_body: mujoco.MjsBody,
+    limb: Limb,
+    robot: Robot,
+    dev: Deviation,
+    plant: bool,
 ) -> None:
     assert robot.probe is not None
     probe, parts = robot.probe, build_probe_parts(robot.probe)
@@ -332,6 +335,12 @@ def _add_probe(
         _set_coefficient(joint, "damping", damping)
         joint.springref = probe.spring_preload_n / k
         joint.solref_limit = [0.004, 1.0]
+        if robot.force_sensor is not None:  # softer beyond the knee: less of the spring there
+            knee = (robot.force_sensor.knee_n - probe.spring_preload_n) / k
+            tendon = spec.add_tendon(name="spring beyond")
+            tendon.wrap_joint("spring", 1.0)
+            _set_coefficient(tendon, "stiffness", -k * (1.0 - robot.force_sensor.hard_share))
+            tendon.springlength = [-knee, 1.0]
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
@@ -339,7 +348,9 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
 
     A position servo's command comes with its lag and speed limit from vehicle/actuators.
 
-    Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A.
+    Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A. So its
+    rotor couples them: J_AM^-T diag(armature) J_AM^-1 is what the joints feel (the motors' kinetic
+    energy in the joints' speeds), which MuJoCo makes of a tendon's armature.
     """
     assert robot.arm is not None
     joints = [limb.name for limb in list_joints(robot) if limb.servo >= 0]
@@ -351,6 +362,8 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
         for j, joint in enumerate(joints):
             if abs(motor_from_joint[i, j]) > 1e-12:
                 tendon.wrap_joint(joint, motor_from_joint[i, j])
+        if robot.arm.belt is not None:
+            tendon.armature = servo.armature_kgm2
         kp, kv = compute_servo_gains(robot, i)
         velocity = servo.mode == "velocity"
         dynamics = mujoco.mjtDyn.mjDYN_INTEGRATOR if velocity else mujoco.mjtDyn.mjDYN_NONE

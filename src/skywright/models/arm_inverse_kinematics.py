@@ -12,8 +12,6 @@ a = -L2 sin q4 and h = L1 + L2 cos q4 the hand is at
 y = L1 sin q2: it exists for those rolls with L1 |sin q2| within that circle.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -21,11 +19,11 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
-from skywright.core.rotations import solve3
 from skywright.core.scratch import local
 from skywright.description.robot.limbs import SIDES, list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
+from skywright.models.arm_nearest import arm_point, distance, search_nearest
 
 REACHED, OUT_OF_REACH, AT_A_LIMIT = 0, 1, 2
 """Status of a solution: exact; beyond (or within) what the links span; only angles beyond the
@@ -35,8 +33,6 @@ STATUS_NAMES = ("reached", "out of reach", "at a joint limit")
 EXACT = 1e-10  # m, what counts as reached
 ROLLS = 48  # steps of the rolls tried where the one asked for violates a limit
 TRIALS = ROLLS + 1
-STEPS = 200  # of the search for the nearest point
-GRID = 7  # postures a joint that it starts from
 
 
 class ArmChain(NamedTuple):
@@ -125,39 +121,6 @@ def compute_arm_ik(
 
 
 @njit(cache=True, error_model="numpy")
-def arm_point(L1: float, L2: float, q: Any, p: Any) -> None:
-    """Fill p (3,) with FK(q): (6)."""
-    s1, c1 = math.sin(q[0]), math.cos(q[0])
-    s2, c2 = math.sin(q[1]), math.cos(q[1])
-    a, h = -L2 * math.sin(q[3]), L1 + L2 * math.cos(q[3])
-    x, y = a * math.cos(q[2]), a * math.sin(q[2])
-    z = y * s2 - h * c2
-    p[0] = x * c1 + z * s1
-    p[1] = y * c2 + h * s2
-    p[2] = -x * s1 + z * c1
-
-
-@njit(cache=True, error_model="numpy")
-def arm_jacobian(L1: float, L2: float, q: Any, J: Any) -> None:
-    """Fill J (3, 4) m/rad = dFK/dq."""
-    s1, c1 = math.sin(q[0]), math.cos(q[0])
-    s2, c2 = math.sin(q[1]), math.cos(q[1])
-    s3, c3 = math.sin(q[2]), math.cos(q[2])
-    a, h = -L2 * math.sin(q[3]), L1 + L2 * math.cos(q[3])
-    da, dh = -L2 * math.cos(q[3]), -L2 * math.sin(q[3])
-    x, y = a * c3, a * s3
-    z = y * s2 - h * c2
-    J[0, 0], J[1, 0], J[2, 0] = -x * s1 + z * c1, 0.0, -x * c1 - z * s1
-    dz = y * c2 + h * s2
-    J[0, 1], J[1, 1], J[2, 1] = dz * s1, -y * s2 + h * c2, dz * c1
-    dx, dy = -y, x
-    J[0, 2], J[1, 2], J[2, 2] = dx * c1 + dy * s2 * s1, dy * c2, -dx * s1 + dy * s2 * c1
-    dx, dy = da * c3, da * s3
-    dz = dy * s2 - dh * c2
-    J[0, 3], J[1, 3], J[2, 3] = dx * c1 + dz * s1, dy * c2 + dh * s2, -dx * s1 + dz * c1
-
-
-@njit(cache=True, error_model="numpy")
 def solve_arm(
     L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any,
     reached: Any,
@@ -168,15 +131,10 @@ def solve_arm(
     found = _solve_within(L1, L2, goal, roll, near, q_min, q_max, q)
     arm_point(L1, L2, q, reached)
     if not found:
-        _search_nearest(L1, L2, p, roll, near, q_min, q_max, q, reached)
-        if status == REACHED and _distance(p, reached) > EXACT:
+        search_nearest(L1, L2, p, roll, near, q_min, q_max, q, reached)
+        if status == REACHED and distance(p, reached) > EXACT:
             status = AT_A_LIMIT
     return status
-
-
-@njit(cache=True, error_model="numpy")
-def _distance(a: Any, b: Any) -> float:
-    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
 @njit(cache=True, error_model="numpy")
@@ -351,94 +309,3 @@ def solve_at_roll(
 def _wrap(angle: float) -> float:
     """Return the angle within -pi..pi."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
-
-
-@njit(cache=True, error_model="numpy")
-def _search_nearest(
-    L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any,
-    reached: Any,
-) -> None:  # fmt: skip
-    """Fill q with a posture within the limits whose hand is nearest to p, and `reached`.
-
-    Projected Levenberg-Marquardt from the best postures of a coarse grid, one for each
-    angle of the elbow, from the posture given and from `near`; the best end is kept.
-    """
-    best = 1e9
-    x, kept, at = local(4), local(4), local(3)
-    for start in range(GRID + 2):
-        for j in range(4):
-            x[j] = min(max(near[j] if start == GRID + 1 else q[j], q_min[j]), q_max[j])
-        if start < GRID:
-            _best_of_grid(L1, L2, p, q_min, q_max, start, x)
-        error = _descend(L1, L2, p, q_min, q_max, x, at)
-        if error < best - 1e-12:
-            best = error
-            for a in range(3):
-                reached[a] = at[a]
-            for j in range(4):
-                kept[j] = x[j]
-    for j in range(4):
-        q[j] = kept[j]
-
-
-@njit(cache=True, error_model="numpy")
-def _best_of_grid(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, elbow: int, x: Any) -> None:
-    """Fill x with the posture on a grid, at its elbow angle number `elbow`, nearest to p."""
-    trial, there = local(4), local(3)
-    best = 1e9
-    for i in range(GRID**3):
-        n = i
-        for j in range(4):
-            share = elbow / (GRID - 1.0) if j == 3 else (n % GRID) / (GRID - 1.0)
-            trial[j] = q_min[j] + share * (q_max[j] - q_min[j])
-            n //= GRID
-        arm_point(L1, L2, trial, there)
-        if _distance(p, there) < best:
-            best = _distance(p, there)
-            for j in range(4):
-                x[j] = trial[j]
-
-
-@njit(cache=True, error_model="numpy")
-def _descend(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, x: Any, at: Any) -> float:
-    """Move x downhill in |FK(x) - p| within the limits; fills `at` = FK(x), returns the error."""
-    J, M, r, y = local(3, 4), local(3, 3), local(3), local(3)
-    trial, there = local(4), local(3)
-    free = local(4)
-    free[:] = 1.0
-    damping = 1e-4
-    arm_point(L1, L2, x, at)
-    error = _distance(p, at)
-    for _ in range(STEPS):
-        arm_jacobian(L1, L2, x, J)
-        for a in range(3):
-            r[a] = p[a] - at[a]
-        for j in range(4):  # a joint at its limit, pushed outward, stays
-            g = J[0, j] * r[0] + J[1, j] * r[1] + J[2, j] * r[2]
-            held = (x[j] <= q_min[j] and g < 0.0) or (x[j] >= q_max[j] and g > 0.0)
-            free[j] = 0.0 if held else 1.0
-        for a in range(3):
-            for c in range(3):
-                M[a, c] = damping * L1 * L1 if a == c else 0.0
-                for j in range(4):
-                    M[a, c] += free[j] * J[a, j] * J[c, j]
-        solve3(M, r, y)
-        for j in range(4):
-            step = free[j] * (J[0, j] * y[0] + J[1, j] * y[1] + J[2, j] * y[2])
-            trial[j] = min(max(x[j] + step, q_min[j]), q_max[j])
-        arm_point(L1, L2, trial, there)
-        new = _distance(p, there)
-        if new < error:
-            for j in range(4):
-                x[j] = trial[j]
-            for a in range(3):
-                at[a] = there[a]
-            if error - new < 1e-15:
-                return float(new)
-            error = new
-            damping = max(0.2 * damping, 1e-10)
-        else:
-            damping *= 8.0
-            if damping > 1e8:
-                break
-    return error

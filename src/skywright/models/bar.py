@@ -1,7 +1,5 @@
 """Mass and inertia of a bar in both hands, and the half that each hand carries."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.core.arrays import Array

@@ -5,8 +5,6 @@ hand holds it by a soft point constraint (GRIP): lined fingers that give way by 
 when the two arms do not move quite alike, as they never do. A gripper that slips is not modelled.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -4,8 +4,6 @@ Suarez 2020, section V-E, (29)-(33). Points are in one common frame, here W (the
 frames of earth and arm in (32)).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

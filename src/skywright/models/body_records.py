@@ -1,7 +1,5 @@
 """The robot as a rigid body: its link tree, the tree at some joint angles, and both as one body."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from skywright.core.record import Array, Integers, Mat3, Record, Vec3

@@ -6,8 +6,6 @@ horizontal in B, from +x counter-clockwise. The limits are static: rotor thrusts
 robot (weight, arm offset, drag, push) within their range; transients need a margin on top.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -15,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.hover import check_can_fly, check_hover, choose_posture, find_worst_posture
@@ -287,7 +285,7 @@ def compute_force_limit(
     point = c.p_BT if p_BT is None else np.asarray(p_BT, dtype=np.float64)
     wind = np.asarray(wind_B, dtype=np.float64)[None, :]
 
-    def holds(force: Array) -> NDArray[np.bool_]:
+    def holds(force: Array) -> Mask:
         push = force[:, None] * (d / size)[None, :]
         thrust, tilt = compute_hold(c.layout, c.body, wind, push, point)
         return is_held(c.layout, thrust, tilt, c.tilt_max)

@@ -4,8 +4,6 @@ Suarez 2020: a servo's shaft theta turns the output link q through a spring, the
 deflection (14). Where no encoder measures it, the deflection is that of the arm's weight.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Arm poses in which a flying robot presses on a ceiling or on a wall, and what it can press."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ The vehicle layer flies one robot a world; `skywright bench robots` measures wha
 The copies meet the world but not each other, and docking feet keep MuJoCo's own stiffness.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import mujoco

@@ -1,12 +1,10 @@
 """From the root `plant` to the perturbed plant of one run."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.description.mission.spec import Plant
 from skywright.description.robot.spec import Robot
@@ -14,7 +12,7 @@ from skywright.models.arm_body import Deviation
 from skywright.models.rigid_body import joint_names
 
 
-def build_socket_error(plant: Plant) -> NDArray[np.float64]:
+def build_socket_error(plant: Plant) -> Array:
     """Return where tracked things that do not move stand against the world file: (6,) m, rad."""
     turn = [
         plant.socket_roll_error_deg, plant.socket_pitch_error_deg, plant.socket_yaw_error_deg

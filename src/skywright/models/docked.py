@@ -10,8 +10,6 @@ G_i spans the friction pyramid of foot i (inside the cone, so on the safe side).
 torques about B's origin. Static, like every limit of the capability analysis.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -27,6 +25,7 @@ from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.docking_body import list_feet
 from skywright.models.force_resolution import map_to_servos
+from skywright.models.force_sensor import compute_spring_force
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.statics import Layout, build_layout, wrench_at
@@ -269,7 +268,7 @@ def _arm_limit(docked: DockedRobot, stance: Stance, up_B: Array) -> tuple[float,
     robot = docked.robot
     assert robot.arm is not None and robot.probe is not None
     probe = robot.probe
-    slider = probe.spring_preload_n + probe.spring_n_per_m * probe.spring_travel_m
+    slider = compute_spring_force(probe, robot.force_sensor, probe.spring_travel_m)
     gravity = stance.mass * docked.gravity * up_B @ stance.dC_dq
     slope, offset = map_to_servos(robot, stance.lever), map_to_servos(robot, gravity)
     best = math.inf

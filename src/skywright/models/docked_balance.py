@@ -12,8 +12,6 @@ What the law feeds forward is W_feet; it follows the press linearly between two 
 because every condition is linear.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The largest press of a docked robot over slope, wind and contact point: tables and pictures."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The docking gear's body in the scene: legs, and feet lined with rubber."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

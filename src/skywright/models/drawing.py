@@ -4,8 +4,6 @@ The shapes are read from the compiled nominal scene, so that what is drawn is wh
 physics use. No MuJoCo object leaves this module.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import mujoco

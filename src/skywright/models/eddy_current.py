@@ -22,8 +22,6 @@ Units: SI; signals are in instrument units (the display's divisions after gain a
 Surface coordinates: s along the pipe's axis, c = R phi around it (description/world/spec.py).
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

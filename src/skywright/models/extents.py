@@ -1,7 +1,5 @@
 """How far a robot's shapes reach, and how its passive link swings: asked of the nominal scene."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

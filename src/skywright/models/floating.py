@@ -10,8 +10,6 @@ the centre of mass and A (h_x - u_x) the lever of the rotors' force, as for any 
 link that swings about y, I_eff is the composite inertia in roll and the bare platform's in pitch.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import mujoco

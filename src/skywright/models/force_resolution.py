@@ -5,8 +5,6 @@ servo changes the force by (spring stiffness) x (lever of the tip) x (angle of a
 spring or a finer servo makes the step smaller; no control law does.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,10 +1,10 @@
-"""The force sensor of the probe's slider: from force to count and back, and what it can resolve.
+"""The force sensor of the probe's slider: a count from the travel, a force from the count.
 
 Calibration of Sanchez-Cuevas et al. 2020, Table 3: two straight pieces over the converter's count,
-force falling with the count. The pieces meet at 7.80 and 7.81 N, less than a count apart.
+force falling with the count. The pieces meet at 7.80 and 7.81 N, less than a count apart. A linear
+potentiometer makes the count, so the two slopes are the spring's: harder to 7.8 N (1205 N/m at a
+stroke of 30 mm), softer beyond (432 N/m).
 """
-
-from __future__ import annotations
 
 import math
 from typing import Any
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from skywright.core.record import Record
 from skywright.description.robot.force_sensor import ForceSensor
+from skywright.description.robot.spec import Probe
 
 
 class Converter(Record):
@@ -25,17 +26,20 @@ class Converter(Record):
     soft_slope: float  # N a count, from `limit` on
     soft_offset: float  # N
     limit: float  # count
+    zero: float  # count of the slider at its stop
+    per_m: float  # counts a metre of travel
     top: float  # largest count
     noise: float  # counts, 1 sigma
 
 
-def build_force_sensor(spec: ForceSensor) -> NDArray[Any]:
-    """Return the sensor's parameters as a (1,) array of Converter."""
+def build_force_sensor(spec: ForceSensor, preload: float = 0.0) -> NDArray[Any]:
+    """Return the sensor's parameters as a (1,) array of Converter; `preload` (N) of the spring."""
     out = np.zeros(1, Converter.dtype)
     s = out[0]
     s["hard_slope"], s["hard_offset"] = spec.hard_slope_n_per_count, spec.hard_offset_n
     s["soft_slope"], s["soft_offset"] = spec.soft_slope_n_per_count, spec.soft_offset_n
     s["limit"], s["top"], s["noise"] = spec.limit_count, 2**spec.adc_bits - 1, spec.noise_count
+    s["zero"], s["per_m"] = compute_count(s, preload), 2**spec.adc_bits / spec.stroke_m
     return out
 
 
@@ -56,19 +60,33 @@ def compute_count(s: Any, force: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def convert_force(s: Any, force: float, noise: float) -> float:
-    """Return the converter's whole count for a force (N) on the slider.
+def compute_travel(s: Any, force: float) -> float:
+    """Return the slider's travel (m) at a force (N), by the calibration."""
+    return (s.zero - compute_count(s, force)) / s.per_m
 
-    `noise` is a standard normal number. Beyond its range the converter stays at its end. A force
+
+@njit(cache=True, error_model="numpy")
+def convert_travel(s: Any, travel: float, noise: float) -> float:
+    """Return the converter's whole count for a travel (m) of the slider.
+
+    `noise` is a standard normal number. Beyond its range the converter stays at its end. A travel
     that is not a number gives the count of a released spring, so that NaN goes no further.
     """
-    if math.isnan(force):
-        force = 0.0
-    count = math.floor(compute_count(s, force) + s.noise * noise + 0.5)
+    if math.isnan(travel):
+        travel = 0.0
+    count = math.floor(s.zero - s.per_m * travel + s.noise * noise + 0.5)
     return min(max(count, 0.0), s.top)
 
 
 @njit(cache=True, error_model="numpy")
-def measure_force(s: Any, force: float, noise: float) -> float:
-    """Return the force (N) that the robot reads where `force` acts: through the converter."""
-    return compute_force(s, convert_force(s, force, noise))
+def measure_travel(s: Any, travel: float, noise: float) -> float:
+    """Return the force (N) that the robot reads at a travel (m): through the converter."""
+    return compute_force(s, convert_travel(s, travel, noise))
+
+
+def compute_spring_force(probe: Probe, sensor: ForceSensor | None, travel: float) -> float:
+    """Return the force (N) of the slider's spring at a travel (m), with a sensor its two slopes."""
+    force = probe.spring_preload_n + probe.spring_n_per_m * travel
+    if sensor is None or force <= sensor.knee_n:
+        return force
+    return sensor.knee_n + sensor.hard_share * (force - sensor.knee_n)

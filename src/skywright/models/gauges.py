@@ -5,12 +5,10 @@ sensors where arms or passive link are mounted on the platform, and the net cont
 gauged part.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Ints
 from skywright.description.robot.limbs import list_limbs
 from skywright.description.robot.spec import Robot
 from skywright.description.world.thing import Things
@@ -42,7 +40,7 @@ def add_gauges(spec: mujoco.MjSpec, robot: Robot) -> None:
             )
 
 
-def find_gauges(model: mujoco.MjModel) -> tuple[NDArray[np.int64], int, NDArray[np.int64]]:
+def find_gauges(model: mujoco.MjModel) -> tuple[Ints, int, Ints]:
     """Return (site, force address, torque address) a row, the platform's site, parts' addresses."""
     address = {model.sensor(i).name: int(model.sensor_adr[i]) for i in range(model.nsensor)}
     sites = [model.site(i).name for i in range(model.nsite)]

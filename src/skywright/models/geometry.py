@@ -9,8 +9,6 @@ The shared library is loaded in this module, because cached machine code that ru
 library is loaded would end the process.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Can a robot hover, and in which arm posture is it weakest?"""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,12 +1,9 @@
 """How far a robot can tilt while it hovers in place, whichever way, in calm air or in a wind."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import build_rotors
@@ -34,7 +31,7 @@ def compute_hover_tilt(
     areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
     body = DragBody(mass, gravity, air_density, p_BC, areas)
 
-    def holds(tilt: Array) -> NDArray[np.bool_]:
+    def holds(tilt: Array) -> Mask:
         thrust = _compute_thrust(layout, body, np.asarray(wind), AXES * tilt[:, None])
         inside = (thrust >= layout.t_min - 1e-6) & (thrust <= layout.t_max + 1e-6)
         return np.asarray(inside.all(axis=1))

@@ -6,8 +6,6 @@ a sphere or capsule exactly, a cylinder as the capsule of its axis and radius (r
 never smaller), the platform's parts together as one box in B.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -4,19 +4,16 @@ The tree is read from the URDF itself, so that frames and links are the same. Li
 to the topic /tf, all others once to /tf_static.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.columns import Column, Stream, Topic, build_dtype, has_columns
 from skywright.core.rotations import quat_from_rot, rot_x, rot_y, rot_z
 from skywright.models.drawing import multiply_quaternions, rotate_vectors
-
-Array = NDArray[np.float64]
 
 MAP = "map"
 POINTS = {"contact": "p_WT", "left_contact": "left_p_WH", "right_contact": "right_p_WH"}

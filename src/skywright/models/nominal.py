@@ -1,7 +1,5 @@
 """What follows from robot and world alone, computed once: rotors, rigid body, surfaces."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any
 

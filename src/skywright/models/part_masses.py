@@ -1,7 +1,5 @@
 """Masses and inertias of a robot's parts, as model, scene and exported files take them."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ each centre of mass is a sum of lengths times such vectors. A test holds it agai
 model.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

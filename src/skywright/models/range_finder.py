@@ -3,8 +3,6 @@
 Of the class of a LightWare SF11/C (Sanchez-Cuevas 2020, section 2).
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np

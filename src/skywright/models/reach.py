@@ -6,17 +6,14 @@ and a passive link hangs where the posture's weight lets it. The platform is lev
 pipe squarely.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints, Mask
 from skywright.core.rotations import rot_z
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
@@ -46,10 +43,10 @@ class ReachMap(NamedTuple):
 
     x: Array  # (n,) m
     z: Array  # (m,) m
-    reached: NDArray[np.bool_]  # (m, n) by a robot that faces +x
-    inside: NDArray[np.bool_]  # (m, n) within the pipe
+    reached: Mask  # (m, n) by a robot that faces +x
+    inside: Mask  # (m, n) within the pipe
     angle: Array  # (k,) rad, places on the surface, from the side that faces the robot to the top
-    touched: NDArray[np.bool_]  # (k,) from this side
+    touched: Mask  # (k,) from this side
     radius: float
 
     @property
@@ -70,7 +67,7 @@ class ReachMap(NamedTuple):
         return float(np.count_nonzero(self.reached[self.z < 0.0]) * cell)
 
 
-def _mirror(angle: Array) -> NDArray[np.int64]:
+def _mirror(angle: Array) -> Ints:
     """Index (k,) of the place on the other side of the pipe."""
     other = (math.pi - angle) % (2.0 * math.pi)
     return np.array([int(np.argmin(np.abs(angle - a))) for a in other], dtype=np.int64)
@@ -94,7 +91,7 @@ def compute_reach(
     axis = np.arange(-span, span + 0.5 * step, step)
     inside = np.hypot(axis[None], axis[:, None]) < cylinder.radius + ball
 
-    def ask(x: Array, z: Array) -> NDArray[np.bool_]:
+    def ask(x: Array, z: Array) -> Mask:
         goals = cylinder.p_WP + x[:, None] * ahead + z[:, None] * up
         out = np.zeros(len(goals), dtype=np.bool_)
         _try_goals(groups[0], groups[1], groups[2], margins, goals, R, q, hands, out)
@@ -172,7 +169,7 @@ def _classify(name: str, last: set[str], ends: tuple[str, ...]) -> int:
     return 2 if name in last else 1
 
 
-def _pick(core: ClearanceCore, keep: NDArray[np.bool_]) -> ClearanceCore:
+def _pick(core: ClearanceCore, keep: Mask) -> ClearanceCore:
     pairs = np.ascontiguousarray(core.pairs[keep])
     return core._replace(pairs=pairs, n_world=len(pairs), probe=np.zeros(len(pairs)))
 

@@ -8,8 +8,6 @@ Frames: B body (FLU), link frames at the joints with the link along x or -z, T t
 the robot along the probe and y along the link's y, H hands likewise.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -94,8 +92,7 @@ def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
             joint += 1
         m["slide"][i] = link.joint == "slide"
         m["axis"][i] = "xyz".index(link.axis)
-        m["mass"][i] = link.mass_kg
-        m["com"][i] = link_com(link)
+        m["mass"][i], m["com"][i] = link.mass_kg, link_com(link)
         m["inertia"][i] = link_inertia(link)
     m["n_links"], m["n_joints"] = len(limbs), joint
     if robot.arm.belt is not None:
@@ -179,8 +176,7 @@ def _weld(m: Any, i: int, parts: list[tuple[float, Array, Array]]) -> None:
 @njit(cache=True, error_model="numpy")
 def fill_kinematics(m: BodyModel, q: Array, k: Kinematics) -> None:
     """Fill link frames, tip pose p_BT, R_BT and the tip Jacobians (all in B) at joints `q`."""
-    rot = local(3, 3)
-    vec = local(3)
+    rot, vec = local(3, 3), local(3)
     for i in range(m.n_links):
         parent, joint = m.parent[i], m.joint[i]
         if parent < 0:
@@ -204,35 +200,26 @@ def fill_kinematics(m: BodyModel, q: Array, k: Kinematics) -> None:
                 base = k.R[i].copy()
                 mat_mat(base, rot, k.R[i])
     tip = m.tip_link
-    for a in range(3):
-        for j in range(MAX_JOINTS):
-            k.J_BT[a, j] = 0.0
-            k.Jw_BT[a, j] = 0.0
     if tip < 0:
         for a in range(3):
             k.p_BT[a] = 0.0
             for b in range(3):
                 k.R_BT[a, b] = 1.0 if a == b else 0.0
-        return
-    mat_vec(k.R[tip], m.tip_offset, vec)
+    else:
+        mat_vec(k.R[tip], m.tip_offset, vec)
+        for a in range(3):
+            k.p_BT[a] = k.p[tip, a] + vec[a]
+        mat_mat(k.R[tip], m.tip_rot, k.R_BT)
+    fill_point_jacobian(m, k, tip, k.p_BT, k.J_BT)
     for a in range(3):
-        k.p_BT[a] = k.p[tip, a] + vec[a]
-    mat_mat(k.R[tip], m.tip_rot, k.R_BT)
+        for j in range(MAX_JOINTS):
+            k.Jw_BT[a, j] = 0.0
     i = tip
     while i >= 0:
-        joint, axis = m.joint[i], m.axis[i]
-        if joint >= 0:
-            ax, ay, az = k.R[i, 0, axis], k.R[i, 1, axis], k.R[i, 2, axis]
-            if m.slide[i]:
-                k.J_BT[0, joint], k.J_BT[1, joint], k.J_BT[2, joint] = ax, ay, az
-            else:
-                dx = k.p_BT[0] - k.p[i, 0]
-                dy = k.p_BT[1] - k.p[i, 1]
-                dz = k.p_BT[2] - k.p[i, 2]
-                k.J_BT[0, joint] = ay * dz - az * dy
-                k.J_BT[1, joint] = az * dx - ax * dz
-                k.J_BT[2, joint] = ax * dy - ay * dx
-                k.Jw_BT[0, joint], k.Jw_BT[1, joint], k.Jw_BT[2, joint] = ax, ay, az
+        joint = m.joint[i]
+        if joint >= 0 and not m.slide[i]:
+            for a in range(3):
+                k.Jw_BT[a, joint] = k.R[i, a, m.axis[i]]
         i = m.parent[i]
 
 
@@ -305,21 +292,18 @@ def fill_gravity_torque(m: BodyModel, k: Kinematics, g_B: Array, torque: Array) 
 def fill_body(m: BodyModel, k: Kinematics, body: Body) -> None:
     """Fill the composite record from link frames computed by `fill_kinematics`."""
     mass = m.mass0
-    cx, cy, cz = m.mass0 * m.com0[0], m.mass0 * m.com0[1], m.mass0 * m.com0[2]
     for a in range(3):
+        body.p_BC[a] = m.mass0 * m.com0[a]
         for b in range(3):
             body.I_B[a, b] = m.inertia0[a, b]
-    c = local(3)
-    tmp = local(3, 3)
+    c, tmp = local(3), local(3, 3)
     for i in range(m.n_links):
         mi = m.mass[i]
         mat_vec(k.R[i], m.com[i], c)
         for a in range(3):
             c[a] += k.p[i, a]
+            body.p_BC[a] += mi * c[a]
         mass += mi
-        cx += mi * c[0]
-        cy += mi * c[1]
-        cz += mi * c[2]
         mat_mat(k.R[i], m.inertia[i], tmp)
         cc = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
         for a in range(3):
@@ -333,20 +317,14 @@ def fill_body(m: BodyModel, k: Kinematics, body: Body) -> None:
                 body.I_B[a, b] += s
     body.mass = mass
     body.gravity = m.gravity
-    body.p_BC[0], body.p_BC[1], body.p_BC[2] = cx / mass, cy / mass, cz / mass
     body.n_joints = m.n_joints
     for a in range(3):
+        body.p_BC[a] /= mass
         body.p_BT[a] = k.p_BT[a]
         for b in range(3):
             body.R_BT[a, b] = k.R_BT[a, b]
         for j in range(MAX_JOINTS):
             body.J_BT[a, j] = k.J_BT[a, j]
-
-
-@njit(cache=True, error_model="numpy")
-def _compute_body(m: BodyModel, q: Array, k: Kinematics, body: Body) -> None:
-    fill_kinematics(m, q, k)
-    fill_body(m, k, body)
 
 
 def compute_body(model: NDArray[Any], q: Array) -> tuple[float, Array, Array]:

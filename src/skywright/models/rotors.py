@@ -6,8 +6,6 @@ describes the OTHex of Tognon et al. 2018). Thrust is k_f w^2 along the axis; th
 torque acts on the body against its spin.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -29,6 +27,7 @@ class RotorSet(NamedTuple):
     k_f: float  # N/(rad/s)^2
     torque_per_thrust: float  # m
     time_constant: float  # s, of the rotor speed
+    inertia: float  # kg m^2, of what turns in one rotor, about its axis
     drag_coefficient: float  # N/(rad/s)/(m/s), in the disc plane
     propeller_radius: float  # m
     figure_of_merit: float
@@ -67,6 +66,7 @@ def build_rotors(rotors: Rotors) -> RotorSet:
         k_f=float(rotors.thrust_coefficient_n_per_rad2s2),
         torque_per_thrust=float(rotors.torque_per_thrust_m),
         time_constant=float(rotors.time_constant_s),
+        inertia=float(rotors.rotor_inertia_kgm2),
         drag_coefficient=float(rotors.drag_coefficient_n_per_rads_mps),
         propeller_radius=float(rotors.propeller_radius_m),
         figure_of_merit=float(rotors.figure_of_merit),

@@ -6,16 +6,14 @@ structural flexibility, sprung probe, servos, contacts, and every error of the r
 Both come from the same code, so geometry has one source.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Ints
 from skywright.core.rotations import quat_from_rot
 from skywright.core.types import MAX_HANDS
 from skywright.description.robot.limbs import list_limbs
@@ -35,10 +33,10 @@ from skywright.models.rotors import RotorSet
 from skywright.models.structure_body import add_structure, list_structure
 from skywright.models.things._build import OBJECT, add_things, find_offsets
 from skywright.models.things.bench import Bench
-
-Array = NDArray[np.float64]
+from skywright.models.timestep import find_stiff_contact
 
 TIMESTEP = 0.001
+"""s, a physics step unless `mission.timestep_ms` says otherwise."""
 SUPPORT_RADIUS = 0.03
 SUPPORT_INSET = 0.05  # m, from the pipe's end to the support's axis
 
@@ -46,22 +44,22 @@ SUPPORT_INSET = 0.05  # m, from the pipe's end to the support's axis
 class SceneIndex(NamedTuple):
     """Where things sit in the compiled model's arrays."""
 
-    joint_qpos: NDArray[np.int64]  # (n_joints,)
-    joint_dof: NDArray[np.int64]
-    flex_qpos: NDArray[np.int64]  # -1 where a joint has no flexibility
+    joint_qpos: Ints  # (n_joints,)
+    joint_dof: Ints
+    flex_qpos: Ints  # -1 where a joint has no flexibility
     slider_qpos: int  # -1 without a probe
     platform_body: int
     tip_site: int  # -1 without an arm
-    robot_geoms: NDArray[np.int64]
-    world_geoms: NDArray[np.int64]
-    probe_geoms: NDArray[np.int64]  # those that may be near the pipe while scanning
-    feet_geoms: NDArray[np.int64]
-    object_qpos: NDArray[np.int64]  # of each movable thing, in the order of the world file
-    hand_sites: NDArray[np.int64]  # (n_hands,)
-    hand_bodies: NDArray[np.int64]  # (n_hands,), -1 where a hand is no body of its own
+    robot_geoms: Ints
+    world_geoms: Ints
+    probe_geoms: Ints  # those that may be near the pipe while scanning
+    feet_geoms: Ints
+    object_qpos: Ints  # of each movable thing, in the order of the world file
+    hand_sites: Ints  # (n_hands,)
+    hand_bodies: Ints  # (n_hands,), -1 where a hand is no body of its own
     sensor_tip_force: int  # address of the tip's net contact force, -1 without
-    sensor_hand_force: NDArray[np.int64]  # (n_hands,) likewise of each hand
-    sensor_collision: NDArray[np.int64]  # addresses of net contact forces that must be zero
+    sensor_hand_force: Ints  # (n_hands,) likewise of each hand
+    sensor_collision: Ints  # addresses of net contact forces that must be zero
     sensor_docking: int = -1  # address of the docking feet's net contact force, -1 without
 
 
@@ -80,14 +78,16 @@ def build_scene(
     extend: Iterable[Callable[[mujoco.MjSpec], None]] = (),
     error: Array | None = None,
     nominal: Nominal | None = None,
+    timestep: float = TIMESTEP,
 ) -> Scene:
     """Compile the nominal model, or with `deviation` the plant.
 
     `extend` are called with what is to be compiled, to add to it. `error` (6,) m, rad, places
     tracked things in a nominal model as `Deviation.socket_error` would. `nominal` is what has been
-    built of robot and world.
+    built of robot and world. Raises InputError where a contact is too stiff for `timestep` (s).
     """
     spec = build_spec(robot, world, deviation, error, nominal)
+    spec.option.timestep = timestep
     for add in extend:
         add(spec)
     try:
@@ -97,6 +97,12 @@ def build_scene(
         raise InputError(f"robot {robot.name!r} in world {world.name!r}: {what}") from None
     if robot.docking is not None:
         set_foot_stiffness(model, robot.docking)
+    stiff = find_stiff_contact(model, timestep) if timestep > TIMESTEP else None
+    if stiff is not None:
+        raise InputError(
+            f"mission.timestep_ms = {1e3 * timestep:g} is too long for {robot.name!r} in "
+            f"{world.name!r}: {stiff}"
+        )
     return Scene(model, _build_index(model, robot, deviation is not None), len(joint_names(robot)))
 
 

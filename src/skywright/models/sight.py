@@ -1,7 +1,5 @@
 """Rays through a scene: past the robot, against everything else."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

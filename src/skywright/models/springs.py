@@ -3,8 +3,6 @@
 Functions of a joint take the arms as the controller believes them (ArmModel).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -5,8 +5,6 @@ closed form (the ray against the box of thrust limits). Any other layout is a li
 The closed form is tested against the linear programme. Frame B, SI units, torques about B's origin.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

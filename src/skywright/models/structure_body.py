@@ -1,19 +1,14 @@
 """The inspected structure in the scene: a plate, a pillar, or the staves of a tunnel's lining."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_from_rot
 from skywright.description.world.spec import World
 from skywright.description.world.structure import ARCH, CYLINDER, Surface
-
-Array = NDArray[np.float64]
 
 STRUCTURE = "structure"
 """Names of the structure's geometries begin with it."""

@@ -1,7 +1,5 @@
 """Distance of a point to the surface of a structure, and its normal there; compiled."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any
 

@@ -4,8 +4,6 @@ All tilts of the robot file are scaled in proportion, so that their signs and ra
 sizes of alpha and beta this is the study of Sanchez-Cuevas et al. 2020, figures 4 and 5.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

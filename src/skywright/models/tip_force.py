@@ -4,8 +4,6 @@ The platform is level and held; its axes are those of W. A passive link turns un
 its joint vanishes, so that it passes no torque about that axis on (Suarez 2020, section II-C).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ the result late. Out of sight it loses the prism and needs some time to lock on 
 of the class of a Leica MS50 with a GRZ101 prism (Sanchez-Cuevas 2020, section 2).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, NamedTuple
 

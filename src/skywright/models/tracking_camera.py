@@ -5,8 +5,6 @@ the map is corrected it jumps. Errors of the class of an Intel RealSense T265 (S
 2020, section 2). A camera that stands still sees the same things and does not drift in position.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, NamedTuple
 

@@ -5,17 +5,14 @@ Body: F_i = rho/2 (C_D A)_i |v| v_i per body axis, at B's origin. Rotors: -c w_i
 so loads and drag are iterated together.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.models.statics import Layout
 
 FASTEST = 40.0
@@ -120,7 +117,7 @@ def _leaning(z_W: Array) -> Array:
 
 
 def compute_largest(
-    holds: Callable[[Array], NDArray[np.bool_]], count: int, ceiling: float, steps: int = 25
+    holds: Callable[[Array], Mask], count: int, ceiling: float, steps: int = 25
 ) -> Array:
     """Return (count,) the largest x in [0, ceiling] such that all smaller ones hold.
 
@@ -155,14 +152,14 @@ def compute_wind_limits(
     """
     d = np.column_stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))])
 
-    def holds(speed: Array) -> NDArray[np.bool_]:
+    def holds(speed: Array) -> Mask:
         thrust, tilt = compute_hold(layout, body, speed[:, None] * d, lean=lean)
         return is_held(layout, thrust, tilt, tilt_max)
 
     return compute_largest(holds, len(directions), FASTEST)
 
 
-def is_held(layout: Layout, thrust: Array, tilt: Array, tilt_max: float) -> NDArray[np.bool_]:
+def is_held(layout: Layout, thrust: Array, tilt: Array, tilt_max: float) -> Mask:
     """Whether thrusts (m, n) are within the limits and tilts (m,) within `tilt_max`."""
     inside = (thrust >= layout.t_min - 1e-6) & (thrust <= layout.t_max + 1e-6)
     return np.asarray(inside.all(axis=1) & (tilt <= tilt_max + 1e-9))

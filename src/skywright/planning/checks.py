@@ -1,7 +1,5 @@
 """What a nominal state must respect: joints, motors, speed, tilt, rotors and clearance."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

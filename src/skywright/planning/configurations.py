@@ -5,8 +5,6 @@ normal, platform level) and scored by rotor margin, clearance, manipulability, p
 to the preferred posture.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

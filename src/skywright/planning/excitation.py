@@ -6,8 +6,6 @@ Schroeder (1970, IEEE Trans. Inf. Theory 16(1)), which keeps the peak of a sum l
 Klein, Aircraft System Identification, 2nd ed. 2016, section 9.5.)
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

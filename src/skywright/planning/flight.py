@@ -1,7 +1,5 @@
 """Pieces that every flight is made of: time laws between poses, rests, straight free flights."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

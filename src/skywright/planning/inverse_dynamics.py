@@ -5,8 +5,6 @@ Dynamics Algorithms, 2008, section 5.3, in its classical form.) A test compares 
 inverse dynamics.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

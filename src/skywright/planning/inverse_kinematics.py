@@ -12,8 +12,6 @@ Hanafusa 1986), so that a robot with too few joints gives up level flight and no
 rank has to be decided. (Tognon et al. 2018, section IV; the local planner of their reference 18.)
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ free flight the platform and the joints follow a straight line. Both fill rows o
 20 ms grid and stop at the first row that breaks a limit.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ A pattern is a list of via-points (s, phi): s along the axis, phi around it. The
 straight line between two via-points of the unrolled surface and rests at each of them.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

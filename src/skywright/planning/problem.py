@@ -1,7 +1,5 @@
 """What every part of the planner knows: robot, surface, limits, and how a failure is told."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

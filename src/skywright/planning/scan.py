@@ -7,8 +7,6 @@ try at each edge is the straight segment with the best-rated posture; then other
 detours over the surface are sampled from the seeded generator.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any, NamedTuple
@@ -119,6 +117,8 @@ def plan_scan(
         segments |= more
     joined = {name: join_edges(edges) for name, edges in segments.items()}
     rows = {name: r for name, (r, _) in joined.items()}
+    for r in rows.values():
+        fill_force(r, cylinder, task.depth, push_force)
     traces = {name: t for name, (_, t) in joined.items()}
     statistics = Statistics(search.configurations, search.edges, search.failed, search.attempts)
     return ScanPlan(
@@ -325,6 +325,18 @@ def _depart(
     if failure is not None:
         return {}, search.explain(failure)
     return {"leave": [lift, back], "fold": [fold], "return": way}, ""
+
+
+def fill_force(rows: NDArray[Any], cylinder: Cylinder, depth: float, force: float) -> None:
+    """Write the force (N) that the tip shall exert into rows of REFERENCE.
+
+    Zero outside of the surface, `force` at `depth` (m) and more inside of it, linear between: what
+    a law that presses by its position stiffness makes there.
+    """
+    p = (rows["p_WT"] - cylinder.p_WP) @ cylinder.R_WP
+    inside = cylinder.radius - np.hypot(p[:, 0], p[:, 2])
+    touching = rows["dead_zone"] > 0.0
+    rows["force"] = np.where(touching, force * np.clip(inside / depth, 0.0, 1.0), 0.0)
 
 
 def compute_depth(mass: float, bandwidth: float, force: float) -> float:

@@ -1,7 +1,5 @@
 """Where a surface is touched before it is worked at, and the way there (off the surface)."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ The first try at each segment is the straight one with the best-rated posture. T
 postures, and at last a rapidly exploring random tree over the surface (task space).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import time

@@ -1,7 +1,5 @@
 """Way-point flights from rest to rest: straight where that is free, else around what is there."""
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The capability picture: what a robot can do at rest, on one page."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -178,9 +176,7 @@ def _draw_layout(axes: Axes, c: Capability) -> None:
     axes.plot([], [], color=ORANGE, label="clockwise")
     reach = float(np.abs(r.position[:, :2]).max()) + radius
     top = max(reach, tip[0] + 0.05)
-    axes.set_xlim(-1.08 * reach, 1.08 * reach)
-    axes.set_ylim(-1.08 * reach, 1.08 * top)
-    axes.set_aspect("equal")
+    axes.set(xlim=(-1.08 * reach, 1.08 * reach), ylim=(-1.08 * reach, 1.08 * top), aspect="equal")
     axes.set_xlabel("right (m); arrows: sideways part of each axis", fontsize=9)
     axes.set_ylabel("forward (m)", fontsize=9)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=8, frameon=False, ncol=2)
@@ -229,8 +225,7 @@ def _draw_loads(axes: Axes, c: Capability) -> None:
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5},
     )  # fmt: skip
     axes.set_xticks(at)
-    axes.set_xlim(0.4, n + 0.6)
-    axes.set_ylim(0, 1.05 * full[0])
+    axes.set(xlim=(0.4, n + 0.6), ylim=(0, 1.05 * full[0]))
     axes.set_xlabel("rotor (blue: counter-clockwise)", fontsize=9)
     axes.set_ylabel("thrust (N); grey: kept for control", fontsize=9)
     axes.tick_params(labelsize=8)
@@ -249,8 +244,7 @@ def _draw_polytope(axes: Axes, c: Capability) -> None:
     axes.axhline(weight, color=RED, lw=1.3, ls=":")
     axes.plot([0], [weight], "o", color=RED, markersize=6, label=f"hover: weight {weight:.1f} N")
     widest = max(5.0, float(np.abs(c.force_polytope[:, :2]).max())) * 1.15
-    axes.set_xlim(-widest, widest)
-    axes.set_ylim(0, 1.1 * float(c.force_polytope[:, 2].max()))
+    axes.set(xlim=(-widest, widest), ylim=(0, 1.1 * float(c.force_polytope[:, 2].max())))
     axes.set_xlabel("horizontal force (N), no torque about the centre of mass", fontsize=9)
     axes.set_ylabel("vertical force (N)", fontsize=9)
     axes.grid(color="#eeeeee")

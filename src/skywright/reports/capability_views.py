@@ -1,7 +1,5 @@
 """The answers of `skywright capability`: each computed, drawn, printed, and as JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The picture of a docked robot's press: against slope, wind, direction and contact point."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -143,9 +141,7 @@ def _draw_balance(axes: Axes, found: DockedMap) -> None:
     com = found.stance.p_BC
     axes.plot([-com[1]], [com[0]], "P", color="black", ms=8, label="centre of mass")
     reach = 1.7 * float(max(np.abs(found.feet[:, :2]).max(), np.abs(tip[:2]).max()))
-    axes.set_xlim(-reach, reach)
-    axes.set_ylim(-reach, reach)
-    axes.set_aspect("equal")
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axes.set_xlabel("right (m); areas are forces on the surface", fontsize=9)
     axes.set_ylabel("ahead (m)", fontsize=9)
     axes.tick_params(labelsize=8)

@@ -1,7 +1,5 @@
 """Where the camera of the replay's first-person view sits on a robot."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,14 +1,11 @@
 """Triangle meshes of simple solids and ribbons, for the 3-D views."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 from skywright.core.rotations import rot_from_quat
 from skywright.models.drawing import Shape
 
@@ -17,7 +14,7 @@ class Mesh(NamedTuple):
     """Vertices (n, 3) in m and triangles (m, 3), counter-clockwise seen from outside."""
 
     vertices: Array
-    faces: NDArray[np.int64]
+    faces: Ints
 
 
 def build_mesh(shape: Shape, segments: int = 28) -> Mesh:

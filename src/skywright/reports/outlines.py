@@ -1,7 +1,5 @@
 """Outlines of robots and worlds as 3-D curves, for flat drawings seen from above or the side."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

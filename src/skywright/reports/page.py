@@ -1,7 +1,5 @@
 """What every page shares: pictures inside it, one way to fill its template, one to write it."""
 
-from __future__ import annotations
-
 import base64
 from contextlib import suppress
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """One sentence for each phase of a mission, for whoever sees it for the first time."""
 
-from __future__ import annotations
-
 from skywright.run.kind import load_kind
 
 COMMON = {

@@ -5,8 +5,6 @@ interpolation", IEEE CG&A 12(4), 1992); shading is deferred; shadows come from a
 buffer seen from the sun (Williams, SIGGRAPH 1978). Colours are in 0..1.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -14,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 
 SUN = np.array([-0.75, -0.6, 1.2]) / math.sqrt(0.75**2 + 0.6**2 + 1.2**2)
 SHADOW_SIZE = 2048
@@ -26,7 +24,7 @@ class Item(NamedTuple):
     """A mesh in W: vertices (n, 3) m, triangles (m, 3), colours (n, 3), one opacity."""
 
     vertices: Array
-    faces: NDArray[np.int64]
+    faces: Ints
     colours: Array
     opacity: float = 1.0
 
@@ -41,8 +39,8 @@ class Camera(NamedTuple):
 
 @njit(cache=True)
 def _fill_buffer(
-    xy: Array, inverse: Array, faces: NDArray[np.int64], near: Array,
-    triangle: NDArray[np.int64], weight: Array, test: Array,
+    xy: Array, inverse: Array, faces: Ints, near: Array,
+    triangle: Ints, weight: Array, test: Array,
 ) -> None:  # fmt: skip
     """Draw triangles into a buffer: nearest index, its barycentric weights, 1/z (larger: nearer).
 

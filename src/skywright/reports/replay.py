@@ -5,19 +5,17 @@ viser records the scene and bundles its own viewer with time slider and speed; a
 `replay.html#t=42&view=overview` opens at 42 s, seen from there.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints, Mask
 from skywright.description.loader import Description
 from skywright.description.robot.limbs import SIDES
 from skywright.errors import InputError
@@ -39,10 +37,7 @@ from skywright.reports.scene3d import (
 )
 from skywright.reports.trace3d import build_legend, build_trace, draw_trace, list_judged
 from skywright.run.kind import load_kind
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
+from skywright.run.run import RunResult
 
 FRAME_RATE = 15.0  # Hz
 MAX_FRAMES = 4500
@@ -85,7 +80,7 @@ def build_replay(result: RunResult) -> str:
     return _add_overlay(html, result, samples, views)
 
 
-def _choose_frames(samples: NDArray[Any]) -> NDArray[np.int64]:
+def _choose_frames(samples: NDArray[Any]) -> Ints:
     """Indices of the samples that are shown."""
     if len(samples) == 0:
         return np.zeros(0, np.int64)
@@ -134,7 +129,7 @@ def _record(
     return str(serializer.as_html())
 
 
-def _find_moves(values: Array, step: float) -> NDArray[np.bool_]:
+def _find_moves(values: Array, step: float) -> Mask:
     """Mask (n,) of the frames at which a row differs by more than `step` from the last one kept."""
     out = np.zeros(len(values), bool)
     last = 0

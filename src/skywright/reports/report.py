@@ -1,10 +1,7 @@
 """The report of a run: one HTML file that opens offline and prints well (ADR 0007)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
@@ -17,9 +14,7 @@ from skywright.reports.phases import explain_phase
 from skywright.run.kind import load_kind
 from skywright.run.names import list_measures
 from skywright.run.parts import uses_truth
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 
 def _draw_hero(result: RunResult) -> Figure | None:
@@ -51,7 +46,7 @@ def write_report(result: RunResult) -> None:
 
 def render_report(result: RunResult) -> str:
     """Return the page; everything that it shows is inside it."""
-    from skywright.run.run import collect_versions
+    from skywright.run.versions import collect_versions
 
     kind = result.description.mission.kind
     figures = load_kind(kind).figures()

@@ -1,7 +1,5 @@
 """The 3-D scene of a robot in its world, shared by the replay and the live view."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import math

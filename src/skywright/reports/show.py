@@ -201,8 +201,7 @@ def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, sketch: Sketch | Non
             ax.text(0.5, 0.5, "the pattern does not fit", transform=ax.transAxes, ha="center")
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_title("pipe's surface, unrolled (angle at yaw 0)", fontsize=10)
-    ax.set_xlabel("s along the axis (m)")
-    ax.set_ylabel("c around the circumference (m)")
+    ax.set(xlabel="s along the axis (m)", ylabel="c around the circumference (m)")
     ax.grid(True, lw=0.3, alpha=0.6)
     if ax.get_legend_handles_labels()[0]:
         ax.legend(fontsize=8, loc="lower left")

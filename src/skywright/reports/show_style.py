@@ -43,8 +43,7 @@ def label_axes(ax: Axes, view: tuple[int, int], title: str, frame: str) -> None:
     """Equal scales, title, and axes named after the frame with their unit."""
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_title(title, fontsize=10)
-    ax.set_xlabel(f"x in {frame} (m)")
-    ax.set_ylabel(f"{'xyz'[view[1]]} in {frame} (m)")
+    ax.set(xlabel=f"x in {frame} (m)", ylabel=f"{'xyz'[view[1]]} in {frame} (m)")
     ax.grid(True, lw=0.3, alpha=0.6)
 
 

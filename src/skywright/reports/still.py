@@ -1,9 +1,7 @@
 """A still picture of a run in 3-D: robot, pipe, the probe's path painted with what it read."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
@@ -22,10 +20,7 @@ from skywright.models.drawing import (
 )
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon
 from skywright.reports.render import Camera, Item, render_scene
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
+from skywright.run.run import RunResult
 
 CCW, CW = (0.17, 0.42, 0.78), (0.45, 0.72, 0.96)
 PATH_WIDTH = 0.007  # m

@@ -1,7 +1,5 @@
 """What `skywright show` says about a robot, world or mission, as plain rows."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from typing import Any, NamedTuple

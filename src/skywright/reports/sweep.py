@@ -1,7 +1,5 @@
 """The picture of a sweep over the rotors' tilt (Sanchez-Cuevas et al. 2020, figures 4 and 5)."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

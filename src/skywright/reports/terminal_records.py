@@ -1,7 +1,5 @@
 """What `skywright records` prints for people."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

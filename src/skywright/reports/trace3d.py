@@ -1,7 +1,5 @@
 """The tip's path coloured by contact quality, and the legend of the 3-D views."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -9,7 +7,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import World
@@ -32,9 +30,7 @@ def list_judged(robot: Robot, world: World) -> tuple[str, ...]:
     return JUDGED if world.pipe is not None and robot.probe is not None else ()
 
 
-def build_trace(
-    shown: NDArray[Any], judged: NDArray[np.bool_], arm: bool
-) -> tuple[Array, NDArray[np.uint8]]:
+def build_trace(shown: NDArray[Any], judged: Mask, arm: bool) -> tuple[Array, NDArray[np.uint8]]:
     """Points (n, 3) of the tip's trace (the platform's without an `arm`) and colours (n, 3).
 
     `judged` (n,): where contact quality counts.

@@ -1,7 +1,5 @@
 """The weld map: the unrolled surface with what the probe read, the crossings and the line."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -142,11 +140,13 @@ def draw_weld_map(
             )[0]
             handles.append(mark)
             labels.append(f"{label} ({len(some)})")
-    ax.set_xlim(1e3 * box[0], 1e3 * box[1])
-    ax.set_ylim(1e3 * box[2], 1e3 * box[3])
-    ax.set_aspect("equal")
-    ax.set_xlabel("s, along the pipe's axis (mm)")
-    ax.set_ylabel("c, around the pipe (mm)")
+    ax.set(
+        xlim=(1e3 * box[0], 1e3 * box[1]),
+        ylim=(1e3 * box[2], 1e3 * box[3]),
+        aspect="equal",
+        xlabel="s, along the pipe's axis (mm)",
+        ylabel="c, around the pipe (mm)",
+    )
     if line is None:
         ax.set_title("No weld line found", color=_ESTIMATE, fontsize=10)
     if handles:
@@ -201,12 +201,13 @@ def draw_impedance_plane(ax: Axes, ec: np.ndarray, result: WeldResult, zoom: boo
             edge = edge + cal.contact
             ax.plot(edge.real, edge.imag, color=_ESTIMATE, lw=1, ls="--")
         reach_shown = 1.6 * cal.lift_off_threshold
-        ax.set_xlim(cal.contact.real - reach_shown, cal.contact.real + reach_shown)
-        ax.set_ylim(cal.contact.imag - reach_shown, cal.contact.imag + reach_shown)
-        ax.set_aspect("equal")
+        ax.set(
+            xlim=(cal.contact.real - reach_shown, cal.contact.real + reach_shown),
+            ylim=(cal.contact.imag - reach_shown, cal.contact.imag + reach_shown),
+            aspect="equal",
+        )
         ax.set_title("near contact (dashed: lift-off threshold)", fontsize=9)
-        ax.set_xlabel("real part (instrument units)")
-        ax.set_ylabel("imaginary part")
+        ax.set(xlabel="real part (instrument units)", ylabel="imaginary part")
         return
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_ylabel("imaginary part")
@@ -230,9 +231,11 @@ def draw_weld_signal(ax: Axes, result: WeldResult) -> None:
     high = 3.0
     if result.contact.any():
         high = max(high, 1.15 * float(np.nanmax(result.weld[result.contact])) / cal.weld_threshold)
-    ax.set_ylim(-1.5, min(high, 12.0))
-    ax.set_xlabel("time (s)" if start == 0 else f"time since {start:g} s (s)")
-    ax.set_ylabel("signal / threshold")
+    ax.set(
+        ylim=(-1.5, min(high, 12.0)),
+        xlabel="time (s)" if start == 0 else f"time since {start:g} s (s)",
+        ylabel="signal / threshold",
+    )
     ax.set_title(
         f"Lift-off (blue, contact below {cal.lift_off_threshold:.3g}) and weld signal (ochre, weld "
         f"above {cal.weld_threshold:.3g}), each divided by its threshold; red lines: crossings",

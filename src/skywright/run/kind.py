@@ -2,8 +2,9 @@
 
 Each kind is one folder of `skywright.missions`, one class in a user's file, or one class of an
 installed package (entry points `skywright.missions`); `core/find.py` finds it by its name. The
-class is small: its methods import what they need when they are called, so that a kind costs nothing
-until it is used.
+class is small: its methods import what they need when they are called, or the class is a
+`FolderKind` (folder_kind.py), whose folder has a module for each; so a kind costs nothing until it
+is used.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ the number for a refusal.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,15 +17,17 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_z
 from skywright.description.world.wind import (
     compute_direction,
+    compute_gust_scales,
     compute_gust_sigma,
     compute_mean_wind,
     compute_speed,
 )
 from skywright.models.capability import build_drag_body
 from skywright.models.nominal import Nominal
-from skywright.models.rigid_body import posture
+from skywright.models.rigid_body import compute_tip, posture
 from skywright.models.statics import build_layout
-from skywright.models.wind import compute_wind_limits
+from skywright.models.wind import compute_hold, compute_largest, compute_wind_limits, is_held
+from skywright.run.parts import build_law
 
 if TYPE_CHECKING:
     from skywright.run.setup import Setup
@@ -38,6 +40,8 @@ PLACE_STEP = 0.2  # m, platform places of a plan in a fan's jet are grouped to t
 GUST_SIGMAS = 3.0
 """Gusts count with this many standard deviations on top of the mean: the expected largest of the
 tens of gusts that pass during a scan (peak factor, Davenport 1964)."""
+GUST_FREQUENCIES = np.geomspace(1e-3, 300.0, 3000)  # rad/s
+PUSH_ROWS = 12  # of a plan, in which the rotors' push in gusts is computed
 SWEEP_STEPS = 9  # directions of an oscillating fan that are looked at
 GUST_DIRECTIONS = 12
 
@@ -85,15 +89,21 @@ def find_exceeded_wind(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) 
     )
 
 
-def find_exceeded_push(setup: Setup[Any], push_force: float) -> str | None:
+def find_exceeded_push(
+    setup: Setup[Any], push_force: float, contact: Sequence[Any] | NDArray[Any] = ()
+) -> str | None:
     """Say that gusts could lift the probe that is pressed on with `push_force` (N), or None.
 
-    The push is a deflection of the position loop, so slow gusts go into the contact force in full.
-    The integral takes up the wind of the moment in which the probe touches, a gust included, and
-    rests along the normal from then on: what is missing later is the difference of two gusts that
-    know nothing of each other, sqrt(2) of one's deviation. GUST_SIGMAS of that, dragging as the
-    nominal model says, may take `mission.wind_fraction` of the push; the rest is for drag that is
-    larger than believed.
+    `contact` are rows of the plan in which it is pressed on. Of the push `mission.wind_fraction`
+    may be missing in a gust of GUST_SIGMAS, dragging as the nominal model says; the rest is for
+    drag that is larger than believed.
+
+    Under a law that presses by position stiffness slow gusts go into the contact force in full. The
+    integral takes up the wind of the moment in which the probe touches, a gust included, and rests
+    along the normal from then on: what is missing later is the difference of two gusts that know
+    nothing of each other, sqrt(2) of one's deviation. Under a law that closes a loop on the force
+    what is missing is the loop's response to the gusts' spectrum, and whatever of the push the
+    rotors cannot make while they hold against the gust.
     """
     wind = setup.world.wind
     speed = compute_speed(wind)
@@ -102,15 +112,73 @@ def find_exceeded_push(setup: Setup[Any], push_force: float) -> str | None:
     if wind.kind == "fan":
         speed = float(np.linalg.norm(compute_wind_allowance(setup)))
     body, hubs = _compute_drag_factors(setup)
-    sigma = compute_gust_sigma(wind, speed, setup.robot.control.position_bandwidth_rad_s)
-    gust = GUST_SIGMAS * math.sqrt(2.0) * float(sigma[0]) * (2.0 * body * speed + hubs)
+    d = setup.description
+    fraction = d.mission.wind_fraction
+    response = build_law(d, setup).compute_gust_response(
+        d.robot, d.world, GUST_FREQUENCIES, 1e-3 * d.mission.timestep_ms
+    )
+    if response is None:
+        sigma = compute_gust_sigma(wind, speed, d.robot.control.position_bandwidth_rad_s)
+        rms, when = math.sqrt(2.0) * float(sigma[0]), "between touch-down and scan"
+    else:
+        scale, time = compute_gust_scales(wind, speed)
+        rms, when = (
+            compute_response_rms(response, float(scale[0]), float(time[0])),
+            "beyond what the force loop takes up",
+        )
+    gust = GUST_SIGMAS * rms * (2.0 * body * speed + hubs)
+    if gust > fraction * push_force * (1.0 + 1e-9):
+        return (
+            f"gusts ({GUST_SIGMAS:g} sigma {when}) drag with {gust:.2f} N, more "
+            f"than {fraction:.0%} of the {push_force:.2f} N that the probe is pressed on with, and "
+            "could lift it"
+        )
+    return None if response is None else _find_weak_rotors(setup, push_force, contact)
+
+
+def compute_response_rms(response: Array, sigma: float, time: float) -> float:
+    """Return the rms of what answers to gusts with `response` (n,) at GUST_FREQUENCIES.
+
+    First-order gusts of `sigma` (m/s) and the time scale `time` (s), as Dryden's along the wind:
+    2 sigma^2 T / pi / (1 + (T w)^2), one-sided.
+    """
+    w = GUST_FREQUENCIES
+    power = 2.0 * sigma**2 * time / math.pi / (1.0 + (time * w) ** 2)
+    return float(np.sqrt(np.trapezoid(response**2 * power, w)))
+
+
+def _find_weak_rotors(setup: Setup[Any], push_force: float, contact: Any) -> str | None:
+    """Say that gusts leave the rotors less of the push than must remain, or None."""
+    world, robot, model = setup.world, setup.robot, setup.model
+    layout = build_layout(setup.rotors, robot.rotors.thrust_fraction)
     fraction = setup.description.mission.wind_fraction
-    if gust <= fraction * push_force * (1.0 + 1e-9):
+    n = len(robot.arm.links) if robot.arm is not None else 0
+    least, worst, gust = (1.0 - fraction) * push_force, math.inf, np.zeros(3)
+    for row in contact[:: max(len(contact) // PUSH_ROWS, 1)]:
+        q = row["q"][:n]
+        body = build_drag_body(robot, model, q, world.gravity_mps2, world.air_density_kg_m3)
+        mean = compute_mean_wind(world.wind, row["p_WB"][None])[0]
+        if world.wind.kind == "fan":
+            yaw = math.atan2(row["R_WB"][1, 0], row["R_WB"][0, 0])
+            mean = compute_equivalent_wind(setup, row["p_WB"], yaw)
+        winds, inward = _find_gusts(setup, mean), -row["R_WB"].T @ row["R_WS"][:, 2]
+        p_BT = compute_tip(model, row["q"])[0]
+
+        def holds(push: Array, args: Any = (body, winds @ row["R_WB"], inward, p_BT)) -> Any:
+            drag, air, way, tip = args
+            thrust, tilt = compute_hold(layout, drag, air, push[:, None] * way, tip)
+            return is_held(layout, thrust, tilt, math.radians(robot.control.tilt_max_deg))
+
+        left = np.nan_to_num(compute_largest(holds, len(winds), push_force), nan=-1.0)
+        k = int(np.argmin(left))
+        if left[k] < worst:
+            worst, gust = float(left[k]), winds[k]
+    if worst >= least * (1.0 - 1e-6):
         return None
     return (
-        f"gusts ({GUST_SIGMAS:g} sigma between touch-down and scan) drag with {gust:.2f} N, more "
-        f"than {fraction:.0%} of the {push_force:.2f} N that the probe is pressed on with, and "
-        "could lift it"
+        f"in gusts of {np.linalg.norm(gust):.1f} m/s (mean + {GUST_SIGMAS:g} sigma) the rotors "
+        f"can make {max(worst, 0.0):.2f} N of the {push_force:.2f} N that the probe is pressed on "
+        f"with; at least {least:.2f} N must remain"
     )
 
 

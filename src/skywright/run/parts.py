@@ -27,7 +27,7 @@ def get_law(description: Description[Any], nominal: Nominal) -> Part:
 
 
 def build_law(description: Description[Any], nominal: Nominal) -> Law:
-    """Build the law; raises InputError where the rotors cannot make what it asks for."""
+    """Build the law; raises InputError where the robot lacks what it asks for."""
     part = get_law(description, nominal)
     law: Law = build_part("law", part, "law")
     if law.needs_full_actuation and not nominal.allocator.full:
@@ -35,6 +35,7 @@ def build_law(description: Description[Any], nominal: Nominal) -> Law:
             f"control law {part.kind!r} needs a fully actuated platform; the rotors of "
             f"{nominal.robot.name!r} make no lateral force: use 'thrust_vectoring'"
         )
+    law.check_robot(nominal.robot)
     return law
 
 

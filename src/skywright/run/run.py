@@ -8,11 +8,9 @@ diverged run stays NAME.partial with a recording that is readable up to the last
 from __future__ import annotations
 
 import os
-import platform
 import sys
 import time
 from collections.abc import Callable, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, Protocol
 
@@ -50,6 +48,7 @@ from skywright.run.records import Measurement, RecordStore
 from skywright.run.requirements import Verdict, check_requirement_names, judge
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
+from skywright.run.versions import collect_versions
 from skywright.run.warm_up import is_compiled, start_warm_up
 from skywright.vehicle.observers.operator import Operator as OperatorStick
 from skywright.vehicle.simulated import SimulatedVehicle
@@ -212,10 +211,7 @@ def build_vehicle(
     on_samples: Callable[[NDArray[Any]], None] | None = None,
     setup: Setup[Any] | None = None,
 ) -> SimulatedVehicle:
-    """Build the physics back end of a description: plant, sensors, law and estimator.
-
-    `setup` is what has been built of the description.
-    """
+    """Build the physics back end of a description; `setup` is what has been built of it."""
     d, mission = description, description.mission
     setup = setup or Setup(description)
     world = setup.true.world
@@ -236,6 +232,7 @@ def build_vehicle(
         deviation=setup.deviation,
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
         interactive=mission.mode == "interactive",
+        timestep=1e-3 * mission.timestep_ms,
         parts=parts,
         on_samples=on_samples,
     )
@@ -398,14 +395,3 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
         description, plan, run.samples, run.phases, outcome, reason, metrics, verdicts, {}, details,
         directory, flight.acted,
     )  # fmt: skip
-
-
-def collect_versions() -> dict[str, str]:
-    """Versions of what computed a run."""
-    out = {"python": platform.python_version()}
-    for name in ("skywright", "mujoco", "numba", "numpy"):
-        try:
-            out[name] = version(name)
-        except PackageNotFoundError:
-            out[name] = "unknown"
-    return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Annotated, Any
 
@@ -9,10 +10,12 @@ from numpy.typing import NDArray
 
 from skywright.core.compiled import table, words
 from skywright.core.record import Array, Record
+from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 from skywright.models.allocation import allocate, thrust_to_speed
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rotor_loss import compute_allocation_without
+from skywright.models.rotor_reaction import compute_reaction_times
 from skywright.vehicle.bus import (
     Allocated,
     Body,
@@ -38,6 +41,8 @@ class RotorAllocation(Component):
         full: int
         n: int  # rotors
         k_f: float  # N/(rad/s)^2
+        share: float  # of the way to a commanded torque about z in a tick, for the spin-up's push
+        t_z: float  # N m, on its way
         thrust: Annotated[Array, MAX_ROTORS]  # N
 
     @classmethod
@@ -46,8 +51,14 @@ class RotorAllocation(Component):
         yield cls("allocation")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the nominal rotors, a copy: one may be given up."""
-        a = context.allocator
+        """Take the nominal rotors, a copy: one may be given up.
+
+        About z the rotors make (1 + T s) of what they are told (models/rotor_reaction.py): told
+        1 / (1 + T s) of it, they make what the law asks for.
+        """
+        a, weight = context.allocator, context.mass * context.world.gravity_mps2
+        reaction = float(compute_reaction_times(context.rotors, a, weight)[2])
+        me.share = 1.0 - math.exp(-context.dt / reaction) if reaction > 0.0 else 1.0
         self._own = a._replace(P=a.P.copy(), t_min=a.t_min.copy(), t_max=a.t_max.copy())
         me.B, me.P = context.keep(a.B), context.keep(self._own.P)
         me.t_min, me.t_max = context.keep(self._own.t_min), context.keep(self._own.t_max)
@@ -82,13 +93,16 @@ class RotorAllocation(Component):
     ) -> None:
         n = me.n
         B, P, thrust = table(me.B, 6, n), table(me.P, n, 6), me.thrust[:n]
+        t_B = local(3)
         if ref.active < 0.5:
             for i in range(n):
                 thrust[i] = 0.0
-            out.saturated = 0.0
+            out.saturated = me.t_z = 0.0
         else:
+            me.t_z += (cmd.t_B[2] - me.t_z) * me.share
+            t_B[0], t_B[1], t_B[2] = cmd.t_B[0], cmd.t_B[1], me.t_z
             flag = allocate(
-                B, P, words(me.t_min, n), words(me.t_max, n), me.full, cmd.f_B, cmd.t_B,
+                B, P, words(me.t_min, n), words(me.t_max, n), me.full, cmd.f_B, t_B,
                 est.R_WB[2], body.p_BC, thrust,
             )  # fmt: skip
             out.saturated = float(flag)

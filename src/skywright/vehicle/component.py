@@ -298,6 +298,9 @@ class Law(Component):
     knows_modes: ClassVar[bool] = False
     """Whether it follows `Reference.mode`."""
 
+    def check_robot(self, robot: Robot) -> None:
+        """Raise InputError where a robot lacks what the law needs besides its rotors."""
+
     def get_attitude_loop(self, robot: Robot) -> AttitudeGains | None:
         """Return the attitude loop that a link's delay may make unstable.
 
@@ -308,6 +311,15 @@ class Law(Component):
     def observe_wrench(self, context: Context) -> Array | None:
         """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the
         external force that the law wants observed (port Wrench); None: it wants none.
+        """
+        return None
+
+    def compute_gust_response(
+        self, robot: Robot, world: World, frequencies: Array, h: float
+    ) -> Array | None:
+        """Return by how much (n,) the contact force changes per newton of a gust along the probe,
+        at `frequencies` (n,) rad/s and a physics step `h` (s); None: the law does not close a loop
+        on it, so slow gusts go into it in full.
         """
         return None
 

@@ -19,8 +19,12 @@ from skywright.core.scratch import local
 from skywright.core.spec import Bandwidth, NonNegative, Positive, Spec
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.spec import Control
+from skywright.description.world.spec import World
+from skywright.models.rotor_reaction import compute_reaction_times, limit_bandwidth
 from skywright.vehicle.component import AttitudeGains, Context, helper
 
+DELAY_TICKS = 1.5
+"""Control ticks from the gyroscope to the rotors: half a sample, hold, computing."""
 SLOW = 1e-3
 """m/s, desired sliding speed below which the friction feed-forward fades."""
 
@@ -68,7 +72,7 @@ class AttitudeLoop(Record):
     """Gains and integral of `attitude_torque`."""
 
     dt: float  # s, control period
-    wn_R: float  # rad/s, attitude bandwidth
+    wn_R: Vec3  # rad/s, attitude bandwidth about the axes of B
     zeta_R: float
     wi_R: float
     t_integral_max: float  # N m
@@ -117,9 +121,28 @@ def fill_attitude(me: Any, table: Spec, context: Context) -> None:
     """Fill the AttitudeLoop of a law's `Me`."""
     c = choose_bandwidths(table, context)
     me.dt = context.dt
-    me.wn_R, me.zeta_R = c.attitude_bandwidth_rad_s, c.attitude_damping
+    me.wn_R, me.zeta_R = limit_attitude(c, context), c.attitude_damping
     me.wi_R = c.attitude_integral_rad_s
     me.t_integral_max = 0.1 * context.mass * context.world.gravity_mps2
+
+
+def limit_attitude(c: Control, context: Context) -> Array:
+    """Return the bandwidths (3,) rad/s of the attitude about the axes of B.
+
+    About z the one that the rotors' reaction allows; nothing rests on that loop. Roll and pitch
+    keep theirs, which must stay clear of the position loop's (ADR 0023).
+    """
+    weight, wanted = context.mass * context.world.gravity_mps2, c.attitude_bandwidth_rad_s
+    reaction = float(compute_reaction_times(context.rotors, context.allocator, weight)[2])
+    lag, delay = context.rotors.time_constant, compute_delay(c, context.world)
+    return np.array([
+        wanted, wanted, limit_bandwidth(wanted, c.attitude_damping, reaction, lag, delay)
+    ])  # fmt: skip
+
+
+def compute_delay(c: Control, world: World) -> float:
+    """Return the time (s) from the gyroscope to the rotors."""
+    return DELAY_TICKS / c.rate_hz + 2.0 * world.link.delay_s
 
 
 def fill_arm(me: Any, table: Spec, context: Context) -> None:
@@ -213,8 +236,8 @@ def attitude_torque(
     e_R[1] = 0.5 * (rel[0, 2] - rel[2, 0])
     e_R[2] = 0.5 * (rel[1, 0] - rel[0, 1])
     mat_vec(rel, w_des_B, e_w)
-    kp, kd = me.wn_R * me.wn_R, 2.0 * me.zeta_R * me.wn_R
     for i in range(3):
+        kp, kd = me.wn_R[i] * me.wn_R[i], 2.0 * me.zeta_R * me.wn_R[i]
         e_w[i] -= est.w_WB_B[i]
         acc[i] = wd_des_B[i] + kp * e_R[i] + kd * e_w[i]
     # I_C = I_B - m (c.c 1 - c c^T)
@@ -235,7 +258,7 @@ def attitude_torque(
     for i in range(3):
         t_B[i] += lever[i] + gyro[i] + me.theta[i]
         if saturated == 0.0:
-            me.theta[i] += me.dt * me.wi_R * kp * push[i]
+            me.theta[i] += me.dt * me.wi_R * (me.wn_R[i] * me.wn_R[i]) * push[i]
             me.theta[i] = min(max(me.theta[i], -me.t_integral_max), me.t_integral_max)
 
 

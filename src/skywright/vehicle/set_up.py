@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 def fill_bus(assembly: Assembly, sim: Simulation, scene: Scene, dt: float) -> None:
     """Tell the clock its periods (s) and the components where MuJoCo's arrays are."""
     clock, mj = assembly.get(Clock), assembly.get(MuJoCo)
-    clock["dt"], clock["h"] = dt, TIMESTEP
+    clock["dt"], clock["h"] = dt, scene.model.opt.timestep
     for name, array in sim.arrays.items():
         mj[name] = array.ctypes.data
     sizes = scene.model
@@ -68,16 +68,19 @@ def list_offers(robot: Robot) -> frozenset[str]:
     )
 
 
-def check_rate(robot: Robot) -> tuple[int, float]:
+def check_rate(robot: Robot, timestep: float = TIMESTEP) -> tuple[int, float]:
     """Return the physics steps of a control tick, and its period (s).
 
     Raises InputError where the control rate does not divide the rate of the physics.
     """
     rate = robot.control.rate_hz
-    n_steps = round(1.0 / (rate * TIMESTEP))
-    if abs(n_steps * TIMESTEP * rate - 1.0) > 1e-9 or n_steps < 1:
+    n_steps = round(1.0 / (rate * timestep))
+    if abs(n_steps * timestep * rate - 1.0) > 1e-9 or n_steps < 1:
+        rates = (1000, 500, 250, 200, 125, 100)
+        valid = [r for r in rates if abs(1.0 / (r * timestep) % 1.0) < 1e-9]
         raise InputError(
             f"robot.control.rate_hz = {rate:g} does not divide the physics rate "
-            f"{1 / TIMESTEP:g} Hz; valid: 1000, 500, 250, 200, 125, 100"
+            f"{1 / timestep:g} Hz (mission.timestep_ms = {1e3 * timestep:g}); valid: "
+            f"{', '.join(map(str, valid))}"
         )
-    return n_steps, n_steps * TIMESTEP
+    return n_steps, n_steps * timestep

@@ -92,6 +92,7 @@ class SimulatedVehicle:
         deviation: Deviation,
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         interactive: bool = False,
+        timestep: float = TIMESTEP,
         parts: Sequence[Component] = (),
         on_samples: Callable[[NDArray[Any]], None] | None = None,
     ) -> None:
@@ -100,7 +101,8 @@ class SimulatedVehicle:
 
         `start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
 
-        `parts` are further components: sensors and effects that the description names.
+        `parts` are further components: sensors and effects that the description names. `timestep`
+        (s) is the physics step.
         Raises InputError where they do not fit together.
         """
         self.nominal, self.law, self.estimator = nominal, law, estimator
@@ -109,10 +111,10 @@ class SimulatedVehicle:
         known = {"pipe": nominal.world.pipe, "structure": nominal.world.structure}
         self.world = world.model_copy(update=known)
         self.interactive = interactive
-        self.n_steps, self.dt = check_rate(robot)
+        self.n_steps, self.dt = check_rate(robot, timestep)
         self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
         extend = [part.extend_scene for part in parts]
-        self.scene = build_scene(robot, world, deviation, extend, nominal=true)
+        self.scene = build_scene(robot, world, deviation, extend, nominal=true, timestep=timestep)
         self.n_joints = self.scene.n_joints
         self.offers = list_offers(robot)
         c = robot.control
@@ -123,7 +125,7 @@ class SimulatedVehicle:
         self.sim = Simulation(self.scene, home)
         context = PlantContext(
             nominal, world, compute_body(self.model, posture(robot, "working"))[0], self.dt,
-            TIMESTEP, law.name, frozenset(), {}, deviation=deviation, scene=self.scene,
+            timestep, law.name, frozenset(), {}, deviation=deviation, scene=self.scene,
             sim=self.sim, seed=seed, start=start, true=true,
         )  # fmt: skip
         named = [law, *estimator.assemble(estimator.table, context), *parts]

@@ -1,24 +1,58 @@
-"""The force of a probe's tip from its force sensor.
+"""The force of a probe's tip, from the sensor that the robot has: `Estimate.f_tip`.
 
-The sensor sits behind the slider: its spring carries the contact force and, upright, the slider's
-own weight (0.03 kg are 0.29 N), which is taken off with the nominal mass and the estimated
-attitude. What the slider's inertia adds while it moves stays in.
+A sensor behind the slider feels the contact force and the weight of what moves before it (0.03 kg
+are 0.29 N upright), which is taken off with the nominal mass and the estimated attitude. What the
+inertia of those parts adds while they move stays in.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
+from skywright.core.find import find
 from skywright.core.record import Record
-from skywright.vehicle.bus import Body, Estimate
-from skywright.vehicle.component import Component, InOut, Recorded
+from skywright.description.parts import list_parts
+from skywright.description.robot.spec import Robot
+from skywright.vehicle.bus import Body, Estimate, Reference
+from skywright.vehicle.component import Component, InOut, Recorded, helper
 from skywright.vehicle.follower import Press
 from skywright.vehicle.readings import TipForce
+from skywright.vehicle.sensors.force_torque import ForceTorque
+
+TARE_S = 2.0
+"""s, of free flight whose mean is the first tare, and the time constant at which it follows."""
+TARE_GATE = 0.2
+"""N, beside the tare: no longer a bias, so the tip touches something and nothing is learned."""
+
+
+class TipSensor(NamedTuple):
+    """The sensor that tells a robot the force of its tip."""
+
+    name: str  # of its table in [robot.sensors]; "": [robot.force_sensor]
+    mass: float  # kg, of the parts beyond it
+    period: float  # s, between samples; 0: each control tick
+
+
+def find_tip_sensor(robot: Robot) -> TipSensor | None:
+    """Return the sensor of the tip's force, or None.
+
+    [robot.force_sensor], else the first force-torque sensor at the probe or at its wrist.
+    """
+    if robot.probe is None:
+        return None
+    if robot.force_sensor is not None:
+        return TipSensor("", robot.probe.slider_mass_kg, 0.0)
+    beyond = {"probe": robot.probe.slider_mass_kg, "wrist": robot.probe.mass_kg}
+    for name, part in list_parts(robot.sensors).items():
+        at = getattr(part, "at", None)
+        if at in beyond and issubclass(find("sensor", part.kind).cls, ForceTorque):
+            return TipSensor(name, beyond[at], 1.0 / part.rate_hz)  # type: ignore[attr-defined]
+    return None
 
 
 class TipForceEstimator(Component):
-    """Fills `Estimate.f_tip`."""
+    """Fills `Estimate.f_tip` of a robot with [robot.force_sensor]."""
 
     slot = "reference"  # after the estimators
 
@@ -30,23 +64,76 @@ class TipForceEstimator(Component):
     )
 
     class Me(Record):
-        slider: float  # kg, of the bar between the probe's spring and its tip
+        mass: float  # kg, of the parts beyond the sensor
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots whose probe has a force sensor have one."""
-        robot = context.robot
-        if robot.force_sensor is not None and robot.probe is not None:
+        """Robots whose probe has a force sensor of its own have one."""
+        sensor = find_tip_sensor(context.robot)
+        if sensor is not None and not sensor.name:
             yield cls("tip force")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the nominal slider."""
-        me.slider = context.robot.probe.slider_mass_kg
+        sensor = find_tip_sensor(context.robot)
+        assert sensor is not None
+        me.mass = sensor.mass
 
     @staticmethod
     def step(me: Me, measured: TipForce, press: Press, body: Body, est: InOut[Estimate]) -> None:
         """`press` is recorded beside the force."""
-        up = 0.0
-        for i in range(3):
-            up += est.R_WB[2, i] * body.R_BT[i, 2]
-        est.f_tip = measured.force - me.slider * body.gravity * up
+        est.f_tip = measured.force - weigh(me.mass, body, est)
+
+
+class WrenchTipForce(TipForceEstimator):
+    """Fills `Estimate.f_tip` of a robot with a force-torque sensor, less its bias.
+
+    The bias is what the sensor tells in free flight (`Reference.dead_zone` 0): its mean at first,
+    slowly on from there, and no longer where something touches.
+    """
+
+    class Me(Record):
+        mass: float  # kg, of the parts beyond the sensor
+        dt: float  # s, control period
+        tare: float  # N
+        learned: float  # s of free flight
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Robots that measure the tip's force by it have one."""
+        sensor = find_tip_sensor(context.robot)
+        if sensor is not None and sensor.name:
+            found = cls("tip force")
+            found.ports = {"measured": sensor.name}
+            yield found
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Take the nominal mass of the parts beyond the sensor."""
+        super().build(me, table, context)
+        me.dt = context.dt
+
+    @staticmethod
+    def step(  # type: ignore[override]
+        me: Me,
+        measured: ForceTorque.Reading,
+        ref: Reference,
+        press: Press,
+        body: Body,
+        est: InOut[Estimate],
+    ) -> None:
+        """`press` is recorded beside the force."""
+        force = -measured.force[0] - weigh(me.mass, body, est) - me.tare
+        near = abs(force) < TARE_GATE or me.learned < TARE_S
+        if ref.active > 0.5 and ref.dead_zone == 0.0 and near:
+            me.learned += me.dt
+            me.tare += force * me.dt / min(me.learned, TARE_S)
+        est.f_tip = force
+
+
+@helper
+def weigh(mass: float, body: Any, est: Any) -> float:
+    """Return the weight (N) of `mass` along the probe, positive where it presses on the sensor."""
+    up = 0.0
+    for i in range(3):
+        up += est.R_WB[2, i] * body.R_BT[i, 2]
+    return mass * body.gravity * up

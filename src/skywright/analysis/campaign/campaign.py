@@ -1,7 +1,5 @@
 """A campaign from start to end: check, open the folder, fly what is missing, judge, write."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Generator, Iterator
 from contextlib import closing

@@ -5,8 +5,6 @@ whose worker dies is tried again elsewhere, as often as locally. Machines of a c
 same version of this program; one with another is refused, because its rows would differ.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import logging
 import os

@@ -5,8 +5,6 @@ runs there are, in which order they fly, or which other keys vary. So a campaign
 and adding a key leaves the draws of the others as they were.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import math

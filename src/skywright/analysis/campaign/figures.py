@@ -1,7 +1,5 @@
 """Pictures of a campaign: where in the varied space it fails, how near, and what drives it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -99,8 +97,7 @@ def draw_map(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figu
                     f"run {rows[i].run}", (x[i], y[i]), (5, 4), textcoords="offset points",
                     fontsize=7.5,
                 )  # fmt: skip
-    ax.set_xlabel(chosen[0])
-    ax.set_ylabel(chosen[1])
+    ax.set(xlabel=chosen[0], ylabel=chosen[1])
     for names, axis in ((x_names, ax.xaxis), (y_names, ax.yaxis)):
         if names:
             axis.set_ticks(range(len(names)), names)
@@ -139,8 +136,7 @@ def draw_headroom(rows: Sequence[Row], verdict: Verdict) -> Figure | None:
             f"limit {h.limit:.3g}{unit}", va="center", fontsize=8,
         )  # fmt: skip
     ax.axvline(1.0, color=LIMIT, lw=1.1, ls=(0, (5, 3)))
-    ax.set_xlim(-1.05, TOP + 0.04)
-    ax.set_ylim(len(shown) - 0.5, -0.5)
+    ax.set(xlim=(-1.05, TOP + 0.04), ylim=(len(shown) - 0.5, -0.5))
     ax.set_yticks(range(len(shown)), [h.name for h in shown])
     ax.set_xticks([0.0, 0.5, 1.0], ["median", "half-way", "limit"])
     ax.grid(axis="y", visible=False)

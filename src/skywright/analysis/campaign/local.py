@@ -5,8 +5,6 @@ it was flying. That run is tried again in a fresh process, because a worker is m
 (memory, an administrator) than brought down by its run.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Progress of a campaign on standard error."""
 
-from __future__ import annotations
-
 import time
 
 from rich.console import Console

@@ -1,7 +1,5 @@
 """The page of a campaign: one HTML file that opens offline, go or no-go in its first line."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The results of a campaign as a table, one row a run: CSV always, Parquet if asked for."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """One run of a campaign, from task to row, in whatever process it flies."""
 
-from __future__ import annotations
-
 import math
 import traceback
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a campaign is: mission, layers, seed and variations; and what each of its runs is."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shlex

@@ -4,8 +4,6 @@ Each finished run is appended to `runs.jsonl` at once and forced to disk, so tha
 campaign costs at most the runs in flight. The same command continues where it stopped.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import math

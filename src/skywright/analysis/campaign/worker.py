@@ -5,8 +5,6 @@ other end is gone. A fresh interpreter, not a fork: threads of the parent (numba
 do not survive a fork.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 from multiprocessing.connection import Connection

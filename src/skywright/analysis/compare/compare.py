@@ -1,7 +1,5 @@
 """Two robots side by side: quasi-static numbers first, flown ones last."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

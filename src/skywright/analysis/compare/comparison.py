@@ -1,7 +1,5 @@
 """What a comparison of two robots holds: plain values for tables, pictures and `--json`."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Pictures of a comparison: the robots at the pipe, reach, torque maps, collisions, accuracy."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -34,8 +32,7 @@ def draw_pair(c: Comparison, pipe: Pipe) -> Figure:
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
     figure.subplots_adjust(left=0.07, right=0.99, top=0.92, bottom=0.11, wspace=0.06)
     for ax, side, colour in zip(axes, c.sides, COLOURS, strict=True):
-        ax.set_title(side.name)
-        ax.set_aspect("equal")
+        ax.set(title=side.name, aspect="equal")
         ax.add_patch(Circle((0.0, 0.0), 0.5 * pipe.diameter_m, color=GREY, zorder=3))
         ax.set_xlabel("ahead of the pipe's axis (m)")
         if side.way is None:
@@ -78,8 +75,7 @@ def draw_clearance(c: Comparison) -> Figure | None:
         ax.plot(left, w.propellers, color=colour, label=f"{side.name}: propellers, hub")
         ax.plot(left, w.gear, color=colour, ls="--", label=f"{side.name}: landing gear")
     ax.invert_xaxis()
-    ax.set_xlabel("way left to the contact (m)")
-    ax.set_ylabel("distance (m); below 0: overlap")
+    ax.set(xlabel="way left to the contact (m)", ylabel="distance (m); below 0: overlap")
     draw_limit(ax, PLATFORM_MARGIN, f"margin {PLATFORM_MARGIN:g} m")
     ax.legend(loc="upper right", ncols=2)
     return figure
@@ -92,8 +88,7 @@ def draw_reach(c: Comparison) -> Figure:
     figure.subplots_adjust(left=0.07, right=0.99, top=0.93, bottom=0.1, wspace=0.06)
     for ax, side in zip(axes, c.sides, strict=True):
         m = side.reach
-        ax.set_aspect("equal")
-        ax.set_xlabel("ahead of the pipe's axis (m)")
+        ax.set(aspect="equal", xlabel="ahead of the pipe's axis (m)")
         if m is None:
             continue
         ax.set_title(side.name)
@@ -223,8 +218,7 @@ def draw_accuracy(c: Comparison) -> Figure | None:
         _draw_spread(axes[0], side, side.hover.tip, colour)
         _draw_spread(axes[1], side, side.hover.platform, colour)
     for ax, what in zip(axes, ("Tip", "Platform"), strict=True):
-        ax.set_title(f"{what} from its place, rms over 15 s")
-        ax.set_xlabel("mean wind, gusty (m/s)")
+        ax.set(title=f"{what} from its place, rms over 15 s", xlabel="mean wind, gusty (m/s)")
         ax.set_ylim(bottom=0.0)
     axes[0].set_ylabel("distance (mm)")
     draw_limit(axes[0], 50.0, "5 cm: what the paper asks for")

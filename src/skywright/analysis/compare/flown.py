@@ -1,7 +1,5 @@
 """What is measured by flying: collisions, and how well the tip keeps its place in wind."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """What is measured without flying, from shapes: clearance on the way, access, height, balance."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

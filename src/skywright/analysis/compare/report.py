@@ -1,7 +1,5 @@
 """A comparison for people: a page that opens offline, and tables."""
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -18,7 +16,7 @@ from skywright.description.world.spec import Pipe
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, render_page, write_page
 from skywright.reports.terminal import new_console, new_table
-from skywright.run.run import collect_versions
+from skywright.run.versions import collect_versions
 
 STYLES = {"holds": "green", "partly": "yellow", "does not hold": "red"}
 VERDICTS = {"holds": "good", "does not hold": "bad", "partly": "open"}

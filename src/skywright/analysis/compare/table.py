@@ -1,7 +1,5 @@
 """The rows of a comparison, and what they say about the trade-offs that the paper states."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,15 +1,12 @@
 """Pictures of an identification: measured against predicted, and the confidence intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from skywright.analysis.identify.fit import Estimate, Parameter, Prediction
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.reports.figures.style import BLACK, BLUE, GREY, ORANGE, RED, WIDTH, new_figure
 
 NAMES = ("x", "y", "z")
@@ -31,9 +28,11 @@ def draw_series(p: Prediction, part: slice, what: str, unit: str) -> Figure:
         ax.plot(t[at], predicted[at, i], color=ORANGE, lw=1.1, label="predicted, identified")
         low, high = np.min(measured[at, i]), np.max(measured[at, i])
         room = 0.25 * max(high - low, 1e-9)
-        ax.set_ylim(low - room, high + room)
-        ax.set_ylabel(f"{NAMES[i]} ({unit})")
-        ax.set_title(f"{what} {NAMES[i]}, R² {r_squared[i]:.4f} on held-out parts")
+        ax.set(
+            ylim=(low - room, high + room),
+            ylabel=f"{NAMES[i]} ({unit})",
+            title=f"{what} {NAMES[i]}, R² {r_squared[i]:.4f} on held-out parts",
+        )
         _shade(ax, t[at], held_out[at])
     axes[0].legend(loc="upper right", ncols=3)
     axes[-1].set_xlabel("time (s); shaded parts were held out of the fit")
@@ -41,7 +40,7 @@ def draw_series(p: Prediction, part: slice, what: str, unit: str) -> Figure:
     return figure
 
 
-def _choose(t: Array, held_out: NDArray[np.bool_]) -> slice:
+def _choose(t: Array, held_out: Mask) -> slice:
     """Return a window around the first held-out part."""
     first = int(np.argmax(held_out))
     begin = int(np.searchsorted(t, t[first] - 0.5 * WINDOW))
@@ -49,7 +48,7 @@ def _choose(t: Array, held_out: NDArray[np.bool_]) -> slice:
     return slice(begin, max(end, begin + 2))
 
 
-def _shade(ax: object, t: Array, held_out: NDArray[np.bool_]) -> None:
+def _shade(ax: object, t: Array, held_out: Mask) -> None:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], held_out, [False]]).astype(int)))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
         ax.axvspan(t[a], t[min(b, len(t) - 1)], color=BLUE, alpha=0.08, lw=0)  # type: ignore[attr-defined]
@@ -64,9 +63,11 @@ def draw_scatter(p: Prediction) -> Figure:
         ax.plot(measured[:, i], predicted[:, i], ".", color=BLUE, ms=3, alpha=0.6)
         span = [float(np.min(measured[:, i])), float(np.max(measured[:, i]))]
         ax.plot(span, span, color=RED, lw=1.0)
-        ax.set_title(f"about {NAMES[i]}: R² {r_squared[i]:.4f}")
-        ax.set_xlabel("measured (rad/s²)")
-        ax.set_ylabel("predicted (rad/s²)")
+        ax.set(
+            title=f"about {NAMES[i]}: R² {r_squared[i]:.4f}",
+            xlabel="measured (rad/s²)",
+            ylabel="predicted (rad/s²)",
+        )
     figure.tight_layout()
     return figure
 
@@ -82,10 +83,10 @@ def draw_intervals(estimates: Sequence[Estimate]) -> Figure:
     ax.errorbar(shift, at, xerr=half, fmt="o", color=BLUE, ms=4, capsize=3)
     ax.axvline(0.0, color=GREY, lw=1.0)
     ax.set_yticks(at, [e.parameter.name for e in estimates])
-    ax.set_ylim(-0.7, len(estimates) - 0.3)
-    ax.set_xlabel(
-        "deviation from the robot file (%; centre of mass: of 10 mm, products of inertia: of the "
-        "mean inertia)"
+    ax.set(
+        ylim=(-0.7, len(estimates) - 0.3),
+        xlabel="deviation from the robot file (%; centre of mass: of 10 mm, products of "
+        "inertia: of the mean inertia)",
     )
     figure.tight_layout()
     return figure

@@ -6,16 +6,13 @@ Parameters whose confidence interval is wide are kept at the robot file's value,
 other, and the rest is fitted anew.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from skywright.analysis.identify.signals import INERTIA_AXES, Columns
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints, Mask
 from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import RotorSet, build_rotors
@@ -55,7 +52,7 @@ class Prediction(NamedTuple):
     """Measured against predicted, k samples; `held_out` marks those that the fit did not see."""
 
     t: Array
-    held_out: NDArray[np.bool_]
+    held_out: Mask
     measured: Array  # (k, 6): specific force m/s^2, angular acceleration rad/s^2
     predicted: Array  # (k, 6)
     nominal: Array  # (k, 6), by the robot file
@@ -244,7 +241,7 @@ def compute_misfit(columns: Columns, robot: Robot, mass: float, gravity: float) 
 
 def _solve(
     columns: Columns, rotors: RotorSet, mass: float, measured: Array, x0: Array, x: Array,
-    scale: Array, free: NDArray[np.bool_], noise: Array,
+    scale: Array, free: Mask, noise: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Weighted least squares over the free parameters; the weights follow from the residuals.
 
@@ -272,7 +269,7 @@ def _solve(
 
 def _jacobian(
     columns: Columns, rotors: RotorSet, mass: float, x: Array, base: Array, scale: Array,
-    index: NDArray[np.int64],
+    index: Ints,
 ) -> Array:  # fmt: skip
     """Return the derivatives (k, 6, p) of the predictions by the parameters, in their scales."""
     out = np.empty((*base.shape, len(index)))
@@ -285,7 +282,7 @@ def _jacobian(
 
 def _half_widths(
     columns: Columns, rotors: RotorSet, mass: float, measured: Array, x: Array, scale: Array,
-    free: NDArray[np.bool_], noise: Array,
+    free: Mask, noise: Array,
 ) -> Array:  # fmt: skip
     """Return half of each free parameter's confidence interval (NaN for the others).
 

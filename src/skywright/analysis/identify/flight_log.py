@@ -3,8 +3,6 @@
 SI units, frames W (ENU) and B (FLU). All signals share one time axis.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from skywright.core.arrays import Array, Mask

@@ -1,7 +1,5 @@
 """Logs in, parameters out: what `skywright identify` does."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

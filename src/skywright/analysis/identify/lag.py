@@ -5,8 +5,6 @@
 Fitted by least squares on zero-phase filtered signals, so that the filter shifts nothing.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

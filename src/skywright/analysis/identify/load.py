@@ -1,7 +1,5 @@
 """Loads a flight for identification: a run's recording, or a ULog (`ulog.py`)."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any

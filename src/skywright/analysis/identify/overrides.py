@@ -1,7 +1,5 @@
 """What was identified as a robot file: the differences to the robot that it extends."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.analysis.identify.fit import unpack_inertia

@@ -1,7 +1,5 @@
 """An identification for people: a page that opens offline, and a table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -14,17 +14,14 @@ low-pass filter runs over every column, so that filtering shifts nothing (the fi
 the equation of the filtered columns); the derivatives are taken after it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from skywright.analysis.identify.flight_log import FlightLog
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 from skywright.core.types import MAX_JOINTS
 from skywright.errors import InputError
 from skywright.models.body_records import Kinematics
@@ -44,8 +41,8 @@ class Columns(NamedTuple):
     """Filtered columns of k samples at one arm pose each; r rotors. Frame B."""
 
     t: Array  # (k,) s
-    pose: NDArray[np.int64]  # (k,) index into `poses`
-    block: NDArray[np.int64]  # (k,) number of the second that a sample lies in
+    pose: Ints  # (k,) index into `poses`
+    block: Ints  # (k,) number of the second that a sample lies in
     poses: Array  # (poses, joints) rad
     s: Array  # (k, 3) m/s^2
     wd: Array  # (k, 3) rad/s^2

@@ -1,7 +1,5 @@
 """What identification should find: the perturbed plant's own numbers."""
 
-from __future__ import annotations
-
 from skywright.analysis.identify.signals import INERTIA_AXES
 from skywright.core.arrays import Array
 from skywright.description.loader import Description

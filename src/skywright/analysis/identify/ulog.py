@@ -5,17 +5,14 @@ velocity or acceleration; and the rotors, as measured speeds (`esc_status`) or a
 (`actuator_motors`, which is thrust over its largest by PX4's thrust model).
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.analysis.identify.flight_log import FlightLog
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import joint_names, posture
@@ -225,7 +222,7 @@ def _read_rotors(
     return None, build_rotors(robot.rotors).thrust_max * (f * u**2 + (1.0 - f) * u)
 
 
-def _find_free(topics: dict[str, Any], rotors: Array | None, at: Any) -> NDArray[np.bool_]:
+def _find_free(topics: dict[str, Any], rotors: Array | None, at: Any) -> Mask:
     """Return where the robot is in the air."""
     assert rotors is not None
     total = rotors.sum(axis=1)

@@ -1,7 +1,5 @@
 """Files to try `skywright locate` on: a simulated flight as its sensors would have recorded it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from skywright.analysis.locate.trajectory_file import format_table, format_tum

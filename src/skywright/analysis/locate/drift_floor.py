@@ -10,8 +10,6 @@ left is that of the drift itself:
 - a walk of the scale: the same in three dimensions.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,13 +1,11 @@
 """Figures of a localisation: paths, coordinates, errors, clocks, drift of the camera."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from skywright.analysis.locate.locate import Fusion, LocateReport
+from skywright.core.arrays import Mask
 from skywright.models.localisation.drift_filter import CAMERA, STATION
 from skywright.reports.figures.style import (
     BLACK,
@@ -50,9 +48,11 @@ def draw_paths(report: LocateReport) -> Figure:
         name = "fused" if f is not None else report.trajectory.name[:30]
         ax.plot(p[:, a], p[:, b], color=BLUE, lw=1.2, label=name)
         ax.plot(*p[0, [a, b]], "o", color=GREEN, ms=6, label="start")
-        ax.set_xlabel(f"{AXES[a]} (m)")
-        ax.set_ylabel(f"{AXES[b]} (m)")
-        ax.set_title("from above" if b == 1 else "from the side")
+        ax.set(
+            xlabel=f"{AXES[a]} (m)",
+            ylabel=f"{AXES[b]} (m)",
+            title="from above" if b == 1 else "from the side",
+        )
         ax.set_aspect("equal", adjustable="datalim")
         if i == 0:
             ax.legend(loc="best", fontsize=7.5)
@@ -60,7 +60,7 @@ def draw_paths(report: LocateReport) -> Figure:
     return figure
 
 
-def _every(mask: NDArray[np.bool_]) -> int:
+def _every(mask: Mask) -> int:
     return max(1, int(np.count_nonzero(mask)) // MANY_POINTS)
 
 
@@ -130,12 +130,12 @@ def draw_errors(report: LocateReport) -> Figure | None:
     low, high = ax.get_ylim()
     ax.set_ylim(low, high * (high / low) ** 0.35)
     ax.legend(loc="upper left", fontsize=7.5)
-    ax.set_xlabel("time since the start of the recording (s)")
-    ax.set_ylabel("distance from the reference (mm)")
-    ax.set_title("over time")
-    spread.set_xlabel("distance (mm)")
-    spread.set_ylabel("samples below (%)")
-    spread.set_title("distribution")
+    ax.set(
+        xlabel="time since the start of the recording (s)",
+        ylabel="distance from the reference (mm)",
+        title="over time",
+    )
+    spread.set(xlabel="distance (mm)", ylabel="samples below (%)", title="distribution")
     for axis in (ax.yaxis, spread.xaxis):
         axis.set_major_formatter(lambda v, _: f"{v:g}")
     return figure
@@ -159,9 +159,11 @@ def draw_clocks(f: Fusion) -> Figure | None:
         xycoords=("data", "axes fraction"), textcoords="offset points", va="top", fontsize=8,
         color=LIMIT,
     )  # fmt: skip
-    ax.set_xlabel("camera's clock minus station's (s)")
-    ax.set_ylabel("correlation of the speeds")
-    ax.set_title("What both saw, over the offset of their clocks")
+    ax.set(
+        xlabel="camera's clock minus station's (s)",
+        ylabel="correlation of the speeds",
+        title="What both saw, over the offset of their clocks",
+    )
     return figure
 
 

@@ -1,15 +1,12 @@
 """Station and camera fused over a whole recording, by either filter."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skywright.analysis.locate.paper_filter import run_paper_filter
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 from skywright.models.localisation.calibration import Calibration
 from skywright.models.localisation.drift_filter import (
     CAMERA,
@@ -37,7 +34,7 @@ class Events(NamedTuple):
     """
 
     t: Array  # (n,) s
-    kind: NDArray[np.int64]
+    kind: Ints
     z: Array  # (n, 3) m, the camera's by the drift-aware alignment
     z_paper: Array  # (n, 3) m, the same, the camera's by the paper's twelve numbers
     velocity: Array  # (n, 3) m/s by the paper's twelve numbers, NaN for the station

@@ -1,13 +1,10 @@
 """What `skywright locate` does, without the page: from files to a trajectory and its errors."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skywright.analysis.locate.fusion import (
@@ -24,14 +21,15 @@ from skywright.analysis.locate.trajectory_error import (
     Statistics,
     TrajectoryError,
     compute_error,
+    judge,
 )
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
+from skywright.core.text_table import parse_span
 from skywright.errors import InputError
 from skywright.models.localisation.calibration import Calibration, calibrate
 from skywright.models.localisation.drift_filter import CAMERA, STATION, DriftModel, Fused
 from skywright.models.localisation.frame_alignment import METHODS
 from skywright.models.localisation.time_alignment import (
-    LEAST_OVERLAP,
     TimeAlignment,
     estimate_offset,
 )
@@ -41,9 +39,6 @@ from skywright.models.localisation.trajectory import (
     find_gap_limit,
     interpolate_rotation,
 )
-
-FIT_SAMPLES = 3000
-"""Samples that the refinement of a reference's clock looks at."""
 
 
 class Outage(NamedTuple):
@@ -194,20 +189,6 @@ def describe_error(e: TrajectoryError) -> dict[str, Any]:
     }
 
 
-def parse_span(text: str) -> tuple[float, float]:
-    """'T0:T1' in seconds of the station's clock."""
-    try:
-        start, stop = (float(part) for part in text.split(":"))
-    except ValueError:
-        start, stop = math.nan, math.nan
-    if not (math.isfinite(start) and math.isfinite(stop) and start < stop):
-        raise InputError(
-            f"--calibrate: {text[:60]!r} is not a time span; valid: T0:T1 in seconds after the "
-            "station's first sample, T0 below T1, such as 0:30"
-        )
-    return start, stop
-
-
 def parse_vector(text: str, flag: str) -> Array:
     """'X,Y,Z' in metres."""
     try:
@@ -247,7 +228,9 @@ def locate(
     for flag, value in (("time", time_offset), ("reference", reference_offset)):
         if value is not None and not abs(value) < 1e12:
             raise InputError(f"--{flag}-offset {value}; valid: a number of seconds")
-    chosen = parse_span(span) if span is not None else None
+    chosen = (
+        parse_span(span, "after the station's first sample", "0:30") if span is not None else None
+    )
     lever = parse_vector(prism, "--prism") if prism is not None else None
     pose = None
     if frame is not None:
@@ -348,7 +331,7 @@ def _measure_outage(
     )  # fmt: skip
 
 
-def _select(f: Fusion) -> NDArray[np.bool_]:
+def _select(f: Fusion) -> Mask:
     """Events that make the result: the camera's, and the station's where there is no camera."""
     t_cam = f.events.t[f.events.kind == CAMERA]
     gap = find_gap_limit(t_cam, 0.05)
@@ -390,34 +373,3 @@ def build_rivals(f: Fusion, at_camera: bool) -> dict[str, Trajectory]:
             "aligned camera", f.events.t[camera], (f.events.z - lever)[camera]
         ),
     }
-
-
-def judge(
-    traj: Trajectory, reference: Trajectory, compare: str, offset: float | None, notes: list[str]
-) -> TrajectoryError:
-    """Errors against a reference; the offset of its clock is estimated unless given."""
-    if offset is None:
-        offset = 0.0
-        if min(traj.duration, reference.duration) >= LEAST_OVERLAP:
-            time = estimate_offset(traj, reference)
-            if time.note:
-                notes.append(time.note)
-            if time.peak > 0.0:
-                offset = _refine_offset(traj, reference, time.offset)
-    return compute_error(traj, reference, time_offset=offset, alignment=compare)
-
-
-def _refine_offset(traj: Trajectory, reference: Trajectory, start: float) -> float:
-    """The offset near `start`, in the middle of the trajectory, by the drift-aware alignment.
-
-    Not where the absolute error is least: where a trajectory drifts, that would pull the clocks
-    along.
-    """
-    every = max(1, len(traj.t) // FIT_SAMPLES)
-    q = None if reference.q is None or traj.q is None else reference.q
-    thin = traj._replace(t=traj.t[::every], p=traj.p[::every], q=None)
-    try:
-        c = calibrate(thin, reference._replace(q=q), start)
-    except InputError:  # too few samples
-        return start
-    return c.time_offset + c.skew * (0.5 * float(traj.t[0] + traj.t[-1]) - c.epoch)

@@ -6,15 +6,12 @@ positions only: here it does so too (H = [I 0]); `station_velocity` differentiat
 The camera's drift is not in the state: the filter follows whoever reports more often.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 
 CAMERA, STATION = 0, 1
 
@@ -65,7 +62,7 @@ def _run(t: Array, kind: Array, z: Array, known: Array, noise: Array, out: Array
 
 def run_paper_filter(
     t: Array,
-    kind: NDArray[np.int64],
+    kind: Ints,
     z: Array,
     velocity: Array,
     noise: PaperNoise | None = None,

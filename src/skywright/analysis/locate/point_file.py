@@ -4,8 +4,6 @@ name, x_m, y_m, z_m
 P1, 12.402, -3.118, 0.451
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What `skywright locate` prints for people."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

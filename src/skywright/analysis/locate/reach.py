@@ -4,8 +4,6 @@ Every measure is over many seeds: another flight, another camera, other noise. E
 the prism, three-dimensional, against the truth, without any alignment to it.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

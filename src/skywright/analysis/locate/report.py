@@ -1,7 +1,5 @@
 """The page and the files of a localisation."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

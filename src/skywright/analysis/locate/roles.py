@@ -1,7 +1,5 @@
 """Which file is the station's, which the camera's, which the reference."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -7,16 +7,13 @@ frame: residuals are tested against their own standard deviation and the worst i
 the rest fits (data snooping, Baarda 1968; here with the three coordinates of a point together).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
 from skywright.models.localisation.frame_alignment import estimate_level, estimate_similarity
 
@@ -163,7 +160,7 @@ def _adjust(known: Array, measured: Array, std: float, level: bool
     return frame.matrix, frame.offset, np.asarray(np.linalg.inv(H)), centre
 
 
-def _test_points(r: Array, arm: Array, cov: Array, std: float, used: NDArray[np.bool_]
+def _test_points(r: Array, arm: Array, cov: Array, std: float, used: Mask
                  ) -> tuple[Array, Array]:  # fmt: skip
     """Each point's squared normalised residual (n,) and redundancy (n,)."""
     n = len(r)

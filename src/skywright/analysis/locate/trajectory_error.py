@@ -5,8 +5,6 @@ the absolute error is the distance after alignment, the relative one that of dis
 fixed time.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -16,11 +14,13 @@ from scipy.spatial.transform import Rotation
 
 from skywright.core.arrays import Array
 from skywright.errors import InputError
+from skywright.models.localisation.calibration import calibrate
 from skywright.models.localisation.frame_alignment import (
     LEAST_POINTS,
     FrameAlignment,
     estimate_similarity,
 )
+from skywright.models.localisation.time_alignment import LEAST_OVERLAP, estimate_offset
 from skywright.models.localisation.trajectory import (
     Trajectory,
     find_gap_limit,
@@ -29,6 +29,8 @@ from skywright.models.localisation.trajectory import (
 )
 
 ALIGNMENTS = ("rigid", "similarity", "none")
+FIT_SAMPLES = 3000
+"""Samples that the refinement of a reference's clock looks at."""
 
 
 class Statistics(NamedTuple):
@@ -121,3 +123,34 @@ def _relative_angle(a: Array, b: Array, first: NDArray[Any], last: NDArray[Any])
     mounting = (B.inv() * A)[:: max(1, len(a) // 2000)].mean()
     A = A * mounting.inv()
     return np.asarray(((B[first].inv() * B[last]).inv() * (A[first].inv() * A[last])).magnitude())
+
+
+def judge(
+    traj: Trajectory, reference: Trajectory, compare: str, offset: float | None, notes: list[str]
+) -> TrajectoryError:
+    """Errors against a reference; the offset of its clock is estimated unless given."""
+    if offset is None:
+        offset = 0.0
+        if min(traj.duration, reference.duration) >= LEAST_OVERLAP:
+            time = estimate_offset(traj, reference)
+            if time.note:
+                notes.append(time.note)
+            if time.peak > 0.0:
+                offset = _refine_offset(traj, reference, time.offset)
+    return compute_error(traj, reference, time_offset=offset, alignment=compare)
+
+
+def _refine_offset(traj: Trajectory, reference: Trajectory, start: float) -> float:
+    """The offset near `start`, in the middle of the trajectory, by the drift-aware alignment.
+
+    Not where the absolute error is least: where a trajectory drifts, that would pull the clocks
+    along.
+    """
+    every = max(1, len(traj.t) // FIT_SAMPLES)
+    q = None if reference.q is None or traj.q is None else reference.q
+    thin = traj._replace(t=traj.t[::every], p=traj.p[::every], q=None)
+    try:
+        c = calibrate(thin, reference._replace(q=q), start)
+    except InputError:  # too few samples
+        return start
+    return c.time_offset + c.skew * (0.5 * float(traj.t[0] + traj.t[-1]) - c.epoch)

@@ -4,10 +4,8 @@ What a file is, is told from its inside. What had to be dropped, repaired or gue
 words; what cannot be read is refused with the file, the line, what was found and what is valid.
 """
 
-from __future__ import annotations
-
-import csv
 import io
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.analysis.locate.trajectory_mcap import load_topic
+from skywright.core import text_table
 from skywright.core.arrays import Array
 from skywright.core.mcap_file import MAGIC
 from skywright.errors import InputError
@@ -69,14 +68,9 @@ def load_trajectory(text: str) -> Trajectory:
 
 def read_bytes(path: Path) -> bytes:
     """The content of a file. Raises InputError where there is none."""
-    try:
-        if path.is_dir():
-            raise InputError(f"{path}: is a directory; valid: {VALID}")
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: larger than {MAX_BYTES // 1_000_000} MB; cut it first")
-        raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    if os.path.isdir(path):
+        raise InputError(f"{path}: is a directory; valid: {VALID}")
+    raw = text_table.read_bytes(path, MAX_BYTES, "cut it first")
     if not raw.strip():
         raise InputError(f"{path}: is empty; valid: {VALID}")
     return raw
@@ -84,11 +78,7 @@ def read_bytes(path: Path) -> bytes:
 
 def parse_text(path: Path, raw: bytes) -> Trajectory:
     """Parse a text file's content."""
-    try:
-        text = (raw.decode("utf-16") if raw.startswith((b"\xff\xfe", b"\xfe\xff"))
-                else raw.decode("utf-8-sig"))  # fmt: skip
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
+    text = text_table.decode(raw)
     if "\0" in text or sum(c < " " and c not in "\t\r\n\f" for c in text[:2000]) > 10:
         raise InputError(f"{path}: is neither text nor MCAP; valid: {VALID}")
     rows: list[tuple[int, str]] = []
@@ -130,12 +120,7 @@ def find_delimiter(line: str) -> str:
 
 def split_row(line: str, delimiter: str) -> list[str]:
     """Cells of a row, stripped; trailing delimiters dropped."""
-    if delimiter == " ":
-        return line.split()
-    try:
-        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
-    except (csv.Error, StopIteration):
-        return [line]
+    cells = text_table.split_row(line, delimiter)
     while len(cells) > 1 and not cells[-1]:
         cells.pop()
     return cells

@@ -3,8 +3,6 @@
 The messages travel in CDR: header (stamp, frame), then the numbers at fixed places behind it.
 """
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 from typing import NamedTuple

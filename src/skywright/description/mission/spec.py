@@ -58,6 +58,7 @@ class Mission(Spec, Generic[T]):
     seed: int = Field(default=1, ge=0)
     resolved: bool = False  # written in a run's mission.toml: the file is complete in itself
     mode: Literal["fast", "interactive"] = "fast"
+    timestep_ms: Literal[1, 2] = 1  # of the physics; 2 where no contact is too stiff for it
     law: Part | None = None
     estimator: Part = Part(kind="filter")
     hover_height_m: float = Field(default=1.2, gt=0, le=500)

@@ -46,6 +46,16 @@ class ForceSensor(Spec):
         return self
 
     @property
+    def knee_n(self) -> float:
+        """Force where the pieces meet."""
+        return self.soft_offset_n + self.soft_slope_n_per_count * self.limit_count
+
+    @property
+    def hard_share(self) -> float:
+        """Stiffness of the spring beyond the knee over that within: more travel a newton."""
+        return self.hard_slope_n_per_count / self.soft_slope_n_per_count
+
+    @property
     def stiffness_n_per_m(self) -> float:
         """Stiffness of the spring in the soft piece, which the potentiometer's stroke implies."""
         return -self.soft_slope_n_per_count * 2**self.adc_bits / self.stroke_m

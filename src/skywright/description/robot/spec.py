@@ -81,6 +81,7 @@ class Rotors(Spec):
     thrust_max_n: Positive
     thrust_fraction: Fraction = 1.0  # of thrust_max that capability and missions may use
     time_constant_s: Positive  # of the rotor speed
+    rotor_inertia_kgm2: NonNegative = 0.0  # propeller and bell of one rotor about its axis
     drag_coefficient_n_per_rads_mps: NonNegative  # force in the disc plane = -c * speed * v_perp
     figure_of_merit: Fraction = 0.6  # ideal induced over shaft power
     motor_efficiency: Fraction = 0.8  # shaft over electrical power

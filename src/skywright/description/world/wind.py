@@ -132,12 +132,9 @@ def _wind_at_20_ft(wind: Wind, d: Dryden) -> float:
     return wind.mean_mps * profile
 
 
-def compute_gust_sigma(wind: Wind, speed: float, bandwidth: float = math.inf) -> Array:
-    """Return the rms (3,) m/s of the gusts along, across and above a mean `speed` (m/s).
-
-    Only what is slower than `bandwidth` (rad/s, first order): what a robot has to hold against.
-    Gusts of the time T = L / V are taken as first order too, so 1 / (1 + 1 / (T w)) of the variance
-    remains.
+def compute_gust_scales(wind: Wind, speed: float) -> tuple[Array, Array]:
+    """Return rms (3,) m/s and time scale L / V (3,) s of the gusts along, across and above a mean
+    `speed` (m/s); zero rms without gusts.
     """
     if wind.kind == "dryden":
         length, sigma = compute_dryden_scales(wind)
@@ -145,6 +142,16 @@ def compute_gust_sigma(wind: Wind, speed: float, bandwidth: float = math.inf) ->
         length = np.full(3, wind.fan.turbulence_length_m)
         sigma = np.full(3, wind.fan.turbulence * speed)
     else:
-        return np.zeros(3)
-    lag = length / max(speed, 1e-9)
+        return np.zeros(3), np.ones(3)
+    return sigma, length / max(speed, 1e-9)
+
+
+def compute_gust_sigma(wind: Wind, speed: float, bandwidth: float = math.inf) -> Array:
+    """Return the rms (3,) m/s of the gusts along, across and above a mean `speed` (m/s).
+
+    Only what is slower than `bandwidth` (rad/s, first order): what a robot has to hold against.
+    Gusts of the time T = L / V are taken as first order too, so 1 / (1 + 1 / (T w)) of the variance
+    remains.
+    """
+    sigma, lag = compute_gust_scales(wind, speed)
     return np.asarray(sigma / np.sqrt(1.0 + 1.0 / (lag * bandwidth)))

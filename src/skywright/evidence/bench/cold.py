@@ -1,7 +1,5 @@
 """The first run on a machine: nothing is compiled yet (takes about a minute)."""
 
-from __future__ import annotations
-
 from skywright.evidence.bench.commands import time_run
 from skywright.evidence.bench.flights import SCAN
 from skywright.evidence.bench.rows import Row, Session, build_row

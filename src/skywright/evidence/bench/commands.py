@@ -1,7 +1,5 @@
 """Commands of the command line, timed in processes of their own."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Growth of cost with contacts: the same robot in the air, on the pipe and on its feet."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from skywright.evidence.bench.flights import (

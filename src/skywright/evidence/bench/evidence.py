@@ -1,7 +1,5 @@
 """The studies behind the documentation's tables, as rows: no timings, the same on any machine."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stretches of flight that benchmarks time: in contact, hovering, and the same steps bare."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Processing a recorded flight of total station and tracking camera: calibration, filter."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from skywright.analysis.locate.fusion import fuse

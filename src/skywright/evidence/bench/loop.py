@@ -6,8 +6,6 @@ cheaper to simulate). The scan is flown in contact, the F550 docked, the two-arm
 there MuJoCo has least to do, so the ratio is at its worst.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -68,12 +66,25 @@ CASES = {
 
 
 def measure(session: Session) -> list[Row]:
-    """Measure both ways of running, of the scan and of two-arm robots."""
-    return [
+    """Measure both ways of running, of the scan and of two-arm robots, and the physics step."""
+    rounds = session.pick(2, 20, 100)
+    rows = [
         row
         for name, case in CASES.items()
-        for row in measure_case(name, case, session.scratch, session.pick(2, 20, 100))
+        for row in measure_case(name, case, session.scratch, rounds)
     ]
+    return [*rows, measure_step(rounds)]
+
+
+def measure_step(rounds: int) -> Row:
+    """Measure the scan at a physics step of 2 ms over that at 1 ms, nothing recorded."""
+    coarse = fly_into_contact(load_scan("mission.timestep_ms=2"))
+    fine, ticks = fly_into_contact(load_scan()), count_ticks(1.0)
+    times = interleave(
+        {"1": partial(_fly, fine, ticks, False), "2": partial(_fly, coarse, ticks, False)}, rounds
+    )
+    note = "contact scan, fast way: mission.timestep_ms = 2 over 1, the same simulated time"
+    return build_row("step_2_ms_over_1_ms", compute_ratios(times["2"], times["1"]), note=note)
 
 
 def measure_case(name: str, case: Case, folder: Path, rounds: int) -> list[Row]:

@@ -6,8 +6,6 @@
 print the resident memory (MB) once a simulated minute, or after each run.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tempfile

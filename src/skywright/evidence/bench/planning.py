@@ -1,10 +1,8 @@
 """Planning time over seeds, and what one distance query of the whole robot costs."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.evidence.bench.flights import load_scan
 from skywright.evidence.bench.rows import Row, Session, build_row
 from skywright.evidence.bench.timing import interleave, read_clock
@@ -67,7 +65,7 @@ def measure_query(rounds: int, count: int = 500) -> Row:
     )  # fmt: skip
 
 
-def _time_queries(query: ClearanceQuery, poses: NDArray[np.float64]) -> float:
+def _time_queries(query: ClearanceQuery, poses: Array) -> float:
     q, eye = np.array([-0.7, 0.7]), np.eye(3)
     began = read_clock()
     for p in poses:

@@ -1,7 +1,5 @@
 """Benchmarks on the terminal: a table each, as soon as it is measured."""
 
-from __future__ import annotations
-
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text

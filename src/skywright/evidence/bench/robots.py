@@ -5,8 +5,6 @@ The vehicle layer flies one robot a world; several fly as independent vehicles i
 is measured beside it, closed loop and all.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 

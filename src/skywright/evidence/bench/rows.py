@@ -1,7 +1,5 @@
 """What a benchmark is given (a session) and what it returns (rows)."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Whole runs against real time: planned, flown, recorded and evaluated; the report apart."""
 
-from __future__ import annotations
-
 from skywright.evidence.bench.commands import time_run
 from skywright.evidence.bench.flights import FULL_STRENGTH, SCAN, load_scan
 from skywright.evidence.bench.rows import Row, Session, build_row

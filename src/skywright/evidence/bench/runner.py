@@ -1,7 +1,5 @@
 """Benchmarks one after the other: check, measure, keep what was measured, write."""
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile

@@ -1,7 +1,5 @@
 """Growth of cost with the length of a scan: planning, flight with recording, and evaluation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

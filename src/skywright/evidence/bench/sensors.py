@@ -1,7 +1,5 @@
 """What sensors, link, wind and friction add to the closed loop, each case beside the plain scan."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from skywright.evidence.bench.flights import (

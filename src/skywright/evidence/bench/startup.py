@@ -1,7 +1,5 @@
 """How long a user waits: for the command line to answer, for imports, for the first report."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from skywright.evidence.bench.commands import PYTHON, SKYWRIGHT, time_command, time_run

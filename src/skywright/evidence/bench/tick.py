@@ -4,8 +4,6 @@ A vehicle flies to where it is busy. Each row of its schedule is then called man
 compiled code, on the records as they are; the state is put back after each row.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 from numba import njit

@@ -4,8 +4,6 @@ What runs in this process is timed by its processor time. On an idle machine tha
 on a busy one the time that others had is not in it.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import time

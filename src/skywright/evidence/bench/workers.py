@@ -1,7 +1,5 @@
 """A campaign's runs on one worker and on two: how much of the second core is gained."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 

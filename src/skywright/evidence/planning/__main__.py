@@ -5,8 +5,6 @@ there is. Rows go to standard output, the plot of cost against time to `--figure
 `skywright bench planning --full --resume DIR` uses the same parts.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

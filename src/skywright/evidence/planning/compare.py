@@ -1,7 +1,5 @@
 """The default planner against OMPL's and the paper's on the frozen scenarios, as benchmark rows."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import statistics

@@ -1,7 +1,5 @@
 """Cost of the best path against planning time, several planners, with the lower bound."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

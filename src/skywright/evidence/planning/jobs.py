@@ -4,8 +4,6 @@ A job is one planner on one scenario with all its seeds. All times are processor
 planning thread: a busy machine slows wall clocks, not these.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -7,8 +7,6 @@
 - Time is the processor time of this thread, so that a busy machine does not count against it.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence

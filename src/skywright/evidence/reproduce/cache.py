@@ -5,8 +5,6 @@ the source of the packages that fly, a user's law, and the versions of MuJoCo, n
 SciPy. A damaged entry is flown again; a full or read-only disk costs the cache, not the result.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
@@ -19,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.run.run import collect_versions
 from skywright.run.source_hash import collect_code_versions
+from skywright.run.versions import collect_versions
 
 FLIGHTS = (
     "evidence/reproduce/flights.py", "evidence/reproduce/flights_arms.py",

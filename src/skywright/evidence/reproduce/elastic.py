@@ -17,8 +17,6 @@ For the first, Routh's scheme asks for 0 < Kp < k and Kd > 0 (De Luca and Book, 
 Robotics, 2008, ch. 13).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

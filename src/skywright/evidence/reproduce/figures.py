@@ -1,7 +1,5 @@
 """Figures of claims from plain data: curves with limits, bars, stability maps, block diagrams."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -234,8 +232,9 @@ def _draw_blocks(ax: Axes, data: Blocks) -> None:
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
         )  # fmt: skip
     x, y = [b.x for b in data.blocks], [b.y for b in data.blocks]
-    ax.set_xlim(min(x) - 0.6 * width, max(x) + 0.6 * width)
-    ax.set_ylim(min(y) - height, max(y) + height)
+    ax.set(
+        xlim=(min(x) - 0.6 * width, max(x) + 0.6 * width), ylim=(min(y) - height, max(y) + height)
+    )
     ax.axis("off")
     ax.set_title(data.title, fontsize=8.5)
 
@@ -249,5 +248,4 @@ def _plain(axis: Axis) -> None:
 
 def _name(ax: Axes, title: str, x_label: str, y_label: str) -> None:
     ax.set_title(title, fontsize=8.5)
-    ax.set_xlabel(x_label)
-    ax.set_ylabel(y_label)
+    ax.set(xlabel=x_label, ylabel=y_label)

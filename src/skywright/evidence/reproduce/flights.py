@@ -3,8 +3,6 @@
 All start from ordinary descriptions; what is kept of a flight is small enough to be cached.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

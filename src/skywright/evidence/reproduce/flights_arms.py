@@ -3,8 +3,6 @@
 Suarez 2020. What is kept of each is small; see `flights.py` for whole missions.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Loads claims files, ours or the user's."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a measure takes and gives."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from skywright.evidence.reproduce.cache import Record

@@ -1,7 +1,5 @@
 """Every measure by name: (records by role) -> what was measured, and the figure that shows it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from skywright.evidence.reproduce import (

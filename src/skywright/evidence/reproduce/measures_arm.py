@@ -1,7 +1,5 @@
 """Measures on the arm's elasticity and on the control laws that the paper argues against."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Measures of Suarez 2020, section V-E: two hands together, from the mission bimanual-bench."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.errors import InputError

@@ -1,7 +1,5 @@
 """Measures on the compliant dual arm that need no flight: reach, clearance, statics of a force."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

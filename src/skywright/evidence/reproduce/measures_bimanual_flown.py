@@ -1,7 +1,5 @@
 """Measures on flights and bench trials of the compliant dual arm."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

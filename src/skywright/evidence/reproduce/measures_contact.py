@@ -1,7 +1,5 @@
 """Measures on the bridge's missions: sensor, bench, flight modes, inspection, localisation."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Measures on the tilted F550: what it can do, and how well its model predicts a flight."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

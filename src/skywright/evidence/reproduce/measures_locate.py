@@ -3,8 +3,6 @@
 No mission is flown: the flights are those of `analysis/locate`, a recording of the sensors each.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -3,8 +3,6 @@
 Nothing is flown. The scenarios are the frozen ones of the planners' benchmark.
 """
 
-from __future__ import annotations
-
 import math
 import time
 

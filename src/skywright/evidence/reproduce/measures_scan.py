@@ -1,7 +1,5 @@
 """Measures on the scan itself: contact, attitude, weld, degraded conditions, planning."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

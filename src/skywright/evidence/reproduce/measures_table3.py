@@ -1,7 +1,5 @@
 """Measures of Suarez 2020, table 3: benefits and drawbacks of both configurations in numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel

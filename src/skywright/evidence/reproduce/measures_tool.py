@@ -1,7 +1,5 @@
 """Measures on flights that install a tool with two hands (Suarez 2020, section VI-A)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.core.arrays import Array

@@ -1,7 +1,5 @@
 """Measures of Caballero 2018, section IV: the bar carried along the plan, and the passive joint."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.core.arrays import Array

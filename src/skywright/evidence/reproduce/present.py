@@ -1,7 +1,5 @@
 """Claims as they are shown: on the terminal, on a page, in the docs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +13,7 @@ from skywright.evidence.reproduce.figures import draw_claim
 from skywright.evidence.reproduce.runner import CriterionResult, Report, Steps
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, render_page, write_page
-from skywright.run.run import collect_versions
+from skywright.run.versions import collect_versions
 
 STYLES = {"reproduced": "green", "contradicted": "red", "not_comparable": "yellow"}
 SIGNS = {"<=": "≤", ">=": "≥", "==": "="}

@@ -5,8 +5,6 @@ distance L and the torque per thrust c. Nothing flies with these matrices: the r
 the azimuths and tilts of its rotors (`models/rotors.py`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

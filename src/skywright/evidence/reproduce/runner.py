@@ -1,7 +1,5 @@
 """From claims to verdicts: flights (shared and cached), measures, judgement."""
 
-from __future__ import annotations
-
 import os
 import re
 import traceback

@@ -1,7 +1,5 @@
 """Reading what was kept of a mission: phases, errors, smoothing, spectra."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,24 +3,16 @@
 Rest at gamma = (95, 152) deg, inspection position (61, 55) deg near the surface, force control.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
+from skywright.missions.arm_test_bench.plan import find_joints
 from skywright.missions.arm_test_bench.task import BenchTask
 from skywright.missions.skills.pressing import Presser
 from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
-from skywright.missions.arm_test_bench.plan import find_joints
+from skywright.run.supervisor import Supervisor
 
 SETTLE_S = 1.0
 
 
-def fly(s: Supervisor[BenchTask]) -> Flight:
+def fly(s: Supervisor[BenchTask], way: None) -> Flight:
     """Rest, inspection position, staircase, rest; nothing flies."""
     task = s.task
     bench = Presser(s, task)

@@ -3,11 +3,8 @@
 Rest at gamma = (95, 152) deg, inspection position (61, 55) deg near the surface, force control.
 """
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,10 +18,6 @@ from skywright.models.rigid_body import compute_tip
 from skywright.models.things.bench import Bench
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
-
 
 NEAREST, FARTHEST = 0.002, 0.04  # m, of the tip to the surface in the inspection position
 

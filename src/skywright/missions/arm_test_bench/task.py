@@ -1,17 +1,10 @@
 """What a mission of the kind "arm-test-bench" may say."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from pydantic import Field
 
 from skywright.core.spec import NonNegative
 from skywright.description.mission.spec import Task
 from skywright.missions.bridge_contact.task import PressForces
-
-if TYPE_CHECKING:
-    pass
 
 
 class BenchTask(Task):

@@ -11,27 +11,21 @@ the platform's motion can hold it (4 mm), since a servo's step of 0.33 deg is 2 
 sets the bar swinging. In contact the arms press by (31), and the platform follows them.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE_POSITION, TASK_JOINTS
 from skywright.missions.skills.moves import set_rest
 from skywright.missions.skills.tool_handling import Grip, Weight, measure_tool
 from skywright.models.arm_inverse_kinematics import ArmChain, compute_arm_ik
 from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-Array = NDArray[np.float64]
 
 CORRECT_S = 1.0
 """s, in which the marker's word replaces the hands': slow against the ringing of the springs."""

@@ -1,9 +1,5 @@
 """What a report shows of a bar's insertion: the peg's depth, its error across, its force."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -18,18 +14,12 @@ from skywright.reports.figures.style import (
     GREEN,
     ORANGE,
     PURPLE,
-    WIDTH,
-    clip_phases,
     draw_limit,
     draw_line,
-    new_figure,
-    shade_phases,
-    stack_panels,
+    draw_panels,
 )
 from skywright.run.kind import Chart, Figures
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 SHOWN = ("align", "lower", "insert", "draw out", "set free", "release")
 
@@ -46,18 +36,18 @@ def draw_insertion(result: RunResult[BarInsertion, InsertionPlan]) -> Figure | N
     if not len(s):
         return None
     t, way = s["t"], compute_peg_way(s, d)
-    figure = new_figure(WIDTH, 7.4)
-    strip, axes = stack_panels(figure, 4)
-    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
-    axes[0].set_title("Peg's end below the socket's face")
-    axes[0].set_ylabel("depth (mm)")
+    figure, axes = draw_panels(
+        7.4, result.phases, t,
+        ("Peg's end below the socket's face", "depth (mm)"),
+        ("Peg's end beside the hole's axis, in the hole's frame", "error (mm)"),
+        ("Force of the peg on the socket (true, inertia left out)", "force (N)"),
+        ("Angles between peg and hole", "angle (deg)"),
+    )  # fmt: skip
     draw_line(axes[0], t, -1e3 * way.tip_S[:, 2], color=BLACK)
     draw_limit(axes[0], 1e3 * peg.length_m, "the flange lies on the socket")
     axes[0].set_ylim(-40.0, 1.25e3 * peg.length_m)
     free = 0.5e3 * (socket.hole_m - peg.side_m)
     reach = free + 1e3 * socket.chamfer_m
-    axes[1].set_title("Peg's end beside the hole's axis, in the hole's frame")
-    axes[1].set_ylabel("error (mm)")
     axes[1].axhspan(
         -reach, reach, color=ORANGE, alpha=0.12, lw=0, label=f"chamfer, ±{reach:.3g} mm"
     )
@@ -66,15 +56,11 @@ def draw_insertion(result: RunResult[BarInsertion, InsertionPlan]) -> Figure | N
         draw_line(axes[1], t, 1e3 * way.tip_S[:, a], color=color, label="xy"[a])
     axes[1].set_ylim(-3.0 * reach, 3.0 * reach)
     axes[1].legend(loc="upper right", ncols=4)
-    axes[2].set_title("Force of the peg on the socket (true, inertia left out)")
-    axes[2].set_ylabel("force (N)")
     down, across = -way.f_W[:, 2], np.linalg.norm(way.f_W[:, :2], axis=1)
     draw_line(axes[2], t, down, color=BLACK, label="down")
     draw_line(axes[2], t, across, color=ORANGE, label="across")
     draw_limit(axes[2], peg.mass_kg * d.world.gravity_mps2, "the bar's weight")
     axes[2].legend(loc="upper left", ncols=2)
-    axes[3].set_title("Angles between peg and hole")
-    axes[3].set_ylabel("angle (deg)")
     draw_line(axes[3], t, np.degrees(way.tilt), color=BLUE, label="tilt of the axes")
     draw_line(axes[3], t, np.degrees(way.turn), color=GREEN, label="about the hole's axis")
     axes[3].legend(loc="upper right", ncols=2)

@@ -6,16 +6,13 @@ lead the bar by (29), (30) meanwhile. Where the hole is, motion capture says to 
 rest is done by the chamfer, the springs of the arms, and trying again (docs/howto/insert-a-bar.md).
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.missions.bar_insertion.bar_leading import BarLeader
 from skywright.missions.bar_insertion.insertion import build_hole, find_offset, insert, survey
+from skywright.missions.bar_insertion.plan import BACK, InsertionPlan
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.tool_handling import (
     DROP,
@@ -35,15 +32,9 @@ from skywright.missions.skills.tool_handling import (
     take_up_again,
 )
 from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
-from skywright.missions.bar_insertion.plan import BACK, InsertionPlan
-
-Array = NDArray[np.float64]
 RELEASE_S = 1.5  # s, in which the hands let the weight go
 CARRY_SPEED, CARRY_ACCELERATION = 0.3, 0.2
 

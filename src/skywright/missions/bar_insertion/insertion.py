@@ -8,22 +8,18 @@ feel.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.missions.bar_insertion.bar_leading import BarLeader, BarPose
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.tool_handling import Grip, Place
 from skywright.models.things.peg import Peg
 from skywright.models.things.socket import Socket
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-Array = NDArray[np.float64]
 
 SURVEY_S = 1.0  # s, of motion capture's look at the socket
 READY = 0.012  # m, of the peg's end above the socket before it is lowered

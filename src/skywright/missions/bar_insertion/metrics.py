@@ -1,13 +1,11 @@
 """Metrics of the kind "bar-insertion": how deep the peg came, and what it took."""
 
-from __future__ import annotations
-
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.description.loader import Description
 from skywright.description.world.things import list_movers, locate_thing
 from skywright.missions.bar_insertion.plan import InsertionPlan
@@ -19,9 +17,6 @@ from skywright.models.things.peg import Peg
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 MEASURES: Measures = {
     "insert.done": ("", "1 when the peg is in the hole at the end, hands withdrawn"),
@@ -70,7 +65,7 @@ def compute_peg_way(samples: Samples, d: Description[BarInsertion]) -> PegWay:
     return PegWay((tip - p_WS) @ R_WS, np.arccos(along), turn, carried - weight)
 
 
-def compute_insertion_metrics(run: Flown[BarInsertion, InsertionPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[BarInsertion, InsertionPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     samples, phases, description = run.samples, run.phases, run.setup.description
     peg = description.world.find_thing(run.task.bar, Peg)

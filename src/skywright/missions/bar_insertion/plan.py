@@ -6,15 +6,13 @@ lead the bar by (29), (30) meanwhile. Where the hole is, motion capture says to 
 rest is done by the chamfer, the springs of the arms, and trying again (docs/howto/insert-a-bar.md).
 """
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
@@ -38,11 +36,6 @@ from skywright.models.things.peg import Peg
 from skywright.models.things.socket import Socket
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
-
-Array = NDArray[np.float64]
 
 BACK = 0.35  # m, behind rack and socket, where the platform comes from and goes to
 ROOM = 1.2  # weight that is fed forward at most, over what may be lifted

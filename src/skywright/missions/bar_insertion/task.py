@@ -1,7 +1,5 @@
 """What a mission of the kind "bar-insertion" may say."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic import Field

@@ -1,15 +1,13 @@
 """What a report shows of a carried bar: snapshots and time histories, as in Caballero 2018."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.core.rotations import rot_from_quat
 from skywright.description.world.scenario import get_structures
 from skywright.missions.bar_transport.metrics import (
@@ -35,13 +33,8 @@ from skywright.reports.figures.style import (
 from skywright.reports.outlines import outline_robot
 from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
+from skywright.run.run import RunResult
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 SNAPSHOTS = 6
 LEAST_SPAN_DEG = 5.0  # of an axis of angles
@@ -78,10 +71,12 @@ def draw_snapshots(result: RunResult[BarTransport, None]) -> Figure | None:
             low = 0.0 if a == 2 else area.y_min_m
             size = (x1 - x0, (z1 if a == 2 else y1) - low)
             ax.add_patch(Rectangle((x0, low), *size, fill=False, color=LIMIT, ls="--", lw=0.9))
-        ax.set_xlim(*spans[0])
-        ax.set_ylim(*spans[1 if a == 2 else 2])
-        ax.set_aspect("equal")
-        ax.set_ylabel("zy"[a == 1] + " (m)")
+        ax.set(
+            xlim=spans[0],
+            ylim=spans[1 if a == 2 else 2],
+            aspect="equal",
+            ylabel="zy"[a == 1] + " (m)",
+        )
     above.set_xlabel("x (m)")
     for n, i in enumerate(_choose(s)):
         row = s[i]
@@ -126,8 +121,7 @@ def draw_histories(result: RunResult[BarTransport, None]) -> Figure | None:
         ("elbows (q8)", "deg", q[:, 2], wanted[:, 2]),
     ]
     for ax, (title, unit, y, plan) in zip(axes.flat, panels, strict=False):
-        ax.set_title(title)
-        ax.set_ylabel(unit)
+        ax.set(title=title, ylabel=unit)
         draw_line(ax, t, y, color=BLUE, label="flown")
         draw_line(ax, t, plan, **PLANNED, label="planned")
     for ax, j in ((axes[2, 0], 3), (axes[2, 1], 4)):
@@ -139,16 +133,14 @@ def draw_histories(result: RunResult[BarTransport, None]) -> Figure | None:
             middle = 0.5 * (low + high)
             ax.set_ylim(middle - 0.5 * LEAST_SPAN_DEG, middle + 0.5 * LEAST_SPAN_DEG)
     axes[0, 0].legend(loc="upper left")
-    axes[3, 0].set_title("Bar's middle from the plan, and swing")
-    axes[3, 0].set_ylabel("cm, deg")
+    axes[3, 0].set(title="Bar's middle from the plan, and swing", ylabel="cm, deg")
     tip = 100.0 * np.linalg.norm(compute_tip_errors(s), axis=1)
     draw_line(axes[3, 0], t, tip, color=GREEN, label="distance (cm)")
     draw_line(axes[3, 0], t, np.degrees(compute_swing(s)), color=ORANGE, label="swing (deg)")
     low, high = axes[3, 0].get_ylim()
     axes[3, 0].set_ylim(low, high + 0.25 * (high - low))
     axes[3, 0].legend(loc="upper left", ncols=2)
-    axes[3, 1].set_title("Clearance of robot and bar")
-    axes[3, 1].set_ylabel("m")
+    axes[3, 1].set(title="Clearance of robot and bar", ylabel="m")
     d = result.description
     draw_line(axes[3, 1], t, compute_clearances(s, Setup(d)), color=BLUE)
     limit = d.mission.requirements.get("transport.clearance_min_m")

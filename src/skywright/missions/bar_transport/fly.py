@@ -5,22 +5,15 @@ air: the robot is held where the plan begins, the bar in its closed grippers, an
 hovering at the goal: neither take-off and landing nor handing the bar over is part of it.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from skywright.missions.bar_transport.task import BarTransport
 from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
+from skywright.run.supervisor import Supervisor
 
 STEADY_S = 4.0  # s, of hovering before the bar is carried: wind and weight are felt out
 SETTLE_S = 3.0  # s, at the goal
 
 
-def fly(s: Supervisor[BarTransport]) -> Flight:
+def fly(s: Supervisor[BarTransport], way: None) -> Flight:
     """Take the plan's first pose, carry, settle."""
     table = s.segments["transport"]
     n = s.vehicle.n_joints

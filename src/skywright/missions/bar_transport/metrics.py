@@ -1,13 +1,11 @@
 """Metrics of a flight along a plan file: robot and carried bar against plan and surroundings."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.core.columns import has_columns
 from skywright.core.rotations import rot_from_quat
 from skywright.description.world.scenario import get_structures
@@ -16,9 +14,6 @@ from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
 from skywright.run.setup import Setup
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 MEASURES: Measures = {
     "transport.contacts": ("", "contacts of robot, hands or bar with anything while carrying"),
@@ -38,7 +33,7 @@ MEASURES: Measures = {
 CARRYING = ("transport", "plan", "settle")
 
 
-def compute_transport_metrics(run: Flown[Any, None]) -> dict[str, float]:
+def compute_metrics(run: Flown[Any, None]) -> dict[str, float]:
     """Judge the phases in which the plan is followed."""
     samples, robot = run.samples, run.setup.robot
     out = run.plan.metrics

@@ -5,11 +5,8 @@ air: the robot is held where the plan begins, the bar in its closed grippers, an
 hovering at the goal: neither take-off and landing nor handing the bar over is part of it.
 """
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING
 
 from skywright.description.loader import Description
 from skywright.description.robot.limbs import list_joints
@@ -29,9 +26,6 @@ from skywright.planning.motion.transport_plan import (
 )
 from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
 
 
 def plan(setup: Setup[BarTransport]) -> MissionPlan[None]:

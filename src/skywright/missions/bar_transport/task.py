@@ -1,7 +1,5 @@
 """What a mission of the kind "bar-transport" may say."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from skywright.core.spec import Coordinate, NonNegative, Positive

@@ -1,8 +1,6 @@
 """What a report shows of trials on the bench: a figure a trial, and the hands all along."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,20 +15,14 @@ from skywright.reports.figures.style import (
     GREEN,
     ORANGE,
     PURPLE,
-    WIDTH,
-    clip_phases,
     draw_limit,
     draw_line,
+    draw_panels,
     fit_y,
-    new_figure,
-    shade_phases,
-    stack_panels,
 )
 from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 SIDES = (("left", BLUE), ("right", ORANGE))
 
@@ -39,8 +31,7 @@ def _start(
     result: RunResult[BimanualBench, BenchPlan],
     first: str,
     last: str,
-    titles: tuple[str, str],
-    labels: tuple[str, str],
+    *panels: tuple[str, str],
 ) -> tuple[Figure, list[Any], Any] | None:
     """Two panels over the phases from `first` to `last`, and the samples within; None without."""
     names = [p.name for p in result.phases]
@@ -51,13 +42,7 @@ def _start(
     s = result.samples[(result.samples["t"] >= start) & (result.samples["t"] <= end)]
     if len(s) < 2:
         return None
-    figure = new_figure(WIDTH, 4.0)
-    strip, axes = stack_panels(figure, 2)
-    shade_phases(strip, axes, clip_phases(result.phases, float(s["t"][0]), float(s["t"][-1])))
-    for ax, title, label in zip(axes, titles, labels, strict=True):
-        ax.set_title(title)
-        ax.set_ylabel(label)
-    return figure, axes, s
+    return *draw_panels(4.0, result.phases, s["t"], *panels), s
 
 
 def _object(result: RunResult[BimanualBench, BenchPlan], name: str) -> int:
@@ -68,8 +53,8 @@ def draw_squeeze(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """Force of each hand on the box, and the box's height."""
     begun = _start(
         result, "squeeze", "lower",
-        ("Force with which each hand squeezes", "Height above where it stood"),
-        ("force (N)", "height (mm)"),
+        ("Force with which each hand squeezes", "force (N)"),
+        ("Height above where it stood", "height (mm)"),
     )  # fmt: skip
     if begun is None:
         return None
@@ -97,8 +82,8 @@ def draw_unplug(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """Hands' and plug's way since the grasp, the threshold of (33), and the forward force."""
     begun = _start(
         result, "pull", "unplugged",
-        ("Way since the grasp", "Force of both hands together, backward"),
-        ("distance (mm)", "force (N)"),
+        ("Way since the grasp", "distance (mm)"),
+        ("Force of both hands together, backward", "force (N)"),
     )  # fmt: skip
     if begun is None:
         return None
@@ -127,8 +112,8 @@ def draw_bar(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """Errors of the bar's centre and direction."""
     begun = _start(
         result, "lift bar", "lower bar",
-        ("Distance of the bar's centre from its pose, (29)", "Angle of the bar to its pose, (30)"),
-        ("distance (mm)", "angle (deg)"),
+        ("Distance of the bar's centre from its pose, (29)", "distance (mm)"),
+        ("Angle of the bar to its pose, (30)", "angle (deg)"),
     )  # fmt: skip
     found = compute_bar_errors(result.samples, result.phases, result.description)
     if begun is None or found is None:
@@ -150,7 +135,7 @@ def draw_bar(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
 def draw_drift(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """The base's drift, true and as the arms felt it."""
     begun = _start(
-        result, "drift", "drift", ("Drift forward", "Drift upward"), ("way (mm)", "way (mm)")
+        result, "drift", "drift", ("Drift forward", "way (mm)"), ("Drift upward", "way (mm)")
     )
     found = compute_drift(result.samples, result.phases, result.description)
     if begun is None or found is None:
@@ -171,18 +156,16 @@ def draw_hands(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     if len(s) < 2:
         return None
     t = s["t"]
-    figure = new_figure(WIDTH, 4.4)
-    strip, axes = stack_panels(figure, 2)
-    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
-    axes[0].set_title("Force of each hand on what it touches")
-    axes[0].set_ylabel("force (N)")
+    figure, axes = draw_panels(
+        4.4, result.phases, t,
+        ("Force of each hand on what it touches", "force (N)"),
+        ("Springs of the left arm", "deflection (deg)"),
+    )  # fmt: skip
     for side, color in SIDES:
         force = np.linalg.norm(s[f"{side}_f_W"], axis=1)
         draw_line(axes[0], t, force, color=color, label=side)
     axes[0].set_ylim(0.0, 8.0)
     axes[0].legend(loc="upper left", ncols=2)
-    axes[1].set_title("Springs of the left arm")
-    axes[1].set_ylabel("deflection (deg)")
     for j, (name, color) in enumerate(
         zip(("pitch", "roll", "yaw", "elbow"), (BLUE, GREEN, ORANGE, PURPLE), strict=True)
     ):

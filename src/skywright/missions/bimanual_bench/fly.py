@@ -5,30 +5,21 @@ release; lead a bar held by both hands; use the arms as a sensor of the base's d
 is clamped; between the stations the bench carries it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.things import find_first, locate_thing
+from skywright.missions.bimanual_bench.plan import BenchPlan
 from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.models.bimanual import is_unplugged
 from skywright.models.things.bench import Bench
 from skywright.models.things.box import Box
 from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, Hands
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
-from skywright.missions.bimanual_bench.plan import BenchPlan
-
-Array = NDArray[np.float64]
 
 STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
 """m, y of each station in the world `bench`."""

@@ -1,13 +1,11 @@
 """Metrics of the kind "bimanual-bench": what two hands did to box, plug, bar and post."""
 
-from __future__ import annotations
-
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Mask, Samples
 from skywright.description.loader import Description
 from skywright.description.world.things import find_first, list_movers, locate_thing
 from skywright.missions.bimanual_bench.plan import BenchPlan
@@ -17,9 +15,6 @@ from skywright.models.things.bench import Bench
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 MEASURES: Measures = {
     "bench.box_lift_m": ("m", "least height of the held box above where it stood"),
@@ -39,7 +34,7 @@ FREE = 0.005  # m, a plug that has moved so far is out
 LAST_S = 1.0  # s at the end of a phase over which a pose is judged
 
 
-def compute_bench_metrics(run: Flown[BimanualBench, BenchPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[BimanualBench, BenchPlan]) -> dict[str, float]:
     """Judge the trials that were made."""
     samples, phases, description = run.samples, run.phases, run.setup.description
     names, task = list_movers(description.world.things), run.task
@@ -72,7 +67,7 @@ def _judge_box(
     }
 
 
-def _compute_slip(s: Samples, held: NDArray[np.bool_], i: int) -> float:
+def _compute_slip(s: Samples, held: Mask, i: int) -> float:
     """How far (mm) thing i moved from the middle of both hands since the first of these samples."""
     away = s[f"object{i}_p_WO"][held] - 0.5 * (s["left_p_WH"] + s["right_p_WH"])[held]
     return 1e3 * float(np.max(np.linalg.norm(away - away[0], axis=1)))

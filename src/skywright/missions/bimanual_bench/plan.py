@@ -5,14 +5,10 @@ release; lead a bar held by both hands; use the arms as a sensor of the base's d
 is clamped; between the stations the bench carries it.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from skywright.core.arrays import Array
 from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
@@ -25,10 +21,6 @@ from skywright.models.things.box import Box
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-if TYPE_CHECKING:
-    pass
-
-Array = NDArray[np.float64]
 TRIAL_S = 37.0  # s, about, of one trial
 
 

@@ -1,8 +1,6 @@
 """What a report shows of contact inspection: the flight, the forces, where the feet stood."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -26,9 +24,7 @@ from skywright.reports.figures.style import (
     new_figure,
 )
 from skywright.run.kind import Chart, Figures
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 SHADE = "#eef3f8"
 
@@ -50,8 +46,7 @@ def draw_approach(result: RunResult[BridgeContact, ContactPlan]) -> Figure | Non
     axes = figure.subplots(4, 1, sharex=True)
     figure.subplots_adjust(left=0.075, right=0.985, top=0.955, bottom=0.085, hspace=0.45)
     for i, name in enumerate("xyz"):
-        axes[i].set_title(f"Position {name} of the platform")
-        axes[i].set_ylabel(f"{name} (m)")
+        axes[i].set(title=f"Position {name} of the platform", ylabel=f"{name} (m)")
         draw_line(axes[i], s["t"], s["p_WB"][:, i], color=BLUE, label="flown")
         draw_line(axes[i], s["t"], s["ref_p_WB"][:, i], color=BLACK, ls="--", label="reference")
         if np.ptp(s["p_WB"][:, i]) < 0.2:
@@ -59,8 +54,7 @@ def draw_approach(result: RunResult[BridgeContact, ContactPlan]) -> Figure | Non
     axes[0].legend(loc="lower right", ncols=2)
     q = s["q_WB"]
     up = 1.0 - 2.0 * (q[:, 1] ** 2 + q[:, 2] ** 2)
-    axes[3].set_title("Tilt from level")
-    axes[3].set_ylabel("tilt (deg)")
+    axes[3].set(title="Tilt from level", ylabel="tilt (deg)")
     draw_line(axes[3], s["t"], np.degrees(np.arccos(np.clip(up, -1.0, 1.0))), color=GREEN)
     axes[3].set_xlabel("time (s)")
     for ax in axes:
@@ -80,20 +74,19 @@ def draw_force(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
     figure.subplots_adjust(left=0.075, right=0.985, top=0.95, bottom=0.1, hspace=0.4)
     t0, t1 = float(s["t"][on][0]) - 2.0, float(s["t"][on][-1]) + 2.0
     part = s[(s["t"] >= t0) & (s["t"] <= t1)]
-    axes[0].set_title("Force of the tip on the structure")
-    axes[0].set_ylabel("force (N)")
+    axes[0].set(title="Force of the tip on the structure", ylabel="force (N)")
     asked = np.where(part["pressing"] > 0.5, part["ref_force"], np.nan)
     draw_line(axes[0], part["t"], compute_press(part), color=BLUE, label="true")
     draw_line(axes[0], part["t"], part["force_meas"], color=ORANGE, lw=0.7, label="measured")
     draw_line(axes[0], part["t"], asked, color=BLACK, ls="--", label="asked for")
     axes[0].legend(loc="upper right", ncols=3)
     if docks:
-        axes[1].set_title("Load of the docking feet on the deck, all together")
-        axes[1].set_ylabel("force (N)")
+        axes[1].set(title="Load of the docking feet on the deck, all together", ylabel="force (N)")
         load = np.linalg.norm(part["f_docking_W"], axis=1)
         draw_line(axes[1], part["t"], load, color=GREEN)
-    axes[-1].set_title("Platform, from where it was when a force was first held")
-    axes[-1].set_ylabel("distance (mm)")
+    axes[-1].set(
+        title="Platform, from where it was when a force was first held", ylabel="distance (mm)"
+    )
     for start, color, label in (("hold ", BLUE, "docked"), ("free hold ", ORANGE, "in flight")):
         held = select_phases(part, result.phases, start)
         if np.any(held):
@@ -150,8 +143,7 @@ def draw_measurements(result: RunResult[BridgeContact, ContactPlan]) -> Figure |
             f"required rms {limit.limit:g} N", (0.005, limit.limit), xytext=(2, 2),
             xycoords=("axes fraction", "data"), textcoords="offset points", color=GREY,
         )  # fmt: skip
-    ax.set_xlabel("force asked for (N)")
-    ax.set_ylabel("error (N)")
+    ax.set(xlabel="force asked for (N)", ylabel="error (N)")
     ax.legend(loc="upper left", bbox_to_anchor=(0.2, 1.0), ncols=2)
     return figure
 

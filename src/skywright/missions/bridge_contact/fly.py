@@ -6,13 +6,11 @@ weight, press and a light load of the feet (models/docked_balance.py), the integ
 rubber feet hold against what is left.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.missions.bridge_contact.plan import ContactPlan, Station
 from skywright.missions.bridge_contact.sliding import (
     find_way,
 )
@@ -22,14 +20,8 @@ from skywright.models.contact_stance import (
     ContactStance,
 )
 from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
 
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
-from skywright.missions.bridge_contact.plan import ContactPlan, Station
-
-Array = NDArray[np.float64]
 SEAT_S, UNSEAT_S = 2.0, 1.5  # s, in which the feet are loaded and relieved
 SEATED_M = 0.03  # m, of the feet to the deck, as estimated
 

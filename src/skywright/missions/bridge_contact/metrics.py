@@ -3,22 +3,17 @@
 The force is the true one of the tip on the structure along the probe, against the reference.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Mask, Samples
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.models.drawing import rotate_vectors
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 MEASURES: Measures = {
     "dock.touch_speed_mps": ("m/s", "fastest of the docking feet towards the deck as they touch"),
@@ -43,7 +38,7 @@ TOUCHING = 0.05  # N on the docking feet that counts as contact
 BEFORE_S = 0.05
 
 
-def select_phases(samples: Samples, phases: list[PhaseRecord], start: str) -> NDArray[np.bool_]:
+def select_phases(samples: Samples, phases: list[PhaseRecord], start: str) -> Mask:
     """Mask (n,) of samples in phases whose name begins with `start`."""
     wanted = [i for i, p in enumerate(phases) if p.name.startswith(start)]
     return np.isin(samples["phase"], wanted)
@@ -55,7 +50,7 @@ def compute_press(samples: Samples) -> Array:
     return np.asarray(-np.sum(samples["f_contact"] * axis, axis=1))
 
 
-def compute_contact_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     samples, phases, way = run.samples, run.phases, run.way
     out: dict[str, float] = {}

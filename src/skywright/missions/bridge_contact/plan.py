@@ -6,15 +6,13 @@ weight, press and a light load of the feet (models/docked_balance.py), the integ
 rubber feet hold against what is left.
 """
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import exp_so3, log_so3, rot_z
 from skywright.description.loader import Description
 from skywright.description.world.structure import Structure, build_surface, locate_point
@@ -42,11 +40,6 @@ from skywright.models.hover_tilt import compute_hover_tilt
 from skywright.models.rigid_body import compute_tip, posture
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
-
-Array = NDArray[np.float64]
 
 TILT_FRACTION = 0.85  # of the computed hover tilt, that a flying robot is asked for
 READY_GAP = 0.04  # m, of the tip below the feet while docking

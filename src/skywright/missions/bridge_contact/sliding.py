@@ -12,18 +12,14 @@ of what it is without friction at mu = 0.6 and negative from mu = 0.75: pushed a
 and jumps, as a piece of chalk does (Painleve). So the robot slides across its arm's plane there.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.description.world.structure import Structure, build_surface
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.models.contact_stance import ContactStance, compute_flying_press
-
-Array = NDArray[np.float64]
 
 WOBBLE = {"mocap": 0.2e-3, "total-station": 1.0e-3}
 """m rms, by which a platform that presses in flight moves faster than the force loop can follow:

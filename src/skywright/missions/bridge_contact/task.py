@@ -1,7 +1,5 @@
 """What a mission of the kind "bridge-contact" may say."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import AfterValidator, Field

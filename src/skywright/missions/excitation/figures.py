@@ -1,15 +1,9 @@
 """What a report shows of an excitation flight: nothing that other flights lack."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from skywright.missions.excitation.task import ExcitationTask
 from skywright.reports.explain import format_value
 from skywright.run.kind import Figures
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 
 def describe(result: RunResult[ExcitationTask, None]) -> str:

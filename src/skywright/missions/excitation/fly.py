@@ -1,17 +1,11 @@
 """An excitation flight: motions from which `skywright identify` learns a robot's parameters."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from skywright.missions.excitation.task import ExcitationTask
 from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
+from skywright.run.supervisor import Supervisor
 
 
-def fly(s: Supervisor[ExcitationTask]) -> Flight:
+def fly(s: Supervisor[ExcitationTask], way: None) -> Flight:
     for name, table in s.segments.items():
         s.follow(name, table)
         s.begin(f"rest after {name}")

@@ -1,14 +1,13 @@
 """An excitation flight: motions from which `skywright identify` learns a robot's parameters."""
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.core.types import REFERENCE
 from skywright.description.loader import Description
@@ -27,10 +26,6 @@ from skywright.planning.excitation import (
 )
 from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
-
 
 ARM_SPEED = 0.8  # rad/s, between poses
 CLEAR = 0.05  # m, from anything in the world
@@ -87,7 +82,7 @@ def plan(setup: Setup[ExcitationTask]) -> MissionPlan[None]:
     return MissionPlan(True, None, spent, duration, clearance, margin, segments)
 
 
-def _rest(d: Description, hover: NDArray[np.float64]) -> Any:
+def _rest(d: Description, hover: Array) -> Any:
     """Return the REFERENCE row of hovering with the arm folded."""
     row = np.zeros(1, REFERENCE)[0]
     q = posture(d.robot, "folded")

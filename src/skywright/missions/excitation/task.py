@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
@@ -13,10 +13,6 @@ from skywright.planning.excitation import (
     Excitation,
     count_lines,
 )
-
-if TYPE_CHECKING:
-    pass
-
 
 LINES = 3  # fewest sines that a channel needs
 

@@ -1,9 +1,5 @@
 """What a report shows of the three flight modes (Fig. 20 of Sanchez-Cuevas 2020)."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -11,9 +7,7 @@ from skywright.missions.flight_modes.plan import ModesPlan
 from skywright.missions.flight_modes.task import ModesTask
 from skywright.reports.figures.style import BLACK, BLUE, ORANGE, WIDTH, draw_line, new_figure
 from skywright.run.kind import Chart, Figures
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 MODES = {
     "standard stabilisation": "#e7f3e7",
@@ -33,15 +27,13 @@ def draw_modes(result: RunResult[ModesTask, ModesPlan]) -> Figure | None:
     axes = figure.subplots(4, 1, sharex=True)
     figure.subplots_adjust(left=0.075, right=0.985, top=0.955, bottom=0.085, hspace=0.45)
     for ax, k, name in ((axes[0], 0, "Roll"), (axes[1], 1, "Pitch")):
-        ax.set_title(name)
-        ax.set_ylabel("angle (deg)")
+        ax.set(title=name, ylabel="angle (deg)")
         draw_line(ax, s["t"], _compute_angle(s["q_WB"], k), color=BLUE, label="flown")
         draw_line(
             ax, s["t"], _compute_angle(s["ref_q_WB"], k), color=BLACK, ls="--", label="reference"
         )
     for ax, i, name in ((axes[2], 0, "x"), (axes[3], 1, "y")):
-        ax.set_title(f"Position {name}")
-        ax.set_ylabel(f"{name} (m)")
+        ax.set(title=f"Position {name}", ylabel=f"{name} (m)")
         draw_line(ax, s["t"], s["p_WB"][:, i], color=ORANGE)
         draw_line(ax, s["t"], s["ref_p_WB"][:, i], color=BLACK, ls="--")
     axes[0].legend(loc="upper left", ncols=2)

@@ -5,27 +5,18 @@ Command position translates with the attitude held level, command angle tilts wi
 held. The last two are one law with different references.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import exp_so3
 from skywright.core.types import MODE_POSE, MODE_STANDARD
+from skywright.missions.flight_modes.plan import ModesPlan
 from skywright.missions.flight_modes.task import ModesTask
 from skywright.missions.skills.moves import build_move, set_rest
 from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
-from skywright.missions.flight_modes.plan import ModesPlan
-
-Array = NDArray[np.float64]
+from skywright.run.supervisor import Supervisor
 
 
 def fly(s: Supervisor[ModesTask], way: ModesPlan) -> Flight:

@@ -1,22 +1,16 @@
 """Metrics of the kind "flight-modes": what each mode holds, and what it lets go."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.missions.flight_modes.plan import ModesPlan
 from skywright.missions.flight_modes.task import ModesTask
 from skywright.models.drawing import rotate_vectors
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 MEASURES: Measures = {
     "modes.tilt_deg": ("deg", "least tilt reached and held while the position is held"),
@@ -36,7 +30,7 @@ def compute_tilt(samples: Samples) -> Array:
     return np.asarray(np.arccos(np.clip(up, -1.0, 1.0)))
 
 
-def compute_modes_metrics(run: Flown[ModesTask, ModesPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[ModesTask, ModesPlan]) -> dict[str, float]:
     """Judge each mode that was flown."""
     samples, phases, way = run.samples, run.phases, run.way
     out = {"modes.tilt_fraction": way.due / way.limit}

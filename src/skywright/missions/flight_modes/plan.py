@@ -5,14 +5,9 @@ Command position translates with the attitude held level, command angle tilts wi
 held. The last two are one law with different references.
 """
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from skywright.core.find import find
 from skywright.core.rotations import rot_z
@@ -23,11 +18,6 @@ from skywright.models.hover_tilt import compute_hover_tilt
 from skywright.models.rigid_body import posture
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
-
-Array = NDArray[np.float64]
 
 CALM_FRACTION, WINDY_FRACTION = 0.85, 0.7
 """Of the computed hover tilt that must be held; the rest is for gusts and errors of the model."""

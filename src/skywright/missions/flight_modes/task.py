@@ -1,16 +1,9 @@
 """What a mission of the kind "flight-modes" may say."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from pydantic import Field
 
 from skywright.core.spec import Positive
 from skywright.description.mission.spec import Task
-
-if TYPE_CHECKING:
-    pass
 
 
 class ModesTask(Task):

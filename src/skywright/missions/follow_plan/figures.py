@@ -1,15 +1,9 @@
 """What a report shows of a flight along a plan file: nothing that other flights lack."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from skywright.missions.follow_plan.task import FollowPlan
 from skywright.reports.explain import format_value
 from skywright.run.kind import Figures
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 
 def describe(result: RunResult[FollowPlan, None]) -> str:

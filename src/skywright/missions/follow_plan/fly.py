@@ -1,21 +1,14 @@
 """Fly a plan file of platform and joints through the vehicle layer, whoever planned it."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from skywright.missions.follow_plan.task import FollowPlan
 from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
+from skywright.run.supervisor import Supervisor
 
 STEADY_S = 3.0  # s, of hovering before the plan
 SETTLE_S = 2.0  # s, at its end
 
 
-def fly(s: Supervisor[FollowPlan]) -> Flight:
+def fly(s: Supervisor[FollowPlan], way: None) -> Flight:
     """Take the plan's first pose, follow it, settle. The flight ends hovering there."""
     table = s.segments["plan"]
     n = s.vehicle.n_joints

@@ -1,9 +1,6 @@
 """Fly a plan file of platform and joints through the vehicle layer, whoever planned it."""
 
-from __future__ import annotations
-
 import time
-from typing import TYPE_CHECKING
 
 from skywright.errors import InputError
 from skywright.missions.follow_plan.task import FollowPlan
@@ -11,9 +8,6 @@ from skywright.missions.skills.plan_flight import find_closest, load_checked_pla
 from skywright.missions.skills.plan_table import build_plan_table
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
 
 
 def plan(setup: Setup[FollowPlan]) -> MissionPlan[None]:

@@ -1,7 +1,5 @@
 """What a mission of the kind "follow-plan" may say."""
 
-from __future__ import annotations
-
 from skywright.description.mission.spec import Task
 
 

@@ -1,8 +1,6 @@
 """What a report shows of a collision: force on the pad, load on the platform, recoil."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,9 +23,7 @@ from skywright.reports.figures.style import (
 )
 from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 BEFORE_S = 0.1
 
@@ -46,14 +42,14 @@ def draw_impact(result: RunResult[Impact, ImpactPlan]) -> Figure | None:
     figure = new_figure(WIDTH, 6.2)
     axes = figure.subplots(4, 1, sharex=True)
     figure.subplots_adjust(left=0.075, right=0.985, top=0.955, bottom=0.08, hspace=0.5)
-    axes[0].set_title("Force on the pad, largest in each 10 ms")
-    axes[0].set_ylabel("force (N)")
+    axes[0].set(title="Force on the pad, largest in each 10 ms", ylabel="force (N)")
     draw_line(axes[0], t, s["pad_f_peak"], color=BLUE)
-    axes[1].set_title("Force of arms or passive link on the platform, beyond that in flight")
-    axes[1].set_ylabel("force (N)")
+    axes[1].set(
+        title="Force of arms or passive link on the platform, beyond that in flight",
+        ylabel="force (N)",
+    )
     draw_line(axes[1], t, s["load_f_peak"], color=BLUE)
-    axes[2].set_title("Torque about the platform's centre")
-    axes[2].set_ylabel("torque (N m)")
+    axes[2].set(title="Torque about the platform's centre", ylabel="torque (N m)")
     draw_line(axes[2], t, s["load_t_peak"], color=BLUE, label="largest in each 10 ms")
     draw_line(axes[2], t, s["load_t_B"][:, 1], color=ORANGE, lw=0.8, label="about pitch")
     limit = result.description.mission.requirements.get("impact.peak_torque_nm")
@@ -63,8 +59,7 @@ def draw_impact(result: RunResult[Impact, ImpactPlan]) -> Figure | None:
             axes[2], 0.0, float(np.max(s["load_t_peak"])), float(np.min(s["load_t_B"])), limit.limit
         )
     axes[2].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)
-    axes[3].set_title("Recoil")
-    axes[3].set_ylabel("angle (deg)")
+    axes[3].set(title="Recoil", ylabel="angle (deg)")
     _draw_recoil(axes[3], t, s, before, result)
     axes[3].set_xlabel("time since the contact (s)")
     axes[3].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4)

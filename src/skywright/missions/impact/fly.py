@@ -7,20 +7,9 @@ then the robot's own at that speed, no projectile's mass has to be invented, and
 takes part as it would.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from skywright.missions.impact.task import Impact
-from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
+from skywright.core.arrays import Table
 from skywright.missions.impact.plan import (
     CRUISE_S,
     RECOIL_S,
@@ -29,9 +18,10 @@ from skywright.missions.impact.plan import (
     SPEED_UP_S,
     ImpactPlan,
 )
+from skywright.missions.impact.task import Impact
+from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
 
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 ZERO_S = 0.2  # before the planned contact: the gauges are set to zero
 
 

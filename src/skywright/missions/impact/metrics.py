@@ -1,13 +1,12 @@
 """Metrics of the kind "impact": loads on the platform, recoil, and what the pad received."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Mask
 from skywright.core.columns import has_columns
 from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
 from skywright.missions.impact.task import Impact
@@ -15,8 +14,6 @@ from skywright.models.drawing import rotate_vectors
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
 
 MEASURES: Measures = {
     "impact.speed_mps": ("m/s", "speed of what touches, just before it does"),
@@ -45,7 +42,7 @@ OPEN_S = 0.05  # s without a force after which a contact counts as over
 BEFORE_S = 0.05  # s over which the speed before the contact is taken
 
 
-def compute_impact_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
     """Judge the collision; without one there is nothing to tell."""
     samples, phases, task, way = run.samples, run.phases, run.task, run.way
     near = in_phases(samples, phases, "impact", "retreat")
@@ -97,7 +94,7 @@ def compute_turn(samples: NDArray[Any], before: Any) -> Array:
     return np.asarray((turned + math.pi) % (2.0 * math.pi) - math.pi)
 
 
-def find_contact(samples: NDArray[Any], near: NDArray[np.bool_]) -> int | None:
+def find_contact(samples: NDArray[Any], near: Mask) -> int | None:
     """Return the index of the first sample with contact, or None."""
     felt = np.flatnonzero(near & (samples["pad_f_peak"] > FELT))
     return int(felt[0]) if len(felt) else None

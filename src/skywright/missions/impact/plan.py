@@ -7,15 +7,13 @@ then the robot's own at that speed, no projectile's mass has to be invented, and
 takes part as it would.
 """
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
@@ -30,12 +28,6 @@ from skywright.models.things.pad import Pad
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
-
-if TYPE_CHECKING:
-    pass
-
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 
 SPEED_UP_S = 4.0  # about two periods of the passive link, which it hardly sets swinging
 CRUISE_S = 3.0  # at constant speed before the contact

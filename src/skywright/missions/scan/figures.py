@@ -1,15 +1,12 @@
 """What the inspection found: weld map, instrument display, contact quality."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.loader import Description
 from skywright.description.robot.spec import Robot
@@ -32,11 +29,8 @@ from skywright.reports.weld_map import draw_impedance_plane, draw_weld_map, draw
 from skywright.run.flight import Flown
 from skywright.run.kind import Chart, Figures, Sketch
 from skywright.run.metrics import in_phases
+from skywright.run.run import RunResult
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
 
 CELL = 0.008  # m, of the contact map
 
@@ -84,9 +78,11 @@ def draw_instrument(result: RunResult[Scan, ScanWay]) -> Figure | None:
     figure = new_figure(WIDTH, 6.8)
     left = figure.add_axes((0.075, 0.46, 0.43, 0.49))
     draw_impedance_plane(left, ec, shown)
-    left.set_title("Instrument display (impedance plane)")
-    left.set_xlabel("real part (instrument units)")
-    left.set_ylabel("imaginary part (instrument units)")
+    left.set(
+        title="Instrument display (impedance plane)",
+        xlabel="real part (instrument units)",
+        ylabel="imaginary part (instrument units)",
+    )
     right = figure.add_axes((0.58, 0.46, 0.40, 0.49))
     draw_impedance_plane(right, ec, shown, zoom=True)
     right.set_title("The same near contact; dashed: lift-off threshold")
@@ -131,8 +127,7 @@ def draw_contact_quality(result: RunResult[Scan, ScanWay]) -> Figure | None:
         ax.plot(1e3 * s_plan, 1e3 * c_plan, color="#999999", lw=0.5, ls=":")
         ax.grid(False)
         ax.set_aspect("equal", adjustable="datalim")
-        ax.set_title(title)
-        ax.set_xlabel("s, along the axis (mm)")
+        ax.set(title=title, xlabel="s, along the axis (mm)")
         if i == 0:
             ax.set_ylabel("c, around the pipe (mm)")
         scale = figure.add_axes((0.07 + 0.325 * i, 0.105, 0.265, 0.03))
@@ -178,7 +173,7 @@ def describe(result: RunResult[Scan, ScanWay]) -> str:
     )
 
 
-def scan_path(scan: Scan, pipe: Pipe) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def scan_path(scan: Scan, pipe: Pipe) -> tuple[Array, Array]:
     """The scan's path as (s, phi), n points; empty where the pattern does not fit on the pipe."""
     centre = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
     corners = build_pattern(
@@ -192,7 +187,7 @@ def scan_path(scan: Scan, pipe: Pipe) -> tuple[NDArray[np.float64], NDArray[np.f
     return np.interp(u, index, corners[:, 0]), np.interp(u, index, corners[:, 1])
 
 
-def place_at_work(robot: Robot, pipe: Pipe, scan: Scan) -> tuple[NDArray[np.float64], float] | None:
+def place_at_work(robot: Robot, pipe: Pipe, scan: Scan) -> tuple[Array, float] | None:
     """Position and heading of the level platform with the probe square on the scan's middle.
 
     None where a level platform in working posture cannot point the probe there (top, underside).

@@ -1,26 +1,18 @@
 """A scan: touch the pipe with the probe, slide along a pattern, and come back (Tognon 2018)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Table
 from skywright.missions.scan.plan import ScanWay, SurveyWay, plan_found
 from skywright.missions.scan.surveyed import fit_touches
 from skywright.missions.scan.task import Scan
 from skywright.missions.skills.survey import survey_surface
 from skywright.missions.skills.tables import build_retreat, cut_table, lift_table, reverse_table
 from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.guard import CONTACT_LOST
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
-Table = NDArray[Any]
 
 TRIM_ERROR = 0.003  # m, tip error at which the free-flight integral is called settled
 TRIM_TIMES = (2.0, 12.0)  # s, least and most time for it

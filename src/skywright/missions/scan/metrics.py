@@ -4,14 +4,12 @@ Truth is used to judge (gap, tilt, tip error, weld position); what the inspectio
 (instrument and motion capture) is the same data that a real flight would record.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.description.world.surface import Cylinder, roll_points, unroll_points
 from skywright.inspection.calibration import Calibration, build_calibration
 from skywright.inspection.contact_quality import compute_coverage
@@ -24,9 +22,6 @@ from skywright.missions.skills.survey import PHASE, read_touches
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE, in_phases, quat_angle
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 LIFT_OFF_THRESHOLD = 15.0  # instrument units, Tognon 2018 section VII
 WELD_THRESHOLD = 1.4
@@ -91,7 +86,7 @@ MEASURES: Measures = {
 """Metric -> unit and meaning, of those that only this kind has."""
 
 
-def compute_scan_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
+def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     """Contact, tracking, weld and coverage of a scan."""
     samples, phases, description = run.samples, run.phases, run.setup.description
     out: dict[str, float] = {}

@@ -1,14 +1,12 @@
 """A scan: touch the pipe with the probe, slide along a pattern, and come back (Tognon 2018)."""
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.description.world.surface import Cylinder, surface_frame
 from skywright.errors import InputError
@@ -24,8 +22,6 @@ from skywright.planning.via_points import ScanTask
 from skywright.run.limits import find_exceeded_push
 from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
-
-Array = NDArray[np.float64]
 
 PRESS = 2.0
 """Times the depth that makes FELT_N: how far beyond the farthest surface a touch goes."""
@@ -93,7 +89,7 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
     mass, _, _ = compute_body(model, posture(robot, "working"))
     stiffness = mass * robot.control.position_bandwidth_rad_s**2
     if scan.depth_m is None:
-        force = robot.probe.force_n
+        force = robot.probe.force_n if scan.force_n is None else scan.force_n
         depth = compute_depth(mass, robot.control.position_bandwidth_rad_s, force)
     else:
         depth, force = scan.depth_m, scan.depth_m * stiffness
@@ -134,7 +130,7 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
         tuple(joint_names(robot)), d.mission.planner_time_s, survey, begin,
     )  # fmt: skip
     spent = time.perf_counter() - began
-    blocked = found.blocked_by or find_exceeded_push(setup, force)
+    blocked = found.blocked_by or find_exceeded_push(setup, force, found.segments["scan"])
     return MissionPlan(
         blocked is None, blocked, spent, found.duration_s, found.min_clearance_m,
         found.min_rotor_margin, found.segments, ScanWay(depth, force, found.path_sphi, way),

@@ -4,15 +4,13 @@ All places are as the robot measures its tip: the markers' calibration error shi
 scan alike and does not disturb the work. It counts where the pipe's place in W is told.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.spec import Pipe, Weld, World
 from skywright.description.world.surface import (
     Cylinder,
@@ -31,8 +29,6 @@ from skywright.inspection.touches import (
 from skywright.missions.scan.task import Scan
 from skywright.missions.skills.survey import Touch
 from skywright.run.setup import Setup
-
-Array = NDArray[np.float64]
 
 TOUCH_STD = 0.5e-3
 """m, of a touch beside the localisation's noise: the surface's roughness, the tip's last motion."""

@@ -1,10 +1,8 @@
 """What a mission of the kind "scan" may say."""
 
-from __future__ import annotations
+from typing import Literal, Self
 
-from typing import Literal
-
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from skywright.core.spec import Positive
 from skywright.description.mission.spec import Task
@@ -21,7 +19,14 @@ class Scan(Task):
     pass_length_m: float = Field(default=0.2, ge=1e-3, le=100.0)
     centre_s_m: float = 0.0
     speed_mps: float = Field(default=0.01, ge=1e-4, le=1.0)
-    depth_m: Positive | None = None  # of the desired tip inside the surface; default from force_n
+    force_n: Positive | None = None  # of the probe on the pipe; default robot.probe.force_n
+    depth_m: Positive | None = None  # of the desired tip inside the surface, in place of a force
     stand_off_m: Positive = 0.05  # tip distance before touching
     survey: bool = False  # touch the pipe at six places first, and plan again with what they tell
     retries: int = Field(default=2, ge=0, le=10)
+
+    @model_validator(mode="after")
+    def _is_one_push(self) -> Self:
+        if self.force_n is not None and self.depth_m is not None:
+            raise ValueError("force_n and depth_m both say how hard the probe is pressed on: one")
+        return self

@@ -1,9 +1,5 @@
 """What a report shows of the installation of a sensor: force, hand, platform and swing."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -16,20 +12,14 @@ from skywright.reports.figures.style import (
     GREEN,
     ORANGE,
     PURPLE,
-    WIDTH,
-    clip_phases,
     draw_limit,
     draw_line,
+    draw_panels,
     fit_y,
-    new_figure,
-    shade_phases,
-    stack_panels,
 )
 from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 FORCE_PHASES = ("approach", "touch", "press", "leave singularity", "force", "retract")
 
@@ -41,38 +31,33 @@ def draw_force(result: RunResult[SensorInstall, InstallPlan]) -> Figure | None:
     if not np.any(used):
         return None
     way, task = result.plan.get_way(), result.description.mission.task
-    t0, t1 = float(s["t"][used][0]), float(s["t"][used][-1])
-    s = s[(s["t"] >= t0) & (s["t"] <= t1)]
+    s = s[(s["t"] >= s["t"][used][0]) & (s["t"] <= s["t"][used][-1])]
     t = s["t"]
-    figure = new_figure(WIDTH, 6.6)
-    strip, axes = stack_panels(figure, 4)
-    shade_phases(strip, axes, clip_phases(result.phases, t0, t1))
+    hangs = result.description.robot.pendulum is not None
+    figure, axes = draw_panels(
+        6.6, result.phases, t,
+        ("Force of the left hand on the pipe", "force (N)"),
+        ("Springs of the left arm: shaft minus output link", "deflection (deg)"),
+        ("Distances from the reference", "distance (mm)"),
+        ("Passive link" if hangs else "Elbow of the left arm", "angle (deg)"),
+    )  # fmt: skip
     true = s["left_f_W"] @ way.normal
-    axes[0].set_title("Force of the left hand on the pipe")
-    axes[0].set_ylabel("force (N)")
     draw_line(axes[0], t, s["left_est_f_W"] @ way.normal, color=ORANGE, lw=0.8, label="estimated")
     draw_line(axes[0], t, true, color=BLUE, label="true")
     draw_line(axes[0], t, s["left_ref_f_W"] @ way.normal, color=GREEN, ls=":", label="desired")
     axes[0].legend(loc="upper left", ncols=3)
     fit_y(axes[0], float(np.max(true)), float(np.min(true)), 1.2 * task.force_n)
-    axes[1].set_title("Springs of the left arm: shaft minus output link")
-    axes[1].set_ylabel("deflection (deg)")
     names = joint_names(result.description.robot)
-    first = 1 if result.description.robot.pendulum is not None else 0
-    for j, color in ((first, BLUE), (first + 3, PURPLE)):
+    for j, color in ((hangs, BLUE), (hangs + 3, PURPLE)):
         label = names[j].replace("left_", "").replace("_", " ")
         draw_line(axes[1], t, np.degrees(s["deflection"][:, j]), color=color, label=label)
     draw_limit(axes[1], -10.0, "end of the linear range, 10 deg", below=True)
     draw_limit(axes[1], 10.0, "end of the linear range, 10 deg")
     axes[1].legend(loc="upper left", ncols=2)
-    axes[2].set_title("Distances from the reference")
-    axes[2].set_ylabel("distance (mm)")
     platform = 1e3 * np.linalg.norm(s["p_WB"] - s["ref_p_WB"], axis=1)
     draw_line(axes[2], t, platform, color=BLACK, label="platform")
     axes[2].legend(loc="upper left")
-    axes[3].set_title("Passive link" if first else "Elbow of the left arm")
-    axes[3].set_ylabel("angle (deg)")
-    draw_line(axes[3], t, np.degrees(s["q"][:, 0 if first else 3]), color=BLUE)
+    draw_line(axes[3], t, np.degrees(s["q"][:, 0 if hangs else 3]), color=BLUE)
     return figure
 
 

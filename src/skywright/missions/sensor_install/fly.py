@@ -5,16 +5,14 @@ contact, force, retract, return, land; before the approach two checks of the rob
 the hand keeps a point in space, and how fast a swing of the passive link decays.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE, TASK_POSITION
+from skywright.missions.sensor_install.plan import InstallPlan
 from skywright.missions.sensor_install.task import SensorInstall
 from skywright.missions.skills.moves import set_rest
 from skywright.missions.skills.ways import (
@@ -24,17 +22,10 @@ from skywright.missions.skills.ways import (
     slide_platform,
 )
 from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands
 from skywright.vehicle.rest_to_rest import quintic
 
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
-from skywright.missions.sensor_install.plan import InstallPlan
-
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 CONTACT_N = 0.3  # N, estimated force at which the hand counts as touching
 CONTACT_S = 0.1  # s, for which it has to be felt
 SEARCH = 0.1  # m, how far beyond the expected surface the hand looks for it

@@ -1,13 +1,12 @@
 """Metrics of the kind "sensor-install": force, hand, swing, platform, and what the tape did."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Mask
 from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
 from skywright.missions.sensor_install.plan import InstallPlan
@@ -16,8 +15,6 @@ from skywright.models.things.tape import Tape
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
 
 MEASURES: Measures = {
     "force.estimate_error_n": ("N", "rms distance of the estimated from the true force"),
@@ -34,7 +31,7 @@ BEFORE_S = 2.0  # s before the touch: where the platform stood
 PRESSING = 0.02  # N
 
 
-def compute_install_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
     samples, phases, task, way = run.samples, run.phases, run.task, run.way
@@ -108,7 +105,7 @@ def _judge_tape(
     }
 
 
-def _duration(samples: NDArray[Any], mask: NDArray[np.bool_]) -> float:
+def _duration(samples: NDArray[Any], mask: Mask) -> float:
     dt = float(np.median(np.diff(samples["t"])))
     return dt * float(np.count_nonzero(mask))
 

@@ -5,15 +5,13 @@ contact, force, retract, return, land; before the approach two checks of the rob
 the hand keeps a point in space, and how fast a swing of the passive link decays.
 """
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
 from skywright.description.robot.limbs import list_joints
@@ -35,12 +33,6 @@ from skywright.models.tip_force import Loaded
 from skywright.planning.motion.transit import Configuration
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
-
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 
 MARGIN = 0.1  # m, kept from everything on the way
 BEHIND = 0.17  # m, from the pipe's surface to the axis of what carries the arms

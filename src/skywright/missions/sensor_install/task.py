@@ -1,7 +1,5 @@
 """What a mission of the kind "sensor-install" may say."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic import Field

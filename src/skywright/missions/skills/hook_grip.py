@@ -1,7 +1,5 @@
 """How two arms with hooks hold a handle, and which robots can."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,18 +1,14 @@
 """Rest-to-rest moves of platform, arm and contact forces together, as one reference table."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Table
 from skywright.core.rotations import exp_so3, log_so3
 from skywright.models.rigid_body import compute_tip
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration
-
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 
 TURN_SPEED, TURN_ACCELERATION = 0.3, 0.6  # rad/s, rad/s^2, of the platform's attitude
 JOINT_SPEED, JOINT_ACCELERATION = 0.8, 2.0  # rad/s, rad/s^2

@@ -1,7 +1,5 @@
 """Missions that fly a plan file: loading one, and what is checked before it is flown."""
 
-from __future__ import annotations
-
 import math
 import os
 from pathlib import Path

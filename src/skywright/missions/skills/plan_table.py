@@ -1,22 +1,18 @@
 """From a plan file to the reference table that a vehicle tracks."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.types import REFERENCE
 from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.rigid_body import compute_tip
 from skywright.planning.motion.plan_file import PlanFile
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
-
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 
 LEAD_S = 1.0  # s, over which an acceleration is rounded
 

@@ -1,14 +1,12 @@
 """Touch with the probe, hold each force of a profile, measure, release: what missions share."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.find import find
 from skywright.description.mission.spec import Mission
 from skywright.description.robot.spec import Robot
@@ -16,11 +14,7 @@ from skywright.description.world.structure import Structure, build_surface, find
 from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
 from skywright.run.records import Measurement
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-Array = NDArray[np.float64]
+from skywright.run.supervisor import Supervisor
 
 TIP_GAP = 0.008  # m, of the tip to the surface before the force loop takes over
 TOUCH_TIMEOUT_S = 15.0

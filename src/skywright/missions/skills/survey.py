@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_from_quat
 from skywright.planning.patterns import build_time_law, eval_time_law
 from skywright.run.flight import PhaseRecord
@@ -20,8 +21,6 @@ from skywright.run.flight import PhaseRecord
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 
 SPEED = 0.02  # m/s towards the surface: a touch is felt within 0.1 s, 2 mm further
 BACK_SPEED = 0.05  # m/s, away from it

@@ -1,15 +1,11 @@
 """Small operations on reference tables that the supervisor needs when things go wrong."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Table
 from skywright.vehicle.rest_to_rest import quintic
-
-Table = NDArray[Any]
 
 ROW_PERIOD = 0.02  # s
 
@@ -18,7 +14,8 @@ def build_retreat(row: Any, distance: float, total: float, *, back: bool = False
     """Move from `row` along the surface normal by `distance` (m) in `total` s, rest to rest.
 
     The dead zone (so: "in contact") holds only where `row`'s own place is left by less than half
-    of its dead zone. `back` reverses the motion: from the distance to `row`.
+    of its dead zone; the force falls to zero on that way. `back` reverses the motion: from the
+    distance to `row`.
     """
     n = max(round(total / ROW_PERIOD), 2)
     u = np.linspace(0.0, 1.0, n + 1)
@@ -36,7 +33,9 @@ def build_retreat(row: Any, distance: float, total: float, *, back: bool = False
     table["a_WB"] = (dds * distance / total**2)[:, None] * normal
     for field in ("w_WB_B", "wd_WB_B", "qd"):
         table[field] = 0.0
-    table["dead_zone"] = np.where(s * distance < 0.5 * row["dead_zone"], row["dead_zone"], 0.0)
+    way = 0.5 * row["dead_zone"]
+    table["dead_zone"] = np.where(s * distance < way, row["dead_zone"], 0.0)
+    table["force"] = row["force"] * np.clip(1.0 - s * distance / max(way, 1e-9), 0.0, 1.0)
     return table
 
 
@@ -66,5 +65,5 @@ def lift_table(table: Table, distance: float) -> Table:
     shift = distance * table["R_WS"][:, :, 2]
     out["p_WB"] += shift
     out["p_WT"] += shift
-    out["dead_zone"] = 0.0
+    out["dead_zone"] = out["force"] = 0.0
     return out

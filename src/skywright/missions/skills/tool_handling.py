@@ -6,14 +6,12 @@ it shows in the platform's external force; that is fed forward to the springs an
 so that the hands rise again to where they were.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.world.spec import World
 from skywright.description.world.thing import Frame
@@ -21,13 +19,9 @@ from skywright.description.world.things import find_carrier, locate_thing
 from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
 from skywright.models.things.marker import Marker as MarkerThing
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
 from skywright.vehicle.plant import MISSION_TICK
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-Array = NDArray[np.float64]
 
 LOW = 0.08  # m, from the cradle, along its mouth, to where the hands wait for the handle
 DROP = 0.06  # m, by which the platform is lower meanwhile, so that the arms need not stretch

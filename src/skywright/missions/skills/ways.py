@@ -1,13 +1,12 @@
 """Ways of platform and arms together: straight where that is free, else the planner's."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.types import MAX_JOINTS
 from skywright.missions.skills.moves import (
@@ -22,13 +21,8 @@ from skywright.models.geometry import ClearanceQuery, compute_clearance
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.run.setup import Setup
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.rest_to_rest import build_straight, duration
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-Array = NDArray[np.float64]
-Table = NDArray[Any]
 
 STEP = 0.05  # m, between clearance checks of a straight line
 SAME = 1e-6  # rad, below which an angle need not move

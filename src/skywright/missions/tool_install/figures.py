@@ -1,9 +1,5 @@
 """What a report shows of a tool's installation: the phases, the load, the hands at the handle."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -20,20 +16,14 @@ from skywright.reports.figures.style import (
     GREY,
     ORANGE,
     PURPLE,
-    WIDTH,
-    clip_phases,
     draw_limit,
     draw_line,
+    draw_panels,
     fit_y,
-    new_figure,
-    shade_phases,
-    stack_panels,
 )
 from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 HOVER_MM = 15.0  # requirement of the mission
 
@@ -51,27 +41,23 @@ def draw_phases(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
         return None
     tool = s[f"object{_find_index(result)}_p_WO"]
     t = s["t"]
-    figure = new_figure(WIDTH, 7.0)
-    strip, axes = stack_panels(figure, 4)
-    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
-    axes[0].set_title("Platform (lines) and tool (dashed): way")
-    axes[0].set_ylabel("x, y (m)")
+    figure, axes = draw_panels(
+        7.0, result.phases, t,
+        ("Platform (lines) and tool (dashed): way", "x, y (m)"),
+        ("Heights", "z (m)"),
+        ("True upward force of each hook on the handle", "force (N)"),
+        ("Springs of the left arm: shaft minus output link", "deflection (deg)"),
+    )  # fmt: skip
     for a, color in ((0, BLUE), (1, ORANGE)):
         draw_line(axes[0], t, s["p_WB"][:, a], color=color, label="xy"[a])
         draw_line(axes[0], t, tool[:, a], color=color, ls="--", lw=0.9)
     axes[0].legend(loc="upper left", ncols=2)
-    axes[1].set_title("Heights")
-    axes[1].set_ylabel("z (m)")
     draw_line(axes[1], t, s["p_WB"][:, 2], color=BLACK, label="platform")
     draw_line(axes[1], t, tool[:, 2], color=GREEN, ls="--", label="tool")
     axes[1].legend(loc="upper left", ncols=2)
-    axes[2].set_title("True upward force of each hook on the handle")
-    axes[2].set_ylabel("force (N)")
     for side, color in (("left", BLUE), ("right", PURPLE)):
         draw_line(axes[2], t, s[f"{side}_f_W"][:, 2], color=color, lw=0.8, label=side)
     axes[2].legend(loc="upper left", ncols=2)
-    axes[3].set_title("Springs of the left arm: shaft minus output link")
-    axes[3].set_ylabel("deflection (deg)")
     for j, color, label in ((0, BLUE, "shoulder pitch"), (3, PURPLE, "elbow pitch")):
         draw_line(axes[3], t, np.degrees(s["deflection"][:, j]), color=color, lw=0.8, label=label)
     axes[3].legend(loc="upper left", ncols=2)
@@ -88,13 +74,14 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     t = s["t"]
     index = _find_index(result)
     error = 1e3 * compute_grasp_errors(s, index, result.plan.get_way(), -LOW)
-    figure = new_figure(WIDTH, 5.4)
-    strip, axes = stack_panels(figure, 3)
-    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
-    for h, side in enumerate(("left", "right")):
+    figure, axes = draw_panels(
+        5.4, result.phases, t,
+        ("Tracking error of the left tip", "error (mm)"),
+        ("Tracking error of the right tip", "error (mm)"),
+        ("Platform: displacement from where it was at first", "way (mm)"),
+    )  # fmt: skip
+    for h in (0, 1):
         size = np.linalg.norm(error[:, h], axis=1)
-        axes[h].set_title(f"Tracking error of the {side} tip")
-        axes[h].set_ylabel("error (mm)")
         for a, color in ((0, BLUE), (1, ORANGE), (2, GREEN)):
             draw_line(axes[h], t, error[:, h, a], color=color, lw=0.8, label="xyz"[a])
         draw_line(axes[h], t, size, color=BLACK, lw=1.0, label="distance")
@@ -102,8 +89,6 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
         axes[h].legend(loc="upper left", ncols=4)
         fit_y(axes[h], HOVER_MM, float(np.max(size)), float(np.min(error[:, h])))
     drift = 1e3 * (s["p_WB"] - s["p_WB"][0])
-    axes[2].set_title("Platform: displacement from where it was at first")
-    axes[2].set_ylabel("way (mm)")
     for a, color in ((0, BLUE), (1, ORANGE), (2, GREEN)):
         draw_line(axes[2], t, drift[:, a], color=color, lw=0.8, label="xyz"[a])
     axes[2].legend(loc="lower left", ncols=3)
@@ -118,17 +103,14 @@ def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     t, world = s["t"], result.description.true_world
     _, seat = find_places(world, result.description.mission.task)
     way = compute_operated(s, _find_index(result), seat)
-    figure = new_figure(WIDTH, 7.0)
-    strip, axes = stack_panels(figure, 4)
-    shade_phases(strip, axes, clip_phases(result.phases, float(t[0]), float(t[-1])))
-    axes[0].set_title("The operator's stick: 1 is full deflection; grey: button pressed")
-    axes[0].set_ylabel("stick")
-    axes[1].set_title(
-        "Both hands' middle (lines) and where the stick led it (dotted), from the start"
-    )
-    axes[1].set_ylabel("way (mm)")
-    axes[2].set_title("The tool, from its seat on the pipe")
-    axes[2].set_ylabel("distance (mm)")
+    figure, axes = draw_panels(
+        7.0, result.phases, t,
+        ("The operator's stick: 1 is full deflection; grey: button pressed", "stick"),
+        ("Both hands' middle (lines) and where the stick led it (dotted), from the start",
+         "way (mm)"),
+        ("The tool, from its seat on the pipe", "distance (mm)"),
+        ("Weight on both hooks: none is left once the tool stands", "force (N)"),
+    )  # fmt: skip
     for a, (color, label) in enumerate(((BLUE, "ahead"), (ORANGE, "left"), (GREEN, "up"))):
         draw_line(axes[0], t, s["operator_stick"][:, a], color=color, lw=0.8, label=label)
         draw_line(axes[1], t, 1e3 * way["hands"][:, a], color=color, label=label)
@@ -137,8 +119,6 @@ def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     pressed = np.flatnonzero(s["operator_button"] > 0.0)
     if len(pressed):
         axes[0].axvspan(t[pressed[0]], t[-1], color=GREY, alpha=0.3, lw=0.0)
-    axes[3].set_title("Weight on both hooks: none is left once the tool stands")
-    axes[3].set_ylabel("force (N)")
     load = s["left_f_W"][:, 2] + s["right_f_W"][:, 2]
     draw_line(axes[3], t, load, color=PURPLE, lw=0.8)
     for ax in axes[:3]:

@@ -5,14 +5,11 @@ tracking the tool. All places follow from tool, bench, pipe and robot: the pose 
 the landing gear, which the handle has to clear, the platform's places from the tool's.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.missions.skills.tool_handling import (
     DROP,
     LOW,
@@ -30,15 +27,6 @@ from skywright.missions.skills.tool_handling import (
     take_up_again,
 )
 from skywright.missions.tool_install.operated_install import install_by_operator
-from skywright.missions.tool_install.task import ToolInstall
-from skywright.run.flight import Flight
-from skywright.vehicle.arms.ports import Hands
-from skywright.vehicle.targets import PIPE
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-
 from skywright.missions.tool_install.plan import (
     ABOVE,
     CALM_SPEED,
@@ -48,8 +36,11 @@ from skywright.missions.tool_install.plan import (
     behind,
     find_seat,
 )
-
-Array = NDArray[np.float64]
+from skywright.missions.tool_install.task import ToolInstall
+from skywright.run.flight import Flight
+from skywright.run.supervisor import Supervisor
+from skywright.vehicle.arms.ports import Hands
+from skywright.vehicle.targets import PIPE
 
 
 def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:

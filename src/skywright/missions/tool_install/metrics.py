@@ -1,13 +1,11 @@
 """Metrics of the kind "tool-install": where the tool came to stand, how the hands tracked it."""
 
-from __future__ import annotations
-
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array, Samples
 from skywright.core.columns import has_columns
 from skywright.core.rotations import rot_from_quat, rot_z
 from skywright.description.world.things import list_movers
@@ -17,9 +15,6 @@ from skywright.missions.tool_install.task import ToolInstall
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
-
-Array = NDArray[np.float64]
-Samples = NDArray[Any]
 
 MEASURES: Measures = {
     "tool.seat_error_mm": (
@@ -63,7 +58,7 @@ def compute_stance(samples: Samples, at: int, index: int, place: Place) -> Stanc
     return Stance(wanted.T @ (p - place.p_WO), math.acos(min(max(cosine, -1.0), 1.0)))
 
 
-def compute_tool_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
+def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
     samples, phases, way, world = run.samples, run.phases, run.way, run.setup.true.world

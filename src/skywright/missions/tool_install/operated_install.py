@@ -9,14 +9,11 @@ hands' goal slowly, and they work where the handle lies well in the hooks. What 
 done is believed only when the tool stands.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.missions.skills.tool_handling import (
     LIGHT_N,
@@ -31,13 +28,9 @@ from skywright.missions.skills.tool_handling import (
     measure_tool,
 )
 from skywright.run.operator import STILL, Operator, Sight, Stick
+from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
-
-Array = NDArray[np.float64]
 
 HAND_OVER = np.array([-0.03, 0.03, 0.0])
 """m, ahead, left, up, of the tool from the place over its seat when the operator takes over."""

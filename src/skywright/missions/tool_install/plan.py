@@ -5,16 +5,14 @@ tracking the tool. All places follow from tool, bench, pipe and robot: the pose 
 the landing gear, which the handle has to clear, the platform's places from the tool's.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
 from skywright.description.loader import Description
@@ -44,11 +42,6 @@ from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.run.operator import Recording, load_recording
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
-
-Array = NDArray[np.float64]
 
 BACK = 0.35  # m, behind the tool, where the platform comes from and goes to
 FAR_BACK = 0.55  # m, the same where the planned way ends: MARGIN from the tool, gear and all

@@ -1,7 +1,5 @@
 """What a mission of the kind "tool-install" may say."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Self
 

@@ -1,18 +1,12 @@
 """What a report shows of a flight through way-points: nothing that other flights lack."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from skywright.description.loader import Description
 from skywright.missions.waypoints.task import Waypoints
 from skywright.reports.explain import format_value
 from skywright.run.kind import Figures, Sketch
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 
 def describe(result: RunResult[Waypoints, None]) -> str:

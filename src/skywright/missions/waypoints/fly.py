@@ -1,17 +1,11 @@
 """A flight through way-points; any robot can fly it."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from skywright.missions.waypoints.task import Waypoints
 from skywright.run.flight import Flight
-
-if TYPE_CHECKING:
-    from skywright.run.supervisor import Supervisor
+from skywright.run.supervisor import Supervisor
 
 
-def fly(s: Supervisor[Waypoints]) -> Flight:
+def fly(s: Supervisor[Waypoints], way: None) -> Flight:
     for i, (name, table) in enumerate(s.segments.items()):
         s.follow(name, table)
         hold = s.task.points[i].hold_s if i < len(s.task.points) else 0.0

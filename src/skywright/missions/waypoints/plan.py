@@ -1,9 +1,6 @@
 """A flight through way-points; any robot can fly it."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +12,6 @@ from skywright.models.rigid_body import joint_names, posture
 from skywright.planning.waypoints import plan_waypoints
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-
-if TYPE_CHECKING:
-    pass
 
 
 def plan(setup: Setup[Waypoints]) -> MissionPlan[None]:

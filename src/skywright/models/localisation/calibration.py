@@ -6,8 +6,6 @@ residual is whitened by the camera's own drift (`drift_noise`), so that a long c
 spoilt by what the camera drifted meanwhile, and the covariance says what is known.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

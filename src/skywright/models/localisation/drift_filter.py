@@ -8,17 +8,14 @@ is the same at every rate, which the paper's is not (`paper_filter`). While the 
 walks and p with it: `drift_floor` tells by how much at least.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints, Mask
 from skywright.core.rotations import exp_so3, mat_mat, orthonormalise
 
 CAMERA, STATION = 0, 1
@@ -50,7 +47,7 @@ class Fused(NamedTuple):
     """The filter's estimate after every measurement (n,), and what became of the measurement."""
 
     t: Array
-    kind: NDArray[np.int64]  # CAMERA or STATION
+    kind: Ints  # CAMERA or STATION
     p: Array  # (n, 3) m
     v: Array  # (n, 3) m/s
     drift: Array  # (n, 3) m, of the aligned camera
@@ -58,7 +55,7 @@ class Fused(NamedTuple):
     scale: Array  # (n,) of the camera since the alignment
     p_std: Array  # (n, 3) m
     innovation: Array  # (n,) squared, normalised
-    accepted: NDArray[np.bool_]  # False: rejected as an outlier (station), taken as a jump (camera)
+    accepted: Mask  # False: rejected as an outlier (station), taken as a jump (camera)
 
 
 @njit(cache=True, error_model="numpy")
@@ -210,7 +207,7 @@ def _run(t: Array, kind: Array, z: Array, n: Array, start: Array, out: Array, R_
         R_out[k] = R
 
 
-def run_drift_filter(t: Array, kind: NDArray[np.int64], z: Array, model: DriftModel) -> Fused:
+def run_drift_filter(t: Array, kind: Ints, z: Array, model: DriftModel) -> Fused:
     """Filter measurements in order of time.
 
     t (n,) s; kind (n,) CAMERA or STATION; z (n, 3) m: the aligned camera's position, or the

@@ -7,8 +7,6 @@ the Kalman Filter, 1989, section 3.4). So least squares on innovations is genera
 under drift, and their likelihood tells the noise.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

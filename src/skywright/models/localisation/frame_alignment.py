@@ -8,8 +8,6 @@ which a plane determines. `level` is for frames whose z axes are both vertical: 
 a straight line determines.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 

@@ -5,16 +5,13 @@ normalised correlation of the two speeds gives the delay to a fraction of a samp
 `calibration.calibrate` refines it together with the frame.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
 from skywright.models.localisation.trajectory import (
     Trajectory,
@@ -135,7 +132,7 @@ def _span(traj: Trajectory) -> str:
     return f"{traj.t[0]:.2f} to {traj.t[-1]:.2f} s"
 
 
-def _find_peak(lags: Array, corr: Array, allowed: NDArray[np.bool_]) -> tuple[float, float]:
+def _find_peak(lags: Array, corr: Array, allowed: Mask) -> tuple[float, float]:
     """Offset and height of the highest peak, a parabola through its three samples."""
     k = int(np.argmax(np.where(allowed, corr, -2.0)))
     peak, lag = float(corr[k]), float(lags[k])
@@ -147,7 +144,7 @@ def _find_peak(lags: Array, corr: Array, allowed: NDArray[np.bool_]) -> tuple[fl
     return lag, peak
 
 
-def _is_unique(lags: Array, corr: Array, allowed: NDArray[np.bool_], lag: float) -> bool:
+def _is_unique(lags: Array, corr: Array, allowed: Mask, lag: float) -> bool:
     """Whether no other offset, further than 3 s away, comes near the peak."""
     peak = float(np.max(corr[allowed]))
     away = allowed & (np.abs(lags - lag) > 3.0)

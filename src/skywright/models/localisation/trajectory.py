@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
 
 MAX_DROPPED = 0.5
@@ -58,7 +57,7 @@ def interpolate_position(traj: Trajectory, t: Array, max_gap: float) -> Array:
     return out
 
 
-def find_covered(samples: Array, t: Array, max_gap: float) -> NDArray[np.bool_]:
+def find_covered(samples: Array, t: Array, max_gap: float) -> Mask:
     """Whether each of `t` lies on a sample or between two no further apart than `max_gap`."""
     after = np.clip(np.searchsorted(samples, t, side="left"), 1, max(len(samples) - 1, 1))
     if len(samples) < 2:

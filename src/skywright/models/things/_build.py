@@ -9,8 +9,6 @@ Contacts. Friction is Coulomb's on an elliptic cone, with MuJoCo's no-slip step 
 be carried, since its soft friction creeps by millimetres a second under a load.
 """
 
-from __future__ import annotations
-
 import copy
 import itertools
 import math

@@ -1,7 +1,5 @@
 """What two hooks can carry: a thing with a round bar across as its handle."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.core.spec import NonNegative, Positive

@@ -1,7 +1,5 @@
 """A bench: a fixture that clamps the platform, arms free; it may drift while a trial wants it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, ClassVar
 

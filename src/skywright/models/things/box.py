@@ -1,7 +1,5 @@
 """A box: an obstacle, a stand, a table, or with `moves = true` something to carry."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.core.spec import Positive

@@ -1,7 +1,5 @@
 """A cylinder along its z: a bottle, a post, or with `pitch_deg = 90` a roller."""
 
-from __future__ import annotations
-
 from skywright.core.spec import Positive
 from skywright.description.world.thing import Frame, Part, Solid, build_frame
 from skywright.models.things._block import Block

@@ -1,7 +1,5 @@
 """A marker that a camera or motion capture measures, fixed in W or `on` a thing."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A sprung plate on a face of a thing: what one runs into, with a gauge behind it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.core.spec import NonNegative, Positive

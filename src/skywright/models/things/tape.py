@@ -1,7 +1,5 @@
 """Double-sided tape on what a hand carries: pressed on, it stays; pulled off, one side gives."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from skywright.core.spec import Positive

@@ -8,16 +8,13 @@ of platform, arms or bar is projected onto it, so each of the three meets its ow
 green and red regions of figure 6).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.edges import place_shapes
 from skywright.planning.motion.space import ScratchRecord, Space, SpaceRecord
@@ -31,7 +28,7 @@ class AngularMap(NamedTuple):
     obstacles: Array  # (m, 6): x, z, half x, half z, kind, class (0 platform, 1 link, 2 across)
     area: Array  # (2, 2) m, limits of x and z
     margin: float
-    link_class: NDArray[np.int64]  # (ns,) class of each shape
+    link_class: Ints  # (ns,) class of each shape
 
 
 def build_angular_map(space: Space) -> AngularMap:

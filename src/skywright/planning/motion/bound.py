@@ -11,8 +11,6 @@ smallest cost counts, so nothing is overestimated. More slices and smaller cells
 sharper, and any choice is valid.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """A fast first path: RRT-Connect with certified edges (Kuffner and LaValle, ICRA 2000)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

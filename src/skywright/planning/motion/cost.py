@@ -4,8 +4,6 @@ The printed equations take both arms' joints; a coordinate that drives two joint
 the sums and once in the maxima.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import njit

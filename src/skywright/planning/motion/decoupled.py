@@ -5,8 +5,6 @@ keep clear), and the arms move at the goal. A planner that swaps between platfor
 those that Caballero et al. 2018 compare themselves with, has no other moments to move the arms.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import NamedTuple

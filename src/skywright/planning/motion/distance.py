@@ -5,8 +5,6 @@ All functions return (distance m between the cores, share t along the first segm
 are subtracted by the caller. Cores that meet have distance 0 and n = 0.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

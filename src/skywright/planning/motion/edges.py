@@ -10,8 +10,6 @@ accepted are halved; one shorter than `SHORTEST` counts as blocked. So a free ed
 blocked one is blocked or closer than a fraction of a millimetre to it.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import njit

@@ -8,8 +8,6 @@ cost (6) are dropped before anything is checked, so most of the work goes into e
 - corners: a stretch of corners moves by the same random step, which adapts to success.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import njit

@@ -3,8 +3,6 @@
 The platform stays level. A passive joint hangs in the static equilibrium of what it carries.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import njit

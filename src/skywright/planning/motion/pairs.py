@@ -1,7 +1,5 @@
 """Which pairs of shapes can meet at all: only these are checked."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from skywright.core.arrays import Array

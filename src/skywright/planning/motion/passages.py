@@ -5,8 +5,6 @@ needs its smallest height over all arm postures, the width of its platform, or t
 bar, plus the margin on both sides.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

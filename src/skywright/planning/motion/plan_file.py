@@ -6,8 +6,6 @@ their rates `vx_mps ... yaw_rate_rad_s` and accelerations `ax_mps2 ...`; for eve
 planner says of the plan. Other tools may write such files; they are checked when read.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import os

@@ -4,8 +4,6 @@ Many short searches find many ways around the obstacles; each path is shortened,
 improved further. All of it is compiled; Python looks at the clock between short slices.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Its state is an array, so that a search can stop and go on in another call with 
 (Steele, Lea and Flood, Fast splittable pseudorandom number generators, OOPSLA 2014.)
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

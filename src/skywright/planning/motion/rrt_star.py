@@ -6,8 +6,6 @@ value: reference speeds, thresholds, step, goal bias. Its check takes samples al
 puts the certified check in its place.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import NamedTuple

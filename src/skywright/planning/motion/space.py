@@ -9,8 +9,6 @@ Bounds on how far any point moves for a change of c are part of the data; they m
 checks rigorous.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Annotated, Any, NamedTuple
@@ -18,6 +16,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.arrays import Mask
 from skywright.core.record import Array, Integers, Mat3, Record, Vec3
 from skywright.errors import InputError
 from skywright.models.kinematic_tree import (
@@ -287,7 +286,7 @@ def _slide_room(tree: Tree, body: int) -> float:
     return 1.0 if tree.kind[body] == SLIDE else 0.0  # m, a slide's travel; generous
 
 
-def _chain_lengths(tree: Tree, shapes: Shapes) -> tuple[Array, NDArray[np.bool_]]:
+def _chain_lengths(tree: Tree, shapes: Shapes) -> tuple[Array, Mask]:
     ns, nb = len(shapes.body), len(tree.parent)
     reach, chain = np.zeros(ns), np.zeros((ns, nb), dtype=np.bool_)
     for s in range(ns):

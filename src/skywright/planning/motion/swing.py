@@ -4,8 +4,6 @@ Platform (level) and arms move as planned; the joint moves by its row of (3) wit
 damping. Swing is the distance from the static equilibrium of the moment's arm posture.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -15,8 +15,6 @@ planners that turn first and move after (rotate-at-s: Amato et al., WAFR 1998). 
 a place that no single posture passes is left to the trees (`connect`).
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -10,8 +10,6 @@ over one period of the passive joint it leaves no swing behind (an input shaper:
 is simulated along the motion, and time is stretched until it stays within its limit.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable
@@ -19,9 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.errors import InfeasibleError
 from skywright.planning.motion.edges import is_edge_free
 from skywright.planning.motion.space import Scratch, Space, build_scratch
@@ -93,7 +90,7 @@ class Curve(NamedTuple):
     c: Array  # (k, n)
     d: Array  # (k, n) c'
     dd: Array  # (k - 1, n) c'' in each interval
-    stop: NDArray[np.bool_]  # (k,) the path bends sharply here
+    stop: Mask  # (k,) the path bends sharply here
 
 
 @njit(cache=True, error_model="numpy")
@@ -179,9 +176,7 @@ def _change_limits(d: Array, dd: Array, x: float, most: Array) -> tuple[float, f
 
 
 @njit(cache=True, error_model="numpy")
-def _fastest(
-    s: Array, d: Array, dd: Array, stop: NDArray[np.bool_], top: Array, most: Array
-) -> Array:
+def _fastest(s: Array, d: Array, dd: Array, stop: Mask, top: Array, most: Array) -> Array:
     """Return x = s'^2 (k,) of the fastest motion; `top` (k,) bounds x, `most` (n,) |acceleration|.
 
     An interval's limits hold at both of its ends, with its own c''.

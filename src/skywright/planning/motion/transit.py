@@ -6,8 +6,6 @@ the start to the one at the goal in step (one more coordinate). Where no way is 
 joint gets a coordinate of its own.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import NamedTuple

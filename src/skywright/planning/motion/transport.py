@@ -5,8 +5,6 @@ variables (q1, q3, and two joints an arm) become four. The costs and metrics sti
 arms. The passive joint follows its equilibrium, the platform stays level.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

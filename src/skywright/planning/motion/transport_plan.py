@@ -1,7 +1,5 @@
 """From a transport problem to a plan file's rows: path, times, swing, joints."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

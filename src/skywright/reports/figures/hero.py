@@ -1,18 +1,12 @@
 """The picture of one run in one glance: the robot at work, and the weld map that comes out."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from matplotlib.figure import Figure
 
 from skywright.inspection.weld import WeldResult
 from skywright.reports.figures.style import new_figure
 from skywright.reports.still import render_run
 from skywright.reports.weld_map import draw_weld_map
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 DPI = 125
 

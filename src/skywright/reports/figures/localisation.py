@@ -1,18 +1,12 @@
 """Localisation in flight: error of the estimate, and where the total station was not there."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.core.columns import has_columns
 from skywright.reports.figures.style import BLUE, WIDTH, draw_line, new_figure
 from skywright.run.metrics import OUTAGE
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 SHADE = "#f6e3d5"
 CAPTION = (
@@ -40,8 +34,7 @@ def draw_localisation(result: RunResult) -> Figure | None:
     axes = figure.subplots(3, 1, sharex=True)
     figure.subplots_adjust(left=0.075, right=0.985, top=0.94, bottom=0.1, hspace=0.4)
     for i, ax in enumerate(axes):
-        ax.set_title(f"Error of the estimated position along {'xyz'[i]}")
-        ax.set_ylabel("error (mm)")
+        ax.set(title=f"Error of the estimated position along {'xyz'[i]}", ylabel="error (mm)")
         for a, b in zip(starts, stops, strict=True):
             ax.axvspan(t[a] - OUTAGE, t[b], color=SHADE, lw=0)
         draw_line(ax, t, error[:, i], color=BLUE)

@@ -1,16 +1,13 @@
 """Where the run went: the flight from above and from the side, the tip on the unrolled surface."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Samples
 from skywright.description.world import surface
 from skywright.description.world.scenario import get_structures
 from skywright.models.rigid_body import posture
@@ -36,11 +33,7 @@ from skywright.reports.outlines import (
     outline_tube,
 )
 from skywright.run.kind import load_kind
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
-Samples = NDArray[Any]
+from skywright.run.run import RunResult
 
 _PARTS: dict[str, tuple[str, float]] = {
     "pipe": ("#9a9a9a", 0.5), "box": ("#aa8866", 1.0), "disc": ("#5b7fa6", 0.8),
@@ -93,9 +86,7 @@ def draw_tip_path(result: RunResult) -> Figure | None:
         ax.plot(
             1e3 * s_true[lost], 1e3 * c_true[lost], ".", color=LIMIT, ms=5, label="no contact force"
         )
-    ax.set_aspect("equal")
-    ax.set_xlabel("s, along the pipe's axis (mm)")
-    ax.set_ylabel("c, around the pipe (mm)")
+    ax.set(aspect="equal", xlabel="s, along the pipe's axis (mm)", ylabel="c, around the pipe (mm)")
     ax.set_title("Path of the probe's tip on the unrolled pipe", pad=22)
     ax.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.995), ncols=5, borderaxespad=0.2)
     return figure
@@ -137,9 +128,7 @@ def draw_flight_path(result: RunResult) -> Figure | None:
         if b == 2:
             ax.axhline(0.0, color="#8d7750", lw=1.5, zorder=1)
         ax.set_aspect("equal", adjustable="datalim")
-        ax.set_title(title)
-        ax.set_xlabel(x_label)
-        ax.set_ylabel(y_label)
+        ax.set(title=title, xlabel=x_label, ylabel=y_label)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper center", ncols=len(labels))
     return figure

@@ -1,9 +1,7 @@
 """The plan: how close it comes to things, what it asks of the rotors, and how long it takes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -21,9 +19,7 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
+from skywright.run.run import RunResult
 
 
 def draw_plan(result: RunResult) -> Figure | None:
@@ -35,12 +31,16 @@ def draw_plan(result: RunResult) -> Figure | None:
     strip, axes = stack_panels(figure, 2)
     shade_phases(strip, axes, spans)
     draw_line(axes[0], t, clearance, color=BLUE)
-    axes[0].set_title("Planned clearance between the robot and everything else (tip excluded)")
-    axes[0].set_ylabel("clearance (m)")
+    axes[0].set(
+        title="Planned clearance between the robot and everything else (tip excluded)",
+        ylabel="clearance (m)",
+    )
     draw_line(axes[1], t, 100.0 * margin, color=BLUE)
-    axes[1].set_title("Planned rotor margin: thrust range that the most loaded rotor leaves free")
-    axes[1].set_ylabel("margin (%)")
-    axes[1].set_xlabel("time along the plan (s)")
+    axes[1].set(
+        title="Planned rotor margin: thrust range that the most loaded rotor leaves free",
+        ylabel="margin (%)",
+        xlabel="time along the plan (s)",
+    )
     for ax, y, unit in ((axes[0], clearance, "{:.3f} m"), (axes[1], 100.0 * margin, "{:.0f} %")):
         ax.axhline(0.0, color=LIMIT, lw=1.1, ls=(0, (5, 3)))
         known = np.where(np.isfinite(y), y, np.inf)

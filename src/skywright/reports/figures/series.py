@@ -1,16 +1,12 @@
 """Time series of a run: what the probe did in contact, and how the whole flight went."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask, Samples
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -29,11 +25,7 @@ from skywright.reports.figures.style import (
     stack_panels,
 )
 from skywright.run.metrics import quat_angle
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
-Samples = NDArray[Any]
+from skywright.run.run import RunResult
 
 TOUCHING = ("touch", "settle", "scan", "back_off", "leave")
 """Phases near the surface."""
@@ -151,8 +143,7 @@ def draw_flight_series(result: RunResult) -> Figure | None:
 
 def _draw_single(ax: Axes, t: Array, y: Array, title: str, label: str, color: str) -> None:
     draw_line(ax, t, y, color=color)
-    ax.set_title(title)
-    ax.set_ylabel(label)
+    ax.set(title=title, ylabel=label)
 
 
 def _limit_above(ax: Axes, y: Array, limit: float | None, label: str) -> None:
@@ -214,7 +205,7 @@ def _draw_gap(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
         ax.legend(loc="upper right")
 
 
-def _draw_attitude(ax: Axes, t: Array, s: Samples, flying: NDArray[np.bool_] | None = None) -> None:
+def _draw_attitude(ax: Axes, t: Array, s: Samples, flying: Mask | None = None) -> None:
     error = np.degrees(quat_angle(s["q_WB"], s["ref_q_WB"]))
     if flying is not None:
         error[~flying] = np.nan
@@ -230,8 +221,7 @@ def _draw_rotors(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
     n = len(rotors.azimuth_deg)
     for i in range(n):
         draw_line(ax, t, s["rotor_thrust"][:, i], color=SERIES[i], lw=0.9, label=f"{i + 1}")
-    ax.set_title("Thrust of each rotor")
-    ax.set_ylabel("thrust (N)")
+    ax.set(title="Thrust of each rotor", ylabel="thrust (N)")
     full, usable = rotors.thrust_max_n, rotors.thrust_max_n * rotors.thrust_fraction
     draw_limit(ax, full, f"rotor's limit {full:.3g} N")
     if usable < 0.995 * full:

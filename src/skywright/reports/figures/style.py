@@ -3,14 +3,12 @@
 Colours are those of Okabe and Ito (2008), which colour-blind readers can tell apart.
 """
 
-from __future__ import annotations
-
 import io
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -22,10 +20,7 @@ from matplotlib.ticker import MaxNLocator
 from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.run.flight import PhaseRecord
-
-if TYPE_CHECKING:
-    from skywright.run.run import RunResult
-
+from skywright.run.run import RunResult
 
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#222222", "#8a8f98"
@@ -177,8 +172,7 @@ def shade_phases(strip: Axes, axes: Sequence[Axes], spans: Sequence[Span]) -> No
         ax.broken_barh(
             bands[::2], (0, 1), transform=ax.get_xaxis_transform(), color="#eef1f5", lw=0, zorder=0
         )
-    strip.set_xlim(start, end)
-    strip.set_ylim(0, 1)
+    strip.set(xlim=(start, end), ylim=(0, 1))
     strip.broken_barh(bands[::2], (0, 1), color="#aab6c4", lw=0)
     strip.broken_barh(bands[1::2], (0, 1), color="#d9e0e8", lw=0)
     least = 0.022 * (end - start)  # so that slanted names do not touch
@@ -229,6 +223,18 @@ def fit_y(ax: Axes, *values: float, low: float | None = None) -> None:
     top = float(known.max())
     room = 0.18 * max(top - bottom, 1e-9)
     ax.set_ylim(bottom if low is not None else bottom - 0.5 * room, top + room)
+
+
+def draw_panels(
+    height: float, phases: Sequence[PhaseRecord], t: Array, *panels: tuple[str, str]
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure of panels over times `t` (n,) s, each a (title, label), phases shaded."""
+    figure = new_figure(WIDTH, height)
+    strip, axes = stack_panels(figure, len(panels))
+    shade_phases(strip, axes, clip_phases(phases, float(t[0]), float(t[-1])))
+    for ax, (title, label) in zip(axes, panels, strict=True):
+        ax.set(title=title, ylabel=label)
+    return figure, axes
 
 
 def stack_panels(figure: Figure, count: int, *, bottom: float = 0.5) -> tuple[Axes, list[Axes]]:

@@ -13,7 +13,8 @@ from typing import Any
 
 from skywright.core.rotations import cross, mat_t_vec, mat_vec, norm
 from skywright.core.scratch import local
-from skywright.models.arm_inverse_kinematics import REACHED, arm_point, solve_arm
+from skywright.models.arm_inverse_kinematics import REACHED, solve_arm
+from skywright.models.arm_nearest import arm_point
 from skywright.vehicle.arms.joint_loops import hold_joint
 from skywright.vehicle.arms.servo_profile import PROFILE_LAG, follow_profile
 from skywright.vehicle.arms.view import ArmsView

@@ -1,19 +1,29 @@
-"""Thrust near surfaces: the ground below a rotor, the inspected structure above it.
+"""Thrust near surfaces: any floor below a rotor, the inspected structure above it.
 
-Ground: T / T_inf = 1 / (1 - (R / 4 z)^2), z the height of the rotor (Cheeseman and Bennett 1955),
-no nearer than half a radius. Ceiling: T / T_inf = 1 / (1 - (R / (z + c2 R))^2 / c1), z the distance
-from the rotor to the surface: the form that the group of Sanchez-Cuevas 2020 fits to benches in
-earlier work; its constants could not be had, c1 = 7 and c2 = 0.1 are ours (a rotor of 0.12 m gains
-16 % at one radius, 1 % at the docking gear's 0.45 m). A sloped surface acts with the cosine of its
-slope. Each rotor for itself: no fountain, no neighbours.
+Floor: T / T_inf = 1 / (1 - (R / 4 z)^2), z the height of the rotor (Cheeseman and Bennett 1955), no
+nearer than half a radius. Floors are the ground and the upper faces of boxes and of upright
+cylinders that stand still (benches, decks, blocks); of several the one that acts most counts. Where
+a disc is partly beside one, that part of it feels nothing.
+
+Ceiling: T / T_inf = 1 / (1 - (R / (z + c2 R))^2 / c1), z the distance from the rotor to the
+surface: the form that the group of Sanchez-Cuevas 2020 fits to benches in earlier work; its
+constants could not be had, c1 = 7 and c2 = 0.1 are ours (a rotor of 0.12 m gains 16 % at one
+radius, 1 % at the docking gear's 0.45 m). A sloped surface acts with the cosine of its slope. Each
+rotor for itself: no fountain, no neighbours.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Annotated, Any
 
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
 from skywright.core.record import Array, Record
+from skywright.core.rotations import quat_to_rot
 from skywright.core.scratch import local
 from skywright.core.types import MAX_ROTORS
 from skywright.models.structure_distance import (
@@ -23,11 +33,14 @@ from skywright.models.structure_distance import (
     measure_surface,
 )
 from skywright.vehicle.bus import Truth
-from skywright.vehicle.component import Component, Effect, Out, helper
+from skywright.vehicle.component import Component, Effect, Out, helper, table
 from skywright.vehicle.plant import RotorGain
 
 CEILING_C1, CEILING_C2 = 7.0, 0.1
 NEAREST = 0.5  # radii
+FLOOR = 15
+"""Numbers of a floor."""
+STEEPEST = 0.7  # cosine of the slope of a floor
 FARTHEST = 8.0  # radii, beyond which a surface is not felt
 
 
@@ -37,6 +50,9 @@ class SurfaceThrust(Effect):
     slot = "actuate"
 
     class Me(Record):
+        floors: int  # address of (n_floors, FLOOR)
+        n_floors: int
+        has_structure: int
         structure: StructureShape
         disc: float  # m, radius of a rotor
         n: int
@@ -44,23 +60,30 @@ class SurfaceThrust(Effect):
         rotor_axis: Annotated[Array, MAX_ROTORS, 3]
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the structure and the rotors."""
-        rotors = context.rotors
-        fill_structure(me.structure, context.world.structure, context.true.surface)
+        """Take floors, structure and rotors."""
+        rotors, structure = context.rotors, context.world.structure
+        floors = find_floors(context.scene.model)
+        me.floors, me.n_floors = context.keep(floors), len(floors)
+        me.has_structure = structure is not None
+        if structure is not None:
+            fill_structure(me.structure, structure, context.true.surface)
         me.n, me.disc = len(rotors.thrust_min), context.robot.rotors.propeller_radius_m
         me.rotor_p[: me.n], me.rotor_axis[: me.n] = rotors.position, rotors.axis
 
     @staticmethod
     def step(me: Me, truth: Truth, out: Out[RotorGain]) -> None:
         hub, normal, R_WB = local(3), local(3), truth.R_WB
+        floors = table(me.floors, me.n_floors, FLOOR)
         for k in range(me.n):
             up = 0.0
             for i in range(3):
                 hub[i] = truth.p_WB[i]
                 for j in range(3):
                     hub[i] += R_WB[i, j] * me.rotor_p[k, j]
-            gain = compute_ground_gain(hub[2], me.disc) if hub[2] < FARTHEST * me.disc else 1.0
-            z = measure_surface(me.structure, hub, normal)
+            gain = 1.0
+            for i in range(me.n_floors):
+                gain = max(gain, compute_floor_gain(floors[i], hub, me.disc))
+            z = measure_surface(me.structure, hub, normal) if me.has_structure else -1.0
             if 0.0 < z < FARTHEST * me.disc and is_below(me.structure, hub):
                 for i in range(3):
                     for j in range(3):
@@ -71,9 +94,59 @@ class SurfaceThrust(Effect):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Worlds with a structure."""
-        if context.world.structure is not None:
-            yield cls("surface thrust")
+        """Every world has a ground."""
+        yield cls("surface thrust")
+
+
+def find_floors(model: mujoco.MjModel) -> NDArray[np.float64]:
+    """Return the floors (n, FLOOR) of a scene: what stands still, touches and faces upward.
+
+    A row is the middle of the face (3) m in W, its axes (9) as the columns of a matrix, row by row,
+    the third outward, half its sizes along the first two (m), and 1 for a round one.
+    """
+    rows = []
+    still = np.flatnonzero((model.geom_bodyid == 0) & (model.geom_contype != 0))
+    for g in still:
+        kind, size = model.geom_type[g], model.geom_size[g]
+        R = np.empty((3, 3))
+        quat_to_rot(model.geom_quat[g], R)
+        up, half = 2, [math.inf, math.inf]
+        if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            up = int(np.argmax(np.abs(R[2])))
+            half = [size[(up + 1) % 3], size[(up + 2) % 3]]
+        elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            half = [size[0], size[0]]
+        elif kind != mujoco.mjtGeom.mjGEOM_PLANE:
+            continue
+        sign = 1.0 if kind == mujoco.mjtGeom.mjGEOM_PLANE else math.copysign(1.0, R[2, up])
+        if sign * R[2, up] < STEEPEST:
+            continue
+        face = np.column_stack([sign * R[:, (up + 1) % 3], R[:, (up + 2) % 3], sign * R[:, up]])
+        thick = 0.0 if kind == mujoco.mjtGeom.mjGEOM_PLANE else size[up]
+        if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            thick = size[1]
+        p, is_round = model.geom_pos[g] + thick * face[:, 2], kind == mujoco.mjtGeom.mjGEOM_CYLINDER
+        rows.append([*p, *face.ravel(), *half, float(is_round)])
+    return np.ascontiguousarray(np.array(rows).reshape(-1, FLOOR))
+
+
+@helper
+def compute_floor_gain(floor: Array, hub: Array, radius: float) -> float:
+    """T / T_inf of a rotor at `hub` (3,) m in W over one of `find_floors`' rows."""
+    x, y, z = 0.0, 0.0, 0.0
+    for i in range(3):
+        d = hub[i] - floor[i]
+        x += floor[3 + 3 * i] * d
+        y += floor[4 + 3 * i] * d
+        z += floor[5 + 3 * i] * d
+    if z <= 0.0 or z >= FARTHEST * radius:
+        return 1.0
+    if floor[14] > 0.5:
+        share = min(max(0.5 + 0.5 * (floor[12] - math.hypot(x, y)) / radius, 0.0), 1.0)
+    else:
+        share = min(max(0.5 + 0.5 * (floor[12] - abs(x)) / radius, 0.0), 1.0)
+        share *= min(max(0.5 + 0.5 * (floor[13] - abs(y)) / radius, 0.0), 1.0)
+    return 1.0 + share * (compute_ground_gain(z, radius) - 1.0)
 
 
 @helper

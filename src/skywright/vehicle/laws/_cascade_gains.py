@@ -27,10 +27,10 @@ from skywright.models.body_records import Body, Kinematics
 from skywright.models.floating import compute_free_inertia, fill_floating
 from skywright.models.rigid_body import fill_body, fill_kinematics, posture
 from skywright.vehicle.arms.ports import Floating
+from skywright.vehicle.loops import compute_delay
 
 Array = NDArray[np.float64]
 
-DELAY_TICKS = 1.5  # control ticks from the gyroscope to the rotors: half a sample, hold, computing
 FREE_MARGIN = math.radians(35.0)  # rad, of the rate loop above a resonance
 YAW = 0.4  # of roll and pitch: yaw has little torque (PX4's default weight of yaw, MC_YAW_WEIGHT)
 SLOWEST_SWING, FASTEST_SWING = 0.8, 2.0  # poles of the swing over its natural frequency
@@ -249,7 +249,7 @@ def _scale_rate_loop(
     k_rate = c.attitude_bandwidth_rad_s * c.loop_separation
     # what the link takes each way counts like the sampling: 10 ms cost 23 deg at 20 rad/s, more
     # where the loop is faster (above a resonance)
-    delay = DELAY_TICKS / c.rate_hz + 2.0 * world.link.delay_s
+    delay = compute_delay(c, world)
     tau = robot.rotors.time_constant_s
     lead = compute_lead(k_rate, tau, delay, math.radians(c.phase_margin_deg))
     free = compute_free_inertia(robot, world, posture(robot, "working"))

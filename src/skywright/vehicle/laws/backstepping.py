@@ -28,7 +28,7 @@ from typing import Any
 
 from scipy.optimize import brentq
 
-from skywright.core.record import Vec3
+from skywright.core.record import Mat3, Vec3
 from skywright.core.rotations import cross, mat_t_mat, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS
@@ -43,6 +43,7 @@ from skywright.vehicle.loops import (
     arm_velocity,
     choose_bandwidths,
     fill_arm,
+    limit_attitude,
     rest,
 )
 
@@ -67,9 +68,11 @@ class Backstepping(Law):
     class Me(ArmLoop):
         dt: float  # s, control period
         k_p: Vec3  # k_1, k_2 (1/s) and lambda (1/s^2) of the position
-        k_R: Vec3  # the same of the attitude
+        k_R: Mat3  # the same of the attitude, a row about each axis of B
         k_force: float  # 1/s, of the arm's force loop
         spring: float  # N/m, of a probe with a force sensor; 0: none
+        knee: float  # N, beyond which it has `soft` (N/m)
+        soft: float
         friction: float  # believed coefficient of the surface
         thrust_max: float  # N, all rotors together along z_B
         f_integral_max: float  # N
@@ -89,13 +92,15 @@ class Backstepping(Law):
         me.k_p = compute_backstepping_gains(
             c.position_bandwidth_rad_s, c.position_damping, c.position_integral_rad_s
         )
-        me.k_R = compute_backstepping_gains(
-            c.attitude_bandwidth_rad_s, c.attitude_damping, c.attitude_integral_rad_s
-        )
+        me.k_R = [
+            compute_backstepping_gains(float(w), c.attitude_damping, c.attitude_integral_rad_s)
+            for w in limit_attitude(c, context)
+        ]
         fill_arm(me, table, context)
         me.dt, me.k_force, me.friction = context.dt, me.k_arm, c.friction_feed_forward
         if robot.force_sensor is not None and robot.probe is not None:
-            me.spring = robot.probe.spring_n_per_m
+            me.spring, me.knee = robot.probe.spring_n_per_m, robot.force_sensor.knee_n
+            me.soft = me.spring * robot.force_sensor.hard_share
         rotors, weight = context.rotors, context.mass * context.world.gravity_mps2
         me.thrust_max = float((rotors.thrust_max * rotors.axis[:, 2]).sum())
         me.f_integral_max, me.t_integral_max = 0.4 * weight, 0.1 * weight
@@ -269,7 +274,7 @@ def command_torque(
 
     f is the whole force on the robot but its weight, so rotors and contact together.
     """
-    k, lam = me.k_R, me.k_R[2]
+    k = me.k_R
     rel, e, w_des = local(3, 3), local(3), local(3)
     acc, spin, gyro, lever = local(3), local(3), local(3), local(3)
     mat_t_mat(est.R_WB, ref.R_WB, rel)
@@ -279,7 +284,7 @@ def command_torque(
     mat_vec(rel, ref.w_WB_B, w_des)
     for i in range(3):
         acc[i] = ref.wd_WB_B[i] + backstep(
-            e[i], w_des[i] - est.w_WB_B[i], me.theta[i], k[0], k[1], lam
+            e[i], w_des[i] - est.w_WB_B[i], me.theta[i], k[i, 0], k[i, 1], k[i, 2]
         )
     c, m = body.p_BC, body.mass
     cc = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
@@ -294,7 +299,7 @@ def command_torque(
             if i == j:
                 own = inertia
         if integrate:
-            most = me.t_integral_max / max(own * k[1] * lam, 1e-9)
+            most = me.t_integral_max / max(own * k[i, 1] * k[i, 2], 1e-9)
             me.theta[i] = min(max(me.theta[i] + me.dt * e[i], -most), most)
     cross(est.w_WB_B, spin, gyro)
     cross(c, f_free, lever)
@@ -325,7 +330,8 @@ def command_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, cmd: Any) ->
     if press.press < 0.5 or me.spring <= 0.0:
         return
     n = body.n_joints
-    along = (press.force - est.f_tip) * me.k_force / me.spring
+    spring = me.spring if est.f_tip < me.knee else me.soft
+    along = (press.force - est.f_tip) * me.k_force / spring
     along = min(max(along, -TIP_SPEED), TIP_SPEED)
     if press.docked < 0.5:  # in flight the arm takes back what the platform moves
         along -= find_approach(ref, est, body)

@@ -7,7 +7,7 @@ from typing import Any
 
 from skywright.core.record import Record
 from skywright.description.robot.force_sensor import ForceSensor
-from skywright.models.force_sensor import Converter, build_force_sensor, measure_force
+from skywright.models.force_sensor import Converter, build_force_sensor, measure_travel
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, Normal, Out, Sensor, words
 from skywright.vehicle.readings import TipForce
@@ -20,8 +20,6 @@ class ProbeForce(Sensor):
 
     class Me(Record):
         converter: Converter
-        spring: float  # N/m
-        preload: float  # N
         slider: int  # address in qpos
 
     class Noise(Normal):
@@ -29,16 +27,14 @@ class ProbeForce(Sensor):
         count: float
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the calibration and the spring."""
-        probe = context.robot.probe
-        me.converter = build_force_sensor(table)[0]
-        me.spring, me.preload = probe.spring_n_per_m, probe.spring_preload_n
+        """Take the calibration."""
+        me.converter = build_force_sensor(table, context.robot.probe.spring_preload_n)[0]
         me.slider = context.scene.places.slider_qpos
 
     @staticmethod
     def step(me: Me, mj: MuJoCo, noise: Noise, out: Out[TipForce]) -> None:
-        spring = me.preload - me.spring * words(mj.qpos, mj.nq)[me.slider]
-        out.force = measure_force(me.converter, spring, noise.count)
+        travel = -words(mj.qpos, mj.nq)[me.slider]
+        out.force = measure_travel(me.converter, travel, noise.count)
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

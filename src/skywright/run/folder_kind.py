@@ -1,0 +1,57 @@
+"""A kind of mission that is a folder: its parts are found by their names."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from skywright.description.mission.spec import T
+from skywright.run.flight import Flight, Flown
+from skywright.run.kind import Figures, Measures, MissionKind
+from skywright.run.metrics import compute_tracking
+
+if TYPE_CHECKING:
+    from skywright.run.planning import MissionPlan
+    from skywright.run.setup import Setup
+    from skywright.run.supervisor import Supervisor
+
+
+class FolderKind(MissionKind[T, Any]):
+    """A kind whose folder has `plan.py`, `fly.py`, `metrics.py` and `figures.py`.
+
+    They define `plan(setup)`, `fly(s, way)` and maybe `withdraw(s, way)`, `compute_metrics(run)` with `MEASURES`, and `FIGURES`,
+    and are imported when they are needed. A folder without metrics is judged by the way flown.
+    """
+
+    @property
+    def measures(self) -> Measures:
+        return self._part("metrics").MEASURES if self._has_metrics else {}
+
+    def plan(self, setup: Setup[T]) -> MissionPlan[Any]:
+        return self._part("plan").plan(setup)
+
+    def fly(self, s: Supervisor[T], way: Any) -> Flight:
+        return self._part("fly").fly(s, way)
+
+    def withdraw(self, s: Supervisor[T], way: Any) -> None:
+        own = getattr(self._part("fly"), "withdraw", None)
+        if own is None:
+            super().withdraw(s, way)
+        else:
+            own(s, way)
+
+    def metrics(self, run: Flown[T, Any]) -> dict[str, float]:
+        if self._has_metrics:
+            return self._part("metrics").compute_metrics(run)
+        return compute_tracking(run)
+
+    def figures(self) -> Figures:
+        return self._part("figures").FIGURES
+
+    @property
+    def _has_metrics(self) -> bool:
+        return find_spec(f"{self.__module__}.metrics") is not None
+
+    def _part(self, name: str) -> Any:
+        return import_module(f"{self.__module__}.{name}")

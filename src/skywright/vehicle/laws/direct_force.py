@@ -1,0 +1,309 @@
+"""Direct force: position along the surface, PI on the measured force across it. Beyond the papers.
+
+Hybrid position and force control at the tip of a fully actuated platform: Bodie et al. 2020 (Active
+interaction force control for contact-based inspection with a fully actuated aerial vehicle, IEEE
+T-RO 37(3)) with a measured force in place of an estimated one. Attitude, arm, free flight and both
+directions along the surface are laws (2) to (4) of Tognon 2018 as they are (loops.py). Along the
+normal n, while the plan asks for a force F^d (port Press) and the reference is inside,
+
+    f.n = m a^d.n + D (v^d - v).n - (F^d + k_P (F^d - F) + sigma_F)      sigma_F' = k_I (F^d - F)
+
+Derivation of the gains. The tip is a spring k between robot and surface: F = k x, x inward, so
+
+    m x'' + D x' + k x = F^d + k_P (F^d - F) + sigma_F + gust
+    s^3 + 2 zeta w s^2 + w^2 s + w_i w^2 = 0    with   D = 2 zeta m w,
+                                                       1 + k_P = m w^2 / k,  k_I = w_i m w^2 / k
+
+- k is the probe's spring in series with the rest: attitude loop I w_R^2 over the tip's lever about
+  the centre of mass squared, joint springs and servos over their levers squared. With the slider at
+  either end of its travel only the rest gives way (`Contact.k_hard`), and k_P k grows with it.
+- zeta = 1. w_i = w / 4: the pair of poles that the integral makes then has a damping ratio of 0.7.
+- k_P >= 0. A bandwidth below that of the bare spring, sqrt(k / m), has k_P = 0.
+- w is the fastest at which the sensitivity |S| stays below 2 in contact with either stiffness and
+  in the air, behind the rotors' lag T and the dead time: 1.5 control periods (as in
+  evidence/loop.py), a physics step and half a period of the sensor, the link both ways. The loop
+  opened at the rotors:
+
+      L = (D s + k_P k + k_I k / s) e^{-s tau} / (1 + T s) / (m s^2 + k)
+
+Anti-windup: the integral rests while the rotors are saturated and while nothing is felt, and its
+size is bounded with the position integral's, which it continues: sigma is one vector in W, so touch
+and lift are bumpless. Its part across the surface knows the wind when contact is lost.
+
+Contact lost, or not yet made: F^d (1 + k_P) pushes a free mass with the damper D, so the tip comes
+back at a speed of F^d (1 + k_P) / D at most, further bounded by `approach_speed_mps`. By default
+that is the speed whose impact on the spring, v sqrt(k m), makes half of F^d. Where the tip is REACH
+deeper than its reference there is no surface: the position loop takes over.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.arrays import Array
+from skywright.core.rotations import cross
+from skywright.core.scratch import local
+from skywright.core.spec import Bandwidth, NonNegative, Positive
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.errors import InputError
+from skywright.models.arm_body import compute_servo_gains
+from skywright.models.rigid_body import (
+    build_body_model,
+    compute_body,
+    compute_kinematics,
+    posture,
+)
+from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
+from skywright.vehicle.component import Out, helper
+from skywright.vehicle.follower import Press
+from skywright.vehicle.laws._three_loops import ThreeLoops
+from skywright.vehicle.loops import (
+    SLOW,
+    LoopsTable,
+    arm_velocity,
+    choose_bandwidths,
+    hold_attitude,
+    position_force,
+    rest,
+    to_body,
+)
+from skywright.vehicle.tip_force import find_tip_sensor
+
+SENSITIVITY = 2.0  # largest |S|
+INTEGRAL = 0.25  # w_i / w
+DEAD_TICKS = 1.5  # control periods between a measurement and the middle of the thrust it causes
+REACH = 0.03  # m, of the tip deeper than its reference: where a surface may still be
+TOUCH, RELEASE = 0.2, 0.1  # N, felt: the tip touches, and no longer does
+BANDWIDTHS = np.geomspace(0.5, 60.0, 240)  # rad/s, that are looked at, 2 % apart
+FREQUENCIES = np.geomspace(0.01, 500.0, 1500)  # rad/s
+
+
+class Contact(NamedTuple):
+    """Robot against a surface along the probe, in its working posture."""
+
+    mass: float  # kg
+    k: float  # N/m, probe's spring and all that gives way with it
+    k_hard: float  # N/m, with the slider at an end of its travel
+    lag: float  # s, of the rotors
+    delay: float  # s, dead time
+
+
+class Gains(NamedTuple):
+    """Of the loop along the normal."""
+
+    w: float  # rad/s
+    damper: float  # N s/m
+    kp: float
+    ki: float  # 1/s
+
+
+class DirectForce(ThreeLoops):
+    """Laws (2) to (4), and the measured force along the normal."""
+
+    needs_full_actuation = True
+
+    class Table(LoopsTable):
+        """Bandwidths of all loops; None: the derivation's."""
+
+        force_bandwidth_rad_s: Bandwidth | None = None
+        force_damping: Positive = 1.0
+        force_integral_rad_s: NonNegative | None = None
+        approach_speed_mps: Positive | None = None
+
+    class Me(ThreeLoops.Me):
+        damper: float  # N s/m
+        kp_force: float
+        ki_force: float  # 1/s
+        approach: float  # m/s a newton of the desired force
+        approach_max: float  # m/s
+        touching: float  # 1: a force is felt
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Fill gains; raises InputError where the loop is too slow for any."""
+        super().build(me, table, context)
+        contact = build_contact(context.robot, context.world, table, context.dt, context.h)
+        gains = compute_gains(contact, table)
+        me.damper, me.kp_force, me.ki_force = gains.damper, gains.kp, gains.ki
+        told = table.approach_speed_mps
+        me.approach_max = math.inf if told is None else told
+        me.approach = math.inf if told is not None else 0.5 / math.sqrt(contact.k * contact.mass)
+
+    def check_robot(self, robot: Robot) -> None:
+        """Raise InputError for a robot that does not measure the force of its tip."""
+        if find_tip_sensor(robot) is None:
+            raise InputError(
+                f"control law {self.name!r} needs the measured force of a probe; "
+                f"{robot.name!r} has no force sensor there: take robot 'othex-force', or give it "
+                "[robot.sensors.NAME] kind = 'force_torque', at = 'probe'"
+            )
+
+    def compute_gust_response(
+        self, robot: Robot, world: World, frequencies: Array, h: float
+    ) -> Array | None:
+        """Return the contact force (n,) per newton of a gust along the normal; see Law."""
+        contact = build_contact(robot, world, self.table, 1.0 / robot.control.rate_hz, h)
+        return compute_gust_response(contact, compute_gains(contact, self.table), frequencies)
+
+    @staticmethod
+    def step(
+        me: Me,
+        ref: Reference,
+        press: Press,
+        est: Estimate,
+        body: Body,
+        allocated: Allocated,
+        cmd: Out[WrenchCommand],
+    ) -> None:
+        arm_velocity(me, ref, est, body, cmd.qd)
+        if ref.active < 0.5:
+            rest(me, cmd)
+            me.touching = 0.0
+            return
+        me.touching = 1.0 if est.f_tip > (RELEASE if me.touching > 0.5 else TOUCH) else 0.0
+        f_W = local(3)
+        deep = 0.0
+        for i in range(3):
+            deep += ref.R_WS[i, 2] * (ref.p_WT[i] - est.p_WT[i])
+        if press.force > 0.0 and ref.dead_zone > 0.0 and deep < REACH:
+            press_force(me, ref, press.force, est, body, allocated.saturated, f_W)
+        else:
+            position_force(me, ref, est, body, allocated.saturated, f_W)
+        to_body(est, f_W, cmd.f_B)
+        hold_attitude(me, ref, est, body, allocated.saturated, cmd)
+
+
+@helper
+def press_force(
+    me: Any, ref: Any, asked: float, est: Any, body: Any, saturated: float, f_W: Any
+) -> None:
+    """Law (4) along the surface, the force `asked` (N) across it; see the module."""
+    mass, n = body.mass, local(3)
+    kp, kd = mass * me.wn_p * me.wn_p, 2.0 * me.zeta_p * mass * me.wn_p
+    e_n = v_n = 0.0
+    for i in range(3):
+        n[i] = ref.R_WS[i, 2]
+        e_n += n[i] * (ref.p_WT[i] - est.p_WT[i])
+        v_n += n[i] * (ref.v_WB[i] - est.v_WB[i])
+    push = asked * (1.0 + me.kp_force)
+    if me.touching > 0.5:
+        push -= me.kp_force * est.f_tip
+    else:
+        push = min(push, me.damper * min(me.approach * asked, me.approach_max))
+    speed = math.sqrt(ref.v_WT[0] ** 2 + ref.v_WT[1] ** 2 + ref.v_WT[2] ** 2 + SLOW**2)
+    for i in range(3):
+        v = ref.v_WB[i] - est.v_WB[i] - v_n * n[i]
+        e = ref.p_WT[i] - est.p_WT[i] - e_n * n[i]
+        f_W[i] = mass * ref.a_WB[i] + kd * v + kp * e + me.sigma[i]
+        f_W[i] += (me.damper * v_n - push) * n[i] + me.friction * asked * ref.v_WT[i] / speed
+    f_W[2] += mass * body.gravity
+    if saturated > 0.0:
+        return
+    wind_up = me.ki_force * (asked - est.f_tip) if me.touching > 0.5 else 0.0
+    total = 0.0
+    for i in range(3):
+        e = ref.p_WT[i] - est.p_WT[i] - e_n * n[i]
+        me.sigma[i] += me.dt * (me.wi_p * kp * e - wind_up * n[i])
+        total += me.sigma[i] * me.sigma[i]
+    if total > me.f_integral_max * me.f_integral_max:
+        scale = me.f_integral_max / math.sqrt(total)
+        for i in range(3):
+            me.sigma[i] *= scale
+
+
+def build_contact(robot: Robot, world: World, table: Any, dt: float, h: float) -> Contact:
+    """Model a robot that presses along its probe; `dt`, `h` (s): control period, physics step."""
+    assert robot.probe is not None
+    sensor = find_tip_sensor(robot)
+    assert sensor is not None  # check_robot
+    model, q = build_body_model(robot, world.gravity_mps2), posture(robot, "working")
+    mass, p_BC, inertia = compute_body(model, q)
+    k = compute_kinematics(model, q)
+    along, lever = k["R_BT"][:, 2], np.empty(3)
+    cross(k["p_BT"] - p_BC, along, lever)
+    inertia = inertia - mass * (p_BC @ p_BC * np.eye(3) - np.outer(p_BC, p_BC))
+    w_R = choose_bandwidths(table, _Given(robot)).attitude_bandwidth_rad_s  # type: ignore[arg-type]
+    gives = float(lever @ np.linalg.solve(inertia, lever)) / w_R**2  # m/N
+    gives += _compute_arm_compliance(robot, model, (along @ k["J_BT"])[: len(q)])
+    delay = DEAD_TICKS * dt + h + 0.5 * sensor.period
+    delay += 2.0 * (world.link.delay_s + world.link.jitter_s)
+    return Contact(
+        mass, 1.0 / (1.0 / robot.probe.spring_n_per_m + gives), 1.0 / gives,
+        robot.rotors.time_constant_s, delay,
+    )  # fmt: skip
+
+
+class _Given(NamedTuple):
+    """What `choose_bandwidths` reads."""
+
+    robot: Robot
+
+
+def _compute_arm_compliance(robot: Robot, model: NDArray[Any], lever: Array) -> float:
+    """Return how far (m) the tip gives way a newton: springs and servos over their levers (m)."""
+    n = len(lever)
+    out = sum(
+        a**2 / limb.link.flex_stiffness_nm_per_rad
+        for a, limb in zip(lever, list_joints(robot), strict=True)
+        if limb.link.flex_stiffness_nm_per_rad
+    )
+    at_motors = model[0]["belt"][:n, :n].T @ lever
+    stiffness = [compute_servo_gains(robot, i)[0] for i in range(len(list_servos(robot)))]
+    return float(out + sum(a**2 / k for a, k in zip(at_motors, stiffness, strict=True)))
+
+
+def compute_gains(contact: Contact, table: DirectForce.Table) -> Gains:
+    """Return the gains of a bandwidth, by default the fastest with |S| below SENSITIVITY.
+
+    Raises InputError where no bandwidth stays below it.
+    """
+    if table.force_bandwidth_rad_s is not None:
+        return _build_gains(contact, table, table.force_bandwidth_rad_s)
+    best = None
+    for w in BANDWIDTHS:
+        gains = _build_gains(contact, table, float(w))
+        if compute_sensitivity(contact, gains) > SENSITIVITY:
+            break
+        best = gains
+    if best is None:
+        raise InputError(
+            f"control law 'direct_force': a dead time of {1e3 * contact.delay:.0f} ms (sensor, "
+            f"control, link both ways) and rotors of {1e3 * contact.lag:.0f} ms leave no force "
+            "bandwidth with a sensitivity below 2: less world.link.delay_s, or mission.law = "
+            "'push_and_slide'"
+        )
+    return best
+
+
+def _build_gains(c: Contact, table: DirectForce.Table, w: float) -> Gains:
+    told = table.force_integral_rad_s
+    wi = INTEGRAL * w if told is None else told
+    over = max(c.mass * w**2 / c.k, 1.0)
+    return Gains(w, 2.0 * table.force_damping * c.mass * w, over - 1.0, wi * over)
+
+
+def compute_sensitivity(c: Contact, g: Gains, w: Array = FREQUENCIES) -> float:
+    """Return the largest |S| at the rotors: spring free, spring at an end, in the air."""
+    s = 1j * w
+    late = np.exp(-s * c.delay) / (1.0 + c.lag * s)
+    worst = 0.0
+    for k in (c.k, c.k_hard, 0.0):
+        loop = (g.damper * s + (g.kp + g.ki / s) * k) * late / (c.mass * s**2 + k)
+        worst = max(worst, float(np.max(1.0 / np.abs(1.0 + loop))))
+    return worst
+
+
+def compute_gust_response(c: Contact, g: Gains, w: Array) -> Array:
+    """Return |F / gust| (n,) at w (n,) rad/s, the spring free or at an end: the larger."""
+    s = 1j * w
+    late = np.exp(-s * c.delay) / (1.0 + c.lag * s)
+    both = [
+        np.abs(k / (c.mass * s**2 + k + (g.damper * s + (g.kp + g.ki / s) * k) * late))
+        for k in (c.k, c.k_hard)
+    ]
+    return np.asarray(np.maximum(*both))
