@@ -239,6 +239,17 @@ def test_a_hexarotor_lands_without_a_rotor():
     check_down(fly("tool-install", "rotor", efficiency=0, start_s=8), "rotor_lost", 8.0, 0.2)
 
 
+def test_a_dropped_tool_is_missed():
+    check_down(fly("tool-install", "tool_dropped", start_s=88), "tool_dropped", 88.0, 0.6)
+
+
+def test_a_hand_that_presses_too_hard_is_drawn_back():
+    sets = ["mission.task.force_n=4", "mission.faults.excess_force.limit=3"]
+    result = fly_and_evaluate(load_description("sensor-install", sets=sets))
+    check_down(result, "excess_force", 100.0, 30.0, "come_home")
+    assert "retract" in [p.name for p in result.phases]
+
+
 def test_a_weak_rotor_is_noticed_by_its_effect():
     sets = ["plant.faults.a.kind=rotor", "plant.faults.a.rotor=3", "plant.faults.a.start_s=8"]
     result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 class FolderKind(MissionKind[T, Any]):
     """A kind whose folder has `plan.py`, `fly.py`, `metrics.py` and `figures.py`.
 
-    They define `plan(setup)`, `fly(s, way)` and maybe `withdraw(s, way)`, `compute_metrics(run)` with `MEASURES`, and `FIGURES`,
-    and are imported when they are needed. A folder without metrics is judged by the way flown.
+    They define `plan(setup)`, `fly(s, way)` and maybe `withdraw(s, way)`, `compute_metrics(run)`
+    with `MEASURES`, and `FIGURES`, and are imported when they are needed. A folder without metrics
+    is judged by the way flown.
     """
 
     @property

@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from skywright.run.run import collect_versions
+from skywright.run.versions import collect_versions
 
 BUSY = 0.25
 """Load average a core from which a result is called noisy."""

@@ -41,7 +41,7 @@ class ToolDropped(Rule):
             self._hung = None
             return float("nan")
         R_WB = v.estimate["R_WB"]
-        place = R_WB.T @ (marker.p_WM - np.mean(hands.p_WH[: v.hands], axis=0))
+        place = R_WB.T @ (marker.p_WO - np.mean(hands.p_WH[: v.hands], axis=0))
         if self._hung is None:
             self._hung = place
         return float(np.linalg.norm(place - self._hung))
