@@ -655,16 +655,25 @@ def test_examples_of_the_how_to_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     folder.mkdir(parents=True)
     (folder / "mission.toml").write_text("x = 1\n")
     robot = load_robot("othex")[0]
-    recorded = list_recorded(joint_names(robot), 6, ())
+    imu = Stream(
+        Topic("/sensors/inertial", "sensor_msgs/Imu", "platform",
+              {"angular_velocity": "gyro", "linear_acceleration": "accel"}),
+        (Column("t", unit="s"), Column("gyro", (3,)), Column("accel", (3,))),
+    )  # fmt: skip
+    raw = np.zeros(1000, build_dtype(imu.columns))
+    raw["t"] = 0.001 * np.arange(1000)
+    recorded = list_recorded(joint_names(robot), 6, ())._replace(streams=(imu,))
     with FlightRecording(folder, robot, recorded) as writer:
         writer.append(np.zeros(100, build_dtype(recorded.columns)))
+        writer.append_stream("/sensors/inertial", raw)
     monkeypatch.chdir(tmp_path)
     page = (DOCS / "howto" / "read-a-recording.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     names: dict[str, Any] = {}
     for block in blocks:
         exec(block, names)
     assert names["recording"].complete and names["message"].gap == 0
+    assert len(names["imu"]) == 1000
     header, *rows = (tmp_path / "scan.csv").read_text(encoding="utf-8").splitlines()
     assert header == "t_s,x_m,y_m,z_m,re,im,f_normal_n" and len(rows) == 100

@@ -268,8 +268,9 @@ def test_the_tool_is_installed_and_brought_back() -> None:
     result = fly_and_evaluate(load_description("tool-install", sets=sets, seed=3))
     m = result.metrics
     names = [p.name for p in result.phases]
-    _, seat = find_places(result.description.world, result.description.mission.task)
-    off = np.linalg.norm(result.plan.way.seat.p_WO - seat.p_WO)
+    task, plan = result.description.mission.task, result.plan.way
+    _, seat = find_places(result.description.true_world, task)
+    off = np.linalg.norm(plan.seat.p_WO - seat.p_WO)
     assert off > 0.01  # of the map: the pipe is put to use where it is seen
     order = [
         "take_off", "approach bench", "grasp", "lift", "carry", "approach pipe", "install", "wait",

@@ -277,17 +277,19 @@ def test_full_plant_agrees(name: str) -> None:
     scene = build_scene(robot, WORLD, Deviation())
     text, names = plant_urdf(robot, scene)
     p, rng = read(text, names), np.random.default_rng(7)
-    armature = np.zeros(6 + len(names))
-    for limb in list_joints(robot):
-        if limb.servo >= 0:
-            servo = list_servos(robot)[limb.servo][1]
-            armature[6 + names.index(limb.name)] = servo.armature_kgm2
+    driven = [6 + names.index(limb.name) for limb in list_joints(robot) if limb.servo >= 0]
+    motors = np.eye(len(driven))  # rates of the motors in the joints'
+    if robot.arm is not None and robot.arm.belt is not None:
+        motors = np.linalg.inv(robot.arm.belt)
+    inertia = [servo.armature_kgm2 for _, servo in list_servos(robot)]
+    armature = np.zeros((6 + len(names), 6 + len(names)))
+    armature[np.ix_(driven, driven)] = motors.T @ np.diag(inertia) @ motors
     data = mujoco.MjData(scene.model)
     for _ in range(20):
         s = random_state(rng, len(names))
         data.qpos[:3], data.qpos[3:7], data.qpos[7:], data.qvel[:] = s.p, s.quat, s.q, s.v
         full, bias = compute_mujoco(scene.model, data)
-        np.testing.assert_allclose(full, p.mass_matrix(s) + np.diag(armature), atol=1e-8)
+        np.testing.assert_allclose(full, p.mass_matrix(s) + armature, atol=1e-8)
         np.testing.assert_allclose(bias, p.bias(s), atol=1e-8, rtol=1e-9)
 
 

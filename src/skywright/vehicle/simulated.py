@@ -107,9 +107,10 @@ class SimulatedVehicle:
         """
         self.nominal, self.law, self.estimator = nominal, law, estimator
         self.robot, world = nominal.robot, world or nominal.world
-        robot, true = nominal.robot, Nominal(nominal.robot, world)
-        known = {"pipe": nominal.world.pipe, "structure": nominal.world.structure}
+        robot, known = nominal.robot, {n: getattr(nominal.world, n) for n in ("pipe", "structure")}
         self.world = world.model_copy(update=known)
+        # surfaces that stand where the map has them are not built again
+        true = nominal if world == self.world else Nominal(robot, world)
         self.interactive = interactive
         self.n_steps, self.dt = check_rate(robot, timestep)
         self.n_ticks = max(round(MISSION_TICK / self.dt), 1)

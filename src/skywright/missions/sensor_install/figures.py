@@ -48,7 +48,7 @@ def draw_force(result: RunResult[SensorInstall, InstallPlan]) -> Figure | None:
     axes[0].legend(loc="upper left", ncols=3)
     fit_y(axes[0], float(np.max(true)), float(np.min(true)), 1.2 * task.force_n)
     names = joint_names(result.description.robot)
-    for j, color in ((hangs, BLUE), (hangs + 3, PURPLE)):
+    for j, color in ((int(hangs), BLUE), (3 + hangs, PURPLE)):
         label = names[j].replace("left_", "").replace("_", " ")
         draw_line(axes[1], t, np.degrees(s["deflection"][:, j]), color=color, label=label)
     draw_limit(axes[1], -10.0, "end of the linear range, 10 deg", below=True)
