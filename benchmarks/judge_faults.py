@@ -25,6 +25,7 @@ from skywright.vehicle.component import Fault
 TOUCH_N = 0.5  # of an unintended contact
 APART_S = 0.3  # s, between two collisions
 LOW_M = 0.05  # m above where the platform stands
+LINK_M = 1.0  # m, below which a link that hangs from the platform meets the ground
 STILL_MPS = 0.1
 
 
@@ -59,7 +60,8 @@ def judge(folder: Path) -> Judged:
     s = read_recording(folder / "recording.mcap").samples
     stands = d.robot.platform.gear_height_m
     height = s["p_WB"][:, 2]
-    aloft = height > stands + LOW_M
+    free = LINK_M if d.robot.pendulum is not None else LOW_M
+    aloft = height > stands + free
     acted = told["faults"]
     at = acted[0]["t_s"] if acted else np.inf
     before = s["t"] < at

@@ -29,7 +29,7 @@ from skywright.models.reach import PLATFORM_MARGIN, compute_reach
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
 from skywright.models.tip_force import Loaded
-from skywright.run.run import collect_versions
+from skywright.run.versions import collect_versions
 
 FORCES = st.tuples(*[st.floats(-2.0, 2.0)] * 3).map(np.array)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,7 +26,8 @@ Array = NDArray[np.float64]
 Table = NDArray[Any]
 
 RETRACT_M, RETRACT_SPEED, RETRACT_ACCELERATION = 0.25, 0.4, 1.5  # m, m/s, m/s^2
-NEAR_M = 0.05  # m, within which a way back is cut short
+SHORTCUTS = 16  # places of the way that was flown to which a straight one is tried, at a time
+STEP_M, WAY_MARGIN = 0.05, 0.1  # m (or rad) between looks at a shortcut, and what it keeps clear
 SPEED, TURN, JOINT = 0.4, 0.5, 0.5  # m/s, rad/s, rad/s of the way back
 SINK = 0.35  # m/s, of an emergency landing
 BELOW = 1.0  # m, that it aims below the ground: the estimate may be wrong
@@ -166,26 +169,41 @@ def _wait_until_good(s: Supervisor) -> None:
             bad = s.vehicle.t
 
 
-def list_way_back(trail: list[Crumb], here: Crumb) -> list[Crumb]:
-    """Return the way from `here` to the first crumb, without loops; contact is kept clear of."""
-    points = np.array([c.p_WB + RETRACT_M * c.away for c in trail])
-    joints = np.array([c.q for c in trail])
-    out, k = [here], len(trail) - 1
-    while k >= 0:
-        p, q = points[k], joints[k]
-        out.append(trail[k]._replace(p_WB=p))
-        near = (np.linalg.norm(points[:k] - p, axis=1) < NEAR_M) & (
-            np.max(np.abs(joints[:k] - q), axis=1) < 0.1
-        )
-        k = int(np.argmax(near)) if np.any(near) else k - 1
+def list_way_back(
+    trail: list[Crumb], here: Crumb, is_free: Callable[[Crumb, Crumb], bool]
+) -> list[Crumb]:
+    """Return the way from `here` to the first crumb: straight where that is free, else as flown.
+
+    Crumbs of contact are kept RETRACT_M clear of what was touched.
+    """
+    clear = [c._replace(p_WB=c.p_WB + RETRACT_M * c.away) for c in trail]
+    out, k = [here], len(clear)
+    while k > 0:
+        tried = np.unique(np.linspace(0, k - 1, SHORTCUTS).astype(int))
+        k = next((int(j) for j in tried[:-1] if is_free(out[-1], clear[j])), k - 1)
+        out.append(clear[k])
     return out
+
+
+def _is_way_free(s: Supervisor, query: ClearanceQuery | None, a: Crumb, b: Crumb) -> bool:
+    """Whether the straight way of platform and arm keeps its distance in the nominal scene."""
+    if query is None:
+        return False
+    far = max(float(np.linalg.norm(b.p_WB - a.p_WB)), float(np.max(np.abs(b.q - a.q))))
+    row = {"R_WB": a.R_WB, "q": a.q}
+    for u in np.linspace(0.0, 1.0, max(math.ceil(far / STEP_M), 1) + 1):
+        row["q"] = a.q + u * (b.q - a.q)
+        if _gap(s, query, a.p_WB + u * (b.p_WB - a.p_WB), row) < WAY_MARGIN:
+            return False
+    return True
 
 
 def _come_home(s: Supervisor) -> None:
     """Fly back the way that was flown, as one move."""
     row = build_rest(s)
     here = Crumb(np.array(row["p_WB"]), np.array(row["R_WB"]), np.array(row["q"]), np.zeros(3))
-    way = list_way_back(s.trail.crumbs, here)
+    query = s.surroundings() if s.surroundings is not None else None
+    way = list_way_back(s.trail.crumbs, here, partial(_is_way_free, s, query))
     if len(way) < 2:
         return
     p, q = np.array([c.p_WB for c in way]), np.array([c.q for c in way])
