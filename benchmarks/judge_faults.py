@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skywright.core.recording import read_recording
 from skywright.description.loader import load_description
+from skywright.recordings.recording import read_recording
 from skywright.run.parts import build_named
 from skywright.vehicle.component import Fault
 
@@ -86,7 +86,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folders", type=Path, nargs="+")
     a = parser.parse_args()
-    runs = sorted(m.parent for f in a.folders for m in f.glob("*/metrics.json"))
+    found = sorted(m.parent for f in a.folders for m in f.glob("*/metrics.json"))
+    runs = [run for run in found if run.suffix != ".partial"]  # interrupted by the user
     rows = [judge(run) for run in runs]
     for r in rows:
         mark = "ok  " if r.passed else "FAIL"

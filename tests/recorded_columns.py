@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from skywright.core.columns import Column
 from skywright.core.types import MAX_OBJECTS
+from skywright.recordings.columns import Column
 from skywright.vehicle.simulated import Recorded
 from skywright.vehicle.topics import list_topics
 

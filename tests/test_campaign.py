@@ -29,8 +29,8 @@ from skywright.analysis.campaign.spec import (
     load_run,
 )
 from skywright.analysis.campaign.store import Store, decode_row, encode_row
-from skywright.core.recording_writer import RecordingWriter
 from skywright.errors import InputError
+from skywright.recordings.writer import RecordingWriter
 from skywright.run.rows import Row
 from skywright.run.run import fly_and_evaluate
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from skywright.core.find import find, list_kinds
-from skywright.core.recording import read_recording
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.models.rotor_loss import list_dispensable
+from skywright.recordings.recording import read_recording
 from skywright.run.faults._rule import RESPONSES, Follow
 from skywright.run.faults._watch import RuleActed, Watch
 from skywright.run.parts import build_named, build_rules

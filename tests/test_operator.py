@@ -21,7 +21,6 @@ from websockets.sync.client import connect
 
 import skywright.missions.tool_install
 from skywright import cli
-from skywright.core.recording import read_recording
 from skywright.core.rotations import rot_x, rot_z
 from skywright.description.loader import load_description
 from skywright.errors import InputError
@@ -38,6 +37,7 @@ from skywright.missions.tool_install.operated_install import (
     explain_loss,
 )
 from skywright.missions.tool_install.plan import find_places
+from skywright.recordings.recording import read_recording
 from skywright.run import operator as operator_file
 from skywright.run.operator import (
     COLUMNS,

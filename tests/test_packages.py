@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 
 from skywright import cli
 from skywright.core.find import list_offers
-from skywright.core.recording import read_recording
+from skywright.recordings.recording import read_recording
 from user_parts import FILES, MISSION
 
 POINTS = """[skywright.components]

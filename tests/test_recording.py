@@ -20,12 +20,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from recorded_columns import PARTS, Recorded, list_recorded
-from skywright.core import messages
-from skywright.core.cdr import build_layout
-from skywright.core.columns import Column, Stream, Topic, build_dtype, choose_topics
-from skywright.core.messages import EVENTS
-from skywright.core.recording import Event, Recording, read_recording
-from skywright.core.recording_writer import RecordingWriter
 from skywright.core.rotations import rot_from_quat
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 from skywright.description.robot.loader import load_robot
@@ -33,6 +27,12 @@ from skywright.errors import InputError
 from skywright.models.link_frames import LinkFrames
 from skywright.models.rigid_body import build_body_model, compute_tip, joint_names
 from skywright.models.urdf import build_urdf
+from skywright.recordings import messages
+from skywright.recordings.cdr import build_layout
+from skywright.recordings.columns import Column, Stream, Topic, build_dtype, choose_topics
+from skywright.recordings.messages import EVENTS
+from skywright.recordings.recording import Event, Recording, read_recording
+from skywright.recordings.writer import RecordingWriter
 from skywright.run.flight_recording import FlightRecording
 from skywright.vehicle.topics import MIXED
 
@@ -459,7 +459,7 @@ def test_a_killed_process_leaves_all_that_was_appended(tmp_path: Path) -> None:
         import os, signal
         from pathlib import Path
         from test_recording import FULL, make_samples
-        from skywright.core.recording_writer import RecordingWriter
+        from skywright.recordings.writer import RecordingWriter
         writer = RecordingWriter(Path({str(path)!r}), *FULL)
         samples = make_samples(200)
         writer.append(samples[:100])

@@ -281,8 +281,7 @@ def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 STATEMENTS = 43_300
-LONG_FILES = {"description/robot/spec.py"}
-"""Longer than 400 lines today. A name goes when its file is shorter; none is added."""
+CORE_LINES = 2_500
 
 
 def test_the_code_does_not_grow() -> None:
@@ -297,7 +296,9 @@ def test_files_are_short() -> None:
         for path in SOURCES
         if len(path.read_text("utf-8").splitlines()) > 400
     }
-    assert not long - LONG_FILES
+    assert not long
+    core = [path for path in SOURCES if path.parent.name == "core"]
+    assert sum(len(path.read_text("utf-8").splitlines()) for path in core) <= CORE_LINES
 
 
 def _walk_imports(tree: ast.AST) -> Iterator[ast.AST]:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skywright.core.recording import read_recording
-from skywright.core.recording_writer import RecordingWriter
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.recordings.recording import read_recording
+from skywright.recordings.writer import RecordingWriter
 from skywright.run.run import build_vehicle
 
 TICKS = 30  # mission ticks, 20 ms each: the robot stands on the ground

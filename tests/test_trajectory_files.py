@@ -14,9 +14,6 @@ from rosbags.typesys import Stores, get_typestore
 from skywright.analysis.locate.point_file import load_points, pair_points
 from skywright.analysis.locate.trajectory_file import load_trajectory, name_column
 from skywright.analysis.locate.trajectory_mcap import _decode_message
-from skywright.core.cdr import HEADER
-from skywright.core.mcap_file import McapWriter, build_message_header
-from skywright.core.messages import definition, full_name
 from skywright.errors import InputError
 from skywright.models.localisation.trajectory import (
     Trajectory,
@@ -24,6 +21,9 @@ from skywright.models.localisation.trajectory import (
     interpolate_position,
     remove_spikes,
 )
+from skywright.recordings.cdr import HEADER
+from skywright.recordings.mcap_file import McapWriter, build_message_header
+from skywright.recordings.messages import definition, full_name
 
 TUM = """# timestamp(s) tx ty tz qx qy qz qw
 1403715273.26214 0.878895 2.183400 0.948427 -0.824237 -0.106942 -0.551702 0.069433

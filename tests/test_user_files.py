@@ -12,11 +12,11 @@ import pytest
 
 from skywright.analysis.campaign.campaign import run_campaign
 from skywright.analysis.campaign.spec import build_campaign, build_identity
-from skywright.core.recording import read_recording
 from skywright.core.user_files import PythonEndedError, load_file, read_sources, tried_first
 from skywright.description.loader import load_description
 from skywright.evidence.reproduce.flights import describe_content
 from skywright.evidence.reproduce.spec import Case
+from skywright.recordings.recording import read_recording
 from skywright.run.directory import write_sources
 from user_parts import write_parts
 

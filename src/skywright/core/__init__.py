@@ -1,1 +1,1 @@
-"""Shared types, rotations, clocks, units and the recording."""
+"""Records, units, rotations, draws, TOML and finding what is asked for by name."""

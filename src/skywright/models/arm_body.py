@@ -8,8 +8,9 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import quat_from_rot, rot_y
+from skywright.description.robot.arm import Link, Servo
 from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
-from skywright.description.robot.spec import Link, Robot, Servo
+from skywright.description.robot.spec import Robot
 from skywright.models.part_masses import (
     SLIDER_INERTIA,
     build_probe_parts,

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
-from skywright.core.columns import has_columns
 from skywright.core.types import MAX_OBJECTS
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
@@ -19,6 +18,7 @@ from skywright.description.world.things import list_movers
 from skywright.models.rigid_body import joint_names
 from skywright.models.scene import Scene, build_scene
 from skywright.models.things._build import OBJECT
+from skywright.recordings.columns import has_columns
 
 _KINDS = {
     mujoco.mjtGeom.mjGEOM_PLANE: "plane",

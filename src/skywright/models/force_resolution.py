@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array
+from skywright.description.robot.arm import Servo
 from skywright.description.robot.limbs import list_joints, list_servos
-from skywright.description.robot.spec import Robot, Servo
+from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_kinematics, posture
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
-from skywright.core.columns import Column, Stream, Topic, build_dtype, has_columns
 from skywright.core.rotations import quat_from_rot, rot_x, rot_y, rot_z
 from skywright.models.drawing import multiply_quaternions, rotate_vectors
+from skywright.recordings.columns import Column, Stream, Topic, build_dtype, has_columns
 
 MAP = "map"
 POINTS = {"contact": "p_WT", "left_contact": "left_p_WH", "right_contact": "right_p_WH"}

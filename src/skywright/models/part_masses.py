@@ -7,9 +7,10 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_y
+from skywright.description.robot.arm import Link
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.limbs import end_of
-from skywright.description.robot.spec import Link, Probe, Robot
+from skywright.description.robot.spec import Probe, Robot
 
 SLIDER_INERTIA = 1e-6
 """kg m^2 of the probe's sprung part about its own centre: small, but MuJoCo wants it above zero."""

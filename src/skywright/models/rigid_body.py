@@ -19,9 +19,10 @@ from skywright.core.record import Array
 from skywright.core.rotations import mat_mat, mat_vec, rot_about
 from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.arm import Link
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
-from skywright.description.robot.spec import Link, Probe, Robot
+from skywright.description.robot.spec import Probe, Robot
 from skywright.models.bar import compute_bar_share
 from skywright.models.body_records import MAX_LINKS, Body, BodyModel, Kinematics
 from skywright.models.part_masses import (

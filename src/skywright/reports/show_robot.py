@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 
 from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.arm import Link
 from skywright.description.robot.limbs import list_joints, list_limbs
-from skywright.description.robot.spec import Link, Robot
+from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_body, compute_kinematics, posture
 from skywright.models.rotors import build_rotors
 from skywright.reports.outlines import outline_arm, outline_robot

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from skywright.core.recording import Event, read_recording
 from skywright.core.user_files import read_sources
 from skywright.errors import InputError
+from skywright.recordings.recording import Event, read_recording
 from skywright.run.faults._rule import Acted
 from skywright.run.flight import PhaseRecord
 

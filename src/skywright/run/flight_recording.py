@@ -7,11 +7,11 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from skywright.core.recording_writer import RecordingWriter
 from skywright.description.robot.spec import Robot
 from skywright.models.link_frames import LinkFrames
 from skywright.models.rigid_body import joint_names
 from skywright.models.urdf import build_urdf
+from skywright.recordings.writer import RecordingWriter
 from skywright.run.faults._rule import Acted
 from skywright.vehicle.simulated import Recorded
 

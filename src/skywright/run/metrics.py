@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.columns import has_columns
+from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown, PhaseRecord
 
 Array = NDArray[np.float64]

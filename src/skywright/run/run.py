@@ -17,7 +17,6 @@ from typing import Any, Generic, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.columns import build_dtype
 from skywright.core.threads import on_one_thread
 from skywright.description.loader import Description, load_description
 from skywright.description.mission.spec import T
@@ -25,6 +24,7 @@ from skywright.errors import InfeasibleError, InputError, SimulationError
 from skywright.models.capability import check_can_fly
 from skywright.models.things.bench import Bench
 from skywright.planning.motion.plan_file import write_plan_file
+from skywright.recordings.columns import build_dtype
 from skywright.run.directory import (
     load_run,
     open_directory,

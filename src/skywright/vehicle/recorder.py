@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.columns import Column
 from skywright.core.record import Record
 from skywright.core.rotations import rot_to_quat
+from skywright.recordings.columns import Column
 from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Component, Recorded, helper, integers, table, words
 from skywright.vehicle.plant import SAMPLE_RATE

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.columns import Column, Stream, Topic
 from skywright.core.record import View
 from skywright.description.world.spec import World
 from skywright.description.world.thing import Placed
@@ -30,6 +29,7 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.things.bench import CLAMP, Bench
+from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate, ShaftCommand, WrenchCommand

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.columns import Column, Stream, Topic, build_dtype
 from skywright.core.record import Record
 from skywright.core.types import IMU_BATCH
+from skywright.recordings.columns import Column, Stream, Topic, build_dtype
 from skywright.vehicle.assembly import NEAR
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Component, Streamed, integers, words

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skywright.core.columns import (
+from skywright.core.types import MAX_OBJECTS
+from skywright.description.robot.limbs import SIDES
+from skywright.recordings.columns import (
     Column,
     Topic,
     choose_topics,
@@ -15,8 +17,6 @@ from skywright.core.columns import (
     vector,
     wrench,
 )
-from skywright.core.types import MAX_OBJECTS
-from skywright.description.robot.limbs import SIDES
 
 MAP, BODY, TIP = "map", "platform", "tip"
 """Frames W, B and T; those of the robot are links of its URDF (models/urdf.py)."""

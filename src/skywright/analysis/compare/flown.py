@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 from skywright.analysis.compare.comparison import Collision, Hover, Install
 from skywright.analysis.compare.geometry import PipeDistance
 from skywright.core.arrays import Array
-from skywright.core.columns import has_columns
 from skywright.core.types import TASK_POSITION
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints
 from skywright.errors import SkywrightError
 from skywright.models.compliant_arms import find_hands
 from skywright.models.rigid_body import build_body_model
+from skywright.recordings.columns import has_columns
 from skywright.run.metrics import in_phases
 from skywright.run.run import build_vehicle, fly_and_evaluate
 from skywright.vehicle.arms_interface import Arms

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.ulog import load_ulog
 from skywright.core.arrays import Array
-from skywright.core.columns import has_columns
-from skywright.core.recording import Recording, read_recording
 from skywright.core.rotations import quat_to_rot
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints, list_servos
@@ -21,6 +19,8 @@ from skywright.errors import InputError
 from skywright.models.allocation import allocate, build_allocator, thrust_to_speed
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import build_rotors
+from skywright.recordings.columns import has_columns
+from skywright.recordings.recording import Recording, read_recording
 
 TOUCHING = 1e-3  # m, of the probe's spring: more than its slider moves in flight
 SHORTEST = 5.0  # s of free flight below which there is nothing to learn from

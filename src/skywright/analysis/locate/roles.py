@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 from skywright.analysis.locate.trajectory_file import load_trajectory, split_topic
 from skywright.analysis.locate.trajectory_mcap import find_own_roles, list_topics
-from skywright.core.mcap_file import read_mcap
 from skywright.errors import InputError
 from skywright.models.localisation.trajectory import Trajectory
+from skywright.recordings.mcap_file import read_mcap
 
 MOST_STATION_HZ = 25.0
 """A total station is no faster; of two trajectories the slower one below this is taken for it."""

@@ -16,9 +16,9 @@ import numpy as np
 from skywright.analysis.locate.trajectory_mcap import load_topic
 from skywright.core import text_table
 from skywright.core.arrays import Array
-from skywright.core.mcap_file import MAGIC
 from skywright.errors import InputError
 from skywright.models.localisation.trajectory import MAX_DROPPED, Trajectory, clean
+from skywright.recordings.mcap_file import MAGIC
 
 TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048}

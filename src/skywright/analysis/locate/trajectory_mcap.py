@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skywright.core.mcap_file import McapContents, read_mcap
 from skywright.errors import InputError, neighbours
 from skywright.models.localisation.trajectory import Trajectory, clean
+from skywright.recordings.mcap_file import McapContents, read_mcap
 
 # Strings behind the header's, and whether an orientation follows the place.
 KINDS = {

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from skywright.description.robot.spec import Link, Robot, Servo
+from skywright.description.robot.arm import Link, Servo
+from skywright.description.robot.spec import Robot
 
 SIDES = ("left", "right")
 

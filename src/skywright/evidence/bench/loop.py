@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from skywright.core.recording_writer import RecordingWriter
 from skywright.evidence.bench.flights import (
     FULL_STRENGTH,
     count_ticks,
@@ -26,6 +25,7 @@ from skywright.evidence.bench.flights import (
 )
 from skywright.evidence.bench.rows import Row, Session, build_row
 from skywright.evidence.bench.timing import compute_ratios, interleave
+from skywright.recordings.writer import RecordingWriter
 from skywright.vehicle.simulated import SimulatedVehicle
 
 LIMITS = {"fast": 1.5, "interactive": 2.2}

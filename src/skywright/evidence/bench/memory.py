@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.recording_writer import RecordingWriter
 from skywright.evidence.bench.commands import PYTHON, time_command
 from skywright.evidence.bench.flights import count_ticks, fly_into_contact, load_scan, run_ticks
 from skywright.evidence.bench.rows import Row, Session, build_row, build_unmeasured_row
 from skywright.evidence.bench.timing import read_rss
+from skywright.recordings.writer import RecordingWriter
 from skywright.run.run import fly_and_evaluate
 
 FLIGHT_LIMIT = 20.0

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from skywright.analysis.identify.load import IDENTIFY_FIELDS
 from skywright.core.arrays import Array
-from skywright.core.columns import build_dtype, has_columns
 from skywright.core.user_files import hash_sources
 from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import Description, load_description
@@ -28,6 +27,7 @@ from skywright.missions.skills.tool_handling import LOW
 from skywright.missions.tool_install.metrics import compute_grasp_errors
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.models.compliant_arms import is_compliant
+from skywright.recordings.columns import build_dtype, has_columns
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.run import build_vehicle, fly_and_evaluate
 from skywright.vehicle.bus import Body

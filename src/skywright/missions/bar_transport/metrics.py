@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from skywright.core.arrays import Array, Samples
-from skywright.core.columns import has_columns
 from skywright.core.rotations import rot_from_quat
 from skywright.description.world.scenario import get_structures
 from skywright.models.geometry import compute_area_clearance, compute_clearance
+from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases

@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.core.columns import has_columns
 from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
 from skywright.missions.bridge_contact.metrics import compute_press, select_phases
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.models.things.bench import Bench
+from skywright.recordings.columns import has_columns
 from skywright.reports.figures.localisation import CAPTION, draw_localisation
 from skywright.reports.figures.style import (
     BLACK,

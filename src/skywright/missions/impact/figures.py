@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.core.columns import has_columns
 from skywright.missions.impact.metrics import compute_tilt, compute_turn, find_contact
 from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
 from skywright.missions.impact.task import Impact
+from skywright.recordings.columns import has_columns
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array, Mask
-from skywright.core.columns import has_columns
 from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
 from skywright.missions.impact.task import Impact
 from skywright.models.drawing import rotate_vectors
+from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases

@@ -3,12 +3,12 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.core.columns import has_columns
 from skywright.description.world.things import list_movers
 from skywright.missions.skills.tool_handling import LOW
 from skywright.missions.tool_install.metrics import compute_grasp_errors, compute_operated
 from skywright.missions.tool_install.plan import ToolPlan, find_places
 from skywright.missions.tool_install.task import ToolInstall
+from skywright.recordings.columns import has_columns
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,

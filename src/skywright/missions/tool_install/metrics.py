@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array, Samples
-from skywright.core.columns import has_columns
 from skywright.core.rotations import rot_from_quat, rot_z
 from skywright.description.world.things import list_movers
 from skywright.missions.skills.tool_handling import LOW, Place
 from skywright.missions.tool_install.plan import ToolPlan, find_places
 from skywright.missions.tool_install.task import ToolInstall
+from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.core.columns import has_columns
+from skywright.recordings.columns import has_columns
 from skywright.reports.figures.style import BLUE, WIDTH, draw_line, new_figure
 from skywright.run.metrics import OUTAGE
 from skywright.run.run import RunResult

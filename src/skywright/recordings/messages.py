@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from skywright.core.columns import Topic
+from skywright.recordings.columns import Topic
 
 STANDARD = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.cdr import Column as Place
-from skywright.core.cdr import Layout, build_layout, read_layout
-from skywright.core.columns import Topic
-from skywright.core.mcap_file import build_message_header
-from skywright.core.messages import definition
+from skywright.recordings.cdr import Column as Place
+from skywright.recordings.cdr import Layout, build_layout, read_layout
+from skywright.recordings.columns import Topic
+from skywright.recordings.mcap_file import build_message_header
+from skywright.recordings.messages import definition
 
 BATCH = 256  # samples; the most that is encoded at once
 
@@ -190,6 +190,6 @@ def read_log(message: bytes) -> tuple[float, str]:
 
 
 def compute_stamp(ns: NDArray[Any]) -> NDArray[Any]:
-    """Return seconds + nanoseconds * 2^32 (core/cdr.py: STAMP)."""
+    """Return seconds + nanoseconds * 2^32 (recordings/cdr.py: STAMP)."""
     second = np.uint64(1_000_000_000)
     return (ns // second) | ((ns % second) << np.uint64(32))

@@ -17,12 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.columns import Column, build_dtype
-from skywright.core.mcap_file import McapContents, read_mcap
-from skywright.core.messages import EVENTS
-from skywright.core.recording_writer import FORMAT, METADATA, checksum
-from skywright.core.sample_rows import read_log, read_rows
 from skywright.errors import InputError
+from skywright.recordings.columns import Column, build_dtype
+from skywright.recordings.mcap_file import McapContents, read_mcap
+from skywright.recordings.messages import EVENTS
+from skywright.recordings.sample_rows import read_log, read_rows
+from skywright.recordings.writer import FORMAT, METADATA, checksum
 
 # What metadata and schemas of a damaged file, or of somebody else's, can raise.
 _DAMAGE = (LookupError, TypeError, ValueError, AttributeError, RecursionError, struct.error)

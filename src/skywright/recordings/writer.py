@@ -1,9 +1,9 @@
 """The recording of a run: samples and streams to an MCAP file of ROS 2 messages.
 
 A batch of samples (about a second) becomes one chunk of the file: all messages of one sample make
-a row of fixed layout, so that NumPy writes each column of all rows at once (core/cdr.py). Every
-column is read back bit for bit (core/recording.py). Quaternions are xyzw in the file, as ROS has
-them, and wxyz everywhere else. Time stamps count from the start of the run.
+a row of fixed layout, so that NumPy writes each column of all rows at once (cdr.py). Every column
+is read back bit for bit (recording.py). Quaternions are xyzw in the file, as ROS has them, and wxyz
+everywhere else. Time stamps count from the start of the run.
 
 The metadata of the file says which columns its topics carry; the definitions of its messages are
 in its schemas: a reader needs nothing else.
@@ -23,11 +23,11 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.columns import Column, Stream, Topic, build_dtype, check_columns
-from skywright.core.mcap_file import McapWriter, build_message_header
-from skywright.core.messages import EVENTS, definition, full_name
-from skywright.core.sample_rows import BATCH, Rows, build_message, build_rows
 from skywright.errors import InputError
+from skywright.recordings.columns import Column, Stream, Topic, build_dtype, check_columns
+from skywright.recordings.mcap_file import McapWriter, build_message_header
+from skywright.recordings.messages import EVENTS, definition, full_name
+from skywright.recordings.sample_rows import BATCH, Rows, build_message, build_rows
 
 METADATA = "skywright.recording"
 FORMAT = "2"
