@@ -4,20 +4,25 @@ DIR holds run directories, as `skywright campaign ... --record all --out FOLDER`
 FOLDER/runs. Of each flight it tells the fault, the rule that acted and how much later, collisions
 before and after that while it was still in the air, and whether the robot is down and still at the
 end. A flight passes when it is down, nothing was hit after the rule had acted, and a flight that
-did not succeed has a reason. Exit code 1 when one fails.
+did not succeed has a reason. What was hit, a model of the true scene tells, posed as recorded: an
+arm that hangs without torque meets the ground first, which at the speed of a landing is one.
+`--table FILE` writes the result, one row a flight. Exit code 1 when one fails.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 
-from skywright.description.loader import load_description
+from skywright.description.loader import Description, load_description
+from skywright.models.scene import build_scene
 from skywright.recordings.recording import read_recording
 from skywright.run.parts import build_named
 from skywright.vehicle.component import Fault
@@ -27,6 +32,8 @@ APART_S = 0.3  # s, between two collisions
 LOW_M = 0.05  # m above where the platform stands
 LINK_M = 1.0  # m, below which a link that hangs from the platform meets the ground
 STILL_MPS = 0.1
+LANDING_MPS = 0.5  # no faster does an arm that hangs down meet the ground
+NEAR_M = 0.02  # shapes that are closer than this touch: the arm's springs are not posed
 
 
 class Judged(NamedTuple):
@@ -46,10 +53,30 @@ class Judged(NamedTuple):
     reason: str
 
 
-def count_hits(t: Any, force: Any) -> int:
-    """Return how many collisions there are, those close together counted once."""
-    times = t[force > TOUCH_N]
-    return 0 if len(times) == 0 else 1 + int(np.sum(np.diff(times) > APART_S))
+def list_hits(s: Any) -> list[int]:
+    """Return the samples at which collisions begin, those close together counted once."""
+    at = np.flatnonzero(s["f_collision"] > TOUCH_N)
+    return [int(k) for k in at[np.diff(s["t"][at], prepend=-np.inf) > APART_S]]
+
+
+def list_touched(d: Description[Any], s: Any) -> set[str]:
+    """Return the names of what the robot touches at a sample, its feet on the ground left out."""
+    scene = build_scene(d.robot, d.true_world)
+    model, places = scene.model, scene.places
+    model.geom_margin[:] = NEAR_M
+    data = mujoco.MjData(model)
+    data.qpos[:7] = [*s["p_WB"], *s["q_WB"]]
+    data.qpos[places.joint_qpos] = s["q"]
+    mujoco.mj_forward(model, data)
+    robot, feet = set(places.robot_geoms.tolist()), set(places.feet_geoms.tolist())
+    pairs = [{int(c.geom1), int(c.geom2)} for c in data.contact]
+    return {model.geom(g).name for p in pairs if not p & feet and p & robot for g in p - robot}
+
+
+def _is_landing(d: Description[Any], s: Any) -> bool:
+    """Whether a hit is an arm that meets the ground as slowly as a landing."""
+    slow = float(np.linalg.norm(s["v_WB"])) < LANDING_MPS
+    return slow and list_touched(d, s) == {"ground"}
 
 
 def judge(folder: Path) -> Judged:
@@ -68,8 +95,10 @@ def judge(folder: Path) -> Judged:
     let_go = any(a["response"] == "let_go" for a in acted)
     speed = float(np.linalg.norm(s["v_WB"][-1]))
     is_down = height[-1] < stands + (0.5 if let_go else LOW_M) and speed < STILL_MPS
-    first = count_hits(s["t"][before & aloft], s["f_collision"][before & aloft])
-    later = count_hits(s["t"][~before & aloft], s["f_collision"][~before & aloft])
+    first = len(list_hits(s[before & aloft]))
+    after = s[~before & aloft]
+    hits = [k for k in list_hits(after) if not _is_landing(d, after[k])]
+    later = len(hits)
     has_reason = told["outcome"] == "succeeded" or bool(told["reason"])
     if told["outcome"] == "failed":  # the requirements say why
         has_reason = any(not r["passed"] for r in told["requirements"])
@@ -85,6 +114,7 @@ def judge(folder: Path) -> Judged:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folders", type=Path, nargs="+")
+    parser.add_argument("--table", type=Path)
     a = parser.parse_args()
     found = sorted(m.parent for f in a.folders for m in f.glob("*/metrics.json"))
     runs = [run for run in found if run.suffix != ".partial"]  # interrupted by the user
@@ -96,6 +126,11 @@ def main() -> int:
             f"{r.rule:34s} {r.after_s:+6.2f} s {r.outcome:9s} hits {r.before}/{r.later} "
             f"{'down' if r.is_down else 'NOT DOWN'} {r.reason[:70]}"
         )
+    if a.table is not None:
+        with a.table.open("w", encoding="utf-8", newline="") as file:
+            out = csv.writer(file, lineterminator="\n")
+            out.writerow(Judged._fields)
+            out.writerows([*(round(x, 2) if isinstance(x, float) else x for x in r)] for r in rows)
     good = sum(r.passed for r in rows)
     print(f"{good} of {len(rows)} flights pass; {sum(r.rule != '-' for r in rows)} ended by a rule")
     return 0 if good == len(rows) else 1

@@ -263,3 +263,67 @@ def test_stale_localisation_in_contact_draws_back():
     result = fly("pipe-weld-scan", "localisation", start_s=start, for_s=1.0)
     check_down(result, "localisation_stale", start, 0.3, "hold")
     assert [p.name for p in result.phases[-3:]] == ["retract", "hold", "come home"]
+
+
+def check_fallen(result, start):
+    """The computer's failure was answered: motors off at once, and the robot lies."""
+    (acted,) = result.acted
+    assert (acted.rule, acted.response) == ("computer_failed", "let_go")
+    assert start <= acted.t_s < start + 0.1
+    assert result.outcome == "aborted" and acted.says == result.reason
+    s = result.samples
+    assert np.isfinite(s["cmd_f_B"]).all()
+    assert s["rotor_thrust"][s["t"] > acted.t_s + 0.5].max() < 0.2  # they run down
+    assert s["t"][-1] > acted.t_s + 2.5
+    assert s["p_WB"][-1, 2] < result.description.robot.platform.gear_height_m + 0.3
+    assert np.linalg.norm(s["v_WB"][-1]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("mission", "robot", "how"),
+    [
+        ("waypoints", "othex", "raises"), ("waypoints", "othex", "nan"),
+        ("waypoints", "bimanual", "hangs"),
+    ],
+)  # fmt: skip
+def test_a_computer_that_fails_lets_the_robot_fall(mission, robot, how):
+    sets = [f"plant.faults.a.{k}" for k in ("kind=computer", f"how={how}", "start_s=7")]
+    result = fly_and_evaluate(load_description(mission, robot, sets=sets))
+    check_fallen(result, 7.0)
+    assert "control law" in result.reason
+
+
+LAW = """
+import numpy as np
+from skywright.vehicle.bus import Body, Estimate, Reference, WrenchCommand
+from skywright.vehicle.component import Out
+from skywright.vehicle.laws.push_and_slide import PushAndSlide
+
+
+class Mine(PushAndSlide):
+    compiled = False
+
+    @staticmethod
+    def step(me: PushAndSlide.Me, ref: Reference, est: Estimate, body: Body,
+             cmd: Out[WrenchCommand]) -> None:
+        if est.t > 5.0:
+            raise ValueError("no idea")
+        cmd.f_B[:], cmd.t_B[:], cmd.qd[:] = 0.0, 0.0, 0.0
+        if ref.active < 0.5:
+            return
+        R = est.R_WB
+        f = body.mass * (25.0 * (ref.p_WB - est.p_WB) + 12.0 * (ref.v_WB - est.v_WB))
+        f[2] += body.mass * body.gravity
+        e = R.T @ ref.R_WB
+        e = 0.5 * np.array([e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]])
+        cmd.f_B[:] = R.T @ f
+        cmd.t_B[:] = body.I_B @ (81.0 * e - 18.0 * est.w_WB_B) + np.cross(body.p_BC, cmd.f_B)
+"""
+
+
+def test_a_users_law_that_raises_in_the_air_is_named(tmp_path):
+    (tmp_path / "my_law.py").write_text(LAW)
+    sets = [f"mission.law={tmp_path / 'my_law.py'}:Mine"]
+    result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
+    check_fallen(result, 5.0)
+    assert "component law (Mine.step) raised" in result.reason and "no idea" in result.reason

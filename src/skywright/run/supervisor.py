@@ -21,7 +21,8 @@ from skywright.run.parts import build_default_rules
 from skywright.run.planning import MissionPlan
 from skywright.run.records import Measurement
 from skywright.vehicle.arms_interface import Arms
-from skywright.vehicle.interface import Backend, Probe, Uav, WholeBody, require
+from skywright.vehicle.interface import Backend, Probe, Ticked, Uav, WholeBody, require
+from skywright.vehicle.ticker import StepFailed
 
 Table = NDArray[Any]
 
@@ -94,7 +95,7 @@ class Supervisor(Generic[T]):
         while True:
             self.end("failed")
             try:
-                respond(self, acted.rule.repair(self))
+                respond(self, self.faults.answer(acted.rule.repair(self)))
             except RuleActed as stronger:
                 acted = stronger
                 continue
@@ -170,7 +171,13 @@ class Supervisor(Generic[T]):
     def tick(self, guards: int = 0) -> Any:
         """Run one mission tick; raises RuleActed where a rule ends the mission."""
         check_interrupt()
-        ticked = self.vehicle.tick(guards)
+        try:
+            ticked = self.vehicle.tick(guards)
+        except StepFailed as failed:
+            if not self.faults.bears(str(failed)):
+                raise
+            self.vehicle.stop_computer(failed)
+            ticked = Ticked(self.vehicle.t, 0, False)
         self.senses.refresh()
         phase = self._open[0] if self._open else ""
         if self._on_tick is not None:

@@ -19,6 +19,7 @@ from skywright.errors import InputError
 from skywright.models.rotors import RotorSet
 from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration
+from skywright.vehicle.ticker import StepFailed
 
 Array = NDArray[np.float64]
 Table = NDArray[Any]
@@ -95,7 +96,10 @@ class Backend(Protocol):
         """Follow `table` from now on; its last row holds."""
 
     def tick(self, guards: int = 0) -> Ticked:
-        """Run one mission tick (20 ms) or less when a guard in `guards` fires."""
+        """Run one mission tick (20 ms) or less when a guard in `guards` fires.
+
+        Raises StepFailed where a step of the robot's computer does.
+        """
 
     def in_contact(self) -> bool:
         """Whether the probe's instrument says contact."""
@@ -108,6 +112,9 @@ class Backend(Protocol):
 
     def give_up_rotor(self, i: int) -> bool:
         """Fly on without rotor `i` (from 0); False where the others cannot hold the robot."""
+
+    def stop_computer(self, failed: StepFailed) -> None:
+        """Run what failed no more, and command nothing from now on."""
 
     def release(self) -> None:
         """Let go a robot that is held in the air (a simulation of a world with a bench can)."""

@@ -32,8 +32,17 @@ from skywright.models.things.bench import CLAMP, Bench
 from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
-from skywright.vehicle.bus import Allocated, Body, Clock, Estimate, ShaftCommand, WrenchCommand
-from skywright.vehicle.component import Component, Estimator, Law, PlantContext
+from skywright.vehicle.bus import (
+    Allocated,
+    Body,
+    Clock,
+    Estimate,
+    RotorDrive,
+    ServoDrive,
+    ShaftCommand,
+    WrenchCommand,
+)
+from skywright.vehicle.component import ArmsLaw, Component, Estimator, Law, PlantContext
 from skywright.vehicle.effects.forces import GivenForces
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.follower import Follower
@@ -51,7 +60,7 @@ from skywright.vehicle.set_up import build_home_row, check_rate, fill_bus, list_
 from skywright.vehicle.simulation import Simulation
 from skywright.vehicle.streams import StreamRecorder
 from skywright.vehicle.targets import PIPE, Target, list_tracked
-from skywright.vehicle.ticker import Ticker
+from skywright.vehicle.ticker import StepFailed, Ticker
 from skywright.vehicle.topics import list_topics
 
 Array = NDArray[np.float64]
@@ -214,7 +223,11 @@ class SimulatedVehicle:
         self._follower.track(self._table, self.t)
 
     def tick(self, guards: int = 0) -> Ticked:
-        """Run one mission tick; raises SimulationError when it diverges or a step raises."""
+        """Run one mission tick.
+
+        Raises StepFailed where a step of the robot's computer does, SimulationError where the
+        simulation diverges.
+        """
         clock = self.assembly.get(Clock)
         clock["mask"], clock["fired"] = guards, 0
         self.assembly.refill(self.n_ticks, self.n_steps)
@@ -225,7 +238,7 @@ class SimulatedVehicle:
             self.flush()
         fired = int(clock["fired"])
         if fired & NOT_FINITE:
-            raise SimulationError(self._explain_not_finite())
+            raise self._explain_not_finite()
         for c in self._after:
             c.after_tick(self.t)
         return Ticked(self.t, fired, self.t - self._table_start >= self._table_end - 1e-9)
@@ -322,6 +335,19 @@ class SimulatedVehicle:
         body = self.read(Body)
         return self.find(RotorAllocation).give_up(i, float(body.mass * body.gravity), body.p_BC)
 
+    def stop_computer(self, failed: StepFailed) -> None:
+        """Run what failed no more, and command nothing from now on."""
+        steps, rows, records = self.assembly.steps, self.assembly.rows, self.assembly.records
+        for i, step in enumerate(steps):
+            part = step.component
+            if part is failed.component or isinstance(part, (Law, ArmsLaw)):
+                rows["phase"][i] = rows["every"][i]  # never due
+        for key in ((WrenchCommand, ""), (RotorDrive, "")):
+            records[key].view(np.float64)[:] = 0.0
+        if (ShaftCommand, "") in records:  # a command that was not finite was not applied
+            asked, held = records[ShaftCommand, ""]["theta"], records[ServoDrive, ""]["motor"]
+            np.copyto(asked, held, where=~np.isfinite(asked))
+
     def release(self) -> None:
         """Open the clamp that holds the platform; it stays open.
 
@@ -371,16 +397,18 @@ class SimulatedVehicle:
 
     # --- set-up ------------------------------------------------------------------------------
 
-    def _explain_not_finite(self) -> str:
+    def _explain_not_finite(self) -> SimulationError:
         records = self.assembly.records
         given = [records[k, ""][0] for k in (WrenchCommand, ShaftCommand) if (k, "") in records]
         values = np.concatenate([np.ravel(r[name]) for r in given for name in r.dtype.names])
         if not np.all(np.isfinite(values)):
-            return (
+            return StepFailed(
                 f"control law {self.law.name!r} returned NaN or infinity at t = {self.t:.3f} s "
                 "(force, torque or joint command); the command was not applied"
             )
-        return f"the simulation diverged at t = {self.t:.3f} s: the state is not finite"
+        return SimulationError(
+            f"the simulation diverged at t = {self.t:.3f} s: the state is not finite"
+        )
 
 
 def overrides(component: Component, method: str) -> bool:

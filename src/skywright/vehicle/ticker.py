@@ -8,11 +8,21 @@ from typing import Protocol
 from skywright.errors import SimulationError
 from skywright.vehicle.assembly import Assembly
 from skywright.vehicle.bus import Clock
+from skywright.vehicle.component import Component
 from skywright.vehicle.native import read_error
 from skywright.vehicle.schedule import end_control, run_rows, run_ticks
 
 Stretch = tuple[int, int]
 """Rows from the first to before the last that run in one call; the last is -1 for a Python row."""
+
+
+class StepFailed(SimulationError):
+    """A step of the robot's own computer raised, gave no finite number, or did not return."""
+
+    def __init__(self, says: str, component: Component | None = None) -> None:
+        """`component` is the one that failed; None: the control law."""
+        super().__init__(says)
+        self.component = component
 
 
 class Physics(Protocol):
@@ -48,7 +58,8 @@ class Ticker:
     def run(self, n: int, interactive: bool) -> None:
         """Run up to `n` control ticks, fewer when a guard fires.
 
-        Raises SimulationError where a step raises, naming the component.
+        Raises SimulationError where a step raises, naming the component: StepFailed where that is
+        one of the robot's side.
         """
         self._stop[0] = 0
         self.since = time.monotonic()
@@ -96,7 +107,8 @@ class Ticker:
                 self.assembly.run_python(first)
             except (Exception, SystemExit) as error:
                 if self.stuck:
-                    raise SimulationError(self.stuck) from error
+                    says, self.stuck = self.stuck, ""
+                    raise self._fail(first, says) from error
                 raise self._explain(first, error, "") from error
             self._python_row = -1
             if self._stop[0]:
@@ -117,7 +129,11 @@ class Ticker:
     def _explain(self, row: int, error: BaseException, place: str) -> SimulationError:
         label = self.assembly.steps[row].label
         at = f" ({place})" if place else ""
-        return SimulationError(f"component {label} raised at t = {self.t:.3f} s: {error!r}{at}")
+        return self._fail(row, f"component {label} raised at t = {self.t:.3f} s: {error!r}{at}")
+
+    def _fail(self, row: int, says: str) -> SimulationError:
+        component = self.assembly.steps[row].component
+        return SimulationError(says) if component.side == "plant" else StepFailed(says, component)
 
 
 def list_stretches(first: int, last: int, slow: list[int]) -> list[Stretch]:

@@ -30,6 +30,7 @@ SHORTCUTS = 16  # places of the way that was flown to which a straight one is tr
 STEP_M, WAY_MARGIN = 0.05, 0.1  # m (or rad) between looks at a shortcut, and what it keeps clear
 SPEED, TURN, JOINT = 0.4, 0.5, 0.5  # m/s, rad/s, rad/s of the way back
 SINK = 0.35  # m/s, of an emergency landing
+FOLDED, FOLDING = 0.5, 1.5  # m above the ground where the arm is folded, and rad/s^2 until then
 BELOW = 1.0  # m, that it aims below the ground: the estimate may be wrong
 DOWN_M, DOWN_S = 0.2, 0.3  # m that the robot stays above its reference, and s: it stands
 FALL_S = 3.0  # s, after the motors were stopped
@@ -269,7 +270,10 @@ def _gap(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
 
 
 def _descend(s: Supervisor) -> None:
-    """Sink until the robot stays behind its reference: it stands. The arm folds on the way."""
+    """Sink until the robot stays behind its reference: it stands. The arm folds on the way.
+
+    It waits where the arm would not be folded FOLDED above the ground.
+    """
     s.faults.land()
     row = build_rest(s)
     start, q = np.array(row["p_WB"]), np.array(row["q"])
@@ -282,13 +286,15 @@ def _descend(s: Supervisor) -> None:
         return
     z_end = s.ground_height - BELOW
     way = max(float(start[2]) - z_end, 0.1)
-    n = max(math.ceil(max(way / SINK, 2.0) / ROW_PERIOD), 2)
-    u = np.linspace(0.0, 1.0, n + 1)
-    t = u * n * ROW_PERIOD
+    sink_s = max(way / SINK, 2.0)
+    folding = float(np.max(np.abs(home - q)))
+    fold_s = max(duration(folding, s.vehicle.limits.joint_speed, FOLDING), ROW_PERIOD)
+    wait_s = max(fold_s - (float(start[2]) - s.ground_height - FOLDED) / SINK, 0.0)
+    n = math.ceil((wait_s + sink_s) / ROW_PERIOD)
+    t = np.linspace(0.0, wait_s + sink_s, n + 1)
+    u = np.clip((t - wait_s) / sink_s, 0.0, 1.0)
     p = np.repeat(start[None], n + 1, axis=0)
     p[:, 2] = start[2] - u * (start[2] - z_end)
-    folding = float(np.max(np.abs(home - q)))
-    fold_s = max(duration(folding, JOINT, 1.0), ROW_PERIOD)
     arm = quintic(np.minimum(t / fold_s, 1.0))[0][:, None]
     R = _level(row["R_WB"])
     table = _build_table(s, row, t, p, np.repeat(R[None], n + 1, axis=0), q + arm * (home - q))

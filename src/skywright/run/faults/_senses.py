@@ -26,6 +26,7 @@ class Senses:
         self._seen: dict[Any, Any] = {}
         self._absent: set[Any] = set()
         self.responding = False  # a rule has acted
+        self.failure = ""  # of the robot's computer
 
     def refresh(self) -> None:
         """A tick has passed."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from skywright.run.faults._rule import RESPONSES, Acted, Rule
+from skywright.run.faults._rule import RESPONSES, Acted, Response, Rule
 from skywright.run.faults._senses import Senses
+from skywright.run.faults.computer_failed import ComputerFailed
 
 RANK = {name: k for k, name in enumerate(RESPONSES)}
 
@@ -41,6 +42,21 @@ class Watch:
     def land(self) -> None:
         """The robot lands: the ground is met, so only the rules for a take-off go on."""
         self._begun = [rule for rule in self._begun if rule.from_take_off]
+
+    def answer(self, response: Response) -> Response:
+        """Take note of the response that is flown now; returns it."""
+        self.rank = RANK[response]
+        return response
+
+    def bears(self, says: str) -> bool:
+        """Whether a rule answers what `says` that the robot's computer failed, in the air."""
+        falls = self.rank == RANK["let_go"]
+        if not falls and not any(isinstance(rule, ComputerFailed) for rule in self._begun):
+            return False
+        if not falls and self.senses.reference["active"] < 0.5:
+            return False
+        self.senses.failure = says
+        return True
 
     def look(self, phase: str) -> None:
         """Look at all rules; raises RuleActed for the strongest that acts."""

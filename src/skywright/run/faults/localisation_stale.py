@@ -26,4 +26,4 @@ class LocalisationStale(Rule):
         response: Response = "hold"
 
     def look(self, v: Senses) -> float:
-        return v.vehicle.fix_age if v.touching else float("nan")
+        return v.vehicle.fix_age if v.touching or v.responding else float("nan")
