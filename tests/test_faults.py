@@ -153,6 +153,8 @@ def build_watch(response="come_home", hold=0.1):
     from skywright.run.faults._rule import Rule
 
     class Given(Rule):
+        every = 1
+
         def look(self, v):
             return v.value
 
@@ -272,7 +274,8 @@ def check_fallen(result, start):
     assert start <= acted.t_s < start + 0.1
     assert result.outcome == "aborted" and acted.says == result.reason
     s = result.samples
-    assert np.isfinite(s["cmd_f_B"]).all()
+    assert np.isfinite(s["rotor_thrust"]).all()
+    assert np.isfinite(s["cmd_f_B"][s["t"] > acted.t_s + 0.02]).all()
     assert s["rotor_thrust"][s["t"] > acted.t_s + 0.5].max() < 0.2  # they run down
     assert s["t"][-1] > acted.t_s + 2.5
     assert s["p_WB"][-1, 2] < result.description.robot.platform.gear_height_m + 0.3
@@ -283,7 +286,7 @@ def check_fallen(result, start):
     ("mission", "robot", "how"),
     [
         ("waypoints", "othex", "raises"), ("waypoints", "othex", "nan"),
-        ("waypoints", "bimanual", "hangs"),
+        ("waypoints", None, "hangs"),
     ],
 )  # fmt: skip
 def test_a_computer_that_fails_lets_the_robot_fall(mission, robot, how):

@@ -93,9 +93,10 @@ class View:
         object.__setattr__(self, "_row", row)
 
     def __getattr__(self, name: str) -> Any:
-        if name not in self.dtype.fields:
-            raise self._unknown(name)
-        value = self._row[name]
+        try:
+            value = self._row[name]
+        except ValueError:
+            raise self._unknown(name) from None
         return View(value) if isinstance(value, np.void) else value
 
     def __setattr__(self, name: str, value: Any) -> None:

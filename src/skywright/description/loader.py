@@ -15,7 +15,13 @@ from skywright.core.toml_files import Layer, describe_value, merge_layers
 from skywright.core.validation import list_problems, validate_root
 from skywright.description.map_error import displace_world
 from skywright.description.mission.spec import Mission, Plant, T, find_mission_spec
-from skywright.description.parts import Part, drop_replaced, take_kinds, type_parts
+from skywright.description.parts import (
+    Part,
+    check_named,
+    drop_replaced,
+    take_kinds,
+    type_parts,
+)
 from skywright.description.renamed import load_layer, rename_key
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
@@ -224,6 +230,8 @@ def load_layers(
         if pairs:
             tree = merge_layers(layers)[0]
             touched = [key for key, _ in pairs]
+            if pairs is others:
+                check_named(touched, tree, label)
             specs = list_specs(tree, [folder], touched) if pairs is others else SPECS
             pairs = translate_assignments(pairs, tree)
             layers.append(apply_assignments(tree, pairs, specs, label))

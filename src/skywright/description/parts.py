@@ -23,6 +23,7 @@ from pydantic import Field, create_model
 from skywright.core.find import find, list_kinds, list_offers
 from skywright.core.spec import Spec
 from skywright.core.toml_files import Layer, Tree
+from skywright.errors import InputError, neighbours
 
 SINGLE = {("mission", "law"): "law", ("mission", "estimator"): "estimator"}
 """Tables that are a component, and its group; a plain text stands for `{ kind = TEXT }`."""
@@ -113,6 +114,25 @@ def take_kinds(
             continue
         table[name] = {"kind": value.strip("\"'") if isinstance(value, str) else value}
     return (normalise_layer(Layer(label, tree, {}), Path()) if tree else None), others
+
+
+def check_named(keys: Sequence[str], tree: Tree, label: str) -> None:
+    """Raise InputError for a key of a component that no layer names, such as a fault's."""
+    names = {place.key for place in list_places(tree)}
+    for key in keys:
+        path = key.split(".")
+        group, table = NAMED.get((path[0], path[1] if len(path) > 1 else "")), ".".join(path[:3])
+        if group is None or len(path) < 4 or table in names:
+            continue
+        if ALWAYS.get(path[0]) == (path[1], group) and path[2] in list_kinds(group):
+            continue
+        above = f"{path[0]}.{path[1]}."
+        known = [n.removeprefix(above) for n in names if n.startswith(above)]
+        known += list_kinds(group) if path[0] in ALWAYS else []
+        raise InputError(
+            f"{label} {key}: there is no {table}; valid: {neighbours(path[2], known) or 'none'}; "
+            f"{table}.kind={list_kinds(group)[0]} adds one"
+        )
 
 
 def drop_replaced(layers: Sequence[Layer]) -> None:

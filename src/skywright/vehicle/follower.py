@@ -77,6 +77,19 @@ def _is_told(record: type[Record]) -> bool:
     return record is Reference or issubclass(record, ReferenceBlock)
 
 
+class RowNow:
+    """The REFERENCE row that is referred to now: `row["p_WB"]` is read where it stands."""
+
+    __slots__ = ("_follower",)
+
+    def __init__(self, follower: Follower) -> None:
+        self._follower = follower
+
+    def __getitem__(self, name: str) -> Any:
+        field = self._follower.fields.get(name)
+        return self._follower.first[name] if field is None else field[0]
+
+
 class Follower(Component):
     """Fills Reference and its blocks from the rows that are tracked."""
 
@@ -102,6 +115,8 @@ class Follower(Component):
         rules = list_rules(context.records)
         me.width, me.n_rules = REFERENCE.itemsize // 8, len(rules)
         me.rules[: len(rules)] = rules
+        told = [(r, view) for (r, _), view in context.records.items() if _is_told(r)]
+        self.fields = {name: view[name] for r, view in told for name in r.dtype.names}
         ref = context.records[Reference, ""][0]
         ref["R_WB"] = ref["R_WT"] = ref["R_WS"] = np.eye(3)
 
@@ -118,9 +133,14 @@ class Follower(Component):
                 for name in record.dtype.names:
                     view[name] = rows[0][name]
 
+    @property
+    def first(self) -> Any:
+        """The first row of the table: fields that no record here takes stay as they are in it."""
+        return self._rows[0]
+
     def read_row(self) -> Any:
         """Return a REFERENCE row of what is referred to now."""
-        row = self._rows[0].copy()
+        row = self.first.copy()
         for (record, _), view in self._records.items():
             if _is_told(record):
                 fill(row, view[0])

@@ -62,6 +62,10 @@ class Backend(Protocol):
         """The REFERENCE row that is tracked now."""
 
     @property
+    def reference_now(self) -> Any:
+        """The same, read field by field where it stands: `reference_now["p_WB"]`."""
+
+    @property
     def estimate(self) -> Any:
         """The ESTIMATE now."""
 
@@ -71,6 +75,9 @@ class Backend(Protocol):
         `name` is that of the component that fills it, where several do. Raises InputError where
         nothing in the vehicle fills it.
         """
+
+    def look(self, record: type[R]) -> R:
+        """A record itself, which is not to be written to; raises as `read` does."""
 
     @property
     def localised(self) -> bool:

@@ -45,7 +45,7 @@ from skywright.vehicle.bus import (
 from skywright.vehicle.component import ArmsLaw, Component, Estimator, Law, PlantContext
 from skywright.vehicle.effects.forces import GivenForces
 from skywright.vehicle.estimates import EstimatorState
-from skywright.vehicle.follower import Follower
+from skywright.vehicle.follower import Follower, RowNow
 from skywright.vehicle.guard import NOT_FINITE
 from skywright.vehicle.instruments.eddy_current import EddyProbe
 from skywright.vehicle.interface import Limits, R, Table, Ticked
@@ -169,8 +169,12 @@ class SimulatedVehicle:
         `name` is that of the component that fills it, where several do. Raises InputError where
         nothing in this vehicle fills it.
         """
+        return cast(R, View(cast(View, self.look(record, name)).copy()))
+
+    def look(self, record: type[R], name: str = "") -> R:
+        """Return a record itself, which is not to be written to; raises as `read` does."""
         try:
-            return cast(R, View(self.assembly.get(record, name).copy()))
+            return cast(R, View(self.assembly.get(record, name)))
         except KeyError:
             raise InputError(
                 f"nothing in {self.robot.name!r} in {self.world.name!r} fills {record.__name__}"
@@ -187,6 +191,11 @@ class SimulatedVehicle:
         return self._follower.read_row()
 
     @property
+    def reference_now(self) -> RowNow:
+        """The same without a copy."""
+        return RowNow(self._follower)
+
+    @property
     def estimate(self) -> Any:
         """A copy of Estimate at the last control tick."""
         return self.read(Estimate)
@@ -199,17 +208,17 @@ class SimulatedVehicle:
     @property
     def fix_age(self) -> float:
         """Time (s) since the robot was last told where it is."""
-        return self.t - float(self.read(EstimatorState).heard)
+        return self.t - float(self.assembly.get(EstimatorState)["heard"])
 
     @property
     def saturated(self) -> bool:
         """Whether the rotors could not make what was commanded at the last control tick."""
-        return bool(self.read(Allocated).saturated > 0.0)
+        return bool(self.assembly.get(Allocated)["saturated"] > 0.0)
 
     @property
     def force(self) -> float:
         """Force (N) of the tip at the last control tick, by the probe's sensor."""
-        return float(self.read(Estimate).f_tip)
+        return float(self.assembly.get(Estimate)["f_tip"])
 
     @property
     def pose_std(self) -> float:

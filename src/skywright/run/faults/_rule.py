@@ -46,11 +46,14 @@ class Rule:
     from_take_off: ClassVar[bool] = False
     """Whether it watches from the start of the motors; otherwise from the end of take-off."""
 
+    every: ClassVar[int] = 5
+    """Mission ticks (20 ms) between looks; a divisor of 300."""
+
     class Table(Spec):
         """Keys of `[mission.faults.NAME]`."""
 
         on: bool = True
-        limit: float = 0.0  # in the rule's unit
+        limit: NonNegative = 0.0  # in the rule's unit
         hold_s: NonNegative = 0.0
         response: Response = "come_home"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from skywright.core.types import TASK_FORCE, TASK_FORCE_POSITION, TASK_JOINTS, TASK_SQUEEZE
 from skywright.errors import InputError
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands
+from skywright.vehicle.bus import Estimate
 from skywright.vehicle.interface import Backend
 
 Array = NDArray[np.float64]
@@ -19,18 +21,19 @@ FELT_N = 0.5
 
 
 class Senses:
-    """The vehicle now. Records are copied at most once a tick."""
+    """The vehicle now. Records are those of the vehicle: copy what shall be kept."""
 
     def __init__(self, vehicle: Backend) -> None:
         self.vehicle = vehicle
-        self._seen: dict[Any, Any] = {}
-        self._absent: set[Any] = set()
+        self.reference: Any = vehicle.reference_now  # the REFERENCE row that is tracked
+        self._records: dict[Any, Any] = {}
+        self._touching: bool | None = None
         self.responding = False  # a rule has acted
         self.failure = ""  # of the robot's computer
 
     def refresh(self) -> None:
         """A tick has passed."""
-        self._seen.clear()
+        self._touching = None
 
     @property
     def t(self) -> float:
@@ -39,30 +42,17 @@ class Senses:
 
     def get(self, record: type[Any]) -> Any:
         """Return a record of the robot's side, or None where nothing fills it."""
-        if record in self._absent:
-            return None
-        if record not in self._seen:
+        if record not in self._records:
             try:
-                self._seen[record] = self.vehicle.read(record)
+                self._records[record] = self.vehicle.look(record)
             except InputError:
-                self._absent.add(record)
-                return None
-        return self._seen[record]
-
-    @property
-    def reference(self) -> Any:
-        """The REFERENCE row that is tracked now."""
-        return self._once("reference")
+                self._records[record] = None
+        return self._records[record]
 
     @property
     def estimate(self) -> Any:
         """The ESTIMATE now."""
-        return self._once("estimate")
-
-    def _once(self, name: str) -> Any:
-        if name not in self._seen:
-            self._seen[name] = getattr(self.vehicle, name)
-        return self._seen[name]
+        return self.get(Estimate)
 
     @property
     def hands(self) -> int:
@@ -73,16 +63,22 @@ class Senses:
     @property
     def touching(self) -> bool:
         """Whether the mission means to touch, or the robot feels that it does."""
+        if self._touching is None:
+            self._touching = self._find_touching()
+        return self._touching
+
+    def _find_touching(self) -> bool:
         ref = self.reference
         if ref["press"] > 0.0 or ref["dead_zone"] > 0.0 or ref["docked"] > 0.0:
             return True
-        if np.any(ref["load"] > 0.0):
+        if max(ref["load"].tolist()) > 0.0:
             return True
         n = self.hands
-        if n and bool(np.any(np.isin(ref["task"][:n], PRESSING))):
+        if n and any(task in PRESSING for task in ref["task"].tolist()[:n]):
             return True
-        felt = n and np.max(np.linalg.norm(self.get(HandForce).f_WH[:n], axis=1)) > FELT_N
-        return bool(felt) or self.vehicle.in_contact()
+        if n and any(math.hypot(*f_W) > FELT_N for f_W in self.get(HandForce).f_WH[:n].tolist()):
+            return True
+        return self.vehicle.in_contact()
 
     @property
     def engaged(self) -> bool:

@@ -8,6 +8,8 @@ from skywright.run.faults._rule import RESPONSES, Acted, Response, Rule
 from skywright.run.faults._senses import Senses
 from skywright.run.faults.computer_failed import ComputerFailed
 
+ROUND = 300
+"""Mission ticks after which the turns of the rules are the same again: periods divide it."""
 RANK = {name: k for k, name in enumerate(RESPONSES)}
 
 
@@ -31,6 +33,7 @@ class Watch:
         self.acted: list[Acted] = []
         self.rank = -1  # of the response that is flown now
         self._begun: list[Rule] = []
+        self._ticks, self._turns = 0, dict[int, list[Rule]]()
 
     def begin(self, airborne: bool) -> None:
         """Watch from now on: the rules for a take-off, or all, where the robot is `airborne`."""
@@ -38,10 +41,12 @@ class Watch:
             if rule not in self._begun and (airborne or rule.from_take_off):
                 rule.begin(self.senses)
                 self._begun.append(rule)
+        self._turns.clear()
 
     def land(self) -> None:
         """The robot lands: the ground is met, so only the rules for a take-off go on."""
         self._begun = [rule for rule in self._begun if rule.from_take_off]
+        self._turns.clear()
 
     def answer(self, response: Response) -> Response:
         """Take note of the response that is flown now; returns it."""
@@ -58,11 +63,20 @@ class Watch:
         self.senses.failure = says
         return True
 
+    def _find_due(self) -> list[Rule]:
+        """Return the rules whose turn it is; few sizes of period make a table of turns short."""
+        turn = self._ticks % ROUND
+        if turn not in self._turns:
+            self._turns[turn] = [rule for rule in self._begun if turn % rule.every == 0]
+        return self._turns[turn]
+
     def look(self, phase: str) -> None:
         """Look at all rules; raises RuleActed for the strongest that acts."""
         if not self._begun or self.senses.reference["active"] < 0.5:
             return
-        over = [rule for rule in self._begun if rule.is_over(self.senses)]
+        self._ticks += 1
+        due = self._begun if self.senses.failure else self._find_due()
+        over = [rule for rule in due if rule.is_over(self.senses)]
         over = [rule for rule in over if RANK[rule.table.response] > self.rank]
         if not over:
             return

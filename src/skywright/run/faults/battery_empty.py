@@ -15,6 +15,6 @@ class BatteryEmpty(BatteryLow):
     class Table(Rule.Table):
         """Limit as a share."""
 
-        limit: float = 0.95
+        limit: NonNegative = 0.95
         hold_s: NonNegative = 0.5
         response: Response = "land_here"

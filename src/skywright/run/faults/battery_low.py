@@ -18,11 +18,12 @@ class BatteryLow(Rule):
     unit = ""
     source = "robot.battery.usable_fraction of the built-in robots"
     from_take_off = True
+    every = 25
 
     class Table(Rule.Table):
         """Limit as a share."""
 
-        limit: float = 0.8
+        limit: NonNegative = 0.8
         hold_s: NonNegative = 0.5
         response: Response = "come_home"
 

@@ -23,13 +23,13 @@ class ComputerFailed(Rule):
     class Table(Rule.Table):
         """Limit: 1 says that it failed."""
 
-        limit: float = 0.5
+        limit: NonNegative = 0.5
         hold_s: NonNegative = 0.0
         response: Response = "let_go"
 
     def look(self, v: Senses) -> float:
         self._says = v.failure
-        return float(v.failure != "")
+        return 1.0 if v.failure else 0.0
 
     def explain(self, value: float) -> str:
         """Say which step."""

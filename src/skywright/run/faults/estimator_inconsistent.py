@@ -28,7 +28,7 @@ class EstimatorInconsistent(Rule):
     class Table(Rule.Table):
         """Limit in measurements."""
 
-        limit: float = 12.0
+        limit: NonNegative = 12.0
         hold_s: NonNegative = 0.0
         response: Response = "land_here"
 
@@ -46,6 +46,6 @@ class EstimatorInconsistent(Rule):
         from skywright.vehicle.estimates import EstimatorState
 
         state = v.get(EstimatorState)
-        if state is None or v.reference["active"] < 0.5:
+        if state is None:
             return float("nan")
         return float(state.rejected + RESTART * (state.restarts - self._restarts))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from skywright.core.spec import NonNegative
 from skywright.run.faults._rule import Response, Rule
@@ -23,7 +22,7 @@ class ExcessForce(Rule):
     class Table(Rule.Table):
         """Limit (N)."""
 
-        limit: float = 20.0
+        limit: NonNegative = 20.0
         hold_s: NonNegative = 0.1
         response: Response = "come_home"
 
@@ -32,5 +31,5 @@ class ExcessForce(Rule):
 
         force, n = abs(v.vehicle.force), v.hands
         if n:
-            force = max(force, float(np.max(np.linalg.norm(v.get(HandForce).f_WH[:n], axis=1))))
+            force = max(force, *(math.hypot(*f_W) for f_W in v.get(HandForce).f_WH[:n].tolist()))
         return force

@@ -19,11 +19,12 @@ class JointOff(Rule):
     watches = "commanded less measured angle of a servo's shaft, the worst joint"
     unit = "rad"
     source = "twice what the servos lag behind in the fastest built-in moves"
+    every = 10
 
     class Table(Rule.Table):
         """Limit (rad)."""
 
-        limit: float = 0.2
+        limit: NonNegative = 0.2
         hold_s: NonNegative = 0.4
         response: Response = "come_home"
 
@@ -33,7 +34,7 @@ class JointOff(Rule):
         from skywright.vehicle.readings import Shafts
 
         n = v.vehicle.n_joints
-        if n == 0 or v.reference["active"] < 0.5:
+        if n == 0:
             return float("nan")
         arm, drive, shafts = v.get(ArmModel), v.get(ServoDrive), v.get(Shafts)
         if arm is None and v.reference["press"] > 0.0:

@@ -22,7 +22,7 @@ class LinkSilent(Rule):
     class Table(Rule.Table):
         """Limit (s)."""
 
-        limit: float = 0.1
+        limit: NonNegative = 0.1
         hold_s: NonNegative = 0.0
         response: Response = "land_here"
 

@@ -22,12 +22,12 @@ class LocalisationLost(Rule):
     class Table(Rule.Table):
         """Limit (s)."""
 
-        limit: float = 2.0
+        limit: NonNegative = 2.0
         hold_s: NonNegative = 0.0
         response: Response = "land_here"
 
     def look(self, v: Senses) -> float:
-        return v.vehicle.fix_age if v.reference["active"] > 0.5 else float("nan")
+        return v.vehicle.fix_age
 
     def explain(self, value: float) -> str:
         """Say it as a reason."""

@@ -21,7 +21,7 @@ class LocalisationStale(Rule):
     class Table(Rule.Table):
         """Limit (s)."""
 
-        limit: float = 0.2
+        limit: NonNegative = 0.2
         hold_s: NonNegative = 0.0
         response: Response = "hold"
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from skywright.core.spec import NonNegative
 from skywright.run.faults._rule import Response, Rule
 
@@ -32,7 +30,7 @@ class LostControl(Rule):
     class Table(Rule.Table):
         """Limit (m)."""
 
-        limit: float = 0.8
+        limit: NonNegative = 0.8
         hold_s: NonNegative = 0.0
         response: Response = "let_go"
 
@@ -42,10 +40,8 @@ class LostControl(Rule):
 
     def look(self, v: Senses) -> float:
         ref, est = v.reference, v.estimate
-        if ref["active"] < 0.5:
-            return float("nan")
         self._tilt = math.acos(min(max(float(est["R_WB"][2, 2]), -1.0), 1.0))
-        error = float(np.linalg.norm(est["p_WB"] - ref["p_WB"]))
+        error = math.dist(est["p_WB"].tolist(), ref["p_WB"].tolist())
         if v.responding:  # what was pushed may come back: only a robot that tips over falls
             error *= PATIENCE
         return 10.0 + error if self._tilt > TILT_MAX else error

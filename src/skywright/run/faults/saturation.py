@@ -25,7 +25,7 @@ class Saturation(Rule):
     class Table(Rule.Table):
         """Limit as a share."""
 
-        limit: float = 0.8
+        limit: NonNegative = 0.8
         hold_s: NonNegative = 1.0
         response: Response = "come_home"
 
@@ -34,6 +34,4 @@ class Saturation(Rule):
         self._share = Follow(LAG_S)
 
     def look(self, v: Senses) -> float:
-        if v.reference["active"] < 0.5:
-            return float("nan")
         return float(self._share.step(v.t, float(v.vehicle.saturated)))

@@ -25,7 +25,7 @@ class ToolDropped(Rule):
     class Table(Rule.Table):
         """Limit (m)."""
 
-        limit: float = 0.15
+        limit: NonNegative = 0.15
         hold_s: NonNegative = 0.1
         response: Response = "come_home"
 

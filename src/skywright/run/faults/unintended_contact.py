@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,11 +28,12 @@ class UnintendedContact(Rule):
     )
     unit = ""
     source = "above what gusts of 3 m/s and the hardest built-in manoeuvre show"
+    every = 3
 
     class Table(Rule.Table):
         """Limit as a share of the weight."""
 
-        limit: float = 0.25
+        limit: NonNegative = 0.25
         hold_s: NonNegative = 0.06
         response: Response = "come_home"
 
@@ -46,12 +48,12 @@ class UnintendedContact(Rule):
         from skywright.vehicle.arms.ports import Wrench
         from skywright.vehicle.bus import Body
 
-        if v.engaged or v.reference["active"] < 0.5:
+        if v.engaged:
             self._free, self._usual = v.t, Follow(USUAL_S)
             return float("nan")
         wrench, body = v.get(Wrench), v.get(Body)
         f_W = np.array(v.estimate["f_ext_W"] if wrench is None else wrench.f_rest_W)
-        off = float(np.linalg.norm(f_W - self._usual.step(v.t, f_W)))
+        off = math.hypot(*(f_W - self._usual.step(v.t, f_W)).tolist())
         if not v.t - self._free > FREE_S:
             return float("nan")
         return off / float(body.mass * body.gravity)
