@@ -13,6 +13,8 @@ from skywright.description.map_error import displace_world
 from skywright.description.world.spec import World
 from skywright.description.world.structure import build_surface
 from skywright.errors import InputError
+from skywright.evidence.reproduce.load import load_claims
+from skywright.missions.scan.plan import is_surveyed
 from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.setup import Setup
@@ -165,3 +167,21 @@ def test_a_law_cannot_say_that_it_is_part_of_the_plant(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="'law' is a law with side = 'plant'"):
         build_vehicle(d)
+
+
+def test_a_scan_surveys_where_its_map_may_be_wrong() -> None:
+    exact = dict.fromkeys(SETS, 0.0)
+    cases = [({}, True), (exact, False), ({"mission.task.survey": False}, False),
+             ({**exact, "plant.map_error_size_m": 0.001}, True),
+             ({**exact, "mission.task.survey": True}, True)]  # fmt: skip
+    for sets, surveys in cases:
+        assert is_surveyed(Setup(load_description("pipe-weld-scan", sets=sets))) is surveys
+    blind = load_description("pipe-weld-scan", sets={"world.localisation": "gnss"})
+    with pytest.raises(InputError, match=r"set mission\.task\.survey=false"):
+        plan_mission(blind)
+
+
+def test_the_papers_claims_are_flown_with_a_known_pipe() -> None:
+    for case in load_claims("tognon-2018").cases.values():
+        d = load_description(case.mission, case.robot or None, sets=case.sets)
+        assert d.true_world == d.world and not is_surveyed(Setup(d))
