@@ -11,6 +11,8 @@ from skywright.description.loader import load_description
 from skywright.description.map_error import displace_world
 from skywright.description.world.structure import build_surface
 from skywright.errors import InputError
+from skywright.evidence.reproduce.load import load_claims
+from skywright.missions.scan.plan import is_surveyed
 from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.setup import Setup
@@ -101,3 +103,21 @@ def test_a_run_from_before_flew_with_its_world_as_the_truth(tmp_path: Path) -> N
     (tmp_path / "mission.toml").write_text("\n".join(old))
     d = load_description(tmp_path / "mission.toml")
     assert d.plant.map_error_m == 0.0 and d.true_world == d.world
+
+
+def test_a_scan_surveys_where_its_map_may_be_wrong() -> None:
+    exact = dict.fromkeys(SETS, 0.0)
+    cases = [({}, True), (exact, False), ({"mission.task.survey": False}, False),
+             ({**exact, "plant.map_error_size_m": 0.001}, True),
+             ({**exact, "mission.task.survey": True}, True)]  # fmt: skip
+    for sets, surveys in cases:
+        assert is_surveyed(Setup(load_description("pipe-weld-scan", sets=sets))) is surveys
+    blind = load_description("pipe-weld-scan", sets={"world.localisation": "gnss"})
+    with pytest.raises(InputError, match=r"set mission\.task\.survey=false"):
+        plan_mission(blind)
+
+
+def test_the_papers_claims_are_flown_with_a_known_pipe() -> None:
+    for case in load_claims("tognon-2018").cases.values():
+        d = load_description(case.mission, case.robot or None, sets=case.sets)
+        assert d.true_world == d.world and not is_surveyed(Setup(d))

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chromium_page import open_page
+from exact_map import EXACT
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_z
 from skywright.core.types import MAX_JOINTS
 from skywright.description.loader import load_description
@@ -52,6 +53,7 @@ from skywright.run.run import RunResult, run_mission
 from waiting import wait_for
 
 SHORT = (
+    *EXACT,
     "mission.task.passes=2", "mission.task.pass_length_m=0.04", "mission.task.arc_deg=10",
     "mission.task.speed_mps=0.02", "mission.requirements.weld.crossings.limit=2",
 )  # fmt: skip

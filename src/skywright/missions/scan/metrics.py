@@ -175,7 +175,7 @@ def _instrument_axis() -> Array:
 def find_survey(run: Flown[Scan, ScanWay]) -> Surveyed | None:
     """Fit the pipe to the recorded touches; None without a survey, or one cut short."""
     touches = read_touches(run.samples, run.phases)
-    if not run.task.survey or not any(not t.reason for t in touches):
+    if run.way.survey is None or not any(not t.reason for t in touches):
         return None
     return fit_touches(run.setup, touches)
 

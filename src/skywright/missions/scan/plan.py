@@ -48,18 +48,17 @@ class ScanWay(NamedTuple):
 
 def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
     """Plan by the map."""
-    robot, world, scan = setup.robot, setup.world, setup.task
-    cylinder = setup.cylinder
+    robot, world, cylinder = setup.robot, setup.world, setup.cylinder
     if cylinder is None:
         raise InputError(f"world {world.name!r} has no pipe to scan: give it a [world.pipe] table")
     if robot.arm is None or robot.probe is None:
         raise InputError(
             f"robot {robot.name!r} has no probe: a scan needs [robot.arm] and [robot.probe]"
         )
-    if scan.survey and world.localisation != "mocap":
+    if is_surveyed(setup) and world.localisation != "mocap":
         raise InputError(
             "mission.task.survey: places of touches are told by motion capture of the probe; "
-            f"world.localisation is {world.localisation!r}"
+            f"world.localisation is {world.localisation!r}: set mission.task.survey=false"
         )
     return _plan_on(setup, cylinder, None)
 
@@ -72,6 +71,12 @@ def plan_found(setup: Setup[Scan], found: Cylinder, row: Any) -> MissionPlan[Sca
     n = int(setup.model[0]["n_joints"])
     begin = build_state(row["p_WB"], row["R_WB"], row["q"][:n])
     return _plan_on(Setup(setup.description._replace(world=world)), found, begin)
+
+
+def is_surveyed(setup: Setup[Scan]) -> bool:
+    """Whether the pipe is touched before it is scanned: as told, or where its map may be wrong."""
+    told = setup.task.survey
+    return max(get_map_error(setup)) > 0.0 if told is None else told
 
 
 def build_frame(cylinder: Cylinder, phi: float) -> Array:
@@ -100,7 +105,7 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
         2.0 * robot.probe.tip_radius_m,
     )  # fmt: skip
     way, stand_off, survey = None, scan.stand_off_m, None
-    if scan.survey and begin is None and pattern.blocked_by is None:
+    if is_surveyed(setup) and begin is None and pattern.blocked_by is None:
         points = choose_points(pattern.corners)
         reach = np.array([compute_reach(cylinder, get_map_error(setup), x) for x in points])
         stand_off = max(stand_off, float(np.max(reach)) + CLEAR)
