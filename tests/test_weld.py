@@ -261,7 +261,7 @@ def test_a_plane_s_cut_is_found_wherever_it_is_steepest(around: float, angle: fl
         phi = np.repeat(np.linspace(-0.9, 0.9, 7), 2)
         s = 0.02 + RADIUS * slope * np.sin(phi - turn) + 2e-4 * rng.standard_normal(14)
         v = np.tile([0.05, -0.05], 7)
-        line = estimate_weld_line(s, RADIUS * phi, v, 0 * v, np.full(14, 2e-4), RADIUS)
+        line = estimate_weld_line(s, RADIUS * phi, v, 0 * v, np.full(14, 2e-4), radius=RADIUS)
         assert line is not None and len(line.inliers) == 14
         weld = Weld(angle_deg=angle, offset_m=0.02, around_deg=around)
         offset, error = compute_line_error(line, weld, RADIUS)
@@ -386,9 +386,9 @@ def test_a_line_that_a_refinement_loses_is_not_kept(monkeypatch: pytest.MonkeyPa
 
     calls = []
 
-    def lose(*columns: np.ndarray) -> object:
+    def lose(*columns: np.ndarray, radius: float) -> object:
         calls.append(len(calls))
-        return estimate_weld_line(*columns) if len(calls) == 1 else None
+        return estimate_weld_line(*columns, radius=radius) if len(calls) == 1 else None
 
     monkeypatch.setattr(module, "estimate_weld_line", lose)
     result = process(fly_scan(0, Weld()))

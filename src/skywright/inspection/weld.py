@@ -334,7 +334,9 @@ def process_scan(
         found, points = find_crossings(*data, off_weld[index], normal)
         crossings = [x for x in found if x.peak >= SIGNIFICANCE * noise]
         points = [x for x in points if x.peak >= SIGNIFICANCE * noise]
-        line = estimate_weld_line(*_columns(points, "s", "c", "v_s", "v_c", "std"), surface.radius)
+        line = estimate_weld_line(
+            *_columns(points, "s", "c", "v_s", "v_c", "std"), radius=surface.radius
+        )
         if line is None:
             break
     if len(found) > len(crossings):

@@ -14,6 +14,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
 from skywright.description.world.spec import Weld
@@ -104,7 +105,7 @@ def _get_limit(std: Array) -> Array:
     return np.asarray(np.clip(3.0 * std, INLIER, WIDEST))
 
 
-def _consensus(q: Array, w: Array, std: Array) -> Array:
+def _consensus(q: Array, w: Array, std: Array) -> NDArray[np.bool_]:
     """Boolean (n,): the largest set of points that one line through two of them explains."""
     n = len(q)
     limit = _get_limit(std)
@@ -127,7 +128,7 @@ def _consensus(q: Array, w: Array, std: Array) -> Array:
 
 
 def estimate_weld_line(
-    s: Array, c: Array, v_s: Array, v_c: Array, std: Array, radius: float = math.inf
+    s: Array, c: Array, v_s: Array, v_c: Array, std: Array, *, radius: float = math.inf
 ) -> WeldLine | None:
     """Line through crossings at (s, c) m, passed at velocity (v_s, v_c) m/s.
 
@@ -143,7 +144,7 @@ def estimate_weld_line(
     std = np.maximum(np.asarray(std, float), 5e-5)
     if len(q) < 2 or not np.all(np.isfinite(q)):
         return None
-    inlier = _consensus(q, bow, std) if len(q) >= 3 else np.ones(len(q), bool)
+    inlier = _consensus(q, bow, std) if len(q) >= 3 else np.ones(len(q), np.bool_)
     fit = None
     for _ in range(3):  # what a lag or a lean explains comes back
         if np.count_nonzero(inlier) < 2:

@@ -99,8 +99,8 @@ def draw_weld_map(
                 )  # fmt: skip
                 handles.append(Patch(color="#d9c9a3", alpha=0.5))
                 labels.append(f"true weld, {2e3 * truth.half_width_m:.0f} mm wide")
-            style = {"color": _TRUTH, "lw": 1.4, "ls": (0, (6, 4)), "zorder": 4}
-            handles.append(ax.plot(1e3 * s, 1e3 * c, **style)[0])
+            dashed = ax.plot(1e3 * s, 1e3 * c, color=_TRUTH, lw=1.4, ls=(0, (6, 4)), zorder=4)
+            handles.append(dashed[0])
             labels.append("true weld line")
     line = result.line
     if line is not None:
