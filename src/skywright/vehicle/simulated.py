@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from skywright.core.record import View
 from skywright.description.world.spec import World
-from skywright.description.world.thing import Placed
+from skywright.description.world.thing import Fixture, Placed
 from skywright.description.world.things import find_first
 from skywright.errors import InputError, SimulationError
 from skywright.models.arm_body import Deviation
@@ -28,14 +28,13 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
-from skywright.models.things.bench import CLAMP, Bench
 from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.assembly import Assembly, State
 from skywright.vehicle.bus import Allocated, Clock, Estimate, ShaftCommand, WrenchCommand
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext
-from skywright.vehicle.effects.forces import GivenForces
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.follower import Follower
+from skywright.vehicle.given_forces import GivenForces
 from skywright.vehicle.guard import NOT_FINITE
 from skywright.vehicle.instruments.eddy_current import EddyProbe
 from skywright.vehicle.interface import Limits, R, Table, Ticked
@@ -126,9 +125,15 @@ class SimulatedVehicle:
         context = PlantContext(
             nominal, world, compute_body(self.model, posture(robot, "working"))[0], self.dt,
             timestep, law.name, frozenset(), {}, deviation=deviation, scene=self.scene,
-            sim=self.sim, seed=seed, start=start, true=true,
+            sim=self.sim, seed=seed, start=start, true=true, known=self.world,
         )  # fmt: skip
-        named = [law, *estimator.assemble(estimator.table, context), *parts]
+        named = [
+            law,
+            *estimator.assemble(
+                estimator.table, context if estimator.is_truth else context.limit()
+            ),
+            *parts,
+        ]
         asked = {port.record for c in named for step in list_steps(c) for port in step.ports}
         context = dataclasses.replace(context, named=tuple(named), asked=frozenset(asked))
         self.assembly = Assembly([*named, *list_wanted(context)], context, seed)
@@ -322,7 +327,7 @@ class SimulatedVehicle:
         Raises InputError where the world has none.
         """
         self._find_bench()
-        self.sim.data.eq_active[self.scene.model.equality(CLAMP).id] = 0
+        self.sim.data.eq_active[self.scene.model.equality(Fixture.CLAMP).id] = 0
 
     def survey(self, name: str) -> tuple[Array, Array]:
         """Return (p_WO, R_WO) of a tracked thing, or of the pipe (PIPE), by motion capture.
@@ -343,8 +348,8 @@ class SimulatedVehicle:
             raise InputError(f"motion capture has not seen {name!r} yet, t = {self.t:.2f} s")
         return np.array(found.p_WO), np.array(found.R_WO)
 
-    def _find_bench(self) -> Bench:
-        bench = find_first(self.world.things, Bench)
+    def _find_bench(self) -> Fixture:
+        bench = find_first(self.world.things, Fixture)
         if bench is None:
             raise InputError(
                 f"world {self.world.name!r} has no bench: give it a thing of kind 'bench'"
