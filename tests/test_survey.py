@@ -17,7 +17,7 @@ from skywright.description.map_error import displace_world
 from skywright.description.world.surface import (
     Cylinder,
     build_cylinder,
-    build_weld_line,
+    build_weld_curve,
     roll_points,
     unroll_points,
 )
@@ -219,15 +219,18 @@ def test_the_weld_itself_is_the_datum() -> None:
     here = build_cylinder(world.pipe)
     same = carry_weld(world, here, np.array([0.0, 0.02]))
     assert same is not None
-    assert same.offset_m == pytest.approx(world.weld.offset_m, abs=1e-9)
-    assert same.angle_deg == pytest.approx(world.weld.angle_deg, abs=1e-6)
+    curve, c = build_weld_curve(world.weld, here.radius), np.linspace(0.0, 0.04, 5)
+    np.testing.assert_allclose(
+        build_weld_curve(same, here.radius).place(c), curve.place(c), atol=1e-4
+    )
     shifted = world.model_copy(update={
         "pipe": world.pipe.model_copy(update={"y_m": world.pipe.y_m + 0.008})
     })  # fmt: skip
     moved = carry_weld(shifted, here, np.array([0.0, 0.02]))
     assert moved is not None
-    assert moved.offset_m - world.weld.offset_m == pytest.approx(0.008, abs=1e-6)
-    assert moved.angle_deg == pytest.approx(world.weld.angle_deg, abs=1e-3)
+    np.testing.assert_allclose(
+        build_weld_curve(moved, here.radius).place(c), curve.place(c) + 0.008, atol=1e-4
+    )
 
 
 def test_a_carried_weld_lies_on_the_true_one() -> None:
@@ -238,9 +241,10 @@ def test_a_carried_weld_lies_on_the_true_one() -> None:
     true = build_cylinder(world.pipe)
     carried = carry_weld(world, found, np.array([0.0, 0.0]))
     assert carried is not None
-    p, _ = roll_points(found, *build_weld_line(carried).follow(np.linspace(-0.05, 0.05, 11)))
+    c = np.linspace(-0.05, 0.05, 11)
+    p, _ = roll_points(found, build_weld_curve(carried, found.radius).place(c), c)
     s, c, _ = unroll_points(true, p)
-    assert np.max(np.abs(build_weld_line(world.weld).measure_distance(s, c))) < 1.5e-3
+    assert np.max(np.abs(build_weld_curve(world.weld, true.radius).measure_distance(s, c))) < 1.5e-3
 
 
 def make_touches(count: int, wrong: tuple[int, ...] = ()) -> list[Touch]:

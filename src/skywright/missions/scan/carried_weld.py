@@ -9,7 +9,7 @@ from skywright.description.world.spec import Weld, World
 from skywright.description.world.surface import (
     Cylinder,
     build_cylinder,
-    build_weld_line,
+    build_weld_curve,
     roll_points,
     unroll_points,
 )
@@ -26,28 +26,16 @@ def carry_weld(world: World, found: Cylinder, near: Array) -> Weld | None:
     if weld is None or pipe is None or not weld.present:
         return weld
     true = build_cylinder(pipe)
-    line = build_weld_line(weld)
     p, _ = roll_points(found, np.array([near[0]]), np.array([near[1]]))
     s, c, _ = unroll_points(true, p)
-    middle = (float(s[0]) - line.s) * math.sin(line.angle) + (float(c[0]) - line.c) * math.cos(
-        line.angle
-    )
-    along = middle + np.linspace(-0.05, 0.05, 21)
-    points, _ = roll_points(true, *line.follow(along))
+    middle = build_weld_curve(weld, true.radius).touch(float(c[0]))
+    ahead = middle.find_nearest(float(s[0]), float(c[0]))
+    points, _ = roll_points(true, *middle.follow(ahead + np.array([-1e-4, 0.0, 1e-4])))
     s, c, _ = unroll_points(found, points)
-    turn = 2.0 * math.pi * found.radius
-    c = found.radius * np.unwrap(c / found.radius)
-    c = c + turn * np.round((near[1] - c.mean()) / turn)
-    (us, uc), at = _fit_line(s, c)
-    angle = math.atan2(us, uc)
+    around = found.radius * np.unwrap(c / found.radius)
+    angle = math.atan2(s[2] - s[0], around[2] - around[0])
+    angle -= math.pi * round(angle / math.pi) if abs(angle) > math.pi / 2 else 0.0
     return weld.model_copy(update={
-        "angle_deg": math.degrees(angle), "offset_m": float(at[0] - at[1] * math.tan(angle))
+        "angle_deg": math.degrees(angle), "offset_m": float(s[1]),
+        "around_deg": math.degrees(c[1] / found.radius),
     })  # fmt: skip
-
-
-def _fit_line(s: Array, c: Array) -> tuple[Array, Array]:
-    """Direction (2,), with c growing, and middle (2,) of points on a line."""
-    q = np.column_stack([s, c])
-    middle = q.mean(axis=0)
-    way = np.linalg.svd(q - middle)[2][0]
-    return way * (1.0 if way[1] >= 0.0 else -1.0), middle

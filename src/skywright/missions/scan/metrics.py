@@ -206,7 +206,7 @@ def _add_weld_metrics(out: dict[str, float], weld: WeldResult, run: Flown[Scan, 
     true = carry_weld(run.setup.true.world, cylinder, at)
     if true is None or not true.present:
         return
-    offset, angle = compute_line_error(weld.line, true)
+    offset, angle = compute_line_error(weld.line, true, cylinder.radius)
     out["weld.offset_error_mm"] = 1e3 * abs(offset)
     out["weld.angle_error_deg"] = math.degrees(abs(angle))
     out["weld.offset_std_mm"] = 1e3 * weld.line.std_offset
