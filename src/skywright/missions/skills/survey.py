@@ -253,7 +253,7 @@ def build_travel(row: Any, distance: float, speed: float, dead_zone: float) -> T
 def _march(distance: float, speed: float) -> tuple[Array, Array]:
     """Times (n,) s and (n, 3) m, m/s, m/s^2 along a straight line, rest to rest."""
     law = build_time_law(abs(distance), speed, ACCELERATION)
-    t: Array = ROW * np.arange(round(law.duration / ROW) + 1)
+    t = np.array(ROW * np.arange(round(law.duration / ROW) + 1), dtype=np.float64)
     way: Array = np.array([eval_time_law(law, x) for x in t]) * np.sign(distance)
     return t, way
 
