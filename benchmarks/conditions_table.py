@@ -18,13 +18,13 @@ def write_table(draw: Callable[[int, int], Table], mission: str, rows: int, name
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name(name))
     a = parser.parse_args()
-    write_rows(draw(a.rows, a.seed), a.out)
+    save_table(draw(a.rows, a.seed), a.out)
 
 
-def write_rows(table: Table, out: Path) -> None:
-    """Write rows with a header, and tell where."""
-    with out.open("w", newline="", encoding="utf-8") as file:
+def save_table(table: Table, path: Path) -> None:
+    """Write a table as CSV, and say where."""
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(table[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(table)
-    print(out)
+    print(path)

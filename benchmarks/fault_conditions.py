@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conditions_table import write_rows
+from conditions_table import save_table
 
 from skywright.core.find import find, list_kinds
 from skywright.description.loader import load_description
@@ -55,4 +55,4 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path)
     a = parser.parse_args()
     file = a.out or Path(__file__).with_name(f"faults-{a.mission}.csv")
-    write_rows(draw_table(a.mission, a.rows, a.seed), file)
+    save_table(draw_table(a.mission, a.rows, a.seed), file)

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 import skywright
+from exact_map import EXACT
 from skywright.analysis.campaign import campaign as campaign_module
 from skywright.analysis.campaign.campaign import choose_folder, run_campaign
 from skywright.analysis.campaign.local import choose_workers, count_cores
@@ -191,7 +192,7 @@ def test_a_row_repeats_alone_bit_for_bit(
 def test_a_scan_flown_by_a_worker_repeats_here(hop: Path) -> None:
     """The probe's table and the weld's statistics sum much: threads of BLAS must not show."""
     vary = ["world.pipe.friction=uniform(0.1,0.3)"]
-    short = ["mission.task.passes=2", "mission.task.pass_length_m=0.1"]
+    short = [*EXACT, "mission.task.passes=2", "mission.task.pass_length_m=0.1"]
     campaign = build_campaign("pipe-weld-scan", vary, sets=short)
     (row,) = run_campaign(campaign, 1, out=Path("c")).rows
     alone = fly_and_evaluate(load_run(campaign, draw_run(campaign, 0)))

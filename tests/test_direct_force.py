@@ -27,7 +27,7 @@ from skywright.vehicle.laws.direct_force import (
     compute_gust_response,
     compute_sensitivity,
 )
-from skywright.vehicle.sensors.force_torque import ForceTorque
+from skywright.vehicle.readings import WrenchSample
 from skywright.vehicle.tip_force import TARE_S, WrenchTipForce, find_tip_sensor
 
 DT = 0.002
@@ -181,7 +181,7 @@ def test_othex_flies_the_papers_law_and_othex_force_its_own(othex_force):
 
 
 def test_the_tare_takes_up_a_bias_and_no_contact():
-    names = {"me": WrenchTipForce.Me, "measured": ForceTorque.Reading, "press": Press}
+    names = {"me": WrenchTipForce.Me, "measured": WrenchSample, "press": Press}
     b = {**build_case(), **{n: np.zeros(1, r.dtype)[0] for n, r in names.items()}}
     b["me"]["mass"], b["me"]["dt"] = 0.04, DT
     b["body"]["R_BT"] = np.eye(3)  # upright: the slider's weight is 0.39 N

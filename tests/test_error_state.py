@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from exact_map import EXACT
 from skywright.core.record import View
 from skywright.core.types import IMU_HISTORY
 from skywright.description.loader import load_description
@@ -28,7 +29,7 @@ from skywright.vehicle.sensors.mocap import MotionCapture
 from steps import Stepped
 
 G = 9.81
-SHORT = ["mission.task.passes=1", "mission.task.pass_length_m=0.03"]
+SHORT = [*EXACT, "mission.task.passes=1", "mission.task.pass_length_m=0.03"]
 
 
 def skew(a):

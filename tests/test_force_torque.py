@@ -10,6 +10,7 @@ from skywright.core.record import View
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.evidence.bench.flights import fly_to_hover
+from skywright.vehicle.readings import WrenchSample
 from skywright.vehicle.sensors.force_torque import ForceTorque
 
 
@@ -23,11 +24,11 @@ def test_a_wrist_carries_the_weight_beyond_it():
     beyond = [b for b in range(model.nbody) if b == holder or model.body_parentid[b] == holder]
     weight = float(sum(model.body_mass[b] for b in beyond)) * context.world.gravity_mps2
     R = data.xmat[holder].reshape(3, 3)
-    force_W = R @ np.array(View(plant.assembly.get(ForceTorque.Reading)).force)
+    force_W = R @ np.array(View(plant.assembly.get(WrenchSample)).force)
     np.testing.assert_allclose(force_W, [0.0, 0.0, -weight], atol=0.03 * weight + 0.01)
     arm = sum(model.body_mass[b] * (data.xipos[b] - data.xpos[holder]) for b in beyond)
     turn = np.cross(arm, [0.0, 0.0, -context.world.gravity_mps2])
-    torque_W = R @ np.array(View(plant.assembly.get(ForceTorque.Reading)).torque)
+    torque_W = R @ np.array(View(plant.assembly.get(WrenchSample)).torque)
     np.testing.assert_allclose(torque_W, turn, atol=0.05 * weight * 0.1 + 1e-3)
 
 

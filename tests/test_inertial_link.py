@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from exact_map import EXACT
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.run.planning import plan_mission
@@ -14,6 +15,7 @@ from skywright.vehicle.sensors.inertial import Inertial
 from skywright.vehicle.sensors.mocap import MotionCapture
 
 HARD = [
+    *EXACT,
     "mission.task.passes=1", "mission.task.pass_length_m=0.03",
     "world.link.delay_s=0.004", "world.link.jitter_s=0.002", "world.link.loss_fraction=0.01",
     "world.mocap.rate_hz=30", "world.mocap.outlier_fraction=0.02",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +10,18 @@ import pytest
 
 from skywright.description.loader import load_description
 from skywright.description.map_error import displace_world
+from skywright.description.world.spec import World
 from skywright.description.world.structure import build_surface
 from skywright.errors import InputError
+from skywright.evidence.reproduce.load import load_claims
+from skywright.missions.skills.surveyed import is_surveyed
 from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.setup import Setup
-from skywright.vehicle.assembly import Assembly
+from skywright.vehicle.assembly import NEAR, Assembly
+from skywright.vehicle.bus import Truth
+from skywright.vehicle.component import Context
+from skywright.vehicle.effects.drag import Drag
 
 SETS = {"plant.map_error_m": 0.03, "plant.map_error_deg": 3.0, "plant.map_error_size_m": 0.005}
 
@@ -101,3 +108,80 @@ def test_a_run_from_before_flew_with_its_world_as_the_truth(tmp_path: Path) -> N
     (tmp_path / "mission.toml").write_text("\n".join(old))
     d = load_description(tmp_path / "mission.toml")
     assert d.plant.map_error_m == 0.0 and d.true_world == d.world
+
+
+LAW = """
+from skywright.vehicle.bus import Estimate, WrenchCommand
+from skywright.vehicle.component import Law, Out
+
+GIVEN = []
+
+
+class Curious(Law):
+    compiled = False
+
+    def build(self, me, table, context):
+        GIVEN.append(context)
+
+    def get_period(self, step, context):
+        GIVEN.append(context)
+        return 0.0
+
+    @staticmethod
+    def step(est: Estimate, cmd: Out[WrenchCommand]) -> None:
+        cmd.f_B[2] = 1.0
+"""
+
+
+def test_a_law_is_built_from_the_map_and_sees_nothing_of_the_plant(tmp_path: Path) -> None:
+    """Neither the true world nor a record or an object of the plant is in what it is given."""
+    (tmp_path / "curious.py").write_text(LAW)
+    kind = f"{tmp_path / 'curious.py'}:Curious"
+    sets = {**SETS, "mission.law.kind": kind, "world.link.delay_s": 0.01}
+    d = load_description("pipe-weld-scan", sets=sets)
+    vehicle = build_vehicle(d)
+    given = sys.modules[type(vehicle.law).__module__].GIVEN
+    assert len(given) >= 2 and d.true_world.pipe != d.world.pipe
+    for context in given:
+        assert type(context) is Context and context.world == d.world
+        assert context.nominal.world == d.world
+        assert not any(
+            isinstance(value, World) and value != d.world for value in vars(context).values()
+        )
+        assert all(c.side == "robot" for c in (*context.components, *context.named))
+        records = {(record.__qualname__, name) for record, name in context.records}
+        assert ("Truth", "") not in records and ("RotorState", "") not in records
+        assert ("Estimate", "") in records and ("MocapSample", "") in records  # of the far end
+        assert not any(name.endswith(NEAR) and record in ("MocapSample", "ImuBatch")
+                       for record, name in records)  # fmt: skip
+        assert not any(owner.startswith("MotionCapture") for owner, _ in records)
+    plant = vehicle.find(Drag)
+    assert plant.side == "plant" and (Truth, "") in vehicle.assembly.records
+
+
+def test_a_law_cannot_say_that_it_is_part_of_the_plant(tmp_path: Path) -> None:
+    text = LAW.replace("compiled = False", 'compiled = False\n    side = "plant"')
+    (tmp_path / "curious.py").write_text(text)
+    d = load_description(
+        "waypoints", "othex", sets={"mission.law": f"{tmp_path / 'curious.py'}:Curious"}
+    )
+    with pytest.raises(InputError, match="'law' is a law with side = 'plant'"):
+        build_vehicle(d)
+
+
+def test_a_scan_surveys_where_its_map_may_be_wrong() -> None:
+    exact = dict.fromkeys(SETS, 0.0)
+    cases = [({}, True), (exact, False), ({"mission.task.survey": False}, False),
+             ({**exact, "plant.map_error_size_m": 0.001}, True),
+             ({**exact, "mission.task.survey": True}, True)]  # fmt: skip
+    for sets, surveys in cases:
+        assert is_surveyed(Setup(load_description("pipe-weld-scan", sets=sets))) is surveys
+    blind = load_description("pipe-weld-scan", sets={"world.localisation": "gnss"})
+    with pytest.raises(InputError, match=r"set mission\.task\.survey=false"):
+        plan_mission(blind)
+
+
+def test_the_papers_claims_are_flown_with_a_known_pipe() -> None:
+    for case in load_claims("tognon-2018").cases.values():
+        d = load_description(case.mission, case.robot or None, sets=case.sets)
+        assert d.true_world == d.world and not is_surveyed(Setup(d))

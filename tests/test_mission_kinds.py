@@ -13,12 +13,9 @@ import skywright
 from skywright.core.find import list_kinds
 from skywright.description.dump import dump_description
 from skywright.description.loader import list_missions, load_description
-from skywright.description.template import list_templates, write_template
 from skywright.errors import InputError
-from skywright.run.check import check_file
 from skywright.run.kind import MissionKind, load_kind
 from skywright.run.names import COMMON, list_all_measures
-from skywright.run.run import fly_and_evaluate
 
 KINDS = list_kinds("kind")
 OLD = """[mission]
@@ -145,28 +142,3 @@ def test_nothing_below_the_missions_names_a_kind() -> None:
             text = file.read_text(encoding="utf-8")
             found = [mark for mark in marks if re.search(rf"(?<![\w-]){mark}(?![\w-])", text)]
             assert not found, f"{file} names {found}"
-
-
-@pytest.mark.parametrize("what", list_templates())
-def test_every_template_is_valid(what: str, tmp_path: Path) -> None:
-    files = write_template(what, tmp_path / "my-own.thing")
-    assert not any(re.search("@[A-Z]+@", f.name + f.read_text()) for f in files)
-    report = check_file(str(tmp_path / "my-own.thing" / "mission.toml"))
-    assert report.valid, report.problems
-    with pytest.raises(InputError, match="not overwritten"):
-        write_template(what, tmp_path / "my-own.thing")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("what", ["estimator", "kind", "law", "mission", "sensor", "world"])
-def test_a_template_flies_as_it_is(what: str, tmp_path: Path) -> None:
-    write_template(what, tmp_path / "mine")
-    result = fly_and_evaluate(load_description(tmp_path / "mine" / "mission.toml"))
-    assert result.outcome == "succeeded", (result.reason, result.metrics)
-
-
-def test_there_is_no_template_of_everything(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no template of 'wrold'; valid: world, robot"):
-        write_template("wrold", tmp_path / "mine")
-    with pytest.raises(InputError, match="kind name '1x'"):
-        write_template("kind", tmp_path / "1x")

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from exact_map import EXACT
 from skywright.core.rotations import exp_so3, quat_from_rot
 from skywright.core.types import MAX_JOINTS, REFERENCE
 from skywright.description.loader import load_description
@@ -32,7 +33,8 @@ SCAN_SEGMENTS = ["approach", "unfold", "close_in", "touch", "scan", "leave", "fo
 
 
 def plan(*sets: str, seed: int | None = None, mission: str = "pipe-weld-scan") -> MissionPlan:
-    return plan_mission(load_description(mission, sets=sets, seed=seed))
+    exact = EXACT if mission == "pipe-weld-scan" else ()
+    return plan_mission(load_description(mission, sets=[*exact, *sets], seed=seed))
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.vehicle.assembly import NEAR
 from skywright.vehicle.bus import Clock, MuJoCo, RotorDrive, Truth
-from skywright.vehicle.effects.forces import GivenForces
+from skywright.vehicle.given_forces import GivenForces
 from skywright.vehicle.link import BATCH, FRESH, LATEST, get_rule
 from skywright.vehicle.plant import AirForce, JointTruth, RotorGain, RotorState, Surface
 from skywright.vehicle.readings import Fix, ImuBatch, MocapSample, Shafts

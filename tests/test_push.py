@@ -10,7 +10,7 @@ from plant_parts import build_context, build_plant
 from skywright.description.loader import load_description
 from skywright.run.run import build_vehicle
 from skywright.vehicle.bus import Truth
-from skywright.vehicle.effects.forces import GivenForces
+from skywright.vehicle.given_forces import GivenForces
 from skywright.vehicle.interface import Uav
 from skywright.vehicle.plant import AirForce
 

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chromium_page import open_page
+from exact_map import EXACT
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_z
 from skywright.core.types import MAX_JOINTS
 from skywright.description.loader import load_description
@@ -52,6 +53,7 @@ from skywright.run.run import RunResult, run_mission
 from waiting import wait_for
 
 SHORT = (
+    *EXACT,
     "mission.task.passes=2", "mission.task.pass_length_m=0.04", "mission.task.arc_deg=10",
     "mission.task.speed_mps=0.02", "mission.requirements.weld.crossings.limit=2",
 )  # fmt: skip
@@ -198,7 +200,8 @@ def test_weld_is_drawn_on_its_line(angle: float, offset: float) -> None:
         if angle == 90.0:
             assert c == pytest.approx(offset)
         else:
-            assert np.cos(slope) * (s - offset) - np.sin(slope) * c == pytest.approx(0.0, abs=1e-9)
+            height = cylinder.radius * np.sin(c / cylinder.radius)  # of a plane's cut
+            assert s - offset == pytest.approx(np.tan(slope) * height, abs=1e-9)
 
 
 def test_a_transport_is_not_judged_by_contact_and_shows_its_area() -> None:

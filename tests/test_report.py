@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from rich.console import Console
 
+from exact_map import EXACT
 from skywright.description.loader import load_description
 from skywright.description.parts import Part
 from skywright.errors import InputError
@@ -37,6 +38,7 @@ from skywright.run.run import RunResult, run_mission
 from skywright.run.warm_up import is_cached
 
 SHORT = (
+    *EXACT,
     "mission.task.passes=2", "mission.task.pass_length_m=0.04", "mission.task.arc_deg=10",
     "mission.task.speed_mps=0.02", "mission.requirements.weld.crossings.limit=2",
 )  # fmt: skip

@@ -11,13 +11,14 @@ import sys
 import pytest
 
 import skywright
+from exact_map import EXACT
 from skywright.core import interrupt
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.run.run import Observer, fly_and_evaluate, run_mission
 from waiting import wait_for
 
-SETS = ["mission.task.passes=1", "mission.task.pass_length_m=0.03"]
+SETS = [*EXACT, "mission.task.passes=1", "mission.task.pass_length_m=0.03"]
 
 
 def start(tmp_path, *sets):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from exact_map import EXACT
 from skywright.description.loader import load_description
 from skywright.errors import InputError, SimulationError
 from skywright.run.planning import plan_mission
@@ -12,7 +13,7 @@ from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.sensors.mocap import MotionCapture
 
-SHORT = ["mission.task.passes=1", "mission.task.pass_length_m=0.03"]
+SHORT = [*EXACT, "mission.task.passes=1", "mission.task.pass_length_m=0.03"]
 
 
 def fly(sets, fault=None):
@@ -67,6 +68,7 @@ def test_same_seed_same_recording_other_seed_another():
 
 LAW = """
 import numpy as np
+from exact_map import EXACT
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Out
 from skywright.vehicle.laws.push_and_slide import PushAndSlide

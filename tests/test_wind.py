@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numba import njit
 from scipy.signal import welch
 
+from exact_map import EXACT
 from plant_parts import build_context, build_plant, view
 from skywright.core.record import View
 from skywright.core.rotations import rot_z
@@ -352,7 +353,7 @@ FAN = ["world.wind.kind=fan", "world.wind.mean_mps=6", "world.wind.fan.sweep_deg
 
 def _fly(*sets: str) -> np.ndarray:
     """Fly a short scan and return its samples."""
-    short = ["mission.task.passes=1", "mission.task.pass_length_m=0.03"]
+    short = [*EXACT, "mission.task.passes=1", "mission.task.pass_length_m=0.03"]
     d = load_description("pipe-weld-scan", sets=[*short, *sets])
     plan = plan_mission(d)
     assert plan.feasible, plan.blocked_by

@@ -211,7 +211,7 @@ def _write_urdf(subject: Subject, path: Path) -> None:
 @click.argument("what", metavar="WHAT")
 @click.argument("name")
 def new(what: str, name: str) -> None:
-    """Start your own robot, world, mission or kind of mission.
+    """Start your own WHAT: robot, world, mission, kind, law, sensor, estimator, effect or thing.
 
     Commented files in a folder NAME that fly as they are, ready to change.
     """
@@ -224,10 +224,10 @@ def new(what: str, name: str) -> None:
 
 
 @click.command()
-@click.argument("file", metavar="FILE")
+@click.argument("file", metavar="FILE|FOLDER")
 @as_json_option
 def check(file: str, as_json: bool) -> int:
-    """List every problem and guess of a description FILE."""
+    """List every problem and guess of a description: a file, or a folder with one."""
     from skywright.run.check import check_file
 
     report = check_file(file)

@@ -11,6 +11,7 @@ import click
 import numpy as np
 
 from skywright.description.loader import load_description
+from skywright.description.map_error import KEYS
 from skywright.run.run import fly_and_evaluate
 
 CONDITIONS: dict[str, tuple[str, ...]] = {
@@ -42,7 +43,8 @@ class Row(NamedTuple):
 def measure(condition: str, estimator: str, seeds: Sequence[int]) -> Row:
     """Fly the weld scan once a seed."""
     squares, met = [], 0
-    sets = [*CONDITIONS[condition], f"mission.estimator={estimator}"]
+    exact = [f"plant.{key}=0" for key in KEYS]  # no survey
+    sets = [*exact, *CONDITIONS[condition], f"mission.estimator={estimator}"]
     for seed in seeds:
         run = fly_and_evaluate(load_description("pipe-weld-scan", sets=sets, seed=seed))
         met += run.outcome == "succeeded"

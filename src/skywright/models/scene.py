@@ -21,6 +21,7 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import World
 from skywright.description.world.surface import Cylinder, build_cylinder
+from skywright.description.world.thing import Fixture
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
@@ -32,7 +33,6 @@ from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import RotorSet
 from skywright.models.structure_body import add_structure, list_structure
 from skywright.models.things._build import OBJECT, add_things, find_offsets
-from skywright.models.things.bench import Bench
 from skywright.models.timestep import find_stiff_contact
 
 TIMESTEP = 0.001
@@ -365,7 +365,7 @@ def home_pose(
     robot: Robot, world: World, x: float, y: float, yaw: float
 ) -> tuple[Array, Array, Array]:
     """Return (p_WB, q_WB, q): standing on the feet with the arm folded, or clamped to a bench."""
-    bench = find_first(world.things, Bench)
+    bench = find_first(world.things, Fixture)
     if bench is not None:
         place = np.array([bench.x_m, bench.y_m, bench.z_m])
         return place, np.array(bench.q_WB), posture(robot, "folded")

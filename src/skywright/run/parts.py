@@ -8,10 +8,9 @@ from skywright.core.find import find, list_kinds
 from skywright.description.loader import Description
 from skywright.description.parts import Part, build_part, list_parts
 from skywright.description.world.thing import Placed
-from skywright.description.world.things import find_first
+from skywright.description.world.things import find_marker
 from skywright.errors import InputError
 from skywright.models.nominal import Nominal
-from skywright.models.things.marker import Marker
 from skywright.run.faults._rule import Rule
 from skywright.vehicle.component import Component, Estimator, Fault, Law
 
@@ -43,11 +42,11 @@ def build_estimator(description: Description[Any]) -> Estimator:
     """Build the estimator; raises InputError where it cannot do with the localisation."""
     d, part = description, description.mission.estimator
     estimator: Estimator = build_part("estimator", part, "estimator")
-    kind = d.world.localisation
-    if kind != "mocap" and estimator.needs_motion_capture:
+    localised = d.world.localisation
+    if localised != "mocap" and estimator.needs_motion_capture:
         raise InputError(
-            f"world.localisation = {kind!r} tells a place and a heading only: mission.estimator = "
-            f"{part.kind!r} needs motion capture; use 'filter'"
+            f"world.localisation = {localised!r} tells a place and a heading only: "
+            f"mission.estimator = {part.kind!r} needs motion capture; use 'filter'"
         )
     check_localisation(d)
     return estimator
@@ -56,29 +55,29 @@ def build_estimator(description: Description[Any]) -> Estimator:
 def check_localisation(description: Description[Any]) -> None:
     """Raise InputError where a robot cannot do with the world's localisation."""
     robot, world = description.robot, description.world
-    kind = world.localisation
-    if kind == "mocap":
+    localised = world.localisation
+    if localised == "mocap":
         return
-    says = f"world.localisation = {kind!r} tells a place and a heading only: "
-    if find_first(world.things, Marker) is not None and robot.camera is None:
+    says = f"world.localisation = {localised!r} tells a place and a heading only: "
+    if find_marker(world.things) and robot.camera is None:
         raise InputError(f"{says}world.marker needs motion capture, or robot.camera to see it")
     if world.pipe is not None and world.pipe.tracked:
         raise InputError(f"{says}world.pipe.tracked needs motion capture")
     for name, thing in world.things.items():
-        if isinstance(thing, Placed) and thing.tracked and not isinstance(thing, Marker):
+        if isinstance(thing, Placed) and thing.tracked and not thing.is_marker:
             raise InputError(f"{says}world.things.{name}.tracked needs motion capture")
-    if robot.probe is not None and (kind == "gnss" or robot.force_sensor is None):
+    if robot.probe is not None and (localised == "gnss" or robot.force_sensor is None):
         raise InputError(
             f"{says}the probe of {robot.name!r} needs the markers that motion capture sees"
         )
-    if kind == "gnss":
+    if localised == "gnss":
         return
     missing = [
         f"[robot.{part}]" for part in ("prism", "tracking_camera") if getattr(robot, part) is None
     ]
     if missing:
         raise InputError(
-            f"world.localisation = {kind!r}: robot {robot.name!r} has no "
+            f"world.localisation = {localised!r}: robot {robot.name!r} has no "
             f"{' and no '.join(missing)}; give it one, or set world.localisation='mocap'"
         )
 

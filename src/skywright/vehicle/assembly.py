@@ -76,6 +76,8 @@ class Assembly:
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
             raise InputError(f"two components are called {twice[0]!r}; a name stands once")
+        for c in self.components:
+            _check_side(c)
         steps = [step for c in self.components for step in list_steps(c)]
         self._fillers: dict[type[Record], list[Step]] = defaultdict(list)
         for step in steps:
@@ -89,13 +91,14 @@ class Assembly:
         self.steps.sort(key=lambda s: s.slot == "fast")
         self._own_records(context)
         context = dataclasses.replace(context, records=self.records, components=self.components)
-        self.context = context
+        self.context, limited = context, self._limit(context)
         for c in dict.fromkeys(step.component for step in self.steps):  # who fills before who reads
             me = self.records.get((_me(c), c.name))
-            given = dataclasses.replace(context, carried=self._list_carried(c))
+            given = limited if c.side == "robot" else context
+            given = dataclasses.replace(given, carried=self._list_carried(c))
             c.build(None if me is None else View(me[0]), c.table, given)
         self.n_control = sum(s.slot != "fast" for s in self.steps)
-        self._build_rows(context)
+        self._build_rows(context, limited)
         self._build_blocks(seed)
 
     # --- ports -----------------------------------------------------------------------------------
@@ -168,6 +171,20 @@ class Assembly:
         fillers = self._fillers.get(record, [])
         return any(s.component.side == "plant" for s in fillers) and not self._goes_up(record)
 
+    def _limit(self, context: Context) -> Context:
+        """Return the context of the robot's side: no record, object or memory of the plant's."""
+        robot = [c for c in self.components if c.side == "robot"]
+        named = tuple(c for c in context.named if c.side == "robot")
+        memories = {(_me(c), c.name) for c in self.components if c.side == "plant"}
+        seen = {
+            key: view
+            for key, view in self.records.items()
+            if key not in memories
+            and not self._is_plants(key[0])
+            and not (key[1].endswith(NEAR) and self._goes_up(key[0]))
+        }
+        return dataclasses.replace(context.limit(), records=seen, components=robot, named=named)
+
     # --- records ---------------------------------------------------------------------------------
 
     def _own_records(self, context: Context) -> None:
@@ -219,12 +236,13 @@ class Assembly:
 
     # --- rows ------------------------------------------------------------------------------------
 
-    def _build_rows(self, context: Context) -> None:
+    def _build_rows(self, context: Context, limited: Context) -> None:
         self.rows = np.zeros(len(self.steps), ROW)
         self._reads: dict[tuple[Component, type[Draws]], list[tuple[int, int]]] = defaultdict(list)
         for i, step in enumerate(self.steps):
             row = self.rows[i]
-            period = step.component.get_period(step.name, context)
+            given = limited if step.component.side == "robot" else context
+            period = step.component.get_period(step.name, given)
             row["every"] = max(round(period / context.dt), 1) if period else 1
             row["fast"], row["n"] = step.slot == "fast", len(step.ports)
             types = [self._fill_port(i, k, step, port) for k, port in enumerate(step.ports)]
@@ -341,6 +359,18 @@ class Assembly:
             generator.bit_generator.state = saved
         if seed is not None:
             self._build_blocks(seed)
+
+
+def _check_side(component: Component) -> None:
+    """Refuse laws of the plant's side, and estimators of it that do not say so in reports."""
+    if component.side == "robot" or component.group not in ("law", "arms_law", "estimator"):
+        return
+    if not getattr(component, "is_truth", False):
+        raise InputError(
+            f"component {component.name!r} is a {component.group.replace('_', ' ')} with "
+            "side = 'plant': it runs on the robot; only an estimator with is_truth = True may be "
+            "told the truth, and reports say so"
+        )
 
 
 def _me(component: Component) -> type[Record]:

@@ -18,7 +18,7 @@ They must not allocate: scratch is `local(3)` (core/scratch.py), memory belongs 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -106,12 +106,13 @@ class Context:
     asked: frozenset[type[Record]]
     """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
-    """Records of the vehicle by class (or (class, name)): (1,) arrays, those built so far."""
+    """Records of the vehicle by (class, name), (1,) arrays; the robot's side sees none of the
+    plant's."""
     named: tuple[Component, ...] = ()
-    """Law, estimator and further parts, which the description names."""
+    """Law, estimator and further parts, which the description names; likewise."""
     alive: list[Any] = field(default_factory=list)
     components: Sequence[Component] = ()
-    """All of the vehicle, at build."""
+    """All of the vehicle, at build; likewise."""
     carried: list[Any] = field(default_factory=list)
     """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
 
@@ -135,6 +136,10 @@ class Context:
         """From wrenches to thrusts of the nominal rotors."""
         return self.nominal.allocator
 
+    def limit(self) -> Context:
+        """Return what of it the robot's side may see."""
+        return self
+
     def keep(self, array: NDArray[Any]) -> int:
         """Return the address of a C-contiguous array, which lives as long as the vehicle."""
         assert array.flags.c_contiguous
@@ -144,14 +149,23 @@ class Context:
 
 @dataclass(frozen=True)
 class PlantContext(Context):
-    """What a component of the plant's side is built from: the truth as well."""
+    """What a component of the plant's side is built from: the truth as well.
 
+    `world` is the one flown in, with pipe or structure where they truly are.
+    """
+
+    known: World = None  # type: ignore[assignment]  # `world` as the map has it
     deviation: Deviation = None  # type: ignore[assignment]
     true: Nominal = None  # type: ignore[assignment]  # robot and world with the true surfaces
     scene: Scene = None  # type: ignore[assignment]
     sim: Any = None  # Simulation: MuJoCo's model and data
     seed: int = 0
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def limit(self) -> Context:
+        """Return what of it the robot's side may see: the nominal robot in the map's world."""
+        seen = {f.name: getattr(self, f.name) for f in fields(Context)}
+        return Context(**{**seen, "world": self.known})
 
     def stream(self, name: str) -> np.random.Generator:
         """Return a new generator of a named stream of this run."""
@@ -283,7 +297,10 @@ class Estimator(Component):
 
     @classmethod
     def assemble(cls, table: Any, context: Any) -> list[Component]:
-        """Return the components of this estimator for a robot in a world: most often one."""
+        """Return the components of this estimator for a robot in a world: most often one.
+
+        `context` is a Context, of one that `is_truth` a PlantContext.
+        """
         return [cls("estimator", table)]
 
 

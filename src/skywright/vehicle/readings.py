@@ -75,6 +75,15 @@ class Range(Output):
     distance: float  # m
 
 
+class WrenchSample(Output):
+    """What the parts beyond a six-axis sensor in the arm exert on those before it, in its axes."""
+
+    fresh: float
+    t: float  # s
+    force: Vec3  # N
+    torque: Vec3  # N m
+
+
 class TipForce(Output):
     """The force sensor of a probe."""
 

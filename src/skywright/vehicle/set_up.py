@@ -11,13 +11,13 @@ from skywright.core.rotations import quat_to_rot, rot_z
 from skywright.core.types import REFERENCE
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
+from skywright.description.world.thing import Fixture
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import compute_tip
 from skywright.models.scene import TIMESTEP, Scene
-from skywright.models.things.bench import Bench
 from skywright.vehicle.assembly import Assembly
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.simulation import Simulation
@@ -48,8 +48,8 @@ def build_home_row(
     table = np.zeros(1, REFERENCE)
     row = table[0]
     row["p_WB"], row["R_WB"] = p, rot_z(yaw)
-    bench = find_first(world.things, Bench)
-    if bench is not None and bench.pitch_deg != 0.0:
+    bench = find_first(world.things, Fixture)
+    if bench is not None and bench.q_WB != (1.0, 0.0, 0.0, 0.0):
         quat_to_rot(q_WB, row["R_WB"])
     row["R_WS"] = np.eye(3)
     row["q"][: len(q)] = q

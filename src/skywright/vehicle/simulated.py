@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from skywright.core.record import View
 from skywright.description.world.spec import World
-from skywright.description.world.thing import Placed
+from skywright.description.world.thing import Fixture, Placed
 from skywright.description.world.things import find_first
 from skywright.errors import InputError, SimulationError
 from skywright.models.arm_body import Deviation
@@ -28,7 +28,6 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
-from skywright.models.things.bench import CLAMP, Bench
 from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
@@ -43,9 +42,9 @@ from skywright.vehicle.bus import (
     WrenchCommand,
 )
 from skywright.vehicle.component import ArmsLaw, Component, Estimator, Law, PlantContext
-from skywright.vehicle.effects.forces import GivenForces
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.follower import Follower, RowNow
+from skywright.vehicle.given_forces import GivenForces
 from skywright.vehicle.guard import NOT_FINITE
 from skywright.vehicle.instruments.eddy_current import EddyProbe
 from skywright.vehicle.interface import Limits, R, Table, Ticked
@@ -136,9 +135,15 @@ class SimulatedVehicle:
         context = PlantContext(
             nominal, world, compute_body(self.model, posture(robot, "working"))[0], self.dt,
             timestep, law.name, frozenset(), {}, deviation=deviation, scene=self.scene,
-            sim=self.sim, seed=seed, start=start, true=true,
+            sim=self.sim, seed=seed, start=start, true=true, known=self.world,
         )  # fmt: skip
-        named = [law, *estimator.assemble(estimator.table, context), *parts]
+        named = [
+            law,
+            *estimator.assemble(
+                estimator.table, context if estimator.is_truth else context.limit()
+            ),
+            *parts,
+        ]
         asked = {port.record for c in named for step in list_steps(c) for port in step.ports}
         context = dataclasses.replace(context, named=tuple(named), asked=frozenset(asked))
         self.assembly = Assembly([*named, *list_wanted(context)], context, seed)
@@ -363,7 +368,7 @@ class SimulatedVehicle:
         Raises InputError where the world has none.
         """
         self._find_bench()
-        self.sim.data.eq_active[self.scene.model.equality(CLAMP).id] = 0
+        self.sim.data.eq_active[self.scene.model.equality(Fixture.CLAMP).id] = 0
 
     def survey(self, name: str) -> tuple[Array, Array]:
         """Return (p_WO, R_WO) of a tracked thing, or of the pipe (PIPE), by motion capture.
@@ -384,8 +389,8 @@ class SimulatedVehicle:
             raise InputError(f"motion capture has not seen {name!r} yet, t = {self.t:.2f} s")
         return np.array(found.p_WO), np.array(found.R_WO)
 
-    def _find_bench(self) -> Bench:
-        bench = find_first(self.world.things, Bench)
+    def _find_bench(self) -> Fixture:
+        bench = find_first(self.world.things, Fixture)
         if bench is None:
             raise InputError(
                 f"world {self.world.name!r} has no bench: give it a thing of kind 'bench'"

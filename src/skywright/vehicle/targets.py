@@ -14,7 +14,6 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.thing import Placed
 from skywright.description.world.things import find_carrier
-from skywright.models.things.marker import Marker
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Component, Out, Output, helper
 from skywright.vehicle.readings import TargetCapture
@@ -99,5 +98,5 @@ def list_tracked(robot: Robot, world: World) -> list[str]:
         for name, thing in world.things.items()
         if isinstance(thing, Placed)
         and thing.tracked
-        and not (isinstance(thing, Marker) and robot.camera is not None)
+        and not (thing.is_marker and robot.camera is not None)
     ]

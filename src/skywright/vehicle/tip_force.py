@@ -10,15 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from skywright.core.find import find
 from skywright.core.record import Record
-from skywright.description.parts import list_parts
+from skywright.description.parts import Part, build_part, list_parts
 from skywright.description.robot.spec import Robot
 from skywright.vehicle.bus import Body, Estimate, Reference
 from skywright.vehicle.component import Component, InOut, Recorded, helper
 from skywright.vehicle.follower import Press
-from skywright.vehicle.readings import TipForce
-from skywright.vehicle.sensors.force_torque import ForceTorque
+from skywright.vehicle.ports import FILL, list_steps
+from skywright.vehicle.readings import TipForce, WrenchSample
 
 TARE_S = 2.0
 """s, of free flight whose mean is the first tare, and the time constant at which it follows."""
@@ -37,7 +36,7 @@ class TipSensor(NamedTuple):
 def find_tip_sensor(robot: Robot) -> TipSensor | None:
     """Return the sensor of the tip's force, or None.
 
-    [robot.force_sensor], else the first force-torque sensor at the probe or at its wrist.
+    [robot.force_sensor], else the first sensor at the probe or its wrist that fills WrenchSample.
     """
     if robot.probe is None:
         return None
@@ -46,9 +45,14 @@ def find_tip_sensor(robot: Robot) -> TipSensor | None:
     beyond = {"probe": robot.probe.slider_mass_kg, "wrist": robot.probe.mass_kg}
     for name, part in list_parts(robot.sensors).items():
         at = getattr(part, "at", None)
-        if at in beyond and issubclass(find("sensor", part.kind).cls, ForceTorque):
+        if at in beyond and _measures_wrench(name, part):
             return TipSensor(name, beyond[at], 1.0 / part.rate_hz)  # type: ignore[attr-defined]
     return None
+
+
+def _measures_wrench(name: str, part: Part) -> bool:
+    steps = list_steps(build_part("sensor", part, name))
+    return any((p.record, p.use) == (WrenchSample, FILL) for step in steps for p in step.ports)
 
 
 class TipForceEstimator(Component):
@@ -115,7 +119,7 @@ class WrenchTipForce(TipForceEstimator):
     @staticmethod
     def step(  # type: ignore[override]
         me: Me,
-        measured: ForceTorque.Reading,
+        measured: WrenchSample,
         ref: Reference,
         press: Press,
         body: Body,

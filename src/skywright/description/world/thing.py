@@ -106,6 +106,8 @@ class Thing(OpenSpec):
     """What stands or lies in a world; the base of every kind."""
 
     group: ClassVar[str] = "thing"
+    is_marker: ClassVar[bool] = False
+    """Whether its O is what cameras and motion capture read."""
 
     @property
     def movable(self) -> bool:
@@ -175,6 +177,21 @@ class Placed(Thing):
                 f"lacks {', '.join(lacking)}: a thing has a place in the world, or is `on` another"
             )
         return self
+
+
+class Fixture(Placed):
+    """A thing that clamps the platform: its O is where the platform's origin is held.
+
+    Its `extend_plant` adds the constraint CLAMP between the platform and a body of its own that is
+    moved by hand (MuJoCo's "mocap" body).
+    """
+
+    CLAMP: ClassVar[str] = "clamp"
+
+    @property
+    def q_WB(self) -> tuple[float, float, float, float]:
+        """Attitude of the platform (wxyz)."""
+        raise NotImplementedError
 
 
 Things = Mapping[str, Thing]

@@ -30,6 +30,11 @@ def find_name(things: Things, cls: type[Thing]) -> str:
     return next((name for name, thing in things.items() if isinstance(thing, cls)), "")
 
 
+def find_marker(things: Things) -> str:
+    """Return the name of the first marker, or ""."""
+    return next((name for name, thing in things.items() if thing.is_marker), "")
+
+
 def find_thing(things: Things, name: str, cls: type[T], world: str) -> T:
     """Return the thing of that name; InputError where there is none or it is of another class.
 

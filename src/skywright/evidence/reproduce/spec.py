@@ -100,8 +100,15 @@ class ClaimsFile(_Strict):
     """A paper with its cases and claims."""
 
     paper: Paper
+    sets: dict[str, Any] = {}  # of every case, below its own
     cases: dict[str, Case] = {}
     claims: list[Claim]
+
+    @model_validator(mode="after")
+    def _share_sets(self) -> ClaimsFile:
+        for name, case in self.cases.items():
+            self.cases[name] = case.model_copy(update={"sets": {**self.sets, **case.sets}})
+        return self
 
     @model_validator(mode="after")
     def _names_exist(self) -> ClaimsFile:

@@ -10,9 +10,15 @@ from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.description.world.surface import Cylinder, surface_frame
 from skywright.errors import InputError
-from skywright.missions.scan.surveyed import CLEAR, compute_reach, get_map_error, move_pipe
 from skywright.missions.scan.task import Scan
 from skywright.missions.skills.survey import FELT_N
+from skywright.missions.skills.surveyed import (
+    CLEAR,
+    compute_reach,
+    get_map_error,
+    is_surveyed,
+    move_pipe,
+)
 from skywright.models.rigid_body import compute_body, joint_names, posture
 from skywright.planning.inverse_kinematics import State, build_state
 from skywright.planning.patterns import SIDES, build_pattern
@@ -48,18 +54,17 @@ class ScanWay(NamedTuple):
 
 def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
     """Plan by the map."""
-    robot, world, scan = setup.robot, setup.world, setup.task
-    cylinder = setup.cylinder
+    robot, world, cylinder = setup.robot, setup.world, setup.cylinder
     if cylinder is None:
         raise InputError(f"world {world.name!r} has no pipe to scan: give it a [world.pipe] table")
     if robot.arm is None or robot.probe is None:
         raise InputError(
             f"robot {robot.name!r} has no probe: a scan needs [robot.arm] and [robot.probe]"
         )
-    if scan.survey and world.localisation != "mocap":
+    if is_surveyed(setup) and world.localisation != "mocap":
         raise InputError(
             "mission.task.survey: places of touches are told by motion capture of the probe; "
-            f"world.localisation is {world.localisation!r}"
+            f"world.localisation is {world.localisation!r}: set mission.task.survey=false"
         )
     return _plan_on(setup, cylinder, None)
 
@@ -100,7 +105,7 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
         2.0 * robot.probe.tip_radius_m,
     )  # fmt: skip
     way, stand_off, survey = None, scan.stand_off_m, None
-    if scan.survey and begin is None and pattern.blocked_by is None:
+    if is_surveyed(setup) and begin is None and pattern.blocked_by is None:
         points = choose_points(pattern.corners)
         reach = np.array([compute_reach(cylinder, get_map_error(setup), x) for x in points])
         stand_off = max(stand_off, float(np.max(reach)) + CLEAR)

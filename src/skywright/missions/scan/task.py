@@ -22,7 +22,9 @@ class Scan(Task):
     force_n: Positive | None = None  # of the probe on the pipe; default robot.probe.force_n
     depth_m: Positive | None = None  # of the desired tip inside the surface, in place of a force
     stand_off_m: Positive = 0.05  # tip distance before touching
-    survey: bool = False  # touch the pipe at six places first, and plan again with what they tell
+    # touch the pipe at six places first, and plan again with what they tell; default: where the map
+    # may be wrong (plant.map_error_*)
+    survey: bool | None = None
     retries: int = Field(default=2, ge=0, le=10)
 
     @model_validator(mode="after")

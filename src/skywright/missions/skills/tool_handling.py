@@ -18,7 +18,6 @@ from skywright.description.world.thing import Frame
 from skywright.description.world.things import find_carrier, locate_thing
 from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
-from skywright.models.things.marker import Marker as MarkerThing
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
 from skywright.vehicle.plant import MISSION_TICK
@@ -79,7 +78,7 @@ def find_marker(world: World, tool: str | None = None) -> Frame:
     """
     for name, thing in world.things.items():
         carrier = find_carrier(world.things, name)
-        if isinstance(thing, MarkerThing) and carrier is not None and tool in (None, carrier):
+        if thing.is_marker and carrier is not None and tool in (None, carrier):
             return locate_thing(world.things, name, carrier)
     raise InputError(
         f"world {world.name!r}: {tool or 'what is carried'} is tracked by a marker: give it a "

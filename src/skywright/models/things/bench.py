@@ -6,13 +6,10 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from skywright.description.world.thing import Placed
-
-CLAMP = "clamp"
-"""Name of the constraint between platform and bench in the plant."""
+from skywright.description.world.thing import Fixture
 
 
-class Bench(Placed):
+class Bench(Fixture):
     """O is where the platform's origin is clamped."""
 
     kind: str = "bench"
@@ -33,7 +30,7 @@ class Bench(Placed):
         place = [self.x_m, self.y_m, self.z_m]
         spec.worldbody.add_body(name=name, mocap=True, pos=place, quat=list(self.q_WB))
         clamp = spec.add_equality(
-            name=CLAMP, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name=self.CLAMP, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
             name1="platform", name2=name,
         )  # fmt: skip
         clamp.solref = [0.005, 1.0]

@@ -1,6 +1,7 @@
 """A marker that a camera or motion capture measures, fixed in W or `on` a thing."""
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,6 +19,7 @@ class Marker(Placed):
     """
 
     kind: str = "marker"
+    is_marker: ClassVar[bool] = True
     pitch_deg: float = 0.0
     tracked: bool = True
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from skywright.core.rotations import mat_mat, mat_vec
 from skywright.core.scratch import local
-from skywright.description.world.things import find_name
-from skywright.models.things import marker
+from skywright.description.world.things import find_marker
 from skywright.vehicle.arms.joints import ArmComponent
 from skywright.vehicle.arms.ports import Marker, MarkerImage
 from skywright.vehicle.bus import Clock, Estimate
@@ -32,7 +31,7 @@ class MarkerEstimate(ArmComponent):
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Yield one for a robot with compliant arms; it follows the world's first marker."""
         for component in super().wanted(context):
-            name = find_name(context.world.things, marker.Marker)
+            name = find_marker(context.world.things)
             component.ports = {"target": f"{name} target"}
             yield component
 

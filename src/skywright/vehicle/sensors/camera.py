@@ -16,8 +16,7 @@ from skywright.core.record import Mat3, Record, Vec3
 from skywright.core.rotations import exp_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.description.robot.camera import Camera
-from skywright.description.world.things import find_first, find_name
-from skywright.models.things.marker import Marker
+from skywright.description.world.things import find_marker
 from skywright.vehicle.arms.ports import MarkerImage
 from skywright.vehicle.bus import Clock, MuJoCo, Truth
 from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, Streamed, helper
@@ -65,12 +64,12 @@ class MarkerCamera(Sensor):
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Robots with a camera have one where there is a marker."""
-        if context.robot.camera is not None and find_first(context.world.things, Marker):
+        if context.robot.camera is not None and find_marker(context.world.things):
             yield cls("camera", context.robot.camera)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the camera's data and the marker's place."""
-        fill_place(me.place, context, find_name(context.world.things, Marker))
+        fill_place(me.place, context, find_marker(context.world.things))
         me.p_BC[:], me.R_BC[:] = [table.x_m, table.y_m, table.z_m], table.rotation
         me.edge = math.tan(0.5 * math.radians(table.field_of_view_deg))
         me.range_max = table.range_max_m

@@ -6,18 +6,19 @@ from typing import Annotated, Any
 
 import mujoco
 
-from skywright.core.record import Array, Record, Vec3
+from skywright.core.record import Array, Record
 from skywright.core.spec import NonNegative, Positive, Spec
 from skywright.errors import InputError
 from skywright.vehicle.bus import Clock, MuJoCo
-from skywright.vehicle.component import Draws, Normal, Out, Output, Recorded, Sensor, words
+from skywright.vehicle.component import Draws, Normal, Out, Recorded, Sensor, words
+from skywright.vehicle.readings import WrenchSample
 
 PLACES = {"wrist": "holder", "probe": "slider"}
 """Bodies of a probe: its holder on the last link, and what moves behind its spring."""
 
 
 class ForceTorque(Sensor):
-    """Measures what the parts beyond it exert on those before it, about the joint of its body.
+    """Fills WrenchSample, about the joint of its body.
 
     Axes are those of the body (x along a link, or along the probe). Values are one physics step
     old, as all forces. Beyond its range it stays at the end.
@@ -46,15 +47,9 @@ class ForceTorque(Sensor):
     class Noise(Normal):
         n: Annotated[Array, 6]
 
-    class Reading(Output):
-        fresh: float
-        t: float  # s
-        force: Vec3  # N
-        torque: Vec3  # N m
-
     columns = (
-        Recorded("wrench_force", Reading, "force", "N", "on the arm, in axes of the sensor"),
-        Recorded("wrench_torque", Reading, "torque", "N m", "likewise"),
+        Recorded("wrench_force", WrenchSample, "force", "N", "on the arm, in axes of the sensor"),
+        Recorded("wrench_torque", WrenchSample, "torque", "N m", "likewise"),
     )
 
     def extend_scene(self, spec: Any) -> None:
@@ -96,7 +91,7 @@ class ForceTorque(Sensor):
         return super().draw(what, rng, n)
 
     @staticmethod
-    def step(me: Me, clock: Clock, mj: MuJoCo, noise: Noise, out: Out[Reading]) -> None:
+    def step(me: Me, clock: Clock, mj: MuJoCo, noise: Noise, out: Out[WrenchSample]) -> None:
         data = words(mj.sensordata, mj.nsensor)
         out.fresh, out.t = 1.0, clock.t
         for i in range(3):  # MuJoCo: of the parts before it on those beyond

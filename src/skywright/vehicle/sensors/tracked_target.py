@@ -11,7 +11,6 @@ from skywright.core.record import Mat3, Record, Vec3
 from skywright.core.rotations import exp_so3, mat_mat, mat_vec
 from skywright.core.scratch import local
 from skywright.description.world.spec import Mocap
-from skywright.models.things.marker import Marker
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, Streamed
 from skywright.vehicle.readings import MocapSample, TargetCapture
@@ -65,7 +64,7 @@ class TrackedTarget(Sensor):
         exp_so3(np.zeros(3), me.error_R)
         if name not in context.world.things:
             me.error_p_W[:] = context.deviation.pipe_error
-        elif not isinstance(context.world.things[name], Marker):
+        elif not context.world.things[name].is_marker:
             me.error_p_O[:] = error[:3]
             exp_so3(error[3:], me.error_R)
 

@@ -10,13 +10,13 @@ import numpy as np
 from skywright.core.record import Array, Record
 from skywright.errors import InputError
 from skywright.vehicle.bus import MuJoCo
-from skywright.vehicle.component import Component, Effect, words
+from skywright.vehicle.component import Component, words
 
 
-class GivenForces(Effect):
+class GivenForces(Component):
     """The one row that clears MuJoCo's external forces."""
 
-    slot = "clear"
+    slot, side = "clear", "plant"
 
     class Me(Record):
         given: int  # address of (nbody, 6) N, N m

@@ -1,0 +1,3 @@
+"""Settings of tests that are not about the map: structures stand where their world has them."""
+
+EXACT = ("plant.map_error_m=0", "plant.map_error_deg=0", "plant.map_error_size_m=0")
