@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
-from skywright.description.robot.spec import Robot
 from skywright.models.allocation import Allocator, build_allocator
-from skywright.models.rigid_body import build_body_model, compute_body, posture
-from skywright.models.rotors import build_rotors
+from skywright.models.rotors import RotorSet
 
 WEIGHTS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """Of the rotor that has the least to do, in the sum of squares; the largest that leaves it some."""
@@ -63,10 +61,10 @@ def compute_allocation_without(
     return P
 
 
-def list_dispensable(robot: Robot, gravity: float = 9.81) -> list[bool]:
-    """Return for each rotor whether the robot can land in control without it, arm at work."""
-    allocator = build_allocator(build_rotors(robot.rotors))
-    mass, p_BC, _ = compute_body(build_body_model(robot, gravity), posture(robot, "working"))
-    n = allocator.P.shape[0]
-    found = [compute_allocation_without(allocator, i, mass * gravity, p_BC) for i in range(n)]
-    return [P is not None for P in found]
+def list_dispensable(rotors: RotorSet, weight: float, p_BC: Array) -> tuple[int, ...]:
+    """Return the rotors, from 1, without each of which `weight` (N) at p_BC (3,) m is held."""
+    allocator = build_allocator(rotors)
+    found = [
+        compute_allocation_without(allocator, i, weight, p_BC) for i in range(len(rotors.axis))
+    ]
+    return tuple(i + 1 for i, P in enumerate(found) if P is not None)

@@ -60,8 +60,17 @@ def _headline(c: Capability) -> str:
         tilt = f"moves sideways by tilting, at most {math.degrees(c.tilt_max):.0f} deg"
     return (
         f"Hover {c.hover_power:.0f} W, {c.endurance / 60:.1f} min   |   "
-        f"payload {c.payload:.2f} kg   |   {tilt}"
+        f"payload {c.payload:.2f} kg   |   {tilt}\n{_say_losses(c)}"
     )
+
+
+def _say_losses(c: Capability) -> str:
+    n = len(c.hover_thrust)
+    if not c.dispensable:
+        return "falls when any of its rotors is lost"
+    if len(c.dispensable) == n:
+        return f"lands without any one of its {n} rotors, yaw given up"
+    return f"lands without rotor {', '.join(map(str, c.dispensable))}; falls without another"
 
 
 def _polar(axes: Axes, title: str) -> PolarAxes:

@@ -18,7 +18,7 @@ from skywright.core.record import View
 from skywright.description.world.spec import World
 from skywright.description.world.thing import Fixture, Placed
 from skywright.description.world.things import find_first
-from skywright.errors import InputError, SimulationError
+from skywright.errors import InputError
 from skywright.models.arm_body import Deviation
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import (
@@ -36,13 +36,10 @@ from skywright.vehicle.bus import (
     Body,
     Clock,
     Estimate,
-    RotorDrive,
-    ServoDrive,
-    ShaftCommand,
-    WrenchCommand,
 )
-from skywright.vehicle.component import ArmsLaw, Component, Estimator, Law, PlantContext
+from skywright.vehicle.component import Component, Estimator, Law, PlantContext
 from skywright.vehicle.estimates import EstimatorState
+from skywright.vehicle.failed_step import explain_not_finite, silence
 from skywright.vehicle.follower import Follower, RowNow
 from skywright.vehicle.given_forces import GivenForces
 from skywright.vehicle.guard import NOT_FINITE
@@ -252,7 +249,7 @@ class SimulatedVehicle:
             self.flush()
         fired = int(clock["fired"])
         if fired & NOT_FINITE:
-            raise self._explain_not_finite()
+            raise explain_not_finite(self.assembly, self.law.name, self.t)
         for c in self._after:
             c.after_tick(self.t)
         return Ticked(self.t, fired, self.t - self._table_start >= self._table_end - 1e-9)
@@ -351,16 +348,7 @@ class SimulatedVehicle:
 
     def stop_computer(self, failed: StepFailed) -> None:
         """Run what failed no more, and command nothing from now on."""
-        steps, rows, records = self.assembly.steps, self.assembly.rows, self.assembly.records
-        for i, step in enumerate(steps):
-            part = step.component
-            if part is failed.component or isinstance(part, (Law, ArmsLaw)):
-                rows["phase"][i] = rows["every"][i]  # never due
-        for key in ((WrenchCommand, ""), (RotorDrive, "")):
-            records[key].view(np.float64)[:] = 0.0
-        if (ShaftCommand, "") in records:  # a command that was not finite was not applied
-            asked, held = records[ShaftCommand, ""]["theta"], records[ServoDrive, ""]["motor"]
-            np.copyto(asked, held, where=~np.isfinite(asked))
+        silence(self.assembly, failed)
 
     def release(self) -> None:
         """Open the clamp that holds the platform; it stays open.
@@ -410,19 +398,6 @@ class SimulatedVehicle:
         self.assembly.get(Clock)["phase"] = index
 
     # --- set-up ------------------------------------------------------------------------------
-
-    def _explain_not_finite(self) -> SimulationError:
-        records = self.assembly.records
-        given = [records[k, ""][0] for k in (WrenchCommand, ShaftCommand) if (k, "") in records]
-        values = np.concatenate([np.ravel(r[name]) for r in given for name in r.dtype.names])
-        if not np.all(np.isfinite(values)):
-            return StepFailed(
-                f"control law {self.law.name!r} returned NaN or infinity at t = {self.t:.3f} s "
-                "(force, torque or joint command); the command was not applied"
-            )
-        return SimulationError(
-            f"the simulation diverged at t = {self.t:.3f} s: the state is not finite"
-        )
 
 
 def overrides(component: Component, method: str) -> bool:

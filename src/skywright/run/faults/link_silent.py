@@ -18,6 +18,7 @@ class LinkSilent(Rule):
     unit = "s"
     source = "the attitude loops cross over at 20 rad/s and more: their period is 0.3 s"
     from_take_off = True
+    every = 2
 
     class Table(Rule.Table):
         """Limit (s)."""

@@ -22,7 +22,7 @@ class RotorLost(Rule):
     unit = ""
     source = "a rotor that turns lags by its time constant, 0.05 s"
     from_take_off = True
-    every = 2
+    every = 1
 
     class Table(Rule.Table):
         """Limit as a share of the commanded speed that is missing."""
