@@ -31,12 +31,7 @@ from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
-from skywright.vehicle.bus import (
-    Allocated,
-    Body,
-    Clock,
-    Estimate,
-)
+from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.failed_step import explain_not_finite, silence
