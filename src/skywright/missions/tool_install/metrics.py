@@ -23,7 +23,7 @@ MEASURES: Measures = {
     ),
     "tool.seat_angle_deg": (
         "deg",
-        "angle of the tool there to the true pipe, along which it should stand",
+        "angle of the tool there to the true pipe",
     ),
     "tool.return_error_mm": ("mm", "distance of the tool, back on the bench, from where it stood"),
     "tool.returned": ("", "1 when it stands there within 5 cm, upright"),
