@@ -109,10 +109,10 @@ def draw_unrolled(ax) -> None:
     xs, ys = np.array(path).T
     ax.plot(xs, ys, color=PATH, lw=1.6, marker="o", ms=4, label="raster: 4 axial passes, 8 corners")
 
-    c = np.array([-half_c, half_c])
-    s = WELD_OFFSET_M + c * np.tan(np.radians(WELD_DEG))
-    ax.plot(s, c, color=WELD, lw=3, label="weld: s = offset + c tan(angle)")
-    crossings = WELD_OFFSET_M + levels * np.tan(np.radians(WELD_DEG))
+    c = np.linspace(-half_c, half_c, 50)
+    s = WELD_OFFSET_M + RADIUS_M * np.tan(np.radians(WELD_DEG)) * np.sin(c / RADIUS_M)
+    ax.plot(s, c, color=WELD, lw=3, label="weld: s = offset + R tan(angle) sin φ")
+    crossings = np.interp(levels, c, s)
     ax.plot(
         crossings,
         levels,

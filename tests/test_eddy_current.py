@@ -266,16 +266,23 @@ def test_tilt_reads_like_lift_off_and_does_not_depend_on_its_sign() -> None:
 @pytest.mark.parametrize("angle", [-60.0, -10.0, 0.0, 30.0, 89.0, 90.0])
 def test_weld_lies_where_the_world_says(angle: float) -> None:
     ps = build(Weld(angle_deg=angle, offset_m=0.03))
+    radius = Pipe().diameter_m / 2
     for u in (-0.1, 0.0, 0.2):
         if angle == 90.0:
-            s, c = u, 0.03
-        else:
-            s, c = 0.03 + u * math.sin(math.radians(angle)), u * math.cos(math.radians(angle))
+            s, c, steep = u, 0.03, math.radians(90.0)
+        else:  # an oblique plane through the pipe
+            c, slope = u * math.cos(math.radians(angle)), math.tan(math.radians(angle))
+            s = 0.03 + slope * radius * math.sin(c / radius)
+            steep = math.atan(slope * math.cos(c / radius))
         assert weld_blend(ps, s, c) > 0.99
-        n = (math.cos(math.radians(angle)), -math.sin(math.radians(angle)))
+        n = (math.cos(steep), -math.sin(steep))
         edge = weld_blend(ps, s + 0.005 * n[0], c + 0.005 * n[1])
-        assert edge == pytest.approx(0.5, abs=0.01)
+        assert edge == pytest.approx(0.5, abs=0.02)
         assert weld_blend(ps, s + 0.02 * n[0], c + 0.02 * n[1]) < 1e-6
+    behind = [weld_blend(ps, s, c) for s in (0.02, 0.03, 0.035) for c in (math.pi * radius,)]
+    assert behind == pytest.approx(
+        [weld_blend(ps, s, -math.pi * radius) for s in (0.02, 0.03, 0.035)], abs=1e-9
+    )
     assert weld_blend(build(Weld(present=False)), 0.0, 0.0) == 0.0
 
 

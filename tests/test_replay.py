@@ -200,7 +200,8 @@ def test_weld_is_drawn_on_its_line(angle: float, offset: float) -> None:
         if angle == 90.0:
             assert c == pytest.approx(offset)
         else:
-            assert np.cos(slope) * (s - offset) - np.sin(slope) * c == pytest.approx(0.0, abs=1e-9)
+            height = cylinder.radius * np.sin(c / cylinder.radius)  # of a plane's cut
+            assert s - offset == pytest.approx(np.tan(slope) * height, abs=1e-9)
 
 
 def test_a_transport_is_not_judged_by_contact_and_shows_its_area() -> None:

@@ -14,7 +14,13 @@ from numba import njit
 from scipy.signal import lfilter
 
 from skywright.description.world.spec import Pipe, Weld
-from skywright.description.world.surface import Cylinder, build_cylinder, roll_points, unroll_points
+from skywright.description.world.surface import (
+    Cylinder,
+    build_cylinder,
+    build_weld_curve,
+    roll_points,
+    unroll_points,
+)
 from skywright.errors import InputError
 from skywright.inspection.calibration import (
     Calibration,
@@ -56,6 +62,9 @@ def readings(ps, s, c, gap, tilt, noise):
     for i in range(s.size):
         out[i, 0], out[i, 1] = ec_signal(ps, s[i], c[i], gap[i], tilt[i], noise[i, 0], noise[i, 1])
     return out
+
+
+RADIUS = Pipe().diameter_m / 2
 
 
 def fly_scan(
@@ -141,7 +150,7 @@ def test_default_scan_meets_the_requirements(angle: float) -> None:
         result = process(fly_scan(seed, weld))
         assert len(result.crossings) == 4 and all(x.on_line for x in result.crossings)
         assert result.line is not None
-        offset, error = compute_line_error(result.line, weld)
+        offset, error = compute_line_error(result.line, weld, RADIUS)
         assert abs(offset) < 1e-3 and abs(math.degrees(error)) < 0.6
         assert result.contact_fraction > 0.95
         # PCA and change of basis: the weld's own direction, tens of degrees off the lift-off
@@ -156,7 +165,7 @@ def test_steep_welds_and_seams_along_the_axis(angle: float) -> None:
     weld = Weld(angle_deg=angle, offset_m=0.0)
     result = process(fly_scan(2, weld, around=True))
     assert result.line is not None and len(result.crossings) >= 4
-    offset, error = compute_line_error(result.line, weld)
+    offset, error = compute_line_error(result.line, weld, RADIUS)
     assert abs(offset) < 1e-3 and abs(math.degrees(error)) < 0.6
     assert -math.pi / 2 < result.line.angle <= math.pi / 2
 
@@ -167,7 +176,7 @@ def test_uncertainty_is_honest_over_seeds() -> None:
     for seed in range(24):
         line = process(fly_scan(100 + seed, weld, speed=0.015)).line
         assert line is not None
-        offset, error = compute_line_error(line, weld)
+        offset, error = compute_line_error(line, weld, RADIUS)
         z.append((offset / line.std_offset, error / line.std_angle))
         assert line.std_offset < 1e-3 and line.std_angle < math.radians(0.6)
     scale = np.sqrt(np.mean(np.square(z), axis=0))
@@ -203,7 +212,7 @@ def test_a_lag_cancels_between_opposite_passes_and_is_estimated() -> None:
     assert line is not None
     # the measured position is late, so the signal leads it
     assert line.lag == pytest.approx(-0.12, abs=4 * line.std_lag) and line.std_lag < 0.02
-    assert abs(compute_line_error(line, weld)[0]) < 3 * line.std_offset
+    assert abs(compute_line_error(line, weld, RADIUS)[0]) < 3 * line.std_offset
 
 
 def test_one_way_passes_admit_the_lag_they_cannot_see() -> None:
@@ -233,7 +242,7 @@ def test_a_false_crossing_is_left_out(
     line = estimate_weld_line(s, c, np.zeros(6), np.zeros(6), np.full(6, 3e-4))
     assert line is not None and where not in line.inliers
     good = [i for i in range(6) if i != where]
-    assert np.all(np.abs(line.line.measure_distance(s[good], c[good])) < 1e-6)
+    assert np.all(np.abs(line.measure_distance(s[good], c[good])) < 1e-6)
     assert abs(math.remainder(line.angle - angle, math.pi)) < 1e-6
 
 
@@ -241,6 +250,40 @@ def test_no_weld_no_line() -> None:
     for seed in range(6):
         result = process(fly_scan(seed, None))
         assert result.line is None and len(result.crossings) == 0
+
+
+@pytest.mark.parametrize(("around", "angle"), [(0.0, 25.0), (60.0, 20.0), (-90.0, -15.0)])
+def test_a_plane_s_cut_is_found_wherever_it_is_steepest(around: float, angle: float) -> None:
+    """Points of a plane in space, on a wide arc, with noise: none falls off the line."""
+    rng, z = np.random.default_rng(4), []
+    slope, turn = math.tan(math.radians(angle)), math.radians(around)
+    for _ in range(40):
+        phi = np.repeat(np.linspace(-0.9, 0.9, 7), 2)
+        s = 0.02 + RADIUS * slope * np.sin(phi - turn) + 2e-4 * rng.standard_normal(14)
+        v = np.tile([0.05, -0.05], 7)
+        line = estimate_weld_line(s, RADIUS * phi, v, 0 * v, np.full(14, 2e-4), radius=RADIUS)
+        assert line is not None and len(line.inliers) == 14
+        weld = Weld(angle_deg=angle, offset_m=0.02, around_deg=around)
+        offset, error = compute_line_error(line, weld, RADIUS)
+        assert abs(offset) < 2e-3 and abs(math.degrees(error)) < 1.0
+        z.append((offset / line.std_offset, error / line.std_angle))
+    assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < 2.0)
+
+
+def test_a_weld_closes_behind_the_pipe() -> None:
+    for angle, around in ((20.0, 0.0), (-50.0, 40.0), (90.0, 170.0)):
+        curve = build_weld_curve(Weld(angle_deg=angle, around_deg=around), RADIUS)
+        back = math.pi * RADIUS
+        for s in (-0.05, 0.0, 0.1):
+            one, two = curve.measure_distance(s, back), curve.measure_distance(s, -back)
+            assert one == pytest.approx(float(two), abs=1e-12)
+        s, c = curve.follow(1.0, 101)
+        assert np.max(np.abs(curve.measure_distance(s, c))) < 1e-12
+        flat = curve.touch(0.01)
+        if angle < 90.0:  # the touching line has the curve's direction
+            h = 1e-6
+            rise = float(curve.place(flat.c + h) - curve.place(flat.c - h)) / (2 * h)
+            assert math.tan(flat.angle) == pytest.approx(rise, rel=1e-6)
 
 
 def test_one_crossing_gives_no_angle() -> None:
@@ -254,7 +297,7 @@ def test_following_the_weld_is_one_crossing_with_a_wide_line() -> None:
     fake = fly_scan(5, weld, passes=2)  # the second pass runs on the seam
     result = process(fake)
     assert result.line is not None
-    offset, error = compute_line_error(result.line, weld)
+    offset, error = compute_line_error(result.line, weld, RADIUS)
     assert result.line.std_offset > 1e-3  # half the weld's width, not the count of samples
     assert abs(offset) < 3 * result.line.std_offset and abs(error) < 3 * result.line.std_angle
 
@@ -266,7 +309,7 @@ def test_a_calibration_on_the_weld_is_moved_to_the_base_metal(angle: float) -> N
         result = process(fly_scan(seed, weld, touch=(0.01, 0.0)))
         assert any("taken as base metal" in note for note in result.notes)
         assert result.line is not None and len(result.crossings) == 4
-        offset, error = compute_line_error(result.line, weld)
+        offset, error = compute_line_error(result.line, weld, RADIUS)
         assert abs(offset) < 1e-3 and abs(math.degrees(error)) < 0.6
         assert np.mean(result.on_weld[result.contact]) < 0.15
         clean = process(fly_scan(seed, weld))
@@ -281,7 +324,7 @@ def test_a_calibration_on_the_flank_of_the_weld_does_no_harm() -> None:
     for off in (-0.009, -0.0075, -0.006, -0.004, 0.003, 0.005, 0.007):
         line = process(fly_scan(4, weld, touch=(0.01 + off, 0.0))).line
         assert line is not None
-        offset, error = compute_line_error(line, weld)
+        offset, error = compute_line_error(line, weld, RADIUS)
         assert abs(offset) < 4 * line.std_offset and abs(error) < 4 * line.std_angle
 
 
@@ -296,7 +339,7 @@ def test_no_line_where_either_metal_may_be_the_base() -> None:
     axis = process(fly_scan(0, Weld())).calibration.weld_axis
     known = process(fake, weld_axis=axis)
     assert any("follows the weld" in note for note in known.notes) and known.line is not None
-    offset, error = compute_line_error(known.line, seam)
+    offset, error = compute_line_error(known.line, seam, RADIUS)
     assert abs(offset) < 3 * known.line.std_offset and abs(error) < 3 * known.line.std_angle
 
 
@@ -314,7 +357,7 @@ def test_crossings_at_the_ends_of_the_passes_are_admitted_uncertain() -> None:
         assert bool(cut) == any("turn back or end on the weld" in x for x in result.notes)
         several += bool(cut)
         if result.line is not None:
-            offset, error = compute_line_error(result.line, weld)
+            offset, error = compute_line_error(result.line, weld, RADIUS)
             z.append((offset / result.line.std_offset, error / result.line.std_angle))
     assert several >= 6 and len(z) > 12
     assert np.max(np.abs(z)) < 4.0 and np.all(np.sqrt(np.mean(np.square(z), axis=0)) < 1.6)
@@ -334,7 +377,7 @@ def test_a_crossing_that_the_end_of_contact_cuts_off_is_admitted_uncertain() -> 
     result = process(part)
     assert [x.one_sided for x in result.crossings] == [True, False, False, False]
     assert result.line is not None
-    offset, error = compute_line_error(result.line, weld)
+    offset, error = compute_line_error(result.line, weld, RADIUS)
     assert abs(offset) < 3 * result.line.std_offset and abs(error) < 3 * result.line.std_angle
 
 
@@ -343,9 +386,9 @@ def test_a_line_that_a_refinement_loses_is_not_kept(monkeypatch: pytest.MonkeyPa
 
     calls = []
 
-    def lose(*columns: np.ndarray) -> object:
+    def lose(*columns: np.ndarray, radius: float) -> object:
         calls.append(len(calls))
-        return estimate_weld_line(*columns) if len(calls) == 1 else None
+        return estimate_weld_line(*columns, radius=radius) if len(calls) == 1 else None
 
     monkeypatch.setattr(module, "estimate_weld_line", lose)
     result = process(fly_scan(0, Weld()))

@@ -67,7 +67,7 @@ def test_example_file_gives_its_weld(maker: ModuleType) -> None:
     assert {"contact_fraction", "crossings", "line", "surface", "thresholds"} <= set(out)
     assert len(out["crossings"]) == 5
     assert all(set(x) == {"t_s", "p_m"} and len(x["p_m"]) == 3 for x in out["crossings"])
-    assert set(out["line"]) == {"point_m", "angle_deg", "std_offset_m", "std_angle_deg"}
+    assert set(out["line"]) == {"point_m", "angle_deg", "std_offset_m", "std_angle_deg", "lean"}
     assert set(out["thresholds"]) == {"lift_off", "weld"}
     check_line(out, maker)
     std = out["surface"]["std"]

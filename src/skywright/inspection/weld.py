@@ -334,7 +334,9 @@ def process_scan(
         found, points = find_crossings(*data, off_weld[index], normal)
         crossings = [x for x in found if x.peak >= SIGNIFICANCE * noise]
         points = [x for x in points if x.peak >= SIGNIFICANCE * noise]
-        line = estimate_weld_line(*_columns(points, "s", "c", "v_s", "v_c", "std"))
+        line = estimate_weld_line(
+            *_columns(points, "s", "c", "v_s", "v_c", "std"), radius=surface.radius
+        )
         if line is None:
             break
     if len(found) > len(crossings):
@@ -350,7 +352,7 @@ def process_scan(
         )
     if line is not None:
         places, std = _columns(crossings, "s", "c"), _columns(crossings, "std")[0]
-        near = np.abs(line.line.measure_distance(*places)) < np.maximum(INLIER, 2 * std)
+        near = np.abs(line.measure_distance(*places)) < np.maximum(INLIER, 2 * std)
         crossings = [x._replace(on_line=bool(b)) for x, b in zip(crossings, near, strict=True)]
         if not near.all():
             notes.append(

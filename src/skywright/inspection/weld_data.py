@@ -54,6 +54,7 @@ class WeldReport(NamedTuple):
                 "angle_deg": round(math.degrees(found.angle), 4),
                 "std_offset_m": round(found.std_offset, 7),
                 "std_angle_deg": round(math.degrees(found.std_angle), 5),
+                "lean": round(found.lean, 5),
             }
         fit = self.fit
         return {

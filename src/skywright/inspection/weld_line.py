@@ -1,5 +1,8 @@
-"""A straight weld line through crossings on the unrolled surface, with an honest uncertainty.
+"""A weld line through crossings on the unrolled surface, with an honest uncertainty.
 
+A weld is where a plane cuts the pipe: s = s0 + tan(angle) u + lean w with u = R sin phi and
+w = R (1 - cos phi), phi counted from the middle of the crossings. Over u it is straight but for its
+lean, a parameter with a prior; a seam along the axis has none.
 Total least squares in normal form, so that a seam along the axis is no special case; consensus of
 all pairs against false crossings (Fischler and Bolles, Commun. ACM 24, 381 (1981)); Huber weights;
 a signal that lags the position shifts crossings along the direction of motion, so the lag is a
@@ -11,11 +14,16 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
 from skywright.description.world.spec import Weld
-from skywright.description.world.surface import SurfaceLine, build_weld_line
+from skywright.description.world.surface import build_weld_curve
 
+LEAN_PRIOR = math.tan(math.radians(10.0))
+"""Standard deviation of the lean."""
+LEANS = tuple(LEAN_PRIOR * k for k in (0.0, -0.7, 0.7, -1.4, 1.4, -2.1, 2.1))
+"""What the consensus tries."""
 LAG_PRIOR = 0.03
 """s, standard deviation of the unknown lag between probe signal and position."""
 SCALE_PRIOR_COUNT = 4.0
@@ -28,7 +36,7 @@ WIDEST = 0.02
 
 
 class WeldLine(NamedTuple):
-    """The line through (s, c) whose direction is `angle` from the circumferential direction.
+    """The line through (s, c) whose direction there is `angle` from the circumferential direction.
 
     `std_offset` is that of the line across itself at (s, c), the middle of its crossings, where
     offset and angle are uncorrelated.
@@ -42,11 +50,50 @@ class WeldLine(NamedTuple):
     lag: float  # s, by which the signal follows the position
     std_lag: float  # s
     inliers: tuple[int, ...]  # indices of the crossings on the line
+    lean: float = 0.0
+    radius: float = math.inf  # m, of the pipe
+
+    def measure_distance(self, s: Array | float, c: Array | float) -> Array:
+        """Return the signed distance (m) of points from the line across itself."""
+        (u, w), s = _flatten(np.asarray(c) - self.c, self.radius), np.asarray(s) - self.s
+        return np.asarray((s - self.lean * w) * math.cos(self.angle) - u * math.sin(self.angle))
+
+    def follow(self, way: Array) -> tuple[Array, Array]:
+        """Return (s, c), each (n,) m, at distances `way` (n,) m along the line that touches it."""
+        around = way * math.cos(self.angle)
+        _, w = _flatten(around, self.radius)
+        climb = way * math.sin(self.angle) * np.sinc(around / self.radius / math.pi)
+        return self.s + climb + self.lean * w, self.c + around
+
+
+def _flatten(c: Array, radius: float) -> tuple[Array, Array]:
+    """Return u and w (m) of distances `c` (m) around the pipe; a plane's are c and zero."""
+    if not math.isfinite(radius):
+        return np.asarray(c), np.zeros(np.shape(c))
+    return radius * np.sin(c / radius), radius * (1.0 - np.cos(c / radius))
+
+
+class _Fit(NamedTuple):
+    middle: Array  # (2,) m, u and s
+    offset: float  # m, of the line across itself from there
+    angle: float  # rad
+    lag: float  # s
+    lean: float
+    cov: Array  # (4, 4) of offset, angle, lag, lean
 
     @property
-    def line(self) -> SurfaceLine:
-        """The line alone."""
-        return SurfaceLine(self.s, self.c, self.angle)
+    def t(self) -> Array:
+        return np.array([math.cos(self.angle), math.sin(self.angle)])
+
+    @property
+    def n(self) -> Array:
+        return np.array([-math.sin(self.angle), math.cos(self.angle)])
+
+    def measure(self, q: Array, bow: Array, v: Array) -> Array:
+        """Distances (m) of crossings from it."""
+        n = self.n
+        out = (q - self.middle) @ n - self.offset - self.lag * (v @ n) - self.lean * bow * n[1]
+        return np.asarray(out)
 
 
 def _wrap_angle(angle: float) -> float:
@@ -54,39 +101,99 @@ def _wrap_angle(angle: float) -> float:
     return math.pi / 2 if angle <= -math.pi / 2 + 1e-12 else angle
 
 
-def _consensus(q: Array, std: Array) -> Array:
+def _get_limit(std: Array) -> Array:
+    return np.asarray(np.clip(3.0 * std, INLIER, WIDEST))
+
+
+def _consensus(q: Array, w: Array, std: Array) -> NDArray[np.bool_]:
     """Boolean (n,): the largest set of points that one line through two of them explains."""
     n = len(q)
-    limit = np.clip(3.0 * std, INLIER, WIDEST)
+    limit = _get_limit(std)
     best, best_score = np.ones(n, bool), -math.inf
     pairs = [(i, j) for i in range(n) for j in range(i + 1, n)]
     if len(pairs) > 2000:
         pairs = [pairs[k] for k in np.linspace(0, len(pairs) - 1, 2000).astype(int)]
-    for i, j in pairs:
-        d = q[j] - q[i]
-        length = float(np.hypot(d[0], d[1]))
-        if length < 1e-3:
-            continue
-        r = np.abs((q - q[i]) @ np.array([-d[1], d[0]]) / length) / limit
-        score = float(np.sum(1 - np.minimum(r, 1) ** 2)) + 1e-3 * length
-        if score > best_score:
-            best, best_score = r < 1.0, score
+    for lean in LEANS if np.any(w) else LEANS[:1]:
+        at = q - np.outer(w, [0.0, lean])
+        for i, j in pairs:
+            d = at[j] - at[i]
+            length = float(np.hypot(d[0], d[1]))
+            if length < 1e-3:
+                continue
+            r = np.abs((at - at[i]) @ np.array([-d[1], d[0]]) / length) / limit
+            score = float(np.sum(1 - np.minimum(r, 1) ** 2)) + 1e-3 * (length - abs(lean))
+            if score > best_score:
+                best, best_score = r < 1.0, score
     return best
 
 
-def estimate_weld_line(s: Array, c: Array, v_s: Array, v_c: Array, std: Array) -> WeldLine | None:
+def estimate_weld_line(
+    s: Array, c: Array, v_s: Array, v_c: Array, std: Array, *, radius: float = math.inf
+) -> WeldLine | None:
     """Line through crossings at (s, c) m, passed at velocity (v_s, v_c) m/s.
 
-    `std` (n,) m is each crossing's own standard deviation along its motion. None where fewer
-    than two crossings stand apart (an angle needs two).
+    `std` (n,) m is each crossing's own standard deviation along its motion, `radius` (m) the
+    pipe's, infinite for a plane. None where fewer than two crossings stand apart (an angle needs
+    two).
     """
-    q = np.stack([np.asarray(c, float), np.asarray(s, float)], axis=1)
-    v = np.stack([np.asarray(v_c, float), np.asarray(v_s, float)], axis=1)
+    s, c = np.asarray(s, float), np.asarray(c, float)
+    c0 = float(np.median(c)) if len(c) else 0.0
+    u, bow = _flatten(c - c0, radius)
+    q = np.stack([u, s], axis=1)
+    v = np.stack([np.asarray(v_c, float) * np.cos((c - c0) / radius), np.asarray(v_s, float)], 1)
     std = np.maximum(np.asarray(std, float), 5e-5)
     if len(q) < 2 or not np.all(np.isfinite(q)):
         return None
-    inlier = _consensus(q, std) if len(q) >= 3 else np.ones(len(q), bool)
-    q, v, std = q[inlier], v[inlier], std[inlier]
+    inlier = _consensus(q, bow, std) if len(q) >= 3 else np.ones(len(q), np.bool_)
+    fit = None
+    for _ in range(3):  # what a lag or a lean explains comes back
+        if np.count_nonzero(inlier) < 2:
+            return None
+        fit = _solve(q[inlier], bow[inlier], v[inlier], std[inlier])
+        if fit is None:
+            return None
+        off = np.abs(fit.measure(q, bow, v))
+        again = inlier | (off < _get_limit(std))
+        if np.array_equal(again, inlier):
+            break
+        inlier = again
+    assert fit is not None
+    return _refer(fit, (q[inlier] - fit.middle) @ fit.t, c0, radius)._replace(
+        inliers=tuple(int(i) for i in np.flatnonzero(inlier))
+    )
+
+
+def _refer(fit: _Fit, way: Array, c0: float, radius: float) -> WeldLine:
+    """Return the line with its reference where offset and angle are uncorrelated, within `way`."""
+    cov, cos, sin = fit.cov, math.cos(fit.angle), math.sin(fit.angle)
+    slide = float(np.clip(-cov[0, 1] / cov[1, 1], np.min(way), np.max(way)))
+    point = fit.middle + fit.offset * fit.n + slide * fit.t
+    turn = 0.0  # about the pipe, from c0
+    if math.isfinite(radius):
+        turn = math.asin(min(max(float(point[0]) / radius, -1.0), 1.0))
+    around = radius * turn if math.isfinite(radius) else float(point[0])
+    bow = float(_flatten(np.asarray(around), radius)[1])
+    # s0 + A u + B w, counted from there
+    climb = sin * math.cos(turn) + fit.lean * cos * math.sin(turn)
+    angle = math.atan2(climb, cos)
+    lean = fit.lean * math.cos(turn) - sin / cos * math.sin(turn) if turn else fit.lean
+    across = np.array([1.0, slide, 0.0, bow * cos])
+    aside = np.array([0.0, 1.0, 0.0, cos**2 * math.sin(turn)])
+    return WeldLine(
+        s=float(point[1]) + fit.lean * bow,
+        c=c0 + around,
+        angle=_wrap_angle(angle),
+        std_offset=math.sqrt(max(float(across @ cov @ across), 0.0)),
+        std_angle=math.sqrt(max(float(aside @ cov @ aside), 0.0)),
+        lag=fit.lag,
+        std_lag=math.sqrt(cov[2, 2]),
+        inliers=(),
+        lean=lean,
+        radius=radius,
+    )
+
+
+def _solve(q: Array, bow: Array, v: Array, std: Array) -> _Fit | None:
     weight = 1 / std**2
     middle = np.average(q, axis=0, weights=weight)
     if len(q) < 2 or float(np.max(np.hypot(*(q - middle).T))) < 2.5 * float(np.median(std)):
@@ -95,13 +202,14 @@ def estimate_weld_line(s: Array, c: Array, v_s: Array, v_c: Array, std: Array) -
     d = q - middle
     _, vectors = np.linalg.eigh((d * weight[:, None]).T @ d)
     angle = math.atan2(vectors[1, -1], vectors[0, -1])
-    offset = lag = 0.0
+    offset = lag = lean = 0.0
     huber = np.ones(len(q))
     for _ in range(30):
         t = np.array([math.cos(angle), math.sin(angle)])
         n = np.array([-t[1], t[0]])
-        residual = d @ n - offset - lag * (v @ n)
-        jac = np.stack([np.ones(len(q)), d @ t - lag * (v @ t), v @ n], axis=1)
+        rise = bow * n[1]  # of one unit of lean, across the line
+        residual = d @ n - offset - lag * (v @ n) - lean * rise
+        jac = np.stack([np.ones(len(q)), d @ t - lag * (v @ t), v @ n, rise], axis=1)
         scale = math.sqrt(
             (SCALE_PRIOR_COUNT + float(np.sum(huber * (residual / std) ** 2)))
             / (SCALE_PRIOR_COUNT + max(len(q) - 2, 0))
@@ -111,38 +219,27 @@ def estimate_weld_line(s: Array, c: Array, v_s: Array, v_c: Array, std: Array) -
         w = huber / (std * scale) ** 2
         normal = (jac * w[:, None]).T @ jac
         normal[2, 2] += 1 / LAG_PRIOR**2
+        normal[3, 3] += 1 / LEAN_PRIOR**2
         gradient = jac.T @ (w * residual)
         gradient[2] -= lag / LAG_PRIOR**2
+        gradient[3] -= lean / LEAN_PRIOR**2
         step = np.linalg.solve(normal, gradient)
         offset += step[0]
         angle += step[1]
         lag += step[2]
+        lean += step[3]
         if abs(step[0]) < 1e-9 and abs(step[1]) < 1e-9:
             break
     cov = np.linalg.inv(normal)
-    # move the reference along the line to where offset and angle are uncorrelated
-    t = np.array([math.cos(angle), math.sin(angle)])
-    n = np.array([-t[1], t[0]])
-    slide = -cov[0, 1] / cov[1, 1]
-    point = middle + offset * n + slide * t
-    return WeldLine(
-        s=float(point[1]),
-        c=float(point[0]),
-        angle=_wrap_angle(angle),
-        std_offset=math.sqrt(max(cov[0, 0] - cov[0, 1] ** 2 / cov[1, 1], 0.0)),
-        std_angle=math.sqrt(cov[1, 1]),
-        lag=float(lag),
-        std_lag=math.sqrt(cov[2, 2]),
-        inliers=tuple(int(i) for i in np.flatnonzero(inlier)),
-    )
+    return _Fit(middle, float(offset), float(angle), float(lag), float(lean), cov)
 
 
-def compute_line_error(line: WeldLine, weld: Weld) -> tuple[float, float]:
-    """(offset, angle) errors (m, rad) of an estimated line against the true weld.
+def compute_line_error(line: WeldLine, weld: Weld, radius: float) -> tuple[float, float]:
+    """(offset, angle) errors (m, rad) of an estimated line against the true weld of a pipe.
 
-    The offset is the distance of the line's reference point, the middle of its crossings, from
-    the true line: s at c = 0 would mix in the angle's error where the scan is far from c = 0.
+    Both are taken at the line's reference point, the middle of its crossings: elsewhere the
+    angle's error would mix in.
     """
-    true = build_weld_line(weld)
+    true = build_weld_curve(weld, radius)
     offset = float(true.measure_distance(line.s, line.c))
-    return offset, math.remainder(line.angle - true.angle, math.pi)
+    return offset, math.remainder(line.angle - true.touch(line.c).angle, math.pi)

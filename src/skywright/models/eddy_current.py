@@ -31,7 +31,7 @@ from numba import njit
 from scipy.special import jv
 
 from skywright.description.world.spec import Pipe, Weld
-from skywright.description.world.surface import build_weld_line
+from skywright.description.world.surface import build_weld_curve, weld_distance
 from skywright.errors import InputError
 
 MU0 = 4e-7 * math.pi
@@ -87,9 +87,10 @@ class ProbeSignal(NamedTuple):
     table: np.ndarray  # complex (tilt, gap, blend), instrument units, zero at contact on base
     d_log_mu: np.ndarray  # complex (tilt, gap), derivative by ln(mu_r) at the base metal
     nose: float  # m, distance from the nose's centre to the coil's face
-    weld_s: float  # weld distance d = weld_s s + weld_c c - weld_0
-    weld_c: float
-    weld_0: float  # m
+    weld_offset: float  # m; as in WeldCurve
+    weld_slope: float
+    weld_around: float  # rad
+    radius: float  # m, of the pipe
     weld_half_width: float  # m, negative where there is no weld
     footprint: float  # m, standard deviation of the coil's averaging
     texture_ks: np.ndarray  # rad/m (modes,)
@@ -251,22 +252,21 @@ def build_probe_signal(
     _check_coil(coil)
     present = weld is not None and weld.present
     table, d_log_mu = _build_tables(pipe, weld if present else None, coil, instrument)
-    n_s, n_c, d_0, half_width = 1.0, 0.0, 0.0, -1.0
-    if weld is not None and weld.present:
-        line = build_weld_line(weld)
-        n_s, n_c = line.normal
-        d_0 = n_s * line.s + n_c * line.c
-        half_width = weld.half_width_m
-    # Gaussian spectrum of wave numbers <=> Gaussian correlation of the field
+    radius = pipe.diameter_m / 2
+    curve = build_weld_curve(weld if weld is not None and present else Weld(), radius)
+    # Gaussian spectrum of wave numbers <=> Gaussian correlation of the field; whole waves around
+    # the pipe, so that the field closes behind it
     k = rng.standard_normal((2, texture.modes)) / texture.correlation_length
+    k[1] = np.round(k[1] * radius) / radius
     return ProbeSignal(
         table=table,
         d_log_mu=d_log_mu,
         nose=coil.nose_radius - coil.recess,
-        weld_s=n_s,
-        weld_c=n_c,
-        weld_0=d_0,
-        weld_half_width=half_width,
+        weld_offset=curve.offset,
+        weld_slope=curve.slope,
+        weld_around=curve.around,
+        radius=radius,
+        weld_half_width=weld.half_width_m if weld is not None and present else -1.0,
         footprint=(coil.inner_radius + coil.outer_radius) / 2,
         texture_ks=k[0].copy(),
         texture_kc=k[1].copy(),
@@ -281,7 +281,7 @@ def weld_blend(ps: ProbeSignal, s: float, c: float) -> float:
     """Share of weld metal under the coil, 0..1, at (s, c) on the unrolled surface (m)."""
     if ps.weld_half_width < 0.0:
         return 0.0
-    d = ps.weld_s * s + ps.weld_c * c - ps.weld_0
+    d = weld_distance(ps.weld_offset, ps.weld_slope, ps.weld_around, ps.radius, s, c)
     scale = 1.0 / (math.sqrt(2.0) * ps.footprint)
     hw = ps.weld_half_width
     return 0.5 * (math.erf((d + hw) * scale) - math.erf((d - hw) * scale))

@@ -8,7 +8,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
-from skywright.description.world.surface import build_cylinder, build_weld_line, roll_points
+from skywright.description.world.surface import build_cylinder, build_weld_curve, roll_points
 from skywright.inspection.weld import WeldResult
 from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import (
@@ -103,8 +103,7 @@ def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Ite
     low, high = float(np.nanmin(weld.c)) - 0.02, float(np.nanmax(weld.c)) + 0.02
     c = np.linspace(low, high, 120)
     if true is not None and true.present and abs(true.angle_deg) < 60:
-        line = build_weld_line(true)
-        s = line.s + (c - line.c) * math.tan(line.angle)
+        s = build_weld_curve(true, pipe.diameter_m / 2).place(c)
         items.append(_band(result, s, c, 2.0 * true.half_width_m, 0.0006, WELD))
     step = max(1, len(scan) // 1500)
     keep = np.flatnonzero(scan["t"] <= until)[::step]
@@ -114,7 +113,7 @@ def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Ite
     if len(keep) > 2:
         items.append(_band(result, weld.s[keep], weld.c[keep], PATH_WIDTH, 0.0018, colours))
     if weld.line is not None:
-        s = weld.line.s + (c - weld.line.c) * math.tan(weld.line.angle)
+        s, c = weld.line.follow(np.linspace(-0.5, 0.5, 400) * (high - low))
         items.append(_band(result, s, c, 0.0035, 0.0026, LINE))
     return items
 

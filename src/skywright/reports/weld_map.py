@@ -10,9 +10,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
+from skywright.core.arrays import Array
 from skywright.description.world.spec import Weld
-from skywright.description.world.surface import build_weld_line
+from skywright.description.world.surface import build_weld_curve
 from skywright.errors import InputError
 from skywright.inspection.calibration import to_complex
 from skywright.inspection.weld import WeldResult
@@ -24,6 +26,10 @@ _ESTIMATE, _TRUTH, _LOST, _CROSSING = "#c1121f", "#111111", "#8a8f98", "#c1121f"
 
 def _thin(index: np.ndarray) -> np.ndarray:
     return index[:: max(1, math.ceil(index.size / MAX_POINTS))]
+
+
+def _find_inside(s: Array, c: Array, box: tuple[float, float, float, float]) -> NDArray[np.bool_]:
+    return (s >= box[0]) & (s <= box[1]) & (c >= box[2]) & (c <= box[3])
 
 
 def draw_weld_map(
@@ -78,46 +84,36 @@ def draw_weld_map(
                 va="center",
                 transform=bar.ax.get_yaxis_transform(),
             )
+    ways = np.linspace(-1.0, 1.0, 801) * math.hypot(box[1] - box[0], box[3] - box[2])
     if truth is not None and truth.present:
-        true = build_weld_line(truth)
-        ends = true.clip(*box)
-        if ends is not None:
-            width = truth.half_width_m / max(true.normal[0], 0.05) * 1e3
+        true = build_weld_curve(truth, result.surface.radius)
+        s, c = true.follow(max(abs(box[0]), abs(box[1])), 4001)
+        inside = _find_inside(s, c, box)
+        if inside.any():
+            s, c = np.where(inside, s, np.nan), np.where(inside, c, np.nan)
             if abs(truth.angle_deg) < 60:
+                width = truth.half_width_m * np.hypot(1.0, np.gradient(s, c))
                 ax.fill_betweenx(
-                    1e3 * ends[:, 1],
-                    1e3 * ends[:, 0] - width,
-                    1e3 * ends[:, 0] + width,
-                    color="#d9c9a3",
-                    alpha=0.5,
-                    lw=0,
-                    zorder=0,
-                )
+                    1e3 * c, 1e3 * (s - width), 1e3 * (s + width),
+                    color="#d9c9a3", alpha=0.5, lw=0, zorder=0,
+                )  # fmt: skip
                 handles.append(Patch(color="#d9c9a3", alpha=0.5))
                 labels.append(f"true weld, {2e3 * truth.half_width_m:.0f} mm wide")
-            handles.append(
-                ax.plot(*(1e3 * ends.T), color=_TRUTH, lw=1.4, ls=(0, (6, 4)), zorder=4)[0]
-            )
+            dashed = ax.plot(1e3 * s, 1e3 * c, color=_TRUTH, lw=1.4, ls=(0, (6, 4)), zorder=4)
+            handles.append(dashed[0])
             labels.append("true weld line")
     line = result.line
     if line is not None:
-        ends = line.line.clip(*box)
-        if ends is not None:
-            u = np.linspace(0, 1, 60)[:, None]
-            path = ends[0] + u * (ends[1] - ends[0])
-            along = (path - [line.s, line.c]) @ [math.sin(line.angle), math.cos(line.angle)]
-            half = 2 * np.hypot(line.std_offset, line.std_angle * along)
-            normal = np.array(line.line.normal)
-            band = np.concatenate(
-                [path + half[:, None] * normal, (path - half[:, None] * normal)[::-1]]
-            )
+        s, c = line.follow(ways)
+        inside = _find_inside(s, c, box)
+        if inside.any():
+            path, along = np.column_stack([s, c])[inside], ways[inside]
+            half = 2 * np.hypot(line.std_offset, line.std_angle * along)[:, None]
+            normal = np.array([math.cos(line.angle), -math.sin(line.angle)])
+            band = np.concatenate([path + half * normal, (path - half * normal)[::-1]])
             ax.fill(*(1e3 * band.T), color=_ESTIMATE, alpha=0.25, lw=0)
-            handles.append(
-                (
-                    ax.plot(*(1e3 * ends.T), color=_ESTIMATE, lw=1.6)[0],
-                    Patch(color=_ESTIMATE, alpha=0.25),
-                )
-            )
+            drawn = ax.plot(*(1e3 * path.T), color=_ESTIMATE, lw=1.6)[0]
+            handles.append((drawn, Patch(color=_ESTIMATE, alpha=0.25)))
             labels.append(
                 f"estimated line {math.degrees(line.angle):.2f} ± "
                 f"{math.degrees(line.std_angle):.2f}°, ± {1e3 * line.std_offset:.2f} mm "

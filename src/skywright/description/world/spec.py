@@ -40,15 +40,17 @@ class Pipe(Spec):
 
 
 class Weld(Spec):
-    """A straight weld on the unrolled surface (s along the axis, c = R phi around it).
+    """A weld on the unrolled surface (s along the axis, c = R phi around it).
 
-    `offset_m` is s where the line meets phi = 0. `angle_deg` is measured from the circumferential
-    direction: 0 is a girth weld, 90 a seam along the axis.
+    It is where an oblique plane cuts the pipe, so that it closes behind it: at phi = `around_deg`
+    it passes s = `offset_m` at `angle_deg` from the circumferential direction. 0 is a girth weld,
+    90 a seam along the axis, `offset_m` beside `around_deg`.
     """
 
     present: bool = True
     angle_deg: float = Field(default=10.0, gt=-90, le=90)
     offset_m: float = 0.0
+    around_deg: float = Field(default=0.0, ge=-180, le=180)
     half_width_m: Positive = 0.005
     conductivity_change: float = Field(default=-0.1, gt=-1)  # fraction
     permeability_change: float = Field(default=-0.35, gt=-1)  # fraction

@@ -78,48 +78,78 @@ class SurfaceLine(NamedTuple):
     c: float
     angle: float  # rad, from the circumferential direction; positive: s grows with c
 
-    @property
-    def normal(self) -> tuple[float, float]:
-        """Unit vector (s, c) across the line, towards +s."""
-        return math.cos(self.angle), -math.sin(self.angle)
-
     def follow(self, way: Array) -> tuple[Array, Array]:
         """Return (s, c), each (n,) m, at distances `way` (n,) m along the line."""
         return self.s + way * math.sin(self.angle), self.c + way * math.cos(self.angle)
 
+    def find_nearest(self, s: float, c: float) -> float:
+        """Return the distance (m) along the line of its point nearest to (s, c) m."""
+        return (s - self.s) * math.sin(self.angle) + (c - self.c) * math.cos(self.angle)
+
+
+@njit(cache=True, error_model="numpy")
+def weld_distance(
+    offset: float, slope: float, around: float, radius: float, s: float, c: float
+) -> float:
+    """Return the signed distance (m) of (s, c) m from a weld's middle; the rest as in WeldCurve.
+
+    To first order in the distance over the line's radius of curvature.
+    """
+    phi = c / radius - around
+    if math.isinf(slope):
+        phi -= offset / radius
+        return -radius * (phi - 2.0 * math.pi * np.floor(phi / (2.0 * math.pi) + 0.5))
+    steep = slope * np.cos(phi)
+    return (s - offset - radius * slope * np.sin(phi)) / np.sqrt(1.0 + steep * steep)
+
+
+class WeldCurve(NamedTuple):
+    """The middle of a weld on a pipe: where an oblique plane cuts it, or a seam along the axis.
+
+    s = offset + radius slope sin(c / radius - around) closes behind the pipe. An infinite slope is
+    the seam c = offset + radius around.
+    """
+
+    offset: float  # m
+    slope: float  # tan of the angle from the circumferential direction, where c = radius around
+    around: float  # rad
+    radius: float  # m, of the pipe
+
+    def place(self, c: Array | float) -> Array:
+        """Return s (m) of the line at `c` (m); NaN for a seam along the axis."""
+        if math.isinf(self.slope):
+            return np.full(np.shape(c), np.nan)
+        phi = np.asarray(c) / self.radius - self.around
+        return np.asarray(self.offset + self.radius * self.slope * np.sin(phi))
+
+    def touch(self, c: float) -> SurfaceLine:
+        """Return the straight line that touches the weld at `c` (m)."""
+        if math.isinf(self.slope):
+            return SurfaceLine(0.0, self.offset + self.radius * self.around, math.pi / 2)
+        steep = self.slope * math.cos(c / self.radius - self.around)
+        return SurfaceLine(float(self.place(c)), c, math.atan(steep))
+
     def measure_distance(self, s: Array | float, c: Array | float) -> Array:
-        """Return the signed distance (m) of points from the line across itself."""
-        n_s, n_c = self.normal
-        return np.asarray(n_s * (np.asarray(s) - self.s) + n_c * (np.asarray(c) - self.c))
+        """Return the signed distance (m) of points (s, c) m from the line across itself."""
+        return np.asarray(weld_distance.py_func(*self, np.asarray(s), np.asarray(c)))
 
-    def clip(self, s_min: float, s_max: float, c_min: float, c_max: float) -> Array | None:
-        """Return the ends (2, 2) of (s, c) of the line inside a box; None where it passes by."""
-        low, high = -1e3, 1e3
-        for origin, step, a, b in (
-            (self.s, math.sin(self.angle), s_min, s_max),
-            (self.c, math.cos(self.angle), c_min, c_max),
-        ):
-            if abs(step) < 1e-9:
-                if not a <= origin <= b:
-                    return None
-                continue
-            ends = sorted(((a - origin) / step, (b - origin) / step))
-            low, high = max(low, ends[0]), min(high, ends[1])
-        return np.column_stack(self.follow(np.array([low, high]))) if low < high else None
+    def follow(self, half_length: float, count: int) -> tuple[Array, Array]:
+        """Return (s, c), each (count,) m, once around a pipe, or from end to end of a seam."""
+        if math.isinf(self.slope):
+            return np.linspace(-half_length, half_length, count), np.full(count, self.touch(0.0).c)
+        c = self.radius * np.linspace(-math.pi, math.pi, count)
+        return self.place(c), c
 
 
-def build_weld_line(weld: Weld) -> SurfaceLine:
-    """Return the middle of a weld; at 90 deg it runs along the axis and `offset_m` is its c."""
-    along = weld.angle_deg == 90.0
-    place = (0.0, weld.offset_m) if along else (weld.offset_m, 0.0)
-    return SurfaceLine(*place, math.radians(weld.angle_deg))
+def build_weld_curve(weld: Weld, radius: float) -> WeldCurve:
+    """Return the middle of a weld on a pipe of `radius` (m)."""
+    slope = math.inf if weld.angle_deg == 90.0 else math.tan(math.radians(weld.angle_deg))
+    return WeldCurve(weld.offset_m, slope, math.radians(weld.around_deg), radius)
 
 
 def find_weld_on_pipe(pipe: Pipe, weld: Weld, count: int = 2001) -> tuple[Array, Array]:
     """Return (s, c), each (count,) m, along a weld's middle; NaN where it has left the pipe."""
-    around, half = 0.5 * math.pi * pipe.diameter_m, 0.5 * pipe.length_m
-    reach = around + 2.0 * half + abs(weld.offset_m)
-    s, c = build_weld_line(weld).follow(np.linspace(-reach, reach, count))
-    outside = (np.abs(s) > half) | (np.abs(c) > around)
+    s, c = build_weld_curve(weld, pipe.diameter_m / 2).follow(pipe.length_m / 2, count)
+    outside = np.abs(s) > pipe.length_m / 2
     s[outside], c[outside] = np.nan, np.nan
     return s, c

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Any
 
+import numpy as np
+
 from skywright.core.record import Array, Record
 from skywright.description.world.spec import Pipe
 from skywright.vehicle.bus import MuJoCo
@@ -37,7 +39,9 @@ class Friction(Effect):
         rng = context.stream("friction")
         me.middle = table.friction
         me.sigma = math.sqrt(math.log1p(table.friction_variation**2))
-        me.ks[:], me.kc[:] = rng.standard_normal((2, MODES)) / table.friction_length_m
+        me.ks[:], around = rng.standard_normal((2, MODES)) / table.friction_length_m
+        radius = table.diameter_m / 2
+        me.kc[:] = np.round(around * radius) / radius  # whole waves: it closes behind the pipe
         me.phase[:] = rng.uniform(0.0, 2.0 * math.pi, MODES)
 
     @staticmethod

@@ -37,7 +37,7 @@ class EddyProbe(Component):
         d_log_mu: int  # address of complex (tilt, gap)
         texture: int  # address of (3, modes): ks, kc, phase
         n: Annotated[Integers, 4]  # tilts, gaps, blends, modes
-        numbers: Annotated[Array, 8]  # the rest of ProbeSignal, in its order
+        numbers: Annotated[Array, 9]  # the rest of ProbeSignal, in its order
         lift_axis: Annotated[Array, 2]  # direction contact -> air on the display
 
     class Noise(Normal):
@@ -61,8 +61,8 @@ class EddyProbe(Component):
         me.texture = context.keep(np.ascontiguousarray(waves))
         me.n[:] = [*signal.table.shape, waves.shape[1]]
         me.numbers[:] = [
-            signal.nose, signal.weld_s, signal.weld_c, signal.weld_0, signal.weld_half_width,
-            signal.footprint, signal.texture_amplitude, signal.noise,
+            signal.nose, signal.weld_offset, signal.weld_slope, signal.weld_around, signal.radius,
+            signal.weld_half_width, signal.footprint, signal.texture_amplitude, signal.noise,
         ]  # fmt: skip
         me.lift_axis[:] = [math.cos(phase), math.sin(phase)]
 
@@ -100,9 +100,9 @@ def open_signal(me: Any) -> ProbeSignal:
     return ProbeSignal(
         carray(as_pointer(me.tables), (me.n[0], me.n[1], me.n[2]), np.complex128),
         carray(as_pointer(me.d_log_mu), (me.n[0], me.n[1]), np.complex128),
-        q[0], q[1], q[2], q[3], q[4], q[5],
+        q[0], q[1], q[2], q[3], q[4], q[5], q[6],
         words(me.texture, modes),
         words(me.texture + 8 * modes, modes),
         words(me.texture + 16 * modes, modes),
-        q[6], q[7],
+        q[7], q[8],
     )  # fmt: skip

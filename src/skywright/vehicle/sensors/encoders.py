@@ -1,4 +1,10 @@
-"""Encoders on the shafts of velocity servos."""
+"""Encoders on the shafts of velocity servos.
+
+Speeds are differences of the rounded angles through a first-order filter, as servos report them.
+Rounding by a count d leaves d / (sqrt(12) tau) rms of noise behind a filter of time constant tau,
+so the filter is as slow as those who use the speed bear: SEPARATION above the arm's loop, where it
+costs 11 deg of phase, and no faster than the servo's own loop.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +15,27 @@ from typing import Annotated, Any
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.spec import Robot
 from skywright.models.compliant_arms import is_compliant
-from skywright.vehicle.bus import MuJoCo
+from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Component, Out, Sensor, words
 from skywright.vehicle.readings import Shafts
 
 DEFAULT_COUNTS = 4096
 """Counts a turn where there is no servo."""
+SEPARATION = 5.0
+"""Bandwidth of the speeds' filter over that of the arm's loop."""
 
 
 class Encoders(Sensor):
-    """Fills Shafts every control tick: rounded angles with an error of their zero, exact speeds."""
+    """Fills Shafts every control tick: rounded angles with an error of their zero, their speeds."""
 
     class Me(Record):
         n: int
         qpos: Annotated[Integers, MAX_JOINTS]
-        dof: Annotated[Integers, MAX_JOINTS]
+        started: int
+        share: float  # of the way to a new difference of angles, in a tick
+        before: Annotated[Array, MAX_JOINTS]  # rad, one tick ago
         lsb: Annotated[Array, MAX_JOINTS]  # rad
         offset: Annotated[Array, MAX_JOINTS]  # rad
 
@@ -32,23 +43,34 @@ class Encoders(Sensor):
         """Look up the joints, their resolution and their zeros."""
         index, n = context.scene.places, context.scene.n_joints
         me.n = n
-        me.qpos[:n], me.dof[:n] = index.joint_qpos, index.joint_dof
+        me.qpos[:n] = index.joint_qpos
+        me.share = 1.0 - math.exp(-context.dt * compute_speed_bandwidth(context.robot))
         fill_encoders(me, context)
 
     @staticmethod
-    def step(me: Me, mj: MuJoCo, out: Out[Shafts]) -> None:
-        qpos, qvel = words(mj.qpos, mj.nq), words(mj.qvel, mj.nv)
+    def step(me: Me, clock: Clock, mj: MuJoCo, out: Out[Shafts]) -> None:
+        qpos = words(mj.qpos, mj.nq)
         for j in range(me.n):
             lsb = me.lsb[j]
             raw = qpos[me.qpos[j]] + me.offset[j]
             out.q[j] = lsb * math.floor(raw / lsb + 0.5)
-            out.qd[j] = qvel[me.dof[j]]
+            if me.started:
+                out.qd[j] += me.share * ((out.q[j] - me.before[j]) / clock.dt - out.qd[j])
+            me.before[j] = out.q[j]
+        me.started = 1
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Robots whose servos take speeds have them, without an arm as well."""
         if not is_compliant(context.robot):
             yield cls("encoders")
+
+
+def compute_speed_bandwidth(robot: Robot) -> float:
+    """Return the bandwidth (rad/s) of the filter behind the differences of angles."""
+    loop = SEPARATION * robot.control.arm_bandwidth_rad_s
+    servos = [1.0 / servo.velocity_time_constant_s for _, servo in list_servos(robot)]
+    return min([w for w in (loop, *servos) if w > 0.0], default=SEPARATION)
 
 
 def fill_encoders(me: Any, context: Any) -> None:
