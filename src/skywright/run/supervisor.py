@@ -7,8 +7,10 @@ from typing import Any, Generic
 
 from numpy.typing import NDArray
 
+from skywright.core.find import blame
 from skywright.core.interrupt import check_interrupt
 from skywright.description.mission.spec import Mission, T
+from skywright.errors import SimulationError
 from skywright.models.geometry import ClearanceQuery
 from skywright.run.faults._response import Trail, respond
 from skywright.run.faults._rule import Acted, Rule
@@ -102,11 +104,15 @@ class Supervisor(Generic[T]):
             self.end("done")
             return
 
+    def _fly_kind(self, way: Any) -> Flight:
+        with blame(type(self.kind), "mission.kind: fly", SimulationError):
+            return self.kind.fly(self, way)
+
     def _fly(self) -> Flight:
         kind, way = self.kind, self._plan.get_way()
         require(self.vehicle, kind.needs, self.mission.name)
         if not kind.flies:
-            flight = kind.fly(self, way)
+            flight = self._fly_kind(way)
             self.end("done")
             return flight
         self.begin("start")
@@ -123,6 +129,7 @@ class Supervisor(Generic[T]):
             self.uav.take_off(self.mission.hover_height_m)
             self.until_arrived()
             self.wait(1.0)
+        flight = self._fly_kind(way)
         self.trail.crumbs.clear()  # a way back ends over the start
         self.faults.begin(airborne=True)
         flight = kind.fly(self, way)

@@ -381,3 +381,8 @@ class Effect(Component):
     """A force on the plant: adds to MuJoCo's external forces. `[world.effects.NAME]`."""
 
     group, slot, side = "effect", "effects", "plant"
+
+
+def overrides(component: Component, method: str) -> bool:
+    """Whether a component's class has a method of its own in place of Component's."""
+    return getattr(type(component), method) is not getattr(Component, method)

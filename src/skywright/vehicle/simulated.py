@@ -14,11 +14,12 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.find import blame
 from skywright.core.record import View
 from skywright.description.world.spec import World
 from skywright.description.world.thing import Fixture, Placed
 from skywright.description.world.things import find_first
-from skywright.errors import InputError
+from skywright.errors import InputError, SimulationError
 from skywright.models.arm_body import Deviation
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import (
@@ -32,7 +33,7 @@ from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
-from skywright.vehicle.component import Component, Estimator, Law, PlantContext
+from skywright.vehicle.component import Component, Estimator, Law, PlantContext, overrides
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.failed_step import explain_not_finite, silence
 from skywright.vehicle.follower import Follower, RowNow
@@ -114,8 +115,13 @@ class SimulatedVehicle:
         self.interactive = interactive
         self.n_steps, self.dt = check_rate(robot, timestep)
         self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
-        extend = [part.extend_scene for part in parts]
-        self.scene = build_scene(robot, world, deviation, extend, nominal=true, timestep=timestep)
+
+        def extend(spec: Any) -> None:
+            for part in parts:
+                with blame(type(part), f"component {part.name!r}: extend_scene"):
+                    part.extend_scene(spec)
+
+        self.scene = build_scene(robot, world, deviation, [extend], nominal=true, timestep=timestep)
         self.n_joints = self.scene.n_joints
         self.offers = list_offers(robot)
         c = robot.control
@@ -161,10 +167,9 @@ class SimulatedVehicle:
         return found
 
     def read(self, record: type[R], name: str = "") -> R:
-        """Return a copy of a record, as it is now.
+        """Return a copy of a record; `name` is that of who fills it, where several do.
 
-        `name` is that of the component that fills it, where several do. Raises InputError where
-        nothing in this vehicle fills it.
+        Raises InputError where nothing in this vehicle fills it.
         """
         return cast(R, View(cast(View, self.look(record, name)).copy()))
 
@@ -229,16 +234,13 @@ class SimulatedVehicle:
         self._follower.track(self._table, self.t)
 
     def tick(self, guards: int = 0) -> Ticked:
-        """Run one mission tick.
-
-        Raises StepFailed where a step of the robot's computer does, SimulationError where the
-        simulation diverges.
-        """
+        """Run one mission tick; raises StepFailed (a step of the robot) or SimulationError."""
         clock = self.assembly.get(Clock)
         clock["mask"], clock["fired"] = guards, 0
         self.assembly.refill(self.n_ticks, self.n_steps)
         for c in self._before:
-            c.before_tick(self.t, self.n_ticks)
+            with blame(type(c), f"component {c.name!r}: before_tick", SimulationError):
+                c.before_tick(self.t, self.n_ticks)
         self.ticker.run(self.n_ticks, self.interactive)
         if self._recorder.is_full or any(c.is_full for c in self._raw):
             self.flush()
@@ -246,7 +248,8 @@ class SimulatedVehicle:
         if fired & NOT_FINITE:
             raise explain_not_finite(self.assembly, self.law.name, self.t)
         for c in self._after:
-            c.after_tick(self.t)
+            with blame(type(c), f"component {c.name!r}: after_tick", SimulationError):
+                c.after_tick(self.t)
         return Ticked(self.t, fired, self.t - self._table_start >= self._table_end - 1e-9)
 
     def flush(self) -> None:
@@ -393,8 +396,3 @@ class SimulatedVehicle:
         self.assembly.get(Clock)["phase"] = index
 
     # --- set-up ------------------------------------------------------------------------------
-
-
-def overrides(component: Component, method: str) -> bool:
-    """Whether a component's class has a method of its own in place of Component's."""
-    return getattr(type(component), method) is not getattr(Component, method)
