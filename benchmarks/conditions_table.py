@@ -18,9 +18,13 @@ def write_table(draw: Callable[[int, int], Table], mission: str, rows: int, name
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name(name))
     a = parser.parse_args()
-    table = draw(a.rows, a.seed)
-    with a.out.open("w", newline="", encoding="utf-8") as file:
+    save_table(draw(a.rows, a.seed), a.out)
+
+
+def save_table(table: Table, path: Path) -> None:
+    """Write a table as CSV, and say where."""
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(table[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(table)
-    print(a.out)
+    print(path)

@@ -1,19 +1,21 @@
-"""Draw what a robot does not know: `python benchmarks/unknown_conditions.py`.
+"""Draw what a robot does not know: `python benchmarks/unknown_conditions.py MISSION`.
 
-Writes a table for `skywright campaign MISSION --vary FILE.csv`, for every mission at a mapped pipe
-or structure: the map's bounds at their largest (where the structure is within them is drawn from
-each run's seed) and the plant's deviations, all at once. Rotors' spread, markers and sensors are
-drawn from the seeds as always.
+Writes a table for `skywright campaign MISSION --vary FILE.csv`, for a mission at a mapped pipe or
+structure: the map's bounds at their largest (where the structure is within them is drawn from each
+run's seed) and the plant's deviations, all at once. Rotors' spread, markers and sensors are drawn
+from the seeds as always.
 """
 
 from __future__ import annotations
 
+import argparse
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conditions_table import write_table
+from conditions_table import save_table
 
-MAP = {"plant.map_error_m": 0.03, "plant.map_error_deg": 3.0}
+MAP = {"plant.map_error_m": 0.03, "plant.map_error_deg": 3.0, "plant.map_error_size_m": 0.005}
 RANGES = {
     "plant.mass_error": (-0.05, 0.05),
     "plant.rotor_gain_error": (-0.05, 0.05),
@@ -25,17 +27,30 @@ RANGES = {
     "plant.joint_offset_error_deg": (-0.5, 0.5),
     "plant.drag_error": (-0.3, 0.3),
 }
-PIPE = {"world.pipe.friction": (0.1, 0.3), "world.pipe.friction_variation": (0.0, 0.3)}
+OWN: dict[str, tuple[dict[str, float], dict[str, tuple[float, float]]]] = {
+    "pipe-weld-scan": (
+        MAP, {"world.pipe.friction": (0.1, 0.3), "world.pipe.friction_variation": (0.0, 0.3)}
+    ),
+    "sensor-install": (MAP, {"world.pipe.friction": (0.2, 1.0)}),
+}  # fmt: skip
+"""Mission -> bounds of its map, and what else varies."""
 
 
-def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
-    """Draw all rows of a mission at a pipe."""
+def draw_table(mission: str, rows: int, seed: int) -> list[dict[str, Any]]:
+    """Draw all rows."""
+    bounds, own = OWN[mission]
     rng, out = np.random.default_rng(seed), []
     for _ in range(rows):
-        drawn = {k: round(rng.uniform(*r), 5) for k, r in {**RANGES, **PIPE}.items()}
-        out.append({**MAP, "plant.map_error_size_m": 0.005, **drawn})
+        drawn = {k: round(rng.uniform(*r), 5) for k, r in {**RANGES, **own}.items()}
+        out.append({**bounds, **drawn})
     return out
 
 
 if __name__ == "__main__":
-    write_table(draw_table, "pipe-weld-scan", 100, "unknown-pipe-conditions.csv")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("mission", choices=sorted(OWN))
+    parser.add_argument("--rows", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1)
+    a = parser.parse_args()
+    name = f"unknown-{a.mission}-conditions.csv"
+    save_table(draw_table(a.mission, a.rows, a.seed), Path(__file__).with_name(name))

@@ -14,7 +14,7 @@ from skywright.description.world.spec import World
 from skywright.description.world.structure import build_surface
 from skywright.errors import InputError
 from skywright.evidence.reproduce.load import load_claims
-from skywright.missions.scan.plan import is_surveyed
+from skywright.missions.skills.surveyed import is_surveyed
 from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.setup import Setup

@@ -22,21 +22,23 @@ from skywright.description.world.surface import (
     unroll_points,
 )
 from skywright.inspection.touches import MapError, fit_cylinder_touches
-from skywright.missions.scan.surveyed import (
-    carry_weld,
-    compute_reach,
-    fit_touches,
-    get_map_error,
-    move_pipe,
-)
+from skywright.missions.scan.carried_weld import carry_weld
 from skywright.missions.skills.survey import (
     BACK_SPEED,
     FELT_N,
     HOLD_S,
     SPEED,
+    Tip,
     Touch,
     build_travel,
     touch_surface,
+)
+from skywright.missions.skills.surveyed import (
+    compute_reach,
+    fit_touches,
+    get_map_error,
+    get_tip,
+    move_pipe,
 )
 from skywright.planning.patterns import build_pattern
 from skywright.planning.survey import choose_points
@@ -115,12 +117,17 @@ class Crew:
             pass
 
 
+def touch(crew: Crew) -> Touch:
+    s = cast("Any", crew)
+    return touch_surface(s, Tip(s, False), FRAME, 0.12)
+
+
 def test_a_touch_tells_where_the_tip_came_to_rest() -> None:
     crew = Crew(Wall(0.05))
-    touch = touch_surface(cast("Any", crew), FRAME, 0.12, False)
-    assert touch.reason == ""
-    np.testing.assert_allclose(touch.p_WT, [0.05, 0.0, 0.0], atol=1e-9)
-    np.testing.assert_allclose(touch.centre(TIP), [0.05 - TIP, 0.0, 0.0], atol=1e-9)
+    found = touch(crew)
+    assert found.reason == ""
+    np.testing.assert_allclose(found.p_WT, [0.05, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found.centre(TIP), [0.05 - TIP, 0.0, 0.0], atol=1e-9)
     assert crew.phases == [("survey_touch", "done"), ("survey_back", "done")]
     np.testing.assert_allclose(crew.vehicle.reference["p_WT"], 0.0, atol=1e-9)  # back again
 
@@ -135,20 +142,20 @@ def test_it_goes_no_deeper_than_the_force_needs() -> None:
             deepest = max(deepest, float(wall.reference["p_WT"][0]) - 0.05)
             return super().tick()
 
-    touch_surface(cast("Any", Watched(wall)), FRAME, 0.12, False)
+    touch(Watched(wall))
     assert 0.8 * FELT_N / 100.0 < deepest < FELT_N / 100.0 + 0.1 * SPEED + 0.003
 
 
 def test_a_surface_beyond_the_bounds_is_a_miss() -> None:
     crew = Crew(Wall(0.2))
-    touch = touch_surface(cast("Any", crew), FRAME, 0.12, False)
-    assert touch.reason == "nothing was met within 120 mm" and np.all(np.isnan(touch.p_WT))
+    found = touch(crew)
+    assert found.reason == "nothing was met within 120 mm" and np.all(np.isnan(found.p_WT))
     assert crew.phases[0] == ("survey_touch", "retry")
 
 
 def test_a_gust_that_ends_is_no_touch() -> None:
-    touch = touch_surface(cast("Any", Crew(Wall(0.2, gust=(2.0, 2.3)))), FRAME, 0.12, False)
-    assert touch.reason == "what was felt did not last"
+    found = touch(Crew(Wall(0.2, gust=(2.0, 2.3))))
+    assert found.reason == "what was felt did not last"
 
 
 def test_the_robot_waits_longer_than_it_averages() -> None:
@@ -254,7 +261,7 @@ def make_touches(count: int, wrong: tuple[int, ...] = ()) -> list[Touch]:
 
 def test_a_survey_gives_the_true_pipe_where_it_touched() -> None:
     setup = Setup(DESCRIPTION)
-    surveyed = fit_touches(setup, make_touches(6))
+    surveyed = fit_touches(setup, make_touches(6), get_tip(setup))
     true: Cylinder | None = setup.true.cylinder
     assert surveyed.reason == "" and surveyed.touched == list(range(6)) and true is not None
     p, _ = roll_points(surveyed.found.cylinder, np.zeros(3), np.array([-0.06, 0.0, 0.06]))
@@ -263,9 +270,9 @@ def test_a_survey_gives_the_true_pipe_where_it_touched() -> None:
 
 def test_too_few_touches_and_contradictions_are_told() -> None:
     setup = Setup(DESCRIPTION)
-    few = fit_touches(setup, make_touches(2))
+    few = fit_touches(setup, make_touches(2), get_tip(setup))
     assert "2 of 6 touches were made (nothing was met within 90 mm)" in few.reason
-    wrong = fit_touches(setup, make_touches(6, wrong=(0, 2, 4)))
+    wrong = fit_touches(setup, make_touches(6, wrong=(0, 2, 4)), get_tip(setup))
     assert "contradict" in wrong.reason
     assert isinstance(get_map_error(setup), MapError)
 

@@ -15,9 +15,9 @@ from skywright.description.world.surface import build_cylinder
 from skywright.description.world.surface import surface_point as compute_surface_point
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT, compute_contact_map
 from skywright.inspection.weld import detect_contact
+from skywright.missions.scan.carried_weld import carry_weld
 from skywright.missions.scan.metrics import LIFT_OFF_THRESHOLD, find_survey, get_surface
 from skywright.missions.scan.plan import ScanWay
-from skywright.missions.scan.surveyed import carry_weld
 from skywright.missions.scan.task import Scan
 from skywright.models.eddy_current import Instrument
 from skywright.models.rigid_body import build_body_model, compute_tip, posture

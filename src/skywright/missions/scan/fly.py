@@ -6,9 +6,9 @@ import numpy as np
 
 from skywright.core.arrays import Table
 from skywright.missions.scan.plan import ScanWay, SurveyWay, plan_found
-from skywright.missions.scan.surveyed import fit_touches
 from skywright.missions.scan.task import Scan
-from skywright.missions.skills.survey import survey_surface
+from skywright.missions.skills.survey import Tip, Touch, survey_surface
+from skywright.missions.skills.surveyed import fit_touches, get_tip
 from skywright.missions.skills.tables import build_retreat, cut_table, lift_table, reverse_table
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
@@ -108,15 +108,19 @@ def _survey(
     s: Supervisor[Scan], survey: SurveyWay, way_back: list[tuple[str, Table]]
 ) -> tuple[Mapping[str, Table] | None, str]:
     """Touch the pipe and plan again; returns the new segments, or None and why there are none."""
-    moves = [s.segments.get(f"survey {i + 1}") for i in range(len(survey.points))]
-    touches = survey_surface(
-        s, moves, survey.frames, survey.travels.tolist(), survey.sensed, lambda: _trim(s),
-        lambda table: way_back.append(("survey_move", table)),
-    )  # fmt: skip
+
+    def come(i: int, _: list[Touch]) -> None:
+        move = s.segments.get(f"survey {i + 1}")
+        if move is not None:
+            s.follow("survey_move", move)
+            way_back.append(("survey_move", move))
+
+    tip = Tip(s, survey.sensed)
+    touches = survey_surface(s, tip, survey.frames, survey.travels.tolist(), come, lambda: _trim(s))
     leave = s.segments["survey leave"]
     s.follow("survey_leave", leave)
     way_back.append(("survey_leave", leave))
-    surveyed = fit_touches(survey.setup, touches)
+    surveyed = fit_touches(survey.setup, touches, get_tip(survey.setup))
     if surveyed.reason:
         return None, surveyed.reason
     again = plan_found(survey.setup, surveyed.found.cylinder, leave[-1])

@@ -15,10 +15,17 @@ from skywright.inspection.calibration import Calibration, build_calibration
 from skywright.inspection.contact_quality import compute_coverage
 from skywright.inspection.weld import WeldResult, process_scan
 from skywright.inspection.weld_line import compute_line_error
+from skywright.missions.scan.carried_weld import carry_weld
 from skywright.missions.scan.plan import ScanWay
-from skywright.missions.scan.surveyed import Surveyed, carry_weld, fit_touches, judge_survey
 from skywright.missions.scan.task import Scan
 from skywright.missions.skills.survey import PHASE, read_touches
+from skywright.missions.skills.surveyed import (
+    SURVEY_MEASURES,
+    Surveyed,
+    fit_touches,
+    get_tip,
+    judge_survey,
+)
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE, in_phases, quat_angle
@@ -55,32 +62,7 @@ MEASURES: Measures = {
     "weld.angle_error_deg": ("deg", "angle between estimated and true weld line"),
     "weld.offset_std_mm": ("mm", "uncertainty of the weld line's offset that the fit states"),
     "weld.angle_std_deg": ("deg", "uncertainty of the weld line's angle that the fit states"),
-    "survey.touches": ("", "touches of the survey that were made"),
-    "survey.missed": ("", "touches that were not: nothing was met, or it did not last"),
-    "survey.left_out": ("", "touches that contradict the others, at most one"),
-    "survey.turn_up_deg": ("deg", "pipe found against the map: its +y end up"),
-    "survey.turn_aside_deg": ("deg", "pipe found against the map: heading, about the pipe's z"),
-    "survey.ahead_mm": ("mm", "pipe found against the map: along the pipe's x"),
-    "survey.up_mm": ("mm", "pipe found against the map: along the pipe's z"),
-    "survey.radius_mm": ("mm", "pipe found against the map: radius"),
-    "survey.turn_up_std_deg": (
-        "deg",
-        "standard deviation of survey.turn_up_deg that the fit states",
-    ),
-    "survey.turn_aside_std_deg": ("deg", "likewise of survey.turn_aside_deg"),
-    "survey.ahead_std_mm": ("mm", "likewise of survey.ahead_mm, the markers' calibration included"),
-    "survey.up_std_mm": ("mm", "likewise of survey.up_mm, the markers' calibration included"),
-    "survey.radius_std_mm": ("mm", "likewise of survey.radius_mm"),
-    "survey.map_error_mm": (
-        "mm",
-        "largest distance of the map's surface from the true one where it was touched",
-    ),
-    "survey.surface_error_mm": ("mm", "the same of the surface that was found"),
-    "survey.surface_std_mm": (
-        "mm",
-        "standard deviation of it that the fit states, the markers' calibration included",
-    ),
-    "survey.axis_error_deg": ("deg", "angle between the axis that was found and the true one"),
+    **SURVEY_MEASURES,
     "coverage.fraction": ("", "share of the planned path inspected within 1 mm and 10 deg"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
@@ -92,7 +74,7 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     out: dict[str, float] = {}
     surveyed = run.once(find_survey)
     if surveyed is not None and run.way.survey is not None:
-        out |= judge_survey(run.setup, surveyed, run.way.survey.points)
+        out |= judge_survey(run.setup, surveyed, run.way.survey.points, get_tip(run.setup))
     scan = in_phases(samples, phases, "scan")
     if not np.any(scan):
         return out
@@ -177,7 +159,7 @@ def find_survey(run: Flown[Scan, ScanWay]) -> Surveyed | None:
     touches = read_touches(run.samples, run.phases)
     if run.way.survey is None or not any(not t.reason for t in touches):
         return None
-    return fit_touches(run.setup, touches)
+    return fit_touches(run.setup, touches, get_tip(run.setup))
 
 
 def get_surface(run: Flown[Scan, ScanWay]) -> Cylinder | None:

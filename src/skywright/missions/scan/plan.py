@@ -10,9 +10,15 @@ from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.description.world.surface import Cylinder, surface_frame
 from skywright.errors import InputError
-from skywright.missions.scan.surveyed import CLEAR, compute_reach, get_map_error, move_pipe
 from skywright.missions.scan.task import Scan
 from skywright.missions.skills.survey import FELT_N
+from skywright.missions.skills.surveyed import (
+    CLEAR,
+    compute_reach,
+    get_map_error,
+    is_surveyed,
+    move_pipe,
+)
 from skywright.models.rigid_body import compute_body, joint_names, posture
 from skywright.planning.inverse_kinematics import State, build_state
 from skywright.planning.patterns import SIDES, build_pattern
@@ -71,12 +77,6 @@ def plan_found(setup: Setup[Scan], found: Cylinder, row: Any) -> MissionPlan[Sca
     n = int(setup.model[0]["n_joints"])
     begin = build_state(row["p_WB"], row["R_WB"], row["q"][:n])
     return _plan_on(Setup(setup.description._replace(world=world)), found, begin)
-
-
-def is_surveyed(setup: Setup[Scan]) -> bool:
-    """Whether the pipe is touched before it is scanned: as told, or where its map may be wrong."""
-    told = setup.task.survey
-    return max(get_map_error(setup)) > 0.0 if told is None else told
 
 
 def build_frame(cylinder: Cylinder, phi: float) -> Array:

@@ -13,6 +13,7 @@ from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE, TASK_POSITION
 from skywright.missions.sensor_install.plan import InstallPlan
+from skywright.missions.sensor_install.surveyed import find_pipe, lead_to, place_platform
 from skywright.missions.sensor_install.task import SensorInstall
 from skywright.missions.skills.moves import set_rest
 from skywright.missions.skills.ways import (
@@ -62,6 +63,10 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     s.until_arrived()
     fly_way(s, way.to_below, CALM)
     s.wait(PARK_S)
+    way, reason = _survey(s, way)
+    if reason:
+        _go_back(s, way)
+        return Flight(False, reason)
     here = _watch_hand(s)
     correction = _limit(way.contact - task.approach_below_m * way.normal - here, CORRECTION_MAX)
     s.begin("approach")
@@ -76,6 +81,47 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     s.body.track(_hold_hand(s, way.contact - task.approach_below_m * way.normal, task))
     s.wait(2.0)
     _move_with_hand(s, way.p_below, way.contact - task.approach_below_m * way.normal)
+    _go_back(s, way)
+    if not touched:
+        return Flight(False, "the hand found no surface")
+    return Flight(held, "" if held else "contact was lost while pressing")
+
+
+def _survey(s: Supervisor[SensorInstall], way: InstallPlan) -> tuple[InstallPlan, str]:
+    """Find the pipe by touch where its map may be wrong; returns the way to it, or what failed."""
+    survey = way.survey
+    if survey is None:
+        return way, ""
+    s.begin("survey_move")
+    s.arms.move_to(way.q_good)
+    s.until_arrived()
+    hand, row = survey.hand, s.vehicle.reference
+    planned = np.array(row["p_WB"]) + rot_z(way.yaw) @ survey.p_BH[hand]
+    here = _watch_hand(s, hand)
+    correction = _limit(planned - here, CORRECTION_MAX)
+    s.body.track(_hold_hand(s, here, s.task, hand))
+    surveyed = find_pipe(s, survey, lambda p, end: _move_with_hand(s, p + correction, end, hand))
+    s.begin("survey_leave")
+    found = surveyed.found.cylinder
+    up = found.R_WP[:, 2]
+    contact = lead_to(survey, found, 0.0, 0.0)
+    if not surveyed.reason:
+        move = contact - way.contact
+        way = way._replace(
+            contact=contact, normal=up, p_below=way.p_below + move, p_near=way.p_near + move
+        )
+    low = place_platform(survey, contact - s.task.approach_below_m * up, hand)
+    _move_with_hand(s, low + correction, contact - s.task.approach_below_m * up, hand)
+    s.arms.move_to(way.q)
+    s.until_arrived()
+    s.body.track(slide_platform(s, way.p_below, CALM))
+    s.until_arrived()
+    s.wait(PARK_S)
+    return way, surveyed.reason
+
+
+def _go_back(s: Supervisor, way: InstallPlan) -> None:
+    """Fly home the way that the robot came."""
     s.arms.move_to(way.q)
     s.until_arrived()
     s.begin("return")
@@ -86,21 +132,18 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     fly_way(s, reverse_way(way.to_far), 1.0)
     s.arms.move_to(way.folded)
     s.until_arrived()
-    if not touched:
-        return Flight(False, "the hand found no surface")
-    return Flight(held, "" if held else "contact was lost while pressing")
 
 
-def _hold_hand(s: Supervisor, p: Array, task: SensorInstall) -> Table:
-    """The platform stays; the left hand goes straight to p (3,) m and keeps it."""
+def _hold_hand(s: Supervisor, p: Array, task: SensorInstall, hand: int = 0) -> Table:
+    """The platform stays; a hand goes straight to p (3,) m and keeps it."""
     row = set_rest(s.vehicle.reference)
-    row["task"][0], row["p_WH"][0] = TASK_POSITION, p
-    row["v_WH"][0] = [task.hand_speed_mps, 0.0, 0.0]
+    row["task"][hand], row["p_WH"][hand] = TASK_POSITION, p
+    row["v_WH"][hand] = [task.hand_speed_mps, 0.0, 0.0]
     return row[None]
 
 
-def _watch_hand(s: Supervisor) -> Array:
-    """Where the left hand is (3,) m, in the mean over a swing of the link.
+def _watch_hand(s: Supervisor, hand: int = 0) -> Array:
+    """Where a hand is (3,) m, in the mean over a swing of the link.
 
     The link hangs, and the springs give way, a little other than planned, and what the hand is off
     the platform has to move: 20 deg of bend in the elbow of a stretched arm are 8 mm of reach.
@@ -108,7 +151,7 @@ def _watch_hand(s: Supervisor) -> Array:
     seen, end = [], s.vehicle.t + WATCH_S
     while s.vehicle.t < end - 1e-9:
         s.tick()
-        seen.append(s.vehicle.read(Hands).p_WH[0])
+        seen.append(s.vehicle.read(Hands).p_WH[hand])
     mean: Array = np.mean(seen, axis=0)
     return mean
 
@@ -117,12 +160,12 @@ def _limit(vector: Array, most: float) -> Array:
     return vector * min(1.0, most / max(float(np.linalg.norm(vector)), 1e-9))
 
 
-def _move_with_hand(s: Supervisor, p: Array, hand: Array) -> None:
-    """Move platform to p and the left hand to `hand` (3,) m at the same time, rest to rest."""
+def _move_with_hand(s: Supervisor, p: Array, end: Array, hand: int = 0) -> None:
+    """Move platform to p and a hand to `end` (3,) m at the same time, rest to rest."""
     table = slide_platform(s, p, CALM)
-    first = table["p_WH"][0, 0].copy()
+    first = table["p_WH"][0, hand].copy()
     shape, _, _ = quintic(table["t"] / table["t"][-1])
-    table["p_WH"][:, 0] = first + shape[:, None] * (hand - first)
+    table["p_WH"][:, hand] = first + shape[:, None] * (end - first)
     s.body.track(table)
     s.until_arrived()
 

@@ -10,7 +10,10 @@ from skywright.core.arrays import Array, Mask
 from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
 from skywright.missions.sensor_install.plan import InstallPlan
+from skywright.missions.sensor_install.surveyed import BOTTOM
 from skywright.missions.sensor_install.task import SensorInstall
+from skywright.missions.skills.survey import get_hand_columns, read_touches
+from skywright.missions.skills.surveyed import SURVEY_MEASURES, Surveyed, fit_touches, judge_survey
 from skywright.models.things.tape import Tape
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
@@ -21,6 +24,7 @@ MEASURES: Measures = {
     "platform.excursion_m": ("m", "how far pressing moves the platform from where it stood"),
     "swing.start_deg": ("deg", "angle from which the passive link was let go"),
     "swing.decay_s": ("s", "time until it stays within 1 deg of rest"),
+    **SURVEY_MEASURES,
     "sensor.bond_n": ("N", "strength of the tape after the pressing"),
     "sensor.installed": ("", "1 when the sensor stayed on the surface, 0 when it came off again"),
 }
@@ -35,7 +39,13 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     out: dict[str, float] = {}
     samples, phases, task, way = run.samples, run.phases, run.task, run.way
-    normal = samples["left_f_W"] @ way.normal
+    true = run.setup.true.cylinder
+    assert true is not None
+    up = true.R_WP[:, 2]  # not as the map has it
+    normal = samples["left_f_W"] @ up
+    surveyed = run.once(find_survey)
+    if surveyed is not None and way.survey is not None:
+        out |= judge_survey(run.setup, surveyed, np.array([[0.0, BOTTOM]]), way.survey.ball)
     hold = in_phases(samples, phases, "force")
     if np.any(hold):
         force = normal[hold]
@@ -43,7 +53,7 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
         out["force.min_n"], out["force.max_n"] = float(np.min(force)), float(np.max(force))
         out["force.mean_error_n"] = abs(out["force.mean_n"] - task.force_n)
         out["force.rms_error_n"] = float(np.sqrt(np.mean((force - task.force_n) ** 2)))
-        felt = samples["left_est_f_W"][hold] @ way.normal
+        felt = samples["left_est_f_W"][hold] @ up
         out["force.estimate_error_n"] = float(np.sqrt(np.mean((felt - force) ** 2)))
         out["contact.lost_s"] = _duration(samples, hold & (normal <= 0.0))
     hover = in_phases(samples, phases, "hover check")
@@ -68,10 +78,21 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
             np.max(np.linalg.norm(way_off[pressed] - steady, axis=1))
         )
     flown = ~in_phases(samples, phases, "start", "take_off", "land")
-    out.update(_judge_tape(samples[flown], normal[flown], way, run.setup.world))
+    out.update(_judge_tape(samples[flown], normal[flown], up, run.setup.world))
     hits = (samples["f_collision"] > 0.0) & flown
     out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
     return out
+
+
+def find_survey(run: Flown[SensorInstall, InstallPlan]) -> Surveyed | None:
+    """Fit the pipe to the recorded touches; None without any."""
+    survey = run.way.survey
+    if survey is None:
+        return None
+    touches = read_touches(run.samples, run.phases, get_hand_columns(survey.hand))
+    if all(t.reason for t in touches):
+        return None
+    return fit_touches(run.setup, touches, survey.ball)
 
 
 def _judge_swing(t: Array, q: Array) -> dict[str, float]:
@@ -83,9 +104,7 @@ def _judge_swing(t: Array, q: Array) -> dict[str, float]:
     return out
 
 
-def _judge_tape(
-    samples: NDArray[Any], normal: Array, way: InstallPlan, world: World
-) -> dict[str, float]:
+def _judge_tape(samples: NDArray[Any], normal: Array, up: Array, world: World) -> dict[str, float]:
     """Bond from the pressing that was recorded, and whether the hand then came off without it."""
     tape = find_first(world.things, Tape)
     if tape is None or not len(samples):
@@ -97,7 +116,7 @@ def _judge_tape(
     last = np.flatnonzero(normal > PRESSING)
     left = False
     if len(last):  # farther than the tape stretches
-        height = samples["left_p_WH"][last[-1] :] @ way.normal
+        height = samples["left_p_WH"][last[-1] :] @ up
         left = height[0] - float(np.min(height)) > tape.strength_n / tape.stiffness_n_per_m
     return {
         "sensor.bond_n": bond,

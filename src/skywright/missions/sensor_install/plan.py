@@ -17,7 +17,9 @@ from skywright.core.streams import build_stream
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
+from skywright.missions.sensor_install.surveyed import InstallSurvey, plan_survey
 from skywright.missions.sensor_install.task import SensorInstall
+from skywright.missions.skills.surveyed import is_surveyed
 from skywright.missions.skills.ways import (
     Way,
     build_surroundings,
@@ -58,6 +60,7 @@ class InstallPlan(NamedTuple):
     swing_rad_s: float  # frequency of the link under a platform at rest, 0 without one
     to_far: Way  # from home
     to_below: Way  # from p_far
+    survey: InstallSurvey | None = None
 
 
 def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
@@ -106,6 +109,7 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
         swing_rad_s=compute_swing_frequency(model, q, world.gravity_mps2),
         to_far=to_far,
         to_below=to_below,
+        survey=plan_survey(setup, q_good, yaw) if is_surveyed(setup) else None,
     )  # fmt: skip
     legs = list_legs(found)
     least, blocked = min(room_far, room_below), None

@@ -24,4 +24,5 @@ class SensorInstall(Task):
     hover_s: float = Field(
         default=50.0, ge=0, le=3600
     )  # the hand tracks a fixed point for so long; 0: left out
+    survey: bool | None = None  # touch the pipe first; default: where plant.map_error_* is not zero
     swing_deg: float = Field(default=10.0, ge=0, le=30)  # the link is let go from here; 0: left out

@@ -1,22 +1,27 @@
 """Finding out where a surface is by touching it: slowly along the normal until it is felt.
 
-A touch is felt by what the robot has: the probe's force sensor, or the external force that its
-estimator tells; both are compared with what they said at rest in the air. Where the tip came to
-rest is told by the estimate of the tip, springs and bending included, not by the reference.
+A touch is felt by what the robot has: the probe's force sensor, the external force that its
+estimator tells, or the force of a hand; each is compared with what it said at rest in the air.
+Where the tip came to rest is told by its estimate, springs and bending included, not by the
+reference. What touches is a `Feeler`: the probe's tip, led with the platform, or a hand, led by its
+arm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_from_quat
+from skywright.core.types import TASK_POSITION
+from skywright.missions.skills.moves import set_rest
 from skywright.planning.patterns import build_time_law, eval_time_law
 from skywright.run.flight import PhaseRecord
+from skywright.vehicle.arms.ports import HandForce, Hands
 
 if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
@@ -49,85 +54,165 @@ class Touch(NamedTuple):
         return np.asarray(self.p_WT - tip_radius * self.axis_W)
 
 
-def feel_surface(s: Supervisor[Any], normal: Array, sensed: bool) -> float:
-    """Return the force (N) along the outward `normal` (3,) that the robot feels now.
+class Feeler(Protocol):
+    """What touches a surface: how it is led, what it feels, where it is."""
 
-    `sensed`: by the probe's own sensor; otherwise as the estimator tells it.
+    columns: tuple[str, str]
+    """Recorded place and attitude, of which `locate` is the mean."""
+
+    def start(self, R_WS: Array) -> Any:
+        """Return the row of REFERENCE to begin with: here, towards a surface with frame R_WS."""
+
+    def lead(self, row: Any, normal: Array, distance: float, speed: float, travel: float) -> Table:
+        """Move from `row` along `normal` (3,) by `distance` (m, outward); `travel` is the most."""
+
+    def place(self, row: Any) -> Array:
+        """Where `row` leads it (3,) m."""
+
+    def feel(self, normal: Array) -> float:
+        """Return the force (N) along the outward `normal` (3,) that the surface makes now."""
+
+    def locate(self) -> tuple[Array, Array]:
+        """Return place (3,) m and outward axis (3,) of its end, estimated."""
+
+
+class Tip:
+    """The probe's tip. `sensed`: by the probe's own sensor; otherwise as the estimator tells."""
+
+    columns = ("est_p_WT", "ref_q_WT")
+
+    def __init__(self, s: Supervisor[Any], sensed: bool) -> None:
+        self.vehicle, self.sensed = s.vehicle, sensed
+
+    def start(self, R_WS: Array) -> Any:
+        row = np.array(self.vehicle.reference)
+        row["R_WS"] = R_WS
+        return row
+
+    def lead(self, row: Any, normal: Array, distance: float, speed: float, travel: float) -> Table:
+        return build_travel(row, distance, speed, travel)
+
+    def place(self, row: Any) -> Array:
+        return np.array(row["p_WT"])
+
+    def feel(self, normal: Array) -> float:
+        if self.sensed:
+            return float(self.vehicle.force)
+        return float(self.vehicle.estimate["f_ext_W"] @ normal)
+
+    def locate(self) -> tuple[Array, Array]:
+        v = self.vehicle
+        return np.array(v.estimate["p_WT"]), np.array(v.reference["R_WT"])[:, 2]
+
+
+def get_hand_columns(index: int) -> tuple[str, str]:
+    """Recorded place and attitude of hand `index`."""
+    side = ("left", "right")[index]
+    return f"{side}_est_p_WH", f"{side}_q_WH"
+
+
+class Hand:
+    """Hand `index` of compliant arms, led by its arm while the platform stays.
+
+    `speed` (m/s) is the most that the arm may take to follow.
     """
-    return s.vehicle.force if sensed else float(s.vehicle.estimate["f_ext_W"] @ normal)
+
+    def __init__(self, s: Supervisor[Any], index: int, speed: float) -> None:
+        self.vehicle, self.index, self.speed = s.vehicle, index, speed
+        self.columns = get_hand_columns(index)
+
+    def start(self, R_WS: Array) -> Any:
+        row = set_rest(self.vehicle.reference)
+        row["task"][self.index] = TASK_POSITION
+        row["v_WH"][self.index] = [self.speed, 0.0, 0.0]
+        return row
+
+    def lead(self, row: Any, normal: Array, distance: float, speed: float, travel: float) -> Table:
+        t, way = _march(distance, speed)
+        table = np.repeat(np.array(row)[None], len(t))
+        table["t"] = t
+        table["p_WH"][:, self.index] += way[:, :1] * normal
+        return table
+
+    def place(self, row: Any) -> Array:
+        return np.array(row["p_WH"][self.index])
+
+    def feel(self, normal: Array) -> float:
+        return -float(self.vehicle.read(HandForce).f_WH[self.index] @ normal)
+
+    def locate(self) -> tuple[Array, Array]:
+        hands = self.vehicle.read(Hands)
+        R_WB = self.vehicle.estimate["R_WB"]
+        return np.array(hands.p_WH[self.index]), R_WB @ np.array(hands.R_BH[self.index])[:, 2]
 
 
-def touch_surface(s: Supervisor[Any], R_WS: Array, travel: float, sensed: bool) -> Touch:
+def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float) -> Touch:
     """Go from the present place, over the surface, up to `travel` (m) inward until it is felt.
 
     R_WS (3, 3) is the surface's frame there, as believed, z outward.
 
     The robot is back where it began afterwards; phases "survey_touch" and "survey_back".
     """
-    row = np.array(s.vehicle.reference)
-    row["R_WS"], normal = R_WS, R_WS[:, 2]
+    row, normal = feeler.start(R_WS), R_WS[:, 2]
     s.begin(PHASE)
     s.body.hold()
-    air = np.array([feel_surface(s, normal, sensed) for _ in _ticks(s, TARE_S)])
+    air = np.array([feeler.feel(normal) for _ in _ticks(s, TARE_S)])
     least = max(FELT_N, FELT_SIGMAS * float(np.std(air)))
     zero, reason = float(np.mean(air)), f"nothing was met within {1e3 * travel:.0f} mm"
-    s.body.track(build_travel(row, -travel, SPEED, travel))
+    s.body.track(feeler.lead(row, normal, -travel, SPEED, travel))
     while not s.tick().arrived:
-        if feel_surface(s, normal, sensed) - zero > least:
+        if feeler.feel(normal) - zero > least:
             reason = ""
             break
-    p, force, ended = [], [], s.vehicle.t + HOLD_S
+    p, axis, force, ended = [], np.zeros(3), [], s.vehicle.t + HOLD_S
     if not reason:
         s.body.hold()
         for _ in _ticks(s, HOLD_S):
             if s.vehicle.t > ended - AVERAGE_S:
-                p.append(np.array(s.vehicle.estimate["p_WT"]))
-                force.append(feel_surface(s, normal, sensed) - zero)
+                place, axis = feeler.locate()
+                p.append(place)
+                force.append(feeler.feel(normal) - zero)
         if float(np.mean(force)) < 0.5 * least:
             reason = "what was felt did not last"
     s.end("retry" if reason else "done")
     s.begin("survey_back")
     here = np.array(s.vehicle.reference)
-    back = float(normal @ (row["p_WT"] - here["p_WT"]))
-    s.body.track(build_travel(here, back, BACK_SPEED, travel))
+    back = float(normal @ (feeler.place(row) - feeler.place(here)))
+    s.body.track(feeler.lead(here, normal, back, BACK_SPEED, travel))
     s.until_arrived()
     s.end("done")
-    where = np.full(3, np.nan) if reason else np.mean(p, axis=0)
-    return Touch(where, np.array(row["R_WT"])[:, 2], reason)
+    return Touch(np.full(3, np.nan) if reason else np.mean(p, axis=0), axis, reason)
 
 
 def survey_surface(
     s: Supervisor[Any],
-    moves: Sequence[Table | None],
+    feeler: Feeler,
     frames: Sequence[Array],
     travels: Sequence[float],
-    sensed: bool,
+    come: Callable[[int, list[Touch]], None],
     settle: Callable[[], None],
-    on_moved: Callable[[Table], None],
 ) -> list[Touch]:
-    """Touch at the end of each of `moves` (None: where the robot is), `travels` (m) deep at most.
+    """Touch at each place, `travels` (m) deep at most.
 
-    `frames` (3, 3) are the surface's there, as believed, z outward.
-
-    `settle` lets the controller come to rest before each touch; `on_moved` is told each table that
-    was flown.
+    `come` leads to place i, given the touches so far; `settle` lets the controller come to rest
+    before each touch. `frames` (3, 3) are the surface's there, as believed, z outward.
     """
-    found = []
-    for move, R_WS, travel in zip(moves, frames, travels, strict=True):
-        if move is not None:
-            s.follow("survey_move", move)
-            on_moved(move)
+    found: list[Touch] = []
+    for i, (R_WS, travel) in enumerate(zip(frames, travels, strict=True)):
+        come(i, found)
         for _ in range(TRIES):
             settle()
-            touch = touch_surface(s, R_WS, travel, sensed)
+            touch = touch_surface(s, feeler, R_WS, travel)
             if not touch.reason or touch.reason.startswith("nothing"):
                 break
         found.append(touch)
     return found
 
 
-def read_touches(samples: NDArray[Any], phases: Sequence[PhaseRecord]) -> list[Touch]:
-    """Return the touches of a recorded flight; misses have a reason.
+def read_touches(
+    samples: NDArray[Any], phases: Sequence[PhaseRecord], columns: tuple[str, str] = Tip.columns
+) -> list[Touch]:
+    """Return the touches of a recorded flight, by a feeler's columns; misses have a reason.
 
     Samples come at other instants than mission ticks, so places differ from those that the robot
     worked with by the noise of a mean: less than 0.1 mm.
@@ -141,8 +226,8 @@ def read_touches(samples: NDArray[Any], phases: Sequence[PhaseRecord]) -> list[T
             found.append(Touch(np.full(3, np.nan), np.zeros(3), "missed"))
             continue
         late = mine[mine["t"] > phase.end_s - AVERAGE_S]
-        axis = rot_from_quat(mine["ref_q_WT"][-1])[:, 2]
-        found.append(Touch(np.mean(late["est_p_WT"], axis=0), axis, ""))
+        axis = rot_from_quat(mine[columns[1]][-1])[:, 2]
+        found.append(Touch(np.mean(late[columns[0]], axis=0), axis, ""))
     return found
 
 
@@ -151,9 +236,7 @@ def build_travel(row: Any, distance: float, speed: float, dead_zone: float) -> T
 
     `dead_zone` (m) holds throughout: the integral does not press on what is touched.
     """
-    law = build_time_law(abs(distance), speed, ACCELERATION)
-    t = ROW * np.arange(round(law.duration / ROW) + 1)
-    way = np.array([eval_time_law(law, x) for x in t]) * np.sign(distance)
+    t, way = _march(distance, speed)
     table = np.repeat(np.array(row)[None], len(t))
     normal = np.array(row["R_WS"])[:, 2]
     table["t"] = t
@@ -165,6 +248,14 @@ def build_travel(row: Any, distance: float, speed: float, dead_zone: float) -> T
         table[name] = 0.0
     table["dead_zone"] = dead_zone
     return table
+
+
+def _march(distance: float, speed: float) -> tuple[Array, Array]:
+    """Times (n,) s and (n, 3) m, m/s, m/s^2 along a straight line, rest to rest."""
+    law = build_time_law(abs(distance), speed, ACCELERATION)
+    t = np.array(ROW * np.arange(round(law.duration / ROW) + 1), dtype=np.float64)
+    way: Array = np.array([eval_time_law(law, x) for x in t]) * np.sign(distance)
+    return t, way
 
 
 def _ticks(s: Supervisor[Any], seconds: float) -> Any:

@@ -1,21 +1,19 @@
-"""The pipe as the touches of a scan's survey show it, in flight and from a recording.
+"""A pipe as touches of a survey show it, in flight and from a recording.
 
 All places are as the robot measures its tip: the markers' calibration error shifts map, touches and
-scan alike and does not disturb the work. It counts where the pipe's place in W is told.
+work alike and does not disturb the work. It counts where the pipe's place in W is told.
 """
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from skywright.core.arrays import Array
-from skywright.description.world.spec import Pipe, Weld, World
+from skywright.description.world.spec import Pipe
 from skywright.description.world.surface import (
     Cylinder,
-    build_cylinder,
-    build_weld_curve,
     roll_points,
     surface_point,
     unroll_points,
@@ -26,16 +24,58 @@ from skywright.inspection.touches import (
     compute_normal_std,
     fit_cylinder_touches,
 )
-from skywright.missions.scan.task import Scan
 from skywright.missions.skills.survey import Touch
+from skywright.run.kind import Measures
 from skywright.run.setup import Setup
 
-TOUCH_STD = 0.5e-3
+TIP_STD = 0.5e-3
 """m, of a touch beside the localisation's noise: the surface's roughness, the tip's last motion."""
 LEAST_TOUCHES = 3
 """Fewer say too little: depth and both turns of the surface are three numbers."""
 CLEAR = 0.02
 """m, from the nearest place that the pipe may have to the tip at its stand-off."""
+
+
+SURVEY_MEASURES: Measures = {
+    "survey.touches": ("", "touches of the survey that were made"),
+    "survey.missed": ("", "touches that were not: nothing was met, or it did not last"),
+    "survey.left_out": ("", "touches that contradict the others, at most one"),
+    "survey.turn_up_deg": ("deg", "pipe found against the map: its +y end up"),
+    "survey.turn_aside_deg": ("deg", "pipe found against the map: heading, about the pipe's z"),
+    "survey.ahead_mm": ("mm", "pipe found against the map: along the pipe's x"),
+    "survey.up_mm": ("mm", "pipe found against the map: along the pipe's z"),
+    "survey.radius_mm": ("mm", "pipe found against the map: radius"),
+    "survey.turn_up_std_deg": (
+        "deg",
+        "standard deviation of survey.turn_up_deg that the fit states",
+    ),
+    "survey.turn_aside_std_deg": ("deg", "likewise of survey.turn_aside_deg"),
+    "survey.ahead_std_mm": (
+        "mm",
+        "likewise of survey.ahead_mm, with what is common to all touches",
+    ),
+    "survey.up_std_mm": ("mm", "likewise of survey.up_mm, with what is common to all touches"),
+    "survey.radius_std_mm": ("mm", "likewise of survey.radius_mm"),
+    "survey.map_error_mm": (
+        "mm",
+        "largest distance of the map's surface from the true one where it was touched",
+    ),
+    "survey.surface_error_mm": ("mm", "the same of the surface that was found"),
+    "survey.surface_std_mm": (
+        "mm",
+        "standard deviation of it that the fit states, with what is common to all touches",
+    ),
+    "survey.axis_error_deg": ("deg", "angle between the axis that was found and the true one"),
+}
+"""Metrics of `judge_survey`."""
+
+
+class Ball(NamedTuple):
+    """What touches: a sphere, and how well the robot knows where it is."""
+
+    radius: float  # m
+    bias: float  # m, deviation common to all touches, each axis
+    std: float  # m, of each touch
 
 
 class Surveyed(NamedTuple):
@@ -51,10 +91,24 @@ class Surveyed(NamedTuple):
         return [i for i, touch in enumerate(self.touches) if not touch.reason]
 
 
-def get_map_error(setup: Setup[Scan]) -> MapError:
+def get_map_error(setup: Setup[Any]) -> MapError:
     """Return the stated bounds of the map."""
     p = setup.description.plant
     return MapError(p.map_error_m, math.radians(p.map_error_deg), p.map_error_size_m)
+
+
+def is_surveyed(setup: Setup[Any]) -> bool:
+    """Whether the task's surface is touched before the work: as told, or where its map may err."""
+    told: bool | None = setup.task.survey
+    return max(get_map_error(setup)) > 0.0 if told is None else told
+
+
+def get_tip(setup: Setup[Any]) -> Ball:
+    """Return the probe's tip, localised by its markers."""
+    probe, mocap = setup.robot.probe, setup.world.mocap
+    assert probe is not None
+    std = math.hypot(TIP_STD, mocap.position_noise_m)
+    return Ball(probe.tip_radius_m, mocap.calibration_m, std)
 
 
 def compute_reach(cylinder: Cylinder, error: MapError, point: Array) -> float:
@@ -65,18 +119,14 @@ def compute_reach(cylinder: Cylinder, error: MapError, point: Array) -> float:
     return place + math.tan(error.turn) * abs(float(point[0])) * math.sqrt(2.0) + error.size
 
 
-def fit_touches(setup: Setup[Scan], touches: Sequence[Touch]) -> Surveyed:
+def fit_touches(setup: Setup[Any], touches: Sequence[Touch], ball: Ball) -> Surveyed:
     """Fit the pipe to touches; the map is the prior."""
-    known, probe, error = setup.cylinder, setup.robot.probe, get_map_error(setup)
-    assert known is not None and probe is not None
-    made = [t.centre(probe.tip_radius_m) for t in touches if not t.reason]
-    mocap = setup.world.mocap
+    known, error = setup.cylinder, get_map_error(setup)
+    assert known is not None
+    made = [t.centre(ball.radius) for t in touches if not t.reason]
     # an even spread of +-b has the variance b^2 / 3
-    seen = error._replace(place=math.hypot(error.place, math.sqrt(3.0) * mocap.calibration_m))
-    found = fit_cylinder_touches(
-        known, seen, np.array(made), probe.tip_radius_m,
-        math.hypot(TOUCH_STD, mocap.position_noise_m),
-    )  # fmt: skip
+    seen = error._replace(place=math.hypot(error.place, math.sqrt(3.0) * ball.bias))
+    found = fit_cylinder_touches(known, seen, np.array(made), ball.radius, ball.std)
     reason = ""
     if len(made) < LEAST_TOUCHES:
         why = next((t.reason for t in touches if t.reason), "")
@@ -101,39 +151,15 @@ def move_pipe(pipe: Pipe, found: Cylinder) -> Pipe:
     })  # fmt: skip
 
 
-def carry_weld(world: World, found: Cylinder, near: Array) -> Weld | None:
-    """Return the weld of the true `world` as it lies on the surface `found`.
-
-    The weld itself is the datum: what touches cannot show, the pipe's place along its axis and its
-    turn about it, shifts where the map counts from, not where the weld is. `near` (2,) m is the
-    place (s, c) on `found` around which the line is carried over.
-    """
-    weld, pipe = world.weld, world.pipe
-    if weld is None or pipe is None or not weld.present:
-        return weld
-    true = build_cylinder(pipe)
-    p, _ = roll_points(found, np.array([near[0]]), np.array([near[1]]))
-    s, c, _ = unroll_points(true, p)
-    middle = build_weld_curve(weld, true.radius).touch(float(c[0]))
-    ahead = middle.find_nearest(float(s[0]), float(c[0]))
-    points, _ = roll_points(true, *middle.follow(ahead + np.array([-1e-4, 0.0, 1e-4])))
-    s, c, _ = unroll_points(found, points)
-    around = found.radius * np.unwrap(c / found.radius)
-    angle = math.atan2(s[2] - s[0], around[2] - around[0])
-    angle -= math.pi * round(angle / math.pi) if abs(angle) > math.pi / 2 else 0.0
-    return weld.model_copy(update={
-        "angle_deg": math.degrees(angle), "offset_m": float(s[1]),
-        "around_deg": math.degrees(c[1] / found.radius),
-    })  # fmt: skip
-
-
-def judge_survey(setup: Setup[Scan], surveyed: Surveyed, corners: Array) -> dict[str, float]:
+def judge_survey(
+    setup: Setup[Any], surveyed: Surveyed, corners: Array, ball: Ball
+) -> dict[str, float]:
     """Compare what was found with the map and the truth, over the pattern (n, 2) of (s, phi)."""
     found, known, true = surveyed.found, setup.cylinder, setup.true.cylinder
     assert known is not None and true is not None
     cylinder, fit = found.cylinder, found.fit
     sigma = np.sqrt(np.diag(fit.covariance))
-    sigma[2:4] = np.hypot(sigma[2:4], setup.world.mocap.calibration_m)
+    sigma[2:4] = np.hypot(sigma[2:4], ball.bias)
     s, phi = corners.mean(axis=0)
     off = [
         unroll_points(true, roll_points(x, corners[:, 0], x.radius * corners[:, 1])[0])[2]
@@ -153,7 +179,7 @@ def judge_survey(setup: Setup[Scan], surveyed: Surveyed, corners: Array) -> dict
         "survey.missed": float(len(surveyed.touches) - len(surveyed.touched)),
         "survey.left_out": float(np.count_nonzero(~fit.used)),
         "survey.surface_error_mm": 1e3 * float(np.max(np.abs(off[0]))),
-        "survey.surface_std_mm": 1e3 * math.hypot(across, setup.world.mocap.calibration_m),
+        "survey.surface_std_mm": 1e3 * math.hypot(across, ball.bias),
         "survey.axis_error_deg": turn,
         "survey.map_error_mm": 1e3 * float(np.max(np.abs(off[1]))),
     }  # fmt: skip

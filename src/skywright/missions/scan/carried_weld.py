@@ -1,0 +1,41 @@
+"""The weld of the true pipe as it lies on the pipe that a survey found."""
+
+import math
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.description.world.spec import Weld, World
+from skywright.description.world.surface import (
+    Cylinder,
+    build_cylinder,
+    build_weld_curve,
+    roll_points,
+    unroll_points,
+)
+
+
+def carry_weld(world: World, found: Cylinder, near: Array) -> Weld | None:
+    """Return the weld of the true `world` as it lies on the surface `found`.
+
+    The weld itself is the datum: what touches cannot show, the pipe's place along its axis and its
+    turn about it, shifts where the map counts from, not where the weld is. `near` (2,) m is the
+    place (s, c) on `found` around which the line is carried over.
+    """
+    weld, pipe = world.weld, world.pipe
+    if weld is None or pipe is None or not weld.present:
+        return weld
+    true = build_cylinder(pipe)
+    p, _ = roll_points(found, np.array([near[0]]), np.array([near[1]]))
+    s, c, _ = unroll_points(true, p)
+    middle = build_weld_curve(weld, true.radius).touch(float(c[0]))
+    ahead = middle.find_nearest(float(s[0]), float(c[0]))
+    points, _ = roll_points(true, *middle.follow(ahead + np.array([-1e-4, 0.0, 1e-4])))
+    s, c, _ = unroll_points(found, points)
+    around = found.radius * np.unwrap(c / found.radius)
+    angle = math.atan2(s[2] - s[0], around[2] - around[0])
+    angle -= math.pi * round(angle / math.pi) if abs(angle) > math.pi / 2 else 0.0
+    return weld.model_copy(update={
+        "angle_deg": math.degrees(angle), "offset_m": float(s[1]),
+        "around_deg": math.degrees(c[1] / found.radius),
+    })  # fmt: skip
