@@ -23,6 +23,8 @@ from skywright.vehicle.arms.ports import ArmModel, Hands
 
 STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
 """m, y of each station in the world `bench`."""
+LOOSE = 0.4
+"""Of the squeeze, when the hands part."""
 APART = 0.05  # m, between hand and what it is about to press
 GAP = 0.015  # m, at which the hands stop to press from
 ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of what the hands are pressed on
@@ -83,11 +85,15 @@ def _approach(s: Supervisor, left: Array, right: Array) -> None:
     s.wait(2.5)
 
 
-def _leave(s: Supervisor, left: Array, right: Array) -> None:
-    """Let the grasp go before the hands part: wound springs would leap."""
+def _leave(s: Supervisor[BimanualBench], left: Array, right: Array) -> None:
+    """Loosen the grasp before the hands part, so that wound springs leap less.
+
+    A grasp that is let go altogether no longer holds by friction what the hands lift: they slip
+    over a bar's top and meet.
+    """
     away = np.array([0.0, 2.0 * APART, 0.0])
     s.begin("release")
-    s.arms.squeeze(0.1, left, right, ramp_s=GRASP_S)
+    s.arms.squeeze(LOOSE * s.task.squeeze_n, left, right, ramp_s=GRASP_S)
     s.wait(GRASP_S)
     s.arms.hands_to({"left": left + away, "right": right - away})
     s.wait(2.0)
