@@ -31,6 +31,7 @@ OWN: dict[str, tuple[dict[str, float], dict[str, tuple[float, float]]]] = {
     "pipe-weld-scan": (
         MAP, {"world.pipe.friction": (0.1, 0.3), "world.pipe.friction_variation": (0.0, 0.3)}
     ),
+    "tool-install": (MAP, {"world.pipe.friction": (0.2, 1.0)}),
     "sensor-install": (MAP, {"world.pipe.friction": (0.2, 1.0)}),
 }  # fmt: skip
 """Mission -> bounds of its map, and what else varies."""

@@ -1,8 +1,10 @@
 """Where the pipe is, found with the hand that carries no sensor, before the other one presses.
 
-The sensor's tape would stick at the first touch. The hand touches from below at four places: two
-along the pipe, each below its middle and a little towards the robot, where the slope shows how far
-ahead the middle is. Each place is aimed at by what the touches before it say.
+The sensor's tape would stick at the first touch. The hand touches from below at four places, and
+each is aimed at by what the touches before it say: below the middle that the map has, a little
+towards the robot, then wide on either side of the middle that is believed by then. The wide ones
+tell where the middle is; before it is known they could meet the flank, where a push from below
+slides off and pushes back the link that the arms hang on.
 """
 
 import math
@@ -28,7 +30,7 @@ from skywright.models.rigid_body import compute_kinematics
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 
-PLACES = np.array([[-0.1, 0.0], [-0.1, 0.45], [0.1, 0.45], [0.1, 0.0]])
+PLACES = np.array([[-0.1, 0.0], [-0.1, 0.15], [0.1, 0.35], [0.1, -0.3]])
 """Along the pipe (m), and towards the robot in radii."""
 BOTTOM = -0.5 * math.pi  # rad, around the pipe
 ROOM = 0.04  # m, that springs give way while they are pressed, and errors of the arm
@@ -61,7 +63,7 @@ def plan_survey(setup: Setup[SensorInstall], q: Array, yaw: float) -> InstallSur
     reach = max(compute_reach(cylinder, error, np.array([s, BOTTOM])) for s, _ in PLACES)
     stand_off = max(setup.task.stand_off_m, reach + CLEAR)
     r = cylinder.radius
-    aside = [min(share * r + error.place, 0.9 * r) for _, share in PLACES]
+    aside = [min(abs(share) * r + error.place, 0.9 * r) for _, share in PLACES]
     travels = [stand_off + reach + r - math.sqrt(r * r - x * x) + ROOM for x in aside]
     return InstallSurvey(
         setup, n - 1, Ball(arm.hand.radius_m, BIAS, TOUCH_STD), np.array(hands["p_BH"][:n]),

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 SPEED = 0.02  # m/s towards the surface: a touch is felt within 0.1 s, 2 mm further
 BACK_SPEED = 0.05  # m/s, away from it
 ACCELERATION = 0.1  # m/s^2
-FELT_N = 1.0
-"""N, along the normal, that count as a touch; half of it must last while the tip rests."""
+FELT_N = 1.0  # of a probe's tip
 FELT_SIGMAS = 5.0
 """As many deviations of what is felt in the air count, where that is more (gusts)."""
 TARE_S = 1.0  # s in the air before each touch: what is felt there is zero
@@ -57,6 +56,8 @@ class Touch(NamedTuple):
 class Feeler(Protocol):
     """What touches a surface: how it is led, what it feels, where it is."""
 
+    felt: float
+    """N, along the normal, that count as a touch; half of it must last while the tip rests."""
     columns: tuple[str, str]
     """Recorded place and attitude, of which `locate` is the mean."""
 
@@ -79,6 +80,7 @@ class Feeler(Protocol):
 class Tip:
     """The probe's tip. `sensed`: by the probe's own sensor; otherwise as the estimator tells."""
 
+    felt = FELT_N
     columns = ("est_p_WT", "ref_q_WT")
 
     def __init__(self, s: Supervisor[Any], sensed: bool) -> None:
@@ -114,8 +116,11 @@ def get_hand_columns(index: int) -> tuple[str, str]:
 class Hand:
     """Hand `index` of compliant arms, led by its arm while the platform stays.
 
-    `speed` (m/s) is the most that the arm may take to follow.
+    `speed` (m/s) is the most that the arm may take to follow. It feels less than a tip: on a slope
+    a push pushes aside, and an arm on a swinging link has nothing to hold against that.
     """
+
+    felt = 0.5
 
     def __init__(self, s: Supervisor[Any], index: int, speed: float) -> None:
         self.vehicle, self.index, self.speed = s.vehicle, index, speed
@@ -157,7 +162,7 @@ def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float
     s.begin(PHASE)
     s.body.hold()
     air = np.array([feeler.feel(normal) for _ in _ticks(s, TARE_S)])
-    least = max(FELT_N, FELT_SIGMAS * float(np.std(air)))
+    least = max(feeler.felt, FELT_SIGMAS * float(np.std(air)))
     zero, reason = float(np.mean(air)), f"nothing was met within {1e3 * travel:.0f} mm"
     s.body.track(feeler.lead(row, normal, -travel, SPEED, travel))
     while not s.tick().arrived:

@@ -21,7 +21,10 @@ MEASURES: Measures = {
         "mm",
         "distance of the tool on the pipe from its place, hands withdrawn, after the wait",
     ),
-    "tool.seat_angle_deg": ("deg", "angle of the tool there to the attitude it should have"),
+    "tool.seat_angle_deg": (
+        "deg",
+        "angle of the tool there to the true pipe",
+    ),
     "tool.return_error_mm": ("mm", "distance of the tool, back on the bench, from where it stood"),
     "tool.returned": ("", "1 when it stands there within 5 cm, upright"),
     "tool.retries": ("", "grasps that missed"),
@@ -50,12 +53,11 @@ class Stance(NamedTuple):
     angle: float  # rad, between its attitude and the one wanted
 
 
-def compute_stance(samples: Samples, at: int, index: int, place: Place) -> Stance:
-    """Return how thing `index` stands in sample `at` against `place`."""
+def compute_stance(samples: Samples, at: int, index: int, p_WO: Array, wanted: Array) -> Stance:
+    """Return how thing `index` stands in sample `at` against p_WO (3,) m and attitude (3, 3)."""
     p, R = samples[f"object{index}_p_WO"][at], rot_from_quat(samples[f"object{index}_q_WO"][at])
-    wanted = rot_z(place.yaw)
     cosine = 0.5 * (float(np.trace(wanted.T @ R)) - 1.0)
-    return Stance(wanted.T @ (p - place.p_WO), math.acos(min(max(cosine, -1.0), 1.0)))
+    return Stance(wanted.T @ (p - p_WO), math.acos(min(max(cosine, -1.0), 1.0)))
 
 
 def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
@@ -64,15 +66,17 @@ def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
     samples, phases, way, world = run.samples, run.phases, run.way, run.setup.true.world
     i = list_movers(world.things).index(run.task.tool)
     bench, seat = find_places(world, run.task)  # not as the map has it
+    pipe = run.setup.true.cylinder
+    assert pipe is not None
     wait = np.flatnonzero(in_phases(samples, phases, "wait"))
     if len(wait):
-        stance = compute_stance(samples, int(wait[-1]), i, seat)
+        stance = compute_stance(samples, int(wait[-1]), i, seat.p_WO, pipe.R_WP)
         out["tool.seat_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
         out["tool.seat_angle_deg"] = math.degrees(stance.angle)
     back = np.flatnonzero(in_phases(samples, phases, "return"))
     out["tool.returned"] = 0.0
     if len(back):
-        stance = compute_stance(samples, int(back[-1]), i, bench)
+        stance = compute_stance(samples, int(back[-1]), i, bench.p_WO, rot_z(bench.yaw))
         out["tool.return_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
         near = float(np.linalg.norm(stance.error)) < RETURNED_M and stance.angle < RETURNED_ANGLE
         out["tool.returned"] = float(near)
