@@ -35,5 +35,5 @@ def exclude_neighbours(spec: mujoco.MjSpec, robot: Robot) -> None:
         spec.add_exclude(bodyname1=model.body(a).name, bodyname2=model.body(b).name)
         for g, h in product(np.flatnonzero(body == a), np.flatnonzero(body == b)):
             names = model.geom(g).name, model.geom(h).name
-            if (g, h) not in touching:  # shapes of the two that do not touch still may
+            if (int(g), int(h)) not in touching:  # shapes of the two that do not touch still may
                 spec.add_pair(geomname1=names[0], geomname2=names[1])

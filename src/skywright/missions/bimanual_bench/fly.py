@@ -23,8 +23,6 @@ from skywright.vehicle.arms.ports import ArmModel, Hands
 
 STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
 """m, y of each station in the world `bench`."""
-LOOSE = 0.4
-"""Of the squeeze, when the hands part."""
 APART = 0.05  # m, between hand and what it is about to press
 GAP = 0.015  # m, at which the hands stop to press from
 ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of what the hands are pressed on
@@ -85,15 +83,11 @@ def _approach(s: Supervisor, left: Array, right: Array) -> None:
     s.wait(2.5)
 
 
-def _leave(s: Supervisor[BimanualBench], left: Array, right: Array) -> None:
-    """Loosen the grasp before the hands part, so that wound springs leap less.
-
-    A grasp that is let go altogether no longer holds by friction what the hands lift: they slip
-    over a bar's top and meet.
-    """
+def _leave(s: Supervisor, left: Array, right: Array, force: float = 0.1) -> None:
+    """Loosen the grasp to `force` (N) before the hands part: wound springs would leap."""
     away = np.array([0.0, 2.0 * APART, 0.0])
     s.begin("release")
-    s.arms.squeeze(LOOSE * s.task.squeeze_n, left, right, ramp_s=GRASP_S)
+    s.arms.squeeze(force, left, right, ramp_s=GRASP_S)
     s.wait(GRASP_S)
     s.arms.hands_to({"left": left + away, "right": right - away})
     s.wait(2.0)
@@ -186,7 +180,8 @@ def _lead_bar(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
         n = np.array([-math.sin(angle), math.cos(angle), 0.0])
         s.arms.bar_to(centre + by, n, width, force=task.squeeze_n)
         s.wait(LIFT_S)
-    _leave(s, left, right)
+    # let go altogether, they would slip over the bar's top and meet: they lift by friction
+    _leave(s, left, right, force=0.4 * task.squeeze_n)
     return ""
 
 
