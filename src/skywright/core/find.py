@@ -11,14 +11,15 @@ import importlib
 import importlib.util
 import pkgutil
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from skywright.core.user_files import load_file
-from skywright.errors import InputError, neighbours
+from skywright.errors import InputError, SkywrightError, neighbours
 
 
 class Group(NamedTuple):
@@ -188,6 +189,21 @@ def explain(error: BaseException) -> str:
     frames = [f for f in found if not f.filename.startswith("<frozen")]
     at = f" (line {frames[-1].lineno} of {Path(frames[-1].filename).name})" if frames else ""
     return f"{type(error).__name__}: {error}{at}"
+
+
+@contextmanager
+def blame(cls: type, what: str, error: type[SkywrightError] = InputError) -> Iterator[None]:
+    """Tell what a user's class raises inside as an `error` with class, line and file.
+
+    What built-in classes raise is a defect of ours and goes on as it is, and so do our own errors.
+    """
+    try:
+        yield
+    except Exception as found:
+        ours = "skywright."
+        if cls.__module__.startswith(ours) or type(found).__module__.startswith(ours):
+            raise
+        raise error(f"{what} of {cls.__qualname__} failed: {explain(found)}") from found
 
 
 def _module_name(kind: str) -> str:

@@ -12,6 +12,7 @@ import typing
 from collections.abc import Mapping
 from typing import Any, Union, get_args, get_origin
 
+from skywright.core.find import find
 from skywright.core.key_names import describe_unknown
 from skywright.core.open_spec import OpenSpec
 from skywright.core.spec import Spec
@@ -98,6 +99,8 @@ def _step(
     annotation = strip_optional(annotation)
     model = find_model(annotation, here)
     if model is not None:
+        if issubclass(model, OpenSpec) and part != "kind" and "kind" in here:
+            find(model.group, here["kind"], key=f"{label}: {at}.kind")  # told before its keys are
         fields = {n: f for n, f in model.model_fields.items() if n not in model.inline_tables}
         if part in fields:
             return part, fields[part].annotation, 1

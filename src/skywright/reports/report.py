@@ -5,6 +5,7 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
+from skywright.core.find import blame
 from skywright.errors import InputError
 from skywright.reports import explain
 from skywright.reports.figures import paths, plan, series
@@ -50,7 +51,7 @@ def render_report(result: RunResult) -> str:
 
     kind = result.description.mission.kind
     figures = load_kind(kind).figures()
-    with house_style():
+    with house_style(), blame(type(load_kind(kind)), "a chart"):
         task = [
             build_picture(chart.title, chart.draw(result), chart.caption)
             for chart in figures.charts.values()

@@ -297,8 +297,11 @@ def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
     close = touch + 0.35 * way
     seen = np.concatenate([points, ends, ends * [1, 1, 0]])
     middle = 0.5 * (0.5 * (seen.min(axis=0) + seen.max(axis=0)) + close)
-    near_by = 0.16 if robot.probe is not None else 0.3  # of what is worked with there
-    spot = touch + near_by * np.array([flat, left, -left, [0, 0, 1.0], [0, 0, -1.0]])
+    # a probe works on the side that the platform is on; hands reach around, above or below
+    near_by, rise, work = 0.16, 0.7, touch
+    if robot.probe is None:
+        near_by, rise, work = cyl.radius + 0.4, 0.0, cyl.p_WP
+    spot = work + near_by * np.array([flat, left, -left, [0, 0, 1.0], [0, 0, -1.0]])
     up = np.array([0.0, 0.0, 1.0])
     return [
         build_view("overview", seen, middle, 0.6 * flat + left + 0.4 * up, margin=1.05),
@@ -306,8 +309,8 @@ def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
         build_view(
             "probe" if robot.probe is not None else "pipe",
             spot,
-            touch,
-            0.7 * flat + 0.9 * left + 0.7 * up,
+            work,
+            0.7 * flat + 0.9 * left + rise * up,
         ),
     ]
 

@@ -9,6 +9,7 @@ from typing import Any, Generic, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.find import blame
 from skywright.core.rotations import rot_z
 from skywright.description.loader import Description
 from skywright.description.map_error import check_map_error
@@ -81,7 +82,8 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
     """
     setup = setup or Setup(description)
     kind = load_kind(description.mission.kind)
-    plan = kind.plan(setup)
+    with blame(type(kind), "mission.kind: plan"):
+        plan = kind.plan(setup)
     check_map_error(description.world, description.plant, description.origin)
     if not plan.feasible and plan.plan_s > description.mission.planner_time_s:
         plan = kind.plan(setup)  # the first call in a process may have spent its time compiling

@@ -19,6 +19,7 @@ from typing import Any, Generic, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.find import blame
 from skywright.core.threads import on_one_thread
 from skywright.description.loader import Description, load_description
 from skywright.description.mission.spec import T
@@ -281,7 +282,7 @@ def _fly(
     """
     robot = description.robot
     blocks: list[NDArray[Any]] = []
-    written = 0
+    written, next_flush = 0, FLUSH_S
     writer: FlightRecording | None = None
     if partial is not None:
         writer = FlightRecording(partial, robot, vehicle.recorded)
@@ -294,8 +295,6 @@ def _fly(
         if writer is not None and written < len(blocks):
             writer.append(np.concatenate(blocks[written:]))
             written = len(blocks)
-
-    next_flush = FLUSH_S
 
     def on_tick(t: float, phase: str) -> None:
         nonlocal next_flush
@@ -366,14 +365,14 @@ def _start_records(
 def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -> RunResult[T, P]:
     description, plan = run.setup.description, run.plan
     kind = load_kind(description.mission.kind)
-    metrics: dict[str, float] = {}
+    metrics, reason = dict[str, float](), flight.reason
     details: Any = None
-    reason = flight.reason
     if len(run.samples):
         metrics = compute_common_metrics(run.samples, run.phases)
         try:
-            metrics.update(kind.metrics(run))
-            details = kind.result(run)
+            with blame(type(kind), "metrics"):
+                metrics.update(kind.metrics(run))
+                details = kind.result(run)
         except InputError as error:  # e.g. no approach to calibrate on after an abort
             reason = reason or f"evaluation: {error}"
     metrics["plan.wall_s"] = plan.plan_s

@@ -9,8 +9,10 @@ from typing import Any, Generic
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.find import blame
 from skywright.core.interrupt import check_interrupt
 from skywright.description.mission.spec import Mission, T
+from skywright.errors import SimulationError
 from skywright.run.flight import Flight, PhaseRecord
 from skywright.run.kind import load_kind
 from skywright.run.operator import Operator, Stick
@@ -72,11 +74,15 @@ class Supervisor(Generic[T]):
             self.end("failed")
             return Flight(False, str(error))
 
+    def _fly_kind(self, way: Any) -> Flight:
+        with blame(type(self.kind), "mission.kind: fly", SimulationError):
+            return self.kind.fly(self, way)
+
     def _fly(self) -> Flight:
         kind, way = self.kind, self._plan.get_way()
         require(self.vehicle, kind.needs, self.mission.name)
         if not kind.flies:
-            flight = kind.fly(self, way)
+            flight = self._fly_kind(way)
             self.end("done")
             return flight
         self.begin("start")
@@ -92,7 +98,7 @@ class Supervisor(Generic[T]):
             self.uav.take_off(self.mission.hover_height_m)
             self.until_arrived()
             self.wait(1.0)
-        flight = kind.fly(self, way)
+        flight = self._fly_kind(way)
         if not kind.lands:
             self.end("done")
             return flight

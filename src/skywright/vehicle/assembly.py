@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.find import blame
 from skywright.core.record import Record, View
 from skywright.core.streams import STREAMS, build_stream
-from skywright.errors import InputError
+from skywright.errors import InputError, SimulationError
 from skywright.vehicle.bus import DRIVES, Clock, MuJoCo, Truth
 from skywright.vehicle.component import Component, Context, Draws, Output, ReferenceBlock
 from skywright.vehicle.native import check_calls, compile_step
@@ -96,7 +97,8 @@ class Assembly:
             me = self.records.get((_me(c), c.name))
             given = limited if c.side == "robot" else context
             given = dataclasses.replace(given, carried=self._list_carried(c))
-            c.build(None if me is None else View(me[0]), c.table, given)
+            with blame(type(c), f"component {c.name!r}: build"):
+                c.build(None if me is None else View(me[0]), c.table, given)
         self.n_control = sum(s.slot != "fast" for s in self.steps)
         self._build_rows(context, limited)
         self._build_blocks(seed)
@@ -242,7 +244,8 @@ class Assembly:
         for i, step in enumerate(self.steps):
             row = self.rows[i]
             given = limited if step.component.side == "robot" else context
-            period = step.component.get_period(step.name, given)
+            with blame(type(step.component), f"component {step.component.name!r}: get_period"):
+                period = step.component.get_period(step.name, given)
             row["every"] = max(round(period / context.dt), 1) if period else 1
             row["fast"], row["n"] = step.slot == "fast", len(step.ports)
             types = [self._fill_port(i, k, step, port) for k, port in enumerate(step.ports)]
@@ -328,8 +331,12 @@ class Assembly:
             clock[name] = 0
             for i, block in enumerate(self._blocks):
                 if block.fast == fast:
-                    drawn = block.component.draw(block.draws, block.rng, size)
-                    self._place(i, np.ascontiguousarray(drawn, np.float64))
+                    c = block.component
+                    with blame(type(c), f"component {c.name!r}: draw", SimulationError):
+                        drawn = np.ascontiguousarray(
+                            c.draw(block.draws, block.rng, size), np.float64
+                        )
+                    self._place(i, drawn)
 
     def _place(self, i: int, drawn: NDArray[Any]) -> None:
         self._drawn[i] = drawn

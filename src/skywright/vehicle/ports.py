@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import sys
 import types
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from skywright.core.record import Record
+from skywright.core.user_files import is_user_module
 from skywright.errors import InputError
 from skywright.vehicle.component import SLOTS, Component, Draws
 from skywright.vehicle.native import MAX_PORTS
@@ -38,7 +41,14 @@ class Step(NamedTuple):
     @property
     def label(self) -> str:
         """Name in messages."""
-        return f"{self.component.name} ({type(self.component).__qualname__}.{self.name})"
+        cls = type(self.component)
+        return f"{self.component.name} ({cls.__qualname__}.{self.name}{name_file(cls)})"
+
+
+def name_file(cls: type) -> str:
+    """Return " in FILE" for a class of a user's file, else ""."""
+    file = sys.modules[cls.__module__].__file__ if is_user_module(cls.__module__) else None
+    return f" in {Path(file).name}" if file else ""
 
 
 def list_steps(component: Component) -> list[Step]:
@@ -53,7 +63,8 @@ def list_steps(component: Component) -> list[Step]:
         found = inspect.getattr_static(cls, name, None)
         if not isinstance(found, staticmethod):
             raise InputError(
-                f"component {component.name!r}: {cls.__qualname__} has no static method {name!r}; "
+                f"component {component.name!r}: {cls.__qualname__}{name_file(cls)} has no static "
+                f"method {name!r}; "
                 "a component has a step: @staticmethod def step(me: Me, ...)"
             )
         if slot not in SLOTS:
@@ -79,7 +90,7 @@ def list_records(cls: type[Component]) -> dict[str, type[Record]]:
 
 
 def _read_ports(component: Component, function: Callable[..., None]) -> list[Port]:
-    where = f"component {component.name!r}: {function.__qualname__}"
+    where = f"component {component.name!r}: {function.__qualname__}{name_file(type(component))}"
     try:
         hints = get_type_hints(
             function, localns=dict(list_records(type(component))), include_extras=True

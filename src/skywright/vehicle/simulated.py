@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.find import blame
 from skywright.core.record import View
 from skywright.description.world.spec import World
 from skywright.description.world.thing import Fixture, Placed
@@ -112,8 +113,13 @@ class SimulatedVehicle:
         self.interactive = interactive
         self.n_steps, self.dt = check_rate(robot, timestep)
         self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
-        extend = [part.extend_scene for part in parts]
-        self.scene = build_scene(robot, world, deviation, extend, nominal=true, timestep=timestep)
+
+        def extend(spec: Any) -> None:
+            for part in parts:
+                with blame(type(part), f"component {part.name!r}: extend_scene"):
+                    part.extend_scene(spec)
+
+        self.scene = build_scene(robot, world, deviation, [extend], nominal=true, timestep=timestep)
         self.n_joints = self.scene.n_joints
         self.offers = list_offers(robot)
         c = robot.control
@@ -223,7 +229,8 @@ class SimulatedVehicle:
         clock["mask"], clock["fired"] = guards, 0
         self.assembly.refill(self.n_ticks, self.n_steps)
         for c in self._before:
-            c.before_tick(self.t, self.n_ticks)
+            with blame(type(c), f"component {c.name!r}: before_tick", SimulationError):
+                c.before_tick(self.t, self.n_ticks)
         self.ticker.run(self.n_ticks, self.interactive)
         if self._recorder.is_full or any(c.is_full for c in self._raw):
             self.flush()
@@ -231,7 +238,8 @@ class SimulatedVehicle:
         if fired & NOT_FINITE:
             raise SimulationError(self._explain_not_finite())
         for c in self._after:
-            c.after_tick(self.t)
+            with blame(type(c), f"component {c.name!r}: after_tick", SimulationError):
+                c.after_tick(self.t)
         return Ticked(self.t, fired, self.t - self._table_start >= self._table_end - 1e-9)
 
     def flush(self) -> None:

@@ -99,7 +99,7 @@ class Part(NamedTuple):
     name: str = ""  # among the moving parts of its thing
     frame: Frame = build_frame()  # in O
     gauged: bool = False
-    """Whether a run records how hard it is hit (sim/loads.py)."""
+    """Whether a run records how hard it is hit (vehicle/observers/gauges.py)."""
 
 
 class Thing(OpenSpec):
