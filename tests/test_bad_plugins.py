@@ -1,11 +1,13 @@
 """What is wrong with a user's part is told in one line, by the command line, before a flight.
 
 Further cases: names that exist twice and packages (test_packages.py), files that end Python
-(test_user_files.py), a step that never returns (test_parts.py).
+(test_user_files.py), a law that never returns (test_parts.py).
 """
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -278,6 +280,32 @@ def test_a_step_that_raises_ends_the_run_and_leaves_its_recording(
     for word in (name, "Mine.step", "too late", "mine.py"):
         assert word in stored.reason, (word, stored.reason)
     assert not (tmp_path / "out").exists() and 5 < len(stored.samples) < 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("group", ["sensor", "estimator", "effect"])  # a law: test_parts.py
+def test_a_step_that_never_returns_ends_the_run_and_leaves_its_recording(
+    tmp_path: Path, group: str, compiled: bool
+) -> None:
+    loop = ("n = 0", "while clock.t > 0.1 and n >= 0:", "    n = (n + 1) % 1000")
+    more = f"    compiled = {compiled}\n\n"
+    (tmp_path / "mine.py").write_text(write_class(group, "clock: Clock, ", *loop, more=more))
+    mode = "fast" if compiled else "interactive"
+    out = tmp_path / "out"
+    command = [
+        sys.executable, "-m", "skywright", "run", "waypoints", "--robot", "othex",
+        "--set", f"{KEYS[group]}.kind={tmp_path / 'mine.py'}:Mine", "--out", str(out),
+        "--set", "mission.step_limit_s=2", "--set", f"mission.mode={mode}",
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    told = " ".join((done.stdout + done.stderr).split())
+    assert done.returncode == 3, told
+    name = group if group == "estimator" else "mine"
+    says = f"component {name} (Mine.step in mine.py) did not return within 2 s at t = 0.1"
+    assert says in told and "Traceback" not in told, told
+    stored = load_run(tmp_path / "out.partial")
+    assert stored.outcome == "diverged" and says in stored.reason and len(stored.samples) > 5
 
 
 @pytest.mark.slow

@@ -31,6 +31,7 @@ from skywright.models.gauges import add_gauges, has_gauges
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import RotorSet
+from skywright.models.self_contact import exclude_neighbours
 from skywright.models.structure_body import add_structure, list_structure
 from skywright.models.things._build import OBJECT, add_things, find_offsets
 from skywright.models.timestep import find_stiff_contact
@@ -138,6 +139,7 @@ def build_spec(
         add_gauges(spec, robot)
     if plant:
         _add_contacts(spec, robot, world)
+        exclude_neighbours(spec, robot)
     return spec
 
 
@@ -202,7 +204,7 @@ def _add_robot(
         [p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2]
     )
     base.explicitinertial = True
-    kwargs: dict[str, Any] = {"contype": ROBOT, "conaffinity": WORLD, "mass": 0.0}
+    kwargs: dict[str, Any] = {"contype": ROBOT, "conaffinity": WORLD | ROBOT, "mass": 0.0}
     base.add_geom(
         name="hub", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         size=[p.body_radius_m, p.height_m / 2, 0], rgba=[0.15, 0.2, 0.3, 1], **kwargs,

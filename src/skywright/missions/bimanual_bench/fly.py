@@ -83,11 +83,11 @@ def _approach(s: Supervisor, left: Array, right: Array) -> None:
     s.wait(2.5)
 
 
-def _leave(s: Supervisor, left: Array, right: Array) -> None:
-    """Let the grasp go before the hands part: wound springs would leap."""
+def _leave(s: Supervisor, left: Array, right: Array, force: float = 0.1) -> None:
+    """Loosen the grasp to `force` (N) before the hands part: wound springs would leap."""
     away = np.array([0.0, 2.0 * APART, 0.0])
     s.begin("release")
-    s.arms.squeeze(0.1, left, right, ramp_s=GRASP_S)
+    s.arms.squeeze(force, left, right, ramp_s=GRASP_S)
     s.wait(GRASP_S)
     s.arms.hands_to({"left": left + away, "right": right - away})
     s.wait(2.0)
@@ -180,7 +180,8 @@ def _lead_bar(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
         n = np.array([-math.sin(angle), math.cos(angle), 0.0])
         s.arms.bar_to(centre + by, n, width, force=task.squeeze_n)
         s.wait(LIFT_S)
-    _leave(s, left, right)
+    # let go altogether, they would slip over the bar's top and meet: they lift by friction
+    _leave(s, left, right, force=0.4 * task.squeeze_n)
     return ""
 
 

@@ -1,0 +1,39 @@
+"""Contacts between parts of the robot.
+
+Collision shapes are coarse: a hub that is a disc, links that are capsules with round ends. Parts
+whose shapes touch in a posture that the robot takes every day (folded, landed, working) are
+neighbours by design, and their contact would be an artefact. All others collide.
+"""
+
+from itertools import product
+
+import mujoco
+import numpy as np
+
+from skywright.description.robot.spec import Robot
+from skywright.models.rigid_body import joint_names, posture
+
+POSTURES = ("folded", "landed", "working")
+
+
+def exclude_neighbours(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Exclude contacts of bodies of the robot that touch in one of POSTURES."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    root = model.body("platform").id
+    q = [int(model.jnt_qposadr[model.joint(name).id]) for name in joint_names(robot)]
+    touching: set[tuple[int, int]] = set()  # of geoms
+    for name in POSTURES:
+        data.qpos[:] = model.qpos0
+        data.qpos[q] = posture(robot, name)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        own = np.all(model.body_rootid[model.geom_bodyid[data.contact.geom]] == root, axis=1)
+        touching |= {(int(min(g)), int(max(g))) for g in data.contact.geom[own]}
+    body = model.geom_bodyid
+    for a, b in sorted({(int(body[g]), int(body[h])) for g, h in touching}):
+        spec.add_exclude(bodyname1=model.body(a).name, bodyname2=model.body(b).name)
+        for g, h in product(np.flatnonzero(body == a), np.flatnonzero(body == b)):
+            names = model.geom(g).name, model.geom(h).name
+            if (int(g), int(h)) not in touching:  # shapes of the two that do not touch still may
+                spec.add_pair(geomname1=names[0], geomname2=names[1])

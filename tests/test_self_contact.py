@@ -1,0 +1,72 @@
+"""Parts of the robot collide with each other, but for neighbours by design."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from skywright.description.loader import load_description
+from skywright.models.deviation import Deviation
+from skywright.models.geometry import build_clearance, compute_self_clearance
+from skywright.models.rigid_body import posture
+from skywright.models.scene import Scene, build_scene, set_pose
+from skywright.models.self_contact import POSTURES
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+MISSIONS = ("pipe-weld-scan", "bridge-contact", "sensor-install", "tool-install", "bar-transport")
+
+
+def list_own_contacts(scene: Scene, q: np.ndarray) -> set[tuple[str, str]]:
+    """Names of the robot's geoms that touch each other, 5 m above the ground."""
+    model, data = scene.model, mujoco.MjData(scene.model)
+    set_pose(scene, data, np.array([-3.0, 0.0, 5.0]), LEVEL, q)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    root = model.body("platform").id
+    return {
+        (model.geom(int(g)).name, model.geom(int(h)).name)
+        for g, h in data.contact.geom
+        if model.body_rootid[model.geom_bodyid[g]]
+        == model.body_rootid[model.geom_bodyid[h]]
+        == root
+    }
+
+
+@pytest.mark.parametrize("mission", MISSIONS)
+def test_no_part_touches_another_in_the_postures_of_every_day(mission: str) -> None:
+    d = load_description(mission)
+    scene = build_scene(d.robot, d.world, Deviation())
+    for which in POSTURES:
+        assert not list_own_contacts(scene, posture(d.robot, which))
+
+
+def test_an_arm_meets_propellers_and_gear_where_the_planner_sees_it() -> None:
+    """MuJoCo's contacts against our own distances, over postures within the joints' limits."""
+    d = load_description("tool-install")
+    scene = build_scene(d.robot, d.world, Deviation())
+    query = build_clearance(build_scene(d.robot, d.world))
+    rng, met, free = np.random.default_rng(0), 0, 0
+    for _ in range(300):
+        q = rng.uniform(-np.pi, np.pi, scene.n_joints)
+        seen = compute_self_clearance(query, q)
+        parts = {n for pair in list_own_contacts(scene, q) for n in pair}
+        if seen.distance > 1e-3:
+            free += 1
+            assert not any(name.startswith("propeller") for name in parts)
+        # the folded elbow touches a leg of the gear: neighbours
+        elif seen.distance < -1e-3 and query.names[seen.other_geom].startswith("propeller"):
+            met += 1
+            assert {query.names[seen.robot_geom], query.names[seen.other_geom]} <= parts
+    assert met > 20 and free > 20
+
+
+def test_two_arms_meet_each_other() -> None:
+    d = load_description("tool-install")
+    scene = build_scene(d.robot, d.world, Deviation())
+    rng, both = np.random.default_rng(1), 0
+    for _ in range(200):
+        q = posture(d.robot, "working") + rng.uniform(-1.0, 1.0, scene.n_joints)
+        for g, h in list_own_contacts(scene, q):
+            both += {g.split("_")[0], h.split("_")[0]} == {"left", "right"}
+    assert both > 5
