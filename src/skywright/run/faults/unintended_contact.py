@@ -28,7 +28,7 @@ class UnintendedContact(Rule):
     )
     unit = ""
     source = "above what gusts of 3 m/s and the hardest built-in manoeuvre show"
-    every = 3
+    every = 1
 
     class Table(Rule.Table):
         """Limit as a share of the weight."""
