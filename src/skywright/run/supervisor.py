@@ -129,10 +129,9 @@ class Supervisor(Generic[T]):
             self.uav.take_off(self.mission.hover_height_m)
             self.until_arrived()
             self.wait(1.0)
-        flight = self._fly_kind(way)
         self.trail.crumbs.clear()  # a way back ends over the start
         self.faults.begin(airborne=True)
-        flight = kind.fly(self, way)
+        flight = self._fly_kind(way)
         if not kind.lands:
             self.end("done")
             return flight
