@@ -91,7 +91,8 @@ def respond(s: Supervisor, response: Response) -> None:
         return
     if response == "land_here":
         _anchor(s)
-    if v.engaged:
+    # a jolt is felt as a touch, and no time is to be lost on the way down
+    if v.means_to_touch or (v.engaged and response != "land_here"):
         s.begin("retract")
         s.kind.withdraw(s, s.way)
     if response == "hold":

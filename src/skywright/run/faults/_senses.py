@@ -67,18 +67,23 @@ class Senses:
             self._touching = self._find_touching()
         return self._touching
 
-    def _find_touching(self) -> bool:
+    @property
+    def means_to_touch(self) -> bool:
+        """Whether the mission means to touch."""
         ref = self.reference
         if ref["press"] > 0.0 or ref["dead_zone"] > 0.0 or ref["docked"] > 0.0:
             return True
         if max(ref["load"].tolist()) > 0.0:
             return True
+        return any(task in PRESSING for task in ref["task"].tolist()[: self.hands])
+
+    def _find_touching(self) -> bool:
+        if self.means_to_touch or self.vehicle.in_contact():
+            return True
         n = self.hands
-        if n and any(task in PRESSING for task in ref["task"].tolist()[:n]):
-            return True
-        if n and any(math.hypot(*f_W) > FELT_N for f_W in self.get(HandForce).f_WH[:n].tolist()):
-            return True
-        return self.vehicle.in_contact()
+        return n > 0 and any(
+            math.hypot(*f_W) > FELT_N for f_W in self.get(HandForce).f_WH[:n].tolist()
+        )
 
     @property
     def engaged(self) -> bool:
