@@ -25,12 +25,13 @@ ROOT = Path(__file__).parents[1]
 SHORT_SCAN = [*EXACT, "mission.task.passes=1", "mission.task.pass_length_m=0.03"]
 
 
-def fly(mission, fault, **keys):
+def fly(mission, fault, more=(), **keys):
     """Fly with one fault; returns the result."""
     sets = SHORT_SCAN if mission == "pipe-weld-scan" else EXACT
     sets = sets[len(EXACT) :] if fault == "bump" else sets  # the plan with a survey is in free air
     sets = [
         *sets,
+        *more,
         f"plant.faults.a.kind={fault}",
         *(f"plant.faults.a.{k}={v}" for k, v in keys.items()),
     ]
@@ -251,7 +252,9 @@ def test_a_hexarotor_lands_without_a_rotor():
 
 
 def test_a_dropped_tool_is_missed():
-    check_down(fly("tool-install", "tool_dropped", start_s=88), "tool_dropped", 88.0, 0.6)
+    sets = ("mission.faults.tool_dropped.on=true",)  # the mission would look after it itself
+    result = fly("tool-install", "tool_dropped", more=sets, start_s=88)
+    check_down(result, "tool_dropped", 88.0, 0.6)
 
 
 def test_a_hand_that_presses_too_hard_is_drawn_back():

@@ -38,6 +38,7 @@ NAMED = {
     ("vehicle/arms/drive.py", "compliant"): "the arms law of robots for which nobody says one",
     ("description/mission/spec.py", "filter"): "the default of mission.estimator",
     ("core/streams.py", "range_finder"): "a stream of draws, older than streams of one's own",
+    ("core/find.py", "sensor"): "the group of sensors, not the fault of one",
     ("run/run.py", "bench"): "what holds the robot where a flight begins in the air",
 }
 """Where generic code may name a part: defaults, with the reason."""

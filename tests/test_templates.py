@@ -48,7 +48,8 @@ def call(*words: str) -> str:
 
 def test_there_is_a_template_of_all_that_can_be_added() -> None:
     assert set(USED) == set(TEMPLATES)
-    assert set(GROUPS) - {"arms_law"} | {"robot", "world", "mission"} == set(TEMPLATES)
+    without = {"arms_law", "fault", "rule"}  # the page on faults shows how to write the last two
+    assert set(GROUPS) - without | {"robot", "world", "mission"} == set(TEMPLATES)
 
 
 @pytest.mark.parametrize("what", TEMPLATES)

@@ -23,9 +23,10 @@ from skywright.models.part_masses import (
 )
 from skywright.models.rigid_body import find_tip
 
-# contype/conaffinity: robot parts collide with the world and with each other (self_contact.py);
+# contype/conaffinity: robot parts collide with the world, arms with arms and propellers too (OWN,
+# self_contact.py), not with hub, booms and legs, coarse shapes between which arms are mounted;
 # the probe's pen with everything but the pipe, which only its tip may touch
-ROBOT, WORLD, FEET, PEN = 1, 2, 4, 8
+ROBOT, WORLD, FEET, PEN, OWN = 1, 2, 4, 8, 16
 STOP_SLACK = math.radians(5.0)
 STIFF_SERVO = 10.0
 """Bandwidth of a position servo's inner loop over 1/T_s (Suarez 2020, 17)."""
@@ -73,7 +74,7 @@ def add_arm(
             name=f"{limb.name} shell", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             size=[link.radius_m, 0, 0], fromto=[0, 0, 0, *_shell_end(robot, limbs, i, i in last)],
             rgba=[0.9, 0.55, 0.1, 1],
-            contype=ROBOT, conaffinity=WORLD | ROBOT, mass=0.0,
+            contype=ROBOT | OWN, conaffinity=WORLD | OWN, mass=0.0,
         )  # fmt: skip
         bodies.append(body)
     tip = find_tip(robot, limbs)
@@ -260,7 +261,7 @@ def _add_hand(
         body.inertia = np.diag(hand_inertia(robot)) * dev.mass_factor
         body.explicitinertial = True
         touch: dict[str, Any] = {
-            "contype": ROBOT, "conaffinity": WORLD | ROBOT, "mass": 0.0,
+            "contype": ROBOT | OWN, "conaffinity": WORLD | OWN, "mass": 0.0,
             "rgba": [0.85, 0.2, 0.2, 1],
             "friction": [hand.friction, 0.005, 0.0001], "condim": 4, "priority": 1,
             "solref": [0.008, 0.5], "solimp": [0.9, 0.9, 0.001, 0.5, 2.0],
@@ -304,7 +305,7 @@ def _add_probe(
     holder.add_geom(
         name="holder shell", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[probe.radius_m, 0, 0],
         fromto=[0, 0, 0, parts.holder_length, 0, 0], rgba=[0.9, 0.9, 0.9, 1],
-        contype=ROBOT, conaffinity=WORLD | ROBOT, mass=0.0,
+        contype=ROBOT | OWN, conaffinity=WORLD | OWN, mass=0.0,
     )  # fmt: skip
     slider = holder.add_body(name="slider")
     slider.mass = parts.slider_mass * dev.mass_factor
@@ -319,7 +320,7 @@ def _add_probe(
     slider.add_geom(
         name="pen", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.6 * probe.radius_m, 0, 0],
         fromto=[parts.holder_length, 0, 0, probe.length_m - 2.0 * probe.tip_radius_m, 0, 0],
-        rgba=[0.2, 0.2, 0.2, 1], contype=PEN, conaffinity=ROBOT, mass=0.0,
+        rgba=[0.2, 0.2, 0.2, 1], contype=PEN, conaffinity=OWN, mass=0.0,
     )  # fmt: skip
     # site frame T: z along the probe, y along the link's y
     to_tip = quat_from_rot(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]))

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from skywright.description.robot.spec import Robot
-from skywright.models.arm_body import ROBOT, WORLD
+from skywright.models.arm_body import OWN, ROBOT, WORLD
 from skywright.models.bar import compute_bar_inertia
 
 BAR = "bar"
@@ -30,7 +30,7 @@ def add_bar(spec: mujoco.MjSpec, robot: Robot, mass_factor: float, plant: bool) 
     body.add_geom(
         name=BAR, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.5 * bar.diameter_m, 0, 0],
         fromto=[0, -half, 0, 0, half, 0], rgba=[0.2, 0.55, 0.35, 1],
-        contype=ROBOT, conaffinity=WORLD | ROBOT, mass=0.0,
+        contype=ROBOT | OWN, conaffinity=WORLD | OWN, mass=0.0,
     )  # fmt: skip
     if not plant:
         return

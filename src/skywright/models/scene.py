@@ -24,7 +24,7 @@ from skywright.description.world.surface import Cylinder, build_cylinder
 from skywright.description.world.thing import Fixture
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
-from skywright.models.arm_body import FEET, PEN, ROBOT, WORLD, Deviation, add_arm
+from skywright.models.arm_body import FEET, OWN, PEN, ROBOT, WORLD, Deviation, add_arm
 from skywright.models.bar_body import BAR, add_bar
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
 from skywright.models.gauges import add_gauges, has_gauges
@@ -204,7 +204,8 @@ def _add_robot(
         [p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2]
     )
     base.explicitinertial = True
-    kwargs: dict[str, Any] = {"contype": ROBOT, "conaffinity": WORLD | ROBOT, "mass": 0.0}
+    kwargs: dict[str, Any] = {"contype": ROBOT, "conaffinity": WORLD, "mass": 0.0}
+    own = kwargs | {"contype": ROBOT | OWN, "conaffinity": WORLD | OWN}
     base.add_geom(
         name="hub", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         size=[p.body_radius_m, p.height_m / 2, 0], rgba=[0.15, 0.2, 0.3, 1], **kwargs,
@@ -217,7 +218,7 @@ def _add_robot(
         base.add_geom(
             name=f"propeller{i}", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
             size=[robot.rotors.propeller_radius_m, 0.01, 0], pos=pos, quat=quat,
-            rgba=[0.2, 0.5, 0.9, 0.35], **kwargs,
+            rgba=[0.2, 0.5, 0.9, 0.35], **own,
         )  # fmt: skip
         base.add_geom(
             name=f"boom{i}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.01, 0, 0],

@@ -1,8 +1,9 @@
 """Contacts between parts of the robot.
 
-Collision shapes are coarse: a hub that is a disc, links that are capsules with round ends. Parts
-whose shapes touch in a posture that the robot takes every day (folded, landed, working) are
-neighbours by design, and their contact would be an artefact. All others collide.
+Arms, what they hold and propellers collide with each other; hub, booms and legs do not, coarse
+shapes between which arms are mounted. Links are capsules with round ends: parts whose shapes touch
+in a posture that the robot takes every day (folded, landed, working) are neighbours by design, and
+their contact would be an artefact. All others collide.
 """
 
 from itertools import product
@@ -11,6 +12,7 @@ import mujoco
 import numpy as np
 
 from skywright.description.robot.spec import Robot
+from skywright.models.arm_body import OWN
 from skywright.models.rigid_body import joint_names, posture
 
 POSTURES = ("folded", "landed", "working")
@@ -35,5 +37,7 @@ def exclude_neighbours(spec: mujoco.MjSpec, robot: Robot) -> None:
         spec.add_exclude(bodyname1=model.body(a).name, bodyname2=model.body(b).name)
         for g, h in product(np.flatnonzero(body == a), np.flatnonzero(body == b)):
             names = model.geom(g).name, model.geom(h).name
-            if (int(g), int(h)) not in touching:  # shapes of the two that do not touch still may
+            collide = model.geom_contype[g] & model.geom_contype[h] & OWN
+            # shapes of the two that do not touch still may
+            if collide and (int(g), int(h)) not in touching:
                 spec.add_pair(geomname1=names[0], geomname2=names[1])

@@ -145,6 +145,8 @@ class Arm(Spec):
 
     @model_validator(mode="after")
     def _consistent(self) -> Arm:
+        if not self.links:  # a mission that sets a key of the arm, flown by a robot without
+            raise ValueError("no links: the robot has no arm; give [robot.arm.NAME] tables")
         moving = [n for n, link in self.links.items() if link.joint != "fixed"]
         joints = self.sides * len(moving)
         if joints > MAX_JOINTS:
