@@ -365,8 +365,8 @@ class Fault(Component):
 
         start_s: NonNegative = 0.0
 
-    def resolve(self, robot: Robot, world: World, seed: int) -> Fault:
-        """Return the fault that this one stands for: itself, but for what the seed draws."""
+    def resolve(self, robot: Robot, world: World, rng: np.random.Generator) -> Fault:
+        """Return the fault that this one stands for: itself, but for what `rng` draws."""
         return self
 
     @classmethod

@@ -394,5 +394,3 @@ class SimulatedVehicle:
     def set_phase(self, index: int) -> None:
         """Phase index that samples carry from now on."""
         self.assembly.get(Clock)["phase"] = index
-
-    # --- set-up ------------------------------------------------------------------------------
