@@ -234,6 +234,7 @@ def build_vehicle(
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
         interactive=mission.mode == "interactive",
         timestep=1e-3 * mission.timestep_ms,
+        calibrated=mission.calibrate_springs,
         parts=parts,
         on_samples=on_samples,
     )

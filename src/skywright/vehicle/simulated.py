@@ -29,6 +29,7 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
+from skywright.models.spring_bench import believe_springs, calibrate_springs
 from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
@@ -94,6 +95,7 @@ class SimulatedVehicle:
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         interactive: bool = False,
         timestep: float = TIMESTEP,
+        calibrated: bool = True,
         parts: Sequence[Component] = (),
         on_samples: Callable[[NDArray[Any]], None] | None = None,
     ) -> None:
@@ -103,7 +105,7 @@ class SimulatedVehicle:
         `start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
 
         `parts` are further components: sensors and effects that the description names. `timestep`
-        (s) is the physics step.
+        (s) is the physics step. Springs are `calibrated` with known loads, or the file's.
         Raises InputError where they do not fit together.
         """
         self.nominal, self.law, self.estimator = nominal, law, estimator
@@ -130,10 +132,14 @@ class SimulatedVehicle:
         self.arc = compute_link_arc(robot, self.model)
         home = home_pose(robot, world, *start)
         self.sim = Simulation(self.scene, home)
+        springs = (
+            calibrate_springs(robot, self.scene, seed) if calibrated else believe_springs(robot)
+        )
         context = PlantContext(
             nominal, world, compute_body(self.model, posture(robot, "working"))[0], self.dt,
             timestep, law.name, frozenset(), {}, deviation=deviation, scene=self.scene,
             sim=self.sim, seed=seed, start=start, true=true, known=self.world,
+            springs=springs,
         )  # fmt: skip
         named = [
             law,
