@@ -41,6 +41,11 @@ class Springs(NamedTuple):
     sensor: float = 1.0  # a force over what the sensor's data sheet makes of its reading
 
 
+def find_springs(robot: Robot, plant: Scene | None, seed: int) -> Springs:
+    """Return the springs as the bench finds those of `plant`; without one the file's."""
+    return believe_springs(robot) if plant is None else calibrate_springs(robot, plant, seed)
+
+
 def believe_springs(robot: Robot) -> Springs:
     """Return the springs of the robot file."""
     joints, servos = list_joints(robot), list_servos(robot)

@@ -29,7 +29,7 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
-from skywright.models.spring_bench import believe_springs, calibrate_springs
+from skywright.models.spring_bench import find_springs
 from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
@@ -132,14 +132,11 @@ class SimulatedVehicle:
         self.arc = compute_link_arc(robot, self.model)
         home = home_pose(robot, world, *start)
         self.sim = Simulation(self.scene, home)
-        springs = (
-            calibrate_springs(robot, self.scene, seed) if calibrated else believe_springs(robot)
-        )
         context = PlantContext(
             nominal, world, compute_body(self.model, posture(robot, "working"))[0], self.dt,
             timestep, law.name, frozenset(), {}, deviation=deviation, scene=self.scene,
             sim=self.sim, seed=seed, start=start, true=true, known=self.world,
-            springs=springs,
+            springs=find_springs(robot, self.scene if calibrated else None, seed),
         )  # fmt: skip
         named = [
             law,
