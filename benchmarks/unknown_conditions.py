@@ -35,6 +35,10 @@ OWN: dict[str, tuple[dict[str, float], dict[str, tuple[float, float]]]] = {
         MAP, {"world.pipe.friction": (0.1, 0.3), "world.pipe.friction_variation": (0.0, 0.3)}
     ),
     "tool-install": (MAP, {"world.pipe.friction": (0.2, 1.0)}),
+    "bridge-contact": (
+        {k: v for k, v in MAP.items() if "size" not in k},  # a deck has none
+        {"world.structure.friction": (0.4, 0.8)},
+    ),
     "sensor-install": (MAP, {"world.pipe.friction": (0.2, 1.0)}),
 }  # fmt: skip
 """Mission -> bounds of its map, and what else varies."""
