@@ -137,7 +137,8 @@ def run_mission(
     if operator is not None:
         check_operator(description)
     setup = Setup(description)
-    plan, vehicle = _prepare(setup)  # a bad law is told before anything is written
+    build_rules(description)
+    plan, vehicle = _prepare(setup)  # a bad part is told before anything is written
     store = None if records is None else RecordStore(records, create=True)
     final, partial = open_directory(out, description.mission.name)
     write_mission(partial, description, plan)
@@ -149,7 +150,7 @@ def run_mission(
             observer.on_plan(plan, description)
         keep = None if store is None else _start_records(store, description, final)
         samples, phases, flight, outcome = _fly(
-            description, plan, vehicle, partial, observers, keep, operator
+            setup, plan, vehicle, partial, observers, keep, operator
         )
     finally:
         if store is not None:
@@ -183,7 +184,7 @@ def fly_and_evaluate(description: Description, observers: Sequence[Observer] = (
     start = time.perf_counter()
     setup = Setup(description)
     plan, vehicle = _prepare(setup)
-    samples, phases, flight, outcome = _fly(description, plan, vehicle, None, observers)
+    samples, phases, flight, outcome = _fly(setup, plan, vehicle, None, observers)
     result = _evaluate(Flown(setup, plan, samples, phases), flight, outcome, Path())
     _add_timing(result, start)
     return result
@@ -234,6 +235,7 @@ def build_vehicle(
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
         interactive=mission.mode == "interactive",
         timestep=1e-3 * mission.timestep_ms,
+        calibrated=mission.calibrate_springs,
         parts=parts,
         on_samples=on_samples,
     )
@@ -271,7 +273,7 @@ def _add_timing(result: RunResult, start: float) -> None:
 
 
 def _fly(
-    description: Description,
+    setup: Setup[Any],
     plan: MissionPlan[Any],
     vehicle: SimulatedVehicle,
     partial: Path | None,
@@ -283,7 +285,7 @@ def _fly(
 
     Without a directory `partial` nothing is recorded.
     """
-    robot = description.robot
+    description, robot = setup.description, setup.robot
     blocks: list[NDArray[Any]] = []
     written, next_flush = 0, FLUSH_S
     writer: FlightRecording | None = None
@@ -319,7 +321,7 @@ def _fly(
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
         on_measurement, operator, build_rules(description),
-        lambda: Setup(description).clearance_aloft, on_acted,
+        lambda: setup.clearance_aloft, on_acted,
     )  # fmt: skip
 
     def on_stuck(says: str) -> None:
@@ -339,11 +341,11 @@ def _fly(
     except KeyboardInterrupt:
         if writer is None:  # nothing is kept of this flight: who asked for it ends, too
             raise
-        outcome, flight = "interrupted", Flight(False, "interrupted by the user")
+        outcome, flight = "interrupted", supervisor.conclude("interrupted by the user")
     except SimulationError as error:
-        outcome, flight = "diverged", Flight(False, str(error))
+        outcome, flight = "diverged", supervisor.conclude(str(error))
     except InputError as error:  # the recording cannot be written: the disk is full
-        outcome, flight = "interrupted", Flight(False, str(error))
+        outcome, flight = "interrupted", supervisor.conclude(str(error))
     supervisor.close(outcome or "done")
     try:
         flush()
@@ -354,7 +356,7 @@ def _fly(
                 writer.event(vehicle.t, f"{outcome}: {flight.reason}")
             writer.close()
     except InputError as error:
-        outcome, flight = "interrupted", Flight(False, str(error))
+        outcome, flight = "interrupted", supervisor.conclude(str(error))
     blocks = blocks or [np.zeros(0, build_dtype(vehicle.recorded.columns))]
     return np.concatenate(blocks), supervisor.phases, flight, outcome
 

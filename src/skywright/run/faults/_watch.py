@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-from skywright.run.faults._rule import RESPONSES, Acted, Response, Rule
+from skywright.core.find import explain
+from skywright.errors import SkywrightError
+from skywright.run.faults._rule import CYCLE, RESPONSES, Acted, Response, Rule
 from skywright.run.faults._senses import Senses
-from skywright.run.faults.computer_failed import ComputerFailed
 
-ROUND = 300
-"""Mission ticks after which the turns of the rules are the same again: periods divide it."""
+if TYPE_CHECKING:
+    from skywright.run.supervisor import Supervisor
+
 RANK = {name: k for k, name in enumerate(RESPONSES)}
+MOST = 1e9
+"""In place of an infinite value, which no file of JSON holds."""
 
 
 class RuleActed(Exception):
@@ -27,67 +33,99 @@ class Watch:
     def __init__(
         self, rules: Sequence[Rule], senses: Senses, on_acted: Callable[[Acted], None] | None = None
     ) -> None:
-        """`on_acted` is told at once."""
+        """`on_acted` is told as soon as it is known what is flown."""
         self.rules = [r for r in rules if r.table.on]
         self.senses, self._on_acted = senses, on_acted
         self.acted: list[Acted] = []
         self.rank = -1  # of the response that is flown now
         self._begun: list[Rule] = []
-        self._ticks, self._turns = 0, dict[int, list[Rule]]()
+        self._due: list[list[Rule]] = [[]] * CYCLE  # who looks in which tick
+        self._ticks = 0
 
     def begin(self, airborne: bool) -> None:
         """Watch from now on: the rules for a take-off, or all, where the robot is `airborne`."""
         for rule in self.rules:
             if rule not in self._begun and (airborne or rule.from_take_off):
-                rule.begin(self.senses)
+                try:
+                    rule.begin(self.senses)
+                except Exception as error:
+                    self._note(rule, error)
                 self._begun.append(rule)
-        self._turns.clear()
+        self._arrange()
 
     def land(self) -> None:
         """The robot lands: the ground is met, so only the rules for a take-off go on."""
         self._begun = [rule for rule in self._begun if rule.from_take_off]
-        self._turns.clear()
+        self._arrange()
 
-    def answer(self, response: Response) -> Response:
-        """Take note of the response that is flown now; returns it."""
+    def _arrange(self) -> None:
+        self._due = [[r for r in self._begun if k % r.every == 0] for k in range(CYCLE)]
+
+    def answer(self, rule: Rule, s: Supervisor) -> Response:
+        """Let the rule that acted last repair what it can; returns the response to fly."""
+        response: Response = rule.table.response
+        try:
+            response = rule.repair(s)
+            if response not in RANK:
+                raise ValueError(f"repair returned {response!r}; valid: {', '.join(RANK)}")
+        except RuleActed:
+            raise
+        except Exception as error:
+            self._note(rule, error)
+            response = rule.table.response
         self.rank = RANK[response]
+        self.acted[-1] = self.acted[-1]._replace(response=response)
+        if self._on_acted is not None:
+            self._on_acted(self.acted[-1])
         return response
 
     def bears(self, says: str) -> bool:
         """Whether a rule answers what `says` that the robot's computer failed, in the air."""
         falls = self.rank == RANK["let_go"]
-        if not falls and not any(isinstance(rule, ComputerFailed) for rule in self._begun):
+        if not falls and not any(rule.answers_failed_computer for rule in self._begun):
             return False
         if not falls and self.senses.reference["active"] < 0.5:
             return False
         self.senses.failure = says
         return True
 
-    def _find_due(self) -> list[Rule]:
-        """Return the rules whose turn it is; few sizes of period make a table of turns short."""
-        turn = self._ticks % ROUND
-        if turn not in self._turns:
-            self._turns[turn] = [rule for rule in self._begun if turn % rule.every == 0]
-        return self._turns[turn]
-
     def look(self, phase: str) -> None:
         """Look at all rules; raises RuleActed for the strongest that acts."""
-        if not self._begun or self.senses.reference["active"] < 0.5:
+        if not self._begun or self.senses.told("active") < 0.5:
             return
         self._ticks += 1
-        due = self._begun if self.senses.failure else self._find_due()
-        over = [rule for rule in due if rule.is_over(self.senses)]
-        over = [rule for rule in over if RANK[rule.table.response] > self.rank]
-        if not over:
-            return
-        rule = max(over, key=lambda r: RANK[r.table.response])
+        senses, over = self.senses, None
+        for rule in self._begun if senses.failure else self._due[self._ticks % CYCLE]:
+            try:
+                acts = bool(rule.failure) or rule.is_over(senses)
+            except Exception as error:
+                self._note(rule, error)
+                acts = True
+            if acts and RANK[rule.table.response] > self.rank:
+                over = over or []
+                over.append(rule)
+        if over:
+            self._act(max(over, key=lambda r: RANK[r.table.response]), phase)
+
+    def _act(self, rule: Rule, phase: str) -> None:
         self.rank, self.senses.responding = RANK[rule.table.response], True
-        t, value = self.senses.t, rule.value
-        says = f"{rule.explain(value)} in {phase or 'the flight'} at t = {t:.1f} s"
+        value = min(rule.value, MOST) if math.isfinite(rule.value) or rule.value > 0.0 else 0.0
+        try:
+            says = rule.failure or rule.explain(rule.value)
+        except Exception as error:
+            self._note(rule, error)
+            says = rule.failure
+        t, table = self.senses.t, rule.table
         acted = Acted(
-            rule.name, t, value, rule.table.limit, rule.unit, rule.table.response, says
+            rule.name, t, value, table.limit, rule.unit, table.response,
+            f"{says} in {phase or 'the flight'} at t = {t:.1f} s",
         )  # fmt: skip
         self.acted.append(acted)
-        if self._on_acted is not None:
-            self._on_acted(acted)
         raise RuleActed(rule, acted)
+
+    def _note(self, rule: Rule, error: Exception) -> None:
+        """Take a user's rule that failed for one that acts; what is ours goes on as it is."""
+        cls = type(rule)
+        if cls.__module__.startswith("skywright.") or isinstance(error, SkywrightError):
+            raise error
+        rule.failure = f"rule {rule.name} ({cls.__qualname__}) failed: {explain(error)}"
