@@ -160,10 +160,12 @@ class Presser:
 
     def _retreat(self, prefix: str) -> None:
         """Draw the tip back along the probe, the arm as it is: its own way back may be barred."""
-        vehicle = self.s.vehicle
-        away = np.array(vehicle.reference["p_WB"]) - RETREAT * vehicle.estimate["R_WT"][:, 2]
-        q = np.array(vehicle.estimate["q"][: self.n])
-        self.go(f"{prefix}retreat", p=away, q=q, speed=0.4, press=0.0, force=0.0)
+        vehicle, row = self.s.vehicle, set_rest(self.s.vehicle.reference)
+        away = np.array(row["p_WB"]) - RETREAT * vehicle.estimate["R_WT"][:, 2]
+        # the reference's joints are those before the force moved the arm: begin where it is
+        row["q"][: self.n] = vehicle.estimate["q"][: self.n]
+        self.s.body.track(row[None])
+        self.go(f"{prefix}retreat", p=away, speed=0.4, press=0.0, force=0.0)
 
     def set_force(
         self, phase: str, force: float, seconds: float,
