@@ -260,7 +260,7 @@ def test_a_press_whose_arm_meets_its_stop_is_given_up() -> None:
     sets = SHORT | {
         "mission.task.forces_n": [2.0, 4.0, 6.0], "mission.task.without_gear": True,
         "world.total_station.x_m": 9.5, "world.total_station.y_m": -7.0,
-        "mission.task.hold_s": 3.0, "mission.task.stand_off_m": 0.4,
+        "mission.task.hold_s": 3.0, "mission.task.stand_off_m": 0.4, "plant.spring_spread": 0.0,
     }  # fmt: skip
     result = fly_and_evaluate(load_description("bridge-contact", sets=sets, seed=4))
     assert result.outcome == "succeeded" and "at its stop" in result.reason, result.reason
