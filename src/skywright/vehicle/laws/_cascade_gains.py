@@ -7,7 +7,8 @@
   and the platform's motion along it are slower by the same factor.
 - Velocity loop: position bandwidth times the separation.
 - A link on a joint without a servo: position, velocity and swing gain follow together from the
-  planar model of platform and link, `place_swing_poles`.
+  planar model of platform and link, `place_swing_poles`; with `motion_sensitivity` the motion is as
+  fast as that allows, along the swing and across it, `_quicken`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,13 @@ from skywright.models.body_records import Body, Kinematics
 from skywright.models.floating import compute_free_inertia, fill_floating
 from skywright.models.rigid_body import fill_body, fill_kinematics, posture
 from skywright.vehicle.arms.ports import Floating
+from skywright.vehicle.laws._cascade_gusts import (
+    Loops,
+    Masses,
+    build_across,
+    build_along,
+    build_masses,
+)
 from skywright.vehicle.loops import compute_delay
 
 Array = NDArray[np.float64]
@@ -34,6 +42,8 @@ Array = NDArray[np.float64]
 FREE_MARGIN = math.radians(35.0)  # rad, of the rate loop above a resonance
 YAW = 0.4  # of roll and pitch: yaw has little torque (PX4's default weight of yaw, MC_YAW_WEIGHT)
 SLOWEST_SWING, FASTEST_SWING = 0.8, 2.0  # poles of the swing over its natural frequency
+BANDWIDTHS = np.geomspace(0.3, 6.0, 120)  # rad/s, of a motion, that are looked at, 2.5 % apart
+SETTLED, SETTLING = 0.04, 1.6  # share of the angle from which a link is let go (0.8 deg of 20), s
 SLOWEST_HUNG = 0.3  # with the platform held, a link swings slower than with one that gives way
 
 
@@ -198,7 +208,8 @@ def compute_cascade_gains(
     fill_body(model, k, body)
     fill_floating(model, k, body, floating)
     inertia = np.diag(floating["I_eff"])
-    lead, tau, scale = _scale_rate_loop(c, robot, world, inertia)
+    free = compute_free_inertia(robot, world, q)
+    lead, tau, scale = _scale_rate_loop(c, robot, world, inertia, free)
     k_rate = c.attitude_bandwidth_rad_s * c.loop_separation * scale
     k_attitude = c.attitude_bandwidth_rad_s * scale
     # leaning about left moves forward, about forward moves left
@@ -224,6 +235,9 @@ def compute_cascade_gains(
     turn = 1 - along
     first = float(np.linalg.norm(floating["L_s"]))
     m = SwingModel(float(body["mass"]), first, float(floating["M_ss"]), float(world.gravity_mps2))
+    if c.motion_sensitivity is not None and not inverted:
+        masses = build_masses(robot, body, floating, free)
+        return _quicken(found, c, m, masses, along, compute_delay(c, world))
     gains = place_swing_poles(
         m,
         lambda s: attitude_lag(s, float(k_attitude[turn]), float(k_rate[turn]), lead),
@@ -242,8 +256,71 @@ def compute_cascade_gains(
     return found._replace(k_swing=gains.swing)
 
 
+def build_loops(g: CascadeGains, delay: float, axis: int, swings: int) -> Loops:
+    """Return the gains of the motion along `axis` of the platform (0: forward, 1: to the left);
+    along `swings` the link does.
+    """
+    turn = 1 - axis
+    return Loops(
+        float(g.k_position[axis]), float(g.k_velocity[axis]), g.k_swing if axis == swings else 0.0,
+        float(g.wrench[axis]), float(g.k_attitude[turn]), float(g.k_rate[turn]),
+        float(g.k_integral[turn]), g.lead, g.rotor_tau, delay,
+    )  # fmt: skip
+
+
+def _quicken(
+    g: CascadeGains, c: Control, m: SwingModel, masses: tuple[Masses, Masses], along: int,
+    delay: float,
+) -> CascadeGains:  # fmt: skip
+    """Return `g` with the fastest motion loops whose |S| stays below c.motion_sensitivity.
+
+    Across the swing the velocity loop keeps its separation from the position's, and the estimate of
+    the force, which is an integral, lies between the two. Along it the motion's poles are those of
+    c.position_damping, beside a swing with c.swing_damping, as fast as a link that is let go still
+    comes to rest within SETTLING. There the force is estimated as fast as the platform leans: the
+    momentum of a link that swings is known, that of one that bends is not.
+
+    Raises InputError where no bandwidth does.
+    """
+    most, turn, fast = c.motion_sensitivity, 1 - along, g.k_attitude[1 - along]
+    lag = lambda s: attitude_lag(s, float(fast), float(g.k_rate[turn]), g.lead)  # noqa: E731
+    found: list[Loops | None] = [None, None]
+    for w in BANDWIDTHS:
+        k = build_loops(g, delay, turn, along)._replace(
+            position=w, velocity=c.loop_separation * w, force=math.sqrt(c.loop_separation) * w
+        )
+        system = build_across(masses[1], k)
+        if not system.is_stable() or system.compute_sensitivity() > most:
+            break
+        found[turn] = k
+    for w in BANDWIDTHS:
+        separation = 2.0 * c.position_damping
+        poles = _find_swing(m, lag, w / separation, w * separation, c.swing_damping, 0.0)
+        if poles is None:
+            continue
+        k = build_loops(g, delay, along, along)._replace(
+            position=poles.position / poles.velocity, velocity=poles.velocity, swing=poles.swing,
+            force=float(fast),
+        )  # fmt: skip
+        system = build_along(masses[0], k)
+        if (
+            system.is_stable() and system.compute_sensitivity() <= most
+            and system.compute_settling(SETTLED) <= SETTLING
+        ):  # fmt: skip
+            found[along] = k
+    for axis, k in enumerate(found):
+        if k is None:
+            raise InputError(
+                f"robot.control.motion_sensitivity = {most:g}: no bandwidth of the motion "
+                f"{'forward' if axis == 0 else 'to the left'} stays below it with this "
+                "attitude_bandwidth_rad_s, position_damping and swing_damping; valid: more, up to 3"
+            )
+        g.k_position[axis], g.k_velocity[axis], g.wrench[axis] = k.position, k.velocity, k.force
+    return g._replace(k_swing=found[along].swing)
+
+
 def _scale_rate_loop(
-    c: Control, robot: Robot, world: World, inertia: Array
+    c: Control, robot: Robot, world: World, inertia: Array, free: Array
 ) -> tuple[float, float, Array]:
     """Return lead (s), rotor lag (s) and the shares (3,) of the loops' gains about B's axes."""
     k_rate = c.attitude_bandwidth_rad_s * c.loop_separation
@@ -252,7 +329,6 @@ def _scale_rate_loop(
     delay = compute_delay(c, world)
     tau = robot.rotors.time_constant_s
     lead = compute_lead(k_rate, tau, delay, math.radians(c.phase_margin_deg))
-    free = compute_free_inertia(robot, world, posture(robot, "working"))
     scale = np.minimum(1.0, compute_free_factor(k_rate, lead, delay) * free / inertia)
     scale[2] *= YAW
     return lead, tau, scale

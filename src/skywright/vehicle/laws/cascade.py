@@ -54,6 +54,8 @@ class Cascade(Law):
         loop_separation: float | None = Field(default=None, ge=1.5)
         phase_margin_deg: float | None = Field(default=None, ge=30.0, lt=90.0)
         swing_damping: float | None = Field(default=None, gt=0.0, lt=1.0)
+        position_damping: Positive | None = None
+        motion_sensitivity: float | None = Field(default=None, gt=1.0, le=3.0)
         speed_max_mps: Positive | None = None
 
     class Me(ArmLoop, Thrust):
