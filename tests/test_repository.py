@@ -199,7 +199,7 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
         "usable_fraction", "belt", "scale",
         "flex_damping_ratio", "spring_damping_ratio", "position_damping", "attitude_damping",
         "flex_hardening", "lateral_damping_ratio",
-        "drag_coefficient", "loop_separation", "swing_damping",
+        "drag_coefficient", "loop_separation", "swing_damping", "motion_sensitivity",
         "friction", "friction_feed_forward", "friction_variation", "turbulence",
         "relative_permeability",
         "conductivity_change", "permeability_change",

@@ -17,7 +17,7 @@ They must not allocate: scratch is `local(3)` (core/scratch.py), memory belongs 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
@@ -30,7 +30,7 @@ from skywright.core.spec import NonNegative, Spec
 
 if TYPE_CHECKING:
     from skywright.description.robot.spec import Robot
-    from skywright.description.world.spec import World
+    from skywright.description.world.spec import Wind, World
     from skywright.models.allocation import Allocator
     from skywright.models.arm_body import Deviation
     from skywright.models.nominal import Nominal
@@ -200,6 +200,14 @@ class AttitudeGains(NamedTuple):
     integral: float  # rad/s, w_i
 
 
+class GustMotion(NamedTuple):
+    """What gusts do to a platform that holds its place with a link hanging from it."""
+
+    place: float  # m, rms, level
+    swing: float  # rad, rms of the joint
+    settle: Callable[[float], float]  # share of the angle of a link let go -> s until it is below
+
+
 class Streamed(NamedTuple):
     """Raw samples of a sensor, recorded each at its own time (vehicle/streams.py).
 
@@ -328,6 +336,14 @@ class Law(Component):
     def observe_wrench(self, context: Context) -> Array | None:
         """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the
         external force that the law wants observed (port Wrench); None: it wants none.
+        """
+        return None
+
+    def build_gust_model(
+        self, nominal: Nominal, yaw: float
+    ) -> Callable[[Wind], GustMotion] | None:
+        """Return what tells how a wind's gusts move a platform that heads `yaw` (rad) and holds its
+        place; None: nothing is known of it.
         """
         return None
 

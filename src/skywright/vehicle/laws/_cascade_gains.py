@@ -14,6 +14,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,18 +23,21 @@ from numpy.typing import NDArray
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Control, Robot
-from skywright.description.world.spec import World
+from skywright.description.world.spec import Wind, World
 from skywright.errors import InputError
 from skywright.models.body_records import Body, Kinematics
 from skywright.models.floating import compute_free_inertia, fill_floating
+from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import fill_body, fill_kinematics, posture
 from skywright.vehicle.arms.ports import Floating
+from skywright.vehicle.component import GustMotion
 from skywright.vehicle.laws._cascade_gusts import (
     Loops,
     Masses,
     build_across,
     build_along,
     build_masses,
+    compute_gust_motion,
 )
 from skywright.vehicle.loops import compute_delay
 
@@ -42,8 +46,8 @@ Array = NDArray[np.float64]
 FREE_MARGIN = math.radians(35.0)  # rad, of the rate loop above a resonance
 YAW = 0.4  # of roll and pitch: yaw has little torque (PX4's default weight of yaw, MC_YAW_WEIGHT)
 SLOWEST_SWING, FASTEST_SWING = 0.8, 2.0  # poles of the swing over its natural frequency
-BANDWIDTHS = np.geomspace(0.3, 6.0, 120)  # rad/s, of a motion, that are looked at, 2.5 % apart
-SETTLED, SETTLING = 0.04, 1.6  # share of the angle from which a link is let go (0.8 deg of 20), s
+BANDWIDTHS = np.geomspace(0.4, 4.0, 93)  # rad/s, of a motion, that are looked at, 2.5 % apart
+SETTLED, SETTLING = 0.035, 1.6  # share of the angle that a link is let go at (0.7 deg of 20), s
 SLOWEST_HUNG = 0.3  # with the platform held, a link swings slower than with one that gives way
 
 
@@ -88,6 +92,7 @@ class CascadeGains(NamedTuple):
     lead: float  # s, what is left of the rotors' lag
     rotor_tau: float  # s, believed rotor lag
     wrench: Array  # rad/s, bandwidth of the estimated external force
+    pose: float = 0.0  # rad/s, at which the arms' pose is looked at; 0: it is not
 
 
 def compute_lead(k_rate: float, rotor_tau: float, delay: float, margin: float) -> float:
@@ -196,19 +201,9 @@ def compute_cascade_gains(
     a free link, and which adds the link's pull: in this model a gain of -b^2 g / (m J) on psi.
     Raises InputError where a loop has no phase margin, or no poles of the swing exist.
     """
-    q = posture(robot, "working")
-    floating, body = np.zeros(1, Floating.dtype)[0], np.zeros(1, Body.dtype)[0]
-    floating["swing"] = -1
-    for j, limb in enumerate(list_joints(robot)):
-        if limb.servo < 0:
-            floating["swing"] = j
-    full, k = np.zeros(MAX_JOINTS), np.zeros(1, Kinematics.dtype)[0]
-    full[: len(q)] = q
-    fill_kinematics(model, full, k)
-    fill_body(model, k, body)
-    fill_floating(model, k, body, floating)
+    body, floating = _compute_bodies(robot, model)
     inertia = np.diag(floating["I_eff"])
-    free = compute_free_inertia(robot, world, q)
+    free = compute_free_inertia(robot, world, posture(robot, "working"))
     lead, tau, scale = _scale_rate_loop(c, robot, world, inertia, free)
     k_rate = c.attitude_bandwidth_rad_s * c.loop_separation * scale
     k_attitude = c.attitude_bandwidth_rad_s * scale
@@ -235,7 +230,7 @@ def compute_cascade_gains(
     turn = 1 - along
     first = float(np.linalg.norm(floating["L_s"]))
     m = SwingModel(float(body["mass"]), first, float(floating["M_ss"]), float(world.gravity_mps2))
-    if c.motion_sensitivity is not None and not inverted:
+    if c.motion_sensitivity > 0.0 and not inverted:
         masses = build_masses(robot, body, floating, free)
         return _quicken(found, c, m, masses, along, compute_delay(c, world))
     gains = place_swing_poles(
@@ -254,6 +249,38 @@ def compute_cascade_gains(
     found.k_velocity[along] = gains.velocity
     found.k_position[along] = gains.position / gains.velocity
     return found._replace(k_swing=gains.swing)
+
+
+def _compute_bodies(robot: Robot, model: Any) -> tuple[Any, Any]:
+    """Return the records Body and Floating of the working posture."""
+    q = posture(robot, "working")
+    floating, body = np.zeros(1, Floating.dtype)[0], np.zeros(1, Body.dtype)[0]
+    floating["swing"] = -1
+    for j, limb in enumerate(list_joints(robot)):
+        if limb.servo < 0:
+            floating["swing"] = j
+    full, k = np.zeros(MAX_JOINTS), np.zeros(1, Kinematics.dtype)[0]
+    full[: len(q)] = q
+    fill_kinematics(model, full, k)
+    fill_body(model, k, body)
+    fill_floating(model, k, body, floating)
+    return body, floating
+
+
+def build_gust_model(
+    c: Control, g: CascadeGains, nominal: Nominal, yaw: float
+) -> Callable[[Wind], GustMotion] | None:
+    """Return how a platform with a hanging link moves in gusts; see Law.build_gust_model."""
+    robot, world = nominal.robot, nominal.world
+    body, floating = _compute_bodies(robot, nominal.model[0])
+    if floating["swing"] < 0 or robot.pendulum is None:
+        return None
+    q = posture(robot, "working")
+    masses = build_masses(robot, body, floating, compute_free_inertia(robot, world, q))
+    along, delay = int(abs(floating["axis"][0]) > 0.5), compute_delay(c, world)
+    loops = [build_loops(g, delay, axis, along) for axis in (along, 1 - along)]
+    systems = build_along(masses[0], loops[0]), build_across(masses[1], loops[1])
+    return lambda wind: compute_gust_motion(nominal, wind, q, systems, along, yaw)
 
 
 def build_loops(g: CascadeGains, delay: float, axis: int, swings: int) -> Loops:
@@ -293,8 +320,8 @@ def _quicken(
         if not system.is_stable() or system.compute_sensitivity() > most:
             break
         found[turn] = k
-    for w in BANDWIDTHS:
-        separation = 2.0 * c.position_damping
+    separation = 2.0 * c.position_damping
+    for w in BANDWIDTHS[::-1]:
         poles = _find_swing(m, lag, w / separation, w * separation, c.swing_damping, 0.0)
         if poles is None:
             continue
@@ -304,10 +331,11 @@ def _quicken(
         )  # fmt: skip
         system = build_along(masses[0], k)
         if (
-            system.is_stable() and system.compute_sensitivity() <= most
-            and system.compute_settling(SETTLED) <= SETTLING
+            system.is_stable() and system.compute_settling(SETTLED) <= SETTLING
+            and system.compute_sensitivity() <= most
         ):  # fmt: skip
             found[along] = k
+            break
     for axis, k in enumerate(found):
         if k is None:
             raise InputError(
@@ -316,7 +344,7 @@ def _quicken(
                 "attitude_bandwidth_rad_s, position_damping and swing_damping; valid: more, up to 3"
             )
         g.k_position[axis], g.k_velocity[axis], g.wrench[axis] = k.position, k.velocity, k.force
-    return g._replace(k_swing=found[along].swing)
+    return g._replace(k_swing=found[along].swing, pose=float(fast))
 
 
 def _scale_rate_loop(

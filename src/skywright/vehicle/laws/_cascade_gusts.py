@@ -27,16 +27,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm, solve_continuous_lyapunov
 
+from skywright.core.rotations import rot_z
 from skywright.description.robot.limbs import list_limbs
 from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import Wind
+from skywright.description.world.wind import compute_direction, compute_gust_scales, compute_speed
+from skywright.models.nominal import Nominal
 from skywright.models.part_masses import link_direction
 from skywright.models.rigid_body import compute_kinematics
 from skywright.vehicle.arms.external_wrench import SWING_BANDWIDTH
+from skywright.vehicle.component import GustMotion
 
 Array = NDArray[np.float64]
 
-FREQUENCIES = np.geomspace(0.1, 100.0, 250)  # rad/s
+FREQUENCIES = np.geomspace(0.3, 60.0, 120)  # rad/s
 RELEASED, RELEASE_STEP = 4.0, 0.02  # s
+SLOPE = 0.01  # m/s, over which the drag's slope is taken
 RIGID = 100.0  # rad/s, of a link that does not bend
 
 
@@ -95,9 +101,8 @@ class System(NamedTuple):
     def compute_sensitivity(self, w: Array = FREQUENCIES) -> float:
         """Return the largest |S| of the loop cut at the lean that is asked for."""
         s = 1j * w[:, None, None]
-        n = len(self.free)
-        inner = np.linalg.solve(s * np.eye(n) - self.free, np.tile(self.enter[:, None], (len(w), 1, 1)))
-        loop = -(self.asked @ inner[:, :, 0].T) * np.exp(-1j * w * self.delay)
+        inner = np.linalg.solve(s * np.eye(len(self.free)) - self.free, self.enter[None, :, None])
+        loop = -(inner[:, :, 0] @ self.asked) * np.exp(-1j * w * self.delay)
         return float(np.max(1.0 / np.abs(1.0 + loop)))
 
     def compute_settling(self, share: float) -> float:
@@ -110,8 +115,9 @@ class System(NamedTuple):
             state = step @ state
         return outside * RELEASE_STEP
 
-    def compute_rms(self, drag: Array, sigma: float, time: float, along: bool) -> float:
-        """Return the rms (m) of the place in Dryden gusts of `sigma` (m/s) and `time` (s).
+    def compute_variance(self, drag: Array, sigma: float, time: float, along: bool) -> Array:
+        """Return the variances of place (m^2) and joint (rad^2), (2,), in Dryden gusts of `sigma`
+        (m/s) and `time` (s).
 
         `drag` (3,) is what a gust of 1 m/s makes of the inputs; `along` the mean wind, or across.
         """
@@ -125,7 +131,9 @@ class System(NamedTuple):
         whole[:n, :n], whole[n:, n:] = self.closed, a / time
         whole[:n, n:], noise[n:] = np.outer(self.drag @ drag, c), b / math.sqrt(time)
         covariance = solve_continuous_lyapunov(whole, -np.outer(noise, noise))
-        return math.sqrt(max(float(covariance[0, 0]), 0.0))
+        seen = np.zeros((2, n + k))
+        seen[0, 0], seen[1, 2], seen[1, 4] = 1.0, 1.0, -1.0
+        return np.asarray(np.diag(seen @ covariance @ seen.T))
 
 
 def build_along(m: Masses, k: Loops) -> System:
@@ -212,6 +220,46 @@ def build_masses(robot: Robot, body: Any, floating: Any, platform: Array) -> tup
         inertia=float(floating["I_eff"][bends, bends]),
         damping=2.0 * (link.lateral_damping_ratio or 0.0) * math.sqrt(k * second),
     )  # fmt: skip
+
+
+def compute_gust_motion(
+    nominal: Nominal, wind: Wind, q: Array, systems: tuple[System, System], swings: int,
+    yaw: float,
+) -> GustMotion:  # fmt: skip
+    """Return the motion in the gusts of a wind, the platform heading `yaw` (rad).
+
+    `systems` are those along the swing, which is along axis `swings` of the platform, and across.
+    """
+    speed = compute_speed(wind)
+    sigma, time = compute_gust_scales(wind, speed)
+    mean = speed * (rot_z(yaw).T @ compute_direction(wind))[:2]
+    ahead = mean / max(float(np.linalg.norm(mean)), 1e-9)
+    total = np.zeros((2, 2))  # along the swing and across: place, joint
+    for i, gust in enumerate((ahead, np.array([-ahead[1], ahead[0]]))):
+        high, low = (_drag(nominal, q, mean + sign * SLOPE * gust) for sign in (1.0, -1.0))
+        slope = (high - low) / (2.0 * SLOPE)  # (3, 2)
+        for k, system in enumerate(systems):
+            drag = slope[:, swings if k == 0 else 1 - swings]
+            total[k] += system.compute_variance(drag, float(sigma[i]), float(time[i]), i == 0)
+    return GustMotion(
+        math.sqrt(float(total[:, 0].sum())), math.sqrt(float(total[0, 1])),
+        systems[0].compute_settling,
+    )  # fmt: skip
+
+
+def _drag(nominal: Nominal, q: Array, wind_B: Array) -> Array:
+    """Return the drag (3, 2) in a level wind (2,) m/s: on the platform, on the links (N), and the
+    moment of the latter about the joint (N m).
+    """
+    robot, world, rotors = nominal.robot, nominal.world, nominal.rotors
+    p, n = robot.platform, len(rotors.position)
+    mass = p.mass_kg + sum(limb.link.mass_kg for limb in list_limbs(robot))
+    omega = math.sqrt(mass * world.gravity_mps2 / n / rotors.k_f)
+    areas = 0.5 * world.air_density_kg_m3 * np.array([p.drag_area_x_m2, p.drag_area_y_m2])
+    platform = (areas * np.linalg.norm(wind_B) + n * rotors.drag_coefficient * omega) * wind_B
+    return np.array([platform, *compute_link_drag(
+        robot, nominal.model, q, world.air_density_kg_m3, wind_B
+    )])  # fmt: skip
 
 
 def compute_link_drag(
