@@ -75,7 +75,8 @@ def test_the_sensitivity_is_that_of_the_closed_loop() -> None:
         w = np.geomspace(0.5, 30.0, 40)
         s = system._replace(delay=0.0)
         ratio = [
-            np.linalg.det(1j * x * np.eye(10) - s.free) / np.linalg.det(1j * x * np.eye(10) - s.closed)
+            np.linalg.det(1j * x * np.eye(10) - s.free)
+            / np.linalg.det(1j * x * np.eye(10) - s.closed)
             for x in w
         ]
         assert s.compute_sensitivity(w) == pytest.approx(np.abs(ratio).max(), rel=1e-6)
@@ -129,7 +130,9 @@ def test_gusts_beyond_a_derived_wind_are_refused() -> None:
 
 
 @pytest.mark.parametrize("toward", [0, 90])
-def test_in_gusts_of_2_and_a_half_mps_platform_and_swing_stay_within_their_limits(toward: int) -> None:
+def test_in_gusts_of_2_and_a_half_mps_platform_and_swing_stay_within_their_limits(
+    toward: int,
+) -> None:
     sets = [*EXACT, DRYDEN, "world.wind.mean_mps=2.5", f"world.wind.toward_deg={toward}",
             "mission.task.hover_s=0"]  # fmt: skip
     m = fly_and_evaluate(load_description("sensor-install", sets=sets, seed=2)).metrics

@@ -9,7 +9,7 @@ from skywright.description.world.wind import compute_speed
 from skywright.run.limits import GUST_SIGMAS
 from skywright.run.parts import build_law
 from skywright.run.setup import Setup
-from skywright.vehicle.component import GustMotion
+from skywright.vehicle.gusts import GustMotion
 
 SWING_SIGMAS = 2.0
 """Of a link's own motion in gusts, that a swing which dies out must leave room for."""
@@ -55,9 +55,7 @@ def find_exceeded_motion(
         low, high = (low, middle) if judge(middle)[0] else (middle, high)
     speed = compute_speed(wind)
     gusts = f"gusts around a mean of {speed:.3g} m/s"
-    most = (
-        f"at most {low * speed:.2f} m/s is (world.wind.mean_mps)" if low > 0.0 else "no wind is"
-    )
+    most = f"at most {low * speed:.2f} m/s is (world.wind.mean_mps)" if low > 0.0 else "no wind is"
     if what == "place":
         return (
             f"{gusts} move the platform by {1e3 * DIFFERENCE * motion.place:.1f} mm "

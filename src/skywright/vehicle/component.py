@@ -17,7 +17,7 @@ They must not allocate: scratch is `local(3)` (core/scratch.py), memory belongs 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
@@ -30,12 +30,13 @@ from skywright.core.spec import NonNegative, Spec
 
 if TYPE_CHECKING:
     from skywright.description.robot.spec import Robot
-    from skywright.description.world.spec import Wind, World
+    from skywright.description.world.spec import World
     from skywright.models.allocation import Allocator
     from skywright.models.arm_body import Deviation
     from skywright.models.nominal import Nominal
     from skywright.models.rotors import RotorSet
     from skywright.models.scene import Scene
+    from skywright.vehicle.gusts import GustModel
 
 SLOTS = (
     "clear", "observe", "sense", "link", "body", "estimate", "reference", "control", "derive",
@@ -200,14 +201,6 @@ class AttitudeGains(NamedTuple):
     integral: float  # rad/s, w_i
 
 
-class GustMotion(NamedTuple):
-    """What gusts do to a platform that holds its place with a link hanging from it."""
-
-    place: float  # m, rms, level
-    swing: float  # rad, rms of the joint
-    settle: Callable[[float], float]  # share of the angle of a link let go -> s until it is below
-
-
 class Streamed(NamedTuple):
     """Raw samples of a sensor, recorded each at its own time (vehicle/streams.py).
 
@@ -334,17 +327,13 @@ class Law(Component):
         return None
 
     def observe_wrench(self, context: Context) -> Array | None:
-        """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the
-        external force that the law wants observed (port Wrench); None: it wants none.
+        """Return the bandwidths (3,) rad/s, forward, left, up, of the external force that the law
+        wants observed (port Wrench); None: it wants none.
         """
         return None
 
-    def build_gust_model(
-        self, nominal: Nominal, yaw: float
-    ) -> Callable[[Wind], GustMotion] | None:
-        """Return what tells how a wind's gusts move a platform that heads `yaw` (rad) and holds its
-        place; None: nothing is known of it.
-        """
+    def build_gust_model(self, nominal: Nominal, yaw: float) -> GustModel | None:
+        """Return how a wind's gusts move a platform that heads `yaw` (rad); None: not known."""
         return None
 
     def compute_gust_response(

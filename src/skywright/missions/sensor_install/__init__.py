@@ -21,4 +21,8 @@ class SensorInstallKind(FolderKind[SensorInstall]):
     def requirements(self, setup: Setup[SensorInstall], way: Any) -> dict[str, Requirement]:
         """Ask for no distance from the singularity in a pose that is at it."""
         asked = super().requirements(setup, way)
-        return {k: v for k, v in asked.items() if not k.startswith("arm.lever") or setup.task.pose == "L"}
+        return {
+            k: v
+            for k, v in asked.items()
+            if not k.startswith("arm.lever") or setup.task.pose == "L"
+        }

@@ -147,9 +147,7 @@ def _judge_tape(samples: NDArray[Any], normal: Array, up: Array, world: World) -
         height = samples["left_p_WH"][last[-1] :] @ up
         left = height[0] - float(np.min(height)) > tape.strength_n / tape.stiffness_n_per_m
     return {
-        "arm.lever_min": ("", "least lever of a hand over the arm's reach, worst direction, in flight"),
-    "arm.lever_felt_min": ("", "the same while a force is felt: touching, pressing"),
-    "sensor.bond_n": bond,
+        "sensor.bond_n": bond,
         "sensor.installed": float(left and bond >= tape.release_n),
     }
 

@@ -14,7 +14,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Control, Robot
-from skywright.description.world.spec import Wind, World
+from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.body_records import Body, Kinematics
 from skywright.models.floating import compute_free_inertia, fill_floating
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import fill_body, fill_kinematics, posture
 from skywright.vehicle.arms.ports import Floating
-from skywright.vehicle.component import GustMotion
+from skywright.vehicle.gusts import GustModel
 from skywright.vehicle.laws._cascade_gusts import (
     Loops,
     Masses,
@@ -47,6 +47,7 @@ FREE_MARGIN = math.radians(35.0)  # rad, of the rate loop above a resonance
 YAW = 0.4  # of roll and pitch: yaw has little torque (PX4's default weight of yaw, MC_YAW_WEIGHT)
 SLOWEST_SWING, FASTEST_SWING = 0.8, 2.0  # poles of the swing over its natural frequency
 BANDWIDTHS = np.geomspace(0.4, 4.0, 93)  # rad/s, of a motion, that are looked at, 2.5 % apart
+DAMPINGS = np.linspace(1.0, 0.5, 6)  # of the swing, over the one asked for, that are looked at
 SETTLED, SETTLING = 0.035, 1.6  # share of the angle that a link is let go at (0.7 deg of 20), s
 SLOWEST_HUNG = 0.3  # with the platform held, a link swings slower than with one that gives way
 
@@ -267,9 +268,7 @@ def _compute_bodies(robot: Robot, model: Any) -> tuple[Any, Any]:
     return body, floating
 
 
-def build_gust_model(
-    c: Control, g: CascadeGains, nominal: Nominal, yaw: float
-) -> Callable[[Wind], GustMotion] | None:
+def build_gust_model(c: Control, g: CascadeGains, nominal: Nominal, yaw: float) -> GustModel | None:
     """Return how a platform with a hanging link moves in gusts; see Law.build_gust_model."""
     robot, world = nominal.robot, nominal.world
     body, floating = _compute_bodies(robot, nominal.model[0])
@@ -303,9 +302,10 @@ def _quicken(
 
     Across the swing the velocity loop keeps its separation from the position's, and the estimate of
     the force, which is an integral, lies between the two. Along it the motion's poles are those of
-    c.position_damping, beside a swing with c.swing_damping, as fast as a link that is let go still
-    comes to rest within SETTLING. There the force is estimated as fast as the platform leans: the
-    momentum of a link that swings is known, that of one that bends is not.
+    c.position_damping, beside a swing with c.swing_damping or the most below it that there is, as
+    fast as a link that is let go still comes to rest within SETTLING. There the force is estimated
+    as fast as the platform leans: the momentum of a link that swings is known, that of one that
+    bends is not.
 
     Raises InputError where no bandwidth does.
     """
@@ -321,8 +321,8 @@ def _quicken(
             break
         found[turn] = k
     separation = 2.0 * c.position_damping
-    for w in BANDWIDTHS[::-1]:
-        poles = _find_swing(m, lag, w / separation, w * separation, c.swing_damping, 0.0)
+    for damping, w in product(c.swing_damping * DAMPINGS, BANDWIDTHS[::-1]):
+        poles = _find_swing(m, lag, w / separation, w * separation, damping, 0.0)
         if poles is None:
             continue
         k = build_loops(g, delay, along, along)._replace(
@@ -336,15 +336,18 @@ def _quicken(
         ):  # fmt: skip
             found[along] = k
             break
-    for axis, k in enumerate(found):
-        if k is None:
+    for axis, kept in enumerate(found):
+        if kept is None:
             raise InputError(
                 f"robot.control.motion_sensitivity = {most:g}: no bandwidth of the motion "
                 f"{'forward' if axis == 0 else 'to the left'} stays below it with this "
-                "attitude_bandwidth_rad_s, position_damping and swing_damping; valid: more, up to 3"
+                "attitude_bandwidth_rad_s, position_damping and swing_damping and brings a link to "
+                f"rest within {SETTLING:g} s; 0 separates the loops instead"
             )
-        g.k_position[axis], g.k_velocity[axis], g.wrench[axis] = k.position, k.velocity, k.force
-    return g._replace(k_swing=found[along].swing, pose=float(fast))
+        g.k_position[axis], g.k_velocity[axis] = kept.position, kept.velocity
+        g.wrench[axis] = kept.force
+        g = g._replace(k_swing=max(g.k_swing, kept.swing), pose=float(fast))
+    return g
 
 
 def _scale_rate_loop(

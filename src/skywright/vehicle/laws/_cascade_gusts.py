@@ -36,7 +36,7 @@ from skywright.models.nominal import Nominal
 from skywright.models.part_masses import link_direction
 from skywright.models.rigid_body import compute_kinematics
 from skywright.vehicle.arms.external_wrench import SWING_BANDWIDTH
-from skywright.vehicle.component import GustMotion
+from skywright.vehicle.gusts import GustMotion
 
 Array = NDArray[np.float64]
 

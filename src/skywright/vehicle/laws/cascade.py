@@ -11,7 +11,6 @@ of its own: the estimated force f_rest_W is one. All gains follow from bandwidth
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 from pydantic import Field
@@ -21,13 +20,13 @@ from skywright.core.rotations import cross, log_so3, mat_t_mat, mat_t_vec, mat_v
 from skywright.core.scratch import local
 from skywright.core.spec import Positive
 from skywright.description.robot.spec import Control
-from skywright.description.world.spec import Wind
 from skywright.errors import InputError
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import compute_body, posture
 from skywright.vehicle.arms.ports import Floating, Hands, Wrench
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
-from skywright.vehicle.component import Context, GustMotion, Law, Out, helper
+from skywright.vehicle.component import Context, Law, Out, helper
+from skywright.vehicle.gusts import GustModel
 from skywright.vehicle.laws._cascade_gains import (
     CascadeGains,
     build_gust_model,
@@ -107,9 +106,7 @@ class Cascade(Law):
         """Return the bandwidths (3,) rad/s of the external force that is cancelled."""
         return self._compute_gains(context).wrench
 
-    def build_gust_model(
-        self, nominal: Nominal, yaw: float
-    ) -> Callable[[Wind], GustMotion] | None:
+    def build_gust_model(self, nominal: Nominal, yaw: float) -> GustModel | None:
         """Return how gusts move a platform with a hanging link; None without one."""
         robot = nominal.robot
         own = {k: v for k, v in self.table if k in Control.model_fields and v is not None}
