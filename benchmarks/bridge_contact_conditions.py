@@ -4,8 +4,8 @@ Writes a table for `skywright campaign bridge-contact --vary FILE.csv`. Slope (t
 direction, the place on the deck, the wind (calm, steady or Dryden turbulence, to 4 m/s, from any
 direction), the station's place (15 to 40 m away, anywhere it sees the robot start) and what its
 camera drifts vary at once. The forces go up to 30 to 100 % of what the mission may ask for there:
-80 % of the computed press, 95 % level and calm. Ranges could not say that: the limit depends on
-slope, wind and their directions.
+80 % of the computed press, 95 % level and calm; the deck is known (plant.map_error_* = 0). Ranges
+could not say that: the limit depends on slope, wind and their directions.
 """
 
 from __future__ import annotations
@@ -56,6 +56,7 @@ def find_limit(row: dict[str, Any]) -> float:
     spots = [("mission.task.spots", row["mission.task.spots"])]
     sets = [*(f"{k}={v!r}" for k, v in values.items()), *(f"{k}={v}" for k, v in spots)]
     sets += ["mission.task.forces_n=[0.2]", "mission.task.without_gear=false"]
+    sets += ["plant.map_error_m=0", "plant.map_error_deg=0"]
     plan = plan_mission(load_description("bridge-contact", sets=sets))
     if not plan.feasible:
         return math.nan

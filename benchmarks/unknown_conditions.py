@@ -2,8 +2,8 @@
 
 Writes a table for `skywright campaign MISSION --vary FILE.csv`, for a mission at a mapped pipe or
 structure: the map's bounds at their largest (where the structure is within them is drawn from each
-run's seed) and the plant's deviations, all at once. Rotors' spread, markers and sensors are drawn
-from the seeds as always.
+run's seed) and the plant's deviations, all at once. Rotors' spread, springs (10 %), markers and
+sensors are drawn from the seeds as always.
 """
 
 from __future__ import annotations
@@ -26,12 +26,19 @@ RANGES = {
     "plant.link_length_error_m": (-0.005, 0.005),
     "plant.joint_offset_error_deg": (-0.5, 0.5),
     "plant.drag_error": (-0.3, 0.3),
+    "plant.hardening_error": (-0.2, 0.2),
+    "plant.backlash_error": (-0.5, 0.5),
+    "plant.servo_lag_error": (-0.2, 0.2),
 }
 OWN: dict[str, tuple[dict[str, float], dict[str, tuple[float, float]]]] = {
     "pipe-weld-scan": (
         MAP, {"world.pipe.friction": (0.1, 0.3), "world.pipe.friction_variation": (0.0, 0.3)}
     ),
     "tool-install": (MAP, {"world.pipe.friction": (0.2, 1.0)}),
+    "bridge-contact": (
+        {k: v for k, v in MAP.items() if "size" not in k},  # a deck has none
+        {"world.structure.friction": (0.4, 0.8)},
+    ),
     "sensor-install": (MAP, {"world.pipe.friction": (0.2, 1.0)}),
 }  # fmt: skip
 """Mission -> bounds of its map, and what else varies."""

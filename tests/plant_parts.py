@@ -12,6 +12,7 @@ from skywright.description.loader import load_description
 from skywright.models.arm_body import Deviation
 from skywright.models.nominal import Nominal
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
+from skywright.models.spring_bench import believe_springs
 from skywright.vehicle.assembly import Assembly
 from skywright.vehicle.bus import (
     Allocated,
@@ -92,6 +93,7 @@ def build_context(
     return PlantContext(
         nominal, world, 1.0, 1.0 / robot.control.rate_hz, TIMESTEP, "none", frozenset(), {},
         deviation=dev, true=nominal, scene=scene, sim=sim, seed=seed,
+        springs=believe_springs(robot),
     )  # fmt: skip
 
 

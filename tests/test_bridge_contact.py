@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exact_map import KNOWN
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
@@ -22,7 +23,7 @@ from skywright.run.planning import plan_mission
 from skywright.run.records import RecordStore
 from skywright.run.run import RunResult, fly_and_evaluate, run_mission
 
-SHORT = {
+SHORT = KNOWN | {
     "mission.task.forces_n": [2.0, 8.0], "mission.task.settle_s": 2.0, "mission.task.hold_s": 1.0,
     "mission.task.without_gear": False, "mission.task.stand_off_m": 0.2,
 }  # fmt: skip
@@ -80,13 +81,13 @@ def test_newton_holds_while_docked() -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_done_is_refused_before_take_off(sets: dict[str, Any], told: str) -> None:
-    plan = plan_mission(load_description("bridge-contact", sets=sets))
+    plan = plan_mission(load_description("bridge-contact", sets=KNOWN | sets))
     assert not plan.feasible and told in str(plan.blocked_by), plan.blocked_by
 
 
 def test_in_wind_the_robot_leans_less_before_it_docks() -> None:
     """The lateral force that holds against the wind is not there for a tilt in place."""
-    sets: dict[str, Any] = {
+    sets: dict[str, Any] = KNOWN | {
         "world.structure.slope_deg": 7.5, "mission.task.forces_n": [1.0],
         "mission.task.without_gear": False, "world.wind.kind": "steady",
     }  # fmt: skip
@@ -185,7 +186,7 @@ def test_a_tilt_beyond_the_limit_is_refused() -> None:
 @pytest.mark.parametrize("world", ["tunnel", "pillar", "bridge"])
 def test_a_surface_is_pressed_and_slid_along_in_flight(world: str) -> None:
     """Level along tunnel and deck; up and down the pillar the probe leans with the motion."""
-    sets = {
+    sets = KNOWN | {
         "mission.task.forces_n": [2.0], "mission.task.hold_s": 1.0, "world.localisation": "mocap",
     }  # fmt: skip
     result = fly_and_evaluate(load_description("wall-contact", world=world, sets=sets))
@@ -197,7 +198,7 @@ def test_a_surface_is_pressed_and_slid_along_in_flight(world: str) -> None:
 @pytest.mark.parametrize("slope", [0.0, 6.0])
 def test_under_a_deck_the_arm_stands_across_the_slide(slope: float) -> None:
     """In the arm's plane friction turns the robot into the deck, across it the tip stays away."""
-    sets: dict[str, Any] = {
+    sets: dict[str, Any] = KNOWN | {
         "world.localisation": "mocap", "world.structure.slope_deg": slope,
         "mission.task.forces_n": [2.0],
     }  # fmt: skip
@@ -232,7 +233,7 @@ def test_under_a_deck_the_arm_stands_across_the_slide(slope: float) -> None:
     ],
 )  # fmt: skip
 def test_a_slide_beyond_reason_is_refused(world: str, sets: dict[str, Any], told: str) -> None:
-    plan = plan_mission(load_description("wall-contact", world=world, sets=sets))
+    plan = plan_mission(load_description("wall-contact", world=world, sets=KNOWN | sets))
     assert not plan.feasible and told in str(plan.blocked_by), plan.blocked_by
 
 

@@ -210,7 +210,7 @@ def build_bench(gravity: float = 0.0, start=None, calm: float = 0.0) -> Bench:
     m.dof_damping[scene.places.joint_dof + 1] += calm
     mujoco.mj_setConst(m, mujoco.MjData(m))
     d, records = mujoco.MjData(m), {(ServoState, ""): np.zeros(1, ServoState.dtype)}
-    context = SimpleNamespace(
+    context = SimpleNamespace(deviation=Deviation(), 
         robot=ROBOT, world=WORLD, scene=scene, rotors=build_rotors(ROBOT.rotors), records=records,
         start=(0.0, 0.0, 0.0),
     )  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from exact_map import KNOWN
 from skywright.analysis.identify.fit import INERTIA_AXES, Fit, fit_parameters
 from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.identify import identify
@@ -399,7 +400,7 @@ def test_bad_input(tmp_path: Path, made: FlightLog) -> None:
 
 def test_a_recording_of_another_robot_is_told(tmp_path: Path) -> None:
     """Other joints are refused; another name, as of an identified robot, is said."""
-    sets = {"mission.task.forces_n": [2.0], "mission.task.slide_m": 0.0}
+    sets = KNOWN | {"mission.task.forces_n": [2.0], "mission.task.slide_m": 0.0}
     run_mission(load_description("wall-contact", sets=sets), out=tmp_path / "run")
     result = call(str(tmp_path / "run"), "--robot", "hexarotor", "--out", str(tmp_path / "x.html"))
     assert result.exit_code == 2 and not (tmp_path / "x.html").exists()

@@ -8,14 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from exact_map import KNOWN
 from skywright import load, run
 from skywright.core.record import View
 from skywright.core.types import IMU_HISTORY
+from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.run.run import build_vehicle
 from skywright.vehicle.estimators import _fusion as fusion
 from skywright.vehicle.estimators._fusion import N_FUSION
 from skywright.vehicle.estimators._kalman import correct
 from skywright.vehicle.estimators.station_camera import StationCamera
+from skywright.vehicle.sensors import station
 
 STATION = "world.localisation='total-station'"
 
@@ -205,3 +209,9 @@ def test_wrong_input(robot, sets, words):
         run(load("waypoints", robot=robot, sets=[STATION, *sets]), report=False)
     for word in words:
         assert word in str(error.value)
+
+
+def test_a_calibration_whose_last_step_moves_a_sample_off_the_cameras_end_is_one() -> None:
+    d = load_description("bridge-contact", sets=KNOWN, seed=238506084143718)
+    found = build_vehicle(d).find(station.StationCamera).calibration
+    assert np.all(np.isfinite(found.paper.matrix)) and found.rms < 0.2

@@ -9,7 +9,7 @@ STREAMS = (
     "wind", "wind_start", "friction", "accelerometer", "vibration", "outlier", "link",
     "deflection", "scenario",
     "station", "camera", "range_finder", "force",
-    "gnss", "pipe", "map", "operator", "survey", "faults",
+    "gnss", "pipe", "map", "operator", "survey", "faults", "springs",
 )  # fmt: skip
 """Append only: a stream's place in this list is part of what a seed means."""
 

@@ -27,6 +27,8 @@ X, Y, Z, YAW, TILT, SIZE, CROSS_TILT = range(7)
 
 def displace_world(world: World, plant: Plant, seed: int) -> World:
     """Return the world as it truly is: its pipe or structure off the map by what `seed` draws."""
+    if not any(getattr(plant, key) for key in KEYS):
+        return world
     u = build_stream(seed, "map").uniform(-1.0, 1.0, 7)
     if world.pipe is not None:
         return world.model_copy(update={"pipe": _displace_pipe(world.pipe, plant, u)})

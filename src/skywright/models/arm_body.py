@@ -11,6 +11,7 @@ from skywright.core.rotations import quat_from_rot, rot_y
 from skywright.description.robot.arm import Link, Servo
 from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
 from skywright.description.robot.spec import Robot
+from skywright.models.deviated_arm import list_true_limbs, list_true_servos
 from skywright.models.part_masses import (
     SLIDER_INERTIA,
     build_probe_parts,
@@ -48,13 +49,18 @@ class Deviation(NamedTuple):
     pipe_error: Array = np.zeros(3)  # m, in W: likewise of a tracked pipe
     socket_error: Array = np.zeros(6)  # m, rad: where a socket stands, against the world file
     survey_error: Array = np.zeros(6)  # m, rad: of motion capture's measurement of the socket
+    spring_factor: Array = np.ones(0)  # (n_joints,) on the stiffness of each joint's spring
+    hardening_factor: float = 1.0  # on the stiffness beyond the linear range over that within
+    backlash_factor: float = 1.0
+    servo_lag_factor: float = 1.0
+    probe_spring_factor: float = 1.0
 
 
 def add_arm(
     spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, dev: Deviation, plant: bool
 ) -> None:
     """Add the arms' links, hands and probe and, in the plant, flexibility and servos."""
-    limbs = list_limbs(robot)
+    limbs, servos = list_true_limbs(robot, dev), list_true_servos(robot, dev)
     last = [max(i for i, x in enumerate(limbs) if x.side == side) for side in _sides(limbs)]
     bodies: list[mujoco.MjsBody] = []
     for i, limb in enumerate(limbs):
@@ -65,7 +71,7 @@ def add_arm(
         body = (base if limb.parent < 0 else bodies[limb.parent]).add_body(
             name=limb.name, pos=offset
         )
-        _add_link_joints(body, i, limbs, plant, robot)
+        _add_link_joints(body, i, limbs, servos, plant, robot)
         body.mass = link.mass_kg * dev.mass_factor
         body.ipos = link_com(link)
         body.inertia = np.diag(link_inertia(link)) * dev.mass_factor
@@ -84,9 +90,9 @@ def add_arm(
     if robot.probe is not None:
         _add_probe(spec, bodies[tip], limbs[tip], robot, dev, plant)
     if plant:
-        _add_servos(spec, robot, limbs)
+        _add_servos(spec, robot, servos)
         for limb in limbs:
-            _add_springs(spec, robot, limb)
+            _add_springs(spec, limb, servos)
 
 
 def _shell_end(robot: Robot, limbs: list[Limb], i: int, is_last: bool) -> Array:
@@ -104,7 +110,12 @@ def _sides(limbs: list[Limb]) -> list[int]:
 
 
 def _add_link_joints(
-    body: mujoco.MjsBody, index: int, limbs: list[Limb], plant: bool, robot: Robot
+    body: mujoco.MjsBody,
+    index: int,
+    limbs: list[Limb],
+    servos: list[tuple[str, Servo]],
+    plant: bool,
+    robot: Robot,
 ) -> None:
     name, link = limbs[index].name, limbs[index].link
     if link.joint == "fixed":
@@ -120,7 +131,7 @@ def _add_link_joints(
         _set_coefficient(joint, "damping", link.damping_nms_per_rad)
         joint.frictionloss = link.friction_nm
     elif robot.arm is not None and robot.arm.belt is None:  # through a belt: _add_servos
-        joint.armature = list_servos(robot)[limbs[index].servo][1].armature_kgm2
+        joint.armature = servos[limbs[index].servo][1].armature_kgm2
     if link.flex_stiffness_nm_per_rad is not None:
         k = link.flex_stiffness_nm_per_rad
         flex = body.add_joint(name=f"{name} flex", axis=axis, type=HINGE)
@@ -129,7 +140,7 @@ def _add_link_joints(
             inertia = compute_inertia_beyond(robot, index)
             damping = 2.0 * link.flex_damping_ratio * math.sqrt(k * inertia)
         _set_coefficient(flex, "damping", damping)
-        slack = 0.5 * _backlash(robot, limbs[index])
+        slack = 0.5 * _backlash(limbs[index], servos)
         if slack == 0.0:
             _set_coefficient(flex, "stiffness", k)
         if link.flex_linear_deg is not None and link.flex_beyond == "stop":
@@ -158,17 +169,15 @@ def _stops(link: Link) -> list[float]:
     ]
 
 
-def _backlash(robot: Robot, limb: Limb) -> float:
+def _backlash(limb: Limb, servos: list[tuple[str, Servo]]) -> float:
     """Backlash (rad) of a link's servo."""
-    if limb.servo < 0:
-        return 0.0
-    return math.radians(list_servos(robot)[limb.servo][1].backlash_deg)
+    return math.radians(servos[limb.servo][1].backlash_deg) if limb.servo >= 0 else 0.0
 
 
-def _add_springs(spec: mujoco.MjSpec, robot: Robot, limb: Limb) -> None:
+def _add_springs(spec: mujoco.MjSpec, limb: Limb, servos: list[tuple[str, Servo]]) -> None:
     """Springs that are not plain joint springs: with play, and the harder part beyond the range."""
     link = limb.link
-    k, slack = link.flex_stiffness_nm_per_rad, 0.5 * _backlash(robot, limb)
+    k, slack = link.flex_stiffness_nm_per_rad, 0.5 * _backlash(limb, servos)
     if k is None:
         return
     if _is_soft(link):
@@ -219,8 +228,12 @@ def compute_inertia_beyond(robot: Robot, index: int) -> float:
     return total
 
 
-def compute_servo_gains(robot: Robot, index: int) -> tuple[float, float]:
+def compute_servo_gains(
+    robot: Robot, index: int, servo: Servo | None = None
+) -> tuple[float, float]:
     """Return (kp N m/rad, kv N m s/rad) of servo `index`: a PD around the commanded angle.
+
+    `servo` is what the plant has in the place of the robot file's.
 
     Critically damped for the inertia that the motor turns: alone where a spring carries the link.
     Velocity servos: at the bandwidth 1/T, around the integrated command. Position servos: ten
@@ -228,7 +241,7 @@ def compute_servo_gains(robot: Robot, index: int) -> tuple[float, float]:
     """
     limbs = list_limbs(robot)
     at = next(i for i, limb in enumerate(limbs) if limb.servo == index)
-    servo = list_servos(robot)[index][1]
+    servo = servo or list_servos(robot)[index][1]
     inertia = servo.armature_kgm2
     if servo.mode == "velocity":
         inertia += compute_inertia_beyond(robot, at)
@@ -328,7 +341,7 @@ def _add_probe(
     if limb.side >= 0:
         slider.add_site(name=f"hand{limb.side}", pos=[probe.length_m, 0, 0], quat=to_tip)
     if plant:
-        k = probe.spring_n_per_m
+        k = probe.spring_n_per_m * dev.probe_spring_factor
         joint = slider.add_joint(
             name="spring", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0],
             limited=mujoco.mjtLimited.mjLIMITED_TRUE, range=[-probe.spring_travel_m, 0.0],
@@ -336,17 +349,17 @@ def _add_probe(
         _set_coefficient(joint, "stiffness", k)
         damping = 2.0 * probe.spring_damping_ratio * math.sqrt(k * parts.slider_mass)
         _set_coefficient(joint, "damping", damping)
-        joint.springref = probe.spring_preload_n / k
+        joint.springref = probe.spring_preload_n / probe.spring_n_per_m
         joint.solref_limit = [0.004, 1.0]
         if robot.force_sensor is not None:  # softer beyond the knee: less of the spring there
-            knee = (robot.force_sensor.knee_n - probe.spring_preload_n) / k
+            knee = (robot.force_sensor.knee_n - probe.spring_preload_n) / probe.spring_n_per_m
             tendon = spec.add_tendon(name="spring beyond")
             tendon.wrap_joint("spring", 1.0)
             _set_coefficient(tendon, "stiffness", -k * (1.0 - robot.force_sensor.hard_share))
             tendon.springlength = [-knee, 1.0]
 
 
-def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
+def _add_servos(spec: mujoco.MjSpec, robot: Robot, servos: list[tuple[str, Servo]]) -> None:
     """Servos: a PD with a torque limit around the command, which a velocity servo integrates.
 
     A position servo's command comes with its lag and speed limit from vehicle/actuators.
@@ -360,14 +373,14 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot, limbs: list[Limb]) -> None:
     n = len(joints)
     belt = np.array(robot.arm.belt) if robot.arm.belt is not None else np.eye(n)
     motor_from_joint = np.linalg.inv(belt)
-    for i, (name, servo) in enumerate(list_servos(robot)):
+    for i, (name, servo) in enumerate(servos):
         tendon = spec.add_tendon(name=name)
         for j, joint in enumerate(joints):
             if abs(motor_from_joint[i, j]) > 1e-12:
                 tendon.wrap_joint(joint, motor_from_joint[i, j])
         if robot.arm.belt is not None:
             tendon.armature = servo.armature_kgm2
-        kp, kv = compute_servo_gains(robot, i)
+        kp, kv = compute_servo_gains(robot, i, servo)
         velocity = servo.mode == "velocity"
         dynamics = mujoco.mjtDyn.mjDYN_INTEGRATOR if velocity else mujoco.mjtDyn.mjDYN_NONE
         act = spec.add_actuator(

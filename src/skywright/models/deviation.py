@@ -28,17 +28,25 @@ def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
     gain = (1.0 + plant.rotor_gain_error) * (
         1.0 + plant.rotor_gain_spread * np.clip(rng.standard_normal(n), -3.0, 3.0)
     )
+    n_joints = len(joint_names(robot))
+    markers = [np.clip(rng.standard_normal(k), -3.0, 3.0) for k in (3, 3, 6)]
+    springs = 1.0 + plant.spring_spread * np.clip(rng.standard_normal(n_joints + 1), -3.0, 3.0)
     return Deviation(
         mass_factor=1.0 + plant.mass_error,
         inertia_factor=1.0 + plant.inertia_error,
         com_error=np.array([plant.com_x_error_m, plant.com_y_error_m, plant.com_z_error_m]),
         rotor_gain=gain,
         link_length_error=plant.link_length_error_m,
-        joint_offset=np.full(len(joint_names(robot)), math.radians(plant.joint_offset_error_deg)),
+        joint_offset=np.full(n_joints, math.radians(plant.joint_offset_error_deg)),
         drag_factor=1.0 + plant.drag_error,
-        marker_error=plant.marker_error_m * np.clip(rng.standard_normal(3), -3.0, 3.0),
-        pipe_error=plant.marker_error_m * np.clip(rng.standard_normal(3), -3.0, 3.0),
+        marker_error=plant.marker_error_m * markers[0],
+        pipe_error=plant.marker_error_m * markers[1],
         socket_error=build_socket_error(plant),
         survey_error=np.repeat([plant.survey_error_m, math.radians(plant.survey_error_deg)], 3)
-        * np.clip(rng.standard_normal(6), -3.0, 3.0),
+        * markers[2],
+        spring_factor=(1.0 + plant.spring_error) * springs[:-1],
+        hardening_factor=1.0 + plant.hardening_error,
+        backlash_factor=1.0 + plant.backlash_error,
+        servo_lag_factor=1.0 + plant.servo_lag_error,
+        probe_spring_factor=(1.0 + plant.spring_error) * float(springs[-1]),
     )

@@ -250,10 +250,10 @@ def build_probe_signal(
     coil, instrument = coil or Coil(), instrument or Instrument()
     texture = texture or Texture()
     _check_coil(coil)
-    present = weld is not None and weld.present
-    table, d_log_mu = _build_tables(pipe, weld if present else None, coil, instrument)
+    weld = weld if weld is not None and weld.present else None
+    table, d_log_mu = _build_tables(pipe, weld, coil, instrument)
     radius = pipe.diameter_m / 2
-    curve = build_weld_curve(weld if weld is not None and present else Weld(), radius)
+    curve = build_weld_curve(weld or Weld(), radius)
     # Gaussian spectrum of wave numbers <=> Gaussian correlation of the field; whole waves around
     # the pipe, so that the field closes behind it
     k = rng.standard_normal((2, texture.modes)) / texture.correlation_length
@@ -266,7 +266,7 @@ def build_probe_signal(
         weld_slope=curve.slope,
         weld_around=curve.around,
         radius=radius,
-        weld_half_width=weld.half_width_m if weld is not None and present else -1.0,
+        weld_half_width=weld.half_width_m if weld is not None else -1.0,
         footprint=(coil.inner_radius + coil.outer_radius) / 2,
         texture_ks=k[0].copy(),
         texture_kc=k[1].copy(),

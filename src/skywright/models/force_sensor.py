@@ -32,14 +32,21 @@ class Converter(Record):
     noise: float  # counts, 1 sigma
 
 
-def build_force_sensor(spec: ForceSensor, preload: float = 0.0) -> NDArray[Any]:
-    """Return the sensor's parameters as a (1,) array of Converter; `preload` (N) of the spring."""
+def build_force_sensor(
+    spec: ForceSensor, preload: float = 0.0, factor: float = 1.0
+) -> NDArray[Any]:
+    """Return the sensor's parameters as a (1,) array of Converter; `preload` (N) of the spring.
+
+    `factor` is a force over what the data sheet makes of a count.
+    """
     out = np.zeros(1, Converter.dtype)
     s = out[0]
     s["hard_slope"], s["hard_offset"] = spec.hard_slope_n_per_count, spec.hard_offset_n
     s["soft_slope"], s["soft_offset"] = spec.soft_slope_n_per_count, spec.soft_offset_n
     s["limit"], s["top"], s["noise"] = spec.limit_count, 2**spec.adc_bits - 1, spec.noise_count
     s["zero"], s["per_m"] = compute_count(s, preload), 2**spec.adc_bits / spec.stroke_m
+    for name in ("hard_slope", "hard_offset", "soft_slope", "soft_offset"):
+        s[name] *= factor
     return out
 
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from skywright.core.keys import iterate_leaves
+from skywright.description.robot.limbs import list_joints
 from skywright.models.deviation import build_deviation
 from skywright.models.nominal import Nominal
 from skywright.reports.summary import (
@@ -119,8 +122,16 @@ def list_plant(result: RunResult) -> list[Row]:
         for key, value in iterate_leaves(d.plant, "plant")
         if mapped or not key.startswith("plant.map_")
     ]
-    gains = build_deviation(d.plant, d.robot, d.mission.seed).rotor_gain
-    rows.append(Row("rotor gains drawn", ", ".join(f"{g:.3f}" for g in gains), "of this seed"))
+    drawn = build_deviation(d.plant, d.robot, d.mission.seed)
+    factors = {"rotor gains drawn": drawn.rotor_gain}
+    if any(limb.link.flex_stiffness_nm_per_rad for limb in list_joints(d.robot)):
+        factors["stiffness of the joints' springs drawn"] = drawn.spring_factor
+    if d.robot.probe is not None:
+        factors["stiffness of the probe's spring drawn"] = np.array([drawn.probe_spring_factor])
+    for name, values in factors.items():
+        rows.append(
+            Row(name, ", ".join(f"{x:.3f}" for x in values), "of this seed, over the file's")
+        )
     return rows
 
 
@@ -130,6 +141,10 @@ def list_conditions(result: RunResult) -> list[Row]:
     c, m, w = d.robot.control, d.mission, d.world
     rows = [
         Row("control law", get_law(d, Nominal(d.robot, d.world)).kind),
+        Row(
+            "springs",
+            "calibrated with known loads" if m.calibrate_springs else "the robot file's",
+        ),
         Row("estimator", "the simulator's truth" if uses_truth(d) else m.estimator.kind),
         Row(
             "position bandwidth",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from skywright.core.find import find, list_kinds
+from skywright.core.streams import build_stream
 from skywright.description.loader import Description
 from skywright.description.parts import Part, build_part, list_parts
 from skywright.description.world.thing import Placed
@@ -86,18 +87,16 @@ def build_named(description: Description[Any]) -> list[Component]:
     """Build the sensors, effects and faults that robot, world and plant name."""
     sensors = list_parts(description.robot.sensors)
     effects = list_parts(description.world.effects)
-    faults = list_parts(description.plant.faults)
+    faults: list[Fault] = [
+        build_part("fault", part, name)
+        for name, part in list_parts(description.plant.faults).items()
+    ]
+    rng = build_stream(description.mission.seed, "faults")  # of all that are drawn, in turn
     return [
         *(build_part("sensor", part, name) for name, part in sensors.items()),
         *(build_part("effect", part, name) for name, part in effects.items()),
-        *(_build_fault(description, part, name) for name, part in faults.items()),
+        *(fault.resolve(description.robot, description.world, rng) for fault in faults),
     ]
-
-
-def _build_fault(d: Description[Any], part: Part, name: str) -> Fault:
-    """Build a fault of the plant, drawn from the seed where it says so."""
-    fault: Fault = build_part("fault", part, name)
-    return fault.resolve(d.robot, d.world, d.mission.seed)
 
 
 def build_rules(description: Description[Any]) -> list[Rule]:

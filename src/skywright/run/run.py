@@ -149,7 +149,7 @@ def run_mission(
             observer.on_plan(plan, description)
         keep = None if store is None else _start_records(store, description, final)
         samples, phases, flight, outcome = _fly(
-            description, plan, vehicle, partial, observers, keep, operator
+            setup, plan, vehicle, partial, observers, keep, operator
         )
     finally:
         if store is not None:
@@ -183,7 +183,7 @@ def fly_and_evaluate(description: Description, observers: Sequence[Observer] = (
     start = time.perf_counter()
     setup = Setup(description)
     plan, vehicle = _prepare(setup)
-    samples, phases, flight, outcome = _fly(description, plan, vehicle, None, observers)
+    samples, phases, flight, outcome = _fly(setup, plan, vehicle, None, observers)
     result = _evaluate(Flown(setup, plan, samples, phases), flight, outcome, Path())
     _add_timing(result, start)
     return result
@@ -234,6 +234,7 @@ def build_vehicle(
         start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
         interactive=mission.mode == "interactive",
         timestep=1e-3 * mission.timestep_ms,
+        calibrated=mission.calibrate_springs,
         parts=parts,
         on_samples=on_samples,
     )
@@ -271,7 +272,7 @@ def _add_timing(result: RunResult, start: float) -> None:
 
 
 def _fly(
-    description: Description,
+    setup: Setup[Any],
     plan: MissionPlan[Any],
     vehicle: SimulatedVehicle,
     partial: Path | None,
@@ -283,7 +284,7 @@ def _fly(
 
     Without a directory `partial` nothing is recorded.
     """
-    robot = description.robot
+    description, robot = setup.description, setup.robot
     blocks: list[NDArray[Any]] = []
     written, next_flush = 0, FLUSH_S
     writer: FlightRecording | None = None
@@ -319,7 +320,7 @@ def _fly(
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
         on_measurement, operator, build_rules(description),
-        lambda: Setup(description).clearance_aloft, on_acted,
+        lambda: setup.clearance_aloft, on_acted,
     )  # fmt: skip
 
     def on_stuck(says: str) -> None:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from skywright.models.nominal import Nominal
     from skywright.models.rotors import RotorSet
     from skywright.models.scene import Scene
+    from skywright.models.spring_bench import Springs
     from skywright.vehicle.gusts import GustModel
 
 SLOTS = (
@@ -114,6 +115,7 @@ class Context:
     alive: list[Any] = field(default_factory=list)
     components: Sequence[Component] = ()
     """All of the vehicle, at build; likewise."""
+    springs: Springs = None  # type: ignore[assignment]  # of joints and force sensor, as believed
     carried: list[Any] = field(default_factory=list)
     """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
 
@@ -370,8 +372,8 @@ class Fault(Component):
 
         start_s: NonNegative = 0.0
 
-    def resolve(self, robot: Robot, world: World, seed: int) -> Fault:
-        """Return the fault that this one stands for: itself, but for what the seed draws."""
+    def resolve(self, robot: Robot, world: World, rng: np.random.Generator) -> Fault:
+        """Return the fault that this one stands for: itself, but for what `rng` draws."""
         return self
 
     @classmethod

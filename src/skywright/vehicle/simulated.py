@@ -29,6 +29,7 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
+from skywright.models.spring_bench import find_springs
 from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
@@ -94,6 +95,7 @@ class SimulatedVehicle:
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         interactive: bool = False,
         timestep: float = TIMESTEP,
+        calibrated: bool = True,
         parts: Sequence[Component] = (),
         on_samples: Callable[[NDArray[Any]], None] | None = None,
     ) -> None:
@@ -103,7 +105,7 @@ class SimulatedVehicle:
         `start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
 
         `parts` are further components: sensors and effects that the description names. `timestep`
-        (s) is the physics step.
+        (s) is the physics step. Springs are `calibrated` with known loads, or the file's.
         Raises InputError where they do not fit together.
         """
         self.nominal, self.law, self.estimator = nominal, law, estimator
@@ -134,6 +136,7 @@ class SimulatedVehicle:
             nominal, world, compute_body(self.model, posture(robot, "working"))[0], self.dt,
             timestep, law.name, frozenset(), {}, deviation=deviation, scene=self.scene,
             sim=self.sim, seed=seed, start=start, true=true, known=self.world,
+            springs=find_springs(robot, self.scene if calibrated else None, seed),
         )  # fmt: skip
         named = [
             law,
@@ -394,5 +397,3 @@ class SimulatedVehicle:
     def set_phase(self, index: int) -> None:
         """Phase index that samples carry from now on."""
         self.assembly.get(Clock)["phase"] = index
-
-    # --- set-up ------------------------------------------------------------------------------

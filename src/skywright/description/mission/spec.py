@@ -68,6 +68,7 @@ class Mission(Spec, Generic[T]):
     wind_fraction: Fraction = 0.7  # of the computed wind limit that a mission may use
     # wall time that a mission tick (20 ms of flight) may take before a component counts as stuck
     step_limit_s: float = Field(default=20.0, ge=0.1, le=3600)
+    calibrate_springs: bool = True  # with known loads, before the flight (models/spring_bench.py)
     record_raw: bool = True  # every sample of sensors that declare streams, at its own rate
     planner_time_s: Positive = 20.0  # before the planner gives up
     task: T
@@ -100,6 +101,11 @@ class Plant(Spec):
     link_length_error_m: float = 0.004  # of the last link: a kinematic calibration error
     joint_offset_error_deg: float = 0.4  # encoder zero of every joint
     drag_error: float = Field(default=0.2, gt=-1, lt=10)
+    spring_error: float = Field(default=0.0, gt=-0.9, lt=10)  # of joints' and probe's springs
+    spring_spread: float = Field(default=0.1, ge=0, le=0.3)  # 1 sigma of each, from the seed
+    hardening_error: float = Field(default=0.1, gt=-0.9, lt=10)  # beyond the linear range
+    backlash_error: float = Field(default=0.1, ge=-1, lt=10)
+    servo_lag_error: float = Field(default=0.1, gt=-0.9, lt=10)  # of the arm's servos
     marker_error_m: NonNegative = 0.001  # 1 sigma a axis: motion-capture markers of the probe
     # the true pipe or structure is up to this far, either way, from the map (world file)
     map_error_m: float = Field(default=0.0, ge=0, le=0.2)  # each axis

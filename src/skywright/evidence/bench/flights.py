@@ -114,11 +114,12 @@ class _Docked(Exception):
 
 
 def fly_docked(*sets: str) -> SimulatedVehicle:
-    """Fly the bridge's inspection until the docked robot holds its first force.
+    """Fly the inspection of a bridge that is known until the docked robot holds its first force.
 
     Raises InfeasibleError when it has no plan, SimulationError where it does not get that far.
     """
-    description = load_description("bridge-contact", sets=sets)
+    known = ("plant.map_error_m=0", "plant.map_error_deg=0")
+    description = load_description("bridge-contact", sets=(*known, *sets))
     plan = plan_mission(description)
     if not plan.feasible:
         raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))

@@ -167,8 +167,31 @@ def describe(result: RunResult[BridgeContact, ContactPlan]) -> str:
     return did + f"held {held} forces: {'; '.join(parts)}"
 
 
+def describe_survey(result: RunResult[BridgeContact, ContactPlan]) -> list[str]:
+    """Say what the touches told of the structure."""
+    m, what = result.metrics, "survey.normal_error_deg"
+    if what not in m:
+        return []
+    return [
+        f"The survey's {m['survey.touches']:.0f} touches put the surface within "
+        f"{m['survey.surface_error_mm']:.1f} mm and {m[what]:.2f} deg of the true one, the map had "
+        f"it within {m['survey.map_error_mm']:.1f} mm and {m['survey.map_normal_error_deg']:.2f} "
+        f"deg; the fit states {m['survey.surface_std_mm']:.1f} mm and "
+        f"{m['survey.normal_std_deg']:.2f} deg, one deviation."
+    ]
+
+
 FIGURES = Figures(
     describe,
+    notes=describe_survey,
+    phases={
+        "survey_approach": "On the way to the structure that is not known well.",
+        "survey_move": "To the next place that is touched.",
+        "survey_touch": "Slowly on until the structure is felt. Docking feet are pushed until they "
+        "lie flush; a tip is kept pressed.",
+        "survey_back": "Back off the surface.",
+        "survey_leave": "The touches are evaluated and the mission is planned again.",
+    },
     charts={
         "contact-force": Chart(
             "The forces",

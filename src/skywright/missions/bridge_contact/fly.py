@@ -10,19 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from skywright.missions.bridge_contact.plan import ContactPlan, Station
-from skywright.missions.bridge_contact.sliding import (
-    find_way,
-)
+from skywright.missions.bridge_contact.plan import ContactPlan, plan_found
+from skywright.missions.bridge_contact.seat import DEEP, touch_with_feet
+from skywright.missions.bridge_contact.sliding import find_way
+from skywright.missions.bridge_contact.stations import Station
+from skywright.missions.bridge_contact.survey import SurveyWay, get_ball
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.missions.skills.pressing import TIP_GAP, Presser
-from skywright.models.contact_stance import (
-    ContactStance,
-)
+from skywright.missions.skills.survey import TRIES, PressingTip, Touch, survey_surface
+from skywright.missions.skills.surveyed_structure import fit_structure
+from skywright.models.contact_stance import ContactStance
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 
 SEAT_S, UNSEAT_S = 2.0, 1.5  # s, in which the feet are loaded and relieved
+SETTLE_S = 1.0  # s, before a touch
+TIP_FELT_N = 0.5
+"""N, of a tip on a spring with a sensor that tells hundredths of it."""
 SEATED_M = 0.03  # m, of the feet to the deck, as estimated
 
 
@@ -30,15 +34,20 @@ SEATED_M = 0.03  # m, of the feet to the deck, as estimated
 
 
 def fly(s: Supervisor[BridgeContact], way: ContactPlan) -> Flight:
-    """Inspect every station docked, then once more in flight."""
+    """Find the structure, inspect every station docked, then once more in flight."""
     pilot = Pilot(s, way, s.task)
     home = np.array(s.vehicle.reference)
     reason = beside = ""
-    for station in way.stations:
-        if pilot.contact.dock:
-            reason = pilot.inspect_docked(station)
-        if not reason and way.free is not None and way.free_forces:
-            told = pilot.inspect_flying(station, way.free)
+    if way.survey is not None and way.survey.stations:
+        reason = pilot.find_with_tip(way.survey)
+    for i in range(len(way.stations)) if not reason else ():
+        if way.survey is not None and not way.survey.stations:
+            reason = pilot.find_with_feet(way.survey, i)
+        if pilot.contact.dock and not reason:
+            reason = pilot.inspect_docked(pilot.way.stations[i])
+        free = pilot.way.free
+        if not reason and free is not None and pilot.way.free_forces:
+            told = pilot.inspect_flying(pilot.way.stations[i], free)
             beside = beside or told
             reason = "" if pilot.contact.dock else told  # nothing is required of it then
         if reason:
@@ -53,6 +62,56 @@ class Pilot(Presser):
     def __init__(self, supervisor: Supervisor, way: ContactPlan, task: BridgeContact) -> None:
         super().__init__(supervisor, task)
         self.way, self.contact = way, task
+        self.touches: list[Touch] = []
+
+    def find_with_feet(self, survey: SurveyWay, i: int) -> str:
+        """Touch the deck at station i with the feet and plan again; returns what failed, or ""."""
+        at = self.way.stations[i]
+        stand = at.p_dock + self.way.stand_off * at.normal
+        for _ in range(TRIES):
+            self.go("survey_move", p=stand, R=at.R_level, q=self.way.q_ready)
+            self.go(None, R=at.R_approach)
+            self.s.wait(SETTLE_S)
+            travel = self.way.stand_off + survey.reach
+            touches = touch_with_feet(self.s, at.R_WS, survey.feet, travel, survey.stiffness)
+            if not touches[0].reason or touches[0].reason.startswith("nothing"):
+                break
+        self.go("survey_leave", R=at.R_level)
+        self.touches += touches
+        return self._plan_found(survey)
+
+    def find_with_tip(self, survey: SurveyWay) -> str:
+        """Touch the structure around the spots with the tip and plan again, likewise."""
+        stance, first = self.way.free, survey.stations[0]
+        assert stance is not None
+        back = first.p_press + self.way.stand_off * first.normal
+        self.go("survey_approach", p=back, R=first.R_level, q=stance.q)
+
+        def come(i: int, _: list[Touch]) -> None:
+            at = survey.stations[i]
+            self.go("survey_move", p=at.p_press + survey.stand_off * at.normal, R=at.R_approach,
+                    speed=0.2)  # fmt: skip
+
+        tip = PressingTip(self.s, True, TIP_FELT_N)
+        travel = survey.stand_off + survey.reach + DEEP * TIP_FELT_N / survey.stiffness
+        self.touches = survey_surface(
+            self.s, tip, [at.R_WS for at in survey.stations], [travel] * len(survey.stations),
+            come, lambda: self.s.wait(SETTLE_S),
+        )  # fmt: skip
+        self.go("survey_leave", p=back, R=first.R_level, speed=0.2)
+        return self._plan_found(survey)
+
+    def _plan_found(self, survey: SurveyWay) -> str:
+        """Fit the structure to the touches and plan again; returns what failed, or ""."""
+        ball = get_ball(survey.setup, len(survey.feet) > 0, self.s.vehicle.pose_std)
+        found = fit_structure(survey.setup, self.touches, ball)
+        if found.reason:
+            return found.reason
+        plan = plan_found(survey.setup, found.structure)
+        if not plan.feasible:
+            return f"survey: on the structure that was found, {plan.blocked_by}"
+        self.structure, self.way = found.structure, plan.get_way()
+        return ""
 
     def inspect_docked(self, at: Station) -> str:
         """Dock, press, undock; returns what went wrong, or ""."""
@@ -67,7 +126,7 @@ class Pilot(Presser):
                 "t_feet_B": (1.0 - u) * rest.t_feet + u * pressed.t_feet,
             }
 
-        stand = at.p_dock + task.stand_off_m * at.normal
+        stand = at.p_dock + way.stand_off * at.normal
         self.go("approach", p=stand, R=at.R_level, q=way.q_ready)
         self.go("align", R=at.R_approach)
         s.wait(1.0)
@@ -90,7 +149,7 @@ class Pilot(Presser):
     def inspect_flying(self, at: Station, stance: ContactStance) -> str:
         """Press in flight, slide if asked for; returns what went wrong, or ""."""
         task = self.contact
-        back = at.p_press + task.stand_off_m * at.normal
+        back = at.p_press + self.way.stand_off * at.normal
         self.go("free approach", p=back, R=at.R_level, q=stance.q)
         self.go(None, R=at.R_approach)
         self.go("free near", p=at.p_press + TIP_GAP * at.normal, R=at.R_approach, speed=0.1)

@@ -8,12 +8,20 @@ from typing import Any
 import numpy as np
 
 from skywright.core.arrays import Array, Mask, Samples
+from skywright.description.world.structure import locate_point
 from skywright.missions.bridge_contact.plan import ContactPlan
+from skywright.missions.bridge_contact.survey import read_survey
 from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.missions.skills.survey import PHASE
+from skywright.missions.skills.surveyed_structure import (
+    STRUCTURE_MEASURES,
+    fit_structure,
+    judge_structure,
+)
 from skywright.models.drawing import rotate_vectors
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
-from skywright.run.metrics import OFF_SURFACE
+from skywright.run.metrics import OFF_SURFACE, in_phases
 
 MEASURES: Measures = {
     "dock.touch_speed_mps": ("m/s", "fastest of the docking feet towards the deck as they touch"),
@@ -31,6 +39,7 @@ MEASURES: Measures = {
     "slide.rms_error_n": ("N", "rms error of the force while the tip slides along the structure"),
     "slide.lost_s": ("s", "time off the surface (gap above 0.1 mm) meanwhile"),
     "slide.length_m": ("m", "way of the tip along the structure"),
+    **STRUCTURE_MEASURES,
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
@@ -54,14 +63,17 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     """Judge the phases that were flown; what was not reached has no metric."""
     samples, phases, way = run.samples, run.phases, run.way
     out: dict[str, float] = {}
+    deck = run.setup.true.surface
+    assert deck is not None
+    normal = locate_point(deck, way.stations[0].place)[1][:, 2]
     held = select_phases(samples, phases, "hold ")
     if np.any(held):
         out.update(_judge_force(samples[held], "force"))
         out["dock.wander_mm"] = 1e3 * _find_wander(samples, phases, "hold ")
-        out["dock.turn_deg"] = _find_turn(samples, phases)
+        out["dock.turn_deg"] = _find_turn(samples, phases, normal)
         out["press.fraction"] = way.largest / way.limit_n
         out["press.limit_n"] = way.limit_n
-    speeds = _find_touches(samples, phases, way)
+    speeds = _find_touches(samples, phases, normal)
     if len(speeds):
         out["dock.touch_speed_mps"] = float(np.max(speeds))
     flying = select_phases(samples, phases, "free hold ")
@@ -77,7 +89,19 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
         )
         way_m = np.linalg.norm(np.diff(s["p_WT"], axis=0), axis=1)
         out["slide.length_m"] = float(np.sum(way_m[way_m < 0.05]))
-    return out
+    return out | _judge_survey(run)
+
+
+def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
+    """Compare the structure through the recorded touches with the true one; {} without any."""
+    survey = run.way.survey
+    if survey is None:
+        return {}
+    touches, ball = read_survey(survey, run.samples, run.phases)
+    if all(t.reason for t in touches):
+        return {}
+    found = fit_structure(run.setup, touches, ball)
+    return judge_structure(run.setup, found, run.way.stations[0].place, ball)
 
 
 def compute_bench_metrics(run: Flown[Any, Any]) -> dict[str, float]:
@@ -110,19 +134,18 @@ def _find_wander(samples: Samples, phases: list[PhaseRecord], start: str) -> flo
     return worst
 
 
-def _find_turn(samples: Samples, phases: list[PhaseRecord]) -> float:
-    """Largest angle (deg) between the docked attitude and the reference while pressing."""
+def _find_turn(samples: Samples, phases: list[PhaseRecord], normal: Array) -> float:
+    """Largest angle (deg) of the platform from a deck with this normal while pressing."""
     s = samples[select_phases(samples, phases, "hold ")]
-    dot = np.abs(np.sum(s["q_WB"] * s["ref_q_WB"], axis=1))
-    return float(np.degrees(np.max(2.0 * np.arccos(np.clip(dot, 0.0, 1.0)))))
+    up = rotate_vectors(s["q_WB"], np.tile([0.0, 0.0, 1.0], (len(s), 1)))
+    return float(np.degrees(np.max(np.arccos(np.clip(-up @ normal, -1.0, 1.0)))))
 
 
-def _find_touches(samples: Samples, phases: list[PhaseRecord], way: ContactPlan) -> Array:
+def _find_touches(samples: Samples, phases: list[PhaseRecord], normal: Array) -> Array:
     """Speeds (m/s) towards the deck just before the feet touch, each time they do."""
-    docking = select_phases(samples, phases, "dock") | select_phases(samples, phases, "seat")
+    docking = in_phases(samples, phases, "dock", "seat", PHASE)
     on = docking & (np.linalg.norm(samples["f_docking_W"], axis=1) > TOUCHING)
     starts = np.flatnonzero(on[1:] & ~on[:-1]) + 1
-    normal = way.stations[0].normal
     out = []
     for k in starts:
         before = (samples["t"] >= samples["t"][k] - BEFORE_S) & (samples["t"] <= samples["t"][k])

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array
-from skywright.core.rotations import exp_so3, log_so3, rot_z
+from skywright.core.rotations import exp_so3
 from skywright.description.loader import Description
-from skywright.description.world.structure import Structure, build_surface, locate_point
+from skywright.description.world.structure import Structure
 from skywright.description.world.wind import compute_direction, compute_speed
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.sliding import (
@@ -24,8 +24,11 @@ from skywright.missions.bridge_contact.sliding import (
     compute_sliding_press,
     find_way,
 )
+from skywright.missions.bridge_contact.stations import TILT_FRACTION, Station, build_station
+from skywright.missions.bridge_contact.survey import SurveyWay, plan_survey
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.missions.skills.pressing import TIP_GAP, check_can_press
+from skywright.missions.skills.surveyed import get_map_error, is_surveyed
 from skywright.models.contact_stance import (
     ContactStance,
     compute_flying_press,
@@ -34,34 +37,16 @@ from skywright.models.contact_stance import (
 )
 from skywright.models.docked import build_docked, find_stance
 from skywright.models.docked_balance import DockedBalance, compute_docked_balance
-from skywright.models.docked_map import Condition, compute_worst_press
+from skywright.models.docked_map import DIRECTIONS, Condition, compute_worst_press
 from skywright.models.geometry import ClearanceQuery, compute_clearance
-from skywright.models.hover_tilt import compute_hover_tilt
 from skywright.models.rigid_body import compute_tip, posture
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-TILT_FRACTION = 0.85  # of the computed hover tilt, that a flying robot is asked for
 READY_GAP = 0.04  # m, of the tip below the feet while docking
 CLEAR = 0.10  # m, from everything on the way
 NEAR = 0.02  # m, from everything but the structure at the place of contact
 FOOT_LOADS = (1.0, 0.75, 0.5)  # N, of each foot at least: the most that the rotors allow
-
-
-class Station(NamedTuple):
-    """One place of contact and the poses before it."""
-
-    name: str
-    place: Array  # (2,) m in S
-    p_contact: Array  # (3,) m in W
-    normal: Array  # (3,) outward
-    yaw: float
-    R_level: Array  # (3, 3)
-    R_dock: Array  # (3, 3) docked or pressing attitude
-    tilt_limit: float  # rad, computed hover limit in the wind there
-    R_approach: Array  # (3, 3) what hovering allows of it
-    p_dock: Array  # (3,) m, platform with its feet on the deck (NaN without docking)
-    p_press: Array  # (3,) m, platform with its tip on the surface, flying (NaN without)
 
 
 class ContactPlan(NamedTuple):
@@ -78,10 +63,26 @@ class ContactPlan(NamedTuple):
     limit_n: float  # N, computed docked press here
     free_limit_n: float  # N, computed press in flight
     free_forces: list[float]  # N, of the profile, that may be pressed in flight
+    stand_off: float  # m, of feet or tip, before they near the surface
+    survey: SurveyWay | None = None
 
 
 def plan(setup: Setup[BridgeContact]) -> MissionPlan[ContactPlan]:
-    """Place the robot, compute what it may press, check the way."""
+    """Plan by the map."""
+    return _plan_on(setup, is_surveyed(setup), setup.world.structure)
+
+
+def plan_found(setup: Setup[BridgeContact], structure: Structure) -> MissionPlan[ContactPlan]:
+    """Plan again with the structure that was found."""
+    world = setup.world.model_copy(update={"structure": structure})
+    found = Setup(setup.description._replace(world=world))
+    return _plan_on(found, False, setup.world.structure)
+
+
+def _plan_on(
+    setup: Setup[BridgeContact], surveyed: bool, known: Structure | None
+) -> MissionPlan[ContactPlan]:
+    """Place the robot, compute what it may press, check the way; `known` is the map's structure."""
     d, robot, task = setup.description, setup.robot, setup.task
     structure = _check(d, task)
     began = time.perf_counter()
@@ -97,30 +98,41 @@ def plan(setup: Setup[BridgeContact]) -> MissionPlan[ContactPlan]:
         q_ready = find_tip_pose(model, working, dock_tip - [0.0, 0.0, READY_GAP])
         q_touch = find_tip_pose(model, working, dock_tip - [0.0, 0.0, TIP_GAP])
     q_hover = q_ready if task.dock else free.q if free else working
+
+    def stand(place: Array, name: str) -> Station:
+        return build_station(d, place, name, dock_tip, free, q_hover, bool(task.slide_m))
+
     stations = [
-        _build_station(d, np.array([spot.x_m, spot.y_m]), spot.name or f"spot {i + 1}",
-                       dock_tip, free, q_hover, bool(task.slide_m))
+        stand(np.array([spot.x_m, spot.y_m]), spot.name or f"spot {i + 1}")
         for i, spot in enumerate(task.spots)
-    ]  # fmt: skip
+    ]
+    survey, stand_off, unsure = None, task.stand_off_m, 0.0
+    if surveyed:
+        survey = plan_survey(setup, stations, stand, q_ready)
+        stand_off = max(stand_off, survey.stand_off)
+        # heading and slope are off by the bound each
+        unsure = math.sqrt(2.0) * get_map_error(setup).turn if structure.facing == "down" else 0.0
     blocked, largest = _check_hover(d, stations), max(task.forces_n)
     limit = free_limit = math.nan
     rest = pressed = None
     if task.dock and not blocked:
-        limit, rest, pressed, blocked = _plan_docked(d, task, structure, stations[0], largest)
+        limit, rest, pressed, blocked = _plan_docked(d, task, stations[0], unsure, known)
     free_forces: list[float] = []
     if free is not None:
-        free_limit, free_forces, refused = _plan_flying(d, task, structure, free, stations)
+        held = [R for s in stations for R in _tilt(s.R_dock, unsure)]
+        free_limit, free_forces, refused = _plan_flying(d, task, structure, free, held)
         blocked = blocked or refused
     if free is not None and not task.dock and not blocked:
-        blocked = _check_tilt(stations)
+        blocked = _check_tilt(stations, unsure)
     if not blocked:
-        blocked = _check_way(setup, stations, free, q_ready)
+        blocked = _check_way(setup, stations, free, q_ready, stand_off, survey)
     found = ContactPlan(
         stations, q_ready, q_touch, dock_tip, free, rest, pressed, largest, limit, free_limit,
-        free_forces,
+        free_forces, stand_off, survey,
     )  # fmt: skip
     each = task.ramp_s + task.settle_s + task.hold_s
     total = len(stations) * (len(task.forces_n) + len(free_forces)) * each + 40.0
+    total += 0.0 if survey is None else survey.duration_s
     return MissionPlan(
         not blocked, blocked or None, time.perf_counter() - began, total, math.nan, math.nan, {},
         found,
@@ -159,59 +171,30 @@ def _check(d: Description, task: BridgeContact) -> Structure:
     return structure
 
 
-def _build_station(
-    d: Description, place: Array, name: str, dock_tip: Array, free: ContactStance | None,
-    q_hover: Array, slides: bool,
-) -> Station:  # fmt: skip
-    """Return the poses at a place: z_B against a surface that faces down, x_B against a wall."""
-    structure = d.world.structure
-    assert structure is not None
-    p, R = locate_point(build_surface(structure), place)
-    normal = np.array(R[:, 2])
-    if structure.facing == "down":
-        # the arm's plane lies across a slide (missions/skills/sliding.py)
-        z, x = -normal, np.array(R[:, 1 if slides else 0])
-        yaw = math.atan2(x[1], x[0])
-        R_dock = np.ascontiguousarray(np.column_stack([x, np.cross(z, x), z]))
-    else:
-        yaw = math.atan2(-normal[1], -normal[0])
-        R_dock = rot_z(yaw)
-    R_level = rot_z(yaw)
-    turn, part = np.empty(3), np.empty((3, 3))
-    log_so3(np.ascontiguousarray(R_level.T @ R_dock), turn)
-    angle = float(np.linalg.norm(turn))
-    wind = compute_speed(d.world.wind) * compute_direction(d.world.wind)
-    tilt_limit = compute_hover_tilt(
-        d.robot, q_hover, d.world.gravity_mps2, wind=R_level.T @ wind,
-        air_density=d.world.air_density_kg_m3,
-    )  # fmt: skip
-    scale = 1.0 if angle < 1e-9 else min(1.0, TILT_FRACTION * tilt_limit / angle)
-    exp_so3(scale * turn, part)
-    p_press = np.full(3, math.nan) if free is None else p - R_dock @ free.tip
-    return Station(
-        name, place, p, normal, yaw, R_level, R_dock, tilt_limit, R_level @ part,
-        p - R_dock @ dock_tip, p_press,
-    )  # fmt: skip
-
-
 def _plan_docked(
-    d: Description, task: BridgeContact, structure: Structure, station: Station, largest: float
+    d: Description, task: BridgeContact, station: Station, unsure: float, known: Structure | None
 ) -> tuple[float, DockedBalance | None, DockedBalance | None, str]:
-    """Return the computed press (N), the balances at no and at the largest force, or a refusal."""
-    robot, world = d.robot, d.world
+    """Return the computed press (N), the balances at no and at the largest force, or a refusal.
+
+    `unsure` (rad) is how far the slope may be from the map's. What is held back is less where the
+    map, `known`, is level, also when the deck is found not to be: that is in the limit.
+    """
+    largest = max(task.forces_n)
+    robot, world, structure = d.robot, d.world, d.world.structure
+    assert structure is not None
     docked = build_docked(robot, gravity=world.gravity_mps2, air_density=world.air_density_kg_m3)
     stance = find_stance(docked)
-    slope, speed = math.radians(structure.slope_deg), compute_speed(world.wind)
-    rises = math.radians(structure.slope_toward_deg) - station.yaw
+    slope, speed = math.radians(structure.slope_deg) + unsure, compute_speed(world.wind)
+    rises = math.radians(structure.slope_toward_deg) - station.yaw if unsure == 0.0 else None
     blows = compute_direction(world.wind)
     condition = Condition(
         slope, rises, speed, math.atan2(blows[1], blows[0]) - station.yaw if speed else None
     )
     limit = compute_worst_press(docked, stance, condition).force
-    calm = slope == 0.0 and speed == 0.0
+    calm = known is not None and known.slope_deg == 0.0 and speed == 0.0
     fraction = task.calm_fraction if calm else task.force_fraction
     if not largest <= fraction * limit * (1.0 + 1e-9):  # NaN: it cannot stay docked
-        where = f"docked at {structure.slope_deg:g} deg and {speed:.1f} m/s of wind"
+        where = f"docked at {math.degrees(slope):.3g} deg and {speed:.1f} m/s of wind"
         return limit, None, None, _refuse(largest, limit, fraction, where, robot.name)
     full = build_docked(robot, thrust_fraction=1.0, gravity=world.gravity_mps2)
     for load in FOOT_LOADS:
@@ -226,15 +209,17 @@ def _plan_docked(
 
 def _plan_flying(
     d: Description, task: BridgeContact, structure: Structure, free: ContactStance,
-    stations: list[Station],
+    held: list[Array],
 ) -> tuple[float, list[float], str]:  # fmt: skip
-    """Return the computed press (N), the forces of the profile within it, and any refusal."""
+    """Return the computed press (N), the forces of the profile within it, and any refusal.
+
+    `held` are the attitudes in which it may have to be made.
+    """
     robot, g, rho = d.robot, d.world.gravity_mps2, d.world.air_density_kg_m3
     speed, fraction = compute_speed(d.world.wind), task.force_fraction
     wind, air = speed * compute_direction(d.world.wind), f" in {speed:.1f} m/s of wind"
     limit = float(np.min([
-        compute_flying_press(robot, free, s.R_dock, g, wind=wind, air_density=rho)
-        for s in stations
+        compute_flying_press(robot, free, R, g, wind=wind, air_density=rho) for R in held
     ]))  # fmt: skip
     forces, blocked = [f for f in task.forces_n if f <= fraction * limit], ""
     if not task.dock and len(forces) < len(task.forces_n):
@@ -242,10 +227,8 @@ def _plan_flying(
         blocked = _refuse(max(task.forces_n), limit, fraction, where, robot.name)
     elif task.slide_m:
         most = float(np.min([
-            compute_sliding_press(
-                robot, free, s.R_dock, g, structure, wind=wind, air_density=rho
-            )
-            for s in stations
+            compute_sliding_press(robot, free, R, g, structure, wind=wind, air_density=rho)
+            for R in held
         ]))  # fmt: skip
         if not task.slide_force_n <= fraction * most:
             where = f"sliding at friction {structure.friction:g}" + (air if speed else "")
@@ -271,9 +254,18 @@ def _check_hover(d: Description, stations: list[Station]) -> str:
     return ""
 
 
-def _check_tilt(stations: list[Station]) -> str:
+def _tilt(R: Array, angle: float) -> list[Array]:
+    """Return an attitude, and the same tilted by `angle` (rad) to eight sides where that is any."""
+    out, turn = [R], np.empty((3, 3))
+    for side in DIRECTIONS if angle > 0.0 else ():
+        exp_so3(angle * np.array([math.cos(side), math.sin(side), 0.0]), turn)
+        out.append(R @ turn)
+    return out
+
+
+def _check_tilt(stations: list[Station], unsure: float) -> str:
     for s in stations:
-        angle = math.acos(min(max(float(s.R_dock[2, 2]), -1.0), 1.0))
+        angle = math.acos(min(max(float(s.R_dock[2, 2]), -1.0), 1.0)) + unsure
         if angle > TILT_FRACTION * s.tilt_limit * (1.0 + 1e-9):
             return (
                 f"{s.name}: the surface asks for a tilt of {math.degrees(angle):.1f} deg in "
@@ -284,14 +276,15 @@ def _check_tilt(stations: list[Station]) -> str:
 
 
 def _check_way(
-    setup: Setup[BridgeContact], stations: list[Station], free: ContactStance | None, q_ready: Array
-) -> str:
+    setup: Setup[BridgeContact], stations: list[Station], free: ContactStance | None,
+    q_ready: Array, stand_off: float, survey: SurveyWay | None,
+) -> str:  # fmt: skip
     """Say what stands in the way from the hover point to the stations, or return ""."""
     d, task, query = setup.description, setup.task, setup.clearance_aloft
     last, folded = setup.hover[:3], posture(d.robot, "folded")
     for s in stations:
         q, p = (q_ready, s.p_dock) if task.dock else (free.q if free else folded, s.p_press)
-        stand = p + task.stand_off_m * s.normal
+        stand = p + stand_off * s.normal
         if stand[2] < d.robot.platform.gear_height_m + CLEAR:
             return f"{s.name}: the robot would stand off {stand[2]:.2f} m above the ground"
         for u in np.linspace(0.0, 1.0, 12):
@@ -314,6 +307,12 @@ def _check_way(
                 if blocked:
                     return f"on the slide, {blocked}"
         last = stand
+    for s in () if survey is None else survey.stations:
+        assert free is not None and survey is not None
+        at = s.p_press + survey.stand_off * s.normal
+        blocked = _find_near(query, at, s.R_approach, free.q, NEAR, s.name)
+        if blocked:
+            return blocked
     return ""
 
 

@@ -42,6 +42,7 @@ class BridgeContact(Task):
     ramp_s: float = Field(default=1.5, ge=0.1, le=60)
     settle_s: NonNegative = 2.0
     hold_s: float = Field(default=3.0, ge=0.2, le=600)
+    survey: bool | None = None  # touch it first; default: where plant.map_error_* is not zero
     stand_off_m: float = Field(default=0.4, ge=0.1, le=5)  # of the feet or the tip, before docking
     dock_speed_mps: float = Field(default=0.1, ge=0.02, le=0.3)
     force_fraction: float = Field(default=0.8, gt=0, le=1)  # of the computed press, slope or wind

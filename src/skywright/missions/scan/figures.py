@@ -168,7 +168,7 @@ def describe(result: RunResult[Scan, ScanWay]) -> str:
         return did + " and found no weld"
     return did + (
         f" and found the weld on {len(line.inliers)} crossings, at "
-        f"{math.degrees(line.angle):.1f} deg ± {math.degrees(line.std_angle):.1f} deg "
+        f"{math.degrees(line.angle):.2f} deg ± {math.degrees(line.std_angle):.2f} deg "
         "from the circumference"
     )
 
@@ -244,20 +244,22 @@ def _describe_survey(result: RunResult[Scan, ScanWay]) -> list[str]:
     found = find_survey(Flown(setup, result.plan, result.samples, result.phases))
     if found is None:
         return []
-    m, fit = result.metrics, found.found.fit
-    names = ("turn_up", "turn_aside", "ahead", "up", "radius")
-    units = ("deg", "deg", "mm", "mm", "mm")
-    rows = ", ".join(
-        f"{name.replace('_', ' ')} {m[f'survey.{name}_{unit}']:+.2f} ± "
-        f"{m[f'survey.{name}_std_{unit}']:.2f} {unit}"
-        for name, unit in zip(names, units, strict=True)
-    )
-    scale = np.array([1e3, 1e3, 1e3, 1e3, 1e3])
-    matrix = "; ".join(" ".join(f"{x:.3g}" for x in row) for row in fit.covariance * scale**2)
+    m, cov = result.metrics, found.found.fit.covariance
+
+    def tell(name: str, unit: str) -> str:
+        value, std = m[f"survey.{name}_{unit}"], m[f"survey.{name}_std_{unit}"]
+        return f"{value:+.2f} ± {std:.2f} {unit}"
+
+    ahead, radius = 2, 4  # in the fit
+    related = cov[ahead, radius] / math.sqrt(cov[ahead, ahead] * cov[radius, radius])
     return [
-        f"Survey: {len(found.touched)} touches found the pipe against the map at {rows}. "
-        "Its place along its axis and its turn about it are the map's: touches do not show them. "
-        f"Covariance of these five in the same order (mrad², mrad mm, mm²): {matrix}."
+        f"Before the scan the probe touched the pipe at {len(found.touched)} places. Against the "
+        f"map its +y end is turned by {tell('turn_up', 'deg')} (up) and "
+        f"{tell('turn_aside', 'deg')} (aside), its axis is shifted by {tell('ahead', 'mm')} "
+        f"(ahead) and {tell('up', 'mm')} (up), and its radius differs by {tell('radius', 'mm')} "
+        "(one standard deviation each; shift ahead and radius have a correlation of "
+        f"{related:.2f}). Touches cannot show where the pipe is along its axis, nor its turn about "
+        "it: the map's values are kept."
     ]
 
 

@@ -37,6 +37,7 @@ TARE_S = 1.0  # s in the air before each touch: what is felt there is zero
 HOLD_S = 1.0  # s that the tip rests on the surface
 AVERAGE_S = 0.5  # s, the last of them: their mean is where it touched
 TRIES = 2  # at each place
+REST = 2.0
 ROW = 0.02  # s
 PHASE = "survey_touch"
 
@@ -70,6 +71,9 @@ class Feeler(Protocol):
     def place(self, row: Any) -> Array:
         """Where `row` leads it (3,) m."""
 
+    def rest(self, s: Supervisor[Any]) -> None:
+        """Stay on what was met."""
+
     def feel(self, normal: Array) -> float:
         """Return the force (N) along the outward `normal` (3,) that the surface makes now."""
 
@@ -80,11 +84,10 @@ class Feeler(Protocol):
 class Tip:
     """The probe's tip. `sensed`: by the probe's own sensor; otherwise as the estimator tells."""
 
-    felt = FELT_N
     columns = ("est_p_WT", "ref_q_WT")
 
-    def __init__(self, s: Supervisor[Any], sensed: bool) -> None:
-        self.vehicle, self.sensed = s.vehicle, sensed
+    def __init__(self, s: Supervisor[Any], sensed: bool, felt: float = FELT_N) -> None:
+        self.vehicle, self.sensed, self.felt = s.vehicle, sensed, felt
 
     def start(self, R_WS: Array) -> Any:
         row = np.array(self.vehicle.reference)
@@ -97,6 +100,9 @@ class Tip:
     def place(self, row: Any) -> Array:
         return np.array(row["p_WT"])
 
+    def rest(self, s: Supervisor[Any]) -> None:
+        s.body.hold()
+
     def feel(self, normal: Array) -> float:
         if self.sensed:
             return float(self.vehicle.force)
@@ -105,6 +111,23 @@ class Tip:
     def locate(self) -> tuple[Array, Array]:
         v = self.vehicle
         return np.array(v.estimate["p_WT"]), np.array(v.reference["R_WT"])[:, 2]
+
+
+class PressingTip(Tip):
+    """A tip whose law controls the force: what it met is kept pressed with REST times `felt`.
+
+    Position alone would not keep it there: a stiff spring throws the robot back at less force than
+    the robot's place is held with.
+    """
+
+    def rest(self, s: Supervisor[Any]) -> None:
+        row = set_rest(self.vehicle.reference)
+        row["R_WS"], row["press"], row["force"] = (
+            self.vehicle.reference["R_WS"],
+            1.0,
+            REST * self.felt,
+        )
+        s.body.track(row[None])
 
 
 def get_hand_columns(index: int) -> tuple[str, str]:
@@ -142,6 +165,9 @@ class Hand:
     def place(self, row: Any) -> Array:
         return np.array(row["p_WH"][self.index])
 
+    def rest(self, s: Supervisor[Any]) -> None:
+        s.body.hold()
+
     def feel(self, normal: Array) -> float:
         return -float(self.vehicle.read(HandForce).f_WH[self.index] @ normal)
 
@@ -161,7 +187,7 @@ def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float
     row, normal = feeler.start(R_WS), R_WS[:, 2]
     s.begin(PHASE)
     s.body.hold()
-    air = np.array([feeler.feel(normal) for _ in _ticks(s, TARE_S)])
+    air = np.array([feeler.feel(normal) for _ in ticks(s, TARE_S)])
     least = max(feeler.felt, FELT_SIGMAS * float(np.std(air)))
     zero, reason = float(np.mean(air)), f"nothing was met within {1e3 * travel:.0f} mm"
     s.body.track(feeler.lead(row, normal, -travel, SPEED, travel))
@@ -171,8 +197,8 @@ def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float
             break
     p, axis, force, ended = [], np.zeros(3), [], s.vehicle.t + HOLD_S
     if not reason:
-        s.body.hold()
-        for _ in _ticks(s, HOLD_S):
+        feeler.rest(s)
+        for _ in ticks(s, HOLD_S):
             if s.vehicle.t > ended - AVERAGE_S:
                 place, axis = feeler.locate()
                 p.append(place)
@@ -182,6 +208,7 @@ def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float
     s.end("retry" if reason else "done")
     s.begin("survey_back")
     here = np.array(s.vehicle.reference)
+    here["press"] = here["force"] = 0.0
     back = float(normal @ (feeler.place(row) - feeler.place(here)))
     s.body.track(feeler.lead(here, normal, back, BACK_SPEED, travel))
     s.until_arrived()
@@ -263,7 +290,7 @@ def _march(distance: float, speed: float) -> tuple[Array, Array]:
     return t, way
 
 
-def _ticks(s: Supervisor[Any], seconds: float) -> Any:
+def ticks(s: Supervisor[Any], seconds: float) -> Any:
     """Tick for a time (s), yielding after each tick."""
     ends = s.vehicle.t + seconds
     while s.vehicle.t < ends - 1e-9:

@@ -21,6 +21,7 @@ from skywright.description.world.surface import (
 from skywright.inspection.touches import (
     FoundCylinder,
     MapError,
+    TouchFit,
     compute_normal_std,
     fit_cylinder_touches,
 )
@@ -127,17 +128,22 @@ def fit_touches(setup: Setup[Any], touches: Sequence[Touch], ball: Ball) -> Surv
     # an even spread of +-b has the variance b^2 / 3
     seen = error._replace(place=math.hypot(error.place, math.sqrt(3.0) * ball.bias))
     found = fit_cylinder_touches(known, seen, np.array(made), ball.radius, ball.std)
-    reason = ""
-    if len(made) < LEAST_TOUCHES:
+    return Surveyed(found, list(touches), explain_touches(touches, found.fit, "pipe"))
+
+
+def explain_touches(touches: Sequence[Touch], fit: TouchFit, what: str) -> str:
+    """Say why what was fitted to touches, a `what`, cannot be worked with, or return ""."""
+    made = sum(not t.reason for t in touches)
+    if made < LEAST_TOUCHES:
         why = next((t.reason for t in touches if t.reason), "")
-        reason = f"survey: {len(made)} of {len(touches)} touches were made ({why})"
-    elif not found.fit.consistent:
-        worst = 1e3 * float(np.max(np.abs(found.fit.residuals)))
-        reason = (
-            f"survey: the touches contradict each other or the map's bounds (up to {worst:.1f} mm "
-            "off the nearest pipe)"
-        )
-    return Surveyed(found, list(touches), reason)
+        return f"survey: {made} of {len(touches)} touches were made ({why})"
+    if fit.consistent:
+        return ""
+    worst = 1e3 * float(np.max(np.abs(fit.residuals)))
+    return (
+        f"survey: the touches contradict each other or the map's bounds (up to {worst:.1f} mm off "
+        f"the nearest {what})"
+    )
 
 
 def move_pipe(pipe: Pipe, found: Cylinder) -> Pipe:

@@ -157,9 +157,9 @@ def calibrate(
         "similarity" if method == "affine" else method,  # type: ignore[arg-type]
         matrix, state.offset - matrix @ middle,
     )  # fmt: skip
-    good = outlier == 0.0
     r, _, _, _ = _linearise(state, used, camera, middle, epoch, gap, free)
     x, y = _pair_points(state, used, camera, epoch, gap)
+    good = (outlier == 0.0) & np.isfinite(x[:, 0])  # the last step may move one off the end
     paper = estimate_affine(x[good], used.p[good])  # it knows no prism
     if method == "affine":
         frame = estimate_affine(x[good], y[good])

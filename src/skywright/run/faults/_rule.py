@@ -47,7 +47,10 @@ class Rule:
     """Whether it watches from the start of the motors; otherwise from the end of take-off."""
 
     every: ClassVar[int] = 5
-    """Mission ticks (20 ms) between looks; a divisor of 300."""
+    """Mission ticks (20 ms) between looks."""
+
+    answers_failed_computer: ClassVar[bool] = False
+    """Whether it acts where a step of the robot's computer failed (`Senses.failure`)."""
 
     class Table(Spec):
         """Keys of `[mission.faults.NAME]`."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from skywright.core.spec import NonNegative
-from skywright.run.faults._rule import Response, Rule
+from skywright.run.faults._rule import Rule
 
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
-    from skywright.run.supervisor import Supervisor
 
 
 class ComputerFailed(Rule):
@@ -19,13 +18,14 @@ class ComputerFailed(Rule):
     unit = ""
     source = "nothing is left that could fly: the motors' controllers stop without commands"
     from_take_off = True
+    answers_failed_computer = True
 
     class Table(Rule.Table):
-        """Limit: 1 says that it failed."""
+        """Limit: 1 says that it failed. No step is left that could fly: it falls."""
 
         limit: NonNegative = 0.5
         hold_s: NonNegative = 0.0
-        response: Response = "let_go"
+        response: Literal["let_go"] = "let_go"
 
     def look(self, v: Senses) -> float:
         self._says = v.failure
@@ -34,7 +34,3 @@ class ComputerFailed(Rule):
     def explain(self, value: float) -> str:
         """Say which step."""
         return f"the robot's computer failed ({self._says})"
-
-    def repair(self, s: Supervisor) -> Response:
-        """Fall, whatever the table says: no step is left that could fly."""
-        return "let_go"

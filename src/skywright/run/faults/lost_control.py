@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from skywright.core.spec import NonNegative
 from skywright.run.faults._rule import Response, Rule
+from skywright.vehicle.guard import ERROR_MAX, UP_MIN
 
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
 
 PATIENCE = 0.25
 """Of the distance that counts while the response of another rule is flown."""
-TILT_MAX = math.acos(0.3)
+TILT_MAX = math.acos(UP_MIN)
 """rad, beyond which it has tipped over."""
 
 
@@ -30,7 +31,7 @@ class LostControl(Rule):
     class Table(Rule.Table):
         """Limit (m)."""
 
-        limit: NonNegative = 0.8
+        limit: NonNegative = ERROR_MAX
         hold_s: NonNegative = 0.0
         response: Response = "let_go"
 

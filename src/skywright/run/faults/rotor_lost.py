@@ -58,5 +58,6 @@ class RotorLost(Rule):
         return f"rotor {self.rotor} stands still"
 
     def repair(self, s: Supervisor) -> Response:
-        """Fly on without that rotor, where the others can."""
-        return "land_here" if s.vehicle.give_up_rotor(self.rotor - 1) else "let_go"
+        """Fly on without that rotor, where the others can; else fall."""
+        can = s.vehicle.give_up_rotor(self.rotor - 1)
+        return super().repair(s) if can else "let_go"

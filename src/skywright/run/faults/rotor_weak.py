@@ -20,8 +20,6 @@ USUAL_S = 5.0
 """s, lag of what counts as usual: errors of masses and gains."""
 ALIKE = 0.85
 """Cosine between what is observed and what one rotor's loss would do."""
-
-
 COMPARED_EVERY = 2
 """Looks between comparisons with the rotors."""
 

@@ -8,9 +8,10 @@ from typing import Annotated, Any
 
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_JOINTS
-from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.limbs import list_joints
 from skywright.models.arm_body import compute_servo_lag
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
+from skywright.models.deviated_arm import list_true_servos
 from skywright.vehicle.arms.joints import fill_home
 from skywright.vehicle.arms.truth import ServoState
 from skywright.vehicle.bus import Clock, MuJoCo, ServoDrive
@@ -47,7 +48,7 @@ class PositionServos(Component):
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the servos' data."""
-        robot, servos = context.robot, list_servos(context.robot)
+        robot, servos = context.robot, list_true_servos(context.robot, context.deviation)
         me.n, me.first = context.scene.n_joints, len(context.rotors.thrust_min)
         me.every = count_command_ticks(robot)
         for j, limb in enumerate(list_joints(robot)):

@@ -9,9 +9,10 @@ import numpy as np
 
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_JOINTS
-from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.limbs import list_joints
 from skywright.models.arm_body import compute_servo_gains
 from skywright.models.compliant_arms import is_compliant
+from skywright.models.deviated_arm import list_true_servos
 from skywright.vehicle.bus import MuJoCo, ServoDrive
 from skywright.vehicle.component import Component, words
 
@@ -40,12 +41,12 @@ class VelocityServos(Component):
         me.qpos[:n] = context.scene.places.joint_qpos
         for j, limb in enumerate(list_joints(robot)):
             me.servo[j] = limb.servo
-        servos = list_servos(robot)
+        servos = list_true_servos(robot, context.deviation)
         me.n_servos = k = len(servos)
         belt = np.eye(k) if robot.arm.belt is None else np.array(robot.arm.belt)
         me.motor_from_joint[:k, :k] = np.linalg.inv(belt)
         for j, (_, servo) in enumerate(servos):
-            me.lag[j] = servo.stall_torque_nm / compute_servo_gains(robot, j)[0]
+            me.lag[j] = servo.stall_torque_nm / compute_servo_gains(robot, j, servo)[0]
 
     @staticmethod
     def step(me: Me, drive: ServoDrive, mj: MuJoCo) -> None:

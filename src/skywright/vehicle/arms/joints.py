@@ -21,6 +21,7 @@ from skywright.models.arm_inverse_kinematics import has_arm_chain
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
 from skywright.models.rigid_body import find_tip
 from skywright.models.scene import home_pose
+from skywright.models.spring_bench import Springs, believe_springs
 from skywright.vehicle.arms.ports import ArmModel, Deflections, Joints
 from skywright.vehicle.bus import Clock, Estimate
 from skywright.vehicle.component import Component, Out
@@ -52,7 +53,7 @@ class JointEstimator(ArmComponent):
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill the model from the robot's description; the links stand where the servos hold."""
-        context.records[ArmModel, ""][:] = build_arm_model(context.robot)
+        context.records[ArmModel, ""][:] = build_arm_model(context.robot, context.springs)
         fill_home(context.records[Estimate, ""]["q"], context)
 
     @staticmethod
@@ -82,9 +83,13 @@ def fill_home(joints: Any, context: Any) -> None:
     joints[..., : len(q)] = q
 
 
-def build_arm_model(robot: Robot) -> NDArray[Any]:
-    """Return the ArmModel, a (1,) array, of a robot with compliant arms."""
+def build_arm_model(robot: Robot, springs: Springs | None = None) -> NDArray[Any]:
+    """Return the ArmModel, a (1,) array, of a robot with compliant arms.
+
+    `springs` are those that are believed, by default the file's.
+    """
     assert robot.arm is not None
+    springs = springs or believe_springs(robot)
     out = np.zeros(1, ArmModel.dtype)
     arm = out[0]
     joints, limbs = list_joints(robot), list_limbs(robot)
@@ -114,14 +119,14 @@ def build_arm_model(robot: Robot) -> NDArray[Any]:
             arm["swing"] = j
             arm["sensed"][j] = 1.0
         if link.flex_stiffness_nm_per_rad is not None:
-            arm["k"][j] = link.flex_stiffness_nm_per_rad
+            arm["k"][j] = springs.stiffness[j]
             arm["d"][j] = link.flex_damping_nms_per_rad or 0.0
             arm["sensed"][j] = float(link.deflection_encoder)
             if limb.servo >= 0:
                 drive = list_servos(robot)[limb.servo][1]
-                arm["slack"][j] = 0.5 * math.radians(drive.backlash_deg)
+                arm["slack"][j] = springs.slack[j]
                 arm["stall"][j] = drive.stall_torque_nm
             arm["linear"][j] = math.radians(link.flex_linear_deg or 0.0)
             stop = link.flex_beyond == "stop"
-            arm["hardening"][j] = STOP_HARDENING if stop else link.flex_hardening
+            arm["hardening"][j] = STOP_HARDENING if stop else springs.hardening[j]
     return out

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic import Field
+import numpy as np
 
 from skywright.core.find import find, list_kinds
 from skywright.core.spec import NonNegative
-from skywright.core.streams import build_stream
 from skywright.errors import InputError
 from skywright.vehicle.component import Fault
 
@@ -20,11 +19,11 @@ class Random(Fault):
         """The kinds to draw from (all that fit, where the list is empty) and the latest start."""
 
         among: list[str] = []
-        end_s: NonNegative = Field(default=100.0)
+        end_s: NonNegative = 100.0
 
-    def resolve(self, robot: Any, world: Any, seed: int) -> Fault:
+    def resolve(self, robot: Any, world: Any, rng: np.random.Generator) -> Fault:
         """Return the fault that is drawn, from `start_s` to `end_s`."""
-        table, rng = self.table, build_stream(seed, "faults")
+        table = self.table
         if table.end_s < table.start_s:
             raise InputError(
                 f"plant.faults.{self.name}.end_s = {table.end_s:g} s is before start_s = "

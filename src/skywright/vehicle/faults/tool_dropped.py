@@ -7,10 +7,16 @@ from typing import Any
 import numpy as np
 
 from skywright.core.spec import Positive
+from skywright.description.world.spec import World
 from skywright.errors import InputError
-from skywright.models.things._build import OBJECT
+from skywright.models.things._handled import Handled
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Fault
+
+
+def list_handled(world: World) -> list[str]:
+    """Return the names of the things that hooks can carry."""
+    return [name for name, thing in world.things.items() if isinstance(thing, Handled)]
 
 
 class ToolDropped(Fault):
@@ -28,12 +34,10 @@ class ToolDropped(Fault):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Find the handle's shapes; raises InputError where there is no such thing."""
         self._model = model = context.scene.model
-        bodies = [model.body(i).name for i in range(model.nbody)]
-        if OBJECT + table.thing not in bodies:
-            movable = [b.removeprefix(OBJECT) for b in bodies if b.startswith(OBJECT)]
+        if table.thing not in list_handled(context.world):
             raise InputError(
-                f"plant.faults.{self.name}.thing: nothing that moves is called {table.thing!r}; "
-                f"valid: {', '.join(movable) or 'none in this world'}"
+                f"plant.faults.{self.name}.thing: nothing with a handle is called {table.thing!r}; "
+                f"valid: {', '.join(list_handled(context.world)) or 'none in this world'}"
             )
         names = [model.geom(g).name for g in range(model.ngeom)]
         self._geoms = [g for g, n in enumerate(names) if n == f"{table.thing} handle"]
@@ -64,9 +68,9 @@ class ToolDropped(Fault):
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """Any thing that moves; None in a world without one."""
-        movable = [n for n, thing in world.things.items() if thing.movable]
-        return {"thing": str(rng.choice(movable))} if movable else None
+        """Any thing with a handle; None in a world without one."""
+        handled = list_handled(world)
+        return {"thing": str(rng.choice(handled))} if handled else None
 
     @staticmethod
     def step(clock: Clock) -> None:

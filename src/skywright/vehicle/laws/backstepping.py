@@ -99,7 +99,9 @@ class Backstepping(Law):
         fill_arm(me, table, context)
         me.dt, me.k_force, me.friction = context.dt, me.k_arm, c.friction_feed_forward
         if robot.force_sensor is not None and robot.probe is not None:
-            me.spring, me.knee = robot.probe.spring_n_per_m, robot.force_sensor.knee_n
+            factor = context.springs.sensor
+            me.spring = factor * robot.probe.spring_n_per_m
+            me.knee = factor * robot.force_sensor.knee_n
             me.soft = me.spring * robot.force_sensor.hard_share
         rotors, weight = context.rotors, context.mass * context.world.gravity_mps2
         me.thrust_max = float((rotors.thrust_max * rotors.axis[:, 2]).sum())

@@ -27,8 +27,9 @@ class ProbeForce(Sensor):
         count: float
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the calibration."""
-        me.converter = build_force_sensor(table, context.robot.probe.spring_preload_n)[0]
+        """Take the data sheet's curve, scaled by what known weights showed."""
+        preload = context.robot.probe.spring_preload_n
+        me.converter = build_force_sensor(table, preload, context.springs.sensor)[0]
         me.slider = context.scene.places.slider_qpos
 
     @staticmethod

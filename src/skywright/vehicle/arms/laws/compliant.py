@@ -66,7 +66,7 @@ class Compliant(ArmsLaw):
         compliance, so that f answers at w; its phase margin is 60 deg with the lag T_s and 1.5 T of
         sampling.
         """
-        arm, c = build_arm_model(context.robot)[0], context.robot.control
+        arm, c = build_arm_model(context.robot, context.springs)[0], context.robot.control
         lag, period = float(arm["servo_tau"]), float(arm["dt"])
         me.kp_torque = c.torque_bandwidth_rad_s * lag
         me.ki_torque = 0.25 * c.torque_bandwidth_rad_s**2 * lag

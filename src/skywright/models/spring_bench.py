@@ -1,0 +1,147 @@
+"""Springs of compliant joints and of the probe's force sensor, calibrated with known loads.
+
+What a laboratory does before a flight, with the joint clamped on a bench: weights at a lever turn
+the joint's output link both ways, through its linear range and half of it beyond, and a dial reads
+the deflection; weights on the probe's tip compress its spring, and the sensor reads them. The
+springs are those of the plant's scene, so their errors, play and hardening are in the readings.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.core.streams import build_stream
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.spec import Robot
+from skywright.models.compliant_arms import is_compliant
+from skywright.models.force_sensor import build_force_sensor, measure_travel
+from skywright.models.scene import Scene
+from skywright.models.springs import spring_deflection
+
+LOAD_ERROR = 0.004
+"""1 sigma of a known load: a lever of 25 cm is known to 1 mm, a weight to 1 g."""
+DIAL = math.radians(0.05)
+"""rad, 1 sigma of a reading of a deflection: 0.2 mm at that lever."""
+BEYOND = 1.5
+"""Largest deflection on the bench, over the linear range."""
+LOADS = np.array([0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0])
+
+
+class Springs(NamedTuple):
+    """What the robot's side believes of its springs; arrays of one number a joint."""
+
+    stiffness: Array  # N m/rad; 0: none
+    hardening: Array  # stiffness beyond the linear range over that within
+    slack: Array  # rad, half of the gear's play
+    sensor: float = 1.0  # a force over what the sensor's data sheet makes of its reading
+
+
+def find_springs(robot: Robot, plant: Scene | None, seed: int) -> Springs:
+    """Return the springs as the bench finds those of `plant`; without one the file's."""
+    return believe_springs(robot) if plant is None else calibrate_springs(robot, plant, seed)
+
+
+def believe_springs(robot: Robot) -> Springs:
+    """Return the springs of the robot file."""
+    joints, servos = list_joints(robot), list_servos(robot)
+    play = [servos[x.servo][1].backlash_deg if x.servo >= 0 else 0.0 for x in joints]
+    return Springs(
+        np.array([x.link.flex_stiffness_nm_per_rad or 0.0 for x in joints]),
+        np.array([x.link.flex_hardening for x in joints]),
+        np.radians(0.5 * np.array(play)),
+    )
+
+
+def calibrate_springs(robot: Robot, plant: Scene, seed: int) -> Springs:
+    """Return the springs as the bench finds them; `plant` has the true ones.
+
+    Springs without a stated linear range (structural ones, of which no law makes a force) stay at
+    the file's.
+    """
+    rng = build_stream(seed, "springs")
+    springs = believe_springs(robot)
+    if is_compliant(robot):
+        for j, limb in enumerate(list_joints(robot)):
+            if limb.link.flex_linear_deg is None:
+                continue
+            linear = math.radians(limb.link.flex_linear_deg)
+            stall = list_servos(robot)[limb.servo][1].stall_torque_nm
+            hardens = limb.link.flex_beyond == "hardening"
+            loads, seen = _load_joint(plant, f"{limb.name} flex", springs, j, linear, stall, rng)
+            k, hard, slack = _fit(loads, seen, linear, hardens, springs, j)
+            springs.stiffness[j], springs.hardening[j], springs.slack[j] = k, hard, slack
+    return springs._replace(sensor=_load_sensor(robot, plant, rng))
+
+
+def _load_joint(
+    plant: Scene,
+    name: str,
+    springs: Springs,
+    j: int,
+    linear: float,
+    stall: float,
+    rng: np.random.Generator,
+) -> tuple[Array, Array]:
+    """Return torques (N m) that the bench believes to apply, and the deflections (rad) it reads."""
+    end = BEYOND * linear + springs.slack[j]
+    deflection, torque = _find_curve(plant, name, -2.0 * end, 2.0 * end)
+    # weights are added until the dial reads that much
+    most = min(float(np.interp(end, deflection, torque)), stall)
+    loads = most * np.concatenate([-LOADS[::-1], LOADS])
+    true = np.interp(loads * (1.0 + LOAD_ERROR * rng.standard_normal()), torque, deflection)
+    return loads, true + DIAL * rng.standard_normal(len(loads))
+
+
+def _find_curve(plant: Scene, name: str, low: float, high: float) -> tuple[Array, Array]:
+    """Return deflections of the joint `name` and the torques (or forces) of its springs there."""
+    model, data = plant.model, mujoco.MjData(plant.model)
+    joint = model.joint(name)
+    at, dof = int(joint.qposadr[0]), int(joint.dofadr[0])
+    deflection, torque = np.linspace(low, high, 601), np.empty(601)
+    for i, x in enumerate(deflection):
+        data.qpos[at] = -x
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        torque[i] = data.qfrc_passive[dof]
+    return deflection, torque
+
+
+def _fit(
+    loads: Array, seen: Array, linear: float, hardens: bool, springs: Springs, j: int
+) -> tuple[float, float, float]:
+    """Return stiffness, hardening and slack that explain the readings best."""
+    from scipy.optimize import least_squares
+
+    stop = not hardens
+    k0, slack0 = float(springs.stiffness[j]), float(springs.slack[j])
+    hard0 = float(springs.hardening[j])
+    within = np.abs(loads) < 0.8 * k0 * linear  # a stop says nothing of the spring
+    tau, delta = (loads[within], seen[within]) if stop else (loads, seen)
+
+    def residual(x: Array) -> Array:
+        k, hard, slack = k0 * x[0], max(hard0 * x[1], 1.0), slack0 * x[2]
+        model = [math.copysign(slack, t) + spring_deflection(k, linear, hard, t) for t in tau]
+        # what is not seen (a hardening not reached, no play) stays at the file's
+        prior = np.array([0.0, x[1] - 1.0, x[2] - 1.0]) / np.array([1.0, 0.5, 0.3])
+        return np.concatenate([(np.array(model) - delta) / DIAL, prior])
+
+    x = least_squares(residual, np.ones(3), bounds=([0.05] * 3, [20.0] * 3)).x
+    return k0 * x[0], hard0 if stop else max(hard0 * x[1], 1.0), slack0 * x[2]
+
+
+def _load_sensor(robot: Robot, plant: Scene, rng: np.random.Generator) -> float:
+    """Return a true force over what the sensor's data sheet says, from known weights; 1 without."""
+    probe, sensor = robot.probe, robot.force_sensor
+    if probe is None or sensor is None:
+        return 1.0
+    converter = build_force_sensor(sensor, probe.spring_preload_n)[0]
+    travel, force = _find_curve(plant, "spring", 0.0, probe.spring_travel_m)
+    weights = LOADS * 0.9 * (force[-1] - force[0]) + force[0]
+    true = np.interp(weights * (1.0 + LOAD_ERROR * rng.standard_normal()), force, travel)
+    read = np.array([measure_travel(converter, x, rng.standard_normal()) for x in true])
+    return float(weights @ read / (read @ read))
