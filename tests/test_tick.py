@@ -68,7 +68,6 @@ def test_same_seed_same_recording_other_seed_another():
 
 LAW = """
 import numpy as np
-from exact_map import EXACT
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Out
 from skywright.vehicle.laws.push_and_slide import PushAndSlide
