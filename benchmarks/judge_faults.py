@@ -1,11 +1,14 @@
 """Judge flights with faults from their recordings' truth: `python benchmarks/judge_faults.py DIR`.
 
 DIR holds run directories, as `skywright campaign ... --record all --out FOLDER` keeps them under
-FOLDER/runs. Of each flight it tells the fault, the rule that acted and how much later, collisions
-before and after that while it was still in the air, and whether the robot is down and still at the
-end. A flight passes when it is down, nothing was hit after the rule had acted, and a flight that
-did not succeed has a reason. What was hit, a model of the true scene tells, posed as recorded: an
-arm that hangs without torque meets the ground first, which at the speed of a landing is one.
+FOLDER/runs. Of each flight it tells the fault, the rule that acted and how much later, how many
+collisions began before and after that while it was still in the air, and whether the robot is down
+at the end: still, motors off, on the ground. A collision is a contact of parts that should touch
+nothing; it lasts until nothing is touched for 0.3 s, so what was hit before the rule acted and is
+still touched counts once. A flight passes when it is down, no collision began after the rule had
+acted, and a flight that did not succeed has a reason. What is touched, a model of the true scene
+tells, posed as recorded: an arm that hangs without torque meets the ground first, which at the
+speed of a landing is none.
 `--table FILE` writes the result, one row a flight. Exit code 1 when one fails.
 """
 
@@ -30,6 +33,7 @@ from skywright.vehicle.component import Fault
 TOUCH_N = 0.5  # of an unintended contact
 APART_S = 0.3  # s, between two collisions
 LOW_M = 0.05  # m above where the platform stands
+OFF_N = 0.5  # N, of all rotors
 LINK_M = 1.0  # m, below which a link that hangs from the platform meets the ground
 STILL_MPS = 0.1
 LANDING_MPS = 0.5  # no faster does an arm that hangs down meet the ground
@@ -53,14 +57,14 @@ class Judged(NamedTuple):
     reason: str
 
 
-def list_hits(s: Any) -> list[int]:
-    """Return the samples at which collisions begin, those close together counted once."""
-    at = np.flatnonzero(s["f_collision"] > TOUCH_N)
+def list_collisions(s: Any, aloft: Any) -> list[int]:
+    """Return the samples at which collisions begin among those `aloft` (n,)."""
+    at = np.flatnonzero((s["f_collision"] > TOUCH_N) & aloft)
     return [int(k) for k in at[np.diff(s["t"][at], prepend=-np.inf) > APART_S]]
 
 
-def list_touched(d: Description[Any], s: Any) -> set[str]:
-    """Return the names of what the robot touches at a sample, its feet on the ground left out."""
+def list_touched(d: Description[Any], s: Any) -> tuple[set[str], set[str]]:
+    """Return the names of what the robot touches at a sample, and what but for its feet."""
     scene = build_scene(d.robot, d.true_world)
     model, places = scene.model, scene.places
     model.geom_margin[:] = NEAR_M
@@ -70,13 +74,17 @@ def list_touched(d: Description[Any], s: Any) -> set[str]:
     mujoco.mj_forward(model, data)
     robot, feet = set(places.robot_geoms.tolist()), set(places.feet_geoms.tolist())
     pairs = [{int(c.geom1), int(c.geom2)} for c in data.contact]
-    return {model.geom(g).name for p in pairs if not p & feet and p & robot for g in p - robot}
+
+    def name(wanted: set[int]) -> set[str]:
+        return {model.geom(g).name for p in pairs if p & wanted for g in p - robot}
+
+    return name(robot), name(robot - feet)
 
 
 def _is_landing(d: Description[Any], s: Any) -> bool:
     """Whether a hit is an arm that meets the ground as slowly as a landing."""
     slow = float(np.linalg.norm(s["v_WB"])) < LANDING_MPS
-    return slow and list_touched(d, s) == {"ground"}
+    return slow and list_touched(d, s)[1] == {"ground"}
 
 
 def judge(folder: Path) -> Judged:
@@ -91,14 +99,12 @@ def judge(folder: Path) -> Judged:
     aloft = height > stands + free
     acted = told["faults"]
     at = acted[0]["t_s"] if acted else np.inf
-    before = s["t"] < at
-    let_go = any(a["response"] == "let_go" for a in acted)
-    speed = float(np.linalg.norm(s["v_WB"][-1]))
-    is_down = height[-1] < stands + (0.5 if let_go else LOW_M) and speed < STILL_MPS
-    first = len(list_hits(s[before & aloft]))
-    after = s[~before & aloft]
-    hits = [k for k in list_hits(after) if not _is_landing(d, after[k])]
-    later = len(hits)
+    still = float(np.linalg.norm(s["v_WB"][-1])) < STILL_MPS
+    off = float(np.sum(s["rotor_thrust"][-1])) < OFF_N
+    is_down = still and off and "ground" in list_touched(d, s[-1])[0]
+    begins = list_collisions(s, aloft)
+    first = sum(s["t"][k] <= at for k in begins)
+    later = sum(s["t"][k] > at and not _is_landing(d, s[k]) for k in begins)
     has_reason = told["outcome"] == "succeeded" or bool(told["reason"])
     if told["outcome"] == "failed":  # the requirements say why
         has_reason = any(not r["passed"] for r in told["requirements"])
@@ -107,7 +113,7 @@ def judge(folder: Path) -> Judged:
     return Judged(
         folder.name, d.mission.name, what, fault.table.start_s,
         "+".join(a["rule"] for a in acted) or "-", at - fault.table.start_s, told["outcome"],
-        first, later, bool(is_down), bool(is_down and has_reason and later == 0), told["reason"],
+        first, later, is_down, is_down and has_reason and later == 0, told["reason"],
     )  # fmt: skip
 
 

@@ -4,24 +4,39 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from exact_map import EXACT
+from skywright import cli
 from skywright.core.find import find, list_kinds
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.models.capability import compute_capability
+from skywright.models.rigid_body import build_body_model
 from skywright.recordings.recording import read_recording
 from skywright.run.faults._rule import RESPONSES, Follow
 from skywright.run.faults._watch import RuleActed, Watch
 from skywright.run.parts import build_named, build_rules
 from skywright.run.planning import plan_mission
-from skywright.run.run import fly_and_evaluate, run_mission
+from skywright.run.run import evaluate_directory, fly_and_evaluate, run_mission
+from skywright.vehicle.link_arc import compute_link_arc, plan_landing
 
 ROOT = Path(__file__).parents[1]
+
+
+def load_script(path):
+    spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+JUDGE = load_script("benchmarks/judge_faults.py")
 SHORT_SCAN = [*EXACT, "mission.task.passes=1", "mission.task.pass_length_m=0.03"]
 
 
@@ -53,11 +68,8 @@ def check_down(result, rule, start, within, response=None):
     assert np.linalg.norm(s["v_WB"][-1]) < 0.1
     assert s["rotor_thrust"][-1].sum() < 0.5
     free = 1.0 if result.description.robot.pendulum is not None else 0.05  # a link lies down
-    aloft = s["p_WB"][:, 2] > stands + free
-    at = s["t"][aloft & (s["f_collision"] > 0.5)]
-    begins = at[np.diff(at, prepend=-1.0) > 0.3]
-    # what the fault itself does comes first: a folded arm is stuck on its hub, released arms recoil
-    assert not np.any(begins > acted.t_s + 0.5), begins
+    begins = s["t"][JUDGE.list_collisions(s, s["p_WB"][:, 2] > stands + free)]
+    assert not np.any(begins > acted.t_s), begins
 
 
 # --- data ----------------------------------------------------------------------------------------
@@ -97,7 +109,7 @@ def test_a_resolved_mission_keeps_its_rules(tmp_path):
 
 def test_a_rule_from_a_file_acts(tmp_path, monkeypatch):
     (tmp_path / "my_rule.py").write_text(
-        "from skywright.run.faults._rule import Rule\n\n\n"
+        "from skywright.run.faults import Rule\n\n\n"
         "class TooHigh(Rule):\n"
         "    watches, unit = 'estimated height', 'm'\n\n"
         "    def look(self, v):\n"
@@ -107,6 +119,41 @@ def test_a_rule_from_a_file_acts(tmp_path, monkeypatch):
     sets = ["mission.faults.too_high.kind=my_rule.py:TooHigh", "mission.faults.too_high.limit=0.9"]
     result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
     check_down(result, "too_high", 0.0, 10.0)
+
+
+RULE = """
+from skywright.run.faults import Rule
+
+
+class Mine(Rule):
+    def look(self, v):
+        return -1.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("    def look(self, v):\n        return -1.0", "    unit = 'm'", "has no method look"),
+        ("    def", "    every = 7\n\n    def", "every = 7 does not divide 100"),
+        ("    def", "    class Table(Rule.Table):\n        response: str = 'pray'\n\n    def",
+         "response is 'pray'; valid: hold, come_home"),
+        ("    def", "    def __init__(self, *a):\n        1 / 0\n\n    def",
+         r"mission.faults.a of Mine failed: ZeroDivisionError.*line 7 of rule.py"),
+        ("class", "import nothing_of_that_name\n\n\nclass", "importing .*rule.py failed"),
+    ],
+)  # fmt: skip
+def test_a_bad_rule_of_a_user_is_refused_in_one_line(tmp_path, old, new, message):
+    (tmp_path / "rule.py").write_text(RULE.replace(old, new, 1))
+    text = (ROOT / "src/skywright/missions/waypoints/waypoints.toml").read_text()
+    file = tmp_path / "mission.toml"
+    file.write_text(text + '\n[mission.faults.a]\nkind = "rule.py:Mine"\n')
+    with pytest.raises(InputError, match=message) as told:
+        run_mission(load_description(file), out=tmp_path / "run")
+    assert "\n" not in str(told.value)
+    assert not list(tmp_path.glob("run*"))
+    done = CliRunner().invoke(cli.main, ["check", str(file)])
+    assert done.exit_code == 2 and re.search(message, done.output.replace("\n", " "))
 
 
 @pytest.mark.parametrize("kind", [k for k in list_kinds("fault") if k != "random"])
@@ -137,11 +184,7 @@ def test_a_fault_that_does_not_fit_is_refused():
 
 
 def test_the_page_has_todays_rules_and_faults():
-    spec = importlib.util.spec_from_file_location(
-        "generate_faults", ROOT / "docs/generate_faults.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = load_script("docs/generate_faults.py")
     text = module.PAGE.read_text(encoding="utf-8")
     assert text == module.build_page(text), "run: python docs/generate_faults.py"
 
@@ -153,6 +196,9 @@ class Told:
     """Senses of a value that a test tells."""
 
     t, value, reference, failure = 0.0, 0.0, {"active": 1.0}, ""
+
+    def told(self, name):
+        return self.reference[name]
 
 
 def build_watch(response="come_home", hold=0.1):
@@ -189,6 +235,32 @@ def test_nothing_is_watched_while_the_motors_are_off():
     v.value, v.reference = 5.0, {"active": 0.0}
     watch.look("start")
     assert not watch.acted
+
+
+def test_a_rule_of_a_user_that_raises_acts_and_is_blamed(tmp_path):
+    (tmp_path / "rule.py").write_text(RULE.replace("return -1.0", "return v.estimate.p_WX"))
+    (rule,) = [
+        r for r in build_rules(load_description("waypoints", sets=[
+            f"mission.faults.a.kind={tmp_path}/rule.py:Mine", "mission.faults.a.response=hold"]))
+        if r.name == "a"
+    ]  # fmt: skip
+    senses = Told()
+    watch = Watch([rule], senses)
+    watch.begin(airborne=True)
+    with pytest.raises(RuleActed, match=r"rule a \(Mine\) failed: AttributeError.*rule.py") as told:
+        for _ in range(5):
+            watch.look("scan")
+    assert (told.value.acted.response, told.value.acted.value) == ("hold", 0.0)
+    rule.repair = lambda s: "pray"  # what it answers is not known either: its table holds
+    assert watch.answer(rule, None) == "hold"
+
+
+def test_an_infinite_value_acts_and_is_written(tmp_path):
+    watch, v = build_watch(hold=0.0)
+    v.value = float("inf")
+    with pytest.raises(RuleActed) as told:
+        watch.look("scan")
+    assert json.loads(json.dumps(told.value.acted.value, allow_nan=False)) > 1e6
 
 
 def test_a_lag_forgets_a_step_by_a_factor_of_e_in_its_time():
@@ -276,6 +348,40 @@ def test_stale_localisation_in_contact_draws_back():
     result = fly("pipe-weld-scan", "localisation", start_s=start, for_s=1.0)
     check_down(result, "localisation_stale", start, 0.3, "hold")
     assert [p.name for p in result.phases[-3:]] == ["retract", "hold", "come home"]
+
+
+def test_an_interrupt_while_a_response_is_flown_leaves_a_readable_run(tmp_path):
+    class Impatient:
+        def on_plan(self, plan, description):
+            pass
+
+        def on_tick(self, t, phase, vehicle):
+            if phase == "come home":
+                raise KeyboardInterrupt
+
+        def close(self):
+            pass
+
+    sets = ["plant.faults.a.kind=battery", "plant.faults.a.start_s=6"]
+    d = load_description("waypoints", "othex", sets=sets)
+    result = run_mission(d, out=tmp_path / "run", observers=[Impatient()])
+    assert result.outcome == "interrupted" and result.directory.suffix == ".partial"
+    told = json.loads((result.directory / "metrics.json").read_text())
+    assert re.fullmatch(r"battery low .*; then interrupted by the user", told["reason"])
+    assert [a["rule"] for a in told["faults"]] == ["battery_low"]
+    recording = read_recording(result.directory / "recording.mcap")
+    assert recording.samples["t"][-1] == pytest.approx(result.samples["t"][-1])
+    assert evaluate_directory(result.directory).acted == result.acted
+
+
+def test_a_robot_with_a_long_link_lands_where_it_is_and_behind():
+    robot = load_description("waypoints", "bimanual-longreach").robot
+    arc = compute_link_arc(robot, build_body_model(robot))
+    usual, here = (plan_landing(arc, 2.0, 1.0, 0.8, 0.02, flag) for flag in (False, True))
+    assert usual.forward.max() - usual.forward[0] > 0.5  # in front of it stands what it works on
+    assert here.forward.max() <= 0.0
+    assert here.forward[0] == here.forward[len(here.forward) // 4] == 0.0
+    np.testing.assert_allclose(here.height[-1], usual.height[-1])
 
 
 def check_fallen(result, start):

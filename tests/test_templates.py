@@ -29,10 +29,12 @@ def differ(result: RunResult, column: str, other: str) -> bool:
 # what only a flight with the template's own part shows, by template; the name is "mine"
 USED: dict[str, Callable[[RunResult], bool]] = {
     "effect": lambda r: bool(np.max(np.abs(r.samples["f_mine_W"])) > 0.5),
+    "fault": lambda r: 0.5 < np.max(np.abs(r.samples["f_mine_W"])) < 20.0,
     "estimator": lambda r: differ(r, "est_p_WB", "p_WB"),
     "kind": lambda r: "mine.drift_mm" in r.metrics,
     "law": lambda r: r.description.mission.law.stiffness_n_per_m == 80.0,
     "mission": lambda r: r.description.mission.name == "mine",
+    "rule": lambda r: r.description.mission.faults.mine.limit == 3.0,
     "robot": lambda r: r.description.robot.name == "mine",
     "sensor": lambda r: bool(np.ptp(r.samples["mine"]) > 1.0),
     "thing": lambda r: r.description.world.things["button"].stiffness_n_per_m == 400.0,
@@ -48,8 +50,7 @@ def call(*words: str) -> str:
 
 def test_there_is_a_template_of_all_that_can_be_added() -> None:
     assert set(USED) == set(TEMPLATES)
-    without = {"arms_law", "fault", "rule"}  # the page on faults shows how to write the last two
-    assert set(GROUPS) - without | {"robot", "world", "mission"} == set(TEMPLATES)
+    assert set(GROUPS) - {"arms_law"} | {"robot", "world", "mission"} == set(TEMPLATES)
 
 
 @pytest.mark.parametrize("what", TEMPLATES)
@@ -79,8 +80,16 @@ def test_a_template_flies_as_it_is(what: str, tmp_path: Path) -> None:
     assert USED[what](result)
 
 
+def test_the_template_of_a_rule_acts(tmp_path: Path) -> None:
+    write_template("rule", tmp_path / "mine")
+    sets = ["mission.faults.mine.limit=0.4", "mission.faults.mine.hold_s=0.2"]
+    result = fly_and_evaluate(load_description(tmp_path / "mine" / "mission.toml", sets=sets))
+    assert (result.outcome, result.acted[0].rule) == ("aborted", "mine")
+    assert "it was 0." in result.reason and "m from its start" in result.reason
+
+
 def test_there_is_no_template_of_everything(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no template of 'wrold'; valid: world, robot"):
+    with pytest.raises(InputError, match="no template of 'wrold'; valid: world, "):
         write_template("wrold", tmp_path / "mine")
     with pytest.raises(InputError, match="kind name '1x'"):
         write_template("kind", tmp_path / "1x")

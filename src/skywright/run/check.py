@@ -8,13 +8,14 @@ from skywright.core.keys import iterate_leaves
 from skywright.core.spec import Source, Spec
 from skywright.core.toml_files import Layer, merge_layers
 from skywright.core.validation import list_problems
-from skywright.description.loader import SPECS, list_layer_problems, load_description
+from skywright.description.loader import SPECS, Description, list_layer_problems, load_description
 from skywright.description.lookup import find_kind
 from skywright.description.parts import type_parts
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import find_world, load_world_layer
 from skywright.errors import InputError
+from skywright.run.parts import build_rules
 
 
 class CheckReport(NamedTuple):
@@ -40,6 +41,7 @@ def check_file(name: str) -> CheckReport:
         if not problems:
             description = load_description(path)
             problems += _check_lift(description.robot, description.world.gravity_mps2, name)
+            problems += _check_rules(description)
             notes += list_guesses(description.robot, "robot", description.sources)
             notes += list_guesses(description.mission, "mission", description.sources)
     else:
@@ -53,6 +55,14 @@ def check_file(name: str) -> CheckReport:
         if isinstance(spec, Robot) and not problems:
             problems += _check_lift(spec, 9.81, label)
     return CheckReport(name, kind, not problems, problems, notes)
+
+
+def _check_rules(description: Description[Any]) -> list[str]:
+    try:
+        build_rules(description)
+    except InputError as error:
+        return [str(error)]
+    return []
 
 
 def _load_layers(kind: str, path: str, problems: list[str]) -> list[Layer]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from skywright.core.find import find, list_kinds
+from skywright.core.find import blame, find, list_kinds
 from skywright.core.streams import build_stream
 from skywright.description.loader import Description
 from skywright.description.parts import Part, build_part, list_parts
@@ -12,7 +12,7 @@ from skywright.description.world.thing import Placed
 from skywright.description.world.things import find_marker
 from skywright.errors import InputError
 from skywright.models.nominal import Nominal
-from skywright.run.faults._rule import Rule
+from skywright.run.faults._rule import CYCLE, RESPONSES, Rule
 from skywright.vehicle.component import Component, Estimator, Fault, Law
 
 
@@ -100,9 +100,24 @@ def build_named(description: Description[Any]) -> list[Component]:
 
 
 def build_rules(description: Description[Any]) -> list[Rule]:
-    """Build the rules by which the robot answers faults."""
-    tables = list_parts(description.mission.faults)
-    return [build_part("rule", part, name) for name, part in tables.items()]
+    """Build the rules by which the robot answers faults; raises InputError for a user's bad one."""
+    tables, out = list_parts(description.mission.faults), []
+    for name, part in tables.items():
+        key, cls = f"mission.faults.{name}", find("rule", part.kind).cls
+        if cls.look is Rule.look:
+            raise InputError(f"{key}.kind: {cls.__name__} has no method look(self, v)")
+        if not isinstance(cls.every, int) or cls.every < 1 or CYCLE % cls.every:
+            raise InputError(
+                f"{key}.kind: {cls.__name__}.every = {cls.every!r} does not divide 100"
+            )
+        with blame(cls, key):
+            rule: Rule = build_part("rule", part, name)
+        if rule.table.response not in RESPONSES:  # a default of the class
+            raise InputError(
+                f"{key}.response is {rule.table.response!r}; valid: {', '.join(RESPONSES)}"
+            )
+        out.append(rule)
+    return out
 
 
 def build_default_rules() -> list[Rule]:

@@ -137,7 +137,8 @@ def run_mission(
     if operator is not None:
         check_operator(description)
     setup = Setup(description)
-    plan, vehicle = _prepare(setup)  # a bad law is told before anything is written
+    build_rules(description)
+    plan, vehicle = _prepare(setup)  # a bad part is told before anything is written
     store = None if records is None else RecordStore(records, create=True)
     final, partial = open_directory(out, description.mission.name)
     write_mission(partial, description, plan)
@@ -340,11 +341,11 @@ def _fly(
     except KeyboardInterrupt:
         if writer is None:  # nothing is kept of this flight: who asked for it ends, too
             raise
-        outcome, flight = "interrupted", Flight(False, "interrupted by the user")
+        outcome, flight = "interrupted", supervisor.conclude("interrupted by the user")
     except SimulationError as error:
-        outcome, flight = "diverged", Flight(False, str(error))
+        outcome, flight = "diverged", supervisor.conclude(str(error))
     except InputError as error:  # the recording cannot be written: the disk is full
-        outcome, flight = "interrupted", Flight(False, str(error))
+        outcome, flight = "interrupted", supervisor.conclude(str(error))
     supervisor.close(outcome or "done")
     try:
         flush()
@@ -355,7 +356,7 @@ def _fly(
                 writer.event(vehicle.t, f"{outcome}: {flight.reason}")
             writer.close()
     except InputError as error:
-        outcome, flight = "interrupted", Flight(False, str(error))
+        outcome, flight = "interrupted", supervisor.conclude(str(error))
     blocks = blocks or [np.zeros(0, build_dtype(vehicle.recorded.columns))]
     return np.concatenate(blocks), supervisor.phases, flight, outcome
 

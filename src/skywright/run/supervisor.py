@@ -72,6 +72,7 @@ class Supervisor(Generic[T]):
         self.operator = operator or plan.operator
         self.sticks: list[tuple[float, Stick]] = []  # s since it took over, and what it did
         self.way: Any = plan.way
+        self.turns = False  # the rotors that are left do not hold the heading
         self._open: tuple[str, float] | None = None
         self.senses, self.trail, self.surroundings = Senses(vehicle), Trail(), surroundings
         rules = build_default_rules() if rules is None else rules
@@ -88,8 +89,13 @@ class Supervisor(Generic[T]):
             return Flight(False, str(error))
         except RuleActed as first:
             self._respond(first)
-            says = "; then ".join(acted.says for acted in self.faults.acted)
-            return Flight(False, says, tuple(self.faults.acted))
+            return self.conclude()
+
+    def conclude(self, says: str = "") -> Flight:
+        """Return a flight that rules ended, or what `says` that it ended early."""
+        acted = tuple(self.faults.acted)
+        reasons = [*(a.says for a in acted), *([says] if says else [])]
+        return Flight(False, "; then ".join(reasons), acted)
 
     def _respond(self, acted: RuleActed) -> None:
         """Fly the response of the rule that acted, and of stronger ones that act meanwhile."""
@@ -97,7 +103,7 @@ class Supervisor(Generic[T]):
         while True:
             self.end("failed")
             try:
-                respond(self, self.faults.answer(acted.rule.repair(self)))
+                respond(self, self.faults.answer(acted.rule, self))
             except RuleActed as stronger:
                 acted = stronger
                 continue

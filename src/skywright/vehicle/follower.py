@@ -89,6 +89,11 @@ class RowNow:
         field = self._follower.fields.get(name)
         return self._follower.first[name] if field is None else field[0]
 
+    def place(self, name: str) -> memoryview | None:
+        """Return where a field stands, to be read by `.tolist()`; None where no record has it."""
+        field = self._follower.fields.get(name)
+        return None if field is None else memoryview(field.reshape(field.shape[1:]))
+
 
 class Follower(Component):
     """Fills Reference and its blocks from the rows that are tracked."""

@@ -208,13 +208,14 @@ class Uav:
         """Stay at the reference."""
         self._move(self.backend.reference["p_WB"].copy(), 0.0)
 
-    def land(self, ground_height: float) -> None:
+    def land(self, ground_height: float, here: bool = False) -> None:
         """Sink to the height of the platform's origin on the ground, a little into it.
 
-        With a swinging link: down until its end touches, then backward along its arc.
+        With a swinging link: forward, down until its end touches, then backward along its arc to
+        where it began; `here` leaves the way forward out, where room there is not known.
         """
         if self.arc is not None:
-            self._follow_arc(self.arc, up=False, height=0.0)
+            self._follow_arc(self.arc, up=False, height=0.0, here=here)
             return
         p = self.backend.reference["p_WB"].copy()
         p[2] = ground_height - 0.05
@@ -226,13 +227,13 @@ class Uav:
         """The arc of a link that lies on the ground, None without one."""
         return self.backend.arc
 
-    def _follow_arc(self, arc: LinkArc, up: bool, height: float) -> None:
+    def _follow_arc(self, arc: LinkArc, up: bool, height: float, here: bool = False) -> None:
         """Track arc and vertical as one table; see `vehicle.link_arc`."""
         b, limits = self.backend, self.backend.limits
         start = np.array(b.reference)
         speed, acceleration = limits.speed, limits.acceleration
         path = plan_take_off(arc, height, speed, acceleration, ROW_PERIOD) if up else plan_landing(
-            arc, float(start["p_WB"][2]), speed, acceleration, ROW_PERIOD
+            arc, float(start["p_WB"][2]), speed, acceleration, ROW_PERIOD, here
         )  # fmt: skip
         ahead = start["R_WB"][:2, 0] / np.linalg.norm(start["R_WB"][:2, 0])
         table = np.repeat(start[None], len(path.forward), axis=0)

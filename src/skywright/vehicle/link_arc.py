@@ -94,11 +94,12 @@ def plan_take_off(
 
 
 def plan_landing(
-    arc: LinkArc, height: float, speed: float, acceleration: float, period: float
-) -> ArcPath:
+    arc: LinkArc, height: float, speed: float, acceleration: float, period: float,
+    here: bool = False,
+) -> ArcPath:  # fmt: skip
     """Return the path from `height` (m) forward, down to the first touch, along the arc, to rest.
 
-    It ends on the ground below where it began.
+    It ends on the ground below where it began; `here` leaves the way forward out.
     """
     near = min(arc.top + NEAR, height)
     down = height + _glide(height - near, speed, acceleration, period) * (near - height)
@@ -107,7 +108,9 @@ def plan_landing(
     share = _glide(arc.radius * arc.lean, ARC_SPEED * speed, acceleration, period)[1:]
     share = np.append(share, np.ones(round(SETTLE / period)))
     forward, z = arc.compute_path(arc.lean * share)
-    ahead = (1.0 - _glide(-forward[-1], speed, acceleration, period)) * forward[-1]
+    ahead = np.zeros(0)
+    if not here:
+        ahead = (1.0 - _glide(-forward[-1], speed, acceleration, period)) * forward[-1]
     n, m = len(down) - 1 + len(touch), len(ahead)
     return ArcPath(
         np.concatenate([ahead, np.zeros(n), forward]),

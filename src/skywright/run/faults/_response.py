@@ -34,6 +34,7 @@ FOLDED, FOLDING = 0.5, 1.5  # m above the ground where the arm is folded, and ra
 BELOW = 1.0  # m, that it aims below the ground: the estimate may be wrong
 DOWN_M, DOWN_S = 0.2, 0.3  # m that the robot stays above its reference, and s: it stands
 FALL_S = 3.0  # s, after the motors were stopped
+TURNS_S = 0.2  # s, after which a heading that nothing holds is taken for the commanded one
 WAIT_S = 30.0  # s, of holding before it comes home
 AGREES_S = 1.0  # s, for which a value has to be good again
 MARGIN = 0.08  # m, kept from everything on the way down
@@ -104,7 +105,7 @@ def respond(s: Supervisor, response: Response) -> None:
     else:
         s.begin("come home")
         _come_home(s)
-    _descend(s)
+    _descend(s, here=response == "land_here")
     s.uav.motors(False)
     s.wait(1.0)
 
@@ -261,8 +262,17 @@ def _find_room(s: Supervisor) -> None:
 
 
 def _is_free(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> bool:
-    heights = np.arange(s.ground_height + 0.05, float(p[2]) + 1e-6, 0.1)
-    return all(_gap(s, query, np.array([p[0], p[1], z]), row) > MARGIN for z in heights)
+    arc = s.uav.arc
+    low = s.ground_height if arc is None else arc.top
+    way = [(p * [1.0, 1.0, 0.0] + [0.0, 0.0, z], row) for z in np.arange(low + 0.05, p[2], 0.1)]
+    if arc is not None:  # then backward, as the link is laid down
+        back, heights = arc.compute_path(lean := np.linspace(0.0, arc.lean, 6))
+        ahead = row["R_WB"][:, 0] / np.hypot(*row["R_WB"][:2, 0]) * [1.0, 1.0, 0.0]
+        for b, z, share in zip(back, heights, lean / arc.lean, strict=True):
+            lying = row.copy()
+            lying["q"][arc.swing] = share * arc.landed
+            way.append((p * [1.0, 1.0, 0.0] + b * ahead + [0.0, 0.0, z], lying))
+    return all(_gap(s, query, place, posed) > MARGIN for place, posed in way)
 
 
 def _gap(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
@@ -270,10 +280,12 @@ def _gap(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
     return float(compute_clearance(query, p, row["R_WB"], np.array(row["q"][:n])).distance)
 
 
-def _descend(s: Supervisor) -> None:
+def _descend(s: Supervisor, here: bool) -> None:
     """Sink until the robot stays behind its reference: it stands. The arm folds on the way.
 
-    It waits where the arm would not be folded FOLDED above the ground.
+    Where no rotors are left to hold the heading, it is not commanded: half a turn away from it
+    the error of the attitude tells nothing of the tilt. It waits where the arm would not be folded
+    FOLDED above the ground. `here`: room ahead is not known.
     """
     s.faults.land()
     row = build_rest(s)
@@ -282,7 +294,7 @@ def _descend(s: Supervisor) -> None:
     if s.uav.arc is not None:  # a link that hangs below the platform is laid down along an arc
         s.arms.move_to(home[: s.vehicle.n_joints])
         s.until_arrived()
-        s.uav.land(s.ground_height)
+        s.uav.land(s.ground_height, here)
         s.until_arrived()
         return
     z_end = s.ground_height - BELOW
@@ -300,8 +312,14 @@ def _descend(s: Supervisor) -> None:
     R = _level(row["R_WB"])
     table = _build_table(s, row, t, p, np.repeat(R[None], n + 1, axis=0), q + arm * (home - q))
     s.body.track(table)
-    behind = s.vehicle.t
+    begun = behind = turned = s.vehicle.t
     while not s.tick().arrived:
+        if s.turns and s.vehicle.t - turned > TURNS_S:
+            turned = s.vehicle.t
+            rest = table[np.searchsorted(table["t"], turned - begun) :].copy()
+            rest["t"] += begun - turned
+            rest["R_WB"] = _level(s.senses.estimate["R_WB"])
+            s.body.track(rest)
         ref, est = s.senses.reference, s.senses.estimate
         if float(est["p_WB"][2] - ref["p_WB"][2]) < DOWN_M:
             behind = s.vehicle.t

@@ -20,6 +20,8 @@ RESPONSES: dict[Response, str] = {
     "let_go": "stop the motors and fall",
 }
 """What is flown, the mildest first: while one is flown only a stronger one may follow."""
+CYCLE = 100
+"""Mission ticks after which the looks of all rules repeat."""
 
 
 class Acted(NamedTuple):
@@ -47,7 +49,7 @@ class Rule:
     """Whether it watches from the start of the motors; otherwise from the end of take-off."""
 
     every: ClassVar[int] = 5
-    """Mission ticks (20 ms) between looks."""
+    """Mission ticks (20 ms) between looks, a divisor of CYCLE."""
 
     answers_failed_computer: ClassVar[bool] = False
     """Whether it acts where a step of the robot's computer failed (`Senses.failure`)."""
@@ -63,7 +65,8 @@ class Rule:
     def __init__(self, name: str, table: Any = None) -> None:
         self.name = name
         self.table: Any = self.Table() if table is None else table
-        self.value, self.peak = math.nan, 0.0  # now, and the largest so far
+        self.value = math.nan  # now
+        self.failure = ""  # of its own code
         self._since: float | None = None
 
     def begin(self, v: Senses) -> None:
@@ -86,8 +89,6 @@ class Rule:
     def is_over(self, v: Senses) -> bool:
         """Whether the value has been beyond the limit for the hold time."""
         value = self.value = self.look(v)
-        if math.isfinite(value):
-            self.peak = max(self.peak, value)
         if not value > self.table.limit:  # NaN is not
             self._since = None
             return False

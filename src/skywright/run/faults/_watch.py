@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-from skywright.run.faults._rule import RESPONSES, Acted, Response, Rule
+from skywright.core.find import explain
+from skywright.errors import SkywrightError
+from skywright.run.faults._rule import CYCLE, RESPONSES, Acted, Response, Rule
 from skywright.run.faults._senses import Senses
 
+if TYPE_CHECKING:
+    from skywright.run.supervisor import Supervisor
+
 RANK = {name: k for k, name in enumerate(RESPONSES)}
+MOST = 1e9
+"""In place of an infinite value, which no file of JSON holds."""
 
 
 class RuleActed(Exception):
@@ -30,21 +39,40 @@ class Watch:
         self.acted: list[Acted] = []
         self.rank = -1  # of the response that is flown now
         self._begun: list[Rule] = []
+        self._due: list[list[Rule]] = [[]] * CYCLE  # who looks in which tick
         self._ticks = 0
 
     def begin(self, airborne: bool) -> None:
         """Watch from now on: the rules for a take-off, or all, where the robot is `airborne`."""
         for rule in self.rules:
             if rule not in self._begun and (airborne or rule.from_take_off):
-                rule.begin(self.senses)
+                try:
+                    rule.begin(self.senses)
+                except Exception as error:
+                    self._note(rule, error)
                 self._begun.append(rule)
+        self._arrange()
 
     def land(self) -> None:
         """The robot lands: the ground is met, so only the rules for a take-off go on."""
         self._begun = [rule for rule in self._begun if rule.from_take_off]
+        self._arrange()
 
-    def answer(self, response: Response) -> Response:
-        """Take note of the response that is flown to the rule that acted last; returns it."""
+    def _arrange(self) -> None:
+        self._due = [[r for r in self._begun if k % r.every == 0] for k in range(CYCLE)]
+
+    def answer(self, rule: Rule, s: Supervisor) -> Response:
+        """Let the rule that acted last repair what it can; returns the response to fly."""
+        response: Response = rule.table.response
+        try:
+            response = rule.repair(s)
+            if response not in RANK:
+                raise ValueError(f"repair returned {response!r}; valid: {', '.join(RANK)}")
+        except RuleActed:
+            raise
+        except Exception as error:
+            self._note(rule, error)
+            response = rule.table.response
         self.rank = RANK[response]
         self.acted[-1] = self.acted[-1]._replace(response=response)
         if self._on_acted is not None:
@@ -63,25 +91,41 @@ class Watch:
 
     def look(self, phase: str) -> None:
         """Look at all rules; raises RuleActed for the strongest that acts."""
-        if not self._begun or self.senses.reference["active"] < 0.5:
+        if not self._begun or self.senses.told("active") < 0.5:
             return
         self._ticks += 1
-        tick, all_of_them = self._ticks, bool(self.senses.failure)
-        over = [
-            rule
-            for rule in self._begun
-            if (all_of_them or tick % rule.every == 0)
-            and rule.is_over(self.senses)
-            and RANK[rule.table.response] > self.rank
-        ]
-        if not over:
-            return
-        rule = max(over, key=lambda r: RANK[r.table.response])
+        senses, over = self.senses, None
+        for rule in self._begun if senses.failure else self._due[self._ticks % CYCLE]:
+            try:
+                acts = bool(rule.failure) or rule.is_over(senses)
+            except Exception as error:
+                self._note(rule, error)
+                acts = True
+            if acts and RANK[rule.table.response] > self.rank:
+                over = over or []
+                over.append(rule)
+        if over:
+            self._act(max(over, key=lambda r: RANK[r.table.response]), phase)
+
+    def _act(self, rule: Rule, phase: str) -> None:
         self.rank, self.senses.responding = RANK[rule.table.response], True
-        t, value = self.senses.t, rule.value
-        says = f"{rule.explain(value)} in {phase or 'the flight'} at t = {t:.1f} s"
+        value = min(rule.value, MOST) if math.isfinite(rule.value) or rule.value > 0.0 else 0.0
+        try:
+            says = rule.failure or rule.explain(rule.value)
+        except Exception as error:
+            self._note(rule, error)
+            says = rule.failure
+        t, table = self.senses.t, rule.table
         acted = Acted(
-            rule.name, t, value, rule.table.limit, rule.unit, rule.table.response, says
+            rule.name, t, value, table.limit, rule.unit, table.response,
+            f"{says} in {phase or 'the flight'} at t = {t:.1f} s",
         )  # fmt: skip
         self.acted.append(acted)
         raise RuleActed(rule, acted)
+
+    def _note(self, rule: Rule, error: Exception) -> None:
+        """Take a user's rule that failed for one that acts; what is ours goes on as it is."""
+        cls = type(rule)
+        if cls.__module__.startswith("skywright.") or isinstance(error, SkywrightError):
+            raise error
+        rule.failure = f"rule {rule.name} ({cls.__qualname__}) failed: {explain(error)}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from skywright.core.spec import NonNegative
@@ -27,8 +28,10 @@ class BatteryLow(Rule):
         hold_s: NonNegative = 0.5
         response: Response = "come_home"
 
-    def look(self, v: Senses) -> float:
+    def begin(self, v: Senses) -> None:
         from skywright.vehicle.sensors.fuel_gauge import Telemetry
 
-        seen = v.get(Telemetry)
-        return float("nan") if seen is None else 1.0 - float(seen.charge)
+        self._charge = v.place(Telemetry, "charge")
+
+    def look(self, v: Senses) -> float:
+        return math.nan if self._charge is None else 1.0 - self._charge.tolist()

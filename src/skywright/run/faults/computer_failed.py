@@ -19,6 +19,7 @@ class ComputerFailed(Rule):
     source = "nothing is left that could fly: the motors' controllers stop without commands"
     from_take_off = True
     answers_failed_computer = True
+    every = 100  # where a step has failed, it looks at once
 
     class Table(Rule.Table):
         """Limit: 1 says that it failed. No step is left that could fly: it falls."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import math
+from typing import TYPE_CHECKING
 
 from skywright.core.spec import NonNegative
 from skywright.run.faults._rule import Response, Rule
@@ -32,20 +33,15 @@ class EstimatorInconsistent(Rule):
         hold_s: NonNegative = 0.0
         response: Response = "land_here"
 
-    def __init__(self, name: str, table: Any = None) -> None:
-        super().__init__(name, table)
-        self._restarts = 0.0
-
     def begin(self, v: Senses) -> None:
         from skywright.vehicle.estimates import EstimatorState
 
-        state = v.get(EstimatorState)
-        self._restarts = 0.0 if state is None else float(state.restarts)
+        self._rejected = v.place(EstimatorState, "rejected")
+        self._restarts = v.place(EstimatorState, "restarts")
+        self._before = 0.0 if self._restarts is None else self._restarts.tolist()
 
     def look(self, v: Senses) -> float:
-        from skywright.vehicle.estimates import EstimatorState
-
-        state = v.get(EstimatorState)
-        if state is None:
-            return float("nan")
-        return float(state.rejected + RESTART * (state.restarts - self._restarts))
+        if self._restarts is None:
+            return math.nan
+        restarts = self._restarts.tolist() - self._before
+        return float(self._rejected.tolist() + RESTART * restarts)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from skywright.core.spec import NonNegative
 from skywright.run.faults._rule import Response, Rule
+from skywright.vehicle.bus import Estimate
 
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
@@ -17,7 +17,9 @@ class ExcessForce(Rule):
 
     watches = "force of the probe's sensor, or the estimated force at a hand"
     unit = "N"
-    source = "twice the largest force that the built-in missions ask for and reach"
+    source = (
+        "twice the largest force that the built-in missions reach; those that press set their own"
+    )
 
     class Table(Rule.Table):
         """Limit (N)."""
@@ -26,10 +28,8 @@ class ExcessForce(Rule):
         hold_s: NonNegative = 0.1
         response: Response = "come_home"
 
-    def look(self, v: Senses) -> float:
-        from skywright.vehicle.arms.ports import HandForce
+    def begin(self, v: Senses) -> None:
+        self._force = v.place(Estimate, "f_tip")
 
-        force, n = abs(v.vehicle.force), v.hands
-        if n:
-            force = max(force, *(math.hypot(*f_W) for f_W in v.get(HandForce).f_WH[:n].tolist()))
-        return force
+    def look(self, v: Senses) -> float:
+        return max(abs(self._force.tolist()), *v.list_forces(), 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from skywright.core.spec import NonNegative
@@ -18,7 +19,7 @@ class LinkSilent(Rule):
     unit = "s"
     source = "the attitude loops cross over at 20 rad/s and more: their period is 0.3 s"
     from_take_off = True
-    every = 2
+    every = 4
 
     class Table(Rule.Table):
         """Limit (s)."""
@@ -27,8 +28,10 @@ class LinkSilent(Rule):
         hold_s: NonNegative = 0.0
         response: Response = "land_here"
 
-    def look(self, v: Senses) -> float:
+    def begin(self, v: Senses) -> None:
         from skywright.vehicle.readings import ImuBatch
 
-        imu = v.get(ImuBatch)
-        return float("nan") if imu is None else v.t - float(imu.t)
+        self._heard = v.place(ImuBatch, "t")
+
+    def look(self, v: Senses) -> float:
+        return math.nan if self._heard is None else v.t - self._heard.tolist()

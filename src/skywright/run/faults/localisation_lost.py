@@ -18,6 +18,7 @@ class LocalisationLost(Rule):
     unit = "s"
     source = "inertial navigation alone drifts by centimetres in 2 s and by decimetres in a landing"
     from_take_off = True
+    every = 10
 
     class Table(Rule.Table):
         """Limit (s)."""
@@ -27,7 +28,7 @@ class LocalisationLost(Rule):
         response: Response = "land_here"
 
     def look(self, v: Senses) -> float:
-        return v.vehicle.fix_age
+        return v.fix_age
 
     def explain(self, value: float) -> str:
         """Say it as a reason."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from skywright.core.spec import NonNegative
@@ -26,4 +27,7 @@ class LocalisationStale(Rule):
         response: Response = "hold"
 
     def look(self, v: Senses) -> float:
-        return v.vehicle.fix_age if v.touching or v.responding else float("nan")
+        age = v.fix_age
+        if age > self.table.limit and not (v.touching or v.responding):
+            return math.nan
+        return age

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from skywright.core.spec import NonNegative
 from skywright.run.faults._rule import Response, Rule
+from skywright.vehicle.bus import Estimate
 from skywright.vehicle.guard import ERROR_MAX, UP_MIN
 
 if TYPE_CHECKING:
@@ -14,8 +15,6 @@ if TYPE_CHECKING:
 
 PATIENCE = 0.25
 """Of the distance that counts while the response of another rule is flown."""
-TILT_MAX = math.acos(UP_MIN)
-"""rad, beyond which it has tipped over."""
 
 
 class LostControl(Rule):
@@ -35,22 +34,19 @@ class LostControl(Rule):
         hold_s: NonNegative = 0.0
         response: Response = "let_go"
 
-    def __init__(self, name: str, table: Any = None) -> None:
-        super().__init__(name, table)
-        self._tilt = 0.0
+    def begin(self, v: Senses) -> None:
+        self._R_WB, self._p_WB = v.place(Estimate, "R_WB"), v.place(Estimate, "p_WB")
 
     def look(self, v: Senses) -> float:
-        ref, est = v.reference, v.estimate
-        self._tilt = math.acos(min(max(float(est["R_WB"][2, 2]), -1.0), 1.0))
-        error = math.dist(est["p_WB"].tolist(), ref["p_WB"].tolist())
+        error = math.dist(self._p_WB.tolist(), v.told("p_WB"))
         if v.responding:  # what was pushed may come back: only a robot that tips over falls
             error *= PATIENCE
-        return 10.0 + error if self._tilt > TILT_MAX else error
+        return 10.0 + error if self._R_WB[2, 2] < UP_MIN else error
 
     def explain(self, value: float) -> str:
         """Say how far off it is."""
-        error = value - 10.0 if self._tilt > TILT_MAX else value
+        up = min(max(self._R_WB[2, 2], -1.0), 1.0)
         return (
-            f"control was lost: {error:.2f} m from the reference, tilted "
-            f"{math.degrees(self._tilt):.0f} deg"
+            f"control was lost: {value - 10.0 if up < UP_MIN else value:.2f} m from the reference, "
+            f"tilted {math.degrees(math.acos(up)):.0f} deg"
         )

@@ -33,21 +33,28 @@ class RotorLost(Rule):
 
     def __init__(self, name: str, table: Any = None) -> None:
         super().__init__(name, table)
-        self._speeds: Any = None  # rad/s, asked for and made; the vehicle's own arrays
         self.rotor = 0
+        self._asked: Any = None  # rad/s
+        self._made: Any = None
 
     def begin(self, v: Senses) -> None:
         from skywright.vehicle.bus import RotorDrive
         from skywright.vehicle.sensors.fuel_gauge import Telemetry
 
-        told, seen, n = v.get(RotorDrive), v.get(Telemetry), len(v.vehicle.rotors.axis)
-        self._speeds = None if told is None or seen is None else (told.speed[:n], seen.speed[:n])
+        n = len(v.vehicle.rotors.axis)
+        asked, made = v.place(RotorDrive, "speed"), v.place(Telemetry, "speed")
+        if asked is not None and made is not None:
+            self._asked, self._made = asked[:n], made[:n]
 
     def look(self, v: Senses) -> float:
-        if self._speeds is None:
+        if self._asked is None:
             return float("nan")
-        asked, made = self._speeds[0].tolist(), self._speeds[1].tolist()
-        least = max(TURNING * max(asked), 1e-9)
+        asked, made = self._asked.tolist(), self._made.tolist()
+        most = max(asked)
+        bound = 1.0 - min(made) / max(most, 1e-9)
+        if bound < self.table.limit:  # all of them turn
+            return bound
+        least = max(TURNING * most, 1e-9)
         missing = [1.0 - b / a if a > least else 0.0 for a, b in zip(asked, made, strict=True)]
         worst = max(missing)
         self.rotor = missing.index(worst) + 1
@@ -59,5 +66,5 @@ class RotorLost(Rule):
 
     def repair(self, s: Supervisor) -> Response:
         """Fly on without that rotor, where the others can; else fall."""
-        can = s.vehicle.give_up_rotor(self.rotor - 1)
-        return super().repair(s) if can else "let_go"
+        s.turns = s.vehicle.give_up_rotor(self.rotor - 1)
+        return super().repair(s) if s.turns else "let_go"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skywright.core.spec import NonNegative
-from skywright.run.faults._rule import Follow, Response, Rule
+from skywright.run.faults._rule import Response, Rule
 
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
@@ -54,48 +54,64 @@ class RotorWeak(Rule):
         self._torque = [0.0, 0.0, 0.0]  # N m, about the axes of B
         self._predicted: list[float] | None = None  # angular momentum
         self._ticks, self._loss = 0, 0.0
-        self._usual = Follow(USUAL_S)
-        self._t = 0.0
+        self._usual: list[float] | None = None
+        self._t = self._t_usual = 0.0
         self.rotor = 0
 
     def begin(self, v: Senses) -> None:
+        from skywright.vehicle.bus import Allocated, Body, Estimate
+
         rotors = v.vehicle.rotors
         self._arm = float(np.max(np.linalg.norm(rotors.position[:, :2], axis=1)))
         columns = -np.vstack([rotors.B[2], rotors.B[3:] / self._arm]).T  # (n, 4)
-        self._lengths = np.linalg.norm(columns, axis=1)
-        self._columns = columns / self._lengths[:, None]
+        lengths = np.linalg.norm(columns, axis=1).tolist()
+        self._columns = list(
+            zip((columns / np.array(lengths)[:, None]).tolist(), lengths, strict=True)
+        )
+        self._body = v.get(Body)
+        self._places = [
+            v.place(*field) for field in (
+                (Estimate, "R_WB"), (Estimate, "w_WB_B"), (Estimate, "f_ext_W"), (Body, "I_B"),
+                (Body, "p_BC"), (Allocated, "t_B_alloc"),
+            )
+        ]  # fmt: skip
 
     def look(self, v: Senses) -> float:
-        from skywright.vehicle.bus import Allocated, Body
-
-        body, made = v.get(Body), v.get(Allocated)
-        if v.reference["active"] < 0.5 or v.touching:
+        if v.touching or v.told("active") < 0.5 or None in self._places:
             self._predicted = None
-            return float("nan")
-        est = v.estimate
-        R, w, weight = est["R_WB"].tolist(), est["w_WB_B"].tolist(), body.mass * body.gravity
-        momentum = [sum(map(mul, row, w)) for row in body.I_B.tolist()]
+            return math.nan
+        R, w, f_ext_W, I_B, p_BC, made = (place.tolist() for place in self._places)
+        weight = float(self._body.mass * self._body.gravity)
+        momentum = [sum(map(mul, row, w)) for row in I_B]
         dt, self._t = v.t - self._t, v.t
         if self._predicted is None:
             self._predicted, self._torque, self._ticks = momentum, [0.0, 0.0, 0.0], 0
-            return float("nan")
-        hang = cross(R[2], body.p_BC.tolist())  # of the weight, -weight R[2] at p_BC
+            return math.nan
+        hang = cross(R[2], p_BC)  # of the weight, -weight R[2] at p_BC
         turn = cross(w, momentum)
-        for a, made_t in enumerate(made.t_B_alloc.tolist()):
-            known = made_t + weight * hang[a] - turn[a]
+        for a in range(3):
+            known = made[a] + weight * hang[a] - turn[a]
             self._predicted[a] += dt * (known + self._torque[a])
             self._torque[a] = BANDWIDTH * (momentum[a] - self._predicted[a])
         self._ticks += 1
-        if self._ticks % COMPARED_EVERY:
-            return self._loss
-        f_z = float((est["R_WB"].T @ est["f_ext_W"])[2])
-        seen = np.array([f_z, *(t / self._arm for t in self._torque)])
-        off = seen - self._usual.step(v.t, seen)
-        along = self._columns @ off
-        losses = np.where(along > ALIKE * math.hypot(*off.tolist()), along / self._lengths, 0.0)
-        self._loss = max(float(np.max(losses)) / (weight / len(losses)), 0.0)
-        self.rotor = int(np.argmax(losses)) + 1
+        if self._ticks % COMPARED_EVERY == 0:
+            f_z = sum(R[i][2] * f_ext_W[i] for i in range(3))
+            self._compare([f_z, *(t / self._arm for t in self._torque)], v.t, weight)
         return self._loss
+
+    def _compare(self, seen: list[float], t: float, weight: float) -> None:
+        """Compare what is seen, less what is usual, with the loss of each rotor."""
+        if self._usual is None:
+            self._usual = seen
+        share, self._t_usual = 1.0 - math.exp(-(t - self._t_usual) / USUAL_S), t
+        self._usual = [u + share * (s - u) for u, s in zip(self._usual, seen, strict=True)]
+        off = [s - u for s, u in zip(seen, self._usual, strict=True)]
+        least, self._loss = ALIKE * math.hypot(*off), 0.0
+        for i, (column, length) in enumerate(self._columns):
+            along = sum(map(mul, column, off))
+            loss = along / length * len(self._columns) / weight
+            if along > least and loss > self._loss:
+                self._loss, self.rotor = loss, i + 1
 
     def explain(self, value: float) -> str:
         """Say which rotor."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from skywright.core.spec import NonNegative
@@ -18,6 +19,7 @@ class Saturation(Rule):
 
     watches = "share of the last second in which the allocation cut the command"
     unit = ""
+    every = 10
     source = (
         "gusts and touch-downs of the built-in missions reach 0.5; 0.8 is 1.6 s without a break"
     )
@@ -33,5 +35,12 @@ class Saturation(Rule):
         super().__init__(name, table)
         self._share = Follow(LAG_S)
 
+    def begin(self, v: Senses) -> None:
+        from skywright.vehicle.bus import Allocated
+
+        self._cut = v.place(Allocated, "saturated")
+
     def look(self, v: Senses) -> float:
-        return float(self._share.step(v.t, float(v.vehicle.saturated)))
+        if self._cut is None:
+            return math.nan
+        return float(self._share.step(v.t, 1.0 if self._cut.tolist() > 0.0 else 0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,13 +34,18 @@ class ToolDropped(Rule):
         super().__init__(name, table)
         self._hung: Any = None
 
-    def look(self, v: Senses) -> float:
+    def begin(self, v: Senses) -> None:
         from skywright.vehicle.arms.ports import Hands, Marker
 
-        marker, hands = v.get(Marker), v.get(Hands)
-        if marker is None or hands is None or not np.any(v.reference["load"] > 0.0):
+        self._marker, self._hands = v.get(Marker), v.get(Hands)
+
+    def look(self, v: Senses) -> float:
+        marker, hands = self._marker, self._hands
+        if marker is None or hands is None:
+            return math.nan
+        if max(v.told("load")) <= 0.0:
             self._hung = None
-            return float("nan")
+            return math.nan
         R_WB = v.estimate["R_WB"]
         place = R_WB.T @ (marker.p_WO - np.mean(hands.p_WH[: v.hands], axis=0))
         if self._hung is None:
