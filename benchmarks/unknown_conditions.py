@@ -39,6 +39,7 @@ OWN: dict[str, tuple[dict[str, float], dict[str, tuple[float, float]]]] = {
         {k: v for k, v in MAP.items() if "size" not in k},  # a deck has none
         {"world.structure.friction": (0.4, 0.8)},
     ),
+    "wall-contact": (MAP, {"world.structure.friction": (0.4, 0.8)}),
     "sensor-install": (MAP, {"world.pipe.friction": (0.2, 1.0)}),
 }  # fmt: skip
 """Mission -> bounds of its map, and what else varies."""

@@ -62,10 +62,12 @@ class Pilot(Presser):
     def __init__(self, supervisor: Supervisor, way: ContactPlan, task: BridgeContact) -> None:
         super().__init__(supervisor, task)
         self.way, self.contact = way, task
-        self.touches: list[Touch] = []
 
     def find_with_feet(self, survey: SurveyWay, i: int) -> str:
-        """Touch the deck at station i with the feet and plan again; returns what failed, or ""."""
+        """Touch the deck at station i with the feet and plan again; returns what failed, or "".
+
+        Touches at other stations do not count: minutes ago, the place was told with another error.
+        """
         at = self.way.stations[i]
         stand = at.p_dock + self.way.stand_off * at.normal
         for _ in range(TRIES):
@@ -77,8 +79,7 @@ class Pilot(Presser):
             if not touches[0].reason or touches[0].reason.startswith("nothing"):
                 break
         self.go("survey_leave", R=at.R_level)
-        self.touches += touches
-        return self._plan_found(survey)
+        return self._plan_found(survey, touches)
 
     def find_with_tip(self, survey: SurveyWay) -> str:
         """Touch the structure around the spots with the tip and plan again, likewise."""
@@ -94,17 +95,17 @@ class Pilot(Presser):
 
         tip = PressingTip(self.s, True, TIP_FELT_N)
         travel = survey.stand_off + survey.reach + DEEP * TIP_FELT_N / survey.stiffness
-        self.touches = survey_surface(
+        touches = survey_surface(
             self.s, tip, [at.R_WS for at in survey.stations], [travel] * len(survey.stations),
             come, lambda: self.s.wait(SETTLE_S),
         )  # fmt: skip
         self.go("survey_leave", p=back, R=first.R_level, speed=0.2)
-        return self._plan_found(survey)
+        return self._plan_found(survey, touches)
 
-    def _plan_found(self, survey: SurveyWay) -> str:
+    def _plan_found(self, survey: SurveyWay, touches: list[Touch]) -> str:
         """Fit the structure to the touches and plan again; returns what failed, or ""."""
         ball = get_ball(survey.setup, len(survey.feet) > 0, self.s.vehicle.pose_std)
-        found = fit_structure(survey.setup, self.touches, ball)
+        found = fit_structure(survey.setup, touches, ball)
         if found.reason:
             return found.reason
         plan = plan_found(survey.setup, found.structure)

@@ -69,20 +69,24 @@ class ContactPlan(NamedTuple):
 
 def plan(setup: Setup[BridgeContact]) -> MissionPlan[ContactPlan]:
     """Plan by the map."""
-    return _plan_on(setup, is_surveyed(setup), setup.world.structure)
+    return _plan_on(setup, is_surveyed(setup), _is_level(setup))
 
 
 def plan_found(setup: Setup[BridgeContact], structure: Structure) -> MissionPlan[ContactPlan]:
     """Plan again with the structure that was found."""
     world = setup.world.model_copy(update={"structure": structure})
     found = Setup(setup.description._replace(world=world))
-    return _plan_on(found, False, setup.world.structure)
+    return _plan_on(found, False, _is_level(setup))
 
 
-def _plan_on(
-    setup: Setup[BridgeContact], surveyed: bool, known: Structure | None
-) -> MissionPlan[ContactPlan]:
-    """Place the robot, compute what it may press, check the way; `known` is the map's structure."""
+def _is_level(setup: Setup[BridgeContact]) -> bool:
+    """Whether the structure is known to have no slope."""
+    s = setup.world.structure
+    return s is not None and s.slope_deg == 0.0 and get_map_error(setup).turn == 0.0
+
+
+def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> MissionPlan[ContactPlan]:
+    """Place the robot, compute what it may press, check the way; `level`: it is known to be."""
     d, robot, task = setup.description, setup.robot, setup.task
     structure = _check(d, task)
     began = time.perf_counter()
@@ -116,7 +120,7 @@ def _plan_on(
     limit = free_limit = math.nan
     rest = pressed = None
     if task.dock and not blocked:
-        limit, rest, pressed, blocked = _plan_docked(d, task, stations[0], unsure, known)
+        limit, rest, pressed, blocked = _plan_docked(d, task, stations[0], unsure, level)
     free_forces: list[float] = []
     if free is not None:
         held = [R for s in stations for R in _tilt(s.R_dock, unsure)]
@@ -172,12 +176,12 @@ def _check(d: Description, task: BridgeContact) -> Structure:
 
 
 def _plan_docked(
-    d: Description, task: BridgeContact, station: Station, unsure: float, known: Structure | None
+    d: Description, task: BridgeContact, station: Station, unsure: float, level: bool
 ) -> tuple[float, DockedBalance | None, DockedBalance | None, str]:
     """Return the computed press (N), the balances at no and at the largest force, or a refusal.
 
-    `unsure` (rad) is how far the slope may be from the map's. What is held back is less where the
-    map, `known`, is level, also when the deck is found not to be: that is in the limit.
+    `unsure` (rad) is how far the slope may be from the map's. Less is held back from a deck that is
+    known to be `level`.
     """
     largest = max(task.forces_n)
     robot, world, structure = d.robot, d.world, d.world.structure
@@ -191,7 +195,7 @@ def _plan_docked(
         slope, rises, speed, math.atan2(blows[1], blows[0]) - station.yaw if speed else None
     )
     limit = compute_worst_press(docked, stance, condition).force
-    calm = known is not None and known.slope_deg == 0.0 and speed == 0.0
+    calm = level and speed == 0.0
     fraction = task.calm_fraction if calm else task.force_fraction
     if not largest <= fraction * limit * (1.0 + 1e-9):  # NaN: it cannot stay docked
         where = f"docked at {math.degrees(slope):.3g} deg and {speed:.1f} m/s of wind"

@@ -116,8 +116,11 @@ def _settle(s: Supervisor[Any], feet: Array, feel: Any, R_WS: Array) -> tuple[Ar
 
 
 def read_seats(samples: Samples, phases: Sequence[PhaseRecord], feet: Array) -> list[Touch]:
-    """Return the touches of the feet (n, 3) m in B of a recorded flight; misses have a reason."""
-    found = []
+    """Return the touches of the feet (n, 3) m in B of a recorded flight; misses have a reason.
+
+    Up to the first that were made: those of the first spot.
+    """
+    found: list[Touch] = []
     for i, phase in enumerate(phases):
         if phase.name != PHASE:
             continue
@@ -127,7 +130,7 @@ def read_seats(samples: Samples, phases: Sequence[PhaseRecord], feet: Array) -> 
             continue
         R = np.mean([rot_from_quat(q) for q in late["est_q_WB"]], axis=0)
         places = _place(np.mean(late["est_p_WB"], axis=0), R, feet)
-        found += [Touch(p, R[:, 2], "") for p in places]
+        return found + [Touch(p, R[:, 2], "") for p in places]
     return found
 
 

@@ -100,9 +100,9 @@ class Presser:
         flight an arm that meets its stop is drawn back from the surface.
         """
         s = self.s
+        reason = self._touch(spot, forces[0], prefix, load)
         s.watch = self._watch_stops if how == "flying" else None
         try:
-            reason = self._touch(spot, forces[0], prefix, load)
             for force in forces if not reason else ():
                 self.set_force(f"{prefix}press to {force:g} N", force, self.profile.ramp_s, load)
                 s.wait(self.profile.settle_s)
@@ -123,7 +123,10 @@ class Presser:
     def _touch(
         self, spot: str, force: float, prefix: str, load: Callable[[float], dict[str, Any]] | None
     ) -> str:
-        """Move the tip on until it feels half of the force (N); returns what went wrong, or ""."""
+        """Move the tip on until it feels half of the force (N); returns what went wrong, or "".
+
+        In flight an arm that has reached its stop waits for the platform, which follows it.
+        """
         s = self.s
         self.set_force(f"{prefix}touch", force, 0.02, load)
         end = s.vehicle.t + TOUCH_TIMEOUT_S
