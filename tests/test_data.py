@@ -48,6 +48,8 @@ def applies(robot: Robot, key: str) -> bool:
     arm = robot.arm
     if leaf in ("loop_separation", "phase_margin_deg", "swing_damping"):
         return robot.control.law == "cascade"
+    if leaf == "motion_sensitivity":  # off
+        return False
     if leaf == "drag_coefficient":
         return arm is not None and arm.drag_coefficient > 0.0
     if leaf in ("torque_bandwidth_rad_s", "deflection_bandwidth_rad_s", "hand_speed_max_mps"):

@@ -25,6 +25,7 @@ from skywright.run.parts import build_named, build_rules
 from skywright.run.planning import plan_mission
 from skywright.run.run import evaluate_directory, fly_and_evaluate, run_mission
 from skywright.vehicle.link_arc import compute_link_arc, plan_landing
+from user_parts import HOVER, write_law
 
 ROOT = Path(__file__).parents[1]
 
@@ -413,37 +414,8 @@ def test_a_computer_that_fails_lets_the_robot_fall(mission, robot, how):
     assert "control law" in result.reason
 
 
-LAW = """
-import numpy as np
-from skywright.vehicle.bus import Body, Estimate, Reference, WrenchCommand
-from skywright.vehicle.component import Out
-from skywright.vehicle.laws.push_and_slide import PushAndSlide
-
-
-class Mine(PushAndSlide):
-    compiled = False
-
-    @staticmethod
-    def step(me: PushAndSlide.Me, ref: Reference, est: Estimate, body: Body,
-             cmd: Out[WrenchCommand]) -> None:
-        if est.t > 5.0:
-            raise ValueError("no idea")
-        cmd.f_B[:], cmd.t_B[:], cmd.qd[:] = 0.0, 0.0, 0.0
-        if ref.active < 0.5:
-            return
-        R = est.R_WB
-        f = body.mass * (25.0 * (ref.p_WB - est.p_WB) + 12.0 * (ref.v_WB - est.v_WB))
-        f[2] += body.mass * body.gravity
-        e = R.T @ ref.R_WB
-        e = 0.5 * np.array([e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]])
-        cmd.f_B[:] = R.T @ f
-        cmd.t_B[:] = body.I_B @ (81.0 * e - 18.0 * est.w_WB_B) + np.cross(body.p_BC, cmd.f_B)
-"""
-
-
 def test_a_users_law_that_raises_in_the_air_is_named(tmp_path):
-    (tmp_path / "my_law.py").write_text(LAW)
-    sets = [f"mission.law={tmp_path / 'my_law.py'}:Mine"]
+    sets = write_law(tmp_path, 'if est.t > 5.0:\n    raise ValueError("no idea")\n' + HOVER)
     result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
     check_fallen(result, 5.0)
     assert "component law (Mine.step" in result.reason and "no idea" in result.reason

@@ -199,7 +199,7 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
         "usable_fraction", "belt", "scale",
         "flex_damping_ratio", "spring_damping_ratio", "position_damping", "attitude_damping",
         "flex_hardening", "lateral_damping_ratio",
-        "drag_coefficient", "loop_separation", "swing_damping",
+        "drag_coefficient", "loop_separation", "swing_damping", "motion_sensitivity",
         "friction", "friction_feed_forward", "friction_variation", "turbulence",
         "relative_permeability",
         "conductivity_change", "permeability_change",
@@ -281,7 +281,7 @@ def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
 # -- size and imports of the code ---------------------------------------------------------------
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
-STATEMENTS = 44_550
+STATEMENTS = 44_900
 CORE_LINES = 2_500
 
 

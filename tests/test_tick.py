@@ -12,6 +12,7 @@ from skywright.run.planning import plan_mission
 from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.sensors.mocap import MotionCapture
+from user_parts import HOVER, write_law
 
 SHORT = [*EXACT, "mission.task.passes=1", "mission.task.pass_length_m=0.03"]
 
@@ -66,46 +67,8 @@ def test_same_seed_same_recording_other_seed_another():
     assert a.tobytes() != c.tobytes()
 
 
-LAW = """
-import numpy as np
-from exact_map import EXACT
-from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
-from skywright.vehicle.component import Out
-from skywright.vehicle.laws.push_and_slide import PushAndSlide
-
-class Mine(PushAndSlide):
-    compiled = {compiled}
-
-    @staticmethod
-    def step(me: PushAndSlide.Me, ref: Reference, est: Estimate, body: Body,
-             allocated: Allocated, cmd: Out[WrenchCommand]) -> None:
-{body}
-"""
-
-
-def user_law(tmp_path, body, compiled=False):
-    path = tmp_path / "my_law.py"
-    lines = "\n".join("        " + line for line in body.strip("\n").splitlines())
-    path.write_text(LAW.format(body=lines, compiled=compiled))
-    return [f"mission.law={path}:Mine"]
-
-
 def test_a_plain_python_law_flies(tmp_path):
-    body = """
-cmd.qd[:] = 0.0
-if ref.active < 0.5:
-    cmd.f_B[:] = 0.0
-    cmd.t_B[:] = 0.0
-    return
-R = est.R_WB
-f = body.mass * (25.0 * (ref.p_WB - est.p_WB) + 12.0 * (ref.v_WB - est.v_WB))
-f[2] += body.mass * body.gravity
-e = R.T @ ref.R_WB
-e = 0.5 * np.array([e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]])
-cmd.f_B[:] = R.T @ f
-cmd.t_B[:] = body.I_B @ (81.0 * e - 18.0 * est.w_WB_B) + np.cross(body.p_BC, cmd.f_B)
-"""
-    d = load_description("waypoints", "othex", sets=user_law(tmp_path, body))
+    d = load_description("waypoints", "othex", sets=write_law(tmp_path, HOVER))
     blocks = []
     vehicle = build_vehicle(d, blocks.append)
     assert vehicle.interactive
@@ -127,7 +90,7 @@ cmd.t_B[:] = body.I_B @ (81.0 * e - 18.0 * est.w_WB_B) + np.cross(body.p_BC, cmd
 )
 def test_a_law_that_raises_or_returns_nan_is_told(tmp_path, body, message):
     with pytest.raises(SimulationError, match=message):
-        fly(user_law(tmp_path, body))
+        fly(write_law(tmp_path, body))
 
 
 def test_a_coplanar_robot_cannot_fly_a_law_for_full_actuation():
@@ -154,7 +117,7 @@ def test_a_robot_that_no_longer_follows_is_told_at_once():
 def test_a_compiled_law_that_raises_is_told_with_its_line(tmp_path):
     body = "if est.t > 0.5:\n    raise ValueError('no idea')"
     with pytest.raises(SimulationError, match=r"my_law\.py:\d+"):
-        fly(user_law(tmp_path, body, compiled=True))
+        fly(write_law(tmp_path, body, compiled=True))
 
 
 @pytest.mark.parametrize("rate", [20, 50, 333, 2000])

@@ -160,6 +160,18 @@ def test_default_scan_meets_the_requirements(angle: float) -> None:
         assert 30 < abs(math.degrees(np.angle(turn))) < 80
 
 
+@pytest.mark.parametrize("angle", [86.0, 89.9, 90.0])
+def test_a_seam_along_the_axis_has_a_small_lean(angle: float) -> None:
+    rng = np.random.default_rng(3)
+    s, slope = np.sort(rng.uniform(-0.1, 0.1, 9)), 1.0 / math.tan(math.radians(angle))
+    c = 0.05 + s * slope + 2e-4 * rng.standard_normal(9)
+    line = estimate_weld_line(s, c, np.zeros(9), np.full(9, 0.02), np.full(9, 5e-4), radius=0.2)
+    assert line is not None
+    assert abs(math.degrees(line.angle)) == pytest.approx(angle, abs=0.5)
+    assert abs(line.lean) < 0.01
+    assert np.max(np.abs(line.measure_distance(s, c))) < 1e-3
+
+
 @pytest.mark.parametrize("angle", [60.0, 88.0, 90.0, -89.0])
 def test_steep_welds_and_seams_along_the_axis(angle: float) -> None:
     weld = Weld(angle_deg=angle, offset_m=0.0)

@@ -6,6 +6,37 @@ from pathlib import Path
 
 GAINS = "STIFFNESS = 60.0\nHEIGHT = 0.15\nRATE = 50.0\n"
 
+HOVER = """
+cmd.qd[:] = 0.0
+if ref.active < 0.5:
+    cmd.f_B[:] = 0.0
+    cmd.t_B[:] = 0.0
+    return
+R = est.R_WB
+f = body.mass * (25.0 * (ref.p_WB - est.p_WB) + 12.0 * (ref.v_WB - est.v_WB))
+f[2] += body.mass * body.gravity
+e = R.T @ ref.R_WB
+e = 0.5 * np.array([e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]])
+cmd.f_B[:] = R.T @ f
+cmd.t_B[:] = body.I_B @ (81.0 * e - 18.0 * est.w_WB_B) + np.cross(body.p_BC, cmd.f_B)
+"""
+"""Body of a plain-Python law that flies a fully actuated robot."""
+
+OWN_LAW = """
+import numpy as np
+from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
+from skywright.vehicle.component import Out
+from skywright.vehicle.laws.push_and_slide import PushAndSlide
+
+class Mine(PushAndSlide):
+    compiled = {compiled}
+
+    @staticmethod
+    def step(me: PushAndSlide.Me, ref: Reference, est: Estimate, body: Body,
+             allocated: Allocated, cmd: Out[WrenchCommand]) -> None:
+{body}
+"""
+
 SENSOR = '''
 from skywright.core.record import Record
 from skywright.core.spec import Positive, Spec
@@ -234,3 +265,11 @@ def write_parts(folder: Path, estimator: str = "filter") -> Path:
     mission = folder / "mission.toml"
     mission.write_text(MISSION.format(estimator=estimator))
     return mission
+
+
+def write_law(folder: Path, body: str, compiled: bool = False) -> list[str]:
+    """Write a law with that body of a step; returns what sets it."""
+    path = folder / "my_law.py"
+    lines = "\n".join("        " + line for line in body.strip("\n").splitlines())
+    path.write_text(OWN_LAW.format(body=lines, compiled=compiled))
+    return [f"mission.law={path}:Mine"]

@@ -28,6 +28,8 @@ LAG_PRIOR = 0.03
 """s, standard deviation of the unknown lag between probe signal and position."""
 SCALE_PRIOR_COUNT = 4.0
 """How many residuals the crossings' own standard deviations count for, against what is seen."""
+SEAM = 0.1
+"""Cosine of the angle below which a line counts as a seam along the axis."""
 HUBER = 2.0
 INLIER = 0.006
 """m, least distance at which a crossing is called off the line."""
@@ -176,7 +178,9 @@ def _refer(fit: _Fit, way: Array, c0: float, radius: float) -> WeldLine:
     # s0 + A u + B w, counted from there
     climb = sin * math.cos(turn) + fit.lean * cos * math.sin(turn)
     angle = math.atan2(climb, cos)
-    lean = fit.lean * math.cos(turn) - sin / cos * math.sin(turn) if turn else fit.lean
+    lean = fit.lean  # a seam along the axis has none to turn
+    if turn and abs(cos) > SEAM:
+        lean = fit.lean * math.cos(turn) - sin / cos * math.sin(turn)
     across = np.array([1.0, slide, 0.0, bow * cos])
     aside = np.array([0.0, 1.0, 0.0, cos**2 * math.sin(turn)])
     return WeldLine(

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from skywright.models.rotors import RotorSet
     from skywright.models.scene import Scene
     from skywright.models.spring_bench import Springs
+    from skywright.vehicle.gusts import GustModel
 
 SLOTS = (
     "clear", "observe", "sense", "link", "body", "estimate", "reference", "control", "derive",
@@ -328,9 +329,13 @@ class Law(Component):
         return None
 
     def observe_wrench(self, context: Context) -> Array | None:
-        """Return the bandwidths (3,) rad/s, along the platform's axes forward, left, up, of the
-        external force that the law wants observed (port Wrench); None: it wants none.
+        """Return the bandwidths (3,) rad/s, forward, left, up, of the external force that the law
+        wants observed (port Wrench); None: it wants none.
         """
+        return None
+
+    def build_gust_model(self, nominal: Nominal, yaw: float) -> GustModel | None:
+        """Return how a wind's gusts move a platform that heads `yaw` (rad); None: not known."""
         return None
 
     def compute_gust_response(

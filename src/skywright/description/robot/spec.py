@@ -181,6 +181,8 @@ class Control(Spec):
     loop_separation: float = Field(default=2.5, ge=1.5)  # of a loop and the one inside it
     phase_margin_deg: float = Field(default=60.0, ge=30.0, lt=90.0)  # of the rate loop
     swing_damping: float = Field(default=0.5, gt=0.0, lt=1.0)  # of a link without a servo
+    # largest |S| of the motion over such a link; 0: motion by position_bandwidth_rad_s
+    motion_sensitivity: float = Field(default=0.0, ge=0.0, le=3.0)
     speed_max_mps: Positive = 1.0
     acceleration_max_mps2: Positive = 0.8
 

@@ -7,17 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array, Mask
+from skywright.description.robot.limbs import list_joints
 from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
-from skywright.missions.sensor_install.plan import InstallPlan
+from skywright.missions.sensor_install.plan import SWING_DECAYED, InstallPlan
 from skywright.missions.sensor_install.surveyed import BOTTOM
 from skywright.missions.sensor_install.task import SensorInstall
 from skywright.missions.skills.survey import get_hand_columns, read_touches
 from skywright.missions.skills.surveyed import SURVEY_MEASURES, Surveyed, fit_touches, judge_survey
+from skywright.models.rigid_body import compute_kinematics
 from skywright.models.things.tape import Tape
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
+from skywright.run.setup import Setup
 
 MEASURES: Measures = {
     "force.estimate_error_n": ("N", "rms distance of the estimated from the true force"),
@@ -25,14 +28,17 @@ MEASURES: Measures = {
     "swing.start_deg": ("deg", "angle from which the passive link was let go"),
     "swing.decay_s": ("s", "time until it stays within 1 deg of rest"),
     **SURVEY_MEASURES,
+    "arm.lever_min": ("", "least lever of a hand over the arm's reach, worst direction, in flight"),
+    "arm.lever_felt_min": ("", "the same while a force is felt: touching, pressing"),
     "sensor.bond_n": ("N", "strength of the tape after the pressing"),
     "sensor.installed": ("", "1 when the sensor stayed on the surface, 0 when it came off again"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
-SWING_DECAYED = math.radians(1.0)
 BEFORE_S = 2.0  # s before the touch: where the platform stood
+PRESSED = ("press", "leave singularity", "force")
 PRESSING = 0.02  # N
+LEVER_EVERY = 5  # samples, in which joints turn by a degree
 
 
 def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
@@ -53,8 +59,8 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
         out["force.min_n"], out["force.max_n"] = float(np.min(force)), float(np.max(force))
         out["force.mean_error_n"] = abs(out["force.mean_n"] - task.force_n)
         out["force.rms_error_n"] = float(np.sqrt(np.mean((force - task.force_n) ** 2)))
-        felt = samples["left_est_f_W"][hold] @ up
-        out["force.estimate_error_n"] = float(np.sqrt(np.mean((felt - force) ** 2)))
+        estimate = samples["left_est_f_W"][hold] @ up
+        out["force.estimate_error_n"] = float(np.sqrt(np.mean((estimate - force) ** 2)))
         out["contact.lost_s"] = _duration(samples, hold & (normal <= 0.0))
     hover = in_phases(samples, phases, "hover check")
     if np.any(hover):
@@ -66,7 +72,7 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     swing = in_phases(samples, phases, "swing check")
     if np.any(swing):
         out.update(_judge_swing(samples["t"][swing], samples["q"][swing, 0]))
-    pressed = in_phases(samples, phases, "press", "leave singularity", "force")
+    pressed = in_phases(samples, phases, *PRESSED)
     if np.any(pressed):
         first = int(np.argmax(pressed))
         before = (samples["t"] < samples["t"][first]) & (
@@ -79,6 +85,11 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
         )
     flown = ~in_phases(samples, phases, "start", "take_off", "land")
     out.update(_judge_tape(samples[flown], normal[flown], up, run.setup.world))
+    if np.any(flown):
+        out["arm.lever_min"] = _find_least_lever(run.setup, samples["q"][flown])
+    felt = in_phases(samples, phases, "survey_touch", "touch", *PRESSED)
+    if np.any(felt):
+        out["arm.lever_felt_min"] = _find_least_lever(run.setup, samples["q"][felt])
     hits = (samples["f_collision"] > 0.0) & flown
     out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
     return out
@@ -93,6 +104,23 @@ def find_survey(run: Flown[SensorInstall, InstallPlan]) -> Surveyed | None:
     if all(t.reason for t in touches):
         return None
     return fit_touches(run.setup, touches, survey.ball)
+
+
+def _find_least_lever(setup: Setup[SensorInstall], q: Array) -> float:
+    """Least singular value of an arm's Jacobian over its reach, of joints q (n, n_joints) rad.
+
+    Zero where the arm is stretched: no motion of its joints moves the hand along it, and no torque
+    of theirs shows a force there (vehicle/arms/singularity.py).
+    """
+    joints, least = list_joints(setup.robot), math.inf
+    sides = sorted({limb.side for limb in joints if limb.side >= 0})
+    mine = [[j for j, limb in enumerate(joints) if limb.side == side] for side in sides]
+    reach = sum(sorted(joints[j].link.length_m for j in mine[0])[-2:])  # upper and forearm
+    for row in q[::LEVER_EVERY]:
+        J = compute_kinematics(setup.model, row[: len(joints)])["J_BH"]
+        for h, own in enumerate(mine):
+            least = min(least, float(np.linalg.svd(J[h][:, own], compute_uv=False)[-1]))
+    return least / reach
 
 
 def _judge_swing(t: Array, q: Array) -> dict[str, float]:

@@ -33,6 +33,7 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.tip_force import Loaded
 from skywright.planning.motion.transit import Configuration
+from skywright.run.gust_limits import find_exceeded_motion
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
@@ -40,6 +41,7 @@ MARGIN = 0.1  # m, kept from everything on the way
 BEHIND = 0.17  # m, from the pipe's surface to the axis of what carries the arms
 NEAR_MARGIN = 0.02  # m, kept by what does not touch while the hand presses
 RISE = math.radians(15.0)  # of the forearm towards the hand: it must not touch beside the hand
+SWING_DECAYED = math.radians(1.0)  # from rest
 STRETCHED_DEG = (-80.0, 0.0, 0.0, -20.0)  # shoulder pitch, roll, yaw, elbow: near the singularity
 
 
@@ -125,12 +127,26 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
     most, joint = Loaded(robot, q, world.gravity_mps2).compute_push_limit(R.T @ up)
     if task.force_n > most and blocked is None:
         blocked = f"force: at {most:.2g} N the servo of {joint} stalls; asked: {task.force_n:g} N"
+    if blocked is None:
+        blocked = _find_gusts(setup, yaw)
     speed = robot.control.speed_max_mps
     length = sum(float(np.linalg.norm(b - a)) for _, a, b, _, _ in legs)
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began,
         2.0 * 1.875 * length / speed + task.hold_s + task.hover_s, least, way=found,
     )  # fmt: skip
+
+
+def _find_gusts(setup: Setup[SensorInstall], yaw: float) -> str | None:
+    """Say that gusts move platform or link by more than the mission asks for, or None."""
+    asked = setup.description.mission.requirements
+    place, decay = asked.get("platform.excursion_m"), asked.get("swing.decay_s")
+    told = find_exceeded_motion(
+        setup, yaw, math.inf if place is None else place.limit,
+        0.0 if decay is None else math.radians(setup.task.swing_deg), SWING_DECAYED,
+        math.inf if decay is None else decay.limit,
+    )  # fmt: skip
+    return None if told is None else f"wind: {told}"
 
 
 def list_legs(way: InstallPlan) -> list[tuple[str, Array, Array, Array, float]]:

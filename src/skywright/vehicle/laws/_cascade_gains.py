@@ -7,12 +7,14 @@
   and the platform's motion along it are slower by the same factor.
 - Velocity loop: position bandwidth times the separation.
 - A link on a joint without a servo: position, velocity and swing gain follow together from the
-  planar model of platform and link, `place_swing_poles`.
+  planar model of platform and link, `place_swing_poles`; with `motion_sensitivity` the motion is as
+  fast as that allows, along the swing and across it, `_quicken`.
 """
 
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,8 +27,18 @@ from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.body_records import Body, Kinematics
 from skywright.models.floating import compute_free_inertia, fill_floating
+from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import fill_body, fill_kinematics, posture
 from skywright.vehicle.arms.ports import Floating
+from skywright.vehicle.gusts import GustModel
+from skywright.vehicle.laws._cascade_gusts import (
+    Loops,
+    Masses,
+    build_across,
+    build_along,
+    build_masses,
+    compute_gust_motion,
+)
 from skywright.vehicle.loops import compute_delay
 
 Array = NDArray[np.float64]
@@ -34,6 +46,9 @@ Array = NDArray[np.float64]
 FREE_MARGIN = math.radians(35.0)  # rad, of the rate loop above a resonance
 YAW = 0.4  # of roll and pitch: yaw has little torque (PX4's default weight of yaw, MC_YAW_WEIGHT)
 SLOWEST_SWING, FASTEST_SWING = 0.8, 2.0  # poles of the swing over its natural frequency
+BANDWIDTHS = np.geomspace(0.4, 4.0, 93)  # rad/s, of a motion, that are looked at, 2.5 % apart
+DAMPINGS = np.linspace(1.0, 0.5, 6)  # of the swing, over the one asked for, that are looked at
+SETTLED, SETTLING = 0.035, 1.6  # share of the angle that a link is let go at (0.7 deg of 20), s
 SLOWEST_HUNG = 0.3  # with the platform held, a link swings slower than with one that gives way
 
 
@@ -78,6 +93,7 @@ class CascadeGains(NamedTuple):
     lead: float  # s, what is left of the rotors' lag
     rotor_tau: float  # s, believed rotor lag
     wrench: Array  # rad/s, bandwidth of the estimated external force
+    pose: float = 0.0  # rad/s, at which the arms' pose is looked at; 0: it is not
 
 
 def compute_lead(k_rate: float, rotor_tau: float, delay: float, margin: float) -> float:
@@ -186,19 +202,10 @@ def compute_cascade_gains(
     a free link, and which adds the link's pull: in this model a gain of -b^2 g / (m J) on psi.
     Raises InputError where a loop has no phase margin, or no poles of the swing exist.
     """
-    q = posture(robot, "working")
-    floating, body = np.zeros(1, Floating.dtype)[0], np.zeros(1, Body.dtype)[0]
-    floating["swing"] = -1
-    for j, limb in enumerate(list_joints(robot)):
-        if limb.servo < 0:
-            floating["swing"] = j
-    full, k = np.zeros(MAX_JOINTS), np.zeros(1, Kinematics.dtype)[0]
-    full[: len(q)] = q
-    fill_kinematics(model, full, k)
-    fill_body(model, k, body)
-    fill_floating(model, k, body, floating)
+    body, floating = _compute_bodies(robot, model)
     inertia = np.diag(floating["I_eff"])
-    lead, tau, scale = _scale_rate_loop(c, robot, world, inertia)
+    free = compute_free_inertia(robot, world, posture(robot, "working"))
+    lead, tau, scale = _scale_rate_loop(c, robot, world, inertia, free)
     k_rate = c.attitude_bandwidth_rad_s * c.loop_separation * scale
     k_attitude = c.attitude_bandwidth_rad_s * scale
     # leaning about left moves forward, about forward moves left
@@ -224,6 +231,9 @@ def compute_cascade_gains(
     turn = 1 - along
     first = float(np.linalg.norm(floating["L_s"]))
     m = SwingModel(float(body["mass"]), first, float(floating["M_ss"]), float(world.gravity_mps2))
+    if c.motion_sensitivity > 0.0 and not inverted:
+        masses = build_masses(robot, body, floating, free)
+        return _quicken(found, c, m, masses, along, compute_delay(c, world))
     gains = place_swing_poles(
         m,
         lambda s: attitude_lag(s, float(k_attitude[turn]), float(k_rate[turn]), lead),
@@ -242,8 +252,106 @@ def compute_cascade_gains(
     return found._replace(k_swing=gains.swing)
 
 
+def _compute_bodies(robot: Robot, model: Any) -> tuple[Any, Any]:
+    """Return the records Body and Floating of the working posture."""
+    q = posture(robot, "working")
+    floating, body = np.zeros(1, Floating.dtype)[0], np.zeros(1, Body.dtype)[0]
+    floating["swing"] = -1
+    for j, limb in enumerate(list_joints(robot)):
+        if limb.servo < 0:
+            floating["swing"] = j
+    full, k = np.zeros(MAX_JOINTS), np.zeros(1, Kinematics.dtype)[0]
+    full[: len(q)] = q
+    fill_kinematics(model, full, k)
+    fill_body(model, k, body)
+    fill_floating(model, k, body, floating)
+    return body, floating
+
+
+def build_gust_model(c: Control, g: CascadeGains, nominal: Nominal, yaw: float) -> GustModel | None:
+    """Return how a platform with a hanging link moves in gusts; see Law.build_gust_model."""
+    robot, world = nominal.robot, nominal.world
+    body, floating = _compute_bodies(robot, nominal.model[0])
+    if floating["swing"] < 0 or robot.pendulum is None:
+        return None
+    q = posture(robot, "working")
+    masses = build_masses(robot, body, floating, compute_free_inertia(robot, world, q))
+    along, delay = int(abs(floating["axis"][0]) > 0.5), compute_delay(c, world)
+    loops = [build_loops(g, delay, axis, along) for axis in (along, 1 - along)]
+    systems = build_along(masses[0], loops[0]), build_across(masses[1], loops[1])
+    return lambda wind: compute_gust_motion(nominal, wind, q, systems, along, yaw)
+
+
+def build_loops(g: CascadeGains, delay: float, axis: int, swings: int) -> Loops:
+    """Return the gains of the motion along `axis` of the platform (0: forward, 1: to the left);
+    along `swings` the link does.
+    """
+    turn = 1 - axis
+    return Loops(
+        float(g.k_position[axis]), float(g.k_velocity[axis]), g.k_swing if axis == swings else 0.0,
+        float(g.wrench[axis]), float(g.k_attitude[turn]), float(g.k_rate[turn]),
+        float(g.k_integral[turn]), g.lead, g.rotor_tau, delay,
+    )  # fmt: skip
+
+
+def _quicken(
+    g: CascadeGains, c: Control, m: SwingModel, masses: tuple[Masses, Masses], along: int,
+    delay: float,
+) -> CascadeGains:  # fmt: skip
+    """Return `g` with the fastest motion loops whose |S| stays below c.motion_sensitivity.
+
+    Across the swing the velocity loop keeps its separation from the position's, and the estimate of
+    the force, which is an integral, lies between the two. Along it the motion's poles are those of
+    c.position_damping, beside a swing with c.swing_damping or the most below it that there is, as
+    fast as a link that is let go still comes to rest within SETTLING. There the force is estimated
+    as fast as the platform leans: the momentum of a link that swings is known, that of one that
+    bends is not.
+
+    Raises InputError where no bandwidth does.
+    """
+    most, turn, fast = c.motion_sensitivity, 1 - along, g.k_attitude[1 - along]
+    lag = lambda s: attitude_lag(s, float(fast), float(g.k_rate[turn]), g.lead)  # noqa: E731
+    found: list[Loops | None] = [None, None]
+    for w in BANDWIDTHS:
+        k = build_loops(g, delay, turn, along)._replace(
+            position=w, velocity=c.loop_separation * w, force=math.sqrt(c.loop_separation) * w
+        )
+        system = build_across(masses[1], k)
+        if not system.is_stable() or system.compute_sensitivity() > most:
+            break
+        found[turn] = k
+    separation = 2.0 * c.position_damping
+    for damping, w in product(c.swing_damping * DAMPINGS, BANDWIDTHS[::-1]):
+        poles = _find_swing(m, lag, w / separation, w * separation, damping, 0.0)
+        if poles is None:
+            continue
+        k = build_loops(g, delay, along, along)._replace(
+            position=poles.position / poles.velocity, velocity=poles.velocity, swing=poles.swing,
+            force=float(fast),
+        )  # fmt: skip
+        system = build_along(masses[0], k)
+        if (
+            system.is_stable() and system.compute_settling(SETTLED) <= SETTLING
+            and system.compute_sensitivity() <= most
+        ):  # fmt: skip
+            found[along] = k
+            break
+    for axis, kept in enumerate(found):
+        if kept is None:
+            raise InputError(
+                f"robot.control.motion_sensitivity = {most:g}: no bandwidth of the motion "
+                f"{'forward' if axis == 0 else 'to the left'} stays below it with this "
+                "attitude_bandwidth_rad_s, position_damping and swing_damping and brings a link to "
+                f"rest within {SETTLING:g} s; 0 separates the loops instead"
+            )
+        g.k_position[axis], g.k_velocity[axis] = kept.position, kept.velocity
+        g.wrench[axis] = kept.force
+        g = g._replace(k_swing=max(g.k_swing, kept.swing), pose=float(fast))
+    return g
+
+
 def _scale_rate_loop(
-    c: Control, robot: Robot, world: World, inertia: Array
+    c: Control, robot: Robot, world: World, inertia: Array, free: Array
 ) -> tuple[float, float, Array]:
     """Return lead (s), rotor lag (s) and the shares (3,) of the loops' gains about B's axes."""
     k_rate = c.attitude_bandwidth_rad_s * c.loop_separation
@@ -252,7 +360,6 @@ def _scale_rate_loop(
     delay = compute_delay(c, world)
     tau = robot.rotors.time_constant_s
     lead = compute_lead(k_rate, tau, delay, math.radians(c.phase_margin_deg))
-    free = compute_free_inertia(robot, world, posture(robot, "working"))
     scale = np.minimum(1.0, compute_free_factor(k_rate, lead, delay) * free / inertia)
     scale[2] *= YAW
     return lead, tau, scale

@@ -19,12 +19,19 @@ from skywright.core.record import Array, Vec2, Vec3
 from skywright.core.rotations import cross, log_so3, mat_t_mat, mat_t_vec, mat_vec, norm
 from skywright.core.scratch import local
 from skywright.core.spec import Positive
+from skywright.description.robot.spec import Control
 from skywright.errors import InputError
+from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import compute_body, posture
 from skywright.vehicle.arms.ports import Floating, Hands, Wrench
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Context, Law, Out, helper
-from skywright.vehicle.laws._cascade_gains import CascadeGains, compute_cascade_gains
+from skywright.vehicle.gusts import GustModel
+from skywright.vehicle.laws._cascade_gains import (
+    CascadeGains,
+    build_gust_model,
+    compute_cascade_gains,
+)
 from skywright.vehicle.laws._thrust import Thrust, ThrustTable, aim_thrust, fill_thrust
 from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.loops import (
@@ -54,6 +61,8 @@ class Cascade(Law):
         loop_separation: float | None = Field(default=None, ge=1.5)
         phase_margin_deg: float | None = Field(default=None, ge=30.0, lt=90.0)
         swing_damping: float | None = Field(default=None, gt=0.0, lt=1.0)
+        position_damping: Positive | None = None
+        motion_sensitivity: float | None = Field(default=None, ge=0.0, le=3.0)
         speed_max_mps: Positive | None = None
 
     class Me(ArmLoop, Thrust):
@@ -73,6 +82,8 @@ class Cascade(Law):
         t_lag: Vec3  # N m, lagging part of the torque
         shift: Vec3  # m, of the platform for its tip
         a_last: Vec2  # m/s^2, of the reference at the last step
+        pose_bandwidth: float  # rad/s, of `pose`; 0: the arms' pose is not looked at
+        pose: float  # rad, from the link to the line on which its mass hangs, low-passed
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill gains from bandwidths.
@@ -81,18 +92,27 @@ class Cascade(Law):
         """
         gains = self._compute_gains(context)
         for name in gains._fields:
-            if name != "wrench":
+            if name not in ("wrench", "pose"):
                 me[name] = getattr(gains, name)
         fill_arm(me, table, context)
         fill_thrust(me, table, context)
         me.dt, me.speed_max = context.dt, choose_bandwidths(table, context).speed_max_mps
         weight = context.mass * context.world.gravity_mps2
         me.f_external_max, me.t_integral_max = 0.4 * weight, 0.1 * weight
+        me.pose_bandwidth, me.pose = gains.pose, math.nan
         check_balance(gains, context)
 
     def observe_wrench(self, context: Context) -> Array:
         """Return the bandwidths (3,) rad/s of the external force that is cancelled."""
         return self._compute_gains(context).wrench
+
+    def build_gust_model(self, nominal: Nominal, yaw: float) -> GustModel | None:
+        """Return how gusts move a platform with a hanging link; None without one."""
+        robot = nominal.robot
+        own = {k: v for k, v in self.table if k in Control.model_fields and v is not None}
+        c = robot.control.model_copy(update=own)
+        gains = compute_cascade_gains(c, robot, nominal.world, nominal.model[0], self.inverted)
+        return build_gust_model(c, gains, nominal, yaw)
 
     def _compute_gains(self, context: Context) -> CascadeGains:
         c = choose_bandwidths(self.table, context)
@@ -285,11 +305,36 @@ def damp_swing(
     rate -= (jerk[0] * axis[1] - jerk[1] * axis[0]) / body.gravity
     for i in range(3):
         rate += floating.axis[i] * est.w_WB_B[i]
+    if me.pose_bandwidth > 0.0:
+        rate += turn_of_pose(me, est, floating)
     # a link that turns about the axis moves its end backward: along z x axis
     a[0] -= me.k_swing * rate * (forward[0] * axis[1] - forward[1] * axis[0])
     a[1] -= me.k_swing * rate * (left[0] * axis[1] - left[1] * axis[0])
     a[0] += (forward[0] * jerk[0] + forward[1] * jerk[1]) / me.k_attitude[1]
     a[1] += (left[0] * jerk[0] + left[1] * jerk[1]) / me.k_attitude[0]
+
+
+@helper
+def turn_of_pose(me: Any, est: Any, floating: Any) -> float:
+    """Rate (rad/s) at which arms that move turn the line from the joint to the mass that hangs.
+
+    The pendulum is that line. While a hand is held by friction, a platform that wanders moves the
+    arms, and the link turns to keep their mass below the joint: that is no swing, and a platform
+    that followed it would be driven by its own motion.
+    """
+    sine, cosine = 0.0, 0.0  # of the line's angle: L_s is horizontal where the mass hangs
+    side, up = local(3), local(3)
+    up[0], up[1], up[2] = 0.0, 0.0, 1.0
+    cross(floating.axis, up, side)
+    for i in range(3):
+        cosine -= side[i] * floating.L_s[i]
+        sine += up[i] * floating.L_s[i]
+    pose = math.atan2(sine, cosine) - est.q[floating.swing]
+    if math.isnan(me.pose):
+        me.pose = pose
+    change = me.pose_bandwidth * (pose - me.pose)
+    me.pose += me.dt * change
+    return change
 
 
 @helper

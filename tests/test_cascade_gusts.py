@@ -1,0 +1,142 @@
+"""Gusts on a platform with a hanging link: its two planar models, its gains, and refusals."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from exact_map import EXACT
+from skywright.description.loader import load_description
+from skywright.errors import InputError
+from skywright.missions.sensor_install.plan import plan
+from skywright.models.arm_body import Deviation
+from skywright.models.floating import compute_free_inertia
+from skywright.models.rigid_body import posture
+from skywright.models.scene import build_scene
+from skywright.run.gust_limits import find_exceeded_motion
+from skywright.run.run import fly_and_evaluate
+from skywright.run.setup import Setup
+from skywright.vehicle.effects.wind import build_dryden_filter
+from skywright.vehicle.laws import _cascade_gains as gains
+from skywright.vehicle.laws._cascade_gusts import (
+    System,
+    build_across,
+    build_along,
+    build_masses,
+)
+
+DESCRIPTION = load_description("sensor-install")
+DRYDEN = "world.wind.kind=dryden"
+
+
+def build_systems(sets: tuple[str, ...] = ()) -> tuple[Any, tuple[System, System]]:
+    d = load_description("sensor-install", sets=list(sets))
+    setup, c = Setup(d), d.robot.control
+    found = gains.compute_cascade_gains(c, d.robot, d.world, setup.model[0])
+    body, floating = gains._compute_bodies(d.robot, setup.model[0])
+    free = compute_free_inertia(d.robot, d.world, posture(d.robot, "working"))
+    masses = build_masses(d.robot, body, floating, free)
+    loops = [gains.build_loops(found, 0.003, axis, 0) for axis in (0, 1)]
+    return masses, (build_along(masses[0], loops[0]), build_across(masses[1], loops[1]))
+
+
+def test_the_planes_have_the_mass_matrix_of_the_scene() -> None:
+    """MuJoCo's mass matrix in place, lean and link, all other joints held."""
+    robot = DESCRIPTION.robot
+    scene, q = build_scene(robot, DESCRIPTION.world, Deviation()), posture(robot, "working")
+    data = mujoco.MjData(scene.model)
+    data.qpos[:7] = [0, 0, 2, 1, 0, 0, 0]
+    data.qpos[scene.places.joint_qpos] = q
+    mujoco.mj_forward(scene.model, data)
+    M = np.zeros((scene.model.nv, scene.model.nv))
+    mujoco.mj_fullM(scene.model, data, M)
+    (along, across), _ = build_systems()
+    swing, bend = (int(scene.model.joint(n).dofadr[0]) for n in ("pendulum", "pendulum lateral"))
+    for m, dofs, sign in ((along, [0, 4, swing], -1.0), (across, [1, 3, bend], 1.0)):
+        d, b, lever = m.below, m.first, m.carried * m.below
+        ours = np.array([
+            [m.mass, sign * (lever + b), sign * b],
+            [0.0, m.platform + lever * d + 2.0 * b * d + m.second, b * d + m.second],
+            [0.0, 0.0, m.second],
+        ])  # fmt: skip
+        theirs = np.triu(M[np.ix_(dofs, dofs)])
+        np.testing.assert_allclose(ours, theirs, rtol=0.03, atol=0.03)
+
+
+def test_the_sensitivity_is_that_of_the_closed_loop() -> None:
+    """1 + L is the ratio of the characteristic polynomials, closed over cut."""
+    for system in build_systems()[1]:
+        w = np.geomspace(0.5, 30.0, 40)
+        s = system._replace(delay=0.0)
+        ratio = [
+            np.linalg.det(1j * x * np.eye(10) - s.free)
+            / np.linalg.det(1j * x * np.eye(10) - s.closed)
+            for x in w
+        ]
+        assert s.compute_sensitivity(w) == pytest.approx(np.abs(ratio).max(), rel=1e-6)
+        assert system.is_stable() and system.compute_sensitivity() <= 2.0
+
+
+@pytest.mark.parametrize("along", [True, False])
+def test_the_variance_is_that_of_a_simulated_gust(along: bool) -> None:
+    """Against the filter that the plant draws its gusts with."""
+    system, dt, n = build_systems()[1][0], 0.02, 400_000
+    phi, noise, out = build_dryden_filter(0.7, 7.6, dt, along)
+    drag = np.array([0.9, 0.2, 0.15])
+    whole = np.zeros((11, 11))
+    whole[:10, :10], whole[:10, 10] = system.closed, system.drag @ drag
+    step = expm(dt * whole)[:10]
+    rng, gust, state = np.random.default_rng(1), np.zeros(2), np.zeros(10)
+    w, seen = rng.standard_normal((n, 2)) @ noise.T, np.empty((n, 2))
+    for i in range(n):
+        gust = phi @ gust + w[i]
+        state = step[:, :10] @ state + step[:, 10] * (out @ gust)
+        seen[i] = state[0], state[2] - state[4]
+    told = system.compute_variance(drag, 0.7, 7.6, along)
+    np.testing.assert_allclose(np.sqrt(told), seen[2000:].std(axis=0), rtol=0.06)
+
+
+def test_no_motion_is_fast_enough_for_a_link_that_nothing_damps() -> None:
+    with pytest.raises(InputError, match="motion_sensitivity = 2: no bandwidth of the motion forw"):
+        build_systems(("robot.control.swing_damping=0.05",))
+
+
+def refuse(*sets: str) -> str:
+    d = load_description("sensor-install", sets=[DRYDEN, *sets])
+    return str(plan(Setup(d)).blocked_by)
+
+
+def test_gusts_beyond_a_derived_wind_are_refused() -> None:
+    """The wind that the refusal names is flown, a little more is not; slower loops bear less."""
+    told = refuse("world.wind.mean_mps=4")
+    most = float(re.search(r"at most (\S+) m/s is \(world.wind.mean_mps\)", told)[1])  # type: ignore[index]
+    assert 2.4 < most < 2.7 and "30 mm are allowed" in told
+    assert refuse(f"world.wind.mean_mps={most - 0.02}") == "None"
+    assert "move the platform by 30." in refuse(f"world.wind.mean_mps={most + 0.02}")
+    slow = refuse("world.wind.mean_mps=4", "robot.control.motion_sensitivity=0")
+    assert float(re.search(r"at most (\S+) m/s", slow)[1]) < 0.8 * most  # type: ignore[index]
+    # a start at 20 deg has less time left for what gusts add
+    assert "less mission.task.swing_deg" in refuse(
+        "world.wind.mean_mps=2.4", "mission.task.swing_deg=25"
+    )
+    setup = Setup(load_description("sensor-install"))  # still air
+    assert find_exceeded_motion(setup, 0.0, 1e-9, 1.0, 1e-9, 0.0) is None
+
+
+@pytest.mark.parametrize("toward", [0, 90])
+def test_in_gusts_of_2_and_a_half_mps_platform_and_swing_stay_within_their_limits(
+    toward: int,
+) -> None:
+    sets = [*EXACT, DRYDEN, "world.wind.mean_mps=2.5", f"world.wind.toward_deg={toward}",
+            "mission.task.hover_s=0"]  # fmt: skip
+    m = fly_and_evaluate(load_description("sensor-install", sets=sets, seed=2)).metrics
+    assert m["platform.excursion_m"] < 0.03 and m["swing.decay_s"] < 2.0
+    assert m["swing.start_deg"] > 8.0 and m["sensor.installed"] == 1.0
+    assert m["arm.lever_min"] > 0.1 and m["arm.lever_felt_min"] > 0.2
+    assert math.isfinite(m["force.mean_error_n"]) and m["force.mean_error_n"] < 0.1
