@@ -8,7 +8,7 @@ nothing; it lasts until nothing is touched for 0.3 s, so what was hit before the
 still touched counts once. A flight passes when it is down, no collision began after the rule had
 acted, and a flight that did not succeed has a reason. What is touched, a model of the true scene
 tells, posed as recorded: an arm that hangs without torque meets the ground first, which at the
-speed of a landing is none.
+speed of a landing is none, and neither is the ground for a robot that falls.
 `--table FILE` writes the result, one row a flight. Exit code 1 when one fails.
 """
 
@@ -81,10 +81,10 @@ def list_touched(d: Description[Any], s: Any) -> tuple[set[str], set[str]]:
     return name(robot), name(robot - feet)
 
 
-def _is_landing(d: Description[Any], s: Any) -> bool:
-    """Whether a hit is an arm that meets the ground as slowly as a landing."""
+def _is_landing(d: Description[Any], s: Any, falls: bool) -> bool:
+    """Whether a hit is the ground: of a robot that falls, or an arm's as slow as a landing."""
     slow = float(np.linalg.norm(s["v_WB"])) < LANDING_MPS
-    return slow and list_touched(d, s)[1] == {"ground"}
+    return (falls or slow) and list_touched(d, s)[1] == {"ground"}
 
 
 def judge(folder: Path) -> Judged:
@@ -103,8 +103,9 @@ def judge(folder: Path) -> Judged:
     off = float(np.sum(s["rotor_thrust"][-1])) < OFF_N
     is_down = still and off and "ground" in list_touched(d, s[-1])[0]
     begins = list_collisions(s, aloft)
+    falls = any(a["response"] == "let_go" for a in acted)
     first = sum(s["t"][k] <= at for k in begins)
-    later = sum(s["t"][k] > at and not _is_landing(d, s[k]) for k in begins)
+    later = sum(s["t"][k] > at and not _is_landing(d, s[k], falls) for k in begins)
     has_reason = told["outcome"] == "succeeded" or bool(told["reason"])
     if told["outcome"] == "failed":  # the requirements say why
         has_reason = any(not r["passed"] for r in told["requirements"])
