@@ -13,9 +13,14 @@ if TYPE_CHECKING:
 
 
 class JointOff(Rule):
-    """Commanded less measured angle of the worst servo."""
+    """Where the worst servo should be, less where it is.
 
-    watches = "commanded less measured angle of a servo's shaft, the worst joint"
+    A position servo should be where (17) of Suarez 2020 takes it: a lag T_s behind its command, no
+    faster than the no-load speed. Near a stretched arm's singularity the command itself runs away
+    at that speed, 0.35 rad ahead of a healthy servo.
+    """
+
+    watches = "where a servo's shaft should be less where it is, the worst joint"
     unit = "rad"
     source = (
         "1.5 times what servos lag behind in the built-in moves; without torque a joint falls "
@@ -44,11 +49,22 @@ class JointOff(Rule):
             return
         self._told, self._seen = told[:n], seen[:n]
         self._swing = -1 if arm is None else int(arm.swing)
+        self._tau = 0.0 if arm is None else float(arm.servo_tau)
+        self._speed = 0.0 if arm is None else float(arm.speed_max)
+        self._model, self._held, self._t = self._seen.tolist(), self._told.tolist(), v.t
 
     def look(self, v: Senses) -> float:
         if self._told is None:
             return math.nan
-        off = [abs(a - b) for a, b in zip(self._told.tolist(), self._seen.tolist(), strict=True)]
+        told = self._told.tolist()
+        if not self._loose:
+            dt, self._t = v.t - self._t, v.t
+            gain, reach = 1.0 - math.exp(-dt / self._tau), self._speed * dt
+            # a command is held for a period before it acts, and a reading is as old
+            model = zip(self._model, self._held, strict=True)
+            self._model = [m + min(max((a - m) * gain, -reach), reach) for m, a in model]
+            self._held, told = told, self._model
+        off = [abs(a - b) for a, b in zip(told, self._seen.tolist(), strict=True)]
         if self._swing >= 0:
             off[self._swing] = 0.0  # it has no servo
         worst = max(off)
