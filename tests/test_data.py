@@ -187,9 +187,10 @@ def test_scan_asks_what_the_paper_asks() -> None:
         "contact.tilt_max_deg": ("<", 10.0),
         "contact.collisions": ("<=", 0.0),
         "tip.tangential_rms_mm": ("<=", 4.0),
-        "weld.crossings": ("==", 4.0),
-        "weld.offset_error_mm": ("<=", 5.0),
-        "weld.angle_error_deg": ("<=", 2.0),
+        "weld.missed": ("<=", 0.0),
+        "weld.lines_missed": ("<=", 0.0),
+        "weld.false_alarms": ("<=", 0.0),
+        "weld.line_error_mm": ("<=", 5.0),
         "coverage.fraction": (">=", 0.98),
     }
 

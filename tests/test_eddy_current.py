@@ -34,8 +34,8 @@ STEEL = (5e6, 100.0)
 F = 100e3
 
 
-def build(weld: Weld | None = None, seed: int = 0, quiet: bool = True, **kw):
-    ps = build_probe_signal(Pipe(), weld, np.random.default_rng(seed), **kw)
+def build(*welds: Weld, seed: int = 0, quiet: bool = True, **kw):
+    ps = build_probe_signal(Pipe(), welds, np.random.default_rng(seed), **kw)
     return ps._replace(texture_amplitude=0.0, noise=0.0) if quiet else ps
 
 
@@ -229,7 +229,7 @@ def test_lift_off_grows_to_the_air_signal() -> None:
 def test_table_reproduces_the_integral(gap: float, tilt: float, s: float) -> None:
     weld = Weld(angle_deg=0.0)
     ps = build(weld)
-    blend = weld_blend(ps, s, 0.0)
+    blend = weld_blend(ps, s, 0.0)[0]
     sigma = STEEL[0] * (1 + weld.conductivity_change) ** blend
     mu = STEEL[1] * (1 + weld.permeability_change) ** blend
 
@@ -244,7 +244,7 @@ def test_table_reproduces_the_integral(gap: float, tilt: float, s: float) -> Non
 
 def test_weld_stands_off_the_lift_off_direction() -> None:
     ps = build(Weld(angle_deg=0.0, half_width_m=0.02))
-    base = build(None)
+    base = build()
     tangent = read(base, gap=1e-5) - read(base)
     weld = read(ps) - read(base)
     separation = math.degrees(np.angle(weld / tangent))
@@ -274,16 +274,28 @@ def test_weld_lies_where_the_world_says(angle: float) -> None:
             c, slope = u * math.cos(math.radians(angle)), math.tan(math.radians(angle))
             s = 0.03 + slope * radius * math.sin(c / radius)
             steep = math.atan(slope * math.cos(c / radius))
-        assert weld_blend(ps, s, c) > 0.99
+        assert weld_blend(ps, s, c)[0] > 0.99
         n = (math.cos(steep), -math.sin(steep))
-        edge = weld_blend(ps, s + 0.005 * n[0], c + 0.005 * n[1])
+        edge = weld_blend(ps, s + 0.005 * n[0], c + 0.005 * n[1])[0]
         assert edge == pytest.approx(0.5, abs=0.02)
-        assert weld_blend(ps, s + 0.02 * n[0], c + 0.02 * n[1]) < 1e-6
-    behind = [weld_blend(ps, s, c) for s in (0.02, 0.03, 0.035) for c in (math.pi * radius,)]
+        assert weld_blend(ps, s + 0.02 * n[0], c + 0.02 * n[1])[0] < 1e-6
+    behind = [weld_blend(ps, s, c)[0] for s in (0.02, 0.03, 0.035) for c in (math.pi * radius,)]
     assert behind == pytest.approx(
-        [weld_blend(ps, s, -math.pi * radius) for s in (0.02, 0.03, 0.035)], abs=1e-9
+        [weld_blend(ps, s, -math.pi * radius)[0] for s in (0.02, 0.03, 0.035)], abs=1e-9
     )
-    assert weld_blend(build(Weld(present=False)), 0.0, 0.0) == 0.0
+    assert weld_blend(build(), 0.0, 0.0)[0] == 0.0
+
+
+def test_each_of_two_welds_reads_as_its_own_metal():
+    one = Weld(angle_deg=0.0, offset_m=-0.05)
+    other = Weld(angle_deg=20.0, offset_m=0.05, permeability_change=0.3, half_width_m=0.008)
+    both = build(one, other)
+    for weld in (one, other):
+        assert read(both, weld.offset_m) == pytest.approx(
+            read(build(weld), weld.offset_m), abs=1e-9
+        )
+    assert read(both, -0.05) != pytest.approx(read(both, 0.05), abs=0.5)
+    assert read(both) == pytest.approx(read(build()), abs=1e-9)
 
 
 def test_texture_has_its_rms_and_correlation() -> None:
@@ -292,10 +304,10 @@ def test_texture_has_its_rms_and_correlation() -> None:
     points, shift = rng.uniform(-3, 3, (300, 2)), 0.03
     pairs = []
     for seed in range(8):
-        ps = build(None, seed, quiet=False, texture=texture)._replace(noise=0.0)
+        ps = build(seed=seed, quiet=False, texture=texture)._replace(noise=0.0)
         pairs += [(read(ps, s, c), read(ps, s + shift, c)) for s, c in points]
     a, b = np.array(pairs).T
-    scale = abs(build(None).d_log_mu[0, 0]) * texture.rms
+    scale = abs(build().d_log_mu[0, 0]) * texture.rms
     assert np.sqrt(np.mean(np.abs(a) ** 2)) == pytest.approx(scale, rel=0.1)
     correlation = np.mean((a * np.conj(b)).real) / np.mean(np.abs(a) ** 2)
     assert correlation == pytest.approx(math.exp(-0.5), abs=0.15)
@@ -303,9 +315,9 @@ def test_texture_has_its_rms_and_correlation() -> None:
 
 
 def test_same_seed_same_surface_and_noise_enters_as_drawn() -> None:
-    a, b = (build(Weld(), 5, quiet=False) for _ in range(2))
+    a, b = (build(Weld(), seed=5, quiet=False) for _ in range(2))
     assert read(a, 0.01, 0.02) == read(b, 0.01, 0.02)
-    assert read(a, 0.01, 0.02) != read(build(Weld(), 6, quiet=False), 0.01, 0.02)
+    assert read(a, 0.01, 0.02) != read(build(Weld(), seed=6, quiet=False), 0.01, 0.02)
     re, im = ec_signal(a, 0.0, 0.0, 0.0, 0.0, 2.0, -1.0)
     assert complex(re, im) - read(a) == pytest.approx(0.05 * (2 - 1j))
 
@@ -334,5 +346,5 @@ def test_impossible_coils_are_refused(coil: Coil) -> None:
 def test_other_metals_build_finite_tables() -> None:
     for sigma, mu in ((3.5e7, 1.0), (1.4e6, 1.02), (1e7, 2000.0)):
         pipe = Pipe(conductivity_s_per_m=sigma, relative_permeability=mu)
-        ps = build_probe_signal(pipe, Weld(), np.random.default_rng(0))
+        ps = build_probe_signal(pipe, [Weld()], np.random.default_rng(0))
         assert np.all(np.isfinite(ps.table)) and np.all(np.isfinite(ps.d_log_mu))

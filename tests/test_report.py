@@ -40,7 +40,7 @@ from skywright.run.warm_up import is_cached
 SHORT = (
     *EXACT,
     "mission.task.passes=2", "mission.task.pass_length_m=0.04", "mission.task.arc_deg=10",
-    "mission.task.speed_mps=0.02", "mission.requirements.weld.crossings.limit=2",
+    "mission.task.speed_mps=0.02",
 )  # fmt: skip
 
 

@@ -66,8 +66,11 @@ def test_example_file_gives_its_weld(maker: ModuleType) -> None:
     out = json.loads(json.dumps(report.to_json(), allow_nan=False))
     assert {"contact_fraction", "crossings", "line", "surface", "thresholds"} <= set(out)
     assert len(out["crossings"]) == 5
-    assert all(set(x) == {"t_s", "p_m"} and len(x["p_m"]) == 3 for x in out["crossings"])
-    assert set(out["line"]) == {"point_m", "angle_deg", "std_offset_m", "std_angle_deg", "lean"}
+    assert all(set(x) == {"t_s", "p_m", "line"} and len(x["p_m"]) == 3 for x in out["crossings"])
+    assert set(out["line"]) == {
+        "point_m", "points_m", "angle_deg", "std_offset_m", "std_angle_deg", "lean", "crossings"
+    }  # fmt: skip
+    assert out["lines"] == [out["line"]] and out["line"]["crossings"] == 5
     assert set(out["thresholds"]) == {"lift_off", "weld"}
     check_line(out, maker)
     std = out["surface"]["std"]

@@ -119,7 +119,7 @@ def _step(
         model = as_model(child)
         if model is not None and len(rest) > 1 and rest[-1] in model.model_fields:
             required = [n for n, f in model.model_fields.items() if f.is_required()]
-            if required == [rest[-1]]:  # a new entry that this one number completes
+            if required in ([], rest[-1:]):  # a new entry that this one number completes
                 return ".".join(rest[:-1]), child, len(rest) - 1
         if model is None or len(rest) == 1:
             return ".".join(rest), child, len(rest)

@@ -1,11 +1,9 @@
 """How well the probe sat on the surface, over the unrolled surface and along the planned path."""
 
 import math
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from skywright.core.arrays import Array, Ints
 from skywright.errors import InputError
@@ -14,6 +12,8 @@ GAP_LIMIT = 1e-3
 """m, largest air gap at which a reading counts (Tognon 2018)."""
 TILT_LIMIT = math.radians(10.0)
 """rad, largest tilt at which a reading counts (Tognon 2018)."""
+REACH = 0.006
+"""m: a place this near to the probe's path was inspected; the coil sees a few millimetres."""
 
 
 class ContactMap(NamedTuple):
@@ -50,44 +50,3 @@ def compute_contact_map(
     s_edges = (low[0] + np.arange(size[0] + 1)) * cell
     c_edges = (low[1] + np.arange(size[1] + 1)) * cell
     return ContactMap(s_edges, c_edges, worst[0], worst[1], worst[2], count)
-
-
-def compute_coverage(
-    s_plan: Array,
-    c_plan: Array,
-    s: Array,
-    c: Array,
-    gap: Array,
-    tilt: Array,
-    *,
-    reach: float = 0.006,
-    gap_limit: float = GAP_LIMIT,
-    tilt_limit: float = TILT_LIMIT,
-    step: float = 0.001,
-) -> float:
-    """Fraction of the planned path's length that was inspected.
-
-    A piece of the path (m, on the unrolled surface; NaN separates strokes) counts where the probe
-    came within `reach` of it with a gap below `gap_limit` and a tilt below `tilt_limit` (the coil
-    sees a disk of a few millimetres). Returns a value in 0..1; raises InputError without a path.
-    """
-    plan = np.stack([np.asarray(s_plan, float).ravel(), np.asarray(c_plan, float).ravel()], axis=1)
-    pieces = []
-    for a, b in pairwise(plan):
-        length = float(np.hypot(*(b - a)))
-        if length > 0:  # False for NaN
-            n = max(1, math.ceil(length / step))
-            middle = (np.arange(n) + 0.5) / n
-            points = a + middle[:, None] * (b - a)
-            pieces.append(np.column_stack([points, np.full(n, length / n)]))
-    if not pieces:
-        raise InputError("coverage: the planned path has no length")
-    path = np.concatenate(pieces)
-    with np.errstate(invalid="ignore"):
-        good = (np.asarray(gap) < gap_limit) & (np.asarray(tilt) < tilt_limit)
-    tip = np.stack([np.asarray(s, float), np.asarray(c, float)], axis=1)[good]
-    tip = tip[np.all(np.isfinite(tip), axis=1)]
-    if len(tip) == 0:
-        return 0.0
-    distance, _ = cKDTree(tip).query(path[:, :2], distance_upper_bound=reach)
-    return float(path[np.isfinite(distance), 2].sum() / path[:, 2].sum())

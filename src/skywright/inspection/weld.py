@@ -19,7 +19,7 @@ from skywright.inspection.calibration import (
     robust_std,
     to_complex,
 )
-from skywright.inspection.weld_line import INLIER, WeldLine, estimate_weld_line
+from skywright.inspection.weld_line import HALF_WIDTH, INLIER, WeldLine, estimate_weld_line
 
 MERGE_DISTANCE = 0.004
 """m; two flagged stretches closer than this, without leaving contact for long, are one crossing."""
@@ -33,8 +33,11 @@ DRIFT_LENGTH = 0.08
 """m of path over which the texture's drift is taken; several crossings' widths."""
 LONG_LENGTH = 0.035
 """m; a longer stretch runs along the weld and is cut into pieces of this length."""
-HALF_WIDTH = 0.005
-"""m; least standard deviation of a place on the weld that was not crossed from side to side."""
+MOST_LINES = 10
+SHOWN = 0.7
+"""Least share of the path's passes over a further line that must be crossings of it."""
+CLEAR = 0.01
+"""m from a line's middle: beyond a weld's half-width and the coil."""
 
 
 class Crossing(NamedTuple):
@@ -49,7 +52,7 @@ class Crossing(NamedTuple):
     v_c: float
     std: float  # m, of the position along the motion (across the weld)
     samples: int
-    on_line: bool = False
+    line: int = -1  # index of its line; -1: it lies off all of them
     one_sided: bool = False  # entered and left on one side, or cut off by the end of the contact
 
 
@@ -66,10 +69,19 @@ class WeldResult(NamedTuple):
     on_weld: Mask
     contact_fraction: float
     crossings: tuple[Crossing, ...]
-    line: WeldLine | None
+    lines: tuple[WeldLine, ...]  # the one with most crossings first
     calibration: Calibration  # with the weld axis that was used
     surface: Cylinder
     notes: tuple[str, ...]
+
+    @property
+    def line(self) -> WeldLine | None:
+        """The line with most crossings."""
+        return self.lines[0] if self.lines else None
+
+    def list_crossings(self, line: int) -> list[Crossing]:
+        """Return the crossings of a line, by its index."""
+        return [x for x in self.crossings if x.line == line]
 
 
 def detect_contact(ec: NDArray[Any], calibration: Calibration) -> tuple[Array, Array, Mask]:
@@ -242,6 +254,46 @@ def find_crossings(
     return crossings, points
 
 
+def separate_lines(
+    points: list[Crossing], radius: float, s: Array, c: Array, contact: Mask
+) -> list[WeldLine]:
+    """Return the lines that the points lie on, that of most points first.
+
+    Every two points make a line. One beyond the first is a weld only where the path, (n,) `s`
+    and `c` (m) with `contact`, shows it: most of the places at which the path crosses the line
+    are points of it.
+    """
+    lines: list[WeldLine] = []
+    left = points
+    while len(left) > 1 and len(lines) < MOST_LINES:
+        line = estimate_weld_line(*_columns(left, "s", "c", "v_s", "v_c", "std"), radius=radius)
+        if line is None:
+            break
+        if lines and len(line.inliers) < SHOWN * count_passes(line, s, c, contact):
+            break
+        lines.append(line)
+        left = [x for i, x in enumerate(left) if i not in line.inliers]
+    return lines
+
+
+def count_passes(line: WeldLine, s: Array, c: Array, contact: Mask) -> int:
+    """Return how often a path in contact crosses a line, from CLEAR on one side to the other."""
+    d = line.measure_distance(s, c)
+    d = d[contact & (np.abs(d) > CLEAR)]
+    return int(np.count_nonzero(np.diff(np.sign(d))))
+
+
+def _find_owner(x: Crossing, lines: list[WeldLine]) -> int:
+    """Return the index of the nearest line; 0 while there is none."""
+    return int(np.argmin([abs(float(a.measure_distance(x.s, x.c))) for a in lines] or [0.0]))
+
+
+def _assign(x: Crossing, lines: list[WeldLine]) -> Crossing:
+    k = _find_owner(x, lines)
+    off = abs(float(lines[k].measure_distance(x.s, x.c)))
+    return x._replace(line=k if off < max(INLIER, 2.0 * x.std) else -1)
+
+
 def remove_drift(s: Array, c: Array, weld: Array, contact: Mask, threshold: float) -> Array:
     """Subtract the slow drift of the base metal's texture from the weld signal (n,).
 
@@ -328,16 +380,19 @@ def process_scan(
     index = np.flatnonzero(valid)
     off_weld = contact & searched & ~on_weld
     data = (t[index], s[index], c[index], weld[index] - base, on_weld[index], noise, surface)
-    line: WeldLine | None = None
-    for _ in range(3):  # the line's normal refines the crossings, which refine the line
-        normal = None if line is None else (math.cos(line.angle), -math.sin(line.angle))
-        found, points = find_crossings(*data, off_weld[index], normal)
+    path = (s[index], c[index], contact[index] & searched[index])
+    lines: list[WeldLine] = []
+    for _ in range(3):  # a line's normal refines its crossings, which refine the line
+        found, points = list[Crossing](), list[Crossing]()
+        for k, line in enumerate(lines or [None]):
+            normal = None if line is None else (math.cos(line.angle), -math.sin(line.angle))
+            some, places = find_crossings(*data, off_weld[index], normal)
+            found += [x for x in some if _find_owner(x, lines) == k]
+            points += [x for x in places if _find_owner(x, lines) == k]
         crossings = [x for x in found if x.peak >= SIGNIFICANCE * noise]
         points = [x for x in points if x.peak >= SIGNIFICANCE * noise]
-        line = estimate_weld_line(
-            *_columns(points, "s", "c", "v_s", "v_c", "std"), radius=surface.radius
-        )
-        if line is None:
+        lines = separate_lines(points, surface.radius, *path)
+        if not lines:
             break
     if len(found) > len(crossings):
         notes.append(
@@ -350,15 +405,13 @@ def process_scan(
             f"{one_sided} of {len(crossings)} crossings turn back or end on the weld: their places "
             "are only known to its width"
         )
-    if line is not None:
-        places, std = _columns(crossings, "s", "c"), _columns(crossings, "std")[0]
-        near = np.abs(line.measure_distance(*places)) < np.maximum(INLIER, 2 * std)
-        crossings = [x._replace(on_line=bool(b)) for x, b in zip(crossings, near, strict=True)]
-        if not near.all():
-            notes.append(
-                f"{np.count_nonzero(~near)} of {len(crossings)} crossings lie off the line and "
-                "were left out"
-            )
+    if lines:
+        crossings = sorted((_assign(x, lines) for x in crossings), key=lambda x: x.t)
+        off = sum(x.line < 0 for x in crossings)
+        if len(lines) > 1:
+            notes.append(f"{len(lines)} welds: the crossings lie on {len(lines)} lines")
+        if off:
+            notes.append(f"{off} of {len(crossings)} crossings lie off the line and were left out")
     elif len(crossings) == 1:
         notes.append("one crossing only: its angle, so the line, cannot be told")
     elif crossings:
@@ -375,7 +428,7 @@ def process_scan(
         on_weld=on_weld,
         contact_fraction=float(contact.sum()) / count if count else 0.0,
         crossings=tuple(crossings),
-        line=line,
+        lines=tuple(lines),
         calibration=calibration,
         surface=surface,
         notes=tuple(notes),

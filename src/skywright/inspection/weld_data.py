@@ -46,24 +46,12 @@ class WeldReport(NamedTuple):
         `angle_deg` is measured from the circumferential direction; positive: along the printed
         axis while turning right-handed about it.
         """
-        line = None
-        found, surface = self.result.line, self.result.surface
-        if found is not None:
-            line = {
-                "point_m": _round(roll_points(surface, found.s, found.c)[0][0], 6),
-                "angle_deg": round(math.degrees(found.angle), 4),
-                "std_offset_m": round(found.std_offset, 7),
-                "std_angle_deg": round(math.degrees(found.std_angle), 5),
-                "lean": round(found.lean, 5),
-            }
+        found, surface = describe_welds(self.result), self.result.surface
         fit = self.fit
         return {
             "contact_fraction": round(self.result.contact_fraction, 6),
-            "crossings": [
-                {"t_s": round(x.t, 4), "p_m": _round(np.array(x.p_W), 6)}
-                for x in self.result.crossings
-            ],
-            "line": line,
+            **found,
+            "line": found["lines"][0] if found["lines"] else None,
             "surface": {
                 "axis_point_m": _round(surface.p_WP, 6),
                 "axis": _round(surface.R_WP[:, 1], 8),
@@ -80,6 +68,40 @@ class WeldReport(NamedTuple):
             },
             "notes": list(self.notes),
         }
+
+
+def describe_welds(result: WeldResult) -> dict[str, Any]:
+    """Return lines and crossings as plain numbers, in W.
+
+    `points_m` of a line are five places on it from its first to its last crossing; the deviations
+    are those at `point_m`, across the line and of its direction.
+    """
+    surface, lines = result.surface, []
+    for k, line in enumerate(result.lines):
+        mine = result.list_crossings(k)
+        at = np.array([[x.s, x.c] for x in mine] or [[line.s, line.c]])
+        ways = (at - [line.s, line.c]) @ [math.sin(line.angle), math.cos(line.angle)]
+        points = roll_points(surface, *line.follow(np.linspace(ways.min(), ways.max(), 5)))[0]
+        lines.append({
+            "point_m": _round(roll_points(surface, line.s, line.c)[0][0], 6),
+            "points_m": [_round(p, 6) for p in points],
+            "angle_deg": round(math.degrees(line.angle), 4),
+            "std_offset_m": round(line.std_offset, 7),
+            "std_angle_deg": round(math.degrees(line.std_angle), 5),
+            "lean": round(line.lean, 5),
+            "crossings": len(mine),
+        })  # fmt: skip
+    return {
+        "lines": lines,
+        "crossings": [
+            {
+                "t_s": round(x.t, 4),
+                "p_m": _round(np.array(x.p_W), 6),
+                "line": x.line if x.line >= 0 else None,
+            }
+            for x in result.crossings
+        ],
+    }
 
 
 def _round(x: Array, digits: int) -> list[float]:

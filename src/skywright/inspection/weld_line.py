@@ -30,6 +30,11 @@ SCALE_PRIOR_COUNT = 4.0
 """How many residuals the crossings' own standard deviations count for, against what is seen."""
 SEAM = 0.1
 """Cosine of the angle below which a line counts as a seam along the axis."""
+HALF_WIDTH = 0.005
+"""m; least standard deviation of a place on a weld that was not crossed from side to side."""
+SLANT = 0.01
+"""Points that a line at 45 deg to the pipe's axis loses in the consensus: it settles ties."""
+ALONG = math.cos(math.radians(10.0))
 HUBER = 2.0
 INLIER = 0.006
 """m, least distance at which a crossing is called off the line."""
@@ -107,8 +112,12 @@ def _get_limit(std: Array) -> Array:
     return np.asarray(np.clip(3.0 * std, INLIER, WIDEST))
 
 
-def _consensus(q: Array, w: Array, std: Array) -> NDArray[np.bool_]:
-    """Boolean (n,): the largest set of points that one line through two of them explains."""
+def _consensus(q: Array, w: Array, v: Array, std: Array) -> NDArray[np.bool_]:
+    """Boolean (n,): the largest set of points that one line through two of them explains.
+
+    Of equally large ones that along or across the pipe's axis counts, as welds are girths or seams
+    mostly, and none through two crossings of one pass: a path does not cross what it follows.
+    """
     n = len(q)
     limit = _get_limit(std)
     best, best_score = np.ones(n, bool), -math.inf
@@ -124,6 +133,9 @@ def _consensus(q: Array, w: Array, std: Array) -> NDArray[np.bool_]:
                 continue
             r = np.abs((at - at[i]) @ np.array([-d[1], d[0]]) / length) / limit
             score = float(np.sum(1 - np.minimum(r, 1) ** 2)) + 1e-3 * (length - abs(lean))
+            score -= SLANT * 2.0 * abs(d[0] * d[1]) / length**2
+            if std[i] < HALF_WIDTH and abs(d @ v[i]) > ALONG * length * np.hypot(*v[i]):
+                score -= 2.0 * SLANT
             if score > best_score:
                 best, best_score = r < 1.0, score
     return best
@@ -146,7 +158,7 @@ def estimate_weld_line(
     std = np.maximum(np.asarray(std, float), 5e-5)
     if len(q) < 2 or not np.all(np.isfinite(q)):
         return None
-    inlier = _consensus(q, bow, std) if len(q) >= 3 else np.ones(len(q), np.bool_)
+    inlier = _consensus(q, bow, v, std) if len(q) >= 3 else np.ones(len(q), np.bool_)
     fit = None
     for _ in range(3):  # what a lag or a lean explains comes back
         if np.count_nonzero(inlier) < 2:

@@ -23,6 +23,7 @@ Surface coordinates: s along the pipe's axis, c = R phi around it (description/w
 """
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -84,14 +85,12 @@ class Texture(NamedTuple):
 class ProbeSignal(NamedTuple):
     """Everything `ec_signal` needs, as arrays and floats that compiled code accepts."""
 
-    table: np.ndarray  # complex (tilt, gap, blend), instrument units, zero at contact on base
+    # complex (tilt, gap, welds * blend), instrument units, zero at contact on base
+    table: np.ndarray
     d_log_mu: np.ndarray  # complex (tilt, gap), derivative by ln(mu_r) at the base metal
     nose: float  # m, distance from the nose's centre to the coil's face
-    weld_offset: float  # m; as in WeldCurve
-    weld_slope: float
-    weld_around: float  # rad
+    welds: np.ndarray  # (welds, 4): offset m, slope, around rad as in WeldCurve; half width m
     radius: float  # m, of the pipe
-    weld_half_width: float  # m, negative where there is no weld
     footprint: float  # m, standard deviation of the coil's averaging
     texture_ks: np.ndarray  # rad/m (modes,)
     texture_kc: np.ndarray  # rad/m (modes,)
@@ -237,36 +236,32 @@ def _build_tables(
 
 def build_probe_signal(
     pipe: Pipe,
-    weld: Weld | None,
+    welds: Sequence[Weld],
     rng: np.random.Generator,
     coil: Coil | None = None,
     instrument: Instrument | None = None,
     texture: Texture | None = None,
 ) -> ProbeSignal:
-    """Tabulate the probe's signal for a pipe and its weld, and draw the steel's texture.
+    """Tabulate the probe's signal for a pipe and its welds, and draw the steel's texture.
 
     Raises InputError where the coil does not fit its nose or the metal gives no signal.
     """
     coil, instrument = coil or Coil(), instrument or Instrument()
     texture = texture or Texture()
     _check_coil(coil)
-    weld = weld if weld is not None and weld.present else None
-    table, d_log_mu = _build_tables(pipe, weld, coil, instrument)
+    tables = [_build_tables(pipe, weld, coil, instrument) for weld in welds or (None,)]
     radius = pipe.diameter_m / 2
-    curve = build_weld_curve(weld or Weld(), radius)
+    lines = [(*build_weld_curve(w, radius)[:3], w.half_width_m) for w in welds]
     # Gaussian spectrum of wave numbers <=> Gaussian correlation of the field; whole waves around
     # the pipe, so that the field closes behind it
     k = rng.standard_normal((2, texture.modes)) / texture.correlation_length
     k[1] = np.round(k[1] * radius) / radius
     return ProbeSignal(
-        table=table,
-        d_log_mu=d_log_mu,
+        table=np.concatenate([table for table, _ in tables], axis=2),
+        d_log_mu=tables[0][1],
         nose=coil.nose_radius - coil.recess,
-        weld_offset=curve.offset,
-        weld_slope=curve.slope,
-        weld_around=curve.around,
+        welds=np.array(lines).reshape(-1, 4),
         radius=radius,
-        weld_half_width=weld.half_width_m if weld is not None else -1.0,
         footprint=(coil.inner_radius + coil.outer_radius) / 2,
         texture_ks=k[0].copy(),
         texture_kc=k[1].copy(),
@@ -277,14 +272,20 @@ def build_probe_signal(
 
 
 @njit(cache=True, error_model="numpy")
-def weld_blend(ps: ProbeSignal, s: float, c: float) -> float:
-    """Share of weld metal under the coil, 0..1, at (s, c) on the unrolled surface (m)."""
-    if ps.weld_half_width < 0.0:
-        return 0.0
-    d = weld_distance(ps.weld_offset, ps.weld_slope, ps.weld_around, ps.radius, s, c)
+def weld_blend(ps: ProbeSignal, s: float, c: float) -> tuple[float, int]:
+    """Share of weld metal under the coil, 0..1, at (s, c) on the unrolled surface (m), and whose.
+
+    Where welds meet, the one with the larger share counts.
+    """
     scale = 1.0 / (math.sqrt(2.0) * ps.footprint)
-    hw = ps.weld_half_width
-    return 0.5 * (math.erf((d + hw) * scale) - math.erf((d - hw) * scale))
+    most, which = 0.0, 0
+    for i in range(ps.welds.shape[0]):
+        d = weld_distance(ps.welds[i, 0], ps.welds[i, 1], ps.welds[i, 2], ps.radius, s, c)
+        half = ps.welds[i, 3]
+        share = 0.5 * (math.erf((d + half) * scale) - math.erf((d - half) * scale))
+        if not share <= most:  # a NaN stays one
+            most, which = share, i
+    return most, which
 
 
 @njit(cache=True, error_model="numpy")
@@ -307,7 +308,8 @@ def ec_signal(
         u = float(_N_TILT - 1)
     # an infinite gap is air; NaN fails every comparison and falls through to the check below
     v = float(_N_GAP - 1) if g > 1e6 else g / (g + _GAP_SCALE) * (_N_GAP - 1)
-    w = weld_blend(ps, s, c) * (_N_BLEND - 1)
+    share, weld = weld_blend(ps, s, c)
+    w = share * (_N_BLEND - 1)
     if not (u >= 0.0 and v >= 0.0 and w >= 0.0):
         return math.nan, math.nan
     i = min(int(u), _N_TILT - 2)
@@ -316,6 +318,7 @@ def ec_signal(
     u -= i
     v -= j
     w -= k
+    k += weld * _N_BLEND
     field = 0.0
     for m in range(ps.texture_ks.size):
         field += math.cos(ps.texture_ks[m] * s + ps.texture_kc[m] * c + ps.texture_phase[m])

@@ -146,18 +146,15 @@ def _draw_crossing(scene: Scene3d, i: int, crossing: Crossing) -> None:
 
 
 def _draw_estimate(scene: Scene3d, weld: WeldResult) -> None:
-    """Draw the estimated line along its crossings."""
-    line, pipe = weld.line, scene.world.pipe
-    if line is None or pipe is None:
-        return
-    s = np.array([c.s for c in weld.crossings] + [line.s])
-    c = np.array([c.c for c in weld.crossings] + [line.c])
-    half = 0.5 * math.hypot(np.ptp(s), np.ptp(c)) + 0.03
-    u = np.linspace(-half, half, 60)
-    s, c = line.s + u * math.sin(line.angle), line.c + u * math.cos(line.angle)
-    inside = np.abs(s) <= 0.5 * pipe.length_m
-    if np.count_nonzero(inside) > 1:
-        scene.draw_surface_line("/estimate", s[inside], c[inside], 0.004, ESTIMATE, 0.0016)
+    """Draw the estimated lines along their crossings."""
+    for k, line in enumerate(weld.lines):
+        mine = weld.list_crossings(k)
+        s, c = np.array([[x.s, x.c] for x in mine] + [[line.s, line.c]]).T
+        half = 0.5 * math.hypot(np.ptp(s), np.ptp(c)) + 0.03
+        s, c = line.follow(np.linspace(-half, half, 60))
+        inside = np.abs(s) <= weld.surface.half_length
+        if np.count_nonzero(inside) > 1:
+            scene.draw_surface_line(f"/estimate{k}", s[inside], c[inside], 0.004, ESTIMATE, 0.0016)
 
 
 # --- the overlay -----------------------------------------------------------------------------

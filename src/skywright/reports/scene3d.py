@@ -140,12 +140,13 @@ class Scene3d:
             else:
                 colour, opacity = _colour(shape)
                 self._mesh(f"/world/{shape.name}", build_mesh(shape, 64), colour, opacity)
-        pipe, weld = self.world.pipe, self.world.weld
-        if pipe is not None and weld is not None and weld.present:
+        pipe, welds = self.world.pipe, self.world.list_welds()
+        for k, weld in enumerate(welds):
+            assert pipe is not None
             points, normals = weld_curve(pipe, weld)
             for i, (p, n) in enumerate(zip(points, normals, strict=True)):
                 ribbon = build_ribbon(p + 0.0006 * n, n, 2.0 * weld.half_width_m)
-                self._mesh(f"/world/weld{i}", ribbon, WELD, 1.0, double=True)
+                self._mesh(f"/world/weld{k}_{i}", ribbon, WELD, 1.0, double=True)
 
         area = get_structures(self.world).area
         if area is not None:

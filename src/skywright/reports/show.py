@@ -73,8 +73,8 @@ def _world_parts(world: World) -> list[Outline]:
             for top in support_posts(world):
                 parts.append(Outline(np.array([top * [1, 1, 0], top]), "post"))
         parts += outline_pipe(world.pipe)
-        if world.weld is not None and world.weld.present:
-            s, c = find_weld_on_pipe(world.pipe, world.weld)
+        for weld in world.list_welds():
+            s, c = find_weld_on_pipe(world.pipe, weld)
             parts.append(Outline(roll_points(build_cylinder(world.pipe), s, c)[0], "weld"))
     for tube in get_structures(world).tubes.values():
         ends = [[tube.x_m, tube.y_m, tube.z_m], [tube.to_x_m, tube.to_y_m, tube.to_z_m]]
@@ -135,7 +135,7 @@ def draw_world(world: World) -> Figure:
         for ax in axes:
             ax.plot([-3, 3], [-1, 3], alpha=0)  # some room to look at
     if world.pipe is not None:
-        _draw_unrolled(axes[2], world.pipe, world.weld, None)
+        _draw_unrolled(axes[2], world.pipe, world.list_welds(), None)
     return figure
 
 
@@ -163,7 +163,7 @@ def draw_mission(description: Description) -> Figure:
             body = move(outline_robot(robot, posture(robot, "working")), at, heading)
             for ax, view in zip(axes, (TOP, SIDE), strict=False):
                 draw_parts(ax, body, view, alpha=0.35)
-        _draw_unrolled(axes[2], world.pipe, world.weld, sketch)
+        _draw_unrolled(axes[2], world.pipe, world.list_welds(), sketch)
     _draw_scene(axes[:2], world, extra)
     for ax, view in zip(axes, (TOP, SIDE), strict=False):
         for i, p in enumerate(sketch.points):
@@ -176,7 +176,7 @@ def draw_mission(description: Description) -> Figure:
     return figure
 
 
-def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, sketch: Sketch | None) -> None:
+def _draw_unrolled(ax: Axes, pipe: Pipe, welds: list[Weld], sketch: Sketch | None) -> None:
     """Draw the unrolled surface: s along the axis, c around the circumference."""
     radius, half = pipe.diameter_m / 2, pipe.length_m / 2
     around = math.pi * radius
@@ -189,7 +189,7 @@ def _draw_unrolled(ax: Axes, pipe: Pipe, weld: Weld | None, sketch: Sketch | Non
         c = radius * math.radians(angle)
         ax.axhline(c, color="#cccccc", lw=0.8, ls=":")
         ax.text(half, c, f" {name}", fontsize=8, va="center", color="#666666")
-    if weld is not None and weld.present:
+    for weld in welds:
         line = find_weld_on_pipe(pipe, weld)
         ax.plot(*line, **STYLES["weld"], label=f"weld, {weld.angle_deg:g} deg")
     if sketch is not None:

@@ -99,12 +99,12 @@ def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Ite
     weld, pipe = result.details, result.description.true_world.pipe
     assert isinstance(weld, WeldResult) and pipe is not None
     items = []
-    true = result.description.world.weld
     low, high = float(np.nanmin(weld.c)) - 0.02, float(np.nanmax(weld.c)) + 0.02
     c = np.linspace(low, high, 120)
-    if true is not None and true.present and abs(true.angle_deg) < 60:
-        s = build_weld_curve(true, pipe.diameter_m / 2).place(c)
-        items.append(_band(result, s, c, 2.0 * true.half_width_m, 0.0006, WELD))
+    for true in result.description.world.list_welds():
+        if abs(true.angle_deg) < 60:
+            s = build_weld_curve(true, pipe.diameter_m / 2).place(c)
+            items.append(_band(result, s, c, 2.0 * true.half_width_m, 0.0006, WELD))
     step = max(1, len(scan) // 1500)
     keep = np.flatnonzero(scan["t"] <= until)[::step]
     top = 1.5 * float(np.nanquantile(weld.weld[weld.contact], 0.98)) if weld.contact.any() else 1.0
@@ -112,8 +112,8 @@ def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Ite
     colours = SIGNAL(level)[:, :3]
     if len(keep) > 2:
         items.append(_band(result, weld.s[keep], weld.c[keep], PATH_WIDTH, 0.0018, colours))
-    if weld.line is not None:
-        s, c = weld.line.follow(np.linspace(-0.5, 0.5, 400) * (high - low))
+    for line in weld.lines:
+        s, c = line.follow(np.linspace(-0.5, 0.5, 400) * (high - low))
         items.append(_band(result, s, c, 0.0035, 0.0026, LINE))
     return items
 

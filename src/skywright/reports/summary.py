@@ -209,8 +209,7 @@ def describe_world(world: World) -> list[Section]:
         varies = f", varying by {p.friction_variation:.0%} along the surface"
         rows.append(("friction", f"{p.friction:g}" + varies * (p.friction_variation > 0)))
         rows.append(("supports", "two posts" if p.supports else "none"))
-    if world.weld is not None and world.weld.present:
-        w = world.weld
+    for w in world.list_welds():
         angle = f"{w.angle_deg:g} deg from the circumference"
         rows.append(("weld", f"{angle}, offset {w.offset_m:g} m"))
     if world.structure is not None:

@@ -50,7 +50,11 @@ def print_result(result: Any) -> None:
         mark = Text("met", "green") if r.passed else Text("FAILED", "bold red")
         limit = f"{r.sense} {format_number(r.limit, r.unit)}"
         table.add_row(r.name, format_number(r.value, r.unit), limit, mark)
+    for name in result.waived:
+        table.add_row(name, "-", "-", Text("not judged", "dim"))
     console.print(table)
+    for why in dict.fromkeys(result.waived.values()):
+        console.print(f"not judged: {why}", markup=False)
     failed = sum(not r.passed for r in result.requirements)
     verdict = "all requirements met" if not failed else f"{failed} not met"
     reason = f" ({result.reason})" if result.reason else ""

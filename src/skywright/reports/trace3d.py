@@ -73,7 +73,7 @@ def build_legend(robot: Robot, world: World, found: bool) -> list[list[str]]:
             (LIFTED, f"air gap beyond {1e3 * GAP_LIMIT:g} mm"),
             (PLAN, "planned path"),
         ]
-    if world.weld is not None and world.weld.present:
+    if world.list_welds():
         entries.append((WELD, "weld, as it is"))
         if found:
             entries.append((ESTIMATE, "weld, as found by the probe"))

@@ -1,6 +1,7 @@
 """The weld map: the unrolled surface with what the probe read, the crossings and the line."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +34,9 @@ def _find_inside(s: Array, c: Array, box: tuple[float, float, float, float]) -> 
 
 
 def draw_weld_map(
-    ax: Axes, result: WeldResult, truth: Weld | None = None, colorbar: bool = True
+    ax: Axes, result: WeldResult, truth: Sequence[Weld] = (), colorbar: bool = True
 ) -> None:
-    """Draw the map of a scan; `truth` is the true weld in the same unrolled coordinates."""
+    """Draw the map of a scan; `truth` are the true welds in the same unrolled coordinates."""
     cal = result.calibration
     on_surface = result.contact & np.isfinite(result.s + result.c)
     # lost contact is drawn where the probe was near the surface: the approach is not a fault
@@ -85,25 +86,24 @@ def draw_weld_map(
                 transform=bar.ax.get_yaxis_transform(),
             )
     ways = np.linspace(-1.0, 1.0, 801) * math.hypot(box[1] - box[0], box[3] - box[2])
-    if truth is not None and truth.present:
-        true = build_weld_curve(truth, result.surface.radius)
+    for weld in truth:
+        true = build_weld_curve(weld, result.surface.radius)
         s, c = true.follow(max(abs(box[0]), abs(box[1])), 4001)
         inside = _find_inside(s, c, box)
         if inside.any():
             s, c = np.where(inside, s, np.nan), np.where(inside, c, np.nan)
-            if abs(truth.angle_deg) < 60:
-                width = truth.half_width_m * np.hypot(1.0, np.gradient(s, c))
+            if abs(weld.angle_deg) < 60:
+                width = weld.half_width_m * np.hypot(1.0, np.gradient(s, c))
                 ax.fill_betweenx(
                     1e3 * c, 1e3 * (s - width), 1e3 * (s + width),
                     color="#d9c9a3", alpha=0.5, lw=0, zorder=0,
                 )  # fmt: skip
                 handles.append(Patch(color="#d9c9a3", alpha=0.5))
-                labels.append(f"true weld, {2e3 * truth.half_width_m:.0f} mm wide")
+                labels.append(f"true weld, {2e3 * weld.half_width_m:.0f} mm wide")
             dashed = ax.plot(1e3 * s, 1e3 * c, color=_TRUTH, lw=1.4, ls=(0, (6, 4)), zorder=4)
             handles.append(dashed[0])
             labels.append("true weld line")
-    line = result.line
-    if line is not None:
+    for line in result.lines:
         s, c = line.follow(ways)
         inside = _find_inside(s, c, box)
         if inside.any():
@@ -120,7 +120,7 @@ def draw_weld_map(
                 "(band: 2 std)"
             )
     for on_line, label in ((True, "crossings"), (False, "crossing left out")):
-        some = [x for x in result.crossings if x.on_line == on_line or (line is None and on_line)]
+        some = [x for x in result.crossings if (x.line >= 0 or not result.lines) == on_line]
         if some:
             face = "white" if on_line else "none"
             mark = ax.plot(
@@ -143,7 +143,7 @@ def draw_weld_map(
         xlabel="s, along the pipe's axis (mm)",
         ylabel="c, around the pipe (mm)",
     )
-    if line is None:
+    if not result.lines:
         ax.set_title("No weld line found", color=_ESTIMATE, fontsize=10)
     if handles:
         ax.legend(
@@ -242,7 +242,7 @@ def draw_weld_signal(ax: Axes, result: WeldResult) -> None:
 
 
 def build_weld_figure(
-    result: WeldResult, ec: np.ndarray, title: str, truth: Weld | None = None
+    result: WeldResult, ec: np.ndarray, title: str, truth: Sequence[Weld] = ()
 ) -> Figure:
     """The whole picture: map, impedance plane and signals."""
     figure = Figure(figsize=(11, 8.2), layout="constrained")
@@ -261,7 +261,7 @@ def write_weld_map(
     path: Path,
     *,
     ec: np.ndarray | None = None,
-    truth: Weld | None = None,
+    truth: Sequence[Weld] = (),
     title: str | None = None,
 ) -> None:
     """Write the picture (PNG, SVG or PDF by the suffix) of a processed file or scan.

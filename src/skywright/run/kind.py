@@ -130,6 +130,17 @@ class MissionKind(ABC, Generic[T, P]):
         """Return what was found beyond numbers (`RunResult.details`)."""
         return None
 
+    def describe(self, run: Flown[T, P]) -> dict[str, Any]:
+        """Return what was found as plain JSON: `result` in metrics.json."""
+        return {}
+
+    def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
+        """Return the requirements that have no meaning for what was asked, each with the reason.
+
+        They are not judged: a line's error where there is no weld to find.
+        """
+        return {}
+
     @abstractmethod
     def figures(self) -> Figures:
         """Return what a report shows."""

@@ -89,6 +89,10 @@ class RunResult(NamedTuple, Generic[T, P]):
     directory: Path
     acted: tuple[Acted, ...] = ()
     """Rules that ended the mission, in the order in which they acted."""
+    found: dict[str, Any] = {}
+    """What was found, as plain JSON."""
+    waived: dict[str, str] = {}
+    """Requirements that have no meaning for what was asked, each with the reason."""
 
     @property
     def exit_code(self) -> int:
@@ -106,6 +110,8 @@ class RunResult(NamedTuple, Generic[T, P]):
             "outcome": self.outcome,
             "reason": self.reason,
             "requirements": [r._asdict() for r in self.requirements],
+            "waived": self.waived,
+            "result": self.found,
             "metrics": {k: v if np.isfinite(v) else None for k, v in self.metrics.items()},
             "phases": [p._asdict() for p in self.phases],
             "faults": [a._asdict() for a in self.acted],
@@ -378,23 +384,25 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
     description, plan = run.setup.description, run.plan
     kind = load_kind(description.mission.kind)
     metrics, reason = dict[str, float](), flight.reason
-    details: Any = None
+    details, found = None, dict[str, Any]()
     if len(run.samples):
         metrics = compute_common_metrics(run.samples, run.phases)
         try:
             with blame(type(kind), "metrics"):
                 metrics.update(kind.metrics(run))
-                details = kind.result(run)
+                details, found = kind.result(run), kind.describe(run)
         except InputError as error:  # e.g. no approach to calibrate on after an abort
             reason = reason or f"evaluation: {error}"
     metrics["plan.wall_s"] = plan.plan_s
     metrics["plan.min_clearance_m"] = plan.min_clearance_m
     metrics["plan.min_rotor_margin"] = plan.min_rotor_margin
-    verdicts = judge(kind.requirements(run.setup, run.way), metrics)
+    required = kind.requirements(run.setup, run.way)
+    waived = {k: why for k, why in kind.list_waived(metrics).items() if k in required}
+    verdicts = judge({k: r for k, r in required.items() if k not in waived}, metrics)
     if not outcome:
         met = all(v.passed for v in verdicts)
         outcome = "aborted" if not flight.completed else "succeeded" if met else "failed"
     return RunResult(
         description, plan, run.samples, run.phases, outcome, reason, metrics, verdicts, {}, details,
-        directory, flight.acted,
+        directory, flight.acted, found, waived,
     )  # fmt: skip

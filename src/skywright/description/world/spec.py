@@ -217,6 +217,7 @@ class World(Spec):
     pipe: Pipe | None = None
     structure: Structure | None = None
     weld: Weld | None = None
+    welds: dict[str, Weld] = {}  # further ones
     things: dict[str, Thing] = {}  # what stands or lies in it, models/things/
     tubes: dict[str, Tube] = {}
     passages: dict[str, Passage] = {}
@@ -262,9 +263,13 @@ class World(Spec):
         """Return the world with one more thing, or another one of that name."""
         return self.model_copy(update={"things": self.things | {name: thing}})
 
+    def list_welds(self) -> list[Weld]:
+        """Return the pipe's welds that are present."""
+        return [w for w in (self.weld, *self.welds.values()) if w is not None and w.present]
+
     @model_validator(mode="after")
     def _weld_needs_pipe(self) -> World:
-        if self.weld is not None and self.pipe is None:
+        if (self.weld is not None or self.welds) and self.pipe is None:
             raise ValueError("a weld needs a pipe")
         if self.structure is not None and self.pipe is not None:
             raise ValueError("a world has a pipe or a structure to touch, not both")

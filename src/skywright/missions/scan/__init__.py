@@ -17,3 +17,17 @@ class ScanKind(FolderKind[Scan]):
         from skywright.missions.scan.metrics import process_weld
 
         return run.once(process_weld)
+
+    def describe(self, run: Flown[Scan, Any]) -> dict[str, Any]:
+        from skywright.inspection.weld_data import describe_welds
+        from skywright.missions.scan.coverage import describe_coverage
+        from skywright.missions.scan.metrics import find_coverage, process_weld
+
+        weld, coverage = run.once(process_weld), run.once(find_coverage)
+        welds = describe_welds(weld) if weld is not None else {}
+        return welds | (describe_coverage(coverage) if coverage is not None else {})
+
+    def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
+        from skywright.missions.scan.welds import list_waived
+
+        return list_waived(metrics)

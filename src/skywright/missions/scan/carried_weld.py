@@ -15,17 +15,15 @@ from skywright.description.world.surface import (
 )
 
 
-def carry_weld(world: World, found: Cylinder, near: Array) -> Weld | None:
-    """Return the weld of the true `world` as it lies on the surface `found`.
+def carry_weld(world: World, weld: Weld, found: Cylinder, near: Array) -> Weld:
+    """Return a `weld` of the true `world`'s pipe as it lies on the surface `found`.
 
     The weld itself is the datum: what touches cannot show, the pipe's place along its axis and its
     turn about it, shifts where the map counts from, not where the weld is. `near` (2,) m is the
     place (s, c) on `found` around which the line is carried over.
     """
-    weld, pipe = world.weld, world.pipe
-    if weld is None or pipe is None or not weld.present:
-        return weld
-    true = build_cylinder(pipe)
+    assert world.pipe is not None
+    true = build_cylinder(world.pipe)
     p, _ = roll_points(found, np.array([near[0]]), np.array([near[1]]))
     s, c, _ = unroll_points(true, p)
     middle = build_weld_curve(weld, true.radius).touch(float(c[0]))

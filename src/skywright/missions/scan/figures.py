@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
@@ -16,7 +18,12 @@ from skywright.description.world.surface import surface_point as compute_surface
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT, compute_contact_map
 from skywright.inspection.weld import detect_contact
 from skywright.missions.scan.carried_weld import carry_weld
-from skywright.missions.scan.metrics import LIFT_OFF_THRESHOLD, find_survey, get_surface
+from skywright.missions.scan.metrics import (
+    LIFT_OFF_THRESHOLD,
+    find_coverage,
+    find_survey,
+    get_surface,
+)
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
 from skywright.models.eddy_current import Instrument
@@ -45,19 +52,59 @@ def draw_map(result: RunResult[Scan, ScanWay]) -> Figure | None:
     figure, ax = new_map(
         result.details.s[seen], result.details.c[seen], 0.2, below=0.85, right=0.65
     )
-    draw_weld_map(ax, result.details, _find_true_weld(result))
+    draw_weld_map(ax, result.details, _find_true_welds(result))
     ax.grid(False)
     return figure
 
 
-def _find_true_weld(result: RunResult[Scan, ScanWay]) -> Weld | None:
-    """The true weld as it lies on the map of the inspection."""
+def _find_true_welds(result: RunResult[Scan, ScanWay]) -> list[Weld]:
+    """The true welds as they lie on the map of the inspection."""
     setup = Setup(result.description)
     surface = get_surface(Flown(setup, result.plan, result.samples, result.phases))
-    line = result.details.line
+    line, world = result.details.line, setup.true.world
+    near = np.array([line.s, line.c] if line else [0.0, 0.0])
     if surface is None:
+        return []
+    return [carry_weld(world, weld, surface, near) for weld in world.list_welds()]
+
+
+def draw_coverage(result: RunResult[Scan, ScanWay]) -> Figure | None:
+    """The pattern that was asked for, its inspected and its missed parts, and the area."""
+    flown = Flown(Setup(result.description), result.plan, result.samples, result.phases)
+    found = find_coverage(flown)
+    if found is None:
         return None
-    return carry_weld(setup.true.world, surface, np.array([line.s, line.c] if line else [0.0, 0.0]))
+    s, c = 1e3 * found.cells.T
+    figure, ax = new_map(1e-3 * s, 1e-3 * c, 0.2, below=0.85, right=0.65)
+    inside = found.covered
+    size = 0.55 * 1e3 * found.cell  # without a seam between cells
+    for keep, colour, label in (
+        (~inside, "#eceef1", "sector, not under the coil"),
+        (inside, "#9cc5a1", f"under the coil ({np.mean(inside):.0%} of the sector's area)"),
+    ):
+        squares = [
+            ((x - size, y - size), 2 * size, 2 * size)
+            for x, y in zip(s[keep], c[keep], strict=True)
+        ]
+        ax.add_collection(PatchCollection(
+            [Rectangle(*q) for q in squares], facecolor=colour, lw=0, rasterized=True
+        ))  # fmt: skip
+        ax.plot([], [], "s", color=colour, label=label)
+    path = 1e3 * found.path
+    for keep, colour, label in (
+        (found.seen, "#1b7837", "pattern, inspected"), (~found.seen, LIMIT, "pattern, missed")
+    ):  # fmt: skip
+        line = np.where(keep[:, None], path, np.nan)
+        if np.any(keep):
+            ax.plot(*line.T, color=colour, lw=1.6, label=label)
+    ax.set_aspect("equal")
+    ax.set(xlabel="s, along the pipe's axis (mm)", ylabel="c, around the pipe (mm)")
+    ax.grid(False)
+    ax.legend(
+        loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.1, ncols=2, fontsize=8,
+        frameon=False,
+    )  # fmt: skip
+    return figure
 
 
 def draw_instrument(result: RunResult[Scan, ScanWay]) -> Figure | None:
@@ -163,14 +210,16 @@ def describe(result: RunResult[Scan, ScanWay]) -> str:
     d = result.description
     contact = result.metrics.get("contact.duration_s", 0.0)
     did = f"{d.robot.name} in world {d.world.name} scanned for {contact:.0f} s"
-    line = result.details.line if result.details is not None else None
-    if line is None:
+    lines = result.details.lines if result.details is not None else ()
+    if not lines:
         return did + " and found no weld"
-    return did + (
-        f" and found the weld on {len(line.inliers)} crossings, at "
-        f"{math.degrees(line.angle):.2f} deg ± {math.degrees(line.std_angle):.2f} deg "
-        "from the circumference"
+    told = " and ".join(
+        f"{len(result.details.list_crossings(k))} crossings, at "
+        f"{math.degrees(line.angle):.2f} deg ± {math.degrees(line.std_angle):.2f} deg"
+        for k, line in enumerate(lines)
     )
+    what = "the weld" if len(lines) == 1 else f"{len(lines)} welds"
+    return did + f" and found {what} on {told} from the circumference"
 
 
 def scan_path(scan: Scan, pipe: Pipe) -> tuple[Array, Array]:
@@ -219,7 +268,7 @@ def sketch(d: Description[Scan], way: ScanWay | None) -> Sketch:
 
 def list_notes(result: RunResult[Scan, ScanWay]) -> list[str]:
     """Say what the pictures do not: why there is no map, or no weld on it."""
-    weld, true = result.details, result.description.world.weld
+    weld, metrics = result.details, result.metrics
     survey = _describe_survey(result)
     if weld is None:
         scanned = any(p.name == "scan" for p in result.phases)
@@ -229,12 +278,14 @@ def list_notes(result: RunResult[Scan, ScanWay]) -> list[str]:
     notes = survey + [f"Note: {note}" for note in weld.notes]
     if weld.line is not None:
         return notes
-    where = "The pipe has none."
-    if true is not None and true.present:
+    where = "The pattern crosses none."
+    if metrics.get("weld.expected"):
         where = (
-            "The pipe has one, on the scanned part or beside it: see the map, the contact "
-            "quality and the instrument's signal."
+            f"The pattern crosses welds {metrics['weld.expected']:.0f} times: see the map, the "
+            "contact quality and the instrument's signal."
         )
+    elif not result.description.world.list_welds():
+        where = "The pipe has none."
     return [f"No weld was found. {where}", *notes]
 
 
@@ -293,6 +344,14 @@ FIGURES = Figures(
             "Below: both movements over the scan; a weld is seen where the ochre line passes "
             "the threshold.",
             draw_instrument,
+        ),
+        "coverage": Chart(
+            "What was inspected of what was asked for",
+            "The pattern counts as inspected where the probe came within 6 mm of it with a gap "
+            "below 1 mm and a tilt below 10 deg. The area counts under the coil itself: passes "
+            "find a weld that crosses them, the whole area takes passes as close as the coil is "
+            "wide.",
+            draw_coverage,
         ),
         "contact_series": Chart(
             "While the probe is at the surface",

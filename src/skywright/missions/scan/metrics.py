@@ -10,14 +10,23 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array, Samples
-from skywright.description.world.surface import Cylinder, roll_points, unroll_points
-from skywright.inspection.calibration import Calibration, build_calibration
-from skywright.inspection.contact_quality import compute_coverage
+from skywright.description.world.surface import Cylinder
+from skywright.inspection.calibration import (
+    Calibration,
+    build_calibration,
+    compute_components,
+    to_complex,
+)
 from skywright.inspection.weld import WeldResult, process_scan
-from skywright.inspection.weld_line import compute_line_error
-from skywright.missions.scan.carried_weld import carry_weld
+from skywright.missions.scan.coverage import (
+    COVERAGE_MEASURES,
+    Coverage,
+    compute_scan_coverage,
+    judge_coverage,
+)
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
+from skywright.missions.scan.welds import WELD_MEASURES, judge_welds
 from skywright.missions.skills.survey import PHASE, read_touches
 from skywright.missions.skills.surveyed import (
     SURVEY_MEASURES,
@@ -53,17 +62,9 @@ MEASURES: Measures = {
     "platform.offset_rms_mm": ("mm", "rms distance of the platform from its nominal pose"),
     "touch.attitude_error_max_deg": ("deg", "largest attitude error while touching"),
     "rotors.thrust_max_fraction": ("", "largest rotor thrust over the rotor's limit, scanning"),
-    "weld.contact_fraction": ("", "share of the scan in contact, as the instrument says"),
-    "weld.crossings": ("", "crossings of the path with the weld at which it was found"),
-    "weld.offset_error_mm": (
-        "mm",
-        "distance between the estimated and the true weld line, at the middle of its crossings",
-    ),
-    "weld.angle_error_deg": ("deg", "angle between estimated and true weld line"),
-    "weld.offset_std_mm": ("mm", "uncertainty of the weld line's offset that the fit states"),
-    "weld.angle_std_deg": ("deg", "uncertainty of the weld line's angle that the fit states"),
+    **WELD_MEASURES,
     **SURVEY_MEASURES,
-    "coverage.fraction": ("", "share of the planned path inspected within 1 mm and 10 deg"),
+    **COVERAGE_MEASURES,
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
@@ -80,8 +81,7 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
         return out
     s = samples[scan]
     dt = float(np.median(np.diff(s["t"]))) if len(s) > 1 else 0.0
-    axis = _instrument_axis()
-    lift = s["ec"] @ axis
+    lift = np.abs(compute_components(to_complex(s["ec"]), calibrate_on_touch(samples, phases))[0])
     away = find_lifts(s["gap_max"], dt)
     hops = [a for a in away if a.duration_s < HOP_S]
     out["contact.hops"] = float(len(hops))
@@ -118,10 +118,11 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     rotors = description.robot.rotors
     n = len(rotors.azimuth_deg)
     out["rotors.thrust_max_fraction"] = float(np.max(fractions[:, :n])) / rotors.thrust_max_n
-    weld = run.once(process_weld)
-    if weld is not None:
-        _add_weld_metrics(out, weld, run)
-    _add_coverage(out, s, run)
+    coverage, weld = run.once(find_coverage), run.once(process_weld)
+    if coverage is not None:
+        out |= judge_coverage(run, coverage)
+        if weld is not None:
+            out |= judge_welds(run, weld, (coverage.path[:, 0], coverage.path[:, 1]))
     return out
 
 
@@ -147,13 +148,6 @@ def find_lifts(gap_max: Array, dt: float) -> list[Lift]:
     ]
 
 
-def _instrument_axis() -> Array:
-    from skywright.models.eddy_current import Instrument
-
-    phase = Instrument().phase
-    return np.array([math.cos(phase), math.sin(phase)])
-
-
 def find_survey(run: Flown[Scan, ScanWay]) -> Surveyed | None:
     """Fit the pipe to the recorded touches; None without a survey, or one cut short."""
     touches = read_touches(run.samples, run.phases)
@@ -168,6 +162,14 @@ def get_surface(run: Flown[Scan, ScanWay]) -> Cylinder | None:
     return run.setup.cylinder if surveyed is None else surveyed.found.cylinder
 
 
+def find_coverage(run: Flown[Scan, ScanWay]) -> Coverage | None:
+    """Compare the scan with the pattern; None where it never came to scanning."""
+    known = get_surface(run)
+    if known is None or not np.any(in_phases(run.samples, run.phases, "scan")):
+        return None
+    return compute_scan_coverage(run, known)
+
+
 def process_weld(run: Flown[Scan, ScanWay]) -> WeldResult | None:
     """Calibrate on the last approach before the scan, then process the scan's own data.
 
@@ -179,11 +181,11 @@ def process_weld(run: Flown[Scan, ScanWay]) -> WeldResult | None:
         return None
     calibration = calibrate_on_touch(run.samples, run.phases)
     result = process_scan(s["t"], s["ec"], s["meas_p_WT"], cylinder, calibration)
-    if result.line is None:
-        return result
     # all crossings share the calibration error of the probe's markers, so no fit can see it
-    shared = math.hypot(result.line.std_offset, run.setup.world.mocap.calibration_m)
-    return result._replace(line=result.line._replace(std_offset=shared))
+    shared = run.setup.world.mocap.calibration_m
+    return result._replace(lines=tuple(
+        x._replace(std_offset=math.hypot(x.std_offset, shared)) for x in result.lines
+    ))  # fmt: skip
 
 
 def calibrate_on_touch(samples: Samples, phases: list[PhaseRecord]) -> Calibration:
@@ -193,36 +195,4 @@ def calibrate_on_touch(samples: Samples, phases: list[PhaseRecord]) -> Calibrati
         samples["ec"][touch],
         lift_off_threshold=LIFT_OFF_THRESHOLD,
         weld_threshold=WELD_THRESHOLD,
-    )
-
-
-def _add_weld_metrics(out: dict[str, float], weld: WeldResult, run: Flown[Scan, ScanWay]) -> None:
-    out["weld.contact_fraction"] = weld.contact_fraction
-    out["weld.crossings"] = float(sum(c.on_line or weld.line is None for c in weld.crossings))
-    cylinder = get_surface(run)
-    if weld.line is None or cylinder is None:
-        return
-    at = np.array([weld.line.s, weld.line.c])
-    true = carry_weld(run.setup.true.world, cylinder, at)
-    if true is None or not true.present:
-        return
-    offset, angle = compute_line_error(weld.line, true, cylinder.radius)
-    out["weld.offset_error_mm"] = 1e3 * abs(offset)
-    out["weld.angle_error_deg"] = math.degrees(abs(angle))
-    out["weld.offset_std_mm"] = 1e3 * weld.line.std_offset
-    out["weld.angle_std_deg"] = math.degrees(weld.line.std_angle)
-
-
-def _add_coverage(out: dict[str, float], s: Samples, run: Flown[Scan, ScanWay]) -> None:
-    cyl, path, known = run.setup.true.cylinder, run.way.path_sphi, get_surface(run)
-    if cyl is None or known is None:
-        return
-    if known is not cyl:  # the planned path as it lies on the true pipe
-        p, _ = roll_points(known, path[:, 0], known.radius * path[:, 1])
-        along, around, _ = unroll_points(cyl, p)
-        path = np.column_stack([along, around / cyl.radius])
-    d = (s["p_WT"] - cyl.p_WP) @ cyl.R_WP
-    along, around = d[:, 1], cyl.radius * np.arctan2(d[:, 2], -d[:, 0])
-    out["coverage.fraction"] = compute_coverage(
-        path[:, 0], cyl.radius * path[:, 1], along, around, s["gap_max"], s["tilt"]
     )

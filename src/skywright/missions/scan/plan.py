@@ -48,7 +48,8 @@ class ScanWay(NamedTuple):
 
     depth_m: float  # of the desired tip inside the surface
     push_force_n: float  # that it makes
-    path_sphi: Array  # (n, 2) s (m) and phi (rad) of the tip on the pipe
+    path_sphi: Array  # (n, 2) s (m) and phi (rad) of the tip on the pipe, with detours
+    corners_sphi: Array  # (k, 2) the same of the pattern that was asked for
     survey: SurveyWay | None = None
 
 
@@ -138,6 +139,6 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
     blocked = found.blocked_by or find_exceeded_push(setup, force, found.segments["scan"])
     return MissionPlan(
         blocked is None, blocked, spent, found.duration_s, found.min_clearance_m,
-        found.min_rotor_margin, found.segments, ScanWay(depth, force, found.path_sphi, way),
-        found.traces,
+        found.min_rotor_margin, found.segments,
+        ScanWay(depth, force, found.path_sphi, pattern.corners, way), found.traces,
     )  # fmt: skip

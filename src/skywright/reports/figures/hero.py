@@ -24,7 +24,7 @@ def draw_hero(result: RunResult) -> Figure | None:
     ax.imshow(picture, interpolation="none", aspect="auto")
     ax.set_axis_off()
     chart = figure.add_axes((0.55, 0.185, 0.415, 0.72), anchor="N")
-    draw_weld_map(chart, weld, result.description.world.weld)
+    draw_weld_map(chart, weld, result.description.world.list_welds())
     chart.grid(False)
     for x, text in (
         (0.015, "The robot slides an eddy-current probe over a pipe ..."),

@@ -33,11 +33,12 @@ class EddyProbe(Component):
     slot, side = "derive", "plant"
 
     class Me(Record):
-        tables: int  # address of complex (tilt, gap, blend)
+        tables: int  # address of complex (tilt, gap, welds * blend)
         d_log_mu: int  # address of complex (tilt, gap)
         texture: int  # address of (3, modes): ks, kc, phase
-        n: Annotated[Integers, 4]  # tilts, gaps, blends, modes
-        numbers: Annotated[Array, 9]  # the rest of ProbeSignal, in its order
+        welds: int  # address of (welds, 4)
+        n: Annotated[Integers, 5]  # tilts, gaps, blends, modes, welds
+        numbers: Annotated[Array, 5]  # the rest of ProbeSignal, in its order
         lift_axis: Annotated[Array, 2]  # direction contact -> air on the display
 
     class Noise(Normal):
@@ -52,17 +53,17 @@ class EddyProbe(Component):
     columns = (Recorded("ec", Reading, "ec", "", "eddy-current signal, in instrument units"),)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Tabulate the signal of the pipe and its weld, and draw the steel's texture."""
+        """Tabulate the signal of the pipe and its welds, and draw the steel's texture."""
         world, phase = context.world, Instrument().phase
-        signal = build_probe_signal(world.pipe, world.weld, context.stream("texture"))
+        signal = build_probe_signal(world.pipe, world.list_welds(), context.stream("texture"))
         me.tables = context.keep(np.ascontiguousarray(signal.table, np.complex128))
         me.d_log_mu = context.keep(np.ascontiguousarray(signal.d_log_mu, np.complex128))
         waves = np.stack([signal.texture_ks, signal.texture_kc, signal.texture_phase])
         me.texture = context.keep(np.ascontiguousarray(waves))
-        me.n[:] = [*signal.table.shape, waves.shape[1]]
+        me.welds = context.keep(np.ascontiguousarray(signal.welds))
+        me.n[:] = [*signal.table.shape, waves.shape[1], len(signal.welds)]
         me.numbers[:] = [
-            signal.nose, signal.weld_offset, signal.weld_slope, signal.weld_around, signal.radius,
-            signal.weld_half_width, signal.footprint, signal.texture_amplitude, signal.noise,
+            signal.nose, signal.radius, signal.footprint, signal.texture_amplitude, signal.noise,
         ]  # fmt: skip
         me.lift_axis[:] = [math.cos(phase), math.sin(phase)]
 
@@ -100,9 +101,11 @@ def open_signal(me: Any) -> ProbeSignal:
     return ProbeSignal(
         carray(as_pointer(me.tables), (me.n[0], me.n[1], me.n[2]), np.complex128),
         carray(as_pointer(me.d_log_mu), (me.n[0], me.n[1]), np.complex128),
-        q[0], q[1], q[2], q[3], q[4], q[5], q[6],
+        q[0],
+        carray(as_pointer(me.welds), (me.n[4], 4), np.float64),
+        q[1], q[2],
         words(me.texture, modes),
         words(me.texture + 8 * modes, modes),
         words(me.texture + 16 * modes, modes),
-        q[7], q[8],
+        q[3], q[4],
     )  # fmt: skip

@@ -1,0 +1,164 @@
+"""What a scan is judged by follows what was asked: pattern, sector, welds that are there or not."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exact_map import EXACT
+from skywright.description.loader import load_description
+from skywright.description.world.spec import Weld
+from skywright.description.world.surface import build_weld_curve, roll_points
+from skywright.inspection.weld import Crossing, count_passes, separate_lines
+from skywright.missions.scan.coverage import compute_scan_coverage, judge_coverage, list_missed
+from skywright.missions.scan.plan import ScanWay
+from skywright.missions.scan.welds import find_expected, list_waived
+from skywright.planning.patterns import build_pattern
+from skywright.run.flight import PhaseRecord
+from skywright.run.run import fly_and_evaluate, run_mission
+from skywright.run.setup import Setup
+
+RADIUS = 0.2
+
+
+def build_run(centre_deg: float, keep: Any = lambda s, c: s < 9.0, **task: Any) -> Any:
+    """A scan that follows its pattern exactly wherever `keep` says."""
+    sets = [
+        "mission.task.side=angle", f"mission.task.centre_angle_deg={centre_deg}", *EXACT,
+        *(f"mission.task.{k}={v}" for k, v in task.items()),
+    ]  # fmt: skip
+    setup = Setup(load_description("pipe-weld-scan", sets=sets))
+    cylinder, asked = setup.true.cylinder, setup.task
+    assert cylinder is not None
+    corners = build_pattern(
+        asked.pattern, cylinder.radius, cylinder.half_length, math.radians(centre_deg),
+        math.radians(asked.arc_deg), asked.passes, asked.pass_length_m, asked.centre_s_m, 0.0
+    ).corners  # fmt: skip
+    way = ScanWay(0.03, 2.0, corners, corners)
+    u = np.linspace(0.0, len(corners) - 1.0, 400 * len(corners))
+    s = np.interp(u, np.arange(len(corners)), corners[:, 0])
+    c = cylinder.radius * np.interp(u, np.arange(len(corners)), corners[:, 1])
+    good = keep(s, c)
+    samples = np.zeros(
+        np.count_nonzero(good),
+        [("p_WT", float, 3), ("gap_max", float), ("tilt", float), ("phase", int)],
+    )
+    samples["p_WT"] = roll_points(cylinder, s[good], c[good])[0]
+    return SimpleNamespace(
+        setup=setup, task=asked, way=way, samples=samples,
+        phases=[PhaseRecord("scan", 0.0, 1.0, "done")],
+    ), cylinder  # fmt: skip
+
+
+@pytest.mark.parametrize("centre", [0.0, 90.0, 175.0, 180.0, -170.0])
+def test_a_perfect_scan_covers_its_pattern_on_any_side(centre: float) -> None:
+    run, cylinder = build_run(centre)
+    found = judge_coverage(run, compute_scan_coverage(run, cylinder))
+    assert found["coverage.fraction"] == 1.0 and found["coverage.missed_max_mm"] == 0.0
+    assert found["coverage.pitch_mm"] == pytest.approx(1e3 * RADIUS * math.radians(40.0) / 3.0)
+
+
+def test_a_detour_and_a_sample_off_the_surface_are_missed_parts() -> None:
+    run, cylinder = build_run(0.0, lambda s, c: ~((np.abs(s) < 0.03) & (c > 0.06)))
+    found = compute_scan_coverage(run, cylinder)
+    (first,) = list_missed(found)  # the first pass lies at the top of the sector
+    assert first[2] == pytest.approx(0.06 - 2 * 0.006, abs=0.003)
+    run.samples["gap_max"][np.abs(run.samples["p_WT"][:, 1]) < 9.0] = 2e-3
+    assert not np.any(compute_scan_coverage(run, cylinder).seen)
+
+
+def test_the_area_needs_passes_as_close_as_the_coil_is_wide() -> None:
+    run, cylinder = build_run(0.0, pattern="raster", arc_deg=10, passes=8, pass_length_m=0.1)
+    dense = judge_coverage(run, compute_scan_coverage(run, cylinder))
+    assert dense["coverage.pitch_mm"] < dense["coverage.pitch_full_mm"]
+    assert dense["coverage.area_fraction"] > 0.97
+    run, cylinder = build_run(0.0)
+    wide = judge_coverage(run, compute_scan_coverage(run, cylinder))
+    share = wide["coverage.pitch_full_mm"] / wide["coverage.pitch_mm"]
+    assert share < wide["coverage.area_fraction"] < 1.5 * share  # and the steps between passes
+
+
+@pytest.mark.parametrize(
+    ("weld", "crossings", "line"),
+    [
+        (Weld(angle_deg=0.0), 4, True),
+        (Weld(angle_deg=-30.0), 4, True),
+        (Weld(angle_deg=90.0, offset_m=0.0), 1, False),  # one of the three steps
+        (Weld(angle_deg=0.0, offset_m=0.3), 0, False),
+        (Weld(angle_deg=0.0, offset_m=0.096), 0, False),  # the passes end on it
+        (Weld(angle_deg=90.0, offset_m=math.pi * RADIUS), 0, False),  # on the far side
+    ],
+)
+def test_expected_crossings_come_from_pattern_and_weld(
+    weld: Weld, crossings: int, line: bool
+) -> None:
+    run, cylinder = build_run(0.0)
+    path = compute_scan_coverage(run, cylinder).path
+    found = find_expected(build_weld_curve(weld, RADIUS), path[:, 0], path[:, 1])
+    assert (len(found.crossings), found.shows_line) == (crossings, line)
+    curve = build_weld_curve(weld, RADIUS)
+    for s, c in found.crossings:
+        assert abs(float(curve.measure_distance(s, c))) < 2e-3
+
+
+def make_crossings(*lines: tuple[float, float], passes: int, noise: float) -> tuple[Any, Any, Any]:
+    """Crossings of axial passes with lines (offset m, slope), and the path."""
+    rng, out = np.random.default_rng(1), []
+    cs = np.linspace(-0.07, 0.07, passes)
+    for i, c in enumerate(cs):
+        for offset, slope in lines:
+            at = offset + slope * RADIUS * math.sin(c / RADIUS) + noise * rng.standard_normal()
+            v = 0.01 * (-1.0) ** i
+            out.append(Crossing(0.0, at, c, (0.0, 0.0, 0.0), 5.0, v, 0.0, 5e-4, 100))
+    s = np.concatenate([np.linspace(-0.1, 0.1, 400)[:: (-1) ** i] for i in range(passes)])
+    return out, s, np.repeat(cs, 400)
+
+
+@pytest.mark.parametrize("passes", [2, 4, 8])
+@pytest.mark.parametrize("apart", [0.03, 0.06])
+def test_two_girth_welds_are_two_lines(passes: int, apart: float) -> None:
+    crossings, s, c = make_crossings(
+        (-apart / 2, 0.1), (apart / 2, 0.05), passes=passes, noise=5e-4
+    )
+    lines = separate_lines(crossings, RADIUS, s, c, np.ones(len(s), bool))
+    assert [len(x.inliers) for x in lines] == [passes, passes]
+    offsets = sorted(float(x.s - math.tan(x.angle) * x.c) for x in lines)
+    np.testing.assert_allclose(offsets, [-apart / 2, apart / 2], atol=2e-3)
+
+
+def test_false_crossings_make_no_second_line() -> None:
+    crossings, s, c = make_crossings((0.0, 0.1), passes=6, noise=5e-4)
+    stray = [crossings[k]._replace(s=at) for k, at in ((0, 0.06), (3, -0.05))]
+    lines = separate_lines([*crossings, *stray], RADIUS, s, c, np.ones(len(s), bool))
+    assert len(lines) == 1 and len(lines[0].inliers) == 6
+    assert count_passes(lines[0], s, c, np.ones(len(s), bool)) == 6
+
+
+def test_a_line_is_judged_only_where_there_is_one_to_find() -> None:
+    none = {"weld.lines": 0.0, "weld.lines_missed": 0.0}
+    assert "weld.line_error_mm" in list_waived(none)
+    for told in ({}, {**none, "weld.lines_missed": 1.0}, {**none, "weld.lines": 1.0}):
+        assert not list_waived(told)
+
+
+def test_no_weld_found_where_there_is_none_is_a_success(tmp_path: Path) -> None:
+    sets = ["world.weld.present=false", "mission.task.passes=2", "mission.task.speed_mps=0.02"]
+    result = run_mission(load_description("pipe-weld-scan", sets=sets), out=tmp_path / "run")
+    told = json.loads((tmp_path / "run" / "metrics.json").read_text(encoding="utf-8"))
+    assert result.outcome == "succeeded" and "weld.line_error_mm" in told["waived"]
+    assert told["result"]["lines"] == [] and told["result"]["missed"] == []
+    assert told["metrics"]["weld.expected"] == 0.0
+
+
+def test_two_welds_are_found_and_judged_each_with_its_line() -> None:
+    sets = ["world.welds.second.offset_m=0.06", "mission.task.speed_mps=0.02"]
+    result = fly_and_evaluate(load_description("pipe-weld-scan", sets=sets))
+    assert result.outcome == "succeeded"
+    assert result.metrics["weld.expected"] == 8.0 and result.metrics["weld.lines"] == 2.0
+    assert [line["crossings"] for line in result.found["lines"]] == [4, 4]
