@@ -101,7 +101,7 @@ def describe_welds(result: WeldResult) -> dict[str, Any]:
             }
             for x in result.crossings
         ],
-    }
+    }  # fmt: skip
 
 
 def _round(x: Array, digits: int) -> list[float]:
