@@ -15,13 +15,15 @@ from exact_map import EXACT
 from skywright.description.loader import load_description
 from skywright.description.world.spec import Weld
 from skywright.description.world.surface import build_weld_curve, roll_points
+from skywright.errors import InputError
 from skywright.inspection.weld import Crossing, count_passes, separate_lines
+from skywright.inspection.weld_data import process_file
 from skywright.missions.scan.coverage import compute_scan_coverage, judge_coverage, list_missed
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.welds import find_expected, list_waived
 from skywright.planning.patterns import build_pattern
 from skywright.run.flight import PhaseRecord
-from skywright.run.run import fly_and_evaluate, run_mission
+from skywright.run.run import run_mission
 from skywright.run.setup import Setup
 
 RADIUS = 0.2
@@ -156,9 +158,27 @@ def test_no_weld_found_where_there_is_none_is_a_success(tmp_path: Path) -> None:
     assert told["metrics"]["weld.expected"] == 0.0
 
 
-def test_two_welds_are_found_and_judged_each_with_its_line() -> None:
+def test_two_welds_are_found_and_judged_each_with_its_line(tmp_path: Path) -> None:
     sets = ["world.welds.second.offset_m=0.06", "mission.task.speed_mps=0.02"]
-    result = fly_and_evaluate(load_description("pipe-weld-scan", sets=sets))
+    folder = tmp_path / "run"
+    result = run_mission(load_description("pipe-weld-scan", sets=sets), out=folder)
     assert result.outcome == "succeeded"
     assert result.metrics["weld.expected"] == 8.0 and result.metrics["weld.lines"] == 2.0
-    assert [line["crossings"] for line in result.found["lines"]] == [4, 4]
+    told = result.found["lines"]
+    assert [line["crossings"] for line in told] == [4, 4]
+    # the recording alone, as an instrument's file, with a fitted surface
+    for path in (folder, folder / "recording.mcap"):
+        again = process_file(path).to_json()["lines"]
+        assert [line["crossings"] for line in again] == [4, 4]
+    apart = [min(math.dist(x["point_m"], y["point_m"]) for y in told) for x in again]
+    assert max(apart) < 0.02
+    with pytest.raises(InputError, match="recording"):
+        process_file(tmp_path)
+
+
+def test_a_recording_without_a_scan_is_told(tmp_path: Path) -> None:
+    run_mission(
+        load_description("waypoints", sets=["mission.hover_height_m=1.0"]), out=tmp_path / "run"
+    )
+    with pytest.raises(InputError, match="has no column ec"):
+        process_file(tmp_path / "run")

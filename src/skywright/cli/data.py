@@ -10,7 +10,7 @@ from skywright.errors import InputError
 
 
 @click.command()
-@click.argument("data", metavar="DATA.csv", type=click.Path(path_type=Path))
+@click.argument("data", metavar="DATA.csv|RUN", type=click.Path(path_type=Path))
 @click.option("--calibrate", metavar="T0:T1", help="Approach from air to contact, seconds.")
 @click.option(
     "--calibration", type=click.Path(path_type=Path), help="Calibration file of an earlier scan."
@@ -26,7 +26,8 @@ def weld(
 ) -> None:  # fmt: skip
     """Find a weld in an instrument's data.
 
-    DATA.csv has the columns t_s, re, im, x_m, y_m, z_m in any order.
+    DATA.csv has the columns t_s, re, im, x_m, y_m, z_m in any order. RUN is the directory or the
+    recording of a scan that Skywright flew.
     """
     from skywright.inspection.weld_data import process_file
 

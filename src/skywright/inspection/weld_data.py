@@ -17,6 +17,7 @@ from skywright.inspection.calibration import (
     load_calibration,
     to_complex,
 )
+from skywright.inspection.recorded_scan import is_recording, load_recorded_scan
 from skywright.inspection.scan_file import Scan, load_scan
 from skywright.inspection.surface_fit import (
     SurfaceFit,
@@ -189,8 +190,9 @@ def process_file(
     weld_threshold: float | None = None,
     surface_file: Path | None = None,
 ) -> WeldReport:
-    """Process a scan file: calibrate, find the surface, contact, crossings and the weld line.
+    """Process a scan file: calibrate, find the surface, contact, crossings and the weld lines.
 
+    `path` may be a run's directory or recording; then the touch before the scan calibrates.
     Without `calibrate` and `calibration_file` the first approach in the file is used, and noted.
     Raises InputError, in one line, for whatever is wrong with the input.
     """
@@ -201,7 +203,11 @@ def process_file(
     if calibrate is not None and calibration_file is not None:
         raise InputError("give either --calibrate T0:T1 or a calibration file, not both")
     span = parse_span(calibrate, "of the file", "0:6.5") if calibrate is not None else None
-    scan = load_scan(path)
+    if is_recording(path):
+        scan, touched = load_recorded_scan(path)
+        span = touched if span is None and calibration_file is None else span
+    else:
+        scan = load_scan(path)
     notes = list(scan.notes)
     if calibration_file is not None:
         cal = load_calibration(Path(calibration_file))

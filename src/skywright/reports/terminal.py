@@ -57,7 +57,7 @@ def print_result(result: Any) -> None:
         console.print(f"not judged: {why}", markup=False)
     failed = sum(not r.passed for r in result.requirements)
     verdict = "all requirements met" if not failed else f"{failed} not met"
-    reason = f" ({result.reason})" if result.reason else ""
+    reason = f" ({result.reason})" if result.reason and result.outcome != "failed" else ""
     console.print(f"{result.outcome}{reason}: {verdict}", markup=False)
     directory = Path(result.directory)
     for name in ("report.html", "replay.html"):

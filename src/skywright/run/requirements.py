@@ -32,6 +32,12 @@ class Verdict(NamedTuple):
     source: str
 
 
+def describe_missed(v: Verdict) -> str:
+    """Return a requirement that was not met in words."""
+    value = "not measured" if v.value is None else f"{v.value:.3g}"
+    return f"{v.name} {value} (limit {v.sense} {v.limit:g} {v.unit}".rstrip() + ")"
+
+
 def check_requirement_names(mission: Mission) -> None:
     """Raise InputError when a requirement names no metric of the kind: it could never be met."""
     valid = list_measures(mission.kind)
