@@ -212,7 +212,8 @@ def judge_welds(
     tables = [w for w in (world["weld"], *world.get("welds", {}).values()) if w and w["present"]]
     seams, missing = [Seam(w, tube) for w in tables], list[str]()
     found = told.get("result") or {"lines": [], "crossings": []}
-    places = np.array([x["p_m"] for x in found["crossings"]]).reshape(-1, 3)
+    told_on = [x for x in found["crossings"] if x["line"] is not None or not found["lines"]]
+    places = np.array([x["p_m"] for x in told_on]).reshape(-1, 3)
     reported = tube.embed(tube.unroll(places))
     lines = [tube.unroll(line["points_m"]) for line in found["lines"]]
     taken = set[int]()
