@@ -38,6 +38,8 @@ MEASURES: Measures = {
     "free.wander_mm": ("mm", "as dock.wander_mm, in flight"),
     "slide.rms_error_n": ("N", "rms error of the force while the tip slides along the structure"),
     "slide.lost_s": ("s", "time off the surface (gap above 0.1 mm) meanwhile"),
+    "slide.no_force_s": ("s", "time without contact force meanwhile (truth), chatter included"),
+    "slide.no_force_max_s": ("s", "longest time without contact force meanwhile (truth)"),
     "slide.length_m": ("m", "way of the tip along the structure"),
     **STRUCTURE_MEASURES,
 }
@@ -87,9 +89,18 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
         out["slide.lost_s"] = float(np.median(np.diff(s["t"]))) * float(
             np.count_nonzero(s["gap_max"] > OFF_SURFACE)
         )
+        out["slide.no_force_s"], out["slide.no_force_max_s"] = _find_unpressed(s)
         way_m = np.linalg.norm(np.diff(s["p_WT"], axis=0), axis=1)
         out["slide.length_m"] = float(np.sum(way_m[way_m < 0.05]))
     return out | _judge_survey(run)
+
+
+def _find_unpressed(s: Samples) -> tuple[float, float]:
+    """Return the time (s) without force in all, and the longest piece of it."""
+    none = np.concatenate([[False], compute_press(s) <= 0.0, [False]])
+    edges = np.flatnonzero(none[1:] != none[:-1])
+    dt, pieces = float(np.median(np.diff(s["t"]))), edges[1::2] - edges[::2]
+    return dt * float(np.sum(pieces)), dt * float(np.max(pieces, initial=0))
 
 
 def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
