@@ -210,6 +210,18 @@ def find_extension(ref: Any, body: Any) -> float:
 
 
 @helper
+def find_offset(ref: Any, body: Any) -> float:
+    """How far (m) along x of T the reference has the tip beside where the arm has it."""
+    p_W, p_B, across = local(3), local(3), 0.0
+    for i in range(3):
+        p_W[i] = ref.p_WT[i] - ref.p_WB[i]
+    mat_t_vec(ref.R_WB, p_W, p_B)
+    for i in range(3):
+        across += body.R_BT[i, 0] * (p_B[i] - body.p_BT[i])
+    return across
+
+
+@helper
 def follow_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, shift_W: Any) -> None:
     """Fill the shift (3,) m of the platform's reference that brings the arm back to its pose.
 
@@ -337,24 +349,32 @@ def command_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, cmd: Any) ->
     along = min(max(along, -TIP_SPEED), TIP_SPEED)
     if press.docked < 0.5:  # in flight the arm takes back what the platform moves
         along -= find_approach(ref, est, body)
-    p_W, p_B, across = local(3), local(3), 0.0
-    for i in range(3):
-        p_W[i] = ref.p_WT[i] - ref.p_WB[i]
-    mat_t_vec(ref.R_WB, p_W, p_B)
-    for i in range(3):
-        across += body.R_BT[i, 0] * (p_B[i] - body.p_BT[i])
+    across = find_offset(ref, body)
     if find_extension(ref, body) > REACH:  # nothing there, or it has gone
         along = min(along, 0.0)
     across = min(max(me.k_arm * across, -TIP_SPEED), TIP_SPEED)
     if est.f_tip > TOUCHING:  # friction holds the tip: to insist would only load arm and tip
         across = 0.0
     J = local(2, MAX_JOINTS)
+    fill_tip_rows(body, J)
+    invert_tip(J, n, along, across, cmd.qd)
     for j in range(n):
+        cmd.qd[j] = min(max(cmd.qd[j], -me.motor_speed_max[j]), me.motor_speed_max[j])
+
+
+@helper
+def fill_tip_rows(body: Any, J: Any) -> None:
+    """Fill J (2, MAX_JOINTS) m/rad: how the joints move the tip along z and along x of T."""
+    for j in range(body.n_joints):
         J[0, j] = J[1, j] = 0.0
         for i in range(3):
             J[0, j] += body.R_BT[i, 2] * body.J_BT[i, j]
             J[1, j] += body.R_BT[i, 0] * body.J_BT[i, j]
-    # joint speeds of least size that move the tip so: J^T (J J^T + e I)^-1 v
+
+
+@helper
+def invert_tip(J: Any, n: int, along: float, across: float, out: Any) -> None:
+    """Fill the joint speeds of least size that move the tip so: J^T (J J^T + e I)^-1 v."""
     aa, cc, ac = DAMPING, DAMPING, 0.0
     for j in range(n):
         aa += J[0, j] * J[0, j]
@@ -364,5 +384,4 @@ def command_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, cmd: Any) ->
     x = (cc * along - ac * across) / det
     y = (aa * across - ac * along) / det
     for j in range(n):
-        v = J[0, j] * x + J[1, j] * y
-        cmd.qd[j] = min(max(v, -me.motor_speed_max[j]), me.motor_speed_max[j])
+        out[j] = J[0, j] * x + J[1, j] * y
