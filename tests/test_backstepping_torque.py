@@ -178,6 +178,8 @@ def test_gains_follow_from_the_dead_time() -> None:
     assert compute_sensitivity(loop, k_f) <= SENSITIVITY < compute_sensitivity(loop, 1.1 * k_f)
     assert compute_force_gain(loop._replace(delay=0.006)) < k_f
     assert compute_force_gain(loop._replace(spring=0.0)) == 0.0
+    late = loop._replace(delay=0.043)
+    assert compute_sensitivity(late, in_air=True) == np.inf  # unstable, |S| would be below 2
     # a pair of closed poles, from the same polynomial without dead time and filter
     s = np.roots([loop.mass, loop.mass * 2 * loop.w, (1 + k_f) * loop.spring])
     assert np.all(s.real < 0) and abs(s[0]) == pytest.approx(
@@ -190,7 +192,11 @@ def test_gains_follow_from_the_dead_time() -> None:
     [
         ("f550-bridge", LAW, "commands torques"),
         (ROBOT, {"mission.law": "backstepping"}, "commands speeds"),
-        (ROBOT, LAW | {"world.link.delay_s": 0.02, "mission.law.arm_bandwidth_rad_s": 20.0}, "dead time"),
+        (
+            ROBOT,
+            LAW | {"world.link.delay_s": 0.02, "mission.law.arm_bandwidth_rad_s": 20.0},
+            "dead time",
+        ),
         (ROBOT, LAW | {"robot.arm.servo1.mode": "velocity"}, "several modes"),
     ],
 )

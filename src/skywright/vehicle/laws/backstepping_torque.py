@@ -19,6 +19,7 @@ filter of the joints' speeds. k_f is the largest whose |S| in contact does.
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -148,7 +149,8 @@ def build_loop(context: Context, table: Any, rotor: Array) -> TorqueLoop:
     )  # fmt: skip
     for w in np.linspace(loop.w, c.arm_bandwidth_rad_s, 50):
         slower = loop._replace(w=float(w))
-        if compute_sensitivity(slower, in_air=True) <= SENSITIVITY:
+        worst = compute_sensitivity(slower, in_air=True)
+        if max(worst, compute_sensitivity(slower)) <= SENSITIVITY:
             return slower
     raise InputError(
         f"control law 'backstepping_torque': a dead time of {1e3 * loop.delay:.0f} ms from the "
@@ -159,13 +161,23 @@ def build_loop(context: Context, table: Any, rotor: Array) -> TorqueLoop:
 
 
 def compute_sensitivity(loop: TorqueLoop, k_f: float = 0.0, in_air: bool = False) -> float:
-    """Return the largest |S| at the torques: in the air, or of a tip that presses."""
+    """Return the largest |S| at the torques: in the air, or of a tip that presses.
+
+    Infinite where the loop is unstable, of which |S| alone says nothing.
+    """
+    mass, damp, d = loop.mass, loop.mass * 2.0 * loop.w, loop.delay
+    plant = [mass, 0.0, 0.0 if in_air else loop.spring]
+    push = mass * loop.w**2 if in_air else k_f * loop.spring
+    behind, ahead = ([d * d / 12.0, sign * d / 2.0, 1.0] for sign in (1.0, -1.0))  # Pade
+    closed = np.polyadd(
+        np.polymul(np.polymul(plant, [1.0 / loop.speed, 1.0]), behind),
+        np.polymul([damp + push / loop.speed, push], ahead),
+    )
+    if np.any(np.roots(closed).real >= 0.0):
+        return math.inf
     s = 1j * FREQUENCIES
     late, speed = np.exp(-s * loop.delay), s / (1.0 + s / loop.speed)
-    back = loop.mass * 2.0 * loop.w * speed
-    stiffness = 0.0 if in_air else loop.spring
-    back = back + (loop.mass * loop.w**2 if in_air else k_f * loop.spring)
-    return float(np.max(1.0 / np.abs(1.0 + late * back / (loop.mass * s**2 + stiffness))))
+    return float(np.max(1.0 / np.abs(1.0 + late * (damp * speed + push) / np.polyval(plant, s))))
 
 
 def compute_force_gain(loop: TorqueLoop) -> float:
