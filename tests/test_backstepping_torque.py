@@ -232,3 +232,12 @@ def test_the_bench_is_flown_by_torques() -> None:
     q = np.degrees(s["q"][s["phase"] == names.index("inspection position")][-1][:2])
     assert q == pytest.approx([61.0 - 90.0, -55.0], abs=3.0)
     assert "hold 4 N" in names, result.reason
+
+
+def test_a_stuck_servo_of_torques_holds_its_angle() -> None:
+    fault = {"plant.faults": {"j": {"kind": "joint", "joint": 1, "how": "stuck", "start_s": 0.5}}}
+    sets = LAW | fault | {"mission.task.hold_s": 1.0, "mission.task.forces_n": [1.0]}
+    s = fly_and_evaluate(load_description("arm-test-bench", robot=ROBOT, sets=sets)).samples
+    late = s[s["t"] > s["t"][0] + 0.6]
+    assert np.ptp(np.degrees(late["q"][:, 0])) < 2.0  # of the spring that stands for its gear
+    assert np.max(np.abs(late["cmd_torque"][:, 0])) > 0.1  # though the law asks it to move

@@ -384,9 +384,7 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot, servos: list[tuple[str, Servo
             tendon.armature = servo.armature_kgm2
         tendon.frictionloss = servo.friction_nm
         kp, kv = compute_servo_gains(robot, i, servo)
-        gain, bias = kp, [0.0, -kp, -kv]
-        if servo.mode == "torque":
-            gain, bias = 1.0, [0.0, 0.0, 0.0]
+        gain, bias = (1.0, [0.0] * 3) if servo.mode == "torque" else (kp, [0.0, -kp, -kv])
         velocity = servo.mode == "velocity"
         dynamics = mujoco.mjtDyn.mjDYN_INTEGRATOR if velocity else mujoco.mjtDyn.mjDYN_NONE
         act = spec.add_actuator(
