@@ -237,9 +237,8 @@ def compute_servo_gains(
     `servo` is what the plant has in the place of the robot file's.
 
     Critically damped for the inertia that the motor turns: alone where a spring carries the link.
-    Velocity servos: at the bandwidth 1/T, around the integrated command; torque servos have the
-    same only where they are stuck. Position servos: ten
-    times faster than T_s, around the command filtered with the rest of T_s.
+    Velocity servos: at the bandwidth 1/T, around the integrated command (torque servos: where they
+    are stuck). Position servos: ten times faster than T_s, around the command filtered with the rest.
     """
     limbs = list_limbs(robot)
     at = next(i for i, limb in enumerate(limbs) if limb.servo == index)
