@@ -238,7 +238,7 @@ def compute_servo_gains(
 
     Critically damped for the inertia that the motor turns: alone where a spring carries the link.
     Velocity servos: at the bandwidth 1/T, around the integrated command (torque servos: where they
-    are stuck). Position servos: ten times faster than T_s, around the command filtered with its rest.
+    are stuck). Position servos: ten times faster than T_s, around the command with the rest of it.
     """
     limbs = list_limbs(robot)
     at = next(i for i, limb in enumerate(limbs) if limb.servo == index)
