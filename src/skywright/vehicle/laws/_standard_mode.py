@@ -1,11 +1,13 @@
 """Standard stabilisation of Sanchez-Cuevas 2020, section 5.3: a linear cascade, coplanar logic.
 
-Thrust and three torques are all that is asked for, as of level rotors, and the force across comes
-as the tilted rotors make it. Height: f = m (g + z''_d + k_v (k_p e_z + z'_d - z')), without regard
-to the tilt. Attitude: t = J (k_r (k_a e + w_d - w)) with the constant inertia about the axes of B
-in the folded posture. No position loop: a pilot tilts it. Each pair is critically damped or as
-[robot.control] says: k_r k_a = w^2, k_r = 2 zeta w. What it cannot know (weight, centre of mass)
-is a trim, which follows what the other modes ask of the rotors and integrates from there.
+Thrust and three torques are all that is asked for, as of level rotors; what force across the tilted
+ones make with them is left, on a symmetric robot none. No position loop: a pilot tilts it.
+
+Height: f = m (g + z''_d + k_v (k_p e_z + z'_d - z')), without regard to the tilt. Attitude: t = J
+(k_r (k_a e + w_d - w)) with the constant inertia about the axes of B in the folded posture. Each
+pair follows from bandwidth and damping of [robot.control], k_r k_a = w^2 and k_r = 2 zeta w. What
+the loops cannot know (weight, centre of mass) is a trim, which follows what the other modes ask of
+the rotors and integrates from there.
 
 The mixer is the least-norm inverse of the four rows of the true one. With those of level rotors
 instead, yaw would be made of the propellers' drag alone, against which the tilt acts six times
