@@ -229,12 +229,14 @@ def test_run_without_samples(scan: RunResult) -> None:
 
 def test_no_weld_found(scan: RunResult, text_only: None) -> None:
     assert scan.details is not None
-    weld = scan.details._replace(line=None, crossings=())
+    weld = scan.details._replace(lines=(), crossings=())
     text = _Page(render_report(scan._replace(details=weld))).text
-    assert "No weld was found." in text and "The pipe has one" in text
+    assert "No weld was found." in text and "The pattern crosses welds" in text
     d = scan.description
     bare = d._replace(world=d.world.model_copy(update={"weld": None}))
-    text = _Page(render_report(scan._replace(details=weld, description=bare))).text
+    none = scan.metrics | {"weld.expected": 0.0}
+    found = scan._replace(details=weld, description=bare, metrics=none)
+    text = _Page(render_report(found)).text
     assert "The pipe has none" in text
 
 

@@ -16,7 +16,7 @@ from skywright.description.loader import load_description
 from skywright.description.world.spec import Weld
 from skywright.description.world.surface import build_weld_curve, roll_points
 from skywright.errors import InputError
-from skywright.inspection.weld import Crossing, count_passes, separate_lines
+from skywright.inspection.crossings import Crossing, count_passes, separate_lines
 from skywright.inspection.weld_data import process_file
 from skywright.missions.scan.coverage import compute_scan_coverage, judge_coverage, list_missed
 from skywright.missions.scan.plan import ScanWay

@@ -217,8 +217,7 @@ def test_the_weld_itself_is_the_datum() -> None:
     world = DESCRIPTION.world
     assert world.pipe is not None and world.weld is not None
     here = build_cylinder(world.pipe)
-    same = carry_weld(world, here, np.array([0.0, 0.02]))
-    assert same is not None
+    same = carry_weld(world, world.weld, here, np.array([0.0, 0.02]))
     curve, c = build_weld_curve(world.weld, here.radius), np.linspace(0.0, 0.04, 5)
     np.testing.assert_allclose(
         build_weld_curve(same, here.radius).place(c), curve.place(c), atol=1e-4
@@ -226,8 +225,7 @@ def test_the_weld_itself_is_the_datum() -> None:
     shifted = world.model_copy(update={
         "pipe": world.pipe.model_copy(update={"y_m": world.pipe.y_m + 0.008})
     })  # fmt: skip
-    moved = carry_weld(shifted, here, np.array([0.0, 0.02]))
-    assert moved is not None
+    moved = carry_weld(shifted, world.weld, here, np.array([0.0, 0.02]))
     np.testing.assert_allclose(
         build_weld_curve(moved, here.radius).place(c), curve.place(c) + 0.008, atol=1e-4
     )
@@ -239,8 +237,7 @@ def test_a_carried_weld_lies_on_the_true_one() -> None:
     found = Setup(DESCRIPTION).cylinder  # 3 cm and 3 deg away: the worst that can be found
     assert found is not None and world.pipe is not None and world.weld is not None
     true = build_cylinder(world.pipe)
-    carried = carry_weld(world, found, np.array([0.0, 0.0]))
-    assert carried is not None
+    carried = carry_weld(world, world.weld, found, np.array([0.0, 0.0]))
     c = np.linspace(-0.05, 0.05, 11)
     p, _ = roll_points(found, build_weld_curve(carried, found.radius).place(c), c)
     s, c, _ = unroll_points(true, p)

@@ -19,7 +19,8 @@ from skywright.inspection.calibration import (
     robust_std,
     to_complex,
 )
-from skywright.inspection.weld_line import HALF_WIDTH, INLIER, WeldLine, estimate_weld_line
+from skywright.inspection.crossings import Crossing, assign, find_owner, separate_lines
+from skywright.inspection.weld_line import HALF_WIDTH, WeldLine
 
 MERGE_DISTANCE = 0.004
 """m; two flagged stretches closer than this, without leaving contact for long, are one crossing."""
@@ -33,27 +34,6 @@ DRIFT_LENGTH = 0.08
 """m of path over which the texture's drift is taken; several crossings' widths."""
 LONG_LENGTH = 0.035
 """m; a longer stretch runs along the weld and is cut into pieces of this length."""
-MOST_LINES = 10
-SHOWN = 0.7
-"""Least share of the path's passes over a further line that must be crossings of it."""
-CLEAR = 0.01
-"""m from a line's middle: beyond a weld's half-width and the coil."""
-
-
-class Crossing(NamedTuple):
-    """One stretch of the path on the weld."""
-
-    t: float  # s, of its middle
-    s: float  # m
-    c: float  # m
-    p_W: tuple[float, float, float]  # m, on the surface
-    peak: float  # instrument units, above the base metal
-    v_s: float  # m/s, mean velocity while crossing
-    v_c: float
-    std: float  # m, of the position along the motion (across the weld)
-    samples: int
-    line: int = -1  # index of its line; -1: it lies off all of them
-    one_sided: bool = False  # entered and left on one side, or cut off by the end of the contact
 
 
 class WeldResult(NamedTuple):
@@ -196,10 +176,6 @@ def _is_crossed(x: Array, before: bool, after: bool) -> bool:
     return before and after and net > 0.5 * reach
 
 
-def _columns(crossings: list[Crossing], *names: str) -> tuple[Array, ...]:
-    return tuple(np.array([getattr(x, name) for x in crossings], float) for name in names)
-
-
 def find_crossings(
     t: Array,
     s: Array,
@@ -252,46 +228,6 @@ def find_crossings(
                 shared = math.sqrt(pieces) if found.one_sided else 1.0
                 points.append(piece._replace(std=HALF_WIDTH * shared, one_sided=found.one_sided))
     return crossings, points
-
-
-def separate_lines(
-    points: list[Crossing], radius: float, s: Array, c: Array, contact: Mask
-) -> list[WeldLine]:
-    """Return the lines that the points lie on, that of most points first.
-
-    Every two points make a line. One beyond the first is a weld only where the path, (n,) `s`
-    and `c` (m) with `contact`, shows it: most of the places at which the path crosses the line
-    are points of it.
-    """
-    lines: list[WeldLine] = []
-    left = points
-    while len(left) > 1 and len(lines) < MOST_LINES:
-        line = estimate_weld_line(*_columns(left, "s", "c", "v_s", "v_c", "std"), radius=radius)
-        if line is None:
-            break
-        if lines and len(line.inliers) < SHOWN * count_passes(line, s, c, contact):
-            break
-        lines.append(line)
-        left = [x for i, x in enumerate(left) if i not in line.inliers]
-    return lines
-
-
-def count_passes(line: WeldLine, s: Array, c: Array, contact: Mask) -> int:
-    """Return how often a path in contact crosses a line, from CLEAR on one side to the other."""
-    d = line.measure_distance(s, c)
-    d = d[contact & (np.abs(d) > CLEAR)]
-    return int(np.count_nonzero(np.diff(np.sign(d))))
-
-
-def _find_owner(x: Crossing, lines: list[WeldLine]) -> int:
-    """Return the index of the nearest line; 0 while there is none."""
-    return int(np.argmin([abs(float(a.measure_distance(x.s, x.c))) for a in lines] or [0.0]))
-
-
-def _assign(x: Crossing, lines: list[WeldLine]) -> Crossing:
-    k = _find_owner(x, lines)
-    off = abs(float(lines[k].measure_distance(x.s, x.c)))
-    return x._replace(line=k if off < max(INLIER, 2.0 * x.std) else -1)
 
 
 def remove_drift(s: Array, c: Array, weld: Array, contact: Mask, threshold: float) -> Array:
@@ -387,8 +323,8 @@ def process_scan(
         for k, line in enumerate(lines or [None]):
             normal = None if line is None else (math.cos(line.angle), -math.sin(line.angle))
             some, places = find_crossings(*data, off_weld[index], normal)
-            found += [x for x in some if _find_owner(x, lines) == k]
-            points += [x for x in places if _find_owner(x, lines) == k]
+            found += [x for x in some if find_owner(x, lines) == k]
+            points += [x for x in places if find_owner(x, lines) == k]
         crossings = [x for x in found if x.peak >= SIGNIFICANCE * noise]
         points = [x for x in points if x.peak >= SIGNIFICANCE * noise]
         lines = separate_lines(points, surface.radius, *path)
@@ -406,7 +342,7 @@ def process_scan(
             "are only known to its width"
         )
     if lines:
-        crossings = sorted((_assign(x, lines) for x in crossings), key=lambda x: x.t)
+        crossings = sorted((assign(x, lines) for x in crossings), key=lambda x: x.t)
         off = sum(x.line < 0 for x in crossings)
         if len(lines) > 1:
             notes.append(f"{len(lines)} welds: the crossings lie on {len(lines)} lines")

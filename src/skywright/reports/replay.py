@@ -20,7 +20,8 @@ from skywright.description.loader import Description
 from skywright.description.robot.limbs import SIDES
 from skywright.errors import InputError
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
-from skywright.inspection.weld import Crossing, WeldResult
+from skywright.inspection.crossings import Crossing
+from skywright.inspection.weld import WeldResult
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import build_drawing

@@ -14,8 +14,9 @@ import uuid
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+from skywright.description.loader import Description
 from skywright.errors import InputError
 
 T = TypeVar("T")
@@ -227,3 +228,14 @@ class RecordStore:
 
 def _stamp(t: datetime) -> str:
     return t.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def start_records(
+    store: RecordStore, d: Description[Any], directory: Path
+) -> Callable[[Measurement], None]:
+    """Store the flight; returns what stores a measurement of it."""
+    flight, started = store.add_flight(
+        structure=d.world.name, mission=d.mission.name, robot=d.robot.name, seed=d.mission.seed,
+        run=str(directory),
+    )  # fmt: skip
+    return lambda m: store.add(flight, started, m)

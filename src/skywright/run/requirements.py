@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from skywright.description.mission.spec import Mission, Requirement
 from skywright.errors import InputError, neighbours
+from skywright.run.flight import Flown
+from skywright.run.kind import MissionKind
 from skywright.run.names import list_measures
 
 _SENSES: dict[str, Callable[[float, float], bool]] = {
@@ -32,10 +34,15 @@ class Verdict(NamedTuple):
     source: str
 
 
-def describe_missed(v: Verdict) -> str:
-    """Return a requirement that was not met in words."""
-    value = "not measured" if v.value is None else f"{v.value:.3g}"
-    return f"{v.name} {value} (limit {v.sense} {v.limit:g} {v.unit}".rstrip() + ")"
+def describe_missed(verdicts: list[Verdict]) -> str:
+    """Return the requirements that were not met in words."""
+    missed = []
+    for v in verdicts:
+        if not v.passed:
+            value = "not measured" if v.value is None else f"{v.value:.3g}"
+            limit = f"{v.sense} {v.limit:g} {v.unit}".rstrip()
+            missed.append(f"{v.name} {value} (limit {limit})")
+    return "not met: " + ", ".join(missed)
 
 
 def check_requirement_names(mission: Mission) -> None:
@@ -59,3 +66,12 @@ def judge(requirements: Mapping[str, Requirement], metrics: Mapping[str, float])
             Verdict(name, value if known else None, r.unit, r.limit, r.sense, passed, r.source)
         )
     return verdicts
+
+
+def judge_run(
+    kind: MissionKind[Any, Any], run: Flown[Any, Any], metrics: dict[str, float]
+) -> tuple[list[Verdict], dict[str, str]]:
+    """Judge a flight; returns verdicts, and the requirements that have no meaning for it."""
+    required = kind.requirements(run.setup, run.way)
+    waived = {k: why for k, why in kind.list_waived(metrics).items() if k in required}
+    return judge({k: r for k, r in required.items() if k not in waived}, metrics), waived

@@ -45,8 +45,8 @@ from skywright.run.operated import (
 from skywright.run.operator import Operator
 from skywright.run.parts import build_estimator, build_law, build_named, build_rules
 from skywright.run.planning import MissionPlan, plan_mission
-from skywright.run.records import Measurement, RecordStore
-from skywright.run.requirements import Verdict, check_requirement_names, describe_missed, judge
+from skywright.run.records import Measurement, RecordStore, start_records
+from skywright.run.requirements import Verdict, check_requirement_names, describe_missed, judge_run
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.run.versions import collect_versions
@@ -154,7 +154,7 @@ def run_mission(
     try:
         for observer in observers:
             observer.on_plan(plan, description)
-        keep = None if store is None else _start_records(store, description, final)
+        keep = None if store is None else start_records(store, description, final)
         samples, phases, flight, outcome = _fly(
             setup, plan, vehicle, rules, partial, observers, keep, operator
         )
@@ -369,17 +369,6 @@ def _fly(
     return np.concatenate(blocks), supervisor.phases, flight, outcome
 
 
-def _start_records(
-    store: RecordStore, d: Description, directory: Path
-) -> Callable[[Measurement], None]:
-    """Store the flight; returns what stores a measurement of it."""
-    flight, started = store.add_flight(
-        structure=d.world.name, mission=d.mission.name, robot=d.robot.name, seed=d.mission.seed,
-        run=str(directory),
-    )  # fmt: skip
-    return lambda m: store.add(flight, started, m)
-
-
 def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -> RunResult[T, P]:
     description, plan = run.setup.description, run.plan
     kind = load_kind(description.mission.kind)
@@ -396,14 +385,12 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
     metrics["plan.wall_s"] = plan.plan_s
     metrics["plan.min_clearance_m"] = plan.min_clearance_m
     metrics["plan.min_rotor_margin"] = plan.min_rotor_margin
-    required = kind.requirements(run.setup, run.way)
-    waived = {k: why for k, why in kind.list_waived(metrics).items() if k in required}
-    verdicts = judge({k: r for k, r in required.items() if k not in waived}, metrics)
+    verdicts, waived = judge_run(kind, run, metrics)
     if not outcome:
         met = all(v.passed for v in verdicts)
         outcome = "aborted" if not flight.completed else "succeeded" if met else "failed"
     if outcome == "failed" and not reason:
-        reason = "not met: " + ", ".join(describe_missed(v) for v in verdicts if not v.passed)
+        reason = describe_missed(verdicts)
     return RunResult(
         description, plan, run.samples, run.phases, outcome, reason, metrics, verdicts, {}, details,
         directory, flight.acted, found, waived,

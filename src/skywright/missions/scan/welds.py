@@ -18,7 +18,8 @@ from skywright.description.world.surface import (
     roll_points,
     unroll_points,
 )
-from skywright.inspection.weld import CLEAR, WeldResult
+from skywright.inspection.crossings import CLEAR
+from skywright.inspection.weld import WeldResult
 from skywright.inspection.weld_line import compute_line_error
 from skywright.missions.scan.carried_weld import carry_weld
 from skywright.missions.scan.plan import ScanWay

@@ -1,0 +1,75 @@
+"""Crossings of a path with welds, and which of them lie on one line."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from skywright.core.arrays import Array, Mask
+from skywright.inspection.weld_line import INLIER, WeldLine, estimate_weld_line
+
+MOST_LINES = 10
+SHOWN = 0.7
+"""Least share of the path's passes over a further line that must be crossings of it."""
+CLEAR = 0.01
+"""m from a line's middle: beyond a weld's half-width and the coil."""
+
+
+class Crossing(NamedTuple):
+    """One stretch of the path on the weld."""
+
+    t: float  # s, of its middle
+    s: float  # m
+    c: float  # m
+    p_W: tuple[float, float, float]  # m, on the surface
+    peak: float  # instrument units, above the base metal
+    v_s: float  # m/s, mean velocity while crossing
+    v_c: float
+    std: float  # m, of the position along the motion (across the weld)
+    samples: int
+    line: int = -1  # index of its line; -1: it lies off all of them
+    one_sided: bool = False  # entered and left on one side, or cut off by the end of the contact
+
+
+def _columns(crossings: list[Crossing], *names: str) -> tuple[Array, ...]:
+    return tuple(np.array([getattr(x, name) for x in crossings], float) for name in names)
+
+
+def separate_lines(
+    points: list[Crossing], radius: float, s: Array, c: Array, contact: Mask
+) -> list[WeldLine]:
+    """Return the lines that the points lie on, that of most points first.
+
+    Every two points make a line. One beyond the first is a weld only where the path, (n,) `s`
+    and `c` (m) with `contact`, shows it: most of the places at which the path crosses the line
+    are points of it.
+    """
+    lines: list[WeldLine] = []
+    left = points
+    while len(left) > 1 and len(lines) < MOST_LINES:
+        line = estimate_weld_line(*_columns(left, "s", "c", "v_s", "v_c", "std"), radius=radius)
+        if line is None:
+            break
+        if lines and len(line.inliers) < SHOWN * count_passes(line, s, c, contact):
+            break
+        lines.append(line)
+        left = [x for i, x in enumerate(left) if i not in line.inliers]
+    return lines
+
+
+def count_passes(line: WeldLine, s: Array, c: Array, contact: Mask) -> int:
+    """Return how often a path in contact crosses a line, from CLEAR on one side to the other."""
+    d = line.measure_distance(s, c)
+    d = d[contact & (np.abs(d) > CLEAR)]
+    return int(np.count_nonzero(np.diff(np.sign(d))))
+
+
+def find_owner(x: Crossing, lines: list[WeldLine]) -> int:
+    """Return the index of the nearest line; 0 while there is none."""
+    return int(np.argmin([abs(float(a.measure_distance(x.s, x.c))) for a in lines] or [0.0]))
+
+
+def assign(x: Crossing, lines: list[WeldLine]) -> Crossing:
+    """Return the crossing with the index of its line; -1 where it lies off all of them."""
+    k = find_owner(x, lines)
+    off = abs(float(lines[k].measure_distance(x.s, x.c)))
+    return x._replace(line=k if off < max(INLIER, 2.0 * x.std) else -1)
