@@ -397,7 +397,7 @@ def test_a_crossing_that_the_end_of_contact_cuts_off_is_admitted_uncertain() -> 
 
 
 def test_a_line_that_a_refinement_loses_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    from skywright.inspection import weld as module
+    from skywright.inspection import crossings as module
 
     calls = []
 

@@ -46,11 +46,13 @@ def _check_servos(kind: str, law: Law, robot: Robot) -> None:
     """Raise InputError where a law tells servos what they do not take."""
     if not list_servos(robot) or law.commands_torque == takes_torque(robot):
         return
-    told = ("torques", "velocity") if law.commands_torque else ("speeds", "torque")
+    told = "torques" if law.commands_torque else "speeds"
+    laws = {name: find("law", name).cls for name in list_kinds("law")}
+    fit = [name for name, cls in laws.items() if cls.commands_torque != law.commands_torque]
     raise InputError(
-        f"control law {kind!r} commands {told[0]} of the arm, whose servos take something else "
-        f"(robot.arm.{list_servos(robot)[0][0]}.mode of {robot.name!r}): use "
-        + ("'backstepping'" if law.commands_torque else "'backstepping_torque'")
+        f"control law {kind!r} commands {told} of the arm, whose servos take something else "
+        f"(robot.arm.{list_servos(robot)[0][0]}.mode of {robot.name!r}); laws that command "
+        f"{'speeds' if law.commands_torque else 'torques'}: {', '.join(fit)}"
     )
 
 
