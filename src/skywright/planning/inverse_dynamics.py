@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.models.allocation import Allocator
 from skywright.models.body_records import MAX_LINKS, BodyModel, Kinematics
@@ -75,7 +76,7 @@ def build_motion() -> Motion:
     return Motion(np.zeros((MAX_LINKS, 3)), np.zeros((MAX_LINKS, 3)), np.zeros((MAX_LINKS, 3)))
 
 
-@njit(cache=True)
+@helper
 def fill_motion(
     m: BodyModel,
     k: Kinematics,
@@ -126,7 +127,7 @@ def fill_motion(
                     out.wd[i, j] += qdd[joint] * axis[j] + qd[joint] * c1[j]
 
 
-@njit(cache=True)
+@helper
 def _add_body(
     mass: float, c: Array, frame: Array, inertia: Array, w: Array, wd: Array, a: Array,
     g_B: Array, f: Array, t: Array,
@@ -155,7 +156,7 @@ def _add_body(
         t[j] += hd[j] + tmp[j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def compute_wrench(
     m: BodyModel, k: Kinematics, R_WB: Array, w_B: Array, wd_B: Array, a_W: Array, qd: Array,
     qdd: Array, f_tip_W: Array, motion: Motion, f: Array, t: Array,
@@ -205,7 +206,7 @@ def compute_wrench(
         t[j] -= c1[j]
 
 
-@njit(cache=True)
+@helper
 def _add_wind(loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Array) -> None:
     """Subtract the drag of the wind allowance at hover rotor speeds from the needed wrench."""
     v_air = np.empty(3)
@@ -232,7 +233,7 @@ def _add_wind(loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Ar
         t[j] -= dt[j]
 
 
-@njit(cache=True)
+@helper
 def compute_thrusts(
     loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Array, thrust: Array
 ) -> tuple[float, int]:

@@ -1,9 +1,9 @@
 """A fast first path: RRT-Connect with certified edges (Kuffner and LaValle, ICRA 2000)."""
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array, Ints
+from skywright.core.compiled import helper
 from skywright.planning.motion.cost import displacement_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free
 from skywright.planning.motion.rng import State, uniform
@@ -19,14 +19,14 @@ STEP = 4.0
 """Longest edge of a tree, in units of cost (6)."""
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def draw_coordinates(space: SpaceRecord, state: State, out: Array) -> None:
     """Draw coordinates uniformly within their limits."""
     for i in range(space.n):
         out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def draw_free(space: SpaceRecord, state: State, along: int, out: Array, k: ScratchRecord) -> None:
     """Draw coordinates that keep all margins, the one `along` the way uniformly.
 
@@ -42,7 +42,7 @@ def draw_free(space: SpaceRecord, state: State, along: int, out: Array, k: Scrat
                 out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _extend(
     space: SpaceRecord, nodes: Array, parent: Ints, count: int, target: Array, new: Array,
     k: ScratchRecord, hits: Ints,
@@ -71,7 +71,7 @@ def _extend(
     return 2 if share == 1.0 else 1
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def connect(
     space: SpaceRecord, start: Array, goal: Array, state: State, along: int, trees: Array,
     parents: Ints, counts: Ints, tries: int, path: Array, k: ScratchRecord, hits: Ints,

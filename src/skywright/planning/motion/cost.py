@@ -6,13 +6,12 @@ the sums and once in the maxima.
 
 import math
 
-from numba import njit
-
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.planning.motion.space import SpaceRecord
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def displacement_cost(space: SpaceRecord, a: Array, b: Array) -> float:
     """CF_E of (6): p1 rho_UAV + p2 sigma_ARMS, from a to b."""
     move = turn = 0.0
@@ -24,7 +23,7 @@ def displacement_cost(space: SpaceRecord, a: Array, b: Array) -> float:
     return math.sqrt(move) + turn
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def rho_uav(space: SpaceRecord, a: Array, b: Array) -> float:
     """rho_UAV of (5): distance that the platform moves, m."""
     move = 0.0
@@ -33,7 +32,7 @@ def rho_uav(space: SpaceRecord, a: Array, b: Array) -> float:
     return math.sqrt(move)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def rho_arms(space: SpaceRecord, a: Array, b: Array) -> float:
     """rho_ARMS of (5): largest change of an angle, rad."""
     turn = 0.0
@@ -42,13 +41,13 @@ def rho_arms(space: SpaceRecord, a: Array, b: Array) -> float:
     return turn
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def time_cost(space: SpaceRecord, a: Array, b: Array, u_ref: float, w_ref: float) -> float:
     """CF_T of (6), the metric inside (4): max(t_UAV, t_ARMS), s. (4) prints min for argmin."""
     return max(rho_uav(space, a, b) / u_ref, rho_arms(space, a, b) / w_ref)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def path_cost(space: SpaceRecord, path: Array, count: int) -> float:
     """Sum of `displacement_cost` over the first `count` rows of `path`."""
     total = 0.0
