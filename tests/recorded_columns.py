@@ -9,7 +9,7 @@ from skywright.recordings.columns import Column
 from skywright.vehicle.simulated import Recorded
 from skywright.vehicle.topics import list_topics
 
-PARTS = ("hands", "objects", "loads", "force", "operator", "localisation")
+PARTS = ("hands", "objects", "loads", "force", "operator", "localisation", "deviation")
 """What not every run has."""
 
 
@@ -117,6 +117,9 @@ OTHERS = {
     ],
     "localisation": [
         Column("fix_age", unit="s", meaning="since the newest fix of the total station"),
-        Column("pose_std", unit="m", meaning="largest of the estimated position's axes"),
+        Column("pose_std", unit="m", meaning="largest of the position's axes"),
+    ],
+    "deviation": [
+        Column("p_std", (3,), unit="m", meaning="stated deviations of the position's axes"),
     ],
 }

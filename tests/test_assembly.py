@@ -116,7 +116,7 @@ class Shifter(Component):
 
 def build_context(dt: float = 0.002) -> Context:
     robot: Any = SimpleNamespace()
-    return Context(robot, robot, 1.0, dt, 0.001, "none", frozenset(), {})
+    return Context(robot, robot, 1.0, dt, 0.001, "none", frozenset(), {}, robot)
 
 
 def assemble(*components: Component, seed: int = 1) -> Assembly:

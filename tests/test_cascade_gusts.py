@@ -12,11 +12,14 @@ import pytest
 from scipy.linalg import expm
 
 from exact_map import EXACT
+from plant_parts import build_context, build_plant
 from skywright.description.loader import load_description
+from skywright.description.robot.limbs import list_limbs
 from skywright.errors import InputError
 from skywright.missions.sensor_install.plan import plan
 from skywright.models.arm_body import Deviation
 from skywright.models.floating import compute_free_inertia
+from skywright.models.part_masses import link_direction
 from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
 from skywright.run.gust_limits import find_exceeded_motion
@@ -29,7 +32,9 @@ from skywright.vehicle.laws._cascade_gusts import (
     build_across,
     build_along,
     build_masses,
+    compute_link_drag,
 )
+from skywright.vehicle.plant import JointTruth
 
 DESCRIPTION = load_description("sensor-install")
 DRYDEN = "world.wind.kind=dryden"
@@ -140,3 +145,26 @@ def test_in_gusts_of_2_and_a_half_mps_platform_and_swing_stay_within_their_limit
     assert m["swing.start_deg"] > 8.0 and m["sensor.installed"] == 1.0
     assert m["arm.lever_min"] > 0.1 and m["arm.lever_felt_min"] > 0.2
     assert math.isfinite(m["force.mean_error_n"]) and m["force.mean_error_n"] < 0.1
+
+
+def test_the_drag_of_the_links_is_the_plants() -> None:
+    sets = ["world.wind.kind=steady", "world.wind.mean_mps=5", "world.wind.toward_deg=30"]
+    context = build_context("sensor-install", sets)
+    plant = build_plant(context)
+    plant.run(1)  # it stands, rotors at rest: no downwash
+    model, force, moment = context.scene.model, np.zeros(2), np.zeros(2)
+    joint = plant.sim.data.body("pendulum").xpos[2]
+    for limb in list_limbs(context.robot):
+        body = plant.sim.data.body(limb.name)
+        middle = body.xpos + 0.5 * limb.link.length_m * (
+            body.xmat.reshape(3, 3) @ link_direction(limb.link)
+        )
+        pushed = plant.sim.xfrc[model.body(limb.name).id, :2]
+        force += pushed
+        moment += (joint - middle[2]) * pushed
+    wind = 5.0 * np.array([math.cos(math.radians(30.0)), math.sin(math.radians(30.0))])
+    q = np.array(plant.read(JointTruth).q)
+    computed = compute_link_drag(
+        context.robot, context.nominal.model, q, context.world.air_density_kg_m3, wind
+    )
+    np.testing.assert_allclose(computed, (force, moment), atol=1e-3 * np.linalg.norm(force))

@@ -55,6 +55,7 @@ def build_filter(seed: int) -> np.ndarray:
     flt["p_f"], flt["v_f"] = rng.normal(size=3) + [0, 0, 3], rng.normal(size=3)
     flt["R_f"] = Rotation.from_rotvec(0.3 * rng.normal(size=3)).as_matrix()
     fus["T"] = Rotation.from_rotvec(0.1 * rng.normal(size=3)).as_matrix()
+    fus["rate"] = 0.02
     fus["growth"], fus["drift"] = 0.05, rng.normal(size=3)
     fus["R_WC"], fus["scale"] = np.eye(3), 1.0
     return b
@@ -74,7 +75,7 @@ def subtract(b: np.ndarray, a: np.ndarray) -> np.ndarray:
     parts = [flt["p_f"] - f["p_f"], flt["v_f"] - f["v_f"], turn, flt["bg"] - f["bg"],
              flt["ba"] - f["ba"], fus["drift"] - g["drift"], frame,
              [fus["growth"] - g["growth"], fus["range_bias"] - g["range_bias"],
-              fus["delay"] - g["delay"]]]  # fmt: skip
+              fus["delay"] - g["delay"], fus["rate"] - g["rate"]]]  # fmt: skip
     return np.concatenate(parts)
 
 

@@ -96,7 +96,7 @@ def build(*components: Component) -> tuple[Ticker, CountingPhysics]:
     robot: Any = SimpleNamespace()
     a = Assembly(
         components,
-        Context(robot, robot, 1.0, 0.002, 0.001, "", frozenset(), {}),
+        Context(robot, robot, 1.0, 0.002, 0.001, "", frozenset(), {}, robot),
         1,
     )
     a.get(Clock)["dt"] = 0.002

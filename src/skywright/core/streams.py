@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 
 STREAMS = (
@@ -10,11 +12,12 @@ STREAMS = (
     "deflection", "scenario",
     "station", "camera", "range_finder", "force",
     "gnss", "pipe", "map", "operator", "survey", "faults", "springs",
+    "sensor_noise",
 )  # fmt: skip
 """Append only: a stream's place in this list is part of what a seed means."""
 
 
-def build_stream(seed: int, name: str) -> np.random.Generator:
-    """Return the generator of the stream `name` for a run's seed."""
-    key = (STREAMS.index(name),)
+def build_stream(seed: int, name: str, part: str = "") -> np.random.Generator:
+    """Return the generator of the stream `name` for a run's seed; each `part` has its own."""
+    key = (STREAMS.index(name), *([zlib.crc32(part.encode())] if part else []))
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))

@@ -54,6 +54,7 @@ class Deviation(NamedTuple):
     backlash_factor: float = 1.0
     servo_lag_factor: float = 1.0
     probe_spring_factor: float = 1.0
+    sensor_noise_error: float = 0.0  # 1 sigma of the logarithm: models/deviated_sensors.py
 
 
 def add_arm(

@@ -49,4 +49,5 @@ def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
         backlash_factor=1.0 + plant.backlash_error,
         servo_lag_factor=1.0 + plant.servo_lag_error,
         probe_spring_factor=(1.0 + plant.spring_error) * float(springs[-1]),
+        sensor_noise_error=plant.sensor_noise_error,
     )

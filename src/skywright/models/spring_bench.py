@@ -27,6 +27,8 @@ LOAD_ERROR = 0.004
 """1 sigma of a known load: a lever of 25 cm is known to 1 mm, a weight to 1 g."""
 DIAL = math.radians(0.05)
 """rad, 1 sigma of a reading of a deflection: 0.2 mm at that lever."""
+TURN = 1.0
+"""rad, to which the curves of joints' springs go."""
 BEYOND = 1.5
 """Largest deflection on the bench, over the linear range."""
 LOADS = np.array([0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0])
@@ -66,49 +68,50 @@ def calibrate_springs(robot: Robot, plant: Scene, seed: int) -> Springs:
     rng = build_stream(seed, "springs")
     springs = believe_springs(robot)
     if is_compliant(robot):
-        for j, limb in enumerate(list_joints(robot)):
-            if limb.link.flex_linear_deg is None:
-                continue
+        soft = [(j, x) for j, x in enumerate(list_joints(robot)) if x.link.flex_linear_deg]
+        curves = _find_curves(plant, [f"{limb.name} flex" for _, limb in soft], -TURN, TURN)
+        for j, limb in soft:
+            assert limb.link.flex_linear_deg is not None
             linear = math.radians(limb.link.flex_linear_deg)
             stall = list_servos(robot)[limb.servo][1].stall_torque_nm
             hardens = limb.link.flex_beyond == "hardening"
-            loads, seen = _load_joint(plant, f"{limb.name} flex", springs, j, linear, stall, rng)
+            end = BEYOND * linear + springs.slack[j]
+            loads, seen = _load_joint(curves[f"{limb.name} flex"], end, stall, rng)
             k, hard, slack = _fit(loads, seen, linear, hardens, springs, j)
             springs.stiffness[j], springs.hardening[j], springs.slack[j] = k, hard, slack
     return springs._replace(sensor=_load_sensor(robot, plant, rng))
 
 
 def _load_joint(
-    plant: Scene,
-    name: str,
-    springs: Springs,
-    j: int,
-    linear: float,
-    stall: float,
-    rng: np.random.Generator,
+    curve: tuple[Array, Array], end: float, stall: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return torques (N m) that the bench believes to apply, and the deflections (rad) it reads."""
-    end = BEYOND * linear + springs.slack[j]
-    deflection, torque = _find_curve(plant, name, -2.0 * end, 2.0 * end)
-    # weights are added until the dial reads that much
+    """Return torques (N m) that the bench believes to apply, and the deflections (rad) it reads.
+
+    Weights are added until the dial reads `end` (rad) or the servo would yield.
+    """
+    deflection, torque = curve
     most = min(float(np.interp(end, deflection, torque)), stall)
     loads = most * np.concatenate([-LOADS[::-1], LOADS])
     true = np.interp(loads * (1.0 + LOAD_ERROR * rng.standard_normal()), torque, deflection)
     return loads, true + DIAL * rng.standard_normal(len(loads))
 
 
-def _find_curve(plant: Scene, name: str, low: float, high: float) -> tuple[Array, Array]:
-    """Return deflections of the joint `name` and the torques (or forces) of its springs there."""
+def _find_curves(
+    plant: Scene, names: list[str], low: float, high: float
+) -> dict[str, tuple[Array, Array]]:
+    """Return each joint's deflections and the torques (or forces) of its springs there."""
     model, data = plant.model, mujoco.MjData(plant.model)
-    joint = model.joint(name)
-    at, dof = int(joint.qposadr[0]), int(joint.dofadr[0])
-    deflection, torque = np.linspace(low, high, 601), np.empty(601)
+    joints = [model.joint(name) for name in names]
+    at = [int(joint.qposadr[0]) for joint in joints]
+    dof = [int(joint.dofadr[0]) for joint in joints]
+    deflection = np.linspace(low, high, 801)
+    torque = np.empty((len(deflection), len(names)))
     for i, x in enumerate(deflection):
         data.qpos[at] = -x
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         torque[i] = data.qfrc_passive[dof]
-    return deflection, torque
+    return {name: (deflection, torque[:, k]) for k, name in enumerate(names)}
 
 
 def _fit(
@@ -117,11 +120,10 @@ def _fit(
     """Return stiffness, hardening and slack that explain the readings best."""
     from scipy.optimize import least_squares
 
-    stop = not hardens
     k0, slack0 = float(springs.stiffness[j]), float(springs.slack[j])
     hard0 = float(springs.hardening[j])
     within = np.abs(loads) < 0.8 * k0 * linear  # a stop says nothing of the spring
-    tau, delta = (loads[within], seen[within]) if stop else (loads, seen)
+    tau, delta = (loads, seen) if hardens else (loads[within], seen[within])
 
     def residual(x: Array) -> Array:
         k, hard, slack = k0 * x[0], max(hard0 * x[1], 1.0), slack0 * x[2]
@@ -131,7 +133,7 @@ def _fit(
         return np.concatenate([(np.array(model) - delta) / DIAL, prior])
 
     x = least_squares(residual, np.ones(3), bounds=([0.05] * 3, [20.0] * 3)).x
-    return k0 * x[0], hard0 if stop else max(hard0 * x[1], 1.0), slack0 * x[2]
+    return k0 * x[0], max(hard0 * x[1], 1.0) if hardens else hard0, slack0 * x[2]
 
 
 def _load_sensor(robot: Robot, plant: Scene, rng: np.random.Generator) -> float:
@@ -140,7 +142,7 @@ def _load_sensor(robot: Robot, plant: Scene, rng: np.random.Generator) -> float:
     if probe is None or sensor is None:
         return 1.0
     converter = build_force_sensor(sensor, probe.spring_preload_n)[0]
-    travel, force = _find_curve(plant, "spring", 0.0, probe.spring_travel_m)
+    travel, force = _find_curves(plant, ["spring"], 0.0, probe.spring_travel_m)["spring"]
     weights = LOADS * 0.9 * (force[-1] - force[0]) + force[0]
     true = np.interp(weights * (1.0 + LOAD_ERROR * rng.standard_normal()), force, travel)
     read = np.array([measure_travel(converter, x, rng.standard_normal()) for x in true])

@@ -9,6 +9,8 @@ import numpy as np
 
 from skywright.core.keys import iterate_leaves
 from skywright.description.robot.limbs import list_joints
+from skywright.description.world.things import find_marker
+from skywright.models.deviated_sensors import draw_noise_factors
 from skywright.models.deviation import build_deviation
 from skywright.models.nominal import Nominal
 from skywright.reports.summary import (
@@ -19,7 +21,8 @@ from skywright.reports.summary import (
 )
 from skywright.run.kind import load_kind
 from skywright.run.names import list_measures
-from skywright.run.parts import get_law, uses_truth
+from skywright.run.parts import build_named, get_law, uses_truth
+from skywright.vehicle.targets import list_tracked
 
 if TYPE_CHECKING:
     from skywright.core.spec import Spec
@@ -128,11 +131,33 @@ def list_plant(result: RunResult) -> list[Row]:
         factors["stiffness of the joints' springs drawn"] = drawn.spring_factor
     if d.robot.probe is not None:
         factors["stiffness of the probe's spring drawn"] = np.array([drawn.probe_spring_factor])
+    for sensor, table in _list_sensors(d).items():
+        drawn_noise = draw_noise_factors(table, sensor, d.plant.sensor_noise_error, d.mission.seed)
+        if drawn_noise:
+            factors[f"noise of {sensor} drawn"] = np.array(list(drawn_noise.values()))
     for name, values in factors.items():
         rows.append(
             Row(name, ", ".join(f"{x:.3f}" for x in values), "of this seed, over the file's")
         )
     return rows
+
+
+def _list_sensors(d: Description[Any]) -> dict[str, Spec]:
+    """Return the tables of the run's sensors by the names of their components."""
+    r, w = d.robot, d.world
+    tables: dict[str, Spec | None] = {"inertial": r.sensors, "probe force": r.force_sensor}
+    if w.localisation == "mocap":
+        tables["mocap"] = w.mocap
+        tables |= {f"tracked {name}": w.mocap for name in list_tracked(r, w)}
+    elif w.localisation == "gnss":
+        tables["gnss"] = w.gnss.fill()
+    else:
+        tables["total station"] = w.total_station
+        tables |= {"tracking camera": r.tracking_camera, "range finder": r.range_finder}
+    if find_marker(w.things):
+        tables["camera"] = r.camera
+    tables |= {c.name: c.table for c in build_named(d) if c.group == "sensor"}
+    return {name: table for name, table in tables.items() if table is not None}
 
 
 def list_conditions(result: RunResult) -> list[Row]:

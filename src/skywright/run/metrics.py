@@ -21,7 +21,7 @@ Samples = NDArray[Any]
 OFF_SURFACE = 1e-4
 """m, gap above which the tip counts as off the surface; below lies the soft contact model."""
 OUTAGE = 0.6
-"""s without a sample of the total station that count as an outage."""
+"""s without a sample of the localisation that count as an outage."""
 
 
 def in_phases(samples: Samples, phases: list[PhaseRecord], *names: str) -> NDArray[np.bool_]:
@@ -56,16 +56,19 @@ def compute_common_metrics(samples: Samples, phases: list[PhaseRecord]) -> dict[
 
 
 def _judge_localisation(s: Samples, error: Array, dt: Array) -> dict[str, float]:
-    """How a flight without motion capture bears outages of its total station."""
+    """How a flight bears outages of its localisation, and whether it knows how well."""
     if not has_columns(s, "pose_std") or not np.any(s["pose_std"] > 0.0):
         return {}
     away = s["fix_age"] > OUTAGE
+    stated = s["p_std"] if has_columns(s, "p_std") else s["pose_std"][:, None]
+    over = ((s["est_p_WB"] - s["p_WB"]) / stated) ** 2
     out = {
         "estimate.outage_s": float(np.sum(dt[away])),
-        "estimate.sigmas": float(np.sqrt(np.mean((error / s["pose_std"]) ** 2) / 3.0)),
+        "estimate.sigmas": math.sqrt(np.mean(over)),
     }
     if np.any(away):
         out["estimate.outage_max_mm"] = 1e3 * float(np.max(error[away]))
+        out["estimate.outage_sigmas"] = math.sqrt(np.mean(over[away]))
     return out
 
 

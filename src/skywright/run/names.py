@@ -14,9 +14,10 @@ COMMON: Measures = {
     "flight.saturated_s": ("s", "time in which the allocation had to cut the command"),
     "estimate.position_rms_mm": ("mm", "rms distance of the estimated from the true position"),
     "estimate.position_max_mm": ("mm", "largest such distance"),
-    "estimate.outage_s": ("s", "time without the total station, beyond 0.6 s each time"),
+    "estimate.outage_s": ("s", "time without a fix of the localisation, beyond 0.6 s each time"),
     "estimate.outage_max_mm": ("mm", "estimate.position_max_mm meanwhile"),
     "estimate.sigmas": ("", "rms of the error of an axis over what the filter states"),
+    "estimate.outage_sigmas": ("", "the same in outages"),
     "contact.lost_s": (
         "s",
         "time without contact while scanning, as the instrument says; in gusts without hops",

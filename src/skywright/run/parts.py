@@ -12,7 +12,7 @@ from skywright.description.world.thing import Placed
 from skywright.description.world.things import find_marker
 from skywright.errors import InputError
 from skywright.models.nominal import Nominal
-from skywright.run.faults._rule import CYCLE, RESPONSES, Rule
+from skywright.run.faults._rule import RESPONSES, Rule
 from skywright.vehicle.component import Component, Estimator, Fault, Law
 
 
@@ -106,9 +106,9 @@ def build_rules(description: Description[Any]) -> list[Rule]:
         key, cls = f"mission.faults.{name}", find("rule", part.kind).cls
         if cls.look is Rule.look:
             raise InputError(f"{key}.kind: {cls.__name__} has no method look(self, v)")
-        if not isinstance(cls.every, int) or cls.every < 1 or CYCLE % cls.every:
+        if not isinstance(cls.every, int) or cls.every < 1:
             raise InputError(
-                f"{key}.kind: {cls.__name__}.every = {cls.every!r} does not divide 100"
+                f"{key}.kind: {cls.__name__}.every is {cls.every!r}; valid: whole numbers from 1"
             )
         with blame(cls, key):
             rule: Rule = build_part("rule", part, name)

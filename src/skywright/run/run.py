@@ -32,7 +32,7 @@ from skywright.run.directory import (
     write_json,
     write_unfinished,
 )
-from skywright.run.faults._rule import Acted
+from skywright.run.faults._rule import Acted, Rule
 from skywright.run.flight import Flight, Flown, PhaseRecord
 from skywright.run.flight_recording import FlightRecording
 from skywright.run.kind import P, load_kind
@@ -137,7 +137,7 @@ def run_mission(
     if operator is not None:
         check_operator(description)
     setup = Setup(description)
-    build_rules(description)
+    rules = build_rules(description)
     plan, vehicle = _prepare(setup)  # a bad part is told before anything is written
     store = None if records is None else RecordStore(records, create=True)
     final, partial = open_directory(out, description.mission.name)
@@ -150,7 +150,7 @@ def run_mission(
             observer.on_plan(plan, description)
         keep = None if store is None else _start_records(store, description, final)
         samples, phases, flight, outcome = _fly(
-            setup, plan, vehicle, partial, observers, keep, operator
+            setup, plan, vehicle, rules, partial, observers, keep, operator
         )
     finally:
         if store is not None:
@@ -183,8 +183,9 @@ def fly_and_evaluate(description: Description, observers: Sequence[Observer] = (
     """
     start = time.perf_counter()
     setup = Setup(description)
+    rules = build_rules(description)
     plan, vehicle = _prepare(setup)
-    samples, phases, flight, outcome = _fly(setup, plan, vehicle, None, observers)
+    samples, phases, flight, outcome = _fly(setup, plan, vehicle, rules, None, observers)
     result = _evaluate(Flown(setup, plan, samples, phases), flight, outcome, Path())
     _add_timing(result, start)
     return result
@@ -276,6 +277,7 @@ def _fly(
     setup: Setup[Any],
     plan: MissionPlan[Any],
     vehicle: SimulatedVehicle,
+    rules: list[Rule],
     partial: Path | None,
     observers: Sequence[Observer],
     on_measurement: Callable[[Measurement], None] | None = None,
@@ -320,7 +322,7 @@ def _fly(
 
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
-        on_measurement, operator, build_rules(description),
+        on_measurement, operator, rules,
         lambda: setup.clearance_aloft, on_acted,
     )  # fmt: skip
 

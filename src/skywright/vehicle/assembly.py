@@ -26,6 +26,7 @@ from skywright.vehicle.native import check_calls, compile_step
 from skywright.vehicle.ordering import order_steps
 from skywright.vehicle.ports import FILL, Port, Step, list_records, list_steps
 from skywright.vehicle.schedule import ROW
+from skywright.vehicle.sensor_tables import get_table
 
 BLOCK = 1000
 """Control ticks for which random numbers are drawn at a time; at least one mission tick."""
@@ -98,7 +99,7 @@ class Assembly:
             given = limited if c.side == "robot" else context
             given = dataclasses.replace(given, carried=self._list_carried(c))
             with blame(type(c), f"component {c.name!r}: build"):
-                c.build(None if me is None else View(me[0]), c.table, given)
+                c.build(None if me is None else View(me[0]), get_table(c, given), given)
         self.n_control = sum(s.slot != "fast" for s in self.steps)
         self._build_rows(context, limited)
         self._build_blocks(seed)

@@ -110,12 +110,12 @@ class Context:
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by (class, name), (1,) arrays; the robot's side sees none of the
     plant's."""
+    springs: Springs  # of joints and force sensor, as believed
     named: tuple[Component, ...] = ()
     """Law, estimator and further parts, which the description names; likewise."""
     alive: list[Any] = field(default_factory=list)
     components: Sequence[Component] = ()
     """All of the vehicle, at build; likewise."""
-    springs: Springs = None  # type: ignore[assignment]  # of joints and force sensor, as believed
     carried: list[Any] = field(default_factory=list)
     """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
 

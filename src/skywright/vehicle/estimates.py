@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from skywright.core.record import Vec3
-from skywright.vehicle.component import Output
+from skywright.vehicle.component import Output, Recorded
 
 
 class RotorForce(Output):
@@ -18,6 +18,14 @@ class EstimatorState(Output):
     ready: float  # 1: Estimate holds
     heard: float  # s, when the localisation was last heard of
     fix_age: float  # s, since the newest fix that was used, where fixes come by themselves
-    pose_std: float  # m, largest standard deviation of the position; NaN where it is not known
+    p_std: Vec3  # m, standard deviations of the position now
+    pose_std: float  # m, the largest of them; NaN where it is not known
     rejected: float  # measurements of the place in a row that contradict the estimate
     restarts: float  # times that it gave up its estimate for what is measured
+
+
+POSITION_COLUMNS = (
+    Recorded("fix_age", EstimatorState, "fix_age", "s", "since the newest fix that was used"),
+    Recorded("p_std", EstimatorState, "p_std", "m", "stated deviations of the position's axes"),
+    Recorded("pose_std", EstimatorState, "pose_std", "m", "largest of the position's axes"),
+)

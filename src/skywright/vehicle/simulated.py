@@ -134,9 +134,9 @@ class SimulatedVehicle:
         self.sim = Simulation(self.scene, home)
         context = PlantContext(
             nominal, world, compute_body(self.model, posture(robot, "working"))[0], self.dt,
-            timestep, law.name, frozenset(), {}, deviation=deviation, scene=self.scene,
-            sim=self.sim, seed=seed, start=start, true=true, known=self.world,
-            springs=find_springs(robot, self.scene if calibrated else None, seed),
+            timestep, law.name, frozenset(), {},
+            find_springs(robot, self.scene if calibrated else None, seed), deviation=deviation,
+            scene=self.scene, sim=self.sim, seed=seed, start=start, true=true, known=self.world,
         )  # fmt: skip
         named = [
             law,

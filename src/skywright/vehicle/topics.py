@@ -65,7 +65,7 @@ geometry_msgs/Vector3 stick         # each axis from -1 to 1: ahead, left, up
 float64 button                      # 1 while it is pressed"""
 LOCALISATION = """\
 std_msgs/Header header
-float64 fix_age                     # s, since the total station's newest sample that was used
+float64 fix_age                     # s, since the newest sample that was used
 float64 position_std                # m, largest of the estimated position's axes"""
 COMPLEX = """\
 float64 re
@@ -178,4 +178,5 @@ OTHERS = (
         {"fix_age": "fix_age", "position_std": "pose_std"},
         types={"skywright_msgs/Localisation": LOCALISATION},
     ),
+    vector("/estimate/position_deviation", MAP, "p_std"),
 )  # fmt: skip

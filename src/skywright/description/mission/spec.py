@@ -106,6 +106,7 @@ class Plant(Spec):
     hardening_error: float = Field(default=0.1, gt=-0.9, lt=10)  # beyond the linear range
     backlash_error: float = Field(default=0.1, ge=-1, lt=10)
     servo_lag_error: float = Field(default=0.1, gt=-0.9, lt=10)  # of the arm's servos
+    sensor_noise_error: float = Field(default=0.2, ge=0, le=0.7)  # 1 sigma of its logarithm
     marker_error_m: NonNegative = 0.001  # 1 sigma a axis: motion-capture markers of the probe
     # the true pipe or structure is up to this far, either way, from the map (world file)
     map_error_m: float = Field(default=0.0, ge=0, le=0.2)  # each axis

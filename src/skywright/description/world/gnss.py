@@ -57,6 +57,10 @@ class Gnss(Spec):
         given = {n: getattr(self, n) for n in FixErrors._fields}
         return FIXES[self.fix]._replace(**{n: v for n, v in given.items() if v is not None})
 
+    def fill(self) -> Gnss:
+        """Return it with all numbers given."""
+        return self.model_copy(update=self.errors._asdict())
+
     @property
     def position_error_m(self) -> float:
         """One sigma of the distance (3-D) between a fix and the truth."""

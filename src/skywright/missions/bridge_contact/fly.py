@@ -76,7 +76,7 @@ class Pilot(Presser):
             self.s.wait(SETTLE_S)
             travel = self.way.stand_off + survey.reach
             touches = touch_with_feet(self.s, at.R_WS, survey.feet, travel, survey.stiffness)
-            if not touches[0].reason or touches[0].reason.startswith("nothing"):
+            if not touches[0].reason or not touches[0].met:
                 break
         self.go("survey_leave", R=at.R_level)
         return self._plan_found(survey, touches)

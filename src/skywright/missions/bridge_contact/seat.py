@@ -66,6 +66,7 @@ def touch_with_feet(
         if feel() - zero > least:
             reason = ""
             break
+    met = not reason
     places = np.zeros((len(feet), 3))
     if not reason:
         places, felt = _settle(s, feet, feel, R_WS)
@@ -81,9 +82,9 @@ def touch_with_feet(
     s.body.track(build_travel(row, back, BACK_SPEED, travel))
     s.until_arrived()
     s.end("done")
-    return [
-        Touch(p, -normal, reason) for p in (np.full(3, np.nan) if reason else p for p in places)
-    ]
+    if reason:
+        places = np.full((len(feet), 3), np.nan)
+    return [Touch(p, -normal, reason, met) for p in places]
 
 
 def _settle(s: Supervisor[Any], feet: Array, feel: Any, R_WS: Array) -> tuple[Array, float]:

@@ -48,6 +48,7 @@ class Touch(NamedTuple):
     p_WT: Array  # (3,) m, the tip's end, estimated; NaN without a touch
     axis_W: Array  # (3,) the tip's axis, out of the robot
     reason: str  # "" for a touch
+    met: bool = True  # whether anything was felt
 
     def centre(self, tip_radius: float) -> Array:
         """Middle (3,) m of the tip's sphere."""
@@ -195,6 +196,7 @@ def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float
         if feeler.feel(normal) - zero > least:
             reason = ""
             break
+    met = not reason
     p, axis, force, ended = [], np.zeros(3), [], s.vehicle.t + HOLD_S
     if not reason:
         feeler.rest(s)
@@ -213,7 +215,7 @@ def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float
     s.body.track(feeler.lead(here, normal, back, BACK_SPEED, travel))
     s.until_arrived()
     s.end("done")
-    return Touch(np.full(3, np.nan) if reason else np.mean(p, axis=0), axis, reason)
+    return Touch(np.full(3, np.nan) if reason else np.mean(p, axis=0), axis, reason, met)
 
 
 def survey_surface(
@@ -235,7 +237,7 @@ def survey_surface(
         for _ in range(TRIES):
             settle()
             touch = touch_surface(s, feeler, R_WS, travel)
-            if not touch.reason or touch.reason.startswith("nothing"):
+            if not touch.reason or not touch.met:
                 break
         found.append(touch)
     return found

@@ -37,10 +37,23 @@ CLEAR = 0.02
 """m, from the nearest place that the pipe may have to the tip at its stand-off."""
 
 
-SURVEY_MEASURES: Measures = {
+TOUCH_MEASURES: Measures = {
     "survey.touches": ("", "touches of the survey that were made"),
     "survey.missed": ("", "touches that were not: nothing was met, or it did not last"),
     "survey.left_out": ("", "touches that contradict the others, at most one"),
+    "survey.map_error_mm": (
+        "mm",
+        "largest distance of the map's surface from the true one where it was touched",
+    ),
+    "survey.surface_error_mm": ("mm", "the same of the surface that was found"),
+    "survey.surface_std_mm": (
+        "mm",
+        "standard deviation of it that the fit states, with what is common to all touches",
+    ),
+}
+"""Metrics of any survey."""
+SURVEY_MEASURES: Measures = {
+    **TOUCH_MEASURES,
     "survey.turn_up_deg": ("deg", "pipe found against the map: its +y end up"),
     "survey.turn_aside_deg": ("deg", "pipe found against the map: heading, about the pipe's z"),
     "survey.ahead_mm": ("mm", "pipe found against the map: along the pipe's x"),
@@ -57,15 +70,6 @@ SURVEY_MEASURES: Measures = {
     ),
     "survey.up_std_mm": ("mm", "likewise of survey.up_mm, with what is common to all touches"),
     "survey.radius_std_mm": ("mm", "likewise of survey.radius_mm"),
-    "survey.map_error_mm": (
-        "mm",
-        "largest distance of the map's surface from the true one where it was touched",
-    ),
-    "survey.surface_error_mm": ("mm", "the same of the surface that was found"),
-    "survey.surface_std_mm": (
-        "mm",
-        "standard deviation of it that the fit states, with what is common to all touches",
-    ),
     "survey.axis_error_deg": ("deg", "angle between the axis that was found and the true one"),
 }
 """Metrics of `judge_survey`."""

@@ -30,23 +30,17 @@ from skywright.inspection.touches import (
     fit_plane_touches,
 )
 from skywright.missions.skills.survey import Touch
-from skywright.missions.skills.surveyed import Ball, explain_touches, get_map_error
+from skywright.missions.skills.surveyed import (
+    TOUCH_MEASURES,
+    Ball,
+    explain_touches,
+    get_map_error,
+)
 from skywright.run.kind import Measures
 from skywright.run.setup import Setup
 
 STRUCTURE_MEASURES: Measures = {
-    "survey.touches": ("", "touches of the survey that were made"),
-    "survey.missed": ("", "touches that were not: nothing was met, or it did not last"),
-    "survey.left_out": ("", "touches that contradict the others, at most one"),
-    "survey.map_error_mm": (
-        "mm",
-        "largest distance of the map's surface from the true one where it was touched",
-    ),
-    "survey.surface_error_mm": ("mm", "the same of the surface that was found"),
-    "survey.surface_std_mm": (
-        "mm",
-        "standard deviation of it that the fit states, with what is common to all touches",
-    ),
+    **TOUCH_MEASURES,
     "survey.map_normal_error_deg": ("deg", "angle between the map's normal and the true one"),
     "survey.normal_error_deg": ("deg", "angle between the normal that was found and the true one"),
     "survey.normal_std_deg": ("deg", "standard deviation of it that the fit states"),

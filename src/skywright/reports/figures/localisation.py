@@ -20,13 +20,17 @@ CAPTION = (
 def draw_localisation(result: RunResult) -> Figure | None:
     """Error of the position, an axis each; None with motion capture."""
     s = result.samples
+    if result.description.world.localisation == "mocap":
+        return None
     if not has_columns(s, "pose_std") or not np.any(s["pose_std"] > 0.0):
         return None
     flying = s["rotor_thrust"].sum(axis=1) > 0.5
     part = s[flying]
     if len(part) < 2:
         return None
-    t, std = part["t"], 1e3 * part["pose_std"]
+    t = part["t"]
+    old = not has_columns(s, "p_std")
+    std = 1e3 * (part["pose_std"][:, None] * np.ones(3) if old else part["p_std"])
     error = 1e3 * (part["est_p_WB"] - part["p_WB"])
     away = np.concatenate([[0], (part["fix_age"] > OUTAGE).astype(int), [0]])
     starts, stops = np.flatnonzero(np.diff(away) > 0), np.flatnonzero(np.diff(away) < 0) - 1
@@ -39,6 +43,6 @@ def draw_localisation(result: RunResult) -> Figure | None:
             ax.axvspan(t[a] - OUTAGE, t[b], color=SHADE, lw=0)
         draw_line(ax, t, error[:, i], color=BLUE)
         for sign in (2.0, -2.0):
-            draw_line(ax, t, sign * std, color="#8a8a8a", lw=0.8)
+            draw_line(ax, t, sign * std[:, i], color="#8a8a8a", lw=0.8)
     axes[-1].set_xlabel("time (s)")
     return figure

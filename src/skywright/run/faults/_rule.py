@@ -20,8 +20,6 @@ RESPONSES: dict[Response, str] = {
     "let_go": "stop the motors and fall",
 }
 """What is flown, the mildest first: while one is flown only a stronger one may follow."""
-CYCLE = 100
-"""Mission ticks after which the looks of all rules repeat."""
 
 
 class Acted(NamedTuple):
@@ -49,7 +47,7 @@ class Rule:
     """Whether it watches from the start of the motors; otherwise from the end of take-off."""
 
     every: ClassVar[int] = 5
-    """Mission ticks (20 ms) between looks, a divisor of CYCLE."""
+    """Mission ticks (20 ms) between looks."""
 
     answers_failed_computer: ClassVar[bool] = False
     """Whether it acts where a step of the robot's computer failed (`Senses.failure`)."""
@@ -98,18 +96,16 @@ class Rule:
 
 
 class Follow:
-    """A first-order lag of a value that is looked at now and then."""
+    """A first-order lag of numbers that are looked at now and then."""
 
     def __init__(self, lag: float) -> None:
         """`lag` (s)."""
         self.lag, self._t = lag, 0.0
-        self.value: Any = None
+        self.value: list[float] | None = None
 
-    def step(self, t: float, x: Any) -> Any:
-        """Take in `x` at time t (s); returns the lagged value."""
-        if self.value is None:
-            self.value = x
-        else:
-            self.value = self.value + (1.0 - math.exp(-(t - self._t) / self.lag)) * (x - self.value)
-        self._t = t
+    def step(self, t: float, x: list[float]) -> list[float]:
+        """Take in the numbers `x` at time t (s); returns the lagged ones."""
+        share, self._t = 1.0 - math.exp(-(t - self._t) / self.lag), t
+        before = x if self.value is None else self.value
+        self.value = [a + share * (b - a) for a, b in zip(before, x, strict=True)]
         return self.value

@@ -63,7 +63,7 @@ class Senses:
         """Return the number or numbers that the reference has in a field now."""
         read = self._told.get(name)
         if read is None:
-            place = self.reference.place(name) if hasattr(self.reference, "place") else None
+            place = self.reference.place(name)
             read = place.tolist if place else lambda: np.asarray(self.reference[name]).tolist()
             self._told[name] = read
         return read()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from skywright.core.find import explain
 from skywright.errors import SkywrightError
-from skywright.run.faults._rule import CYCLE, RESPONSES, Acted, Response, Rule
+from skywright.run.faults._rule import RESPONSES, Acted, Response, Rule
 from skywright.run.faults._senses import Senses
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ class Watch:
         self.acted: list[Acted] = []
         self.rank = -1  # of the response that is flown now
         self._begun: list[Rule] = []
-        self._due: list[list[Rule]] = [[]] * CYCLE  # who looks in which tick
         self._ticks = 0
 
     def begin(self, airborne: bool) -> None:
@@ -51,15 +50,10 @@ class Watch:
                 except Exception as error:
                     self._note(rule, error)
                 self._begun.append(rule)
-        self._arrange()
 
     def land(self) -> None:
         """The robot lands: the ground is met, so only the rules for a take-off go on."""
         self._begun = [rule for rule in self._begun if rule.from_take_off]
-        self._arrange()
-
-    def _arrange(self) -> None:
-        self._due = [[r for r in self._begun if k % r.every == 0] for k in range(CYCLE)]
 
     def answer(self, rule: Rule, s: Supervisor) -> Response:
         """Let the rule that acted last repair what it can; returns the response to fly."""
@@ -94,15 +88,16 @@ class Watch:
         if not self._begun or self.senses.told("active") < 0.5:
             return
         self._ticks += 1
-        senses, over = self.senses, None
-        for rule in self._begun if senses.failure else self._due[self._ticks % CYCLE]:
+        senses, over, tick = self.senses, list[Rule](), self._ticks
+        for rule in self._begun:
+            if tick % rule.every and not senses.failure:
+                continue
             try:
                 acts = bool(rule.failure) or rule.is_over(senses)
             except Exception as error:
                 self._note(rule, error)
                 acts = True
             if acts and RANK[rule.table.response] > self.rank:
-                over = over or []
                 over.append(rule)
         if over:
             self._act(max(over, key=lambda r: RANK[r.table.response]), phase)

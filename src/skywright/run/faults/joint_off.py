@@ -23,8 +23,8 @@ class JointOff(Rule):
     watches = "where a servo's shaft should be less where it is, the worst joint"
     unit = "rad"
     source = (
-        "1.5 times what servos lag behind in the built-in moves; without torque a joint falls "
-        "through 0.5 rad in the next 0.15 s"
+        "1.5 times the largest of the built-in missions (0.17 rad, wall-contact); a joint without "
+        "torque falls through 0.5 rad in the next 0.15 s"
     )
     every = 2
 

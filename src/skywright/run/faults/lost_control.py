@@ -36,9 +36,10 @@ class LostControl(Rule):
 
     def begin(self, v: Senses) -> None:
         self._R_WB, self._p_WB = v.place(Estimate, "R_WB"), v.place(Estimate, "p_WB")
+        self._error = 0.0
 
     def look(self, v: Senses) -> float:
-        error = math.dist(self._p_WB.tolist(), v.told("p_WB"))
+        error = self._error = math.dist(self._p_WB.tolist(), v.told("p_WB"))
         if v.responding:  # what was pushed may come back: only a robot that tips over falls
             error *= PATIENCE
         return 10.0 + error if self._R_WB[2, 2] < UP_MIN else error
@@ -47,6 +48,6 @@ class LostControl(Rule):
         """Say how far off it is."""
         up = min(max(self._R_WB[2, 2], -1.0), 1.0)
         return (
-            f"control was lost: {value - 10.0 if up < UP_MIN else value:.2f} m from the reference, "
+            f"control was lost: {self._error:.2f} m from the reference, "
             f"tilted {math.degrees(math.acos(up)):.0f} deg"
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skywright.core.spec import NonNegative
-from skywright.run.faults._rule import Response, Rule
+from skywright.run.faults._rule import Follow, Response, Rule
 
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
@@ -54,8 +54,8 @@ class RotorWeak(Rule):
         self._torque = [0.0, 0.0, 0.0]  # N m, about the axes of B
         self._predicted: list[float] | None = None  # angular momentum
         self._ticks, self._loss = 0, 0.0
-        self._usual: list[float] | None = None
-        self._t = self._t_usual = 0.0
+        self._usual = Follow(USUAL_S)
+        self._t = 0.0
         self.rotor = 0
 
     def begin(self, v: Senses) -> None:
@@ -101,11 +101,7 @@ class RotorWeak(Rule):
 
     def _compare(self, seen: list[float], t: float, weight: float) -> None:
         """Compare what is seen, less what is usual, with the loss of each rotor."""
-        if self._usual is None:
-            self._usual = seen
-        share, self._t_usual = 1.0 - math.exp(-(t - self._t_usual) / USUAL_S), t
-        self._usual = [u + share * (s - u) for u, s in zip(self._usual, seen, strict=True)]
-        off = [s - u for s, u in zip(seen, self._usual, strict=True)]
+        off = [s - u for s, u in zip(seen, self._usual.step(t, seen), strict=True)]
         least, self._loss = ALIKE * math.hypot(*off), 0.0
         for i, (column, length) in enumerate(self._columns):
             along = sum(map(mul, column, off))

@@ -43,4 +43,4 @@ class Saturation(Rule):
     def look(self, v: Senses) -> float:
         if self._cut is None:
             return math.nan
-        return float(self._share.step(v.t, 1.0 if self._cut.tolist() > 0.0 else 0.0))
+        return self._share.step(v.t, [1.0 if self._cut.tolist() > 0.0 else 0.0])[0]

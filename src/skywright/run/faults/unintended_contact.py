@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from skywright.core.spec import NonNegative
-from skywright.run.faults._rule import Response, Rule
+from skywright.run.faults._rule import Follow, Response, Rule
 
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
@@ -39,14 +39,14 @@ class UnintendedContact(Rule):
 
     def __init__(self, name: str, table: Any = None) -> None:
         super().__init__(name, table)
-        self._usual: list[float] | None = None  # N
+        self._usual = Follow(USUAL_S)  # N
         self._looks, self._free = 0, 0.0
 
     def begin(self, v: Senses) -> None:
         from skywright.vehicle.arms.ports import Wrench
         from skywright.vehicle.bus import Body, Estimate
 
-        self._body, self._free, self._t = v.get(Body), v.t, v.t
+        self._body, self._free = v.get(Body), v.t
         self._weigh()
         self._force = v.place(Wrench, "f_rest_W") or v.place(Estimate, "f_ext_W")
 
@@ -55,9 +55,9 @@ class UnintendedContact(Rule):
         self._looks += 1
         if self._looks % FOLLOWS == 0:
             self._follow(v, [x, y, z])
-        if self._usual is None:
+        if self._usual.value is None:
             return math.nan
-        a, b, c = self._usual
+        a, b, c = self._usual.value
         off = math.hypot(x - a, y - b, z - c) / self._weight
         if off > self.table.limit and (v.engaged or v.t - self._free <= FREE_S):
             return math.nan
@@ -69,10 +69,7 @@ class UnintendedContact(Rule):
     def _follow(self, v: Senses, f_W: list[float]) -> None:
         """Take in what is usual; what is felt where something is touched says nothing."""
         self._weigh()
-        share, self._t = 1.0 - math.exp(-(v.t - self._t) / USUAL_S), v.t
         if v.engaged:
-            self._free, self._usual = v.t, None
-        elif self._usual is None:
-            self._usual = f_W
+            self._free, self._usual = v.t, Follow(USUAL_S)
         else:
-            self._usual = [u + share * (f - u) for u, f in zip(self._usual, f_W, strict=True)]
+            self._usual.step(v.t, f_W)

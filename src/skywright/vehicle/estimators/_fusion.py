@@ -19,8 +19,8 @@ from skywright.vehicle.estimators._strapdown import (
     shear,
 )
 
-N_FUSION = 24
-B_, T_, G_, RANGE_, DELAY_ = 15, 18, 21, 22, 23  # where the further errors start
+N_FUSION = 25
+B_, T_, G_, RANGE_, DELAY_, RATE_ = 15, 18, 21, 22, 23, 24  # where the further errors start
 
 GATE_FIX = 21.1  # chi-square of 3, exceeded once in 10,000
 GATE_ODO = 30.0  # the camera has jumped, not the robot
@@ -35,6 +35,18 @@ def clear(H: Any) -> None:
     for i in range(H.shape[0]):
         for j in range(H.shape[1]):
             H[i, j] = 0.0
+
+
+@helper
+def _turn_frame(me: Any, x: float, y: float, z: float) -> None:
+    """Turn the camera's frame by a rotation vector (rad) in W."""
+    turn, rot, old = local(3), local(3, 3), local(3, 3)
+    turn[0], turn[1], turn[2] = x, y, z
+    exp_so3(turn, rot)
+    for i in range(3):
+        for j in range(3):
+            old[i, j] = me.T[i, j]
+    mat_mat(rot, old, me.T)
 
 
 @helper
@@ -79,11 +91,17 @@ def advance(me: Any, last: int, gravity: float) -> None:
         for i in range(3):
             M[i, 0], M[i, 1], M[i, 2] = u[i], 0.0, 0.0
         shear(P, B_, G_, M)
+        for c in range(N_FUSION):  # the camera's heading drifts at a rate
+            P[T_ + 2, c] += dt * P[RATE_, c]
+        for c in range(N_FUSION):
+            P[c, T_ + 2] += dt * P[c, RATE_]
+        _turn_frame(me, 0.0, 0.0, dt * me.rate)
         propagate_covariance(me, P, dv, turn, dt)
         for i in range(3):
             P[B_ + i, B_ + i] += me.q_walk_s * dt + me.q_walk_m * path
             P[T_ + i, T_ + i] += dt * (me.q_yaw if i == 2 else me.q_tilt)
         P[G_, G_] += dt * me.q_scale
+        P[RATE_, RATE_] += dt * me.q_rate
         me.n_f = end
     orthonormalise(me.R_f)
 
@@ -91,20 +109,15 @@ def advance(me: Any, last: int, gravity: float) -> None:
 @helper
 def _inject(me: Any, dx: Any) -> None:
     """Move the estimated error into the state."""
-    turn, rot, old = local(3), local(3, 3), local(3, 3)
     inject(me, dx)
     for i in range(3):
         me.drift[i] += dx[B_ + i]
-        turn[i] = dx[T_ + i]
-    exp_so3(turn, rot)
-    for i in range(3):
-        for j in range(3):
-            old[i, j] = me.T[i, j]
-    mat_mat(rot, old, me.T)
+    _turn_frame(me, dx[T_], dx[T_ + 1], dx[T_ + 2])
     orthonormalise(me.T)
     me.growth += dx[G_]
     me.range_bias += dx[RANGE_]
     me.delay += dx[DELAY_]
+    me.rate += dx[RATE_]
 
 
 @helper

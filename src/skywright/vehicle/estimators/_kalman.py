@@ -14,7 +14,7 @@ from skywright.core.scratch import local
 from skywright.vehicle.component import helper
 from skywright.vehicle.estimators._strapdown import BA_, BG_, P_, R_, V_
 
-MOST_NUMBERS, MOST_STATES = 6, 24
+MOST_NUMBERS, MOST_STATES = 6, 25
 
 
 @helper

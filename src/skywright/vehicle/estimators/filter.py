@@ -29,7 +29,8 @@ from skywright.core.scratch import local
 from skywright.core.types import IMU_HISTORY
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
 from skywright.vehicle.component import Component, Estimator, InOut, Out, helper
-from skywright.vehicle.estimates import EstimatorState, RotorForce
+from skywright.vehicle.estimates import POSITION_COLUMNS, EstimatorState, RotorForce
+from skywright.vehicle.estimators._deviation import tell_deviation
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
 from skywright.vehicle.estimators._position_fix import (
     FixNoise,
@@ -66,12 +67,15 @@ AGREE_SIGMAS = 4.0  # of two fixes, on top
 class Filter(Estimator):
     """Fills Estimate from inertial unit and motion capture, or fixes of a point."""
 
+    columns = POSITION_COLUMNS
+
     class Me(Strapdown, FixNoise):
         r_p: float  # m^2, motion capture
         r_R: float  # rad^2
         # what the gate saw
         nu: Annotated[Array, 6]  # innovation over its standard deviation, last fused sample
         nis: float  # its square, last sample
+        last_fix: float  # s, of the newest sample that was fused
         fused: int
         rejected: int
         rejected_row: int
@@ -133,7 +137,8 @@ class Filter(Estimator):
             changed = True
         predict_now(me, imu, body, allocated, est, rotor, clock.t, before, changed)
         state.rejected, state.restarts = float(me.refused), float(me.restarts)
-        state.pose_std = math.sqrt(max(me.P[0, 0], me.P[1, 1], me.P[2, 2]))
+        state.fix_age = clock.t - me.last_fix
+        tell_deviation(me, me.P, body.gravity, state)
 
 
 @helper
@@ -226,6 +231,7 @@ def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
         return False
     advance(me, n, gravity)
     if fuse(me, mocap):
+        me.last_fix = mocap.t
         me.fused += 1
         me.rejected_row = me.refused = 0
     else:
@@ -258,6 +264,7 @@ def use_fix(me: Any, fix: Any, t: float, gravity: float) -> bool:
         return me.ready == 2.0
     advance(me, n, gravity)
     if fuse_fix(me, fix):
+        me.last_fix = fix.t
         me.fused += 1
         me.rejected_row = me.refused = 0
     else:

@@ -26,14 +26,16 @@ from skywright.core.scratch import local
 from skywright.core.types import IMU_HISTORY
 from skywright.models.localisation.drift_filter import DriftModel
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
-from skywright.vehicle.component import Estimator, Out, Recorded, helper
-from skywright.vehicle.estimates import EstimatorState, RotorForce
+from skywright.vehicle.component import Estimator, Out, helper
+from skywright.vehicle.estimates import POSITION_COLUMNS, EstimatorState, RotorForce
+from skywright.vehicle.estimators._deviation import tell_deviation
 from skywright.vehicle.estimators._fusion import (
     B_,
     DELAY_,
     G_,
     N_FUSION,
     RANGE_,
+    RATE_,
     T_,
     advance,
     align,
@@ -64,6 +66,7 @@ from skywright.vehicle.sensors.station import StationCamera as Station
 PENDING = 128
 """Samples of a sensor that may wait for the horizon."""
 DRIFT_START = 1.0  # m
+RATE_TIME = 60.0  # s in which the drift of the camera's heading takes another rate: assumed
 FUSE_EVERY = 0.02  # s: the state is integrated again from the horizon each time that this moves
 LAG = 0.25
 """s, of the horizon: 98 % of the station's samples arrive sooner."""
@@ -75,10 +78,7 @@ SCALE_SINCE, CLOCK_SINCE = 0.005, 2e-3
 class StationCamera(Estimator):
     """Fills Estimate from inertial unit, total station, tracking camera and range finder."""
 
-    columns = (
-        Recorded("fix_age", EstimatorState, "fix_age", "s", "since the station's newest fix"),
-        Recorded("pose_std", EstimatorState, "pose_std", "m", "largest of the position's axes"),
-    )
+    columns = POSITION_COLUMNS
 
     class Me(Strapdown):
         lag: float  # s, how far the horizon is behind
@@ -95,6 +95,8 @@ class StationCamera(Estimator):
         q_yaw: float  # rad^2/s, of the camera's frame
         q_tilt: float
         q_scale: float  # 1/s
+        q_rate: float  # (rad/s)^2/s
+        rate_0: float  # rad/s, at the start
         std_0: Vec4  # at the start: tilt, heading (rad), scale, clock (s)
         bias_0: float  # m, of the range finder
         # state beyond Strapdown's, at its horizon
@@ -103,6 +105,7 @@ class StationCamera(Estimator):
         growth: float  # log of its scale against the truth
         range_bias: float  # m
         delay: float  # s, station's clock beyond `clock`
+        rate: float  # rad/s, of the drift of the camera's heading
         P_full: Annotated[Array, N_FUSION, N_FUSION]
         # samples that wait
         fix_n: int  # received, modulo PENDING the place of the next one
@@ -135,7 +138,9 @@ class StationCamera(Estimator):
         me.r_odo = max(camera.noise_m, 1e-5) ** 2
         me.r_odo_R = max(camera.attitude_noise_rad, 1e-5) ** 2
         drift = DriftModel(0.0, 0.0, 0.0, 0.0)
-        me.q_yaw, me.q_tilt, me.q_scale = drift.yaw**2, drift.tilt**2, drift.scale**2
+        me.q_yaw, me.q_tilt, me.q_scale = 0.0, drift.tilt**2, drift.scale**2
+        me.rate_0 = math.radians(camera.yaw_rate_deg_per_min) / 60.0
+        me.q_rate = me.rate_0**2 / RATE_TIME
         if context.robot.range_finder is not None:
             r = context.robot.range_finder
             me.r_range = max(r.noise_m, 1e-5) ** 2 + r.resolution_m**2 / 12.0
@@ -195,7 +200,7 @@ class StationCamera(Estimator):
             start(me)
             changed = me.ready == 2.0
         state.ready = 1.0 if me.ready == 2.0 else 0.0
-        tell_state(me, clock.t, state)
+        state.fix_age = clock.t - me.last_fix
         if me.ready < 2.0:
             return
         if me.h * (me.n - me.n_f) > me.lag + FUSE_EVERY:
@@ -208,14 +213,8 @@ class StationCamera(Estimator):
                 for j in range(N_STATE):
                     me.P[i, j] = me.P_full[i, j]
         predict_now(me, imu, body, allocated, est, rotor, clock.t, before, changed)
-        tell_state(me, clock.t, state)
-
-
-@helper
-def tell_state(me: Any, t: float, state: Any) -> None:
-    """Fill what is known of the estimate."""
-    state.fix_age = t - me.last_fix
-    state.pose_std = math.sqrt(max(me.P_full[0, 0], me.P_full[1, 1], me.P_full[2, 2]))
+        state.fix_age = clock.t - me.last_fix
+        tell_deviation(me, me.P_full, body.gravity, state)
 
 
 @helper
@@ -300,8 +299,8 @@ def start(me: Any) -> None:
         P[T_ + i, T_ + i] = frame
         P[T_ + i, R_ + i] = P[R_ + i, T_ + i] = -frame
     P[G_, G_], P[RANGE_, RANGE_] = me.std_0[2] ** 2, me.bias_0**2
-    P[DELAY_, DELAY_] = me.std_0[3] ** 2
-    me.growth = me.range_bias = me.delay = 0.0
+    P[DELAY_, DELAY_], P[RATE_, RATE_] = me.std_0[3] ** 2, me.rate_0**2
+    me.growth = me.range_bias = me.delay = me.rate = 0.0
     me.fix_used += 1
     me.odo_used, me.range_used = k + 1, me.range_n
     me.last_fix, me.rejected_row = t, 0

@@ -14,6 +14,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -310,7 +311,7 @@ def _quicken(
     Raises InputError where no bandwidth does.
     """
     most, turn, fast = c.motion_sensitivity, 1 - along, g.k_attitude[1 - along]
-    lag = lambda s: attitude_lag(s, float(fast), float(g.k_rate[turn]), g.lead)  # noqa: E731
+    lag = partial(attitude_lag, k_attitude=float(fast), k_rate=float(g.k_rate[turn]), lead=g.lead)
     found: list[Loops | None] = [None, None]
     for w in BANDWIDTHS:
         k = build_loops(g, delay, turn, along)._replace(

@@ -121,4 +121,4 @@ class SatelliteReceiver(Sensor):
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Worlds that are localised by satellites have one."""
         if context.world.localisation == "gnss":
-            yield cls("gnss", context.world.gnss)
+            yield cls("gnss", context.world.gnss.fill())

@@ -100,7 +100,7 @@ class Inertial(Sensor):
         per = spread * rotors.thrust_coefficient_n_per_rad2s2 / rotors.thrust_max_n
         me.accel_shake[:n] = table.vibration_mps2 * per
         me.gyro_shake[:n] = table.vibration_rad_s * per
-        self._me = me
+        self._me, self._true = me, table
         self._paths: dict[str, Array] = {}  # of the biases, by draw
 
     def read_bias(self, sample: int) -> Array:
@@ -110,7 +110,7 @@ class Inertial(Sensor):
 
     def draw(self, what: type[Draws], rng: np.random.Generator, n: int) -> Array:
         """Return bias and noise of `n` samples: the bias walks on from the last block's end."""
-        s, me = self.table, self._me
+        s, me = self._true, self._me
         if what is self.GyroError:
             walk, start = me.gyro_walk, s.gyro_bias_rad_s
             noise, drift = s.gyro_noise_rad_s_sqrthz, s.gyro_walk_rad_s2_sqrthz

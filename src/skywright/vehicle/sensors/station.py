@@ -44,6 +44,7 @@ from skywright.vehicle.component import Component, Out, Output, Sensor, helper
 from skywright.vehicle.plant import SETTLE
 from skywright.vehicle.readings import Fix, Odometry
 from skywright.vehicle.sensor_flight import build_inspection_path, record_flight
+from skywright.vehicle.sensor_tables import get_true_table
 
 CALIBRATION_SPEED = 0.7  # m/s, mean
 
@@ -80,7 +81,7 @@ class StationCamera(Sensor):
         Raises InputError where the calibration finds too little, or where the station does not see
         the robot that stands at its start.
         """
-        self._me, self._sim = me, context.sim
+        self._me, self._sim, self._true = me, context.sim, table
         self._rng = {name: context.stream(name) for name in ("station", "camera")}
         station, camera = self._build_instruments(context)
         me.clock = table.clock_s * self._rng["station"].standard_normal()
@@ -92,7 +93,6 @@ class StationCamera(Sensor):
         me.station, me.camera = station[0], camera[0]
         me.station.next_t = me.station.sent = me.camera.next_t = 0.0
         me.station.n, me.station.seen_since = 0, -math.inf
-        me.attitude_noise = context.robot.tracking_camera.attitude_noise_rad
         me.camera.index = CAMERA_BLOCK  # noise of attitude and position are drawn together
         self._sight = Sight(context.scene, context.sim.data)
         self._look(0.0)
@@ -100,7 +100,8 @@ class StationCamera(Sensor):
 
     def _build_instruments(self, context: Any) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return (1,) arrays of Station and Tracker; the camera's frame is drawn."""
-        prism, camera, s = context.robot.prism, context.robot.tracking_camera, self.table
+        prism, s = context.robot.prism, self._true
+        camera = get_true_table(context.robot.tracking_camera, "tracking camera", context)
         rng = self._rng["camera"]
         heading, tilt, R_CW = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
         exp_so3(np.array([0.0, 0.0, rng.uniform(-math.pi, math.pi)]), heading)
@@ -115,6 +116,7 @@ class StationCamera(Sensor):
             camera.yaw_rate_deg_per_min, 0.0, 0.0, camera.noise_m, camera.jump_interval_s,
             camera.jump_m,
         )  # fmt: skip
+        self._me.attitude_noise = camera.attitude_noise_rad
         place = np.array([s.x_m, s.y_m, s.z_m])
         p_BP = np.array([prism.x_m, prism.y_m, prism.z_m])
         return build_total_station(place, p_BP, precision), build_tracking_camera(R_CW, errors)
