@@ -13,7 +13,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skywright.core.compiled import helper
 from skywright.core.record import Record
 from skywright.description.robot.force_sensor import ForceSensor
 from skywright.description.robot.spec import Probe
@@ -67,13 +66,13 @@ def compute_count(s: Any, force: float) -> float:
     return (max(force, 0.0) - s.soft_offset) / s.soft_slope
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def compute_travel(s: Any, force: float) -> float:
     """Return the slider's travel (m) at a force (N), by the calibration."""
     return (s.zero - compute_count(s, force)) / s.per_m
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def convert_travel(s: Any, travel: float, noise: float) -> float:
     """Return the converter's whole count for a travel (m) of the slider.
 

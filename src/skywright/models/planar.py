@@ -22,7 +22,6 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
-from skywright.core.compiled import helper
 from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
@@ -159,7 +158,7 @@ def fill_equations(p: PlanarLrm, q: Array, M: Array, rhs: Array) -> None:
         rhs[4 + i, 2 + i] = 1.0
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def fill_terms(u: Array, f: Array, g: float, s: Array) -> None:
     """Fill s (24,) with (f, squares, products, g), what the right-hand side multiplies."""
     s[:6], s[23] = f, g

@@ -6,9 +6,9 @@ Of the class of a LightWare SF11/C (Sanchez-Cuevas 2020, section 2).
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from skywright.core.compiled import helper
 from skywright.core.record import Array, Record
 
 RANGE_BLOCK = 512
@@ -65,7 +65,7 @@ def draw_range_finder(rf: Any, stream: np.random.Generator) -> None:
     rf["index"] = 0
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def step_range_finder(rf: Any, t: float, distance: float) -> None:
     """Take a sample if it is time to; `distance` (m) is the true one along the beam, inf: none."""
     rf.fresh = 0.0

@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from skywright.core.arrays import Array, Ints
-from skywright.core.compiled import helper
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.edges import place_shapes
 from skywright.planning.motion.space import ScratchRecord, Space, SpaceRecord
@@ -82,12 +82,12 @@ def _clip(a: Array, b: Array, half_width: float) -> tuple[Array, Array] | None:
     return (a + low * (b - a))[[0, 2]], (a + high * (b - a))[[0, 2]]
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def _wrap(angle: float) -> float:
     return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def blocked_by_circle(
     x: float, z: float, length: float, angle: float, cx: float, cz: float, radius: float
 ) -> bool:
@@ -107,7 +107,7 @@ def blocked_by_circle(
     return abs(off) <= half
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def blocked_by_rectangle(
     x: float, z: float, length: float, angle: float, cx: float, cz: float, hx: float, hz: float
 ) -> bool:
@@ -152,7 +152,7 @@ def blocked_by_rectangle(
     return low <= off <= high
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def is_state_free_angular(
     space: SpaceRecord, world: AngularMap, c: Array, k: ScratchRecord
 ) -> bool:
@@ -190,7 +190,7 @@ def is_state_free_angular(
     return True
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def is_edge_free_angular(
     space: SpaceRecord, world: AngularMap, a: Array, b: Array, resolution: float, k: ScratchRecord
 ) -> bool:

@@ -1,6 +1,7 @@
 """A fast first path: RRT-Connect with certified edges (Kuffner and LaValle, ICRA 2000)."""
 
 import numpy as np
+from numba import njit
 
 from skywright.core.arrays import Array, Ints
 from skywright.core.compiled import helper
@@ -19,7 +20,7 @@ STEP = 4.0
 """Longest edge of a tree, in units of cost (6)."""
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def draw_coordinates(space: SpaceRecord, state: State, out: Array) -> None:
     """Draw coordinates uniformly within their limits."""
     for i in range(space.n):

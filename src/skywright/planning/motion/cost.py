@@ -6,12 +6,14 @@ the sums and once in the maxima.
 
 import math
 
+from numba import njit
+
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.planning.motion.space import SpaceRecord
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def displacement_cost(space: SpaceRecord, a: Array, b: Array) -> float:
     """CF_E of (6): p1 rho_UAV + p2 sigma_ARMS, from a to b."""
     move = turn = 0.0
@@ -23,7 +25,7 @@ def displacement_cost(space: SpaceRecord, a: Array, b: Array) -> float:
     return math.sqrt(move) + turn
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def rho_uav(space: SpaceRecord, a: Array, b: Array) -> float:
     """rho_UAV of (5): distance that the platform moves, m."""
     move = 0.0
@@ -32,7 +34,7 @@ def rho_uav(space: SpaceRecord, a: Array, b: Array) -> float:
     return math.sqrt(move)
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def rho_arms(space: SpaceRecord, a: Array, b: Array) -> float:
     """rho_ARMS of (5): largest change of an angle, rad."""
     turn = 0.0
@@ -41,7 +43,7 @@ def rho_arms(space: SpaceRecord, a: Array, b: Array) -> float:
     return turn
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def time_cost(space: SpaceRecord, a: Array, b: Array, u_ref: float, w_ref: float) -> float:
     """CF_T of (6), the metric inside (4): max(t_UAV, t_ARMS), s. (4) prints min for argmin."""
     return max(rho_uav(space, a, b) / u_ref, rho_arms(space, a, b) / w_ref)

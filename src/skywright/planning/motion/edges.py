@@ -12,6 +12,8 @@ blocked one is blocked or closer than a fraction of a millimetre to it.
 
 import math
 
+from numba import njit
+
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.core.rotations import cross, mat_mat, mat_vec
@@ -223,7 +225,7 @@ def _check_pair(space: SpaceRecord, k: ScratchRecord, i: int, h: float) -> int:
     return 1 if d - rate * h - curve >= m else 0
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def is_state_free(space: SpaceRecord, c: Array, k: ScratchRecord) -> bool:
     """Whether all margins hold at coordinates c; `k.blocked` names the pair otherwise."""
     k.d[:] = 0.0
@@ -282,7 +284,7 @@ def is_edge_free(space: SpaceRecord, a: Array, b: Array, k: ScratchRecord) -> bo
     return True
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def state_clearance(
     space: SpaceRecord, c: Array, k: ScratchRecord, kind: int = -1
 ) -> tuple[float, int]:

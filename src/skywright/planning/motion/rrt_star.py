@@ -14,7 +14,6 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array, Ints
-from skywright.core.compiled import helper
 from skywright.planning.motion.angular import AngularMap, is_edge_free_angular
 from skywright.planning.motion.connect import draw_coordinates
 from skywright.planning.motion.cost import displacement_cost, rho_arms, rho_uav, time_cost
@@ -52,14 +51,14 @@ class RrtStarResult(NamedTuple):
     history: Array  # (h, 2) time s, cost
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def _cost(space: SpaceRecord, par: RrtStar, a: Array, b: Array) -> float:
     if par.minimise_time:
         return time_cost(space, a, b, par.u_ref, par.w_ref)
     return displacement_cost(space, a, b)
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def _collision(
     space: SpaceRecord, par: RrtStar, world: AngularMap, a: Array, b: Array, k: ScratchRecord
 ) -> bool:
@@ -137,7 +136,7 @@ def _grow(
             goal_node[0] = x
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def _lower(cost: Array, parent: Ints, count: int, root: int, by: float) -> None:
     """Lower the cost of `root` and of everything below it.
 

@@ -11,7 +11,6 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
-from skywright.core.compiled import helper
 from skywright.models.planar import PlanarLrm, fill_equations, fill_terms
 
 STEP = 0.004  # s, of the integration
@@ -41,7 +40,7 @@ def build_swing(
     return swing
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def equilibrium(p: PlanarLrm, shoulder: float, elbow: float) -> float:
     """Static angle of the passive joint (rad), both arms alike, platform level."""
     forward = 2.0 * (
@@ -73,7 +72,7 @@ def compute_period(p: PlanarLrm, shoulder: float, elbow: float, g: float) -> flo
     return 2.0 * math.pi * math.sqrt(M[3, 3] * 2.0 * step / (torque[0] - torque[1]))
 
 
-@helper
+@njit(cache=True, error_model="numpy")
 def compute_passive_rate(
     p: PlanarLrm, q: Array, u: Array, rates: Array, g: float, damping: float
 ) -> float:
