@@ -29,7 +29,7 @@ COMPILE: Any = {
 """How code is compiled that only compiled code calls: half of the time is saved."""
 
 
-class HelperType(types.Dispatcher):  # type: ignore[misc]
+class HelperType(types.Dispatcher):
     """A helper as the compiler sees it: one signature whatever record an array is part of.
 
     numba has a type for each shape of a record's array and for each constant, and would compile
