@@ -25,7 +25,6 @@ from skywright.recordings.columns import Column
 from skywright.run.run import build_vehicle, fly_and_evaluate
 from skywright.vehicle.bus import Estimate, Reference, WrenchCommand
 from skywright.vehicle.follower import Press
-from skywright.vehicle.topics import list_topics
 from skywright.vehicle.laws.backstepping import DAMPING
 from skywright.vehicle.laws.backstepping_torque import (
     SENSITIVITY,
@@ -35,6 +34,7 @@ from skywright.vehicle.laws.backstepping_torque import (
     compute_force_gain,
     compute_sensitivity,
 )
+from skywright.vehicle.topics import list_topics
 
 ROBOT = "f550-bridge-torque"
 LAW = {"mission.law": "backstepping_torque"}
