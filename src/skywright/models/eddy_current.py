@@ -28,9 +28,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.special import jv
 
+from skywright.core.compiled import helper
 from skywright.description.world.spec import Pipe, Weld
 from skywright.description.world.surface import build_weld_curve, weld_distance
 from skywright.errors import InputError
@@ -271,7 +271,7 @@ def build_probe_signal(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def weld_blend(ps: ProbeSignal, s: float, c: float) -> tuple[float, int]:
     """Share of weld metal under the coil, 0..1, at (s, c) on the unrolled surface (m), and whose.
 
@@ -288,7 +288,7 @@ def weld_blend(ps: ProbeSignal, s: float, c: float) -> tuple[float, int]:
     return most, which
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def ec_signal(
     ps: ProbeSignal, s: float, c: float, gap: float, tilt: float, n1: float, n2: float
 ) -> tuple[float, float]:
