@@ -62,7 +62,10 @@ def applies(robot: Robot, key: str) -> bool:
         return arm.hand.mass_kg > 0.0 and not (arm.hand.kind == "ball" and "hook" in leaf)
     if name in arm.servos:
         other = {"velocity": ("position_", "command_", "resolution_", "backlash_"),
-                 "position": ("velocity_",)}  # fmt: skip
+                 "position": ("velocity_",),
+                 "torque": ("position_", "command_", "resolution_", "backlash_")}  # fmt: skip
+        if leaf == "friction_nm" and arm.servos[name].friction_nm == 0.0:
+            return False
         return not leaf.startswith(other[arm.servos[name].mode])
     link = robot.pendulum if part == "robot.pendulum" else arm.links.get(name)
     if link is None:

@@ -20,10 +20,11 @@ from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.missions.scan import plan as scan_kind
 from skywright.models.body_records import Kinematics
 from skywright.models.geometry import build_clearance, compute_clearance
+from skywright.models.link_motion import build_motion
 from skywright.models.rigid_body import build_body_model, compute_tip, fill_kinematics
 from skywright.models.scene import build_scene, set_pose
 from skywright.models.things.box import Box
-from skywright.planning.inverse_dynamics import build_motion, compute_wrench
+from skywright.planning.inverse_dynamics import compute_wrench
 from skywright.planning.patterns import build_pattern, build_time_law, eval_time_law
 from skywright.planning.scan import ScanPlan
 from skywright.run.planning import MissionPlan, plan_mission

@@ -237,14 +237,14 @@ def compute_servo_gains(
     `servo` is what the plant has in the place of the robot file's.
 
     Critically damped for the inertia that the motor turns: alone where a spring carries the link.
-    Velocity servos: at the bandwidth 1/T, around the integrated command. Position servos: ten
-    times faster than T_s, around the command filtered with the rest of T_s.
+    Velocity servos: at the bandwidth 1/T, around the integrated command (torque servos: where they
+    are stuck). Position servos: ten times faster than T_s, around the command with the rest of it.
     """
     limbs = list_limbs(robot)
     at = next(i for i, limb in enumerate(limbs) if limb.servo == index)
     servo = servo or list_servos(robot)[index][1]
     inertia = servo.armature_kgm2
-    if servo.mode == "velocity":
+    if servo.mode != "position":
         inertia += compute_inertia_beyond(robot, at)
         w = 1.0 / servo.velocity_time_constant_s
     else:
@@ -361,7 +361,8 @@ def _add_probe(
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot, servos: list[tuple[str, Servo]]) -> None:
-    """Servos: a PD with a torque limit around the command, which a velocity servo integrates.
+    """Servos: a PD with a torque limit around the command, which a velocity servo integrates; a
+    torque servo makes what it is told.
 
     A position servo's command comes with its lag and speed limit from vehicle/actuators.
 
@@ -381,14 +382,16 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot, servos: list[tuple[str, Servo
                 tendon.wrap_joint(joint, motor_from_joint[i, j])
         if robot.arm.belt is not None:
             tendon.armature = servo.armature_kgm2
+        tendon.frictionloss = servo.friction_nm
         kp, kv = compute_servo_gains(robot, i, servo)
+        gain, bias = (1.0, [0.0] * 3) if servo.mode == "torque" else (kp, [0.0, -kp, -kv])
         velocity = servo.mode == "velocity"
         dynamics = mujoco.mjtDyn.mjDYN_INTEGRATOR if velocity else mujoco.mjtDyn.mjDYN_NONE
         act = spec.add_actuator(
             name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_TENDON,
             dyntype=dynamics, dynprm=[1.0] + [0.0] * 9,
-            gaintype=mujoco.mjtGain.mjGAIN_FIXED, gainprm=[kp] + [0.0] * 9,
-            biastype=mujoco.mjtBias.mjBIAS_AFFINE, biasprm=[0.0, -kp, -kv] + [0.0] * 7,
+            gaintype=mujoco.mjtGain.mjGAIN_FIXED, gainprm=[gain] + [0.0] * 9,
+            biastype=mujoco.mjtBias.mjBIAS_AFFINE, biasprm=bias + [0.0] * 7,
         )  # fmt: skip
         if velocity:
             act.ctrllimited = LIMITED

@@ -13,7 +13,8 @@ from numba import njit
 from skywright.core.arrays import Array
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.models.allocation import Allocator
-from skywright.models.body_records import MAX_LINKS, BodyModel, Kinematics
+from skywright.models.body_records import BodyModel, Kinematics
+from skywright.models.link_motion import Motion, fill_motion
 from skywright.models.rotors import compute_rotor_drag
 from skywright.models.wind import compute_body_drag
 
@@ -33,14 +34,6 @@ class Loads(NamedTuple):
     drag_area: Array  # (3,) m^2
     air_density: float
     wind_W: Array  # (3,) m/s, steady wind that the plan allows for
-
-
-class Motion(NamedTuple):
-    """Inertial motion of the link frames' origins, in the axes of B (scratch)."""
-
-    w: Array  # (MAX_LINKS, 3)
-    wd: Array
-    a: Array
 
 
 def build_loads(
@@ -68,62 +61,6 @@ def build_loads(
         air_density=air_density,
         wind_W=np.zeros(3) if wind_W is None else np.asarray(wind_W, dtype=float),
     )
-
-
-def build_motion() -> Motion:
-    """Return scratch space."""
-    return Motion(np.zeros((MAX_LINKS, 3)), np.zeros((MAX_LINKS, 3)), np.zeros((MAX_LINKS, 3)))
-
-
-@njit(cache=True)
-def fill_motion(
-    m: BodyModel,
-    k: Kinematics,
-    w_B: Array,
-    wd_B: Array,
-    a_B: Array,
-    qd: Array,
-    qdd: Array,
-    out: Motion,
-) -> None:
-    """Fill angular velocity, angular and linear acceleration of every link frame.
-
-    w_B, wd_B (3,) rad/s, rad/s^2 and a_B (3,) m/s^2 of the platform, all in the axes of B;
-    `k` holds the kinematics at the same joints.
-    """
-    r = np.empty(3)
-    c1 = np.empty(3)
-    c2 = np.empty(3)
-    axis = np.empty(3)
-    for i in range(m.n_links):
-        parent = m.parent[i]
-        if parent < 0:
-            wp, wdp, ap = w_B, wd_B, a_B
-            for j in range(3):
-                r[j] = k.p[i, j]
-        else:
-            wp, wdp, ap = out.w[parent], out.wd[parent], out.a[parent]
-            for j in range(3):
-                r[j] = k.p[i, j] - k.p[parent, j]
-        cross(wp, r, c1)
-        cross(wp, c1, c2)
-        cross(wdp, r, c1)
-        for j in range(3):
-            out.a[i, j] = ap[j] + c1[j] + c2[j]
-            out.w[i, j] = wp[j]
-            out.wd[i, j] = wdp[j]
-        joint = m.joint[i]
-        if joint >= 0:
-            for j in range(3):
-                axis[j] = k.R[i, j, m.axis[i]]
-            cross(wp, axis, c1)
-            if m.slide[i]:
-                for j in range(3):
-                    out.a[i, j] += 2.0 * qd[joint] * c1[j] + qdd[joint] * axis[j]
-            else:
-                for j in range(3):
-                    out.w[i, j] += qd[joint] * axis[j]
-                    out.wd[i, j] += qdd[joint] * axis[j] + qd[joint] * c1[j]
 
 
 @njit(cache=True)

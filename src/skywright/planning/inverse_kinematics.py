@@ -22,8 +22,8 @@ from skywright.core.arrays import Array
 from skywright.core.rotations import cross, dot, exp_so3, mat_mat, mat_t_vec, mat_vec
 from skywright.core.types import MAX_JOINTS
 from skywright.models.body_records import BodyModel, Kinematics
+from skywright.models.link_motion import Motion, fill_motion
 from skywright.models.rigid_body import fill_kinematics
-from skywright.planning.inverse_dynamics import Motion, fill_motion
 
 WEIGHT_TASK, WEIGHT_LEVEL, WEIGHT_POSTURE, DAMPING = 1.0, 1e-4, 1e-8, 1e-11
 WN = 10.0

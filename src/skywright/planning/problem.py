@@ -10,7 +10,8 @@ from skywright.core.arrays import Array
 from skywright.description.world.surface import Cylinder
 from skywright.models.body_records import Body, Kinematics
 from skywright.models.geometry import ClearanceCore, ClearanceQuery, describe_pair
-from skywright.planning.inverse_dynamics import Loads, Motion, build_motion
+from skywright.models.link_motion import Motion, build_motion
+from skywright.planning.inverse_dynamics import Loads
 
 OK, CLEARANCE, ROTOR, JOINT, MOTOR, SPEED, ACCELERATION, TASK, TILT, SINGULAR = range(10)
 """Outcome of a check along a motion."""

@@ -8,6 +8,8 @@ from skywright.core.find import blame, find, list_kinds
 from skywright.core.streams import build_stream
 from skywright.description.loader import Description
 from skywright.description.parts import Part, build_part, list_parts
+from skywright.description.robot.limbs import list_servos, takes_torque
+from skywright.description.robot.spec import Robot
 from skywright.description.world.thing import Placed
 from skywright.description.world.things import find_marker
 from skywright.errors import InputError
@@ -35,8 +37,21 @@ def build_law(description: Description[Any], nominal: Nominal) -> Law:
             f"control law {part.kind!r} needs a fully actuated platform; the rotors of "
             f"{nominal.robot.name!r} make no lateral force: use 'thrust_vectoring'"
         )
+    _check_servos(part.kind, law, nominal.robot)
     law.check_robot(nominal.robot)
     return law
+
+
+def _check_servos(kind: str, law: Law, robot: Robot) -> None:
+    """Raise InputError where a law tells servos what they do not take."""
+    if not list_servos(robot) or law.commands_torque == takes_torque(robot):
+        return
+    told = ("torques", "velocity") if law.commands_torque else ("speeds", "torque")
+    raise InputError(
+        f"control law {kind!r} commands {told[0]} of the arm, whose servos take something else "
+        f"(robot.arm.{list_servos(robot)[0][0]}.mode of {robot.name!r}): use "
+        + ("'backstepping'" if law.commands_torque else "'backstepping_torque'")
+    )
 
 
 def build_estimator(description: Description[Any]) -> Estimator:

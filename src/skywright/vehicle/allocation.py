@@ -12,6 +12,7 @@ from skywright.core.compiled import table, words
 from skywright.core.record import Array, Record
 from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.description.robot.limbs import takes_torque
 from skywright.models.allocation import allocate, thrust_to_speed
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rotor_loss import compute_allocation_without
@@ -25,7 +26,7 @@ from skywright.vehicle.bus import (
     ServoDrive,
     WrenchCommand,
 )
-from skywright.vehicle.component import Component, Out
+from skywright.vehicle.component import Component, Out, Recorded
 
 
 class RotorAllocation(Component):
@@ -126,7 +127,7 @@ class SpeedServos(Component):
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Arms with springs take angles."""
-        if not is_compliant(context.robot):
+        if not is_compliant(context.robot) and not takes_torque(context.robot):
             yield cls("servos")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
@@ -140,3 +141,41 @@ class SpeedServos(Component):
             for i in range(body.n_joints):
                 v += me.belt_inv[j, i] * cmd.qd[i]
             drive.motor[j] = v
+
+
+class TorqueServos(Component):
+    """Fills ServoDrive with motor torques from the commanded joint torques, through the belt."""
+
+    slot = "allocate"
+
+    class Me(Record):
+        belt: Annotated[Array, MAX_JOINTS, MAX_JOINTS]
+
+    columns = (
+        Recorded(
+            "cmd_torque",
+            WrenchCommand,
+            "torque",
+            "N m",
+            "asked of a joint",
+            per="joint",
+        ),
+    )
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Arms whose servos take torques have it."""
+        if takes_torque(context.robot):
+            yield cls("servos")
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Take the nominal belt."""
+        me.belt = context.model["belt"]
+
+    @staticmethod
+    def step(me: Me, body: Body, cmd: WrenchCommand, drive: Out[ServoDrive]) -> None:
+        for j in range(body.n_joints):
+            torque = 0.0
+            for i in range(body.n_joints):  # the same power at joints and motors
+                torque += me.belt[i, j] * cmd.torque[i]
+            drive.motor[j] = torque

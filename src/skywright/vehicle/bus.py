@@ -122,6 +122,7 @@ class WrenchCommand(Record):
     f_B: Vec3  # N, force that the rotors shall make, at the origin of B
     t_B: Vec3  # N m
     qd: Annotated[Array, MAX_JOINTS]  # rad/s, joint speeds (output side) of velocity servos
+    torque: Annotated[Array, MAX_JOINTS]  # N m, at the joints, of torque servos
 
 
 class ShaftCommand(Record):
@@ -145,7 +146,7 @@ class RotorDrive(Record):
 
 
 class ServoDrive(Record):
-    """What the servos are told: speeds of motors (rad/s), or shaft angles (rad)."""
+    """What the servos are told: speeds of motors (rad/s), their torques (N m), or angles (rad)."""
 
     motor: Annotated[Array, MAX_JOINTS]
 

@@ -318,6 +318,9 @@ class Law(Component):
     knows_modes: ClassVar[bool] = False
     """Whether it follows `Reference.mode`."""
 
+    commands_torque: ClassVar[bool] = False
+    """Whether it tells the servos torques instead of speeds."""
+
     def check_robot(self, robot: Robot) -> None:
         """Raise InputError where a robot lacks what the law needs besides its rotors."""
 

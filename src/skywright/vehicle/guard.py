@@ -40,7 +40,7 @@ class CommandGuard(Component):
         for i in range(3):
             total += cmd.f_B[i] + cmd.t_B[i]
         for j in range(MAX_JOINTS):
-            total += cmd.qd[j]
+            total += cmd.qd[j] + cmd.torque[j]
         if shaft is not None:
             for j in range(MAX_JOINTS):
                 total += shaft.theta[j]

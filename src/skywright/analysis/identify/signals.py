@@ -25,9 +25,10 @@ from skywright.core.arrays import Array, Ints
 from skywright.core.types import MAX_JOINTS
 from skywright.errors import InputError
 from skywright.models.body_records import Kinematics
+from skywright.models.link_motion import build_motion
 from skywright.models.rigid_body import build_body_model, fill_kinematics
 from skywright.models.rotors import RotorSet, build_rotors
-from skywright.planning.inverse_dynamics import build_motion, compute_wrench
+from skywright.planning.inverse_dynamics import compute_wrench
 
 CUTOFF = 5.0  # Hz, of the low-pass filter
 EDGE = 0.6  # s, left out at both ends of a stretch, where the filter rings

@@ -73,17 +73,18 @@ class Link(Spec):
 
 
 class Servo(Spec):
-    """A servo motor of the arm: it takes a velocity, or an angle (hobby and smart servos)."""
+    """A servo motor of the arm: it takes a velocity, an angle (most smart servos) or a torque."""
 
-    mode: Literal["velocity", "position"] = "velocity"
+    mode: Literal["velocity", "position", "torque"] = "velocity"
     stall_torque_nm: Positive
     no_load_speed_rad_s: Positive
-    velocity_time_constant_s: Positive = 0.03
+    velocity_time_constant_s: Positive = 0.03  # mode "torque": of the law's loop around it
     position_time_constant_s: float = Field(default=0.05, ge=0.005, le=2)  # T_s: Suarez 2020 (17)
     command_period_s: float = Field(default=0.02, ge=0.001, le=1)  # mode "position"; and readings
     resolution_deg: float = Field(default=0.0, ge=0, le=30)  # of a commanded angle
     backlash_deg: float = Field(default=0.0, ge=0, le=30)  # of the gear, seen at the output
     armature_kgm2: Positive = 0.005  # rotor inertia through the gear
+    friction_nm: NonNegative = 0.0  # dry friction of the gear, seen at the output
     encoder_counts: int = Field(default=4096, ge=16, le=2**24)
 
 
@@ -158,7 +159,7 @@ class Arm(Spec):
                 "one servo table a joint"
             )
         if len({servo.mode for servo in self.servos.values()}) > 1:
-            raise ValueError("servos of both modes: give all the same mode, velocity or position")
+            raise ValueError("servos of several modes: give all the same mode")
         if self.belt is not None and (self.sides == 2 or len(driven) < len(moving)):
             raise ValueError("a belt needs a single arm (sides = 1) without passive joints")
         for name in self.links:

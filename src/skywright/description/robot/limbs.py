@@ -86,6 +86,11 @@ def list_servos(robot: Robot) -> list[tuple[str, Servo]]:
     return [(f"{side}_{name}", servo) for side in SIDES for name, servo in servos.items()]
 
 
+def takes_torque(robot: Robot) -> bool:
+    """Whether the arm's servos take torques."""
+    return any(servo.mode == "torque" for _, servo in list_servos(robot))
+
+
 def end_of(link: Link) -> tuple[float, float, float]:
     """Return the end of a link (m) in its own frame."""
     return (link.length_m, 0.0, 0.0) if link.along == "x" else (0.0, 0.0, -link.length_m)

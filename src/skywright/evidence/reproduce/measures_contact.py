@@ -146,6 +146,10 @@ def measure_modes(records: Records) -> Measured:
         "off_mm": _worst(flown, "modes.position_error_mm"),
         "level_deg": _worst(flown, "modes.translate_tilt_deg"),
         "drift_m": _worst(flown, "modes.standard_drift_m"),
+        "coupling": min(r.info["metrics"].get("modes.standard_coupling", math.nan) for r in flown),
+        "angle_coupling": max(
+            abs(r.info["metrics"].get("modes.angle_coupling", math.nan)) for r in flown
+        ),
     }
     caption = (
         "The paper's colours. Green, standard stabilisation: it tilts by 2 deg and drifts, for "

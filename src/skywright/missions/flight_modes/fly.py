@@ -1,6 +1,7 @@
 """The three flight modes of Sanchez-Cuevas 2020, section 5.3, one after the other (Fig. 20).
 
-Standard stabilisation holds attitude and height as a coplanar robot would; position is left alone.
+Standard stabilisation is a linear cascade on attitude and height, as of a coplanar robot; position
+is left alone.
 Command position translates with the attitude held level, command angle tilts with the position
 held. The last two are one law with different references.
 """

@@ -19,6 +19,8 @@ MEASURES: Measures = {
     "modes.position_error_mm": ("mm", "largest distance from the place while tilting"),
     "modes.translate_tilt_deg": ("deg", "largest tilt while translating"),
     "modes.track_error_mm": ("mm", "largest distance from the path while translating"),
+    "modes.standard_coupling": ("", "level acceleration in standard stabilisation over g tilt"),
+    "modes.angle_coupling": ("", "the same in command angle"),
     "modes.standard_drift_m": ("m", "how far standard stabilisation drifted"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
@@ -30,9 +32,22 @@ def compute_tilt(samples: Samples) -> Array:
     return np.asarray(np.arccos(np.clip(up, -1.0, 1.0)))
 
 
+def compute_coupling(samples: Samples, gravity: float) -> float:
+    """Return what of g times the tilt the platform accelerates level: 1 a coplanar robot, 0 none.
+
+    Least squares over the samples; nan where it does not tilt.
+    """
+    up = rotate_vectors(samples["q_WB"], np.tile([0.0, 0.0, 1.0], (len(samples), 1)))[:, :2]
+    t = samples["t"]
+    a = np.gradient(np.gradient(samples["p_WB"][:, :2], t, axis=0), t, axis=0)
+    tilts = gravity * up
+    return float(np.sum(a * tilts) / np.sum(tilts * tilts))
+
+
 def compute_metrics(run: Flown[ModesTask, ModesPlan]) -> dict[str, float]:
     """Judge each mode that was flown."""
     samples, phases, way = run.samples, run.phases, run.way
+    gravity = run.setup.description.world.gravity_mps2
     out = {"modes.tilt_fraction": way.due / way.limit}
     tilt = compute_tilt(samples)
     off = np.linalg.norm(samples["p_WB"] - samples["ref_p_WB"], axis=1)
@@ -43,6 +58,7 @@ def compute_metrics(run: Flown[ModesTask, ModesPlan]) -> dict[str, float]:
         out["modes.tilt_held"] = min(mean) / way.due
         angle = in_phases(samples, phases, "command angle", "hold angle")
         out["modes.position_error_mm"] = 1e3 * float(np.max(off[angle]))
+        out["modes.angle_coupling"] = compute_coupling(samples[angle], gravity)
     move = in_phases(samples, phases, "command position")
     if np.any(move):
         out["modes.translate_tilt_deg"] = math.degrees(float(np.max(tilt[move])))
@@ -50,5 +66,6 @@ def compute_metrics(run: Flown[ModesTask, ModesPlan]) -> dict[str, float]:
     free = in_phases(samples, phases, "standard stabilisation")
     if np.any(free):
         level = samples["p_WB"][free, :2]
+        out["modes.standard_coupling"] = compute_coupling(samples[free], gravity)
         out["modes.standard_drift_m"] = float(np.max(np.linalg.norm(level - level[0], axis=1)))
     return out

@@ -9,9 +9,8 @@ import numpy as np
 
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_JOINTS
-from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.models.arm_body import compute_servo_gains
-from skywright.models.compliant_arms import is_compliant
 from skywright.models.deviated_arm import list_true_servos
 from skywright.vehicle.bus import MuJoCo, ServoDrive
 from skywright.vehicle.component import Component, words
@@ -64,5 +63,5 @@ class VelocityServos(Component):
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Arms whose servos take speeds have them."""
-        if context.scene.n_joints and not is_compliant(context.robot):
+        if any(servo.mode == "velocity" for _, servo in list_servos(context.robot)):
             yield cls("velocity servos")

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from skywright.core.record import Record
-from skywright.description.robot.limbs import list_joints
+from skywright.core.record import Array, Integers, Record
+from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.limbs import list_joints, takes_torque
 from skywright.errors import InputError
+from skywright.models.arm_body import compute_servo_gains
 from skywright.models.compliant_arms import is_compliant
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Fault, words
@@ -33,6 +35,12 @@ class Joint(Fault):
         dead: int
         speeds: int  # 1: the servo takes speeds
         began: int
+        torques: int  # 1: torques, so that a PD around the angle at the start holds it
+        n: int  # joints
+        angle: Annotated[Integers, MAX_JOINTS]  # addresses in qpos
+        motor: Annotated[Array, MAX_JOINTS]  # the motor's angle a radian of each joint
+        kp: float  # N m/rad
+        kv: float  # N m s/rad
         held: float  # its command at the start
         gain: int  # address of the actuator's gain
         bias: int
@@ -48,6 +56,11 @@ class Joint(Fault):
             )
         me.start, me.dead = table.start_s, table.how == "dead"
         me.speeds = not is_compliant(context.robot)
+        me.torques = takes_torque(context.robot)
+        me.n = len(limbs)
+        me.angle[: me.n] = context.scene.places.joint_qpos
+        me.motor[: me.n] = context.model["belt_inv"][table.joint - 1, : me.n]
+        me.kp, me.kv = compute_servo_gains(context.robot, limbs[table.joint - 1].servo)
         me.ctrl = len(context.rotors.thrust_min) + limbs[table.joint - 1].servo
         self._terms = model.actuator_gainprm[me.ctrl], model.actuator_biasprm[me.ctrl]
         me.gain, me.bias = (terms.ctypes.data for terms in self._terms)
@@ -76,9 +89,16 @@ class Joint(Fault):
         ctrl = words(mj.ctrl, mj.nu)
         if me.began == 0:
             me.began, me.held = 1, ctrl[me.ctrl]
+            if me.torques == 1:
+                qpos = words(mj.qpos, mj.nq)
+                me.held = 0.0
+                for j in range(me.n):
+                    me.held += me.motor[j] * qpos[me.angle[j]]
+        gain, bias = words(me.gain, TERMS), words(me.bias, TERMS)
         if me.dead == 1:
-            gain, bias = words(me.gain, TERMS), words(me.bias, TERMS)
             for k in range(TERMS):
                 gain[k] = bias[k] = 0.0
+        elif me.torques == 1:
+            gain[0], bias[0], bias[1], bias[2] = 0.0, me.kp * me.held, -me.kp, -me.kv
         else:
             ctrl[me.ctrl] = 0.0 if me.speeds == 1 else me.held

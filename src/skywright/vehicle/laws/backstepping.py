@@ -36,6 +36,12 @@ from skywright.errors import InputError
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Law, Out, helper
 from skywright.vehicle.follower import Press
+from skywright.vehicle.laws._standard_mode import (
+    StandardLoop,
+    fill_standard,
+    follow_trim,
+    stabilise,
+)
 from skywright.vehicle.loops import (
     SLOW,
     ArmLoop,
@@ -65,7 +71,7 @@ class Backstepping(Law):
     needs_full_actuation = controls_force = knows_modes = True
     Table = LoopsTable
 
-    class Me(ArmLoop):
+    class Me(ArmLoop, StandardLoop):
         dt: float  # s, control period
         k_p: Vec3  # k_1, k_2 (1/s) and lambda (1/s^2) of the position
         k_R: Mat3  # the same of the attitude, a row about each axis of B
@@ -74,7 +80,6 @@ class Backstepping(Law):
         knee: float  # N, beyond which it has `soft` (N/m)
         soft: float
         friction: float  # believed coefficient of the surface
-        thrust_max: float  # N, all rotors together along z_B
         f_integral_max: float  # N
         t_integral_max: float  # N m
         sigma: Vec3  # m s, chi of the position, in W
@@ -103,8 +108,8 @@ class Backstepping(Law):
             me.spring = factor * robot.probe.spring_n_per_m
             me.knee = factor * robot.force_sensor.knee_n
             me.soft = me.spring * robot.force_sensor.hard_share
-        rotors, weight = context.rotors, context.mass * context.world.gravity_mps2
-        me.thrust_max = float((rotors.thrust_max * rotors.axis[:, 2]).sum())
+        fill_standard(me, table, context)
+        weight = context.mass * context.world.gravity_mps2
         me.f_integral_max, me.t_integral_max = 0.4 * weight, 0.1 * weight
 
     @staticmethod
@@ -210,6 +215,18 @@ def find_extension(ref: Any, body: Any) -> float:
 
 
 @helper
+def find_offset(ref: Any, body: Any) -> float:
+    """How far (m) along x of T the reference has the tip beside where the arm has it."""
+    p_W, p_B, across = local(3), local(3), 0.0
+    for i in range(3):
+        p_W[i] = ref.p_WT[i] - ref.p_WB[i]
+    mat_t_vec(ref.R_WB, p_W, p_B)
+    for i in range(3):
+        across += body.R_BT[i, 0] * (p_B[i] - body.p_BT[i])
+    return across
+
+
+@helper
 def follow_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, shift_W: Any) -> None:
     """Fill the shift (3,) m of the platform's reference that brings the arm back to its pose.
 
@@ -232,19 +249,19 @@ def follow_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, shift_W: Any)
 def command_platform(
     me: Any, ref: Any, press: Any, est: Any, body: Any, saturated: float, cmd: Any
 ) -> None:
-    """(25) and (26): fill `cmd.f_B` and `cmd.t_B`."""
+    """(25) and (26), or standard stabilisation: fill `cmd.f_B` and `cmd.t_B`."""
+    if ref.mode > 0.5:
+        me.sigma[0] = me.sigma[1] = 0.0
+        stabilise(me, ref, est, body, saturated, cmd)
+        return
     k, lam = me.k_p, me.k_p[2]
     m = body.mass
     integrate = saturated == 0.0 and press.docked < 0.5
-    standard = ref.mode > 0.5
     f_W, f_free, f_C, t_C = local(3), local(3), local(3), local(3)
     shift, total = local(3), 0.0
     follow_arm(me, ref, press, est, body, shift)
     for i in range(3):
         f_W[i] = 0.0
-        if standard and i < 2:
-            me.sigma[i] = 0.0
-            continue
         z1 = ref.p_WB[i] + shift[i] - est.p_WB[i]
         z1_dot = ref.v_WB[i] - est.v_WB[i]
         f_W[i] = m * (ref.a_WB[i] + backstep(z1, z1_dot, me.sigma[i], k[0], k[1], lam))
@@ -256,16 +273,12 @@ def command_platform(
     if total > largest * largest:
         for i in range(3):
             me.sigma[i] *= largest / math.sqrt(total)
-    if standard:  # coplanar logic: thrust along z_B alone, height held
-        f_free[0] = 0.0
-        f_free[1] = 0.0
-        f_free[2] = min(max(f_W[2] / max(est.R_WB[2, 2], 0.5), 0.0), me.thrust_max)
-    else:
-        mat_t_vec(est.R_WB, f_W, f_free)
+    mat_t_vec(est.R_WB, f_W, f_free)
     find_contact_wrench(me, ref, press, est, body, f_C, t_C)
     for i in range(3):
         cmd.f_B[i] = f_free[i] - f_C[i]
     command_torque(me, ref, est, body, cmd, f_free, t_C, integrate)
+    follow_trim(me, body, cmd)
 
 
 @helper
@@ -337,24 +350,32 @@ def command_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, cmd: Any) ->
     along = min(max(along, -TIP_SPEED), TIP_SPEED)
     if press.docked < 0.5:  # in flight the arm takes back what the platform moves
         along -= find_approach(ref, est, body)
-    p_W, p_B, across = local(3), local(3), 0.0
-    for i in range(3):
-        p_W[i] = ref.p_WT[i] - ref.p_WB[i]
-    mat_t_vec(ref.R_WB, p_W, p_B)
-    for i in range(3):
-        across += body.R_BT[i, 0] * (p_B[i] - body.p_BT[i])
+    across = find_offset(ref, body)
     if find_extension(ref, body) > REACH:  # nothing there, or it has gone
         along = min(along, 0.0)
     across = min(max(me.k_arm * across, -TIP_SPEED), TIP_SPEED)
     if est.f_tip > TOUCHING:  # friction holds the tip: to insist would only load arm and tip
         across = 0.0
     J = local(2, MAX_JOINTS)
+    fill_tip_rows(body, J)
+    invert_tip(J, n, along, across, cmd.qd)
     for j in range(n):
+        cmd.qd[j] = min(max(cmd.qd[j], -me.motor_speed_max[j]), me.motor_speed_max[j])
+
+
+@helper
+def fill_tip_rows(body: Any, J: Any) -> None:
+    """Fill J (2, MAX_JOINTS) m/rad: how the joints move the tip along z and along x of T."""
+    for j in range(body.n_joints):
         J[0, j] = J[1, j] = 0.0
         for i in range(3):
             J[0, j] += body.R_BT[i, 2] * body.J_BT[i, j]
             J[1, j] += body.R_BT[i, 0] * body.J_BT[i, j]
-    # joint speeds of least size that move the tip so: J^T (J J^T + e I)^-1 v
+
+
+@helper
+def invert_tip(J: Any, n: int, along: float, across: float, out: Any) -> None:
+    """Fill the joint speeds of least size that move the tip so: J^T (J J^T + e I)^-1 v."""
     aa, cc, ac = DAMPING, DAMPING, 0.0
     for j in range(n):
         aa += J[0, j] * J[0, j]
@@ -364,5 +385,4 @@ def command_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, cmd: Any) ->
     x = (cc * along - ac * across) / det
     y = (aa * across - ac * along) / det
     for j in range(n):
-        v = J[0, j] * x + J[1, j] * y
-        cmd.qd[j] = min(max(v, -me.motor_speed_max[j]), me.motor_speed_max[j])
+        out[j] = J[0, j] * x + J[1, j] * y

@@ -3,7 +3,8 @@
 Speeds are differences of the rounded angles through a first-order filter, as servos report them.
 Rounding by a count d leaves d / (sqrt(12) tau) rms of noise behind a filter of time constant tau,
 so the filter is as slow as those who use the speed bear: SEPARATION above the arm's loop, where it
-costs 11 deg of phase, and no faster than the servo's own loop.
+costs 11 deg of phase, and no faster than the servo's own loop. Around servos that take torques the
+law's loop is in the place of the servo's.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Annotated, Any
 
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_JOINTS
-from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.limbs import list_joints, list_servos, takes_torque
 from skywright.description.robot.spec import Robot
 from skywright.models.compliant_arms import is_compliant
 from skywright.vehicle.bus import Clock, MuJoCo
@@ -70,6 +71,8 @@ def compute_speed_bandwidth(robot: Robot) -> float:
     """Return the bandwidth (rad/s) of the filter behind the differences of angles."""
     loop = SEPARATION * robot.control.arm_bandwidth_rad_s
     servos = [1.0 / servo.velocity_time_constant_s for _, servo in list_servos(robot)]
+    if takes_torque(robot):
+        return SEPARATION * min(servos)
     return min([w for w in (loop, *servos) if w > 0.0], default=SEPARATION)
 
 
