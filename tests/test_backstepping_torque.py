@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from numba import njit
 
+from skywright.analysis.identify.lag import fit_servos
+from skywright.analysis.identify.load import build_log
 from skywright.core.record import fill
 from skywright.core.rotations import exp_so3, quat_from_rot
 from skywright.description.loader import load_description
@@ -19,6 +21,7 @@ from skywright.models.body_records import Body, Kinematics
 from skywright.models.link_motion import compute_joint_inertia
 from skywright.models.rigid_body import build_body_model, fill_body, fill_kinematics
 from skywright.models.scene import build_scene, set_pose
+from skywright.recordings.columns import Column
 from skywright.run.run import build_vehicle, fly_and_evaluate
 from skywright.vehicle.bus import Estimate, Reference, WrenchCommand
 from skywright.vehicle.follower import Press
@@ -31,6 +34,7 @@ from skywright.vehicle.laws.backstepping_torque import (
     compute_force_gain,
     compute_sensitivity,
 )
+from skywright.vehicle.topics import list_topics
 
 ROBOT = "f550-bridge-torque"
 LAW = {"mission.law": "backstepping_torque"}
@@ -232,6 +236,13 @@ def test_the_bench_is_flown_by_torques() -> None:
     q = np.degrees(s["q"][s["phase"] == names.index("inspection position")][-1][:2])
     assert q == pytest.approx([61.0 - 90.0, -55.0], abs=3.0)
     assert "hold 4 N" in names, result.reason
+    columns = [Column("cmd_torque", (2,), unit="N m", meaning="")]
+    carried = {topic.name: topic.fields for topic in list_topics(columns, ("a", "b"), 6)}
+    assert carried == {"/command/torques": {"effort": "cmd_torque"}}
+    # no lag of a speed can be identified from torques
+    robot, world = result.description.robot, result.description.world
+    log = build_log("", robot, world, s, np.array(names)[s["phase"]], ("a", "b"))
+    assert np.any(s["qd"]) and fit_servos(log) == []
 
 
 def test_a_stuck_servo_of_torques_holds_its_angle() -> None:

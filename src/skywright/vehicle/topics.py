@@ -91,6 +91,7 @@ def list_topics(
             joint_state("/joints", joints, position="q", velocity="qd"),
             joint_state("/reference/joints", joints, position="ref_q"),
             joint_state("/command/joints", joints, velocity="cmd_qd"),
+            joint_state("/command/torques", joints, effort="cmd_torque"),
             joint_state("/joints/shafts", joints, position="theta"),
             joint_state("/joints/deflection", joints, position="deflection"),
             joint_state("/command/shafts", joints, position="cmd_theta"),

@@ -12,7 +12,7 @@ from skywright.analysis.identify.ulog import load_ulog
 from skywright.core.arrays import Array
 from skywright.core.rotations import quat_to_rot
 from skywright.description.loader import Description, load_description
-from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.limbs import list_joints, list_servos, takes_torque
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
@@ -137,7 +137,8 @@ def build_log(
         q=s["q"][:, :n],
         servo_unit="rad" if positioned else "rad/s",
         servo_command=s["cmd_theta" if positioned else "cmd_qd"][:, :n],
-        servo_response=s["theta" if positioned else "qd"][:, :n],
+        # no speed follows a torque: nothing moved, as far as a lag is concerned
+        servo_response=s["theta" if positioned else "qd"][:, :n] * (not takes_torque(robot)),
         gravity=world.gravity_mps2,
         air_density=world.air_density_kg_m3,
     )
