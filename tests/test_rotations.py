@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from numba import njit
 from scipy.spatial.transform import Rotation
 
+from skywright.core.compiled import helper
 from skywright.core.rotations import (
     exp_so3,
     log_so3,
@@ -53,3 +57,23 @@ def test_orthonormalise_repairs_a_drifted_matrix(w):
     orthonormalise(drifted)
     np.testing.assert_allclose(drifted @ drifted.T, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(drifted, r, atol=3e-3)
+
+
+@helper
+def _scale(v: Any, factor: float, out: Any) -> None:
+    for i in range(3):
+        out[i] = factor * v[i]
+
+
+@njit
+def _scale_all(records: Any, v: Any) -> None:
+    _scale(records[0].v, 2.0, v)
+    _scale(v, v[0], records[0].out)
+
+
+def test_a_helper_is_compiled_once_for_arrays_inside_and_outside_of_records() -> None:
+    records = np.zeros(1, [("v", float, 3), ("out", float, 3)])
+    records["v"] = [1.0, 2.0, 3.0]
+    _scale_all(records, np.zeros(3))
+    np.testing.assert_array_equal(records["out"][0], [4.0, 8.0, 12.0])
+    assert len(_scale.dispatcher.signatures) == 1

@@ -10,7 +10,9 @@ from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
 from numba import carray, njit, types
+from numba.core.datamodel import models, register_default
 from numba.core.errors import NumbaExperimentalFeatureWarning
+from numba.core.imputils import lower_cast
 
 import skywright.core.user_code  # noqa: F401  (where users' code is kept)
 from skywright.core.pointers import as_pointer
@@ -25,6 +27,32 @@ COMPILE: Any = {
     "cache": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
 }  # fmt: skip
 """How code is compiled that only compiled code calls: half of the time is saved."""
+
+
+class HelperType(types.Dispatcher):
+    """A helper as the compiler sees it: one signature whatever record an array is part of.
+
+    numba has a type for each shape of a record's array and for each constant, and would compile
+    a product of two matrices eight times.
+    """
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        named = {name: _simplify(kind) for name, kind in kws.items()}
+        return super().get_call_type(context, tuple(map(_simplify, args)), named)
+
+
+register_default(HelperType)(models.OpaqueModel)
+
+
+def _simplify(kind: Any) -> Any:
+    if isinstance(kind, types.NestedArray):
+        return types.Array(kind.dtype, kind.ndim, "C")
+    return types.unliteral(kind)
+
+
+@lower_cast(types.NestedArray, types.Array)
+def _cast_nested(_context: Any, _builder: Any, _from: Any, _to: Any, value: Any) -> Any:
+    return value  # both are the same structure
 
 
 class Helper(Generic[P, R]):
@@ -42,7 +70,7 @@ class Helper(Generic[P, R]):
 
     @property
     def _numba_type_(self) -> Any:
-        return types.Dispatcher(self.dispatcher)
+        return HelperType(self.dispatcher)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         return self.py_func(*args, **kwargs)

@@ -8,27 +8,28 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from skywright.core.compiled import helper
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def mat_vec(m: Array, v: Array, out: Array) -> None:
     """out = m @ v for 3 x 3 `m`; `out` must not alias `v`."""
     for i in range(3):
         out[i] = m[i, 0] * v[0] + m[i, 1] * v[1] + m[i, 2] * v[2]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def mat_t_vec(m: Array, v: Array, out: Array) -> None:
     """out = m.T @ v for 3 x 3 `m`; `out` must not alias `v`."""
     for i in range(3):
         out[i] = m[0, i] * v[0] + m[1, i] * v[1] + m[2, i] * v[2]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def mat_mat(a: Array, b: Array, out: Array) -> None:
     """out = a @ b for 3 x 3 matrices; `out` must not alias."""
     for i in range(3):
@@ -36,7 +37,7 @@ def mat_mat(a: Array, b: Array, out: Array) -> None:
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def mat_t_mat(a: Array, b: Array, out: Array) -> None:
     """out = a.T @ b for 3 x 3 matrices; `out` must not alias."""
     for i in range(3):
@@ -44,7 +45,7 @@ def mat_t_mat(a: Array, b: Array, out: Array) -> None:
             out[i, j] = a[0, i] * b[0, j] + a[1, i] * b[1, j] + a[2, i] * b[2, j]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def cross(a: Array, b: Array, out: Array) -> None:
     """out = a x b; `out` must not alias."""
     out[0] = a[1] * b[2] - a[2] * b[1]
@@ -52,19 +53,19 @@ def cross(a: Array, b: Array, out: Array) -> None:
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def dot(a: Array, b: Array) -> float:
     """Inner product of two 3-vectors."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def norm(a: Array) -> float:
     """Length of a 3-vector."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def solve3(M: Array, y: Array, x: Array) -> None:
     """Solve the symmetric positive definite M x = y, (3, 3) and (3,), by Cholesky."""
     a = math.sqrt(M[0, 0])
@@ -80,7 +81,7 @@ def solve3(M: Array, y: Array, x: Array) -> None:
     x[0] = (u - b * x[1] - c * x[2]) / a
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def exp_so3(w: Array, out: Array) -> None:
     """out = rotation matrix of the rotation vector `w` (Rodrigues)."""
     angle = norm(w)
@@ -100,7 +101,7 @@ def exp_so3(w: Array, out: Array) -> None:
     out[2, 2] = 1.0 - b * (x * x + y * y)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def log_so3(r: Array, out: Array) -> None:
     """out = rotation vector of the rotation matrix `r`, angle in [0, pi]."""
     w, x, y, z = _quaternion(r)
@@ -110,7 +111,7 @@ def log_so3(r: Array, out: Array) -> None:
     out[0], out[1], out[2] = sign * k * x, sign * k * y, sign * k * z
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def orthonormalise(r: Array) -> None:
     """One Gram-Schmidt pass in place, keeping the z column's direction (first-order exact)."""
     n = math.sqrt(r[0, 2] ** 2 + r[1, 2] ** 2 + r[2, 2] ** 2)
@@ -127,7 +128,7 @@ def orthonormalise(r: Array) -> None:
     r[2, 1] = r[0, 2] * r[1, 0] - r[1, 2] * r[0, 0]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def quat_to_rot(q: Array, out: Array) -> None:
     """out = rotation matrix of the unit quaternion `q` (wxyz)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -142,7 +143,7 @@ def quat_to_rot(q: Array, out: Array) -> None:
     out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _quaternion(r: Array) -> tuple[float, float, float, float]:
     """Return the unit quaternion (wxyz) of the rotation matrix `r` (Shepperd's branches)."""
     trace = r[0, 0] + r[1, 1] + r[2, 2]
@@ -163,13 +164,13 @@ def _quaternion(r: Array) -> tuple[float, float, float, float]:
     return w / s, x / s, y / s, 0.25 * s
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def rot_to_quat(r: Array, out: Array) -> None:
     """out = unit quaternion (wxyz) of the rotation matrix `r`."""
     out[0], out[1], out[2], out[3] = _quaternion(r)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def rot_about(axis: int, angle: float, out: Array) -> None:
     """out = rotation by `angle` about the coordinate axis 0, 1 or 2."""
     c, s = math.cos(angle), math.sin(angle)

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.core.scratch import local
 from skywright.core.types import MAX_ROTORS
 from skywright.errors import InputError
@@ -73,7 +74,7 @@ def build_allocator(rotors: RotorSet) -> Allocator:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _interval(base: Array, ray: Array, t_min: Array, t_max: Array) -> tuple[float, float]:
     """Return [lo, hi] of s with t_min <= base + s ray <= t_max (lo > hi when there is none)."""
     lo = -math.inf
@@ -95,7 +96,7 @@ def _interval(base: Array, ray: Array, t_min: Array, t_max: Array) -> tuple[floa
     return lo, hi
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _mul(
     P: Array, fx: float, fy: float, fz: float, tx: float, ty: float, tz: float, out: Array
 ) -> None:
@@ -105,7 +106,7 @@ def _mul(
         )
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _share_line(
     thrust: float, up: Array, turn: Array, t_min: Array, t_max: Array
 ) -> tuple[float, float]:
@@ -125,7 +126,7 @@ def _share_line(
     return best, slope
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _limit_thrust_and_torque(
     wanted: float, up: Array, turn: Array, t_min: Array, t_max: Array, work: Array
 ) -> tuple[float, float, bool]:

@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.core.scratch import local
 from skywright.description.robot.limbs import SIDES, list_joints
 from skywright.description.robot.spec import Robot
@@ -137,7 +138,7 @@ def solve_arm(
     return status
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _into_reach(L1: float, L2: float, p: Any, near: Any, q_min: Any, q_max: Any, goal: Any) -> int:
     """Fill `goal` with the point nearest to p at a distance that the elbow can make."""
     bend = max(abs(q_min[3]), abs(q_max[3]))
@@ -160,7 +161,7 @@ def _into_reach(L1: float, L2: float, p: Any, near: Any, q_min: Any, q_max: Any,
     return OUT_OF_REACH if abs(wanted - rho) > EXACT else REACHED
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _solve_within(
     L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any
 ) -> bool:
@@ -204,7 +205,7 @@ def _solve_within(
     return bool(solve_at_roll(L1, L2, p, best, near, q_min, q_max, q) == 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _least_violation(
     L1: float, L2: float, p: Any, lo: float, hi: float, near: Any, q_min: Any, q_max: Any, q: Any
 ) -> float:
@@ -225,7 +226,7 @@ def _least_violation(
     return x if f <= g else y
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _feasible_rolls(L1: float, L2: float, p: Any) -> tuple[float, float]:
     """Return the rolls (rad) between which the elbow's circle passes y = L1 sin(roll).
 
@@ -237,7 +238,7 @@ def _feasible_rolls(L1: float, L2: float, p: Any) -> tuple[float, float]:
     return _angle_of_sine(eta - beta), _angle_of_sine(eta + beta)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _angle_of_sine(angle: float) -> float:
     """Return asin(sin(angle)) without losing digits near a quarter turn."""
     angle = _wrap(angle)
@@ -246,7 +247,7 @@ def _angle_of_sine(angle: float) -> float:
     return -math.pi - angle if angle < -0.5 * math.pi else angle
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _fold(L1: float, L2: float, p: Any) -> tuple[float, float, float]:
     """Return (a >= 0, h, bend >= 0): half-angle form, exact also with the arm stretched."""
     rho2 = p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
@@ -256,7 +257,7 @@ def _fold(L1: float, L2: float, p: Any) -> tuple[float, float, float]:
     return L2 * math.sin(bend), L1 + L2 * math.cos(bend), bend
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def solve_at_roll(
     L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any
 ) -> float:
@@ -305,7 +306,7 @@ def solve_at_roll(
     return best_off
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _wrap(angle: float) -> float:
     """Return the angle within -pi..pi."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))

@@ -9,6 +9,7 @@ from typing import Any
 
 from numba import njit
 
+from skywright.core.compiled import helper
 from skywright.core.rotations import solve3
 from skywright.core.scratch import local
 
@@ -29,7 +30,7 @@ def arm_point(L1: float, L2: float, q: Any, p: Any) -> None:
     p[2] = -x * s1 + z * c1
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def arm_jacobian(L1: float, L2: float, q: Any, J: Any) -> None:
     """Fill J (3, 4) m/rad = dFK/dq."""
     s1, c1 = math.sin(q[0]), math.cos(q[0])
@@ -49,12 +50,12 @@ def arm_jacobian(L1: float, L2: float, q: Any, J: Any) -> None:
     J[0, 3], J[1, 3], J[2, 3] = dx * c1 + dz * s1, dy * c2 + dh * s2, -dx * s1 + dz * c1
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def distance(a: Any, b: Any) -> float:
     return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def search_nearest(
     L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any,
     reached: Any,
@@ -82,7 +83,7 @@ def search_nearest(
         q[j] = kept[j]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _best_of_grid(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, elbow: int, x: Any) -> None:
     """Fill x with the posture on a grid, at its elbow angle number `elbow`, nearest to p."""
     trial, there = local(4), local(3)
@@ -100,7 +101,7 @@ def _best_of_grid(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, elbow: i
                 x[j] = trial[j]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _descend(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, x: Any, at: Any) -> float:
     """Move x downhill in |FK(x) - p| within the limits; fills `at` = FK(x), returns the error."""
     J, M, r, y = local(3, 4), local(3, 3), local(3), local(3)

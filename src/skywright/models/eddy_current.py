@@ -27,9 +27,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.special import jv
 
+from skywright.core.compiled import helper
 from skywright.description.world.spec import Pipe, Weld
 from skywright.description.world.surface import build_weld_curve, weld_distance
 from skywright.errors import InputError
@@ -276,7 +276,7 @@ def build_probe_signal(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def weld_blend(ps: ProbeSignal, s: float, c: float) -> float:
     """Share of weld metal under the coil, 0..1, at (s, c) on the unrolled surface (m)."""
     if ps.weld_half_width < 0.0:
@@ -287,7 +287,7 @@ def weld_blend(ps: ProbeSignal, s: float, c: float) -> float:
     return 0.5 * (math.erf((d + hw) * scale) - math.erf((d - hw) * scale))
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def ec_signal(
     ps: ProbeSignal, s: float, c: float, gap: float, tilt: float, n1: float, n2: float
 ) -> tuple[float, float]:

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.compiled import helper
 from skywright.core.record import Array, Mat3, Record, Vec3
 from skywright.core.rotations import cross, mat_vec
 from skywright.core.scratch import local
@@ -79,7 +80,7 @@ def fill_floating(m: BodyModel, k: Kinematics, body: Body, w: FloatingInertia) -
             w.I_eff[r, a] = body.I_B[r, a] - mass * y[a] - w.A[r, 3] * w.M_ws[a]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _fill_swing(m: BodyModel, k: Kinematics, w: FloatingInertia) -> None:
     """Inertial coupling of joint `w.swing` with the platform, summed over all that it carries."""
     for a in range(3):

@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit, types
 
 from skywright.core.arrays import Array, Ints
+from skywright.core.compiled import helper
 from skywright.core.rotations import rot_to_quat
 from skywright.models.scene import Scene
 
@@ -136,7 +137,7 @@ def _joints_between(model: mujoco.MjModel, geom: int, platform: int) -> int:
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _lower_bound(c: ClearanceCore, a: int, b: int) -> float:
     """Lower bound of the distance: the robot geom's bounding sphere to a volume around `b`."""
     kind = c.geom_type[b]
@@ -161,7 +162,7 @@ def _lower_bound(c: ClearanceCore, a: int, b: int) -> float:
     return math.sqrt(x * x + y * y + ez * ez) - c.geom_size[b, 0] - c.rbound[a]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _closest(
     c: ClearanceCore, first: int, last: int, probe_slack: float, far: float
 ) -> tuple[float, int]:

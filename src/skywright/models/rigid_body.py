@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.compiled import helper
 from skywright.core.record import Array
 from skywright.core.rotations import mat_mat, mat_vec, rot_about
 from skywright.core.scratch import local
@@ -237,7 +238,7 @@ def fill_hands(m: BodyModel, k: Kinematics) -> None:
         fill_point_jacobian(m, k, i, k.p_BH[h], k.J_BH[h])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def fill_point_jacobian(m: BodyModel, k: Kinematics, link: int, p_B: Array, J: Array) -> None:
     """Fill J (3, MAX_JOINTS) m/rad of a point of `link` at p_B (3,) m, in B."""
     for a in range(3):

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.description.robot.spec import Rotors
 
 
@@ -103,7 +104,7 @@ def compute_power(thrust: Array, n: int, watt_per_n15: float) -> float:
     return total * watt_per_n15
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def step_rotor_speed(speed: Array, command: Array, n: int, dt: float, time_constant: float) -> None:
     """Advance rotor speeds (rad/s) in place by dt: the exact first-order lag for a held command."""
     decay = math.exp(-dt / time_constant)
@@ -111,7 +112,7 @@ def step_rotor_speed(speed: Array, command: Array, n: int, dt: float, time_const
         speed[i] = command[i] + (speed[i] - command[i]) * decay
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def compute_rotor_wrench(B: Array, thrust: Array, f_out: Array, t_out: Array) -> None:
     """Write force (3,) N and torque about B's origin (3,) N m of the thrusts, in B."""
     n = B.shape[1]
@@ -125,7 +126,7 @@ def compute_rotor_wrench(B: Array, thrust: Array, f_out: Array, t_out: Array) ->
         t_out[r] = t
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def compute_rotor_drag(
     position: Array,
     axis: Array,

@@ -8,6 +8,8 @@ from typing import Any
 
 from numba import njit
 
+from skywright.core.compiled import helper
+
 
 @njit(cache=True, error_model="numpy")
 def spring_torque(k: float, linear: float, hardening: float, deflection: float) -> float:
@@ -29,14 +31,14 @@ def spring_deflection(k: float, linear: float, hardening: float, torque: float) 
     return deflection
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def joint_torque(arm: Any, j: int, deflection: float) -> float:
     """Return the torque (N m) of joint j at a measured deflection: (15) behind the gear's play."""
     over = max(abs(deflection) - arm.slack[j], 0.0)
     return spring_torque(arm.k[j], arm.linear[j], arm.hardening[j], math.copysign(over, deflection))
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def joint_deflection(arm: Any, j: int, torque: float) -> float:
     """Return the deflection (rad) of joint j under a torque (N m): inverse of `joint_torque`.
 
@@ -48,7 +50,7 @@ def joint_deflection(arm: Any, j: int, torque: float) -> float:
     return play + spring_deflection(arm.k[j], arm.linear[j], arm.hardening[j], torque)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def spring_stiffness(k: float, linear: float, hardening: float, deflection: float) -> float:
     """Return the stiffness (N m/rad) of a joint's spring at a deflection."""
     return k * hardening if linear > 0.0 and abs(deflection) > linear else k

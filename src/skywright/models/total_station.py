@@ -9,9 +9,9 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.compiled import helper
 from skywright.core.record import Array, Record, Vec3
 from skywright.core.rotations import cross, mat_vec
 from skywright.core.scratch import local
@@ -89,7 +89,7 @@ def draw_total_station(ts: Any, stream: np.random.Generator) -> None:
     ts["index"] = 0
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def step_total_station(ts: Any, t: float, p_WB: Array, R_WB: Array, visible: bool) -> None:
     """Measure if it is time to, and deliver what has arrived by `t`.
 
@@ -121,7 +121,7 @@ def step_total_station(ts: Any, t: float, p_WB: Array, R_WB: Array, visible: boo
                 ts.queue_p[j, i] = ts.queue_p[j + 1, i]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _measure(ts: Any, t: float, p_WB: Array, R_WB: Array, k: int) -> None:
     """Put a measurement of the prism on the link, its noise along and across the line of sight."""
     p, sight, side, up = local(3), local(3), local(3), local(3)

@@ -9,9 +9,9 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.compiled import helper
 from skywright.core.record import Array, Mat3, Record, Vec3
 from skywright.core.rotations import mat_mat, mat_vec
 from skywright.core.scratch import local
@@ -89,7 +89,7 @@ def draw_tracking_camera(cam: Any, stream: np.random.Generator) -> None:
     cam["index"] = 0
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def step_tracking_camera(cam: Any, t: float, p_WB: Array, R_WB: Array) -> None:
     """Take a sample if it is time to; the first one is the origin of the camera's frame."""
     cam.fresh = 0.0

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array, Mask
+from skywright.core.compiled import helper
 from skywright.models.statics import Layout
 
 FASTEST = 40.0
@@ -29,7 +29,7 @@ class DragBody(NamedTuple):
     drag_area: Array  # (3,) m^2, C_D A along the axes of B
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def compute_body_drag(drag_area: Array, air_density: float, v_air_B: Array, f_out: Array) -> None:
     """Write the body's drag (3,) N in B at velocity `v_air_B` (3,) m/s relative to the air."""
     speed = math.sqrt(v_air_B[0] ** 2 + v_air_B[1] ** 2 + v_air_B[2] ** 2)

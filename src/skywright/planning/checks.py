@@ -4,8 +4,8 @@ import math
 from typing import Annotated
 
 import numpy as np
-from numba import njit
 
+from skywright.core.compiled import helper
 from skywright.core.record import Array, Record
 from skywright.core.rotations import mat_t_vec, norm
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
@@ -33,7 +33,7 @@ class Trace(Record):
     task_error: float  # m
 
 
-@njit(cache=True)
+@helper
 def check_dynamics(
     prob: Problem, state: State, u: Array, f_tip_W: Array, trace: Trace, found: Array
 ) -> int:
@@ -97,7 +97,7 @@ def check_dynamics(
     return OK
 
 
-@njit(cache=True)
+@helper
 def check_clearance(
     prob: Problem, p: Array, R: Array, q: Array, back: float, n_W: Array, probe_slack: float,
     margin: float, found: Array,

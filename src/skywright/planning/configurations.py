@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.core.rotations import mat_vec
 from skywright.core.types import MAX_JOINTS
 from skywright.models.body_records import Kinematics
@@ -42,7 +43,7 @@ class Candidates(NamedTuple):
     failure: Failure | None  # of the nearest miss, when there are none
 
 
-@njit(cache=True)
+@helper
 def compute_manipulability(k: Kinematics, nj: int) -> float:
     """Return the volume that the tip's Jacobian spans (Yoshikawa): the product of its singular
     values, by Gram-Schmidt over the joints that still add a direction."""
@@ -67,7 +68,7 @@ def compute_manipulability(k: Kinematics, nj: int) -> float:
     return volume if count > 0 else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rate_configurations(
     prob: Problem,
     tip: Array,

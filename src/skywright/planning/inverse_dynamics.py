@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.models.allocation import Allocator
 from skywright.models.body_records import BodyModel, Kinematics
@@ -92,7 +93,7 @@ def _add_body(
         t[j] += hd[j] + tmp[j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def compute_wrench(
     m: BodyModel, k: Kinematics, R_WB: Array, w_B: Array, wd_B: Array, a_W: Array, qd: Array,
     qdd: Array, f_tip_W: Array, motion: Motion, f: Array, t: Array,
@@ -142,7 +143,7 @@ def compute_wrench(
         t[j] -= c1[j]
 
 
-@njit(cache=True)
+@helper
 def _add_wind(loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Array) -> None:
     """Subtract the drag of the wind allowance at hover rotor speeds from the needed wrench."""
     v_air = np.empty(3)
@@ -169,7 +170,7 @@ def _add_wind(loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Ar
         t[j] -= dt[j]
 
 
-@njit(cache=True)
+@helper
 def compute_thrusts(
     loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Array, thrust: Array
 ) -> tuple[float, int]:

@@ -16,9 +16,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.core.rotations import cross, dot, exp_so3, mat_mat, mat_t_vec, mat_vec
 from skywright.core.types import MAX_JOINTS
 from skywright.models.body_records import BodyModel, Kinematics
@@ -70,7 +70,7 @@ def build_target() -> Target:
     return Target(p, v, a, z, zd, zdd, yaw, np.zeros((3, MAX_JOINTS)))
 
 
-@njit(cache=True)
+@helper
 def solve_spd(h: Array, g: Array, n: int) -> bool:
     """Solve h x = g in place (x in g) by Cholesky, leading n x n block; False if singular."""
     for j in range(n):
@@ -99,7 +99,7 @@ def solve_spd(h: Array, g: Array, n: int) -> bool:
     return True
 
 
-@njit(cache=True)
+@helper
 def _add_row(h: Array, g: Array, row: Array, b: float, weight: float, n: int) -> None:
     """Add weight |row u - b|^2 to the normal equations (lower triangle)."""
     for i in range(n):
@@ -110,13 +110,13 @@ def _add_row(h: Array, g: Array, row: Array, b: float, weight: float, n: int) ->
                 h[i, j] += ri * row[j]
 
 
-@njit(cache=True)
+@helper
 def wrap(angle: float) -> float:
     """Return the angle in (-pi, pi]."""
     return math.atan2(math.sin(angle), math.cos(angle))
 
 
-@njit(cache=True)
+@helper
 def solve_accelerations(
     m: BodyModel, k: Kinematics, state: State, target: Target, motion: Motion, u: Array
 ) -> bool:
@@ -232,7 +232,7 @@ def solve_accelerations(
     return True
 
 
-@njit(cache=True)
+@helper
 def step_state(state: State, u: Array, nj: int, dt: float) -> None:
     """Advance the state by dt (s) at constant accelerations u."""
     turn = np.empty(3)
@@ -250,7 +250,7 @@ def step_state(state: State, u: Array, nj: int, dt: float) -> None:
         state.qd[j] += dt * u[6 + j]
 
 
-@njit(cache=True)
+@helper
 def settle_posture(
     m: BodyModel, k: Kinematics, R: Array, q: Array, z: Array, iterations: int
 ) -> float:

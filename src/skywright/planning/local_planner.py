@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.core.rotations import exp_so3, log_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec, norm
 from skywright.core.types import MAX_JOINTS, REFERENCE, ReferenceRow
 from skywright.description.world.surface import surface_frame
@@ -45,7 +46,7 @@ class Edge(NamedTuple):
     state: State  # at the end, resting
 
 
-@njit(cache=True)
+@helper
 def fill_target(prob: Problem, s: Array, phi: Array, gap: Array, target: Target) -> None:
     """Fill the tip's task from (value, rate, acceleration) of s, phi and gap (outward positive)."""
     cyl = prob.cylinder
@@ -64,7 +65,7 @@ def fill_target(prob: Problem, s: Array, phi: Array, gap: Array, target: Target)
         target.zdd[i] = -ndd
 
 
-@njit(cache=True)
+@helper
 def fill_row(prob: Problem, state: State, u: Array, t: float, row: ReferenceRow) -> None:
     """Fill a row of REFERENCE from the nominal state; kinematics must be up to date."""
     k, m = prob.kinematics[0], prob.model[0]
@@ -108,7 +109,7 @@ def fill_row(prob: Problem, state: State, u: Array, t: float, row: ReferenceRow)
     row.active = 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def simulate_surface(
     prob: Problem,
     state: State,
@@ -213,7 +214,7 @@ def simulate_surface(
     return OK, rows.shape[0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def simulate_free(
     prob: Problem,
     state: State,

@@ -8,9 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 
 SIDES = {"side": 0.0, "top": 90.0, "underside": -90.0}
 """Circumferential angle (deg) of the middle of each named sector."""
@@ -102,7 +102,7 @@ def build_time_law(
     return TimeLaw(length, length / (duration - ramp), ramp, duration)
 
 
-@njit(cache=True)
+@helper
 def eval_time_law(law: TimeLaw, t: float) -> tuple[float, float, float]:
     """Return (distance, speed, acceleration) at time t (s) along a law."""
     if t <= 0.0:

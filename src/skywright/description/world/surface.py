@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.core.rotations import rot_x, rot_z
 from skywright.description.world.spec import Pipe, Weld
 
@@ -34,7 +35,7 @@ def build_cylinder(pipe: Pipe) -> Cylinder:
     return Cylinder(p, np.ascontiguousarray(r), pipe.diameter_m / 2, pipe.length_m / 2)
 
 
-@njit(cache=True)
+@helper
 def surface_point(cyl: Cylinder, s: float, phi: float, p: Array, n: Array) -> None:
     """Fill the point `p` (3,) in W and the outward normal `n` (3,) at (s, phi)."""
     a, b = -math.cos(phi), math.sin(phi)
@@ -58,7 +59,7 @@ def unroll_points(cyl: Cylinder, p: Array) -> tuple[Array, Array, Array]:
     return local[:, 1], c, np.hypot(local[:, 0], local[:, 2]) - cyl.radius
 
 
-@njit(cache=True)
+@helper
 def surface_frame(cyl: Cylinder, phi: float, out: Array) -> None:
     """Fill R_WS (3, 3): x along the axis, y along growing phi reversed, z = outward normal."""
     a, b = -math.cos(phi), math.sin(phi)

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skywright.core.compiled import helper
 from skywright.description.world.spec import Dryden, Wind
 
 Array = NDArray[np.float64]
@@ -36,7 +37,7 @@ class DrydenScales(NamedTuple):
     sigma: Array  # (3,)
 
 
-@njit(cache=True)
+@helper
 def jet_speed(along: float, across: float, diameter: float, outlet_speed: float) -> float:
     """Mean speed (m/s) in a free round turbulent jet, `along` and `across` its axis (m).
 

@@ -16,6 +16,7 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from skywright.core.arrays import Array, Ints, Mask
+from skywright.core.compiled import helper
 from skywright.core.rotations import exp_so3, mat_mat, orthonormalise
 
 CAMERA, STATION = 0, 1
@@ -58,7 +59,7 @@ class Fused(NamedTuple):
     accepted: Mask  # False: rejected as an outlier (station), taken as a jump (camera)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _predict(x: Array, R: Array, cov: Array, dt: float, n: Array) -> None:
     """Move state and covariance by dt; `n`: see `_noise_row`."""
     v = x[V : V + 3]
@@ -106,7 +107,7 @@ def _predict(x: Array, R: Array, cov: Array, dt: float, n: Array) -> None:
     cov[SCALE, SCALE] += n[7] ** 2 * dt
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _innovate(x: Array, cov: Array, z: Array, camera: bool, white: float, out: Array) -> float:
     """Innovation (3,) into `out`; returns its squared normalised size."""
     S = np.empty((3, 3))
@@ -121,7 +122,7 @@ def _innovate(x: Array, cov: Array, z: Array, camera: bool, white: float, out: A
     return float(size)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _correct(x: Array, cov: Array, z: Array, camera: bool, white: float) -> None:
     """Take in a position, one axis after the other (the noise of the axes is independent)."""
     h = np.empty(SIZE)
@@ -138,7 +139,7 @@ def _correct(x: Array, cov: Array, z: Array, camera: bool, white: float) -> None
                 cov[j, k] = cov[k, j]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _reset_turn(x: Array, R: Array) -> None:
     """Move the estimated small turn into the rotation."""
     step, new = np.empty((3, 3)), np.empty((3, 3))

@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.errors import InputError
 from skywright.planning.motion.edges import pair_distance, place_shapes
 from skywright.planning.motion.pairs import PAIR_SELF
@@ -92,7 +93,7 @@ def _fill_free(spaces: Space, scratch: Scratch, x: float, grid: Grid, V: Array) 
                         break
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _add_curvature(space: SpaceRecord, half: Array, move: Array, k: ScratchRecord) -> None:
     """Add A / 2 of every shape for the largest step from a cell's centre; see `edges`."""
     first = turn = extra = 0.0

@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array, Ints
+from skywright.core.compiled import helper
 from skywright.planning.motion.cost import displacement_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free
 from skywright.planning.motion.rng import State, uniform
@@ -26,7 +27,7 @@ def draw_coordinates(space: SpaceRecord, state: State, out: Array) -> None:
         out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def draw_free(space: SpaceRecord, state: State, along: int, out: Array, k: ScratchRecord) -> None:
     """Draw coordinates that keep all margins, the one `along` the way uniformly.
 
@@ -42,7 +43,7 @@ def draw_free(space: SpaceRecord, state: State, along: int, out: Array, k: Scrat
                 out[i] = space.low[i] + uniform(state) * (space.high[i] - space.low[i])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _extend(
     space: SpaceRecord, nodes: Array, parent: Ints, count: int, target: Array, new: Array,
     k: ScratchRecord, hits: Ints,
@@ -71,7 +72,7 @@ def _extend(
     return 2 if share == 1.0 else 1
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def connect(
     space: SpaceRecord, start: Array, goal: Array, state: State, along: int, trees: Array,
     parents: Ints, counts: Ints, tries: int, path: Array, k: ScratchRecord, hits: Ints,

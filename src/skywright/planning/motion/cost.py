@@ -9,6 +9,7 @@ import math
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.planning.motion.space import SpaceRecord
 
 
@@ -48,7 +49,7 @@ def time_cost(space: SpaceRecord, a: Array, b: Array, u_ref: float, w_ref: float
     return max(rho_uav(space, a, b) / u_ref, rho_arms(space, a, b) / w_ref)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def path_cost(space: SpaceRecord, path: Array, count: int) -> float:
     """Sum of `displacement_cost` over the first `count` rows of `path`."""
     total = 0.0

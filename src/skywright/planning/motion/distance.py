@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 
 Vector = tuple[float, float, float]
 
@@ -20,7 +21,7 @@ def _clip(x: float, low: float, high: float) -> float:
     return low if x < low else (high if x > high else x)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array, n: Array) -> tuple[float, float]:
     """Distance between segments (Ericson, Real-Time Collision Detection, section 5.1.9)."""
     ux, uy, uz = a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2]
@@ -54,12 +55,12 @@ def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array, n: Array) -> tup
     return d, s
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _excess(p: float, h: float) -> float:
     return p - h if p > h else (p + h if p < -h else 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _slope(p: Vector, u: Vector, h: Array, t: float) -> float:
     return (
         u[0] * _excess(p[0] + t * u[0], h[0])
@@ -68,7 +69,7 @@ def _slope(p: Vector, u: Vector, h: Array, t: float) -> float:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def segment_box(
     a0: Array, a1: Array, centre: Array, rot: Array, half: Array, n: Array
 ) -> tuple[float, float]:
@@ -116,7 +117,7 @@ def segment_box(
     return d, t
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _corner(centre: Array, rot: Array, half: Array, i: int, out: Array) -> None:
     x = half[0] if i & 1 else -half[0]
     y = half[1] if i & 2 else -half[1]
@@ -125,7 +126,7 @@ def _corner(centre: Array, rot: Array, half: Array, i: int, out: Array) -> None:
         out[j] = centre[j] + rot[j, 0] * x + rot[j, 1] * y + rot[j, 2] * z
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def box_box(
     ca: Array, ra: Array, ha: Array, cb: Array, rb: Array, hb: Array, n: Array
 ) -> tuple[float, float]:

@@ -15,6 +15,7 @@ import math
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.core.rotations import cross, mat_mat, mat_vec
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.distance import box_box, segment_box, segment_segment
@@ -26,7 +27,7 @@ SHORTEST = 2.0**-13
 """Half length of the shortest interval of an edge that is still halved."""
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def place_shapes(space: SpaceRecord, c: Array, d: Array, k: ScratchRecord) -> None:
     """Place all shapes at coordinates c, with velocities for c' = d."""
     pose, s = k, space
@@ -51,7 +52,7 @@ def place_shapes(space: SpaceRecord, c: Array, d: Array, k: ScratchRecord) -> No
             mat_mat(R, s.s_rot[i], k.box[i])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _bound_motion(space: SpaceRecord, d: Array, k: ScratchRecord) -> None:
     """Fill `omega` and `acc` for an edge of direction d; `place_shapes` has filled `du`."""
     t, du = space, k.du
@@ -79,7 +80,7 @@ def _bound_motion(space: SpaceRecord, d: Array, k: ScratchRecord) -> None:
         k.acc[s] = space.reach[s] * (omega * omega + extra)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _core_gap(space: SpaceRecord, k: ScratchRecord, a: int, b: int) -> float:
     """Distance from the middle of shape a to the core of obstacle b."""
     w = space
@@ -109,7 +110,7 @@ def _core_gap(space: SpaceRecord, k: ScratchRecord, a: int, b: int) -> float:
     return math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _nearest(
     space: SpaceRecord, k: ScratchRecord, a: int, b: int, other_is_robot: bool
 ) -> tuple[float, float]:
@@ -134,14 +135,14 @@ def _nearest(
     return segment_segment(k.p0[a], k.p1[a], w.w_p0[b], w.w_p1[b], k.normal)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _box_extent(space: SpaceRecord, k: ScratchRecord, a: int, axis: int) -> float:
     h = space.s_half[a]
     r = k.box[a, axis]
     return abs(r[0]) * h[0] + abs(r[1]) * h[1] + abs(r[2]) * h[2]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def pair_distance(space: SpaceRecord, k: ScratchRecord, i: int) -> float:
     """Distance (m) of pair i between surfaces, as the shapes are placed; below 0: they meet."""
     a, b, kind = space.pairs[i, 0], space.pairs[i, 1], space.pairs[i, 2]
@@ -156,12 +157,12 @@ def pair_distance(space: SpaceRecord, k: ScratchRecord, i: int) -> float:
     return d - s.s_radius[a] - (s.s_radius[b] if kind == PAIR_SELF else space.w_radius[b])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _speed(v: Array) -> float:
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _check_pair(space: SpaceRecord, k: ScratchRecord, i: int, h: float) -> int:
     """1: free over the whole interval; 0: not known; -1: blocked at its middle."""
     a, b, kind = space.pairs[i, 0], space.pairs[i, 1], space.pairs[i, 2]
@@ -232,7 +233,7 @@ def is_state_free(space: SpaceRecord, c: Array, k: ScratchRecord) -> bool:
     return is_placed_free(space, k)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def is_placed_free(space: SpaceRecord, k: ScratchRecord) -> bool:
     """Whether all margins hold as the shapes are placed; `k.blocked` names the pair otherwise."""
     for a in range(space.ns):
@@ -244,7 +245,7 @@ def is_placed_free(space: SpaceRecord, k: ScratchRecord) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def is_edge_free(space: SpaceRecord, a: Array, b: Array, k: ScratchRecord) -> bool:
     """Whether the straight motion from a to b keeps all margins; certified, see the module."""
     n = space.n

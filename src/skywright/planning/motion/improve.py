@@ -10,9 +10,8 @@ cost (6) are dropped before anything is checked, so most of the work goes into e
 
 import math
 
-from numba import njit
-
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.planning.motion.cost import displacement_cost
 from skywright.planning.motion.edges import is_edge_free
 from skywright.planning.motion.rng import State, normal, pick, uniform
@@ -34,19 +33,19 @@ SPREAD = 1.0
 """Of the steps' sizes around the adapted one, in their logarithm."""
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _copy_row(a: Array, i: int, b: Array, j: int, n: int) -> None:
     for c in range(n):
         b[j, c] = a[i, c]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _point(path: Array, i: int, t: float, out: Array, row: int, n: int) -> None:
     for c in range(n):
         out[row, c] = path[i, c] + t * (path[i + 1, c] - path[i, c])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def remove_doubles(space: SpaceRecord, path: Array, count: int) -> int:
     """Drop rows that repeat the one before; the ends stay."""
     n, out = space.n, 1
@@ -62,7 +61,7 @@ def remove_doubles(space: SpaceRecord, path: Array, count: int) -> int:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def drop_corners(space: SpaceRecord, path: Array, count: int, k: ScratchRecord) -> int:
     """Remove every corner that its neighbours can do without."""
     i = 1
@@ -77,7 +76,7 @@ def drop_corners(space: SpaceRecord, path: Array, count: int, k: ScratchRecord) 
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def shortcut(
     space: SpaceRecord, path: Array, count: int, state: State, k: ScratchRecord, work: Array
 ) -> int:
@@ -136,7 +135,7 @@ def shortcut(
     return remove_doubles(space, path, first + m + 2 + rest)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def move_corners(
     space: SpaceRecord,
     path: Array,
@@ -204,13 +203,13 @@ def move_corners(
                 work[r, c] += LARGER * step
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _shift(rows: Array, m: int, c: int, by: float) -> None:
     for r in range(1, m + 1):
         rows[r, c] += by
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def thin_out(space: SpaceRecord, path: Array, count: int, k: ScratchRecord) -> int:
     """Drop corners that sit close to the one before, where the path stays free."""
     i = 1
@@ -225,7 +224,7 @@ def thin_out(space: SpaceRecord, path: Array, count: int, k: ScratchRecord) -> i
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def improve(
     space: SpaceRecord, path: Array, count: int, state: State, scale: Array, tries: int,
     k: ScratchRecord, work: Array,

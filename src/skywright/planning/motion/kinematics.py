@@ -5,15 +5,14 @@ The platform stays level. A passive joint hangs in the static equilibrium of wha
 
 import math
 
-from numba import njit
-
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.core.rotations import cross, mat_mat, mat_vec
 from skywright.models.kinematic_tree import HINGE
 from skywright.planning.motion.space import JOINT0, YAW, ScratchRecord, SpaceRecord
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _rodrigues(a: Array, angle: float, out: Array) -> None:
     c, s = math.cos(angle), math.sin(angle)
     k = 1.0 - c
@@ -26,14 +25,14 @@ def _rodrigues(a: Array, angle: float, out: Array) -> None:
     out[1, 2], out[2, 1] = k * y * z - s * x, k * y * z + s * x
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _copy(a: Array, out: Array) -> None:
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def compute_pose(space: SpaceRecord, c: Array, d: Array, pose: ScratchRecord) -> None:
     """Fill `pose` at coordinates c (n,), with the velocities for c' = d (n,)."""
     t = space
@@ -88,7 +87,7 @@ def compute_pose(space: SpaceRecord, c: Array, d: Array, pose: ScratchRecord) ->
         _hang(space, pose, a, r, x, local, turn)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _hang(
     space: SpaceRecord, pose: ScratchRecord, a: Array, r: Array, x: Array, old: Array, turn: Array
 ) -> None:
@@ -170,7 +169,7 @@ def _hang(
         p[2] += pz
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _hangs(t: SpaceRecord, body: int, joint: int) -> bool:
     while body > joint:
         body = t.parent[body]

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.compiled import helper
 from skywright.description.world.scenario import Structures, get_structures
 from skywright.description.world.spec import Tube, World
 from skywright.models.kinematic_tree import BOX
@@ -82,7 +83,7 @@ def _least_height(space: Space, scratch: Space, state: State, draws: int) -> flo
     return best
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _keeps_apart(s: SpaceRecord, c: Array, k: ScratchRecord) -> bool:
     from_self = state_clearance(s, c, k, PAIR_SELF)
     return from_self[0] >= 0.0
@@ -101,8 +102,7 @@ def _opening(structures: Structures, a: str, b: str) -> float:
         tube = tubes[b if a == "ceiling" else a]
         assert structures.area is not None
         return structures.area.z_max_m - max(tube.z_m, tube.to_z_m) - tube.diameter_m / 2
-    ends = [*_ends(tubes[a]), *_ends(tubes[b])]
-    distance, _ = segment_segment(*ends, np.zeros(3))
+    distance, _ = segment_segment(*_ends(tubes[a]), *_ends(tubes[b]), np.zeros(3))
     return float(distance) - (tubes[a].diameter_m + tubes[b].diameter_m) / 2
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array, Ints
+from skywright.core.compiled import helper
 from skywright.planning.motion.connect import TREE_SIZE, connect
 from skywright.planning.motion.cost import displacement_cost, path_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free, state_clearance
@@ -96,7 +97,7 @@ def _slice(
         slot -= 1
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _move(
     space: SpaceRecord, pool: Array, sizes: Ints, costs: Array, scales: Array, a: int, b: int
 ) -> None:
@@ -106,7 +107,7 @@ def _move(
     sizes[b], costs[b], scales[b] = sizes[a], costs[a], scales[a]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _swap(
     space: SpaceRecord, pool: Array, sizes: Ints, costs: Array, scales: Array, a: int, b: int
 ) -> None:

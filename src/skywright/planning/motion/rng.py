@@ -7,8 +7,9 @@ Its state is an array, so that a search can stop and go on in another call with 
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from skywright.core.compiled import helper
 
 State = NDArray[np.uint64]
 
@@ -22,7 +23,7 @@ def build_state(rng: np.random.Generator) -> State:
     return rng.integers(0, 2**63, size=1, dtype=np.int64).astype(np.uint64)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def uniform(state: State) -> float:
     """Return the next number in [0, 1)."""
     state[0] += _GAMMA
@@ -33,7 +34,7 @@ def uniform(state: State) -> float:
     return float(z >> _S11) * (1.0 / 9007199254740992.0)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def normal(state: State) -> float:
     """Return a standard normal number (Box and Muller; one of the pair)."""
     return math.sqrt(-2.0 * math.log(1.0 - uniform(state))) * math.cos(
@@ -41,7 +42,7 @@ def normal(state: State) -> float:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def pick(state: State, n: int) -> int:
     """Return an index below n."""
     return int(uniform(state) * n)

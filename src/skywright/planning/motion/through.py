@@ -18,9 +18,9 @@ a place that no single posture passes is left to the trees (`connect`).
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array, Ints
+from skywright.core.compiled import helper
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.edges import is_edge_free, is_placed_free, place_shapes
 from skywright.planning.motion.rng import State, pick, uniform
@@ -93,7 +93,7 @@ def _list_spans(r: Any, axis: int, start: float, goal: float) -> Array:
     return np.array(places if goal > start else places[::-1]).reshape(-1, 2)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _draw_inside(
     space: SpaceRecord,
     state: State,
@@ -125,7 +125,7 @@ def _draw_inside(
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _translate(space: SpaceRecord, i: int, by: float, k: ScratchRecord) -> None:
     """Move all shapes along with coordinate i, a translation of the platform."""
     for axis in range(X, Z + 1):
@@ -137,7 +137,7 @@ def _translate(space: SpaceRecord, i: int, by: float, k: ScratchRecord) -> None:
                 k.mid[s, axis] += step
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _extent(space: SpaceRecord, axis: int, x: float, k: ScratchRecord) -> tuple[float, float]:
     """How far (m) the placed robot reaches behind and ahead of x along an axis."""
     behind = ahead = 0.0
@@ -151,7 +151,7 @@ def _extent(space: SpaceRecord, axis: int, x: float, k: ScratchRecord) -> tuple[
     return behind, ahead
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _link(space: SpaceRecord, a: Array, b: Array, via: Array, k: ScratchRecord, hits: Ints) -> int:
     """Join a and b: 1 straight, 2 over `via`, angles first or platform first, 0 not."""
     if is_edge_free(space, a, b, k):
@@ -165,7 +165,7 @@ def _link(space: SpaceRecord, a: Array, b: Array, via: Array, k: ScratchRecord, 
     return 0
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def pass_through(
     space: SpaceRecord, start: Array, goal: Array, places: Array, along: int, axis: int,
     state: State, tries: int, path: Array, k: ScratchRecord, hits: Ints,
@@ -259,7 +259,7 @@ def pass_through(
     return 0
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _put(path: Array, row: int, c: Array, n: int) -> None:
     for j in range(n):
         path[row, j] = c[j]

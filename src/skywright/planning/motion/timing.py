@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from skywright.core.arrays import Array, Mask
+from skywright.core.compiled import helper
 from skywright.errors import InfeasibleError
 from skywright.planning.motion.edges import is_edge_free
 from skywright.planning.motion.space import Scratch, Space, build_scratch
@@ -160,7 +161,7 @@ def _parabola(corner: Array, u: Array, v: Array, b: float) -> Array:
     return (corner - b * u) * (1 - t) ** 2 + 2 * corner * t * (1 - t) + (corner + b * v) * t**2
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _change_limits(d: Array, dd: Array, x: float, most: Array) -> tuple[float, float]:
     """Smallest and largest s'' that keep |c'' x + c' s''| <= most, with x = s'^2."""
     low, high = -1e18, 1e18

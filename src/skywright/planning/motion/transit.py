@@ -122,18 +122,18 @@ def _finish(space: Space, path: Path, margin: float) -> tuple[Array, float, floa
     own = space[0]["pairs"][:, 2] == PAIR_SELF
     looser[0]["margin"] = np.where(own | (kept == EXCUSED), kept, np.minimum(kept, margin))
     bare[0]["margin"] = np.where(own, EXCUSED, 0.0)
-    rows = path.rows.copy()
-    count, cost, distance, pair = _drop_and_measure(looser, bare, build_scratch(space), rows)
-    return rows[:count], float(cost), float(distance) if pair >= 0 else math.inf
+    rows, cost, scratch = path.rows.copy(), path.cost, build_scratch(space)
+    if len(rows) > 2:
+        count, cost = _drop(looser, scratch, rows)
+        rows = rows[:count]
+    distance, pair = sample_reserve(bare, scratch, rows, STEP)
+    return rows, float(cost), float(distance) if pair >= 0 else math.inf
 
 
 @njit(cache=True, error_model="numpy")
-def _drop_and_measure(
-    looser: Space, bare: Space, scratch: Scratch, rows: Array
-) -> tuple[int, float, float, int]:
-    count = drop_corners(looser[0], rows, rows.shape[0], scratch[0])
-    distance, pair = sample_reserve(bare, scratch, rows[:count], STEP)
-    return count, path_cost(looser[0], rows, count), distance, pair
+def _drop(space: Space, scratch: Scratch, rows: Array) -> tuple[int, float]:
+    count = drop_corners(space[0], rows, rows.shape[0], scratch[0])
+    return count, path_cost(space[0], rows, count)
 
 
 def _build_blend(
