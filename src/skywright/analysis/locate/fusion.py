@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skywright.analysis.locate.blind import scale_drift
 from skywright.analysis.locate.paper_filter import run_paper_filter
 from skywright.core.arrays import Array, Ints
 from skywright.models.localisation.calibration import Calibration
@@ -89,8 +90,10 @@ def build_model(camera: Trajectory, c: Calibration) -> DriftModel:
 def fuse(
     station: Trajectory, camera: Trajectory, c: Calibration
 ) -> tuple[Events, Fused, DriftModel]:
-    """Run the drift-aware filter over both recordings."""
+    """Run the drift-aware filter over both recordings, its drift as large as outages show it."""
     events, model = collect_events(station, camera, c), build_model(camera, c)
+    outages = find_outages(station, float(station.t[0]), float(events.t[-1]))
+    model = scale_drift(events.t, events.kind, events.z, outages, model)
     return events, run_drift_filter(events.t, events.kind, events.z, model), model
 
 

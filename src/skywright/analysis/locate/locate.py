@@ -300,6 +300,12 @@ def bring_together(
         notes.append(f"{cal.outliers} of {cal.pairs + cal.outliers} samples left out of the "
                      "calibration as outliers")  # fmt: skip
     events, fused, model = fuse(station, camera, cal)
+    grown = model.yaw / DriftModel(0.0, 0.0, 0.0, 0.0).yaw
+    if grown > 1.0:
+        notes.append(
+            f"stretches of the recording without its station show {grown:.2g} times the camera's "
+            "drift of the calibration: the stated deviations say so"
+        )
     paper = fuse_as_printed(events)
     lost = np.count_nonzero(~fused.accepted & (fused.kind == STATION))
     if lost:

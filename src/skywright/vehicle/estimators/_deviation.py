@@ -18,7 +18,8 @@ def tell_deviation(me: Any, P: Any, gravity: float, state: Any) -> None:
 
         dp + T dv - [s] dtheta - T^2/2 R db_a,    s = double integral of R f,
 
-    and the accelerometer's noise adds q_v T^3 / 3. What p has moved beyond T v and gravity is s.
+    and the accelerometer's noise adds q_v T^3 / 3; slow errors of the localisation pass into the
+    estimate as they are. What p has moved beyond T v and gravity is s.
     The gyroscope's share is left out: its bias makes g T^3 / 6 of a position, 0.2 mm of 1 mrad/s in
     the longest T (0.5 s).
     """
@@ -35,7 +36,7 @@ def tell_deviation(me: Any, P: Any, gravity: float, state: Any) -> None:
         row[R_ + (i + 1) % 3], row[R_ + (i + 2) % 3] = s[(i + 2) % 3], -s[(i + 1) % 3]
         for j in range(3):
             row[BA_ + j] = -0.5 * T * T * me.R_f[i, j]
-        variance = me.q_v * T * T * T / 3.0
+        variance = me.q_v * T * T * T / 3.0 + me.p_slow[i] * me.p_slow[i]
         for j in range(N_STATE):
             if row[j] != 0.0:
                 for k in range(N_STATE):

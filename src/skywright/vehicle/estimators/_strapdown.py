@@ -41,6 +41,7 @@ class Strapdown(TipCorrection):
     p_bg: float
     vibration_v: float  # (m/s)^2, shaking of the unit on its mount
     vibration_R: float  # rad^2
+    p_slow: Vec3  # m, 1 sigma of what the localisation errs by so slowly that nothing tells it
     # the newest state, at the inertial unit
     t: float  # s
     p: Vec3

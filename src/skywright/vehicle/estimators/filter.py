@@ -62,6 +62,9 @@ GATE = 22.46  # chi-square of 6 at 99.9 %
 RESTART_AFTER = 10  # rejected samples in a row that agree with each other
 AGREE_P, AGREE_R = 0.1, 0.2  # m, rad: how far two good samples may be apart
 AGREE_SIGMAS = 4.0  # of two fixes, on top
+KNOWN_AFTER = 400  # samples that tell noise to 2 %: a variance from 3 n numbers is sqrt(2 / 3n) off
+SHEET_WORTH = 5.0  # samples that a data sheet is worth, whose noise is 20 % off
+LEAST_NOISE = 1e-10  # m^2 and rad^2: a perfect sensor would leave nothing to weigh
 
 
 class Filter(Estimator):
@@ -95,16 +98,18 @@ class Filter(Estimator):
         """Take what data sheets say."""
         fill_strapdown(me, context)
         m, fix, s = context.world.mocap, context.world.gnss.errors, context.robot.sensors
-        # a fix's correlated errors look like motion: they are not weighed, and stay in the estimate
+        # a fix's correlated errors look like motion: they are not weighed, but stated
+        me.p_slow = [fix.drift_level_m, fix.drift_level_m, fix.drift_up_m]
+        if context.world.localisation != "gnss":
+            me.p_slow = 0.0
         me.p_BF = [s.antenna_x_m, s.antenna_y_m, s.antenna_z_m]
         noise = [fix.noise_level_m, fix.noise_level_m, fix.noise_up_m]
         me.r_fix = np.maximum(noise, 1e-5) ** 2
         me.r_heading = max(math.radians(fix.heading_noise_deg), 1e-5) ** 2
-        # a perfect sensor would leave nothing to weigh: a floor far below any real one
-        me.r_p = max(m.position_noise_m, 1e-5) ** 2
-        me.r_R = max(m.attitude_noise_rad, 1e-5) ** 2
+        me.r_p = max(m.position_noise_m**2, LEAST_NOISE)
+        me.r_R = max(m.attitude_noise_rad**2, LEAST_NOISE)
         me.q_c, me.P_c = TIP_WALK**2, 1e-4
-        me.r_c = 2.0 * me.r_p  # the platform's own error counts too
+        me.r_c = 2.0 * me.r_p
 
     @staticmethod
     def step(
@@ -143,9 +148,15 @@ class Filter(Estimator):
 
 @helper
 def fuse(me: Any, mocap: Any) -> bool:
-    """Fuse a motion-capture sample taken at the horizon; False when the gate rejects it."""
+    """Fuse a motion-capture sample taken at the horizon; False when the gate rejects it.
+
+    What the sample was off before the correction, times what it is off after it, is its noise's
+    variance in the mean (Desroziers et al., Diagnosis of observation, background and analysis-error
+    statistics in observation space, 2005, (4)): so the filter learns the noise from the data sheet
+    on.
+    """
     H, nu, r, lever = local(6, N_STATE), local(6), local(6), local(3)
-    rot, turn, dx = local(3, 3), local(3), local(N_STATE)
+    rot, turn, dx, before = local(3, 3), local(3), local(N_STATE), local(6)
     for i in range(6):
         for j in range(N_STATE):
             H[i, j] = 0.0
@@ -166,11 +177,23 @@ def fuse(me: Any, mocap: Any) -> bool:
         nu[3 + i] = turn[i]
         H[3 + i, R_ + i] = 1.0
         r[3 + i] = me.r_R
+    for i in range(6):
+        before[i] = nu[i]
     me.nis = correct(me.P, H, nu, r, GATE, dx)
     if not me.nis < GATE:
         return False
+    gain = 1.0 / min(me.fused + SHEET_WORTH, KNOWN_AFTER)
     for i in range(6):
         me.nu[i] = nu[i]
+        after = before[i]
+        for j in range(N_STATE):
+            after -= H[i, j] * dx[j]
+        if i < 3:
+            me.r_p += gain / 3.0 * (before[i] * after - me.r_p)
+        else:
+            me.r_R += gain / 3.0 * (before[i] * after - me.r_R)
+    me.r_p, me.r_R = max(me.r_p, LEAST_NOISE), max(me.r_R, LEAST_NOISE)
+    me.r_c = 2.0 * me.r_p  # of the tip: the platform's own error counts too
     inject(me, dx)
     return True
 
