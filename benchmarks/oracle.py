@@ -12,7 +12,8 @@ What is judged of a weld scan, all on the true pipe:
   gap below 1 mm and a tilt below 10 deg, over 98 % of its length;
 - the tip kept to it (4 mm rms), the gap never exceeded 1 mm for 0.05 s, nothing else was touched;
 - every clear crossing of the true path with a true weld (from 10 mm on one side to 10 mm on the
-  other) was reported within 15 mm; what was reported lies within 15 mm of a weld;
+  other) was reported within 15 mm, each by one, at most 5 mm beside it; what was reported lies
+  within 15 mm of a weld; a pass that stays on a weld for 35 mm was told of;
 - every weld with two clear crossings 2 cm apart has one line, which lies within 5 mm of it between
   its outermost crossings; no line is reported elsewhere.
 """
@@ -39,7 +40,7 @@ Array = NDArray[np.float64]
 
 GAP_M, TILT_RAD, AWAY_S = 1e-3, math.radians(10.0), 0.05
 NEAR_M, COVERED, TRACKED_M = 6e-3, 0.98, 4e-3
-SIDE_M, REPORTED_M, APART_M, LINE_M = 0.010, 0.015, 0.02, 5e-3
+SIDE_M, REPORTED_M, APART_M, LINE_M, ALONG_M = 0.010, 0.015, 0.02, 5e-3, 0.035
 TOUCH_N = 0.0
 RIGHT = 0.97
 
@@ -82,7 +83,7 @@ class Seam:
 
     def __init__(self, weld: dict[str, Any], tube: Tube) -> None:
         self.tube, angle, around = tube, weld["angle_deg"], math.radians(weld["around_deg"])
-        self.along = angle == 90.0
+        self.along, self.half = angle == 90.0, weld["half_width_m"]
         phi = np.linspace(-math.pi, math.pi, 40001)
         if self.along:
             self.phi0 = around + weld["offset_m"] / tube.radius
@@ -116,10 +117,25 @@ class Seam:
                 last = None
             if abs(d[i]) < SIDE_M:
                 continue
-            if last is not None and np.sign(d[i]) != np.sign(d[last]) and i > last:
-                out.append(last + int(np.argmin(np.abs(d[last : i + 1]))))
+            if last is not None and np.sign(d[i]) != np.sign(d[last]):
+                nearest = last + int(np.argmin(np.abs(d[last : i + 1])))
+                if abs(d[nearest]) < SIDE_M:  # the far side of the pipe changes sign, too
+                    out.append(nearest)
             last = i
         return out
+
+    def find_along(self, at: Array, broken: NDArray[np.bool_]) -> list[Array]:
+        """Return the pieces of a path, as places (n, 3), that stay on the weld for ALONG_M."""
+        on = np.concatenate([[False], (np.abs(self.measure(at)) < self.half) & ~broken, [False]])
+        edges = np.flatnonzero(np.diff(on.astype(int)))
+        crossed = self.find_crossings(at, broken)
+        pieces = []
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            way = self.tube.embed(at[a:b])
+            length = float(np.linalg.norm(way[-1] - way[0]))
+            if length > ALONG_M and not any(a <= k < b for k in crossed):
+                pieces.append(way)
+        return pieces
 
 
 def build_request(task: Any, tube_radius: float) -> Array:
@@ -212,25 +228,47 @@ def judge_welds(
     tables = [w for w in (world["weld"], *world.get("welds", {}).values()) if w and w["present"]]
     seams, missing = [Seam(w, tube) for w in tables], list[str]()
     found = told.get("result") or {"lines": [], "crossings": []}
-    told_on = [x for x in found["crossings"] if x["line"] is not None or not found["lines"]]
-    places = np.array([x["p_m"] for x in told_on]).reshape(-1, 3)
+    places = np.array([x["p_m"] for x in found["crossings"]]).reshape(-1, 3)
     reported = tube.embed(tube.unroll(places))
     lines = [tube.unroll(line["points_m"]) for line in found["lines"]]
-    taken = set[int]()
+    taken, spots = set[int](), list[Array]()
     for k, seam in enumerate(seams):
         crossed = at[seam.find_crossings(at, broken)].reshape(-1, 2)
-        spots = tube.embed(crossed)
-        for spot in spots:
-            if not len(reported) or np.min(np.linalg.norm(reported - spot, axis=1)) > REPORTED_M:
-                missing.append(f"a crossing of weld {k + 1} was not told")
+        mine_spots = tube.embed(crossed)
+        spots += list(mine_spots)
+        for piece in seam.find_along(at, broken):
+            if not len(reported) or cKDTree(reported).query(piece)[0].min() > REPORTED_M:
+                missing.append(f"a pass along weld {k + 1} was not told")
         mine = [
             i for i, line in enumerate(lines) if float(np.max(np.abs(seam.measure(line)))) < LINE_M
         ]
         taken |= set(mine)
-        width = max((float(np.linalg.norm(a - b)) for a in spots for b in spots), default=0.0)
+        width = max(
+            (float(np.linalg.norm(a - b)) for a in mine_spots for b in mine_spots), default=0.0
+        )
         if width > APART_M and len(mine) != 1:
             near = min((float(np.max(np.abs(seam.measure(x)))) for x in lines), default=math.nan)
             missing.append(f"{len(mine)} lines for weld {k + 1} (nearest {1e3 * near:.1f} mm off)")
+    apart = list[Array]()
+    for spot in spots:  # where welds meet their signals merge
+        if all(float(np.linalg.norm(spot - x)) > REPORTED_M for x in apart):
+            apart.append(spot)
+    spots = apart
+    free = list(reported)  # each tells one crossing: the nearest pairs first
+    pairs = sorted(
+        (float(np.linalg.norm(a - b)), i, j)
+        for i, a in enumerate(spots)
+        for j, b in enumerate(free)
+    )
+    used: tuple[set[int], set[int]] = (set(), set())
+    for far, i, j in pairs:
+        if far < REPORTED_M and i not in used[0] and j not in used[1]:
+            used[0].add(i)
+            used[1].add(j)
+            here = tube.unroll(places[j : j + 1])
+            if min(abs(float(w.measure(here)[0])) for w in seams) > LINE_M:
+                missing.append("a crossing was told beside its weld")
+    missing += ["a crossing was not told"] * (len(spots) - len(used[0]))
     missing += [f"line {i + 1} is no weld" for i in range(len(lines)) if i not in taken]
     for x in tube.unroll(places) if len(places) else ():
         if min((abs(float(w.measure(x[None])[0])) for w in seams), default=1.0) > REPORTED_M:
@@ -259,6 +297,16 @@ def judge(folder: Path) -> Verdict:
     )
 
 
+def list_refused(folders: list[Path]) -> list[tuple[int, str]]:
+    """Return the runs of campaigns that never flew, each with its reason: no truth was recorded."""
+    out = []
+    for file in (f.parent / "runs.jsonl" for f in folders):
+        lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+        rows = [json.loads(x) for x in lines]
+        out += [(r["run"], r["reason"]) for r in rows if r["outcome"] in ("infeasible", "refused")]
+    return out
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folders", type=Path, nargs="+")
@@ -276,8 +324,10 @@ def main() -> int:
             out = csv.writer(file, lineterminator="\n")
             out.writerow(Verdict._fields)
             out.writerows(rows)
-    good = sum(r.right for r in rows)
-    print(f"{good} of {len(rows)} verdicts right")
+    good, refused = sum(r.right for r in rows), list_refused(a.folders)
+    for run, reason in refused:
+        print(f"refused {run}: {reason[:150]}")
+    print(f"{good} of {len(rows)} verdicts right; {len(refused)} runs were refused, for a person")
     return 0 if rows and good >= RIGHT * len(rows) else 1
 
 

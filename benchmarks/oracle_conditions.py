@@ -25,18 +25,20 @@ def draw_scan(rng: np.random.Generator) -> dict[str, Any]:
     diameter = rng.uniform(0.3, 0.6)
     arc = rng.uniform(20.0, 120.0)
     pattern = rng.choice(["raster", "spiral", "line"], p=[0.7, 0.2, 0.1])
-    passes = int(rng.integers(2, 9))
+    passes = int(rng.integers(1, 9))
     around = 0.5 * diameter * math.radians(arc)
     passes = min(passes, 1 + int(around / APART_M))
     angle = 90.0 if rng.random() < 0.1 else rng.uniform(-60.0, 60.0)
     offset = rng.uniform(-0.05, 0.05)
     other = offset + rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.09)
     lean = 0.0 if angle == 90.0 else rng.uniform(-10.0, 10.0)
+    second = 90.0 if rng.random() < 0.1 else angle + lean
     welds = rng.choice([0, 1, 2], p=[1 / 6, 7 / 12, 1 / 4])
     row = {
         "mission.task.pattern": str(pattern),
         "mission.task.side": "angle",
-        "mission.task.centre_angle_deg": rng.uniform(-30.0, 30.0),
+        "mission.task.centre_angle_deg": rng.uniform(-30.0, 30.0)
+        + (180.0 if rng.random() < 0.15 else 0.0),
         "mission.task.arc_deg": arc,
         "mission.task.passes": passes,
         "mission.task.pass_length_m": rng.uniform(0.12, 0.25),
@@ -46,7 +48,7 @@ def draw_scan(rng: np.random.Generator) -> dict[str, Any]:
         "world.weld.offset_m": offset,
         "world.weld.half_width_m": rng.uniform(0.004, 0.007),
         "world.welds.second.present": str(welds > 1).lower(),
-        "world.welds.second.angle_deg": angle + lean,
+        "world.welds.second.angle_deg": second,
         "world.welds.second.offset_m": other,
         "world.pipe.diameter_m": diameter,
         "world.pipe.length_m": 1.0,  # its posts stand aside

@@ -364,7 +364,10 @@ def test_a_marker_out_of_sight_moves_no_hand():
 
 
 def test_the_camera_s_noise_is_what_its_keys_say():
-    sets = ["robot.camera.range_noise_fraction=0.01", "robot.camera.attitude_noise_rad=0.02"]
+    sets = [
+        "robot.camera.range_noise_fraction=0.01", "robot.camera.attitude_noise_rad=0.02",
+        "plant.sensor_noise_error=0",
+    ]  # fmt: skip
     b = Bench(sets=[*CAMERA, *sets], more=MARKER)
     p, R = [], []
     for _ in range(400):

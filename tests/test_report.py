@@ -231,7 +231,7 @@ def test_no_weld_found(scan: RunResult, text_only: None) -> None:
     assert scan.details is not None
     weld = scan.details._replace(lines=(), crossings=())
     text = _Page(render_report(scan._replace(details=weld))).text
-    assert "No weld was found." in text and "The pattern crosses welds" in text
+    assert "No weld was found." in text and "Crossings to be expected: 2" in text
     d = scan.description
     bare = d._replace(world=d.world.model_copy(update={"weld": None}))
     none = scan.metrics | {"weld.expected": 0.0}

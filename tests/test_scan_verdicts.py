@@ -14,13 +14,16 @@ import pytest
 from exact_map import EXACT
 from skywright.description.loader import load_description
 from skywright.description.world.spec import Weld
-from skywright.description.world.surface import build_weld_curve, roll_points
+from skywright.description.world.surface import build_weld_curve, roll_points, unroll_points
 from skywright.errors import InputError
+from skywright.inspection.calibration import build_calibration
 from skywright.inspection.crossings import Crossing, count_passes, separate_lines
+from skywright.inspection.weld import process_scan
 from skywright.inspection.weld_data import process_file
 from skywright.missions.scan.coverage import compute_scan_coverage, judge_coverage, list_missed
 from skywright.missions.scan.plan import ScanWay
-from skywright.missions.scan.welds import find_expected, list_waived
+from skywright.missions.scan.welds import ERRORS, find_expected, judge_welds, list_waived
+from skywright.models.eddy_current import build_probe_signal, ec_signal
 from skywright.planning.patterns import build_pattern
 from skywright.run.flight import PhaseRecord
 from skywright.run.run import run_mission
@@ -29,10 +32,12 @@ from skywright.run.setup import Setup
 RADIUS = 0.2
 
 
-def build_run(centre_deg: float, keep: Any = lambda s, c: s < 9.0, **task: Any) -> Any:
+def build_run(
+    centre_deg: float, keep: Any = lambda s, c: s < 9.0, sets: Any = (), **task: Any
+) -> Any:
     """A scan that follows its pattern exactly wherever `keep` says."""
     sets = [
-        "mission.task.side=angle", f"mission.task.centre_angle_deg={centre_deg}", *EXACT,
+        *sets, "mission.task.side=angle", f"mission.task.centre_angle_deg={centre_deg}", *EXACT,
         *(f"mission.task.{k}={v}" for k, v in task.items()),
     ]  # fmt: skip
     setup = Setup(load_description("pipe-weld-scan", sets=sets))
@@ -43,7 +48,7 @@ def build_run(centre_deg: float, keep: Any = lambda s, c: s < 9.0, **task: Any) 
         math.radians(asked.arc_deg), asked.passes, asked.pass_length_m, asked.centre_s_m, 0.0
     ).corners  # fmt: skip
     way = ScanWay(0.03, 2.0, corners, corners)
-    u = np.linspace(0.0, len(corners) - 1.0, 400 * len(corners))
+    u = np.linspace(0.0, len(corners) - 1.0, 1500 * (len(corners) - 1))
     s = np.interp(u, np.arange(len(corners)), corners[:, 0])
     c = cylinder.radius * np.interp(u, np.arange(len(corners)), corners[:, 1])
     good = keep(s, c)
@@ -142,11 +147,86 @@ def test_false_crossings_make_no_second_line() -> None:
     assert count_passes(lines[0], s, c, np.ones(len(s), bool)) == 6
 
 
+def read_signal(run: Any, cylinder: Any, blobs: tuple[float, ...] = ()) -> dict[str, float]:
+    """Judge what is found in the instrument's signal along a perfect scan at 10 mm/s.
+
+    `blobs` are distances (m) along the path with a false weld signal.
+    """
+    rng, s = np.random.default_rng(1), run.samples
+    along, around, _ = unroll_points(cylinder, s["p_WT"])
+    world = run.setup.true.world
+    signal = build_probe_signal(world.pipe, world.list_welds(), rng)
+    noise = rng.standard_normal((len(s) + 300, 2))
+
+    def read(at: int, gap: float, k: int) -> tuple[float, float]:
+        return ec_signal(signal, along[at], around[at], gap, 0.0, *noise[k])
+
+    touch = np.array([read(0, max(0.0, 0.05 - 2.5e-4 * k), k) for k in range(300)])
+    ec = np.array([read(k, 0.0, 300 + k) for k in range(len(s))])
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(s["p_WT"], axis=0), axis=1))])
+    real = build_probe_signal(world.pipe, [Weld()], rng)
+    weld = ec_signal(real, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for blob in blobs:
+        ec += np.exp(-0.5 * ((way - blob) / 0.003) ** 2)[:, None] * np.array(weld)
+    calibration = build_calibration(touch, lift_off_threshold=15.0, weld_threshold=1.4)
+    measured = s["p_WT"] + 1e-4 * rng.standard_normal((len(s), 3))
+    found = process_scan(100.0 * way, ec, measured, cylinder, calibration)
+    path = compute_scan_coverage(run, cylinder).path
+    return judge_welds(run, found, (path[:, 0], path[:, 1]))
+
+
+def add_welds(*welds: str) -> list[str]:
+    return [f"world.welds.{x}" for x in welds]
+
+
+@pytest.mark.parametrize(
+    ("centre", "sets", "task", "expected", "lines"),
+    [
+        (0.0, [], {}, 4, 1),
+        (180.0, ["world.weld.angle_deg=20"], {}, 4, 1),
+        (172.0, ["world.weld.angle_deg=20"], {"arc_deg": 30}, 4, 1),
+        (0.0, add_welds("b.offset_m=0.06"), {"pattern": "line"}, 2, 0),
+        (0.0, add_welds("b.angle_deg=90"), {"passes": 6}, 7, 1),  # a seam, crossed by one step
+        (0.0, add_welds("b.angle_deg=-10"), {}, 6, 2),  # they cross: two pairs have one peak
+        (0.0, add_welds("b.offset_m=-0.05", "c.offset_m=0.05"), {"passes": 2}, 6, 3),
+        (0.0, ["world.weld.present=false"], {}, 0, 0),
+    ],
+)
+def test_all_that_the_pattern_crosses_is_found(
+    centre: float, sets: list[str], task: dict[str, Any], expected: int, lines: int
+) -> None:
+    found = read_signal(*build_run(centre, sets=sets, **task))
+    assert (found["weld.expected"], found["weld.crossings"]) == (expected, expected)
+    assert found["weld.lines"] == lines
+    assert found["weld.missed"] == found["weld.lines_missed"] == found["weld.false_alarms"] == 0.0
+    assert max(found.get(name, 0.0) for name in ERRORS[:2]) < 1.0
+
+
+@pytest.mark.parametrize("blobs", [(0.03,), (0.03, 0.07), (0.03, 0.06, 0.15)])
+@pytest.mark.parametrize("welds", [[], ["world.weld.present=false"]])
+def test_signals_without_a_weld_are_false_alarms(
+    welds: list[str], blobs: tuple[float, ...]
+) -> None:
+    run, cylinder = build_run(0.0, sets=welds)
+    found = read_signal(run, cylinder, blobs)
+    assert found["weld.false_alarms"] == len(blobs) and found["weld.missed"] == 0.0
+
+
+def test_a_pass_that_lies_on_a_seam_is_missed_not_waived() -> None:
+    found = read_signal(*build_run(0.0, sets=["world.weld.angle_deg=90"], pattern="line"))
+    assert found["weld.expected"] == found["weld.missed"] == 1.0 and not list_waived(found)
+
+
 def test_a_line_is_judged_only_where_there_is_one_to_find() -> None:
-    none = {"weld.lines": 0.0, "weld.lines_missed": 0.0}
-    assert "weld.line_error_mm" in list_waived(none)
-    for told in ({}, {**none, "weld.lines_missed": 1.0}, {**none, "weld.lines": 1.0}):
-        assert not list_waived(told)
+    none = {
+        "weld.lines": 0.0, "weld.lines_missed": 0.0, "weld.missed": 0.0, "weld.false_alarms": 0.0
+    }  # fmt: skip
+    assert {"weld.line_error_mm", "weld.crossing_error_mm"} <= set(list_waived(none))
+    assert "weld.crossing_error_mm" not in list_waived(none | {"weld.crossing_error_mm": 1.0})
+    for name in ("weld.missed", "weld.false_alarms"):
+        assert not list_waived(none | {name: 1.0})
+    for told in ({}, none | {"weld.lines_missed": 1.0}, none | {"weld.lines": 1.0}):
+        assert "weld.line_error_mm" not in list_waived(told)
 
 
 def test_no_weld_found_where_there_is_none_is_a_success(tmp_path: Path) -> None:

@@ -193,7 +193,8 @@ def test_a_deck_that_is_not_there_sends_the_robot_home() -> None:
 def test_the_tip_finds_a_wall_before_it_presses(world: str) -> None:
     run = fly_and_evaluate(load(world, **{"world.localisation": "mocap"}))
     m = run.metrics
-    assert not run.reason and m["contact.collisions"] == 0.0 and m["slide.length_m"] > 0.5
+    assert run.outcome != "aborted", run.reason  # sliding along a pillar the tip may jump
+    assert m["contact.collisions"] == 0.0 and m["slide.length_m"] > 0.5
     assert m["slide.lost_s"] < (0.3 if world == "pillar" else 1e-9)  # up a pillar it may hop
     assert m["survey.touches"] == 6.0 and m["survey.missed"] == 0.0
     assert m["survey.surface_error_mm"] < 3.0

@@ -119,10 +119,13 @@ def _step(
         model = as_model(child)
         if model is not None and len(rest) > 1 and rest[-1] in model.model_fields:
             required = [n for n, f in model.model_fields.items() if f.is_required()]
-            if required in ([], rest[-1:]):  # a new entry that this one number completes
+            if required == rest[-1:] or (not required and len(rest) == 2):  # a new entry, complete
                 return ".".join(rest[:-1]), child, len(rest) - 1
         if model is None or len(rest) == 1:
             return ".".join(rest), child, len(rest)
+        if len(rest) == 2 and not any(f.is_required() for f in model.model_fields.values()):
+            where = f"{at}.{rest[0]}"
+            raise InputError(f"{label}: {describe_unknown(rest[1], where, [*model.model_fields])}")
         raise InputError(f"{label}: {describe_unknown('.'.join(rest), at, names)}")
     if origin is list:
         items = here if isinstance(here, list) else []

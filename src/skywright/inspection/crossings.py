@@ -1,15 +1,18 @@
 """Crossings of a path with welds, and which of them lie on one line."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from skywright.core.arrays import Array, Mask
-from skywright.inspection.weld_line import INLIER, WeldLine, estimate_weld_line
+from skywright.inspection.weld_line import INLIER, WIDEST, WeldLine, estimate_weld_line
 
 MOST_LINES = 10
 SHOWN = 0.7
 """Least share of the path's passes over a further line that must be crossings of it."""
+LEAST_SLANT = math.sin(math.radians(3.0))
+"""Of a path across a line: below, a distance along the line's normal tells nothing of the path."""
 CLEAR = 0.01
 """m from a line's middle: beyond a weld's half-width and the coil."""
 
@@ -39,9 +42,9 @@ def separate_lines(
 ) -> list[WeldLine]:
     """Return the lines that the points lie on, that of most points first.
 
-    Every two points make a line. One beyond the first is a weld only where the path, (n,) `s`
-    and `c` (m) with `contact`, shows it: most of the places at which the path crosses the line
-    are points of it.
+    Every two points make a line. Two alone, and all beyond the first line, are a weld only where
+    the path, (n,) `s` and `c` (m) with `contact`, shows it: most of the places at which the path
+    crosses the line are points near it, also of another line (welds may cross).
     """
     lines: list[WeldLine] = []
     left = points
@@ -49,9 +52,11 @@ def separate_lines(
         line = estimate_weld_line(*_columns(left, "s", "c", "v_s", "v_c", "std"), radius=radius)
         if line is None:
             break
-        if lines and len(line.inliers) < SHOWN * count_passes(line, s, c, contact):
-            break
-        lines.append(line)
+        shown = sum(is_near(x, line) for x in points)
+        if (not lines and len(line.inliers) > 2) or shown >= SHOWN * count_passes(
+            line, s, c, contact
+        ):
+            lines.append(line)
         left = [x for i, x in enumerate(left) if i not in line.inliers]
     return lines
 
@@ -63,13 +68,30 @@ def count_passes(line: WeldLine, s: Array, c: Array, contact: Mask) -> int:
     return int(np.count_nonzero(np.diff(np.sign(d))))
 
 
+def is_near(x: Crossing, line: WeldLine) -> bool:
+    """Whether a crossing lies on a line, as well as its place is known."""
+    off = abs(float(line.measure_distance(x.s, x.c)))
+    return off < min(max(INLIER, 2.0 * x.std), WIDEST)
+
+
 def find_owner(x: Crossing, lines: list[WeldLine]) -> int:
-    """Return the index of the nearest line; 0 while there is none."""
-    return int(np.argmin([abs(float(a.measure_distance(x.s, x.c))) for a in lines] or [0.0]))
+    """Return the index of the nearest line."""
+    return int(np.argmin([abs(float(a.measure_distance(x.s, x.c))) for a in lines]))
+
+
+def find_normal(x: Crossing, lines: list[WeldLine]) -> tuple[float, float] | None:
+    """Return the normal (s, c) of the line that a crossing lies on and its path crosses."""
+    if not lines:
+        return None
+    line = lines[find_owner(x, lines)]
+    normal = (math.cos(line.angle), -math.sin(line.angle))
+    across = abs(x.v_s * normal[0] + x.v_c * normal[1])
+    crosses = across > LEAST_SLANT * math.hypot(x.v_s, x.v_c)
+    near = abs(float(line.measure_distance(x.s, x.c))) < WIDEST
+    return normal if near and crosses else None
 
 
 def assign(x: Crossing, lines: list[WeldLine]) -> Crossing:
     """Return the crossing with the index of its line; -1 where it lies off all of them."""
     k = find_owner(x, lines)
-    off = abs(float(lines[k].measure_distance(x.s, x.c)))
-    return x._replace(line=k if off < max(INLIER, 2.0 * x.std) else -1)
+    return x._replace(line=k if is_near(x, lines[k]) else -1)

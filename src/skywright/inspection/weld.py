@@ -19,7 +19,7 @@ from skywright.inspection.calibration import (
     robust_std,
     to_complex,
 )
-from skywright.inspection.crossings import Crossing, assign, find_owner, separate_lines
+from skywright.inspection.crossings import Crossing, assign, find_normal, separate_lines
 from skywright.inspection.weld_line import HALF_WIDTH, WeldLine
 
 MERGE_DISTANCE = 0.004
@@ -185,10 +185,12 @@ def find_crossings(
     noise: float,
     surface: Cylinder,
     base: Mask,
-    normal: tuple[float, float] | None = None,
+    lines: list[WeldLine],
 ) -> tuple[list[Crossing], list[Crossing]]:
-    """(crossings, points for the line) of a scan; `base` (n,) flags contact off the weld.
+    """(crossings, points for the lines) of a scan; `base` (n,) flags contact off the weld.
 
+    Each stretch is located along the path, then along the normal of the line of `lines` that it
+    lies on.
     They are the same, except where the path runs along the weld: such a stretch is one crossing
     but several points, each as uncertain as the weld is wide. So is a one-sided stretch.
     """
@@ -202,9 +204,13 @@ def find_crossings(
 
     for start, stop in _merge_runs(_runs(on_weld, t, s, c), t, s, c):
         span = slice(start, stop)
-        found = _locate(t[span], s[span], c[span], weld[span], noise, surface, normal)
+        stretch = (t[span], s[span], c[span], weld[span], noise, surface)
+        found = _locate(*stretch)
         if found is None:
             continue
+        normal = find_normal(found, lines)
+        if normal is not None:
+            found = _locate(*stretch, normal) or found
         d = np.stack([s[span], c[span]], axis=1)
         d -= d.mean(axis=0)
         x = d @ (np.linalg.eigh(d.T @ d)[1][:, -1] if normal is None else np.array(normal))
@@ -228,6 +234,15 @@ def find_crossings(
                 shared = math.sqrt(pieces) if found.one_sided else 1.0
                 points.append(piece._replace(std=HALF_WIDTH * shared, one_sided=found.one_sided))
     return crossings, points
+
+
+def unwrap(c: Array, contact: Mask, radius: float) -> Array:
+    """Return `c` (n,) m counted on past half a turn, so that no scan is cut at the far side."""
+    if not np.any(contact):
+        return c
+    middle = float(np.angle(np.mean(np.exp(1j * c[contact] / radius)))) * radius
+    turn = 2.0 * math.pi * radius
+    return np.asarray(c - turn * np.round((c - middle) / turn))
 
 
 def remove_drift(s: Array, c: Array, weld: Array, contact: Mask, threshold: float) -> Array:
@@ -305,6 +320,7 @@ def process_scan(
             f"{share:.0%} of the contact samples read as weld: base metal must be the majority for "
             "a line; calibrate away from the weld"
         )
+    c = unwrap(c, contact & searched, surface.radius)
     weld = remove_drift(s, c, weld, contact & searched, calibration.weld_threshold)
     on_weld = contact & searched & (weld > calibration.weld_threshold) & sound
 
@@ -319,12 +335,7 @@ def process_scan(
     path = (s[index], c[index], contact[index] & searched[index])
     lines: list[WeldLine] = []
     for _ in range(3):  # a line's normal refines its crossings, which refine the line
-        found, points = list[Crossing](), list[Crossing]()
-        for k, line in enumerate(lines or [None]):
-            normal = None if line is None else (math.cos(line.angle), -math.sin(line.angle))
-            some, places = find_crossings(*data, off_weld[index], normal)
-            found += [x for x in some if find_owner(x, lines) == k]
-            points += [x for x in places if find_owner(x, lines) == k]
+        found, points = find_crossings(*data, off_weld[index], lines)
         crossings = [x for x in found if x.peak >= SIGNIFICANCE * noise]
         points = [x for x in points if x.peak >= SIGNIFICANCE * noise]
         lines = separate_lines(points, surface.radius, *path)
@@ -346,8 +357,13 @@ def process_scan(
         off = sum(x.line < 0 for x in crossings)
         if len(lines) > 1:
             notes.append(f"{len(lines)} welds: the crossings lie on {len(lines)} lines")
+        if sum(len(x.inliers) == 2 for x in lines) > 1:
+            notes.append(
+                "two passes over several welds can be read in two ways: lines along or across the "
+                "axis were taken"
+            )
         if off:
-            notes.append(f"{off} of {len(crossings)} crossings lie off the line and were left out")
+            notes.append(f"{off} of {len(crossings)} crossings lie off the line: they have none")
     elif len(crossings) == 1:
         notes.append("one crossing only: its angle, so the line, cannot be told")
     elif crossings:

@@ -120,7 +120,7 @@ def _consensus(q: Array, w: Array, v: Array, std: Array) -> NDArray[np.bool_]:
     """
     n = len(q)
     limit = _get_limit(std)
-    best, best_score = np.ones(n, bool), -math.inf
+    best, best_score = np.zeros(n, bool), -math.inf
     pairs = [(i, j) for i in range(n) for j in range(i + 1, n)]
     if len(pairs) > 2000:
         pairs = [pairs[k] for k in np.linspace(0, len(pairs) - 1, 2000).astype(int)]
@@ -129,13 +129,14 @@ def _consensus(q: Array, w: Array, v: Array, std: Array) -> NDArray[np.bool_]:
         for i, j in pairs:
             d = at[j] - at[i]
             length = float(np.hypot(d[0], d[1]))
-            if length < 1e-3:
+            if length < 1e-3 or (
+                max(std[i], std[j]) < HALF_WIDTH
+                and max(abs(d @ v[k]) - ALONG * length * math.hypot(*v[k]) for k in (i, j)) > 0.0
+            ):
                 continue
             r = np.abs((at - at[i]) @ np.array([-d[1], d[0]]) / length) / limit
             score = float(np.sum(1 - np.minimum(r, 1) ** 2)) + 1e-3 * (length - abs(lean))
             score -= SLANT * 2.0 * abs(d[0] * d[1]) / length**2
-            if std[i] < HALF_WIDTH and abs(d @ v[i]) > ALONG * length * np.hypot(*v[i]):
-                score -= 2.0 * SLANT
             if score > best_score:
                 best, best_score = r < 1.0, score
     return best
@@ -158,7 +159,7 @@ def estimate_weld_line(
     std = np.maximum(np.asarray(std, float), 5e-5)
     if len(q) < 2 or not np.all(np.isfinite(q)):
         return None
-    inlier = _consensus(q, bow, v, std) if len(q) >= 3 else np.ones(len(q), np.bool_)
+    inlier = _consensus(q, bow, v, std)
     fit = None
     for _ in range(3):  # what a lag or a lean explains comes back
         if np.count_nonzero(inlier) < 2:

@@ -89,6 +89,8 @@ def draw_weld_map(
     for weld in truth:
         true = build_weld_curve(weld, result.surface.radius)
         s, c = true.follow(max(abs(box[0]), abs(box[1])), 4001)
+        turn = 2.0 * math.pi * result.surface.radius
+        c = c - turn * np.round((c - 0.5 * (box[2] + box[3])) / turn)  # where the scan counts it
         inside = _find_inside(s, c, box)
         if inside.any():
             s, c = np.where(inside, s, np.nan), np.where(inside, c, np.nan)

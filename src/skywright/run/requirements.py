@@ -61,7 +61,7 @@ def judge(requirements: Mapping[str, Requirement], metrics: Mapping[str, float])
     for name, r in requirements.items():
         value = metrics.get(name)
         known = value is not None and math.isfinite(value)
-        passed = known and value is not None and _SENSES[r.sense](value, r.limit)
+        passed = known and value is not None and bool(_SENSES[r.sense](value, r.limit))
         verdicts.append(
             Verdict(name, value if known else None, r.unit, r.limit, r.sense, passed, r.source)
         )

@@ -210,9 +210,13 @@ def describe(result: RunResult[Scan, ScanWay]) -> str:
     d = result.description
     contact = result.metrics.get("contact.duration_s", 0.0)
     did = f"{d.robot.name} in world {d.world.name} scanned for {contact:.0f} s"
-    lines = result.details.lines if result.details is not None else ()
+    weld = result.details
+    lines = weld.lines if weld is not None else ()
     if not lines:
-        return did + " and found no weld"
+        n = len(weld.crossings) if weld is not None else 0
+        if not n:
+            return did + " and found no weld"
+        return did + f" and found {n} crossing{'s' * (n > 1)} of a weld, but no line"
     told = " and ".join(
         f"{len(result.details.list_crossings(k))} crossings, at "
         f"{math.degrees(line.angle):.2f} deg ± {math.degrees(line.std_angle):.2f} deg"
@@ -281,12 +285,13 @@ def list_notes(result: RunResult[Scan, ScanWay]) -> list[str]:
     where = "The pattern crosses none."
     if metrics.get("weld.expected"):
         where = (
-            f"The pattern crosses welds {metrics['weld.expected']:.0f} times: see the map, the "
+            f"Crossings to be expected: {metrics['weld.expected']:.0f}. See the map, the "
             "contact quality and the instrument's signal."
         )
     elif not result.description.world.list_welds():
         where = "The pipe has none."
-    return [f"No weld was found. {where}", *notes]
+    what = "No line of a weld was found" if weld.crossings else "No weld was found"
+    return [f"{what}. {where}", *notes]
 
 
 def _describe_survey(result: RunResult[Scan, ScanWay]) -> list[str]:
