@@ -286,6 +286,8 @@ def judge(folder: Path) -> Verdict:
     """Judge one run."""
     told = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     d = load_description(folder)
+    if d.mission.kind not in JUDGES:
+        sys.exit(f"{folder}: kind {d.mission.kind!r} is not judged yet; valid: {', '.join(JUDGES)}")
     why = JUDGES[d.mission.kind](d, told, read_recording(folder / "recording.mcap").samples)
     failed = [r["name"] for r in told["requirements"] if not r["passed"]]
     right = (told["outcome"] == "succeeded") == (not why)
