@@ -51,7 +51,7 @@ def draw_scan(rng: np.random.Generator) -> dict[str, Any]:
         "world.welds.second.angle_deg": second,
         "world.welds.second.offset_m": other,
         "world.pipe.diameter_m": diameter,
-        "world.pipe.length_m": 1.0,  # its posts stand aside
+        "world.pipe.length_m": 2.0,  # its posts stand aside
         "world.pipe.yaw_deg": rng.uniform(-180.0, 180.0),
         "world.pipe.inclination_deg": rng.uniform(-20.0, 20.0),
         "plant.map_error_m": rng.uniform(0.0, 0.03),
