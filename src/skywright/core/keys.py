@@ -117,15 +117,15 @@ def _step(
             if name in names:
                 return name, child, used
         model = as_model(child)
-        if model is not None and len(rest) > 1 and rest[-1] in model.model_fields:
-            required = [n for n, f in model.model_fields.items() if f.is_required()]
-            if required == rest[-1:] or (not required and len(rest) == 2):  # a new entry, complete
-                return ".".join(rest[:-1]), child, len(rest) - 1
         if model is None or len(rest) == 1:
             return ".".join(rest), child, len(rest)
-        if len(rest) == 2 and not any(f.is_required() for f in model.model_fields.values()):
-            where = f"{at}.{rest[0]}"
-            raise InputError(f"{label}: {describe_unknown(rest[1], where, [*model.model_fields])}")
+        keys, name = list(model.model_fields), ".".join(rest[:-1])
+        required = [n for n, f in model.model_fields.items() if f.is_required()]
+        optional = not required and len(rest) == 2
+        if rest[-1] in keys and (required == rest[-1:] or optional):  # a new entry, complete
+            return name, child, len(rest) - 1
+        if optional:
+            raise InputError(f"{label}: {describe_unknown(rest[-1], f'{at}.{name}', keys)}")
         raise InputError(f"{label}: {describe_unknown('.'.join(rest), at, names)}")
     if origin is list:
         items = here if isinstance(here, list) else []

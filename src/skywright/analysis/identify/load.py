@@ -115,6 +115,9 @@ def build_log(
     """
     n, rotors = len(joints), len(robot.rotors.azimuth_deg)
     positioned = any(servo.mode == "position" for _, servo in list_servos(robot))
+    response = s["theta" if positioned else "qd"][:, :n]
+    if takes_torque(robot):  # a torque is no command that an angle or a speed lags behind
+        response = np.zeros_like(response)
     R = np.array([_rot(q) for q in s["est_q_WB"]])
     free = (s["f_collision"] == 0.0) & ~np.any(s["f_contact"], axis=1) & (s["spring"] < TOUCHING)
     if has_columns(s, "f_docking_W"):
@@ -137,8 +140,7 @@ def build_log(
         q=s["q"][:, :n],
         servo_unit="rad" if positioned else "rad/s",
         servo_command=s["cmd_theta" if positioned else "cmd_qd"][:, :n],
-        # no speed follows a torque: nothing moved, as far as a lag is concerned
-        servo_response=s["theta" if positioned else "qd"][:, :n] * (not takes_torque(robot)),
+        servo_response=response,
         gravity=world.gravity_mps2,
         air_density=world.air_density_kg_m3,
     )

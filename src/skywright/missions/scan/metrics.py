@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skywright.core.arrays import Array, Samples
+from skywright.core.arrays import Array
 from skywright.description.world.surface import Cylinder
 from skywright.inspection.calibration import (
     Calibration,
@@ -17,6 +17,7 @@ from skywright.inspection.calibration import (
     compute_components,
     to_complex,
 )
+from skywright.inspection.recorded_scan import CALIBRATING, SCANNING
 from skywright.inspection.weld import WeldResult, process_scan
 from skywright.missions.scan.coverage import (
     COVERAGE_MEASURES,
@@ -35,7 +36,7 @@ from skywright.missions.skills.surveyed import (
     get_tip,
     judge_survey,
 )
-from skywright.run.flight import Flown, PhaseRecord
+from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE, in_phases, quat_angle
 
@@ -81,7 +82,7 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
         return out
     s = samples[scan]
     dt = float(np.median(np.diff(s["t"]))) if len(s) > 1 else 0.0
-    lift = np.abs(compute_components(to_complex(s["ec"]), calibrate_on_touch(samples, phases))[0])
+    lift = np.abs(compute_components(to_complex(s["ec"]), run.once(calibrate_on_touch))[0])
     away = find_lifts(s["gap_max"], dt)
     hops = [a for a in away if a.duration_s < HOP_S]
     out["contact.hops"] = float(len(hops))
@@ -179,7 +180,7 @@ def process_weld(run: Flown[Scan, ScanWay]) -> WeldResult | None:
     s = run.samples[in_phases(run.samples, run.phases, "scan")]
     if cylinder is None or not len(s):
         return None
-    calibration = calibrate_on_touch(run.samples, run.phases)
+    calibration = run.once(calibrate_on_touch)
     result = process_scan(s["t"], s["ec"], s["meas_p_WT"], cylinder, calibration)
     # all crossings share the calibration error of the probe's markers, so no fit can see it
     shared = run.setup.world.mocap.calibration_m
@@ -188,11 +189,15 @@ def process_weld(run: Flown[Scan, ScanWay]) -> WeldResult | None:
     ))  # fmt: skip
 
 
-def calibrate_on_touch(samples: Samples, phases: list[PhaseRecord]) -> Calibration:
-    """The touch before the scan is the calibration: from air to contact."""
-    touch = in_phases(samples, phases, "touch", "settle")
+def calibrate_on_touch(run: Flown[Scan, ScanWay]) -> Calibration:
+    """Calibrate on the last touch before the first scan, from air to contact."""
+    names = [p.name for p in run.phases]
+    begin = first = names.index(SCANNING)
+    while begin > 0 and names[begin - 1] in CALIBRATING:
+        begin -= 1
+    phase = run.samples["phase"]
     return build_calibration(
-        samples["ec"][touch],
+        run.samples["ec"][(phase >= begin) & (phase < first)],
         lift_off_threshold=LIFT_OFF_THRESHOLD,
         weld_threshold=WELD_THRESHOLD,
     )
