@@ -5,7 +5,8 @@ varies, not only what is in the way: for the weld scan the sector, the pattern a
 number of welds (none in a sixth of the rows, two in a quarter), their place, angle and width (seams
 along the axis in a tenth); the pipe's pose and size, the map's errors and the arm's. For the
 others: the robot, what is asked for and how hard, where the thing is, wind, loads, and what the
-robot does not know. Requests near limits are meant: what cannot be done is to be refused, or told as not done.
+robot does not know. Requests near limits are meant: what cannot be done is to be refused, or told
+as not done.
 """
 
 from __future__ import annotations
