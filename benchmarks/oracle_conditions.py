@@ -180,7 +180,7 @@ def draw_transport(rng: np.random.Generator) -> Row:
         "mission.task.bar_length_m": rng.uniform(1.0, 2.4),
         "mission.task.bar_mass_kg": rng.uniform(0.1, 0.5),
         "mission.task.margin_m": rng.uniform(0.1, 0.25),
-        "mission.task.goal_x_m": rng.uniform(7.0, 9.5),
+        "mission.task.goal_x_m": rng.uniform(8.8, 9.6),
         "mission.task.goal_z_m": rng.uniform(1.5, 2.5),
         "world.scenario_seed": int(rng.integers(1, 10**6)),
         "world.difficulty": rng.uniform(0.2, 1.0),
@@ -247,13 +247,13 @@ def draw_contact(rng: np.random.Generator) -> Row:
         f"{{x_m={rng.uniform(-0.3, 0.3):.3f}, y_m={rng.uniform(-0.3, 0.3):.3f}}}"
         for _ in range(int(rng.integers(1, 4)))
     ]
-    forces = rng.uniform(1.0, 8.0, int(rng.integers(1, 4)))
+    forces = rng.uniform(1.0, 5.0, int(rng.integers(1, 4)))
     return {
         "mission.task.spots": write_list(spots),
         "mission.task.forces_n": write_list([f"{x:.2f}" for x in forces]),
         "mission.task.hold_s": rng.uniform(1.0, 6.0),
         "mission.task.without_gear": "false",
-        "world.structure.slope_deg": rng.uniform(0.0, 10.0),
+        "world.structure.slope_deg": rng.uniform(0.0, 5.0),
         "world.structure.friction": rng.uniform(0.4, 0.8),
         **draw_wind(rng, 3.0),
         **draw_map(rng, size=False),
@@ -285,7 +285,7 @@ def draw_tool(rng: np.random.Generator) -> Row:
         "world.things.tool.mass_kg": rng.uniform(0.3, 0.6),
         "world.things.tool.friction": rng.uniform(0.2, 0.8),
         "world.pipe.diameter_m": rng.uniform(0.16, 0.25),
-        "world.pipe.inclination_deg": rng.uniform(-2.0, 2.0),
+        "world.pipe.inclination_deg": rng.uniform(-1.5, 1.5),
         **draw_wind(rng, 4.0),
         "plant.map_error_m": rng.uniform(0.0, 0.03),
         "plant.map_error_deg": rng.uniform(0.0, 1.5),
