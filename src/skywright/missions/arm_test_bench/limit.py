@@ -7,11 +7,11 @@ so the arm has to reach farther, until the law lets it go no farther (REACH). Qu
 small advance the joints are where the servos, the arm's weight, the spring and friction balance.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root
 
 from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
@@ -24,6 +24,7 @@ from skywright.models.rigid_body import build_body_model, compute_kinematics, fi
 from skywright.vehicle.laws.backstepping import DAMPING, REACH
 
 STEP = 5e-4  # m, of an advance
+LEAP = 0.02  # rad, of one step of Newton's method
 SLACK = 3.0  # times REACH that the servos may be commanded: they yield meanwhile
 
 
@@ -45,17 +46,25 @@ class _State(NamedTuple):
 
 
 def compute_bench_press(
-    robot: Robot, structure: Structure, base: Array, R_WB: Array, q: Array, gravity: float
+    robot: Robot,
+    structure: Structure,
+    base: Array,
+    R_WB: Array,
+    q: Array,
+    gravity: float,
+    *,
+    rigid: bool = False,
 ) -> BenchPress:
     """Press from the joints q (2,) rad of a platform clamped at `base` (3,) m, R_WB (3, 3).
 
-    Servos that take torques have no such stiffness: there a joint's stall alone is looked at, along
-    the same way.
+    Servos that take torques have no such stiffness, and where friction holds the tip it does not
+    count (`rigid`): there stall and REACH remain.
     """
+    start = q
     model = build_body_model(robot, gravity)
     servos = [servo for _, servo in list_servos(robot)]
     k = np.array([compute_servo_gains(robot, j)[0] for j in range(len(servos))])
-    if any(servo.mode == "torque" for servo in servos):
+    if rigid or any(servo.mode == "torque" for servo in servos):
         k = np.full(len(servos), 1e6)
     stall = np.array([servo.stall_torque_nm for servo in servos])
     begin = at = _load(robot, model, structure, base, R_WB, q)
@@ -67,10 +76,10 @@ def compute_bench_press(
         def unbalanced(x: Array, goal: Array = command) -> Array:
             return goal - x - _load(robot, model, structure, base, R_WB, x).torque / k
 
-        found = root(unbalanced, q)
-        if not found.success:  # it would leap: no rest is left
-            break
-        q = np.asarray(found.x)
+        found = _settle(unbalanced, q)
+        if found is None:  # friction turns the probe back: it holds the tip
+            return compute_bench_press(robot, structure, base, R_WB, start, gravity, rigid=True)
+        q = found
         at = _load(robot, model, structure, base, R_WB, q)
         if np.any(np.abs(at.torque) > stall):
             which = int(np.argmax(np.abs(at.torque) / stall)) + 1
@@ -80,6 +89,19 @@ def compute_bench_press(
         if float(at.axis @ (at.p - begin.p)) > REACH:
             break
     return best._replace(cause="the tip slides away")
+
+
+def _settle(unbalanced: Callable[[Array], Array], q: Array) -> Array | None:
+    """Return where `unbalanced` (2,) vanishes near q (2,) rad, by Newton's method, or None."""
+    step = 1e-6 * np.eye(2)
+    for _ in range(30):
+        r = unbalanced(q)
+        slopes = np.column_stack([(unbalanced(q + d) - r) / 1e-6 for d in step])
+        move = np.linalg.solve(slopes, -r)
+        q = q + np.clip(move, -LEAP, LEAP)
+        if np.max(np.abs(move)) < 1e-9:
+            return q
+    return None
 
 
 def _load(

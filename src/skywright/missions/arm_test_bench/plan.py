@@ -72,9 +72,10 @@ def plan(setup: Setup[BenchTask]) -> MissionPlan[None]:
         if largest > task.force_fraction * can.force:
             blocked = (
                 f"a press of {largest:g} N exceeds {task.force_fraction * can.force:.2f} N, "
-                f"{task.force_fraction:.0%} (mission.task.force_fraction) of the {can.force:.2f} N at "
-                f"which {can.cause}, the probe {math.degrees(can.lean):.0f} deg off the surface's "
-                "normal: lower mission.task.forces_n, or move world.structure nearer to the tip"
+                f"{task.force_fraction:.0%} (mission.task.force_fraction) of the {can.force:.2f} N "
+                f"at which {can.cause}, the probe {math.degrees(can.lean):.0f} deg off the "
+                "surface's normal: lower mission.task.forces_n, or move world.structure "
+                "nearer to the tip"
             )
     total = 12.0 + len(task.forces_n) * (task.ramp_s + task.settle_s + task.hold_s)
     return MissionPlan(

@@ -67,15 +67,15 @@ def plan(setup: Setup[ModesTask]) -> MissionPlan[ModesPlan]:
         blocked = f"{d.robot.name} cannot tilt in place{air}: it has no lateral force"
     elif most <= 0.0:
         blocked = (
-            f"{d.robot.name} can hover in place at up to {math.degrees(limit):.2f} deg{air}: too little "
-            f"for the {math.degrees(LAG):g} deg by which the attitude stays behind"
+            f"{d.robot.name} can hover in place at up to {math.degrees(limit):.2f} deg{air}: too "
+            f"little for the {math.degrees(LAG):g} deg by which the attitude stays behind"
         )
     elif due > most * (1.0 + 1e-9):
         blocked = (
             f"a tilt of {math.degrees(due):.1f} deg exceeds {math.degrees(most):.2f} deg, which is "
             f"{share:.0%} (mission.task.{key}) of the {math.degrees(limit):.1f} deg at which "
-            f"{d.robot.name} can hover in place{air}, less the {math.degrees(LAG):g} deg by which the "
-            "attitude stays behind: lower mission.task.tilt_deg"
+            f"{d.robot.name} can hover in place{air}, less the {math.degrees(LAG):g} deg by which "
+            "the attitude stays behind: lower mission.task.tilt_deg"
         )
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began, 60.0,

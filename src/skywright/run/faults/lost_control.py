@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from skywright.core.types import MODE_STANDARD
 from skywright.core.spec import NonNegative
+from skywright.core.types import MODE_STANDARD
 from skywright.run.faults._rule import Response, Rule
 from skywright.vehicle.bus import Estimate
 from skywright.vehicle.guard import ERROR_MAX, UP_MIN
