@@ -185,7 +185,7 @@ def test_a_bench_refuses_what_its_arm_cannot_hold() -> None:
     assert ask(10.0, x_m=0.385, friction=0.6) == "None"  # more friction holds more
     sets = {"mission.law": "backstepping_torque", "mission.task.forces_n": [16.0]}
     found = plan_mission(load_description("arm-test-bench", robot="f550-bridge-torque", sets=sets))
-    assert "of the 15" in str(found.blocked_by)
+    assert "of the 17.5" in str(found.blocked_by)
 
 
 def test_a_tilt_beyond_the_limit_is_refused() -> None:

@@ -64,7 +64,8 @@ def compute_bench_press(
     model = build_body_model(robot, gravity)
     servos = [servo for _, servo in list_servos(robot)]
     k = np.array([compute_servo_gains(robot, j)[0] for j in range(len(servos))])
-    if rigid or any(servo.mode == "torque" for servo in servos):
+    rigid = rigid or any(servo.mode == "torque" for servo in servos)
+    if rigid:
         k = np.full(len(servos), 1e6)
     stall = np.array([servo.stall_torque_nm for servo in servos])
     begin = at = _load(robot, model, structure, base, R_WB, q)
@@ -88,7 +89,9 @@ def compute_bench_press(
             best = BenchPress(at.force, at.lean, "")
         if float(at.axis @ (at.p - begin.p)) > REACH:
             break
-    return best._replace(cause="the tip slides away")
+    return best._replace(
+        cause=f"the force loop ends, {1e3 * REACH:.0f} mm on" if rigid else "the tip slides away"
+    )
 
 
 def _settle(unbalanced: Callable[[Array], Array], q: Array) -> Array | None:
