@@ -66,11 +66,12 @@ class Prediction(NamedTuple):
     nominal: Array  # (k, 6), by the robot file
 
     def r_squared(self, predicted: Array) -> Array:
-        """Coefficient of determination (6,) on the held-out samples."""
-        use = self.held_out
-        error = np.sum((self.measured[use] - predicted[use]) ** 2, axis=0)
-        spread = np.sum((self.measured[use] - self.measured[use].mean(axis=0)) ** 2, axis=0)
-        return np.asarray(1.0 - error / np.maximum(spread, 1e-12))
+        """Coefficient of determination (6,): the error on held-out samples over the variance.
+
+        The variance is that of the whole flight, as held-out parts may happen to be quiet.
+        """
+        error = np.mean((self.measured - predicted)[self.held_out] ** 2, axis=0)
+        return np.asarray(1.0 - error / np.maximum(self.measured.var(axis=0), 1e-12))
 
 
 class Fit(NamedTuple):

@@ -22,10 +22,9 @@ LARGEST_ERROR = 1.0
 def check_fit(fit: Fit, robot: Robot, logs: str, notes: Sequence[str] = ()) -> None:
     """Raise InputError where a fit does not predict the flight or leaves what physics allows."""
     p = fit.prediction
-    use = p.held_out
-    measured, error = p.measured[use], (p.measured - p.predicted)[use]
-    spread = measured[:, 3:] - measured[:, 3:].mean(axis=0)
-    whole = 1.0 - float(np.sum(error[:, 3:] ** 2)) / max(float(np.sum(spread**2)), 1e-12)
+    error = (p.measured - p.predicted)[p.held_out]
+    spread = max(float(np.sum(p.measured[:, 3:].var(axis=0))), 1e-12)
+    whole = 1.0 - float(np.sum(np.mean(error[:, 3:] ** 2, axis=0))) / spread
     each = p.r_squared(p.predicted)[3:]
     fitted = {e.parameter.name.partition(".")[2] for e in fit.estimates if e.identified}
     bad = [

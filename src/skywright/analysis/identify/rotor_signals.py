@@ -109,7 +109,9 @@ def _read(
         low = parameters.get("PWM_MAIN_MIN", parameters.get("PWM_MIN", 1000.0))
         high = parameters.get("PWM_MAIN_MAX", parameters.get("PWM_MAX", 2000.0))
         return np.asarray((x - low) / max(high - low, 1.0))
-    return x @ build_mixer(rotors).T if name == "actuator_controls_0" else x
+    if name == "actuator_controls_0":  # roll and pitch are computed on the ground too
+        return x @ build_mixer(rotors).T * (x[:, 3:] > PULSING)
+    return x
 
 
 def build_mixer(rotors: RotorSet) -> Array:
