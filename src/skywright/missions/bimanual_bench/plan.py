@@ -86,7 +86,7 @@ def _check_grasp(setup: Setup[BimanualBench], trial: str, name: str) -> str | No
         "bar": [(0.0, BAR_UP), (BAR_AHEAD, BAR_UP)],
         "position-sensor": [(0.0, 0.0)],
     }[trial]
-    load = 0.5 * box.mass_kg * world.gravity_mps2 if free else 0.0
+    load = 0.5 * (box.mass_kg or 0.0) * world.gravity_mps2 if free else 0.0
     least = math.inf
     for ahead, lift in ways:
         at = [p[0] + ball + ahead - bench.x_m, p[1] + 0.5 * box.size_y_m + ball - STATIONS[trial]]
