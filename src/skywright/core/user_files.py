@@ -74,6 +74,11 @@ def read_sources(path: Path) -> dict[Path, bytes]:
     return {one: source.data for one, source in found.items()}
 
 
+def hash_as_it_is(path: Path) -> str:
+    """Return the hash of a user's file, and of what it imports beside it, as they are now."""
+    return _name_module(path, _read(path, {}))
+
+
 def hash_sources(paths: Iterable[Path]) -> str:
     """Return a hash of users' files and of what they import beside them, wherever they lie."""
     digest = hashlib.sha256()

@@ -56,7 +56,8 @@ def find_kind(name: str) -> tuple[str, str]:
                 if kind in tree:
                     return kind, str(path)
             raise InputError(
-                f"{name}: holds none of [robot], [world], [mission]; valid tables: {', '.join(ROOTS)}"
+                f"{name}: holds none of [robot], [world], [mission]; valid tables: "
+                + ", ".join(ROOTS)
             )
     except (OSError, ValueError):  # a name too long, or with a null byte
         pass
