@@ -170,14 +170,41 @@ def test_the_platform_tilts_in_place_and_moves_level() -> None:
     assert m["modes.standard_drift_m"] > 10 * m["modes.position_error_mm"] / 1e3
 
 
+def test_a_bench_refuses_what_its_arm_cannot_hold() -> None:
+    """Neighbours of the limit were flown: 9.5 N at 0.375 m, 11.5 N at friction 0.6 were held."""
+
+    def ask(*forces: float, **more: float) -> str:
+        sets = {"mission.task.forces_n": list(forces)} | {
+            f"world.structure.{k}": v for k, v in more.items()
+        }
+        return str(plan_mission(load_description("arm-test-bench", sets=sets)).blocked_by)
+
+    assert ask(2.0, 8.0) == ask(2.0, friction=0.2) == "None"
+    assert "a press of 8.3 N exceeds 8.1" in ask(2.0, 8.3) and "tip slides away" in ask(9.0, 13.0)
+    assert "7.2" in ask(8.0, x_m=0.385) and "5.27" in ask(6.0, x_m=0.385, friction=0.3)
+    assert ask(10.0, x_m=0.385, friction=0.6) == "None"  # more friction holds more
+    sets = {"mission.law": "backstepping_torque", "mission.task.forces_n": [16.0]}
+    found = plan_mission(load_description("arm-test-bench", robot="f550-bridge-torque", sets=sets))
+    assert "of the 17.5" in str(found.blocked_by)
+
+
 def test_a_tilt_beyond_the_limit_is_refused() -> None:
     plan = plan_mission(load_description("flight-modes", sets={"mission.task.tilt_deg": 15.0}))
     assert not plan.feasible and "10.0 deg" in str(plan.blocked_by)
     sets = {"mission.task.tilt_deg": 6.0, "world.wind.mean_mps": 4.0}
     plan = plan_mission(load_description("flight-modes", sets=sets))
-    assert not plan.feasible and "4.9 deg" in str(plan.blocked_by)
+    assert not plan.feasible and "of the 4.9 deg" in str(plan.blocked_by)
+    for tilt, flies in ((9.0, True), (9.1, False), (10.0, False)):
+        plan = plan_mission(load_description("flight-modes", sets={"mission.task.tilt_deg": tilt}))
+        assert plan.feasible == flies, plan.blocked_by
+    assert "9.01 deg, which is 95% (mission.task.calm_fraction)" in str(plan.blocked_by)
+    plan = plan_mission(load_description("flight-modes", robot="hexarotor", sets={
+        "mission.law": "backstepping"}))  # fmt: skip
+    assert not plan.feasible and "no lateral force" in str(plan.blocked_by)
     plan = plan_mission(load_description("flight-modes", sets={"world.wind.mean_mps": 2.0}))
-    assert plan.feasible and plan.way.due == pytest.approx(0.7 * plan.way.limit)
+    assert plan.feasible and plan.way.due == pytest.approx(
+        0.75 * plan.way.limit - math.radians(0.5)
+    )
     assert plan.way.limit < math.radians(8.0)
     with pytest.raises(InputError, match="backstepping"):
         plan_mission(load_description("flight-modes", sets={"mission.law": "tip_pd"}))
