@@ -28,6 +28,7 @@ def mission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A mission whose law leaves a mark when it is imported; nothing is trusted yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(trust, "_here", set())
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SKYWRIGHT_TRUST", "0")  # restored, whatever --trust made of it
     folder = tmp_path / "run"
     folder.mkdir()
@@ -36,7 +37,8 @@ def mission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     file = folder / "mission.toml"
     file.write_text(
         '[mission]\nname = "w"\nkind = "waypoints"\nrobot = "othex"\nworld = "open"\n'
-        '[mission.law]\nkind = "law.py:Mine"\n[[mission.task.points]]\nx_m = 0.5\ny_m = 0.0\nz_m = 1.5\n'
+        '[mission.law]\nkind = "law.py:Mine"\n'
+        "[[mission.task.points]]\nx_m = 0.5\ny_m = 0.0\nz_m = 1.5\n"
     )
     return file
 
