@@ -19,6 +19,7 @@ from skywright.description.world.structure import Structure
 from skywright.description.world.wind import compute_direction, compute_speed
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.sliding import (
+    check_mobility,
     check_slide_ends,
     check_wobble,
     compute_sliding_press,
@@ -239,6 +240,8 @@ def _plan_flying(
             blocked = _refuse(task.slide_force_n, most, fraction, where, robot.name)
         else:
             blocked = check_wobble(robot, d.world.localisation, task.slide_force_n, fraction * most)
+            for R in held:
+                blocked = blocked or check_mobility(robot, free, R, g, structure)
     return limit, forces, blocked
 
 

@@ -49,7 +49,8 @@ class LostControl(Rule):
     def explain(self, value: float) -> str:
         """Say how far off it is."""
         up = min(max(self._R_WB[2, 2], -1.0), 1.0)
-        return (
-            f"control was lost: {self._error:.2f} m from the reference, "
-            f"tilted {math.degrees(math.acos(up)):.0f} deg"
-        )
+        tilt = f"tilted {math.degrees(math.acos(up)):.0f} deg"
+        if up < UP_MIN:
+            most = math.degrees(math.acos(UP_MIN))
+            return f"control was lost: the robot tipped over, {tilt} (limit {most:.0f} deg)"
+        return f"control was lost: {self._error:.2f} m from the reference, {tilt}"
