@@ -86,6 +86,10 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     last = samples["phase"] == holds[-1] if holds else moving
     out: dict[str, float] = {}
     held = [samples["phase"] == i for i in holds]
+    for i, phase in enumerate(phases[:-1]):  # what is not held is passed
+        if phase.name in run.plan.segments and not phases[i + 1].name.startswith("hold"):
+            there = np.flatnonzero(samples["phase"] == i)[-1:]
+            held.append(np.isin(np.arange(len(samples)), there))
     if any(np.any(h) for h in held):
         out |= _judge_holds(samples, [h for h in held if np.any(h)])
     if np.any(moving):
