@@ -283,7 +283,7 @@ def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 STATEMENTS = 46_400
-CORE_LINES = 2_500
+CORE_LINES = 2600
 
 
 def test_the_code_does_not_grow() -> None:
