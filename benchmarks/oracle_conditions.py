@@ -143,9 +143,13 @@ def draw_excitation(rng: np.random.Generator) -> Row:
 
 def draw_modes(rng: np.random.Generator) -> Row:
     """Draw tilts around the hover limit, distances, headings and winds."""
+    robot, law = [("f550-bridge", "backstepping"), ("f550-bridge-torque", "backstepping_torque")][
+        int(rng.integers(2))
+    ]
     return {
-        "mission.robot": str(rng.choice(["f550-bridge", "f550-bridge-torque"])),
-        "mission.task.tilt_deg": rng.uniform(2.0, 11.0),
+        "mission.robot": robot,
+        "mission.law": law,
+        "mission.task.tilt_deg": rng.uniform(2.0, 9.5),
         "mission.task.distance_m": rng.uniform(0.3, 3.0),
         "mission.task.standard_tilt_deg": rng.uniform(1.0, 5.0),
         "mission.task.hold_s": rng.uniform(1.0, 5.0),
@@ -165,7 +169,7 @@ def draw_impact(rng: np.random.Generator) -> Row:
         "mission.task.joints": str(rng.choice(["compliant", "stiff"])),
         "mission.task.speed_mps": rng.uniform(0.1, 1.2),
         "mission.task.reaction_s": rng.uniform(0.0, 0.3),
-        "world.pad.stiffness_n_per_m": rng.uniform(1000.0, 10000.0),
+        "world.things.pad.stiffness_n_per_m": rng.uniform(1000.0, 10000.0),
         **draw_plant(rng),
     }
 
@@ -176,7 +180,7 @@ def draw_transport(rng: np.random.Generator) -> Row:
         "mission.task.bar_length_m": rng.uniform(1.0, 2.4),
         "mission.task.bar_mass_kg": rng.uniform(0.1, 0.5),
         "mission.task.margin_m": rng.uniform(0.1, 0.25),
-        "mission.task.goal_x_m": rng.uniform(7.0, 9.5),
+        "mission.task.goal_x_m": rng.uniform(8.8, 9.6),
         "mission.task.goal_z_m": rng.uniform(1.5, 2.5),
         "world.scenario_seed": int(rng.integers(1, 10**6)),
         "world.difficulty": rng.uniform(0.2, 1.0),
@@ -210,9 +214,9 @@ def draw_bimanual(rng: np.random.Generator) -> Row:
         "mission.task.unplug_threshold_m": rng.uniform(0.015, 0.11),
         "mission.task.bar_turn_deg": rng.uniform(0.0, 20.0),
         "mission.task.drift_m": rng.uniform(0.0, 0.03),
-        "world.box.mass_kg": rng.uniform(0.1, 0.3),
-        "world.plug.held_n": rng.uniform(1.0, 4.0),
-        "world.box.friction": rng.uniform(0.3, 1.0),
+        "world.things.box.mass_kg": rng.uniform(0.1, 0.3),
+        "world.things.plug.held_n": rng.uniform(1.0, 4.0),
+        "world.things.box.friction": rng.uniform(0.3, 1.0),
         "plant.joint_offset_error_deg": rng.uniform(-0.5, 0.5),
         "plant.hardening_error": rng.uniform(-0.2, 0.2),
     }
@@ -230,7 +234,7 @@ def draw_install(rng: np.random.Generator) -> Row:
         "world.pipe.z_m": rng.uniform(2.2, 3.5),
         "world.pipe.yaw_deg": rng.uniform(-180.0, 180.0),
         "world.pipe.inclination_deg": rng.uniform(-10.0, 10.0),
-        "world.tape.press_n_s": rng.uniform(1.0, 10.0),
+        "world.things.tape.press_n_s": rng.uniform(1.0, 10.0),
         **draw_wind(rng, 2.0),
         **draw_map(rng),
         "plant.joint_offset_error_deg": rng.uniform(-0.4, 0.4),
@@ -243,13 +247,13 @@ def draw_contact(rng: np.random.Generator) -> Row:
         f"{{x_m={rng.uniform(-0.3, 0.3):.3f}, y_m={rng.uniform(-0.3, 0.3):.3f}}}"
         for _ in range(int(rng.integers(1, 4)))
     ]
-    forces = rng.uniform(1.0, 8.0, int(rng.integers(1, 4)))
+    forces = rng.uniform(1.0, 5.0, int(rng.integers(1, 4)))
     return {
         "mission.task.spots": write_list(spots),
         "mission.task.forces_n": write_list([f"{x:.2f}" for x in forces]),
         "mission.task.hold_s": rng.uniform(1.0, 6.0),
         "mission.task.without_gear": "false",
-        "world.structure.slope_deg": rng.uniform(0.0, 10.0),
+        "world.structure.slope_deg": rng.uniform(0.0, 5.0),
         "world.structure.friction": rng.uniform(0.4, 0.8),
         **draw_wind(rng, 3.0),
         **draw_map(rng, size=False),
@@ -278,10 +282,10 @@ def draw_tool(rng: np.random.Generator) -> Row:
         "mission.task.along_pipe_m": rng.uniform(-0.3, 0.3),
         "mission.task.wait_s": rng.uniform(2.0, 20.0),
         "mission.task.hover_s": 0.0 if rng.random() < 0.5 else rng.uniform(10.0, 50.0),
-        "world.tool.mass_kg": rng.uniform(0.3, 0.6),
-        "world.tool.friction": rng.uniform(0.2, 0.8),
+        "world.things.tool.mass_kg": rng.uniform(0.3, 0.6),
+        "world.things.tool.friction": rng.uniform(0.2, 0.8),
         "world.pipe.diameter_m": rng.uniform(0.16, 0.25),
-        "world.pipe.inclination_deg": rng.uniform(-2.0, 2.0),
+        "world.pipe.inclination_deg": rng.uniform(-1.5, 1.5),
         **draw_wind(rng, 4.0),
         "plant.map_error_m": rng.uniform(0.0, 0.03),
         "plant.map_error_deg": rng.uniform(0.0, 1.5),
@@ -293,8 +297,8 @@ def draw_insertion(rng: np.random.Generator) -> Row:
     """Draw sockets that stand elsewhere, pegs, friction and winds."""
     return {
         "mission.task.bar_pose": str(rng.choice(["marker", "hands"])),
-        "world.peg.mass_kg": rng.uniform(0.3, 0.5),
-        "world.peg.friction": rng.uniform(0.2, 0.6),
+        "world.things.peg.mass_kg": rng.uniform(0.3, 0.5),
+        "world.things.peg.friction": rng.uniform(0.2, 0.6),
         "plant.socket_x_error_m": rng.uniform(-0.02, 0.02),
         "plant.socket_y_error_m": rng.uniform(-0.02, 0.02),
         "plant.socket_yaw_error_deg": rng.uniform(-5.0, 5.0),

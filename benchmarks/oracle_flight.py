@@ -6,7 +6,7 @@ rms off its path. Flight modes: translates by what was asked, level within 2 deg
 asked, to each of four sides, within 5 cm of its place. Impact: what was asked touches the pad, and
 nothing else before it, at the asked speed within a tenth; the platform's recoil stays below three
 quarters of its tilt limit, the torque on it below half of what the rotors can answer. Carried bar:
-ends within 8 cm of the goal, on its way 8 cm off at most; nothing touches.
+8 cm off its way at most, the platform ends within 8 cm of the goal; nothing touches.
 """
 
 from __future__ import annotations
@@ -166,10 +166,13 @@ def judge_transport(d: Description[Any], told: dict[str, Any], s: Any) -> list[s
     wanted = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])
     goal = np.array([task.goal_x_m, 0.0, task.goal_z_m])
     end = np.flatnonzero(carried)[-1]
-    for name, error in (("path", (bar - wanted)[carried]), ("goal", bar[end : end + 1] - goal)):
+    for name, error in (
+        ("path", (bar - wanted)[carried]),
+        ("goal", s["p_WB"][end : end + 1] - goal),
+    ):
         far = float(np.max(np.linalg.norm(error, axis=1)))
         if far > CARRIED_M:
-            missing.append(f"bar {100 * far:.1f} cm off its {name}")
+            missing.append(f"{100 * far:.1f} cm off its {name}")
     if d.robot.pendulum is not None:
         q = s["q"][:, 0]
         down = turn_each(s["q_WB"], -np.column_stack([np.sin(q), 0.0 * q, np.cos(q)]))

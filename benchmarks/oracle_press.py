@@ -82,9 +82,9 @@ def judge_contact(d: Description[Any], told: dict[str, Any], s: Any) -> list[str
         missing.append("lost contact while holding")
     sliding = pick(s, list_spans(told, starts="slide"))
     if task.slide_m != 0.0:
-        gone = find_longest((press <= 0.0) & sliding, dt)
+        gone = float(np.max(s["off_s"][sliding], initial=0.0))
         way = s["p_WT"][sliding]
-        length = float(np.linalg.norm(way[-1] - way[0])) if len(way) else 0.0
+        length = float(np.max(np.linalg.norm(way - way[0], axis=1))) if len(way) else 0.0
         if gone > SLIDE_S or length < 0.95 * abs(task.slide_m):
             missing.append(f"slid {length:.2f} m, {gone:.2f} s without force")
     if task.dock:

@@ -2,7 +2,8 @@
 - the pattern that was asked for, placed where the robot could know it (along the axis and about it
   a touch shows nothing: that place may differ by the map's error), was passed within 6 mm, with a
   gap below 1 mm and a tilt below 10 deg, over 98 % of its length;
-- the tip kept to it (4 mm rms), the gap never exceeded 1 mm for 0.05 s, nothing else was touched;
+- the tip kept to it (4 mm rms), the gap never exceeded 1 mm for 0.05 s, nor was it without force so
+  long; nothing else was touched;
 - every clear crossing of the true path with a true weld (from 10 mm on one side to 10 mm on the
   other) was reported within 15 mm, each by one, at most 5 mm beside it; what was reported lies
   within 15 mm of a weld; a pass that stays on a weld for 35 mm was told of;
@@ -183,6 +184,8 @@ def judge_scan(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
     gusty = d.world.wind.kind in ("dryden", "fan")
     if longest > (AWAY_S if gusty else 0.0):
         missing.append(f"gap above 1 mm for {longest:.2f} s")
+    if float(np.max(s["off_s"])) > AWAY_S:
+        missing.append(f"without force for {float(np.max(s['off_s'])):.2f} s")
     if float(np.max(s["tilt"])) >= TILT_RAD:
         missing.append(f"tilt {math.degrees(float(np.max(s['tilt']))):.1f} deg")
     if np.any(s_all["f_collision"] > TOUCH_N):

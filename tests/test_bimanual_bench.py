@@ -56,9 +56,9 @@ def test_a_squeeze_too_weak_for_friction_loses_the_box() -> None:
     """1.2 N at a coefficient of 0.5 carry 1.2 N of the box's 2 N."""
     result = fly("squeeze", sets=("mission.task.squeeze_n=1.2", "mission.task.hold_s=1"))
     failed = {v.name for v in result.requirements if not v.passed}
-    assert "bench.box_lift_m" in failed
+    assert "bench.box_lift_share" in failed
     assert {v.name for v in result.requirements} == {
-        "bench.box_lift_m", "bench.box_slip_mm", "bench.squeeze_error_n",
+        "bench.box_lift_share", "bench.box_slip_mm", "bench.squeeze_off",
     }  # fmt: skip
 
 

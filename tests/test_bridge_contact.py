@@ -71,8 +71,9 @@ def test_newton_holds_while_docked() -> None:
 @pytest.mark.parametrize(
     ("sets", "told"),
     [
-        ({"mission.task.forces_n": [9.0]}, "95% of the 8.66 N"),
-        ({"world.structure.slope_deg": 10.0, "mission.task.forces_n": [6.0]}, "80%"),
+        ({"mission.task.forces_n": [9.0]}, "95% (mission.task.calm_fraction) of the 8.66 N"),
+        ({"world.structure.slope_deg": 10.0, "mission.task.forces_n": [6.0]},
+         "80% (mission.task.force_fraction)"),
         ({"world.structure.slope_deg": 40.0, "mission.task.forces_n": [1.0]}, "cannot stay"),
         ({"mission.task.dock": False, "world.structure.slope_deg": 12.0,
           "mission.task.forces_n": [1.0]}, "tilt"),
@@ -251,7 +252,8 @@ def test_under_a_deck_the_arm_stands_across_the_slide(slope: float) -> None:
 @pytest.mark.parametrize(
     ("world", "sets", "told"),
     [
-        ("tunnel", {"mission.task.slide_force_n": 2.0}, "1.47 N, 80% of the 1.84 N"),
+        ("tunnel", {"mission.task.slide_force_n": 2.0},
+         "1.47 N, 80% (mission.task.force_fraction) of the 1.84 N"),
         ("tunnel", {"mission.task.slide_force_n": 0.5}, "would lose the surface"),
         ("bridge", {}, "localised by total-station"),
         ("tunnel", {"world.wind.kind": "steady", "world.wind.mean_mps": 4.0,

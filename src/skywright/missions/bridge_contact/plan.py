@@ -200,7 +200,10 @@ def _plan_docked(
     fraction = task.calm_fraction if calm else task.force_fraction
     if not largest <= fraction * limit * (1.0 + 1e-9):  # NaN: it cannot stay docked
         where = f"docked at {math.degrees(slope):.3g} deg and {speed:.1f} m/s of wind"
-        return limit, None, None, _refuse(largest, limit, fraction, where, robot.name)
+        return limit, None, None, _refuse(
+            largest, limit, fraction, where, robot.name,
+            "calm_fraction" if calm else "force_fraction",
+        )  # fmt: skip
     full = build_docked(robot, thrust_fraction=1.0, gravity=world.gravity_mps2)
     for load in FOOT_LOADS:
         rest = compute_docked_balance(full, stance, 0.0, R_WB=station.R_dock, foot_load=load)
@@ -245,11 +248,15 @@ def _plan_flying(
     return limit, forces, blocked
 
 
-def _refuse(force: float, limit: float, fraction: float, where: str, robot: str) -> str:
+def _refuse(
+    force: float, limit: float, fraction: float, where: str, robot: str,
+    key: str = "force_fraction",
+) -> str:  # fmt: skip
     if math.isnan(limit):
         return f"{robot} cannot stay {where}"
     return (
-        f"a press of {force:g} N {where} exceeds {fraction * limit:.2f} N, {fraction:.0%} of the "
+        f"a press of {force:g} N {where} exceeds {fraction * limit:.2f} N, {fraction:.0%} "
+        f"(mission.task.{key}) of the "
         f"{limit:.2f} N that {robot} can make there (skywright capability)"
     )
 
