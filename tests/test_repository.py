@@ -283,6 +283,7 @@ def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 STATEMENTS = 46_900
+CORE_LINES = 2_600
 
 
 def test_the_code_does_not_grow() -> None:
