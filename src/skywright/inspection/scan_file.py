@@ -12,8 +12,8 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.bounded import read_bytes
-from skywright.core.text_table import decode, read_number, split_row
 from skywright.errors import InputError
+from skywright.recordings.text_table import decode, read_number, split_row
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254}

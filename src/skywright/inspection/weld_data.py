@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array, Mask
-from skywright.core.text_table import parse_span
 from skywright.description.world.surface import roll_points, unroll_points
 from skywright.errors import InputError
 from skywright.inspection.calibration import (
@@ -25,6 +24,7 @@ from skywright.inspection.surface_fit import (
     load_surface,
 )
 from skywright.inspection.weld import WeldResult, detect_contact, process_scan
+from skywright.recordings.text_table import parse_span
 
 LEAST_SEARCHED = 0.1
 """Least share of the contact samples that a calibration span must leave to be searched."""

@@ -24,7 +24,6 @@ from skywright.analysis.locate.trajectory_error import (
     judge,
 )
 from skywright.core.arrays import Array, Mask
-from skywright.core.text_table import parse_span
 from skywright.errors import InputError
 from skywright.models.localisation.calibration import Calibration, calibrate
 from skywright.models.localisation.drift_filter import CAMERA, STATION, DriftModel, Fused
@@ -39,6 +38,7 @@ from skywright.models.localisation.trajectory import (
     find_gap_limit,
     interpolate_rotation,
 )
+from skywright.recordings.text_table import parse_span
 
 
 class Outage(NamedTuple):
