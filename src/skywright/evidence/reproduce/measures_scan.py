@@ -210,19 +210,21 @@ def measure_degraded(records: Records) -> Measured:
     several degraded cases the worst one counts, and every flight's requirements.
     """
     good = records["good"]
-    cases = {role: runs for role, runs in records.items() if role != "good"}
+    told = records.get("across", [])  # beyond what a fan does: told, not judged
+    cases = {role: runs for role, runs in records.items() if role not in ("good", "across")}
     names = ("tip.tangential_rms_mm", "contact.tilt_max_deg", "weld.offset_error_mm")
     rms = {role: _mean(runs, names[0]) for role, runs in cases.items()}
     worst = max(rms, key=lambda role: rms[role])
     bad, flown = cases[worst], [r for runs in cases.values() for r in runs]
     still = _mean(good, names[0])
-    steady = [rms[role] for role in ("steady", "across") if role in rms]
     values = {
         "rise_mm": rms[worst] - still,
         "ratio": rms[worst] / still,
         "good_mm": still,
         "degraded_mm": rms[worst],
-        "steady_ratio": max(steady, default=math.nan) / still,
+        "steady_ratio": rms.get("steady", math.nan) / still,
+        "across_failed": float(sum(r.info["outcome"] != "succeeded" for r in told)),
+        "across_flights": float(len(told)),
         "weld_rise_mm": max(_mean(runs, names[2]) for runs in cases.values())
         - _mean(good, names[2]),
         "lift_off_max": max(float(np.max(lift_off(cut(r, "scan")["ec"]))) for r in flown),
