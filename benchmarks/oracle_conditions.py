@@ -3,7 +3,10 @@
 Writes a table for `skywright campaign MISSION --record all --vary FILE.csv`. What is asked for
 varies, not only what is in the way: for the weld scan the sector, the pattern and its passes; the
 number of welds (none in a sixth of the rows, two in a quarter), their place, angle and width (seams
-along the axis in a tenth); the pipe's pose and size, the map's errors and the arm's.
+along the axis in a tenth); the pipe's pose and size, the map's errors and the arm's. For the
+others: the robot, what is asked for and how hard, where the thing is, wind, loads, and what the
+robot does not know. Requests near limits are meant: what cannot be done is to be refused, or told
+as not done.
 """
 
 from __future__ import annotations
@@ -17,10 +20,12 @@ from typing import Any
 import numpy as np
 from conditions_table import save_table
 
+Row = dict[str, Any]
+
 APART_M = 0.009  # between passes; closer ones are refused
 
 
-def draw_scan(rng: np.random.Generator) -> dict[str, Any]:
+def draw_scan(rng: np.random.Generator) -> Row:
     """Draw one request for a weld scan."""
     diameter = rng.uniform(0.3, 0.6)
     arc = rng.uniform(20.0, 120.0)
@@ -60,18 +65,276 @@ def draw_scan(rng: np.random.Generator) -> dict[str, Any]:
         "plant.link_length_error_m": rng.uniform(-0.005, 0.005),
         "plant.joint_offset_error_deg": rng.uniform(-0.5, 0.5),
     }
-    return {k: round(v, 5) if isinstance(v, float) else v for k, v in row.items()}
+    return row
 
 
-DRAWS: dict[str, Callable[[np.random.Generator], dict[str, Any]]] = {"pipe-weld-scan": draw_scan}
+def draw_wind(rng: np.random.Generator, most: float) -> Row:
+    """Draw calm air in 40 % of the rows, else a steady or gusty wind from any side."""
+    kind = str(rng.choice(["none", "steady", "dryden"], p=[0.4, 0.3, 0.3]))
+    calm = kind == "none"
+    return {
+        "world.wind.kind": kind,
+        "world.wind.mean_mps": 0.0 if calm else rng.uniform(0.2, most),
+        "world.wind.toward_deg": rng.uniform(-180.0, 180.0),
+    }
+
+
+def draw_plant(rng: np.random.Generator) -> Row:
+    """Draw masses and thrusts that the robot does not know."""
+    return {
+        "plant.mass_error": rng.uniform(-0.05, 0.05),
+        "plant.rotor_gain_error": rng.uniform(-0.05, 0.05),
+        "plant.com_x_error_m": rng.uniform(-0.005, 0.005),
+        "plant.inertia_error": rng.uniform(-0.1, 0.1),
+    }
+
+
+def draw_map(rng: np.random.Generator, size: bool = True) -> Row:
+    """Draw how wrong the map may be."""
+    out = {
+        "plant.map_error_m": rng.uniform(0.0, 0.03),
+        "plant.map_error_deg": rng.uniform(0.0, 3.0),
+    }
+    return {**out, "plant.map_error_size_m": rng.uniform(0.0, 0.005)} if size else out
+
+
+def write_list(items: list[str]) -> str:
+    """Return a TOML array."""
+    return f"[{', '.join(items)}]"
+
+
+def draw_waypoints(rng: np.random.Generator) -> Row:
+    """Draw way-points; some are passed without a hold, some lie close to the ground."""
+    points = []
+    for _ in range(int(rng.integers(1, 6))):
+        x, y, z = rng.uniform(-2, 2), rng.uniform(-2, 2), rng.uniform(0.5, 3.0)
+        hold = 0.0 if rng.random() < 0.2 else rng.uniform(0.5, 4.0)
+        yaw = rng.uniform(-360.0, 360.0)
+        points.append(
+            f"{{x_m={x:.3f}, y_m={y:.3f}, z_m={z:.3f}, yaw_deg={yaw:.2f}, hold_s={hold:.2f}}}"
+        )
+    robots = ["hexarotor", "othex", "f550-bridge", "bimanual", "ars-lrm"]
+    return {
+        "mission.robot": str(rng.choice(robots)),
+        "mission.task.points": write_list(points),
+        "mission.hover_height_m": rng.uniform(1.0, 2.5),
+        **draw_wind(rng, 7.0),
+        **draw_plant(rng),
+    }
+
+
+def draw_excitation(rng: np.random.Generator) -> Row:
+    """Draw robots and amplitudes."""
+    robot = str(rng.choice(["f550-bridge", "othex", "hexarotor"]))
+    poses = ["folded"] if robot == "hexarotor" else ["folded", "working"]
+    return {
+        "mission.robot": robot,
+        "mission.task.poses": write_list([f"'{p}'" for p in poses]),
+        "mission.task.duration_s": rng.uniform(20.0, 60.0),
+        "mission.task.tilt_deg": rng.uniform(0.0, 10.0),
+        "mission.task.yaw_deg": rng.uniform(0.0, 25.0),
+        "mission.task.acceleration_mps2": rng.uniform(0.2, 2.0),
+        "mission.task.high_hz": rng.uniform(0.8, 2.0),
+        "mission.task.joint_deg": 0.0 if robot == "hexarotor" else rng.uniform(0.0, 15.0),
+        **draw_wind(rng, 3.0),
+        **draw_plant(rng),
+    }
+
+
+def draw_modes(rng: np.random.Generator) -> Row:
+    """Draw tilts around the hover limit, distances, headings and winds."""
+    robot, law = [("f550-bridge", "backstepping"), ("f550-bridge-torque", "backstepping_torque")][
+        int(rng.integers(2))
+    ]
+    return {
+        "mission.robot": robot,
+        "mission.law": law,
+        "mission.task.tilt_deg": rng.uniform(2.0, 9.5),
+        "mission.task.distance_m": rng.uniform(0.3, 3.0),
+        "mission.task.standard_tilt_deg": rng.uniform(1.0, 5.0),
+        "mission.task.hold_s": rng.uniform(1.0, 5.0),
+        "mission.start_yaw_deg": rng.uniform(-180.0, 180.0),
+        **draw_wind(rng, 3.0),
+        **draw_plant(rng),
+    }
+
+
+def draw_impact(rng: np.random.Generator) -> Row:
+    """Draw what hits the pad, how fast, with or without springs."""
+    robot = str(rng.choice(["bimanual-longreach", "bimanual"], p=[0.7, 0.3]))
+    parts = ["arm", "link"] if robot == "bimanual-longreach" else ["arm"]
+    return {
+        "mission.robot": robot,
+        "mission.task.part": str(rng.choice(parts)),
+        "mission.task.joints": str(rng.choice(["compliant", "stiff"])),
+        "mission.task.speed_mps": rng.uniform(0.1, 1.2),
+        "mission.task.reaction_s": rng.uniform(0.0, 0.3),
+        "world.things.pad.stiffness_n_per_m": rng.uniform(1000.0, 10000.0),
+        **draw_plant(rng),
+    }
+
+
+def draw_transport(rng: np.random.Generator) -> Row:
+    """Draw bars, goals and structures."""
+    return {
+        "mission.task.bar_length_m": rng.uniform(1.0, 2.4),
+        "mission.task.bar_mass_kg": rng.uniform(0.1, 0.5),
+        "mission.task.margin_m": rng.uniform(0.1, 0.25),
+        "mission.task.goal_x_m": rng.uniform(8.8, 9.6),
+        "mission.task.goal_z_m": rng.uniform(1.5, 2.5),
+        "world.scenario_seed": int(rng.integers(1, 10**6)),
+        "world.difficulty": rng.uniform(0.2, 1.0),
+        **draw_wind(rng, 3.0),
+    }
+
+
+def draw_bench(rng: np.random.Generator) -> Row:
+    """Draw staircases of forces up to beyond what the servos hold."""
+    forces = sorted(rng.uniform(0.5, 12.0, int(rng.integers(1, 6))))
+    return {
+        "mission.task.forces_n": write_list([f"{x:.2f}" for x in forces]),
+        "mission.task.hold_s": rng.uniform(1.0, 8.0),
+        "mission.task.ramp_s": rng.uniform(0.3, 3.0),
+        "mission.task.settle_s": rng.uniform(1.0, 4.0),
+        "world.structure.friction": rng.uniform(0.2, 0.8),
+        "plant.link_length_error_m": rng.uniform(-0.005, 0.005),
+        "plant.joint_offset_error_deg": rng.uniform(-0.5, 0.5),
+        "plant.servo_lag_error": rng.uniform(-0.2, 0.2),
+    }
+
+
+def draw_bimanual(rng: np.random.Generator) -> Row:
+    """Draw one to four trials, forces, things and how they hold."""
+    trials = ["squeeze", "unplug", "bar", "position-sensor"]
+    asked = [x for x in trials if rng.random() < 0.6] or [str(rng.choice(trials))]
+    return {
+        "mission.task.trials": write_list([f"'{x}'" for x in asked]),
+        "mission.task.squeeze_n": rng.uniform(2.0, 6.0),
+        "mission.task.lift_m": rng.uniform(0.02, 0.1),
+        "mission.task.unplug_threshold_m": rng.uniform(0.015, 0.11),
+        "mission.task.bar_turn_deg": rng.uniform(0.0, 20.0),
+        "mission.task.drift_m": rng.uniform(0.0, 0.03),
+        "world.things.box.mass_kg": rng.uniform(0.1, 0.3),
+        "world.things.plug.held_n": rng.uniform(1.0, 4.0),
+        "world.things.box.friction": rng.uniform(0.3, 1.0),
+        "plant.joint_offset_error_deg": rng.uniform(-0.5, 0.5),
+        "plant.hardening_error": rng.uniform(-0.2, 0.2),
+    }
+
+
+def draw_install(rng: np.random.Generator) -> Row:
+    """Draw forces, poses of arm and pipe, and what the robot does not know."""
+    return {
+        "mission.task.force_n": rng.uniform(1.0, 4.0),
+        "mission.task.hold_s": rng.uniform(2.0, 10.0),
+        "mission.task.pose": str(rng.choice(["L", "stretched"], p=[0.85, 0.15])),
+        "mission.task.hover_s": 0.0 if rng.random() < 0.5 else rng.uniform(10.0, 50.0),
+        "mission.task.swing_deg": 0.0 if rng.random() < 0.3 else rng.uniform(5.0, 20.0),
+        "world.pipe.diameter_m": rng.uniform(0.15, 0.3),
+        "world.pipe.z_m": rng.uniform(2.2, 3.5),
+        "world.pipe.yaw_deg": rng.uniform(-180.0, 180.0),
+        "world.pipe.inclination_deg": rng.uniform(-10.0, 10.0),
+        "world.things.tape.press_n_s": rng.uniform(1.0, 10.0),
+        **draw_wind(rng, 2.0),
+        **draw_map(rng),
+        "plant.joint_offset_error_deg": rng.uniform(-0.4, 0.4),
+    }
+
+
+def draw_contact(rng: np.random.Generator) -> Row:
+    """Draw spots, forces and slopes of a deck."""
+    spots = [
+        f"{{x_m={rng.uniform(-0.3, 0.3):.3f}, y_m={rng.uniform(-0.3, 0.3):.3f}}}"
+        for _ in range(int(rng.integers(1, 4)))
+    ]
+    forces = rng.uniform(1.0, 5.0, int(rng.integers(1, 4)))
+    return {
+        "mission.task.spots": write_list(spots),
+        "mission.task.forces_n": write_list([f"{x:.2f}" for x in forces]),
+        "mission.task.hold_s": rng.uniform(1.0, 6.0),
+        "mission.task.without_gear": "false",
+        "world.structure.slope_deg": rng.uniform(0.0, 5.0),
+        "world.structure.friction": rng.uniform(0.4, 0.8),
+        **draw_wind(rng, 3.0),
+        **draw_map(rng, size=False),
+        **draw_plant(rng),
+    }
+
+
+def draw_wall(rng: np.random.Generator) -> Row:
+    """Draw forces and slides along a tunnel's wall."""
+    forces = rng.uniform(1.0, 4.0, int(rng.integers(1, 4)))
+    return {
+        "mission.task.forces_n": write_list([f"{x:.2f}" for x in forces]),
+        "mission.task.slide_m": 0.0 if rng.random() < 0.3 else rng.uniform(0.1, 0.5),
+        "mission.task.slide_force_n": rng.uniform(0.6, 2.0),
+        "mission.task.slide_speed_mps": rng.uniform(0.02, 0.08),
+        "world.structure.friction": rng.uniform(0.2, 0.8),
+        **draw_wind(rng, 2.0),
+        **draw_map(rng),
+        **draw_plant(rng),
+    }
+
+
+def draw_tool(rng: np.random.Generator) -> Row:
+    """Draw tools, places on the pipe, waits and winds."""
+    return {
+        "mission.task.along_pipe_m": rng.uniform(-0.3, 0.3),
+        "mission.task.wait_s": rng.uniform(2.0, 20.0),
+        "mission.task.hover_s": 0.0 if rng.random() < 0.5 else rng.uniform(10.0, 50.0),
+        "world.things.tool.mass_kg": rng.uniform(0.3, 0.6),
+        "world.things.tool.friction": rng.uniform(0.2, 0.8),
+        "world.pipe.diameter_m": rng.uniform(0.16, 0.25),
+        "world.pipe.inclination_deg": rng.uniform(-1.5, 1.5),
+        **draw_wind(rng, 4.0),
+        "plant.map_error_m": rng.uniform(0.0, 0.03),
+        "plant.map_error_deg": rng.uniform(0.0, 1.5),
+        "plant.map_error_size_m": rng.uniform(0.0, 0.005),
+    }
+
+
+def draw_insertion(rng: np.random.Generator) -> Row:
+    """Draw sockets that stand elsewhere, pegs, friction and winds."""
+    return {
+        "mission.task.bar_pose": str(rng.choice(["marker", "hands"])),
+        "world.things.peg.mass_kg": rng.uniform(0.3, 0.5),
+        "world.things.peg.friction": rng.uniform(0.2, 0.6),
+        "plant.socket_x_error_m": rng.uniform(-0.02, 0.02),
+        "plant.socket_y_error_m": rng.uniform(-0.02, 0.02),
+        "plant.socket_yaw_error_deg": rng.uniform(-5.0, 5.0),
+        "plant.socket_roll_error_deg": rng.uniform(-2.0, 2.0),
+        "plant.socket_pitch_error_deg": rng.uniform(-2.0, 2.0),
+        **draw_wind(rng, 1.5),
+    }
+
+
+DRAWS: dict[str, Callable[[np.random.Generator], Row]] = {
+    "pipe-weld-scan": draw_scan,
+    "waypoints": draw_waypoints,
+    "excitation": draw_excitation,
+    "flight-modes": draw_modes,
+    "impact": draw_impact,
+    "bar-transport": draw_transport,
+    "arm-test-bench": draw_bench,
+    "bimanual-bench": draw_bimanual,
+    "sensor-install": draw_install,
+    "bridge-contact": draw_contact,
+    "wall-contact": draw_wall,
+    "tool-install": draw_tool,
+    "bar-insertion": draw_insertion,
+}
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("mission", choices=sorted(DRAWS))
-    parser.add_argument("--rows", type=int, default=200)
+    parser.add_argument("--rows", type=int)
     parser.add_argument("--seed", type=int, default=1)
     a = parser.parse_args()
     rng = np.random.default_rng(a.seed)
-    rows = [DRAWS[a.mission](rng) for _ in range(a.rows)]
+    n = a.rows or (200 if a.mission == "pipe-weld-scan" else 100)
+    rows = [
+        {k: round(v, 5) if isinstance(v, float) else v for k, v in DRAWS[a.mission](rng).items()}
+        for _ in range(n)
+    ]
     save_table(rows, Path(__file__).with_name(f"oracle-{a.mission}-conditions.csv"))

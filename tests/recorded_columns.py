@@ -60,6 +60,7 @@ def _list_columns(n: int, n_rotors: int) -> list[Column]:
         Column("tilt", unit="rad", meaning="probe axis to the inward normal of the surface"),
         Column("f_contact", (3,), unit="N", meaning="force of the surface on the tip, in W"),
         Column("f_normal", unit="N", meaning="its normal part"),
+        Column("off_s", unit="s", meaning="longest time without force on the tip by now"),
         Column("f_collision", unit="N", meaning="largest unintended force since the last sample"),
         Column("f_wind_W", (3,), unit="N", meaning="aerodynamic drag on the robot"),
         Column("power", unit="W", meaning="electrical, whole robot"),

@@ -18,6 +18,7 @@ from skywright.analysis.identify.identify import identify
 from skywright.analysis.identify.lag import fit_lag
 from skywright.analysis.identify.load import load_log
 from skywright.analysis.identify.overrides import build_overrides
+from skywright.analysis.identify.rotor_signals import build_mixer
 from skywright.analysis.identify.signals import build_columns
 from skywright.cli import main
 from skywright.description.loader import load_description
@@ -311,14 +312,9 @@ def test_ulog_with_commands_only(made: FlightLog, tmp_path: Path) -> None:
     """Without rotor speeds the commands and the lag that fits them best take their place."""
     topics = ulog_topics(made)
     del topics["esc_status"]
-    assert made.rotor_speed is not None
-    speed = made.rotor_speed
-    rate = np.gradient(speed, made.t, axis=0)
-    command = speed + 0.03 * rate  # what a first-order lag of 30 ms turns into `speed`
-    u = np.clip(build_rotors(ROBOT.rotors).k_f * command**2 / ROBOT.rotors.thrust_max_n, 0, 1)
     topics["actuator_motors"] = {
         "timestamp": made.t + 12.5,
-        **{f"control[{i}]": u[:, i] for i in range(6)},
+        **{f"control[{i}]": u for i, u in enumerate(make_commands(made).T)},
     }
     path = write_ulog(tmp_path / "flight.ulg", topics, {"THR_MDL_FAC": 0.0})
     result = identify([path], ROBOT, MASS)
@@ -328,12 +324,133 @@ def test_ulog_with_commands_only(made: FlightLog, tmp_path: Path) -> None:
         assert found[f"pose_1.inertia_{axis}_kgm2"].value == pytest.approx(value, rel=0.05)
 
 
+def age(topics: dict[str, dict[str, np.ndarray]], made: FlightLog) -> None:
+    """Turn today's topics into those of PX4 1.6: raw sensors and pulse widths."""
+    rates = topics.pop("vehicle_angular_velocity")
+    s_B = np.einsum("kji,kj->ki", made.R_WB, np.gradient(made.v_WB, made.t, axis=0) + G_W)
+    topics["sensor_combined"] = {
+        "timestamp": rates["timestamp"],
+        **{f"gyro_rad[{i}]": rates[f"xyz[{i}]"] for i in range(3)},
+        **{f"accelerometer_m_s2[{i}]": s_B[:, i] * (1.0, -1.0, -1.0)[i] for i in range(3)},
+    }
+    topics["actuator_outputs"] = {
+        "timestamp": made.t + 12.5,
+        **{f"output[{i}]": 1075 + 875 * u for i, u in enumerate(make_commands(made).T)},
+    }
+    del topics["esc_status"]
+
+
+def make_commands(made: FlightLog) -> np.ndarray:
+    """Return what a first-order lag of 30 ms turns into the rotors' speeds, as 0 to 1 of thrust."""
+    assert made.rotor_speed is not None
+    command = made.rotor_speed + 0.03 * np.gradient(made.rotor_speed, made.t, axis=0)
+    k_f = build_rotors(ROBOT.rotors).k_f
+    return np.asarray(np.clip(k_f * command**2 / ROBOT.rotors.thrust_max_n, 0, 1))
+
+
+def test_topics_of_older_px4(made: FlightLog, tmp_path: Path) -> None:
+    """A log of PX4 1.6 that mostly stands on the ground: idling rotors are neither flight nor a
+    reason to call them unlogged, and the page says which part was used."""
+    topics = ulog_topics(made)
+    age(topics, made)
+    idle = np.arange(0.0, 120.0, 0.01)
+    for fields in topics.values():
+        for name, x in fields.items():
+            still = 1120.0 if name.startswith("output") else x[0] if "q[" in name else 0.0
+            still = -GRAVITY if name == "accelerometer_m_s2[2]" else still
+            ground = idle + 12.5 if name == "timestamp" else np.full(len(idle), still)
+            fields[name] = np.concatenate([ground, x + (120.0 if name == "timestamp" else 0.0)])
+    path = write_ulog(tmp_path / "flight.ulg", topics, {"PWM_MIN": 1075, "PWM_MAX": 1950})
+    log = load_log(path, ROBOT)
+    assert 0.95 * 50 < 0.01 * log.free.sum() < 1.02 * 50
+    result = identify([path], ROBOT, MASS)
+    assert result.parts[0].start_s == pytest.approx(120, abs=0.5)
+    assert any("used: " in note and "120" in note for note in result.notes)
+    assert any("actuator_outputs" in note for note in result.notes)
+    found = {e.parameter.name: e for e in result.fit.estimates}
+    for axis, value in zip(("xx", "yy", "zz"), INERTIA[:3], strict=True):
+        assert found[f"pose_1.inertia_{axis}_kgm2"].value == pytest.approx(value, rel=0.05)
+
+
+def test_mixer_is_px4_s() -> None:
+    """Tables that PX4 1.12 prints for its geometry files quad_x and hex_x (roll, pitch, yaw)."""
+    s, c = 0.5, 0.866025
+    quad = [[-0.707107, 0.707107, 1], [0.707107, -0.707107, 1], [0.707107, 0.707107, -1],
+            [-0.707107, -0.707107, -1]]  # fmt: skip
+    hexa = [[-1, 0, -1], [1, 0, 1], [s, c, -1], [-s, -c, 1], [-s, c, 1], [s, -c, -1]]
+    for table, azimuth in ((quad, (-45, 135, 45, -135)), (hexa, (-90, 90, 30, -150, -30, 150))):
+        angle = np.radians(azimuth)
+        place = 0.3 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+        rotors = build_rotors(ROBOT.rotors)._replace(
+            position=place, spin=np.array([row[2] for row in table], dtype=float)
+        )
+        np.testing.assert_allclose(build_mixer(rotors)[:, :3], table, atol=1e-5)
+        np.testing.assert_allclose(build_mixer(rotors)[:, 3], 1.0)
+
+
+def test_mixer_inputs_become_thrusts(made: FlightLog, tmp_path: Path) -> None:
+    topics = ulog_topics(made)
+    del topics["esc_status"]
+    t = made.t + 12.5
+    controls = [0.1 * np.sin(t), 0.05 * np.cos(t), 0 * t, 0.5 + 0.1 * np.sin(2 * t)]
+    topics["actuator_controls_0"] = {
+        "timestamp": t, **{f"control[{i}]": x for i, x in enumerate(controls)},
+    }  # fmt: skip
+    log = load_log(write_ulog(tmp_path / "flight.ulg", topics), ROBOT)
+    assert log.rotor_command is not None
+    # rotor 2 of the file sits on the left (hex_x motor 2): all of the roll, no pitch
+    expected = np.interp(log.t, made.t, controls[0] + controls[3]) * ROBOT.rotors.thrust_max_n
+    np.testing.assert_allclose(log.rotor_command[:, 1], expected, atol=1e-3)
+
+
+def test_slow_speeds_give_way_to_commands(made: FlightLog, tmp_path: Path) -> None:
+    topics = ulog_topics(made)
+    topics["esc_status"] = {n: x[::25] for n, x in topics["esc_status"].items()}  # 4 Hz
+    topics["actuator_motors"] = {
+        "timestamp": made.t + 12.5,
+        **{f"control[{i}]": u for i, u in enumerate(make_commands(made).T)},
+    }
+    log = load_log(write_ulog(tmp_path / "flight.ulg", topics), ROBOT)
+    assert log.rotor_speed is None and log.command_is_thrust
+    assert any("4 Hz only: actuator_motors is taken" in note for note in log.notes)
+
+
+def test_what_does_not_predict_is_refused(made: FlightLog, tmp_path: Path) -> None:
+    """Rotors that do not belong to the flight, and a flight that another robot made."""
+    topics = ulog_topics(made)
+    rng = np.random.default_rng(0)
+    names = [n for n in topics["esc_status"] if n != "timestamp"]
+    for name in names:
+        topics["esc_status"][name] = 5000 + 300 * rng.standard_normal(len(made.t))
+    path = write_ulog(tmp_path / "noise.ulg", topics)
+    with pytest.raises(InputError, match=r"R² .* on held-out parts .* at least 0.5 is needed"):
+        identify([path], ROBOT, MASS)
+    page = tmp_path / "page.html"
+    done = call(str(path), "--robot", "f550-bridge", "--out", str(page))
+    assert done.exit_code == 2 and not page.exists() and not page.with_suffix(".toml").exists()
+    topics = ulog_topics(made)
+    for name in names:  # thrust is 0.4 of the file's at these speeds
+        topics["esc_status"][name] = topics["esc_status"][name] * math.sqrt(2.5)
+    with pytest.raises(InputError, match=r"rotor_gain_1 .* valid: 0.5 to 2"):
+        identify([write_ulog(tmp_path / "weak.ulg", topics)], ROBOT, MASS)
+
+
+G_W = np.array([0.0, 0.0, GRAVITY])
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
+        (lambda topics: topics.pop("vehicle_angular_velocity"), "lacks vehicle_angular_velocity"),
+        (
+            lambda topics: topics["esc_status"].update(
+                {n: 0 * x for n, x in topics["esc_status"].items() if n != "timestamp"}
+            ),
+            "in esc_status no rotor turns",
+        ),
         (lambda topics: topics.pop("vehicle_attitude"), "lacks vehicle_attitude"),
         (lambda topics: topics.pop("vehicle_local_position"), "neither vehicle_acceleration nor"),
-        (lambda topics: topics.pop("esc_status"), "lacks esc_status"),
+        (lambda topics: topics.pop("esc_status"), "one of esc_status, actuator_motors"),
     ],
 )
 def test_ulog_that_lacks_something(change: Any, said: str, made: FlightLog, tmp_path: Path) -> None:

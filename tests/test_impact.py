@@ -164,7 +164,7 @@ def test_a_collision_ends_where_the_pad_is_let_go_or_the_platform_stands() -> No
 def test_stiff_joints_fail_for_the_right_reason() -> None:
     result = fly("bimanual", "mission.task.joints=stiff")
     failed = [v.name for v in result.requirements if not v.passed]
-    assert failed == ["impact.peak_torque_nm"]
+    assert failed == ["impact.torque_share"]
     assert fly("bimanual").outcome == "succeeded"
     check_cuts(fly("bimanual"))
 

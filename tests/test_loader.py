@@ -489,4 +489,4 @@ def test_no_misspelt_key_breaks_the_loader(data: st.DataObject) -> None:
 def test_a_number_whose_square_overflows_is_refused(key: str) -> None:
     """1e308 m/s of wind once flew as no wind at all: its direction was 0 / infinity."""
     message = refusal(WAYPOINTS, sets=[f"{key}=1e308"])
-    assert message == f"--set: {key}: 1e+308 is too large; valid: -1e12 to 1e12"
+    assert message.startswith(f"--set: {key}: 1e+308 is implausible; valid: ")

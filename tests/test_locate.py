@@ -20,6 +20,7 @@ from skywright.analysis.locate.trajectory_file import (
     load_trajectory,
 )
 from skywright.cli import main
+from skywright.core import bounded
 from skywright.models.localisation.trajectory import Trajectory, interpolate_position
 from skywright.vehicle.sensor_flight import build_inspection_path, simulate_flight
 
@@ -231,8 +232,11 @@ def test_a_flat_calibration_is_told_where_it_matters(tmp_path):
 
 def test_unreadable(files, monkeypatch):
     monkeypatch.chdir(files)
-    monkeypatch.setattr(Path, "read_bytes", lambda self: (_ for _ in ()).throw(
-        PermissionError(13, "Permission denied", str(self))))  # fmt: skip
+
+    def refuse(path, mode):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(bounded, "open", refuse, raising=False)
     code, _, err = call("station.csv", "camera.txt")
     assert code == 2 and "cannot be read (Permission denied)" in err
 

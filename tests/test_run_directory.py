@@ -9,12 +9,19 @@ import subprocess
 import sys
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import skywright
 from exact_map import EXACT
 from skywright.core import interrupt
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.recordings.writer import RecordingWriter
+from skywright.reports import explain
+from skywright.reports.terminal import print_result
+from skywright.run.directory import load_run
+from skywright.run.requirements import Verdict, describe_outcome
 from skywright.run.run import Observer, fly_and_evaluate, run_mission
 from waiting import wait_for
 
@@ -116,3 +123,38 @@ def test_an_interrupt_that_a_callback_swallowed_is_not_lost(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         interrupt.check_interrupt()
     interrupt.check_interrupt()  # once is enough
+
+
+def test_a_disk_that_fills_in_flight_interrupts_and_says_how_much_is_kept(
+    tmp_path, monkeypatch, capsys
+):
+    append, calls = RecordingWriter._append, []
+
+    def fill_up(self, samples, rows):
+        calls.append(len(samples))
+        if self._nanoseconds(samples["t"][-1:])[0] > 4_000_000_000:
+            with self._writing():
+                raise OSError(28, "No space left on device")
+        append(self, samples, rows)
+
+    monkeypatch.setattr(RecordingWriter, "_append", fill_up)
+    result = run_mission(load_description("waypoints"), out=tmp_path / "r")
+    assert calls and result.exit_code == 1 and result.outcome == "interrupted"
+    assert "No space left" in result.reason and not (tmp_path / "r").exists()
+    print_result(result)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "No space left" in said and "up to the end" not in said
+    kept = float(load_run(tmp_path / "r.partial").samples["t"][-1])
+    assert 2.0 < kept <= 4.0 and f"up to t = {kept:.2f} s; the rest of" in said.replace("- ", "-")
+    assert "No space left" in explain.describe_outcome(result)
+
+
+@given(
+    outcome=st.sampled_from(["succeeded", "failed", "aborted", "diverged", "interrupted"]),
+    passed=st.lists(st.booleans(), max_size=3),
+)
+def test_a_reason_is_empty_only_where_all_was_met(outcome, passed):
+    verdicts = [Verdict(f"m{i}", 1.0, "m", 2.0, "<=", p, "") for i, p in enumerate(passed)]
+    reason = describe_outcome(outcome, verdicts)
+    assert bool(reason) == (outcome != "succeeded" or not all(passed))
+    assert all(v.passed or v.name in reason for v in verdicts)

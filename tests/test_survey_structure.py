@@ -191,11 +191,12 @@ def test_a_deck_that_is_not_there_sends_the_robot_home() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("world", ["pillar", "tunnel"])
 def test_the_tip_finds_a_wall_before_it_presses(world: str) -> None:
-    run = fly_and_evaluate(load(world, **{"world.localisation": "mocap"}))
+    slippery = {"world.structure.friction": 0.4} if world == "pillar" else {}  # 0.6 is refused
+    run = fly_and_evaluate(load(world, **{"world.localisation": "mocap"} | slippery))
     m = run.metrics
-    assert run.outcome != "aborted", run.reason  # sliding along a pillar the tip may jump
+    assert run.outcome != "aborted", run.reason
     assert m["contact.collisions"] == 0.0 and m["slide.length_m"] > 0.5
-    assert m["slide.lost_s"] < (0.3 if world == "pillar" else 1e-9)  # up a pillar it may hop
+    assert m["slide.lost_s"] < 1e-9
     assert m["survey.touches"] == 6.0 and m["survey.missed"] == 0.0
     assert m["survey.surface_error_mm"] < 3.0
     assert m["survey.normal_error_deg"] < 0.6 * m["survey.map_normal_error_deg"] + 0.3

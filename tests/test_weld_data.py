@@ -253,8 +253,8 @@ def test_bad_arguments_are_refused(rows: list[list[str]], tmp_path: Path) -> Non
         ({"calibrate": "0:1e9"}, "not searched for a weld"),
         ({"calibrate": "0:7", "calibration_file": path}, "not both"),
         ({"calibration_file": tmp_path / "none.toml"}, "cannot be read"),
-        ({"calibration_file": path}, "not valid TOML"),
-        ({"surface_file": path}, "not valid TOML"),
+        ({"calibration_file": path}, "malformed TOML"),
+        ({"surface_file": path}, "malformed TOML"),
         ({"lift_off_threshold": -1.0}, "above 0"),
         ({"weld_threshold": math.nan}, "above 0"),
     ]

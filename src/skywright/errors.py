@@ -36,11 +36,16 @@ class SimulationError(SkywrightError):
     exit_code = 3
 
 
+LONGEST_NAME = 100
+"""Characters of a name in a message."""
+
+
 def neighbours(word: str, valid: Iterable[str], count: int = 5) -> str:
     """Return the valid names nearest to `word` for an error message, or all when there are few."""
-    names = sorted(valid)
+    names = [name[:LONGEST_NAME] for name in sorted(valid)]
     if len(names) <= count:
         return ", ".join(names)
+    word = word[:LONGEST_NAME]
     close = difflib.get_close_matches(word, names, n=count, cutoff=0.3)
     close += [name for name in names if name not in close][: count - len(close)]
     return ", ".join(close) + ", ..."

@@ -5,7 +5,13 @@ from pathlib import Path
 
 import click
 
-from skywright.cli.options import as_json_option, check_folder, check_writable, print_json
+from skywright.cli.options import (
+    as_json_option,
+    check_folder,
+    check_writable,
+    print_json,
+    trust_option,
+)
 from skywright.errors import InputError
 
 
@@ -127,6 +133,7 @@ def locate(
 
 
 @click.command()
+@trust_option
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--robot", metavar="R", help="Robot that flew: name or file (a ULog needs it).")
 @click.option("--mass", type=float, metavar="KG", help="What it weighed.  [default: its file's]")

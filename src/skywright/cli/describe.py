@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from skywright.cli.options import as_json_option, check_writable, print_json
+from skywright.cli.options import as_json_option, check_writable, print_json, trust_option
 from skywright.core.catalog import Entry
 from skywright.core.find import GROUPS, list_offers
 from skywright.errors import InputError
@@ -164,6 +164,7 @@ def list_(kind: str | None, as_json: bool) -> None:
 
 
 @click.command()
+@trust_option
 @click.argument("name", metavar="ROBOT|WORLD|MISSION")
 @click.option("--out", type=click.Path(path_type=Path), help="Picture (.png or .svg).")
 @click.option("--urdf", type=click.Path(path_type=Path), help="Write the robot as URDF instead.")
@@ -224,6 +225,7 @@ def new(what: str, name: str) -> None:
 
 
 @click.command()
+@trust_option
 @click.argument("file", metavar="FILE|FOLDER")
 @as_json_option
 def check(file: str, as_json: bool) -> int:

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import click
 
-from skywright.cli.options import as_json_option, check_folder, layers, print_json
+from skywright.cli.options import as_json_option, check_folder, layers, print_json, trust_option
 from skywright.errors import InputError
 
 
 @click.command()
+@trust_option
 @click.argument("mission", required=False)
 @layers
 @click.option(
@@ -63,6 +64,7 @@ def run(
 
 
 @click.command()
+@trust_option
 @click.argument("mission")
 @layers
 @click.option("--out", type=click.Path(path_type=Path), help="Write a plan file (.csv and .toml).")
@@ -98,6 +100,7 @@ def plan(
 
 
 @click.command()
+@trust_option
 @click.argument("mission")
 @click.option("--runs", type=int, required=True, help="Number of runs.")
 @click.option(
@@ -160,6 +163,7 @@ def campaign(
 
 
 @click.command()
+@trust_option
 @click.argument("directory", metavar="RUN", type=click.Path(path_type=Path))
 @click.option("--no-open", is_flag=True, help="Only print the path.")
 def replay(directory: Path, no_open: bool) -> None:

@@ -11,6 +11,9 @@ from skywright.cli.options import print_json
 from skywright.core.interrupt import listen
 from skywright.errors import InfeasibleError, SkywrightError, neighbours
 
+LONGEST = 4000
+"""Characters of a message."""
+
 
 class Group(click.Group):
     """Commands in the order of the contract; every error is one line and an exit code."""
@@ -35,6 +38,11 @@ class Group(click.Group):
         except BaseException as error:
             code = _report(error, as_json="--json" in args)
         sys.exit(code if isinstance(code, int) else 0)
+
+
+def _shorten(message: str) -> str:
+    """Cut what a message quotes of a file, so that it stays readable."""
+    return message if len(message) <= LONGEST else message[:LONGEST] + " ..."
 
 
 def _report(error: BaseException, as_json: bool) -> int:
@@ -70,7 +78,7 @@ def _report(error: BaseException, as_json: bool) -> int:
             f"internal error, please report: {type(error).__name__}: {error} "
             "(SKYWRIGHT_DEBUG=1 shows where)"
         )
-    message = " ".join(message.split())
+    message = _shorten(" ".join(message.split()))
     click.echo(f"skywright: {message}", err=True)
     if as_json:
         print_json({"error": message, "exit_code": code, **facts})

@@ -33,6 +33,19 @@ as_json_option = click.option(
 )
 
 
+def _trust(context: click.Context, option: click.Parameter, given: bool) -> None:
+    if given:
+        from skywright.core.trust import trust_all
+
+        trust_all()
+
+
+trust_option = click.option(
+    "--trust", is_flag=True, expose_value=False, callback=_trust,
+    help="Run code that a run's directory brings (SECURITY.md).",
+)  # fmt: skip
+
+
 def print_json(value: Any) -> None:
     """Print one JSON object; NaN is our own mistake."""
     click.echo(json.dumps(value, indent=2, allow_nan=False))

@@ -18,6 +18,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from skywright.core.trust import check_trust
 from skywright.core.user_files import load_file
 from skywright.errors import InputError, SkywrightError, neighbours
 
@@ -157,6 +158,7 @@ def _find_in_file(group: str, kind: str, folders: Iterable[Path], key: str) -> K
         raise InputError(
             f"{key}: no file {file!r} beside the file that names it or in the current folder"
         )
+    check_trust(path)
     try:
         module = load_file(path)
     except (Exception, SystemExit) as error:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+
+from skywright.core.ranges import check_range
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -15,9 +17,6 @@ Length = Annotated[float, Field(ge=1e-6, le=100)]  # m, of a part
 Offset = Annotated[float, Field(ge=-100, le=100)]  # m, of a part from another
 Bandwidth = Annotated[float, Field(ge=1e-3, le=1000)]  # rad/s
 Fraction = Annotated[float, Field(ge=0, le=1)]
-
-LARGEST = 1e12
-"""No number of a description is larger: squares and products of such numbers do not overflow."""
 
 SourceKind = Literal["paper", "derived", "datasheet", "assumed", "set"]
 
@@ -46,8 +45,6 @@ class Spec(BaseModel):
 
     @field_validator("*")
     @classmethod
-    def _does_not_overflow(cls, value: object) -> object:
-        for number in value if isinstance(value, list) else [value]:
-            if isinstance(number, float) and abs(number) > LARGEST:
-                raise ValueError(f"{number:g} is too large; valid: -1e12 to 1e12")
+    def _is_plausible(cls, value: object, info: ValidationInfo) -> object:
+        check_range(info.field_name or "", value)
         return value

@@ -2,22 +2,8 @@
 
 import csv
 import math
-from pathlib import Path
 
 from skywright.errors import InputError
-
-
-def read_bytes(path: Path, limit: int, advice: str) -> bytes:
-    """Return a file's content of at most `limit` bytes.
-
-    Raises InputError where it cannot be read, or is larger: `advice` says what to do then.
-    """
-    try:
-        if path.stat().st_size > limit:
-            raise InputError(f"{path}: larger than {limit // 1_000_000} MB; {advice}")
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
 def decode(raw: bytes) -> str:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
+from skywright.core.bounded import LARGEST_TOML, parse_toml, read_text
 from skywright.core.spec import Source, SourceKind
 from skywright.errors import InputError, neighbours
 
@@ -44,25 +45,12 @@ def load_layer(path: Path, label: str | None = None, problems: list[str] | None 
     four roots, or holds a number that is not finite or has a malformed source.
     """
     label = label or str(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{label}: not a text file in UTF-8 (byte {error.start})") from None
-    except OSError as error:
-        raise InputError(f"{label}: cannot be read: {error.strerror or error}") from None
-    return build_layer(text, label, problems)
+    return build_layer(read_text(path, LARGEST_TOML, label=label), label, problems)
 
 
 def build_layer(text: str, label: str, problems: list[str] | None = None) -> Layer:
     """Parse the text of a description file; see `load_layer`."""
-    try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{label}: malformed TOML: {error}") from None
-    except RecursionError:
-        raise InputError(f"{label}: malformed TOML: tables or lists nested too deeply") from None
-    except ValueError as error:  # a number too long to convert
-        raise InputError(f"{label}: malformed TOML: {error}") from None
+    raw = parse_toml(text, label)
     if not raw:
         raise InputError(f"{label}: the file is empty; valid tables: {', '.join(ROOTS)}")
     for key, value in list(raw.items()):

@@ -23,6 +23,8 @@ from importlib.util import spec_from_file_location
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from skywright.core.bounded import LARGEST_CODE, read_bytes
+
 
 class PythonEndedError(Exception):
     """A user's file ended the process that imported it (os._exit, a segmentation fault)."""
@@ -72,6 +74,11 @@ def read_sources(path: Path) -> dict[Path, bytes]:
     return {one: source.data for one, source in found.items()}
 
 
+def hash_as_it_is(path: Path) -> str:
+    """Return the hash of a user's file, and of what it imports beside it, as they are now."""
+    return _name_module(path, _read(path, {}))
+
+
 def hash_sources(paths: Iterable[Path]) -> str:
     """Return a hash of users' files and of what they import beside them, wherever they lie."""
     digest = hashlib.sha256()
@@ -107,7 +114,7 @@ def _try_in_child(path: Path, name: str) -> str:
 def _read(path: Path, found: _Sources) -> _Sources:
     """Add a file, and what it imports beside it, to `found`."""
     if path not in found:
-        data = path.read_bytes()
+        data = read_bytes(path, LARGEST_CODE)
         names = {name: path.with_name(f"{name}.py") for name in _list_imports(data)}
         found[path] = _Source(data, {n: other for n, other in names.items() if other.is_file()})
         for other in found[path].beside.values():

@@ -7,11 +7,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, NamedTuple
 
+from skywright.core.bounded import LARGEST_TOML
 from skywright.core.catalog import Entry, Found, find_file, list_entries
 from skywright.core.find import find
 from skywright.core.keys import apply_assignments, parse_assignment
 from skywright.core.spec import Source, Spec
 from skywright.core.toml_files import Layer, describe_value, merge_layers
+from skywright.core.trust import guarded
 from skywright.core.validation import list_problems, validate_root
 from skywright.description.map_error import displace_world
 from skywright.description.mission.spec import Mission, Plant, T, find_mission_spec
@@ -113,6 +115,24 @@ def load_description(
     Raises InputError naming file and key on anything that is wrong.
     """
     found = find_mission(mission)
+    with guarded(_name_run(found.path)):
+        return _load(found, robot, world, sets, seed)
+
+
+def _name_run(path: Path) -> str | None:
+    """Name the run that a mission file belongs to; None for a mission of its own."""
+    try:
+        text = path.read_bytes() if path.stat().st_size < LARGEST_TOML else b""
+    except OSError:  # told when it is loaded
+        return None
+    beside = any((path.parent / name).exists() for name in ("metrics.json", "recording.mcap"))
+    return f"run {path.parent}" if beside or b"resolved = true" in text else None
+
+
+def _load(
+    found: Found, robot: str | os.PathLike[str] | None, world: str | os.PathLike[str] | None,
+    sets: Sets, seed: int | None,
+) -> Description:  # fmt: skip
     layers = load_layers(found, robot, world, split_assignments(sets), seed)
     tree, sources, origin = merge_layers(layers)
     parts: dict[str, Any] = {}
@@ -136,7 +156,8 @@ def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
     try:
         layers = load_layers(found, None, None, [], None, problems)
         tree, _, origin = merge_layers(layers)
-        specs = list_specs(tree, [found.path.parent])
+        with guarded(_name_run(found.path)):
+            specs = list_specs(tree, [found.path.parent])
     except InputError as error:
         return [*problems, str(error)]
     for root, spec in specs.items():

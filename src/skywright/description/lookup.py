@@ -55,7 +55,10 @@ def find_kind(name: str) -> tuple[str, str]:
             for kind in ("mission", "robot", "world"):
                 if kind in tree:
                     return kind, str(path)
-            raise InputError(f"{name}: holds only [plant]; valid tables: {', '.join(ROOTS)}")
+            raise InputError(
+                f"{name}: holds none of [robot], [world], [mission]; valid tables: "
+                + ", ".join(ROOTS)
+            )
     except (OSError, ValueError):  # a name too long, or with a null byte
         pass
     raise InputError(

@@ -15,7 +15,6 @@ with l the lift-off and m the weld component; e_w is the weld's direction in tha
 
 import json
 import math
-import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +23,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
+from skywright.core.bounded import LARGEST_TOML, parse_json, parse_toml, read_text
 from skywright.errors import InputError, neighbours
 
 ComplexArray = NDArray[np.complex128]
@@ -267,14 +267,8 @@ def save_calibration(calibration: Calibration, path: Path) -> None:
 
 def read_table(path: Path) -> dict[str, Any]:
     """Read a TOML or JSON file (by the suffix) whose top level is a table."""
-    try:
-        raw = path.read_bytes().decode("utf-8-sig")
-        data = json.loads(raw) if path.suffix == ".json" else tomllib.loads(raw)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (ValueError, RecursionError) as error:
-        kind = "JSON" if path.suffix == ".json" else "TOML"
-        raise InputError(f"{path}: not valid {kind}: {str(error).splitlines()[0]}") from None
+    raw = read_text(path, LARGEST_TOML)
+    data = (parse_json if path.suffix == ".json" else parse_toml)(raw, str(path))
     if not isinstance(data, dict):
         raise InputError(f"{path}: the top level must be a table of keys")
     return data

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array
-from skywright.core.text_table import decode, read_bytes, read_number, split_row
+from skywright.core.bounded import read_bytes
+from skywright.core.text_table import decode, read_number, split_row
 from skywright.errors import InputError
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}

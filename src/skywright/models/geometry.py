@@ -90,12 +90,15 @@ class Clearance(NamedTuple):
     other_geom: int
 
 
-def build_clearance(scene: Scene, *, with_ground: bool = True) -> ClearanceQuery:
+def build_clearance(
+    scene: Scene, *, with_ground: bool = True, folded: Array | None = None
+) -> ClearanceQuery:
     """Build the query on a nominal scene (no flexibility: joints are where the planner says).
 
     Pairs are every robot geom with every world geom, except landing gear with ground (it stands
     on it) or, without `with_ground`, anything with it; and, asked for separately, the arm's
-    moving links with propellers and gear.
+    moving links with propellers and gear. Gear that a link is in when `folded` (n_joints,) rad is
+    left out: its shape is generic, and the arm is mounted between it.
     """
     model, index = scene.model, scene.places
     data = mujoco.MjData(model)
@@ -110,7 +113,17 @@ def build_clearance(scene: Scene, *, with_ground: bool = True) -> ClearanceQuery
     robot = index.robot_geoms.tolist()
     moving = [r for r in robot if _joints_between(model, r, index.platform_body) > 0]
     parts = [r for r in robot if names[r].startswith(_SELF_PARTS)]
-    pairs = world + [(r, other) for r in moving for other in parts]
+    own = [(r, other) for r in moving for other in parts]
+    if folded is not None:
+        data.qpos[index.joint_qpos] = folded
+        mujoco.mj_kinematics(model, data)
+        own = [
+            (r, other)
+            for r, other in own
+            if names[other].startswith("propeller")
+            or mujoco.mj_geomDistance(model, data, r, other, 0.1, None) > 0.0
+        ]
+    pairs = world + own
     core = ClearanceCore(
         model_address=int(model._address),
         data_address=int(data._address),

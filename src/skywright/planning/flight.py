@@ -15,12 +15,14 @@ from skywright.planning.problem import Failure, Limits, Problem
 
 
 def build_transit_law(state: State, pose: Array, lim: Limits) -> TimeLaw:
-    """Return the law of the slower of translation and turning, as a law over its own length."""
+    """Return the fastest law over a length of 1 that keeps the limits of moving and of turning."""
     length = float(np.linalg.norm(pose[:3] - state.p))
     turn = abs(wrap(pose[3] - math.atan2(state.R[1, 0], state.R[0, 0])))
-    move = build_time_law(length, lim.speed, lim.acceleration)
-    spin = build_time_law(turn, lim.yaw_rate, lim.yaw_acceleration)
-    return move if move.duration >= spin.duration else spin
+    ways = [(length, lim.speed, lim.acceleration), (turn, lim.yaw_rate, lim.yaw_acceleration)]
+    ways = [way for way in ways if way[0] > 1e-9]
+    if not ways:
+        return build_time_law(0.0, lim.speed, lim.acceleration)
+    return build_time_law(1.0, min(v / x for x, v, _ in ways), min(a / x for x, _, a in ways))
 
 
 def build_rest(edge: Edge, at: int, duration: float) -> Edge:

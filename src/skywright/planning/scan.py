@@ -41,6 +41,9 @@ PAUSE = 0.5
 RETREATS = (0.2, 0.35, 0.55)
 """m beyond the stand-off at which the arm is unfolded and folded: the first that fits."""
 
+RISES = (0.0, 0.3, 0.6)
+"""m straight up before the arm is folded on the way back: near the ground it would touch it."""
+
 
 class Statistics(NamedTuple):
     """Of the search."""
@@ -105,7 +108,7 @@ def plan_scan(
     blocked = task.pattern.blocked_by
     if blocked is None and task.depth >= cylinder.radius:
         blocked = (
-            f"pipe too thin: the desired tip lies {1e3 * task.depth:.0f} mm inside, the radius is "
+            f"the desired tip lies {1e3 * task.depth:.0f} mm inside a pipe whose radius is "
             f"{1e3 * cylinder.radius:.0f} mm"
         )
     if blocked is None:
@@ -312,19 +315,31 @@ def _depart(
     back = plan_surface_edge(prob, lift.state, at[1], at[2], law, yaw, last.q, True, 0.0)
     if back.failure is not None:
         return {}, search.explain(back.failure)
-    folded = build_state(back.state.p, rot_z(yaw), q_folded)
-    fold = plan_free_edge(
-        prob, back.state, folded.p, folded.R, folded.q, _fold_law(search, folded.q, back.state.q),
-        lim.margin_transit,
-    )  # fmt: skip
-    if fold.failure is not None:
-        return {}, search.explain(fold.failure)
-    way, failure = plan_flight(
-        prob, search.scene, np.array([*folded.p, yaw]), home, q_folded, search.rng
-    )
-    if failure is not None:
-        return {}, search.explain(failure)
-    return {"leave": [lift, back], "fold": [fold], "return": way}, ""
+    leave, blocked = [lift, back], ""
+    for rise in RISES:
+        high = back.state
+        if rise > 0.0:
+            p = back.state.p + [0.0, 0.0, rise]
+            law = build_transit_law(back.state, np.array([*p, yaw]), lim)
+            up = plan_free_edge(prob, back.state, p, high.R, high.q, law, lim.margin_transit)
+            if up.failure is not None:
+                break
+            leave, high = [lift, back, up], up.state
+        folded = build_state(high.p, rot_z(yaw), q_folded)
+        fold = plan_free_edge(
+            prob, high, folded.p, folded.R, folded.q, _fold_law(search, folded.q, high.q),
+            lim.margin_transit,
+        )  # fmt: skip
+        if fold.failure is not None:
+            blocked = blocked or search.explain(fold.failure)
+            continue
+        way, failure = plan_flight(
+            prob, search.scene, np.array([*folded.p, yaw]), home, q_folded, search.rng
+        )
+        if failure is not None:
+            return {}, search.explain(failure)
+        return {"leave": leave, "fold": [fold], "return": way}, ""
+    return {}, blocked
 
 
 def fill_force(rows: NDArray[Any], cylinder: Cylinder, depth: float, force: float) -> None:

@@ -22,6 +22,7 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
+from skywright.core.bounded import LARGEST_RECORDING, read_bytes
 from skywright.errors import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -215,10 +216,7 @@ def read_mcap(path: Path) -> McapContents:
     Raises InputError when it cannot be read, is empty or no MCAP file, or, in a file that was
     finished, when its inside is damaged.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    data = read_bytes(path, LARGEST_RECORDING, "cut it into parts")
     if not data:
         raise InputError(f"{path}: is empty; expected an MCAP recording")
     if data[: len(MAGIC)] != MAGIC[: len(data)]:

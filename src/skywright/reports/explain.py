@@ -53,6 +53,10 @@ def format_value(value: Any) -> str:
     return f"{value:.3g}"
 
 
+def _ending(reason: str) -> str:
+    return reason if reason.startswith("interrupted") else f"interrupted: {reason}"
+
+
 def describe_outcome(result: RunResult) -> str:
     """One sentence: what was flown, and how it ended."""
     failed = [r for r in result.requirements if not r.passed]
@@ -60,7 +64,7 @@ def describe_outcome(result: RunResult) -> str:
     if result.outcome == "aborted":
         return f"The mission was given up: {result.reason or 'no reason was recorded'}."
     if result.outcome == "interrupted":
-        return "The run was interrupted by the user."
+        return f"The run was {_ending(result.reason)}."
     if result.outcome == "diverged":
         return f"The simulation failed: {result.reason}."
     did = load_kind(result.description.mission.kind).figures().describe(result)

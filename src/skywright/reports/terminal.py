@@ -11,6 +11,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from skywright.errors import InputError
+
 if TYPE_CHECKING:
     from skywright.models.capability import Capability
     from skywright.reports.summary import Summary
@@ -57,14 +59,29 @@ def print_result(result: Any) -> None:
         console.print(f"not judged: {why}", markup=False)
     failed = sum(not r.passed for r in result.requirements)
     verdict = "all requirements met" if not failed else f"{failed} not met"
-    reason = f" ({result.reason})" if result.reason and result.outcome != "failed" else ""
+    said = not result.reason or result.reason.startswith("not met:")  # in the table
+    reason = "" if said else f" ({result.reason})"
     console.print(f"{result.outcome}{reason}: {verdict}", markup=False)
     directory = Path(result.directory)
     for name in ("report.html", "replay.html"):
         if (directory / name).is_file():
             console.print(str(directory / name), markup=False)
     if result.outcome in ("interrupted", "diverged"):
-        console.print(f"{directory} holds the recording up to the end", markup=False)
+        console.print(_describe_kept(result), markup=False)
+
+
+def _describe_kept(result: Any) -> str:
+    """Say how much of an unfinished run its directory holds."""
+    from skywright.run.directory import load_run
+
+    flown = float(result.samples["t"][-1]) if len(result.samples) else 0.0
+    try:
+        kept = load_run(Path(result.directory)).samples["t"]
+    except InputError as error:
+        return f"the recording cannot be read: {error}"
+    end = float(kept[-1]) if len(kept) else 0.0
+    rest = f"; the rest of {flown:.2f} s was not written" if end < flown - 0.015 else ""
+    return f"{result.directory} holds the recording up to t = {end:.2f} s{rest}"
 
 
 def print_plan(plan: MissionPlan) -> None:

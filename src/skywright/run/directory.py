@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
+from skywright.core.bounded import LARGEST_TABLE, parse_json, read_text
 from skywright.core.user_files import read_sources
 from skywright.errors import InputError
 from skywright.recordings.recording import Event, read_recording
@@ -135,7 +136,7 @@ def load_run(directory: Path) -> StoredRun:
     file = directory / "metrics.json"
     recording = read_recording(directory / "recording.mcap")
     try:
-        old = json.loads(file.read_text(encoding="utf-8"))
+        old = parse_json(read_text(file, LARGEST_TABLE), str(file))
         phases = [PhaseRecord(**p) for p in old["phases"]]
         timing = {str(k): float(v) for k, v in old["timing"].items()}
         outcome, reason = str(old["outcome"]), str(old["reason"])

@@ -119,6 +119,14 @@ class MissionKind(ABC, Generic[T, P]):
         """
         return setup.description.mission.requirements
 
+    @staticmethod
+    def leave_out(
+        asked: dict[str, Requirement], left_out: dict[str, bool]
+    ) -> dict[str, Requirement]:
+        """Return the requirements less those whose names begin with what is left out."""
+        skipped = tuple(name for name, out in left_out.items() if out)
+        return {k: v for k, v in asked.items() if not k.startswith(skipped)}
+
     @abstractmethod
     def metrics(self, run: Flown[T, P]) -> dict[str, float]:
         """Judge a flight; what was not reached has no metric.

@@ -83,8 +83,9 @@ def find_exceeded_wind(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) 
     speed, limit = float(speeds[k]), float(limits[k])
     what = "wind" if not wind.gusty else f"wind with gusts (mean + {GUST_SIGMAS:g} sigma)"
     return (
-        f"{what} of {speed:.1f} m/s exceeds {fraction * limit:.1f} m/s, {fraction:.0%} of the "
-        f"{limit:.1f} m/s that {robot.name} can hold when it blows toward {toward[k]:.0f} deg "
+        f"{what} of {speed:.1f} m/s exceeds {fraction * limit:.1f} m/s, {fraction:.0%} "
+        f"(mission.wind_fraction) of the {limit:.1f} m/s that {robot.name} can hold when it blows "
+        f"toward {toward[k]:.0f} deg "
         "(0 is ahead, 90 to the left)"
     )
 
@@ -130,8 +131,8 @@ def find_exceeded_push(
     if gust > fraction * push_force * (1.0 + 1e-9):
         return (
             f"gusts ({GUST_SIGMAS:g} sigma {when}) drag with {gust:.2f} N, more "
-            f"than {fraction:.0%} of the {push_force:.2f} N that the probe is pressed on with, and "
-            "could lift it"
+            f"than {fraction:.0%} (mission.wind_fraction) of the {push_force:.2f} N that the probe "
+            "is pressed on with, and could lift it"
         )
     return None if response is None else _find_weak_rotors(setup, push_force, contact)
 
@@ -178,7 +179,7 @@ def _find_weak_rotors(setup: Setup[Any], push_force: float, contact: Any) -> str
     return (
         f"in gusts of {np.linalg.norm(gust):.1f} m/s (mean + {GUST_SIGMAS:g} sigma) the rotors "
         f"can make {max(worst, 0.0):.2f} N of the {push_force:.2f} N that the probe is pressed on "
-        f"with; at least {least:.2f} N must remain"
+        f"with; at least {least:.2f} N must remain (mission.wind_fraction)"
     )
 
 

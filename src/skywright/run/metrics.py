@@ -84,7 +84,14 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     )
     holds = [i for i, p in enumerate(phases) if p.name.startswith("hold")]
     last = samples["phase"] == holds[-1] if holds else moving
-    out = {}
+    out: dict[str, float] = {}
+    held = [samples["phase"] == i for i in holds]
+    for i, phase in enumerate(phases[:-1]):  # what is not held is passed
+        if phase.name in run.plan.segments and not phases[i + 1].name.startswith("hold"):
+            there = np.flatnonzero(samples["phase"] == i)[-1:]
+            held.append(np.isin(np.arange(len(samples)), there))
+    if any(np.any(h) for h in held):
+        out |= _judge_holds(samples, [h for h in held if np.any(h)])
     if np.any(moving):
         out["position.rms_m"] = float(np.sqrt(np.mean(error[moving] ** 2)))
         out["position.max_m"] = float(np.max(error[moving]))
@@ -93,3 +100,14 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
         mean = np.mean((samples["p_WB"] - samples["ref_p_WB"])[last], axis=0)
         out["position.final_error_m"] = float(np.linalg.norm(mean))
     return out
+
+
+def _judge_holds(samples: Samples, held: list[NDArray[np.bool_]]) -> dict[str, float]:
+    """Return how far off its place and its heading the platform is, in the worst of the holds."""
+    far = np.linalg.norm(samples["p_WB"] - samples["ref_p_WB"], axis=1)
+    turn = [2.0 * np.arctan2(samples[q][:, 3], samples[q][:, 0]) for q in ("q_WB", "ref_q_WB")]
+    off = np.abs(np.angle(np.exp(1j * (turn[0] - turn[1]))))
+    return {
+        "position.hold_error_m": max(float(np.mean(far[h])) for h in held),
+        "heading.hold_error_deg": math.degrees(max(float(np.mean(off[h])) for h in held)),
+    }

@@ -27,7 +27,10 @@ COMMON: Measures = {
     "force.min_n": ("N", "smallest force while scanning"),
     "force.max_n": ("N", "largest force while scanning"),
     "force.mean_error_n": ("N", "distance of the mean force from the desired one while it is held"),
-    "force.rms_error_n": ("N", "rms distance of the force from the desired one while it is held"),
+    "force.rms_error_n": (
+        "N",
+        "rms distance of the force from the desired one while it is held; the worst hold",
+    ),
     "force.sensor_error_n": ("N", "rms distance of the force sensor from the true force"),
     "tip.hover_rms_mm": (
         "mm",
@@ -47,6 +50,11 @@ COMMON: Measures = {
     "plan.min_rotor_margin": ("", "smallest share of the thrust range that the plan leaves free"),
     "position.rms_m": ("m", "rms distance of the platform from its planned path"),
     "position.max_m": ("m", "largest such distance"),
+    "position.hold_error_m": (
+        "m",
+        "mean distance from the way-point while it is held; the worst of all",
+    ),
+    "heading.hold_error_deg": ("deg", "likewise the mean error of the heading"),
     "position.final_error_m": ("m", "mean distance while holding the last way-point"),
 }
 """Metric -> unit and meaning."""

@@ -17,6 +17,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.core.bounded import read_bytes
 from skywright.errors import InputError, neighbours
 
 Array = NDArray[np.float64]
@@ -143,14 +144,9 @@ def write_recording(path: Path, rows: Sequence[tuple[float, Stick]], v_max: floa
 
 def _read_text(path: Path) -> str:
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(
-                f"{path}: larger than {MAX_BYTES // 1_000_000} MB; valid: up to {LONGEST:g} s of "
-                "rows"
-            )
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        text = read_bytes(path, MAX_BYTES, f"valid: up to {LONGEST:g} s of rows").decode(
+            "utf-8-sig"
+        )
     except UnicodeDecodeError:
         text = "\0"
     if "\0" in text:

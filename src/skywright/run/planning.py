@@ -20,6 +20,7 @@ from skywright.planning.motion.plan_file import PlanFile
 from skywright.run.kind import P, load_kind
 from skywright.run.limits import find_exceeded_wind
 from skywright.run.link_limit import find_exceeded_delay
+from skywright.run.localisation_limit import find_slow_localisation
 from skywright.run.operator import Recording
 from skywright.run.setup import Setup
 
@@ -94,7 +95,7 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
         blocked = _find_blocked_climb(setup)
         if blocked is not None:
             plan = plan._replace(feasible=False, blocked_by=blocked)
-    too_late = find_exceeded_delay(setup)
+    too_late = find_exceeded_delay(setup) or find_slow_localisation(setup)
     if too_late is not None:
         return plan._replace(feasible=False, blocked_by=too_late)
     too_windy = find_exceeded_wind(setup, plan.segments)

@@ -45,6 +45,13 @@ def describe_missed(verdicts: list[Verdict]) -> str:
     return "not met: " + ", ".join(missed)
 
 
+def describe_outcome(outcome: str, verdicts: list[Verdict]) -> str:
+    """Return why an outcome of which nothing else is known is what it is; "" where all was met."""
+    if not all(v.passed for v in verdicts):
+        return describe_missed(verdicts)
+    return "" if outcome == "succeeded" else f"{outcome} before its end, for a reason not told"
+
+
 def check_requirement_names(mission: Mission) -> None:
     """Raise InputError when a requirement names no metric of the kind: it could never be met."""
     valid = list_measures(mission.kind)

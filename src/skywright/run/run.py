@@ -46,7 +46,7 @@ from skywright.run.operator import Operator
 from skywright.run.parts import build_estimator, build_law, build_named, build_rules
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.records import Measurement, RecordStore, start_records
-from skywright.run.requirements import Verdict, check_requirement_names, describe_missed, judge_run
+from skywright.run.requirements import Verdict, check_requirement_names, describe_outcome, judge_run
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.run.versions import collect_versions
@@ -389,8 +389,7 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
     if not outcome:
         met = all(v.passed for v in verdicts)
         outcome = "aborted" if not flight.completed else "succeeded" if met else "failed"
-    if outcome == "failed" and not reason:
-        reason = describe_missed(verdicts)
+    reason = reason or describe_outcome(outcome, verdicts)
     return RunResult(
         description, plan, run.samples, run.phases, outcome, reason, metrics, verdicts, {}, details,
         directory, flight.acted, found, waived,

@@ -16,6 +16,7 @@ from skywright.models.deviation import build_deviation
 from skywright.models.geometry import ClearanceQuery, build_clearance
 from skywright.models.kinematic_tree import PlanningScene, build_planning_scene
 from skywright.models.nominal import Nominal
+from skywright.models.rigid_body import posture
 from skywright.models.scene import Scene, build_scene
 from skywright.planning.inverse_dynamics import Loads, build_loads
 from skywright.planning.problem import Limits
@@ -52,7 +53,7 @@ class Setup(Nominal, Generic[T]):
     @cached_property
     def clearance(self) -> ClearanceQuery:
         """Distances in the nominal scene, the ground included."""
-        return build_clearance(self.scene)
+        return build_clearance(self.scene, folded=posture(self.robot, "folded"))
 
     @cached_property
     def clearance_aloft(self) -> ClearanceQuery:

@@ -67,6 +67,7 @@ class Truth(Record):
     R_WT: Mat3
     f_contact: Vec3  # N, force of the surface on the tip, in W
     f_collision: float  # N, largest unintended contact force since the last sample
+    off_s: float  # s, for which the tip has been without force, largest since the last sample
 
 
 class Reference(Record):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from skywright.core.types import MAX_JOINTS
+from skywright.core.types import MAX_JOINTS, MODE_STANDARD
 from skywright.vehicle.bus import Clock, Estimate, Reference, ShaftCommand, Truth, WrenchCommand
 from skywright.vehicle.component import Component
 
@@ -50,7 +50,8 @@ class CommandGuard(Component):
             return
         if ref.active > 0.5:
             error = 0.0
-            for i in range(3):
+            # standard stabilisation lets go of the place: it drifts, at the height of the reference
+            for i in range(2 if ref.mode == MODE_STANDARD else 0, 3):
                 error += (ref.p_WB[i] - est.p_WB[i]) ** 2
             if error > ERROR_MAX * ERROR_MAX or est.R_WB[2, 2] < UP_MIN:
                 clock.fired |= LOST_CONTROL

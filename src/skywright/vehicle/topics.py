@@ -36,7 +36,8 @@ float64 gap                         # m, tip to surface; negative is penetration
 float64 gap_max                     # m, worst since the last message
 float64 tilt                        # rad, probe axis to the inward normal of the surface
 float64 normal_force                # N, of the surface on the tip
-float64 collision_force             # N, largest unintended contact force since the last message"""
+float64 collision_force             # N, largest unintended contact force since the last message
+float64 off_s                       # s, longest time without force on the tip by now"""
 ROTOR_STATE = """\
 std_msgs/Header header
 float64[] thrust                    # N, one a rotor
@@ -125,7 +126,7 @@ def _list_common(n_rotors: int) -> list[Topic]:
         Topic(
             "/contact/state", "skywright_msgs/ContactState", CONTACT,
             {"spring": "spring", "gap": "gap", "gap_max": "gap_max", "tilt": "tilt",
-             "normal_force": "f_normal", "collision_force": "f_collision"},
+             "normal_force": "f_normal", "collision_force": "f_collision", "off_s": "off_s"},
             types={"skywright_msgs/ContactState": CONTACT_STATE},
         ),
         pose("/estimate/pose", MAP, "est_p_WB", "est_q_WB"),

@@ -10,11 +10,13 @@ import hashlib
 import math
 import re
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from skywright.core.bounded import LARGEST_TABLE, read_text
 from skywright.core.toml_files import describe_value, parse_value
 from skywright.errors import InputError, neighbours
 
@@ -181,12 +183,11 @@ def load_columns(path: Path, label: str) -> dict[str, tuple[Value, ...]]:
 
     Raises InputError naming the line of a missing, surplus, empty or NaN cell.
     """
+    text = read_text(path, LARGEST_TABLE, label=f"{label}: {path}")
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{label}: {path} cannot be read: {reason}") from None
+        rows = list(csv.reader(StringIO(text, newline="")))
+    except csv.Error as error:
+        raise InputError(f"{label}: {path} cannot be read: {error}") from None
     lines = [(i, row) for i, row in enumerate(rows, start=1) if any(c.strip() for c in row)]
     if len(lines) < 2:
         raise InputError(f"{label}: {path} holds no data; a header and at least one row are needed")

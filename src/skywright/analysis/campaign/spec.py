@@ -184,7 +184,8 @@ def _hash_laws(campaign: Campaign) -> str | None:
     With other files the rows are others; what is fixed of robot and world is in the description.
     """
     names = [f"{path}:" for path in list_sources(campaign.base)]
-    names += [v for x in campaign.variations for v in x.values if isinstance(v, str)]
+    texts = [v for x in campaign.variations for v in x.values if isinstance(v, str)]
+    names += [v for v in texts if not v.startswith(("[", "{"))]  # a list or a table is no file
     digest, found = hashlib.sha256(), False
     for name in dict.fromkeys(n for n in names if n):
         file = name.rpartition(":")[0] if ".py:" in name else name

@@ -13,6 +13,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from skywright.core.bounded import (
+    LARGEST_RECORDING,
+    LARGEST_TOML,
+    parse_json,
+    read_bytes,
+    read_text,
+)
 from skywright.errors import InputError
 from skywright.run.rows import Row
 
@@ -89,7 +96,7 @@ class Store:
     def _load_journal(self) -> list[Row]:
         """Read the rows and cut off a last line that was never finished."""
         path = self.folder / JOURNAL
-        data = path.read_bytes()
+        data = read_bytes(path, LARGEST_RECORDING)
         complete = data.rfind(b"\n") + 1
         if complete < len(data):
             os.truncate(path, complete)
@@ -124,8 +131,8 @@ def compare_identity(folder: Path, identity: dict[str, Any]) -> str | None:
     if not path.is_file():
         return "is not empty and holds no campaign"
     try:
-        old = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        old = parse_json(read_text(path, LARGEST_TOML), str(path))
+    except InputError as error:
         return f"{IDENTITY} cannot be read ({error})"
     if not isinstance(old, dict):
         return f"{IDENTITY} is damaged"

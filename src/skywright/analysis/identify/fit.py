@@ -6,6 +6,7 @@ Parameters whose confidence interval is wide are kept at the robot file's value,
 other, and the rest is fitted anew.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,11 @@ HELD_OUT_S = 5.0  # s
 ROUNDS = 4  # of weighting
 STEPS = 15  # of Gauss-Newton
 FIRST_NOISE = np.array([0.1, 0.1, 0.1, 0.5, 0.5, 0.5])  # m/s^2, rad/s^2: where weighting starts
+GAIN, COEFFICIENT, INERTIA = 2.0, 5.0, 3.0
+"""Factors of the robot file's value, both ways, within which an identified one lies: of a rotor's
+thrust (another propeller is another file), of a propeller's drag torque, of an inertia."""
+COM = 0.1  # m, from the file's
+DELAY = (-0.05, 0.2)  # s
 LEAP = 1.0  # largest step of a parameter, in its scale
 
 
@@ -36,6 +42,8 @@ class Parameter(NamedTuple):
     scale: float  # of the numerics
     widest: float  # half of the confidence interval beyond which it counts as not identified
     meaning: str
+    low: float = -math.inf  # what physics leaves possible, from the robot file
+    high: float = math.inf
 
 
 class Estimate(NamedTuple):
@@ -58,11 +66,12 @@ class Prediction(NamedTuple):
     nominal: Array  # (k, 6), by the robot file
 
     def r_squared(self, predicted: Array) -> Array:
-        """Coefficient of determination (6,) on the held-out samples."""
-        use = self.held_out
-        error = np.sum((self.measured[use] - predicted[use]) ** 2, axis=0)
-        spread = np.sum((self.measured[use] - self.measured[use].mean(axis=0)) ** 2, axis=0)
-        return np.asarray(1.0 - error / np.maximum(spread, 1e-12))
+        """Coefficient of determination (6,): the error on held-out samples over the variance.
+
+        The variance is that of the whole flight, as held-out parts may happen to be quiet.
+        """
+        error = np.mean((self.measured - predicted)[self.held_out] ** 2, axis=0)
+        return np.asarray(1.0 - error / np.maximum(self.measured.var(axis=0), 1e-12))
 
 
 class Fit(NamedTuple):
@@ -81,14 +90,18 @@ def list_parameters(robot: Robot, poses: Array, gravity: float) -> list[Paramete
     model = build_body_model(robot, gravity)
     out = [
         Parameter(
-            f"rotor_gain_{i + 1}", "", 1.0, 0.1, 0.05, f"thrust of rotor {i + 1} over the file's"
+            f"rotor_gain_{i + 1}", "", 1.0, 0.1, 0.05, f"thrust of rotor {i + 1} over the file's",
+            1.0 / GAIN, GAIN,
         )
         for i in range(len(r.azimuth_deg))
-    ]
+    ]  # fmt: skip
     k, c = r.torque_per_thrust_m, r.drag_coefficient_n_per_rads_mps
     out.append(
-        Parameter("torque_per_thrust_m", "m", k, k, 0.25 * k, "propellers' drag torque over thrust")
-    )
+        Parameter(
+            "torque_per_thrust_m", "m", k, k, 0.25 * k, "propellers' drag torque over thrust",
+            k / COEFFICIENT, COEFFICIENT * k,
+        )
+    )  # fmt: skip
     out.append(
         Parameter(
             "drag_coefficient_n_per_rads_mps",
@@ -119,7 +132,7 @@ def list_parameters(robot: Robot, poses: Array, gravity: float) -> list[Paramete
     out.append(
         Parameter(
             "rotor_delay_s", "s", 0.0, 0.01, 0.005,
-            "by which the thrust comes after the rotors' signals in the log",
+            "by which the thrust comes after the rotors' signals in the log", *DELAY,
         )
     )  # fmt: skip
     for n, q in enumerate(poses):
@@ -135,12 +148,15 @@ def list_parameters(robot: Robot, poses: Array, gravity: float) -> list[Paramete
                     0.01,
                     0.01,
                     f"centre of mass, arm in pose {n + 1}",
+                    float(value) - COM,
+                    float(value) + COM,
                 )
             )
         for i, j in INERTIA_AXES:
             name = "xyz"[i] + "xyz"[j]
             value = float(I_B[i, j])
             widest = 0.15 * value if i == j else 0.1 * size
+            low, high = (value / INERTIA, INERTIA * value) if i == j else (-size, size)
             out.append(
                 Parameter(
                     f"{where}.inertia_{name}_kgm2",
@@ -149,6 +165,8 @@ def list_parameters(robot: Robot, poses: Array, gravity: float) -> list[Paramete
                     size,
                     widest,
                     f"inertia about B's origin, arm in pose {n + 1}",
+                    low,
+                    high,
                 )
             )
     return out

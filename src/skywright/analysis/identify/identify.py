@@ -17,7 +17,8 @@ from skywright.analysis.identify.fit import (
 from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.lag import Lag, fit_rotor_lag, fit_servos
 from skywright.analysis.identify.load import load_log
-from skywright.analysis.identify.signals import POSE, Columns, build_columns
+from skywright.analysis.identify.plausible import check_fit
+from skywright.analysis.identify.signals import POSE, Columns, build_columns, find_stretches
 from skywright.core.arrays import Array
 from skywright.core.threads import on_one_thread
 from skywright.description.robot.spec import Robot
@@ -32,11 +33,20 @@ LAGS = (0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08)
 """s, of the rotors, that are tried where a log holds commands but no speeds."""
 
 
+class Part(NamedTuple):
+    """A stretch of a log that was used: free flight with a still arm."""
+
+    log: str
+    start_s: float  # after the log's first sample
+    end_s: float
+
+
 class Identification(NamedTuple):
     """What one or more flights say about a robot."""
 
     robot: Robot
     logs: list[str]
+    parts: list[Part]
     fit: Fit
     poses: Array  # (poses, joints) rad
     joints: tuple[str, ...]
@@ -51,6 +61,7 @@ class Identification(NamedTuple):
         return {
             "robot": self.robot.name,
             "logs": self.logs,
+            "used": [part._asdict() for part in self.parts],
             "samples": fit.samples,
             "confidence": CONFIDENCE,
             "mass_kg": fit.mass,
@@ -120,7 +131,8 @@ def identify(
     `robot` is needed for a ULog and replaces a recording's own. `mass` (kg) is what the robot
     weighed; without it the robot file's.
 
-    Raises InputError for what cannot be read or belongs to different robots.
+    Raises InputError for what cannot be read, belongs to different robots, or does not predict
+    the flight (`plausible.check_fit`).
     """
     if mass is not None and not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"--mass {mass:g}: give what the robot weighed, in kg, above 0")
@@ -145,6 +157,9 @@ def identify(
     if lag is not None:
         notes.append(f"rotors' lag of {1e3 * lag:.0f} ms fits the commands best")
     fit = fit_parameters(columns, first.robot, weight, first.gravity)
+    parts = [Part(log.name, *span) for log in logs for span in _list_used(log)]
+    notes.append("used: " + _tell_parts(parts))
+    check_fit(fit, first.robot, ", ".join(log.name for log in logs), notes)
     if mass is None:
         notes.append(
             f"the mass is the robot file's {nominal:.4g} kg: gains, inertias and drag are in "
@@ -152,9 +167,24 @@ def identify(
         )
     longest = max(logs, key=lambda log: int(log.free.sum()))
     return Identification(
-        first.robot, [log.name for log in logs], fit, columns.poses, first.joints,
+        first.robot, [log.name for log in logs], parts, fit, columns.poses, first.joints,
         fit_rotor_lag(longest), _fit_servos(logs), mass is not None, notes,
     )  # fmt: skip
+
+
+def _list_used(log: FlightLog) -> list[tuple[float, float]]:
+    """Return the stretches of a log that the fit uses, s after its first sample."""
+    found = find_stretches(log, float(np.median(np.diff(log.t))))
+    return [(float(log.t[a] - log.t[0]), float(log.t[b - 1] - log.t[0])) for a, b in found]
+
+
+def _tell_parts(parts: list[Part]) -> str:
+    """Say which parts of the logs were used; the longest three where there are many."""
+    total = sum(p.end_s - p.start_s for p in parts)
+    longest = sorted(parts, key=lambda p: p.start_s - p.end_s)[:3]
+    each = ", ".join(f"{p.start_s:.1f} to {p.end_s:.1f} s of {p.log}" for p in longest)
+    more = f" and {len(parts) - 3} shorter stretches" if len(parts) > 3 else ""
+    return f"{total:.1f} s of free flight with a still arm: {each}{more}"
 
 
 def _build_all(logs: list[FlightLog], mass: float) -> tuple[Columns, float | None]:

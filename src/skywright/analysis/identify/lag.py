@@ -17,6 +17,8 @@ from skywright.core.arrays import Array, Mask
 
 CUTOFF = 5.0  # Hz
 LEAST = 4  # blocks of motion that a fit needs
+GAINS, LAGS = (0.2, 5.0), (0.0, 1.0)  # of a drive that follows; s
+LEAST_R2 = 0.5  # on held-out parts
 GAIN_WIDEST, LAG_WIDEST = 0.1, 0.4  # half widths beyond which nothing was learnt; of 1 and of tau
 
 
@@ -83,6 +85,13 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
     r2 = 1.0 - float(np.sum((test - X[held_out] @ (found / scale)) ** 2)) / max(spread, 1e-12)
     if half[0] > GAIN_WIDEST * max(abs(gain), 0.5) or half[1] > LAG_WIDEST * max(abs(lag), 0.01):
         return give_up(f"it moved too little: gain {gain:.2f} +- {half[0]:.2f}")
+    if not (GAINS[0] <= gain <= GAINS[1] and LAGS[0] - half[1] <= lag <= LAGS[1]):
+        return give_up(
+            f"gain {gain:.3g} and lag {lag:.3g} s; possible: {GAINS[0]:g} to {GAINS[1]:g} and "
+            f"{LAGS[0]:g} to {LAGS[1]:g} s"
+        )
+    if not r2 >= LEAST_R2:
+        return give_up(f"R² on held-out parts is {r2:.3g}; at least {LEAST_R2:g} is needed")
     return Lag(
         name, unit, True, "", float(gain), float(half[0]), float(lag), float(half[1]),
         float(offset), r2,

@@ -11,6 +11,7 @@ from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.ulog import load_ulog
 from skywright.core.arrays import Array
 from skywright.core.rotations import quat_to_rot
+from skywright.core.trust import guarded
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints, list_servos, takes_torque
 from skywright.description.robot.spec import Robot
@@ -98,7 +99,8 @@ def parse_description(text: bytes) -> Description:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "mission.toml"
         file.write_bytes(text)
-        return load_description(file)
+        with guarded("the recording"):
+            return load_description(file)
 
 
 def build_log(

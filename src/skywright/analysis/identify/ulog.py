@@ -1,8 +1,8 @@
 """A PX4 ULog as a flight for identification.
 
-PX4 logs in NED and FRD; here everything becomes ENU and FLU. Needed: body rates and attitude;
-velocity or acceleration; and the rotors, as measured speeds (`esc_status`) or as commands
-(`actuator_motors`, which is thrust over its largest by PX4's thrust model).
+PX4 logs in NED and FRD; here everything becomes ENU and FLU. Needed: body rates
+(`vehicle_angular_velocity`, before PX4 1.11 `sensor_combined`) and attitude; velocity or
+acceleration; and the rotors (`rotor_signals.py`).
 """
 
 import math
@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from skywright.analysis.identify.flight_log import FlightLog
+from skywright.analysis.identify.rotor_signals import read_rotors
 from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import joint_names, posture
-from skywright.models.rotors import build_rotors
 
 FASTEST = 250.0  # Hz, of the common time axis
 GRAVITY = 9.80665
@@ -24,8 +24,12 @@ MATCH = math.radians(25.0)  # between the azimuths of a rotor in the log and in 
 FLU = np.array([1.0, -1.0, -1.0])  # FRD to FLU
 ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # from NED
 
-RATES = ("vehicle_angular_velocity", "xyz")
-ACCELERATION = ("vehicle_acceleration", "xyz")
+RATES = (("vehicle_angular_velocity", "xyz"), ("sensor_combined", "gyro_rad"))
+ACCELERATION = (("vehicle_acceleration", "xyz"), ("sensor_combined", "accelerometer_m_s2"))
+"""Topics and their fields, today's first; `sensor_combined` holds raw readings."""
+
+AIRBORNE = 0.35  # of the largest sum of rotor speeds: idling is at 0.2 or less, and a robot that
+# lifts itself hovers at this where its largest thrust is 8 times its weight
 
 
 def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
@@ -38,28 +42,34 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
     log = _open(path)
     topics = {d.name: d.data for d in reversed(log.data_list) if len(d.data["timestamp"]) > 1}
     notes: list[str] = []
-    rates = _need(path, topics, RATES[0], "the body rates")
+    name, field = next((r for r in RATES if r[0] in topics), RATES[0])
+    rates = _need(path, topics, name, "the body rates")
     attitude = _need(path, topics, "vehicle_attitude", "the attitude")
-    t, at = _build_time(path, topics, rates)
-    w = _vector(rates, RATES[1], at) * FLU
+    t, at = _build_time(path, name, rates)
+    w = _vector(rates, field, at) * FLU
+    if name != RATES[0][0]:
+        notes.append(f"no {RATES[0][0]} in the log: body rates from {name}")
     R = _rotations(attitude, at)
     v = np.zeros((len(t), 3))
     position = topics.get("vehicle_local_position")
-    acceleration = topics.get(ACCELERATION[0])
+    found = next((a for a in ACCELERATION if a[0] in topics), None)
     if position is not None:
         v = np.column_stack([at(position, k) for k in ("vx", "vy", "vz")]) @ ENU.T
     else:
         notes.append("no vehicle_local_position in the log: drag is not identified")
-    if position is None and acceleration is None:
+    if position is None and found is None:
         raise InputError(
-            f"{path}: holds neither vehicle_acceleration nor vehicle_local_position; one is needed"
+            f"{path}: holds neither vehicle_acceleration nor sensor_combined nor "
+            "vehicle_local_position; one is needed"
         )
     force = None
-    if acceleration is not None:
-        force = _vector(acceleration, ACCELERATION[1], at) * FLU
+    if found is not None:
+        force = _vector(topics[found[0]], found[1], at) * FLU
         force = _move_to_origin(force, w, t, robot)
     order = _match_rotors(path, log.initial_parameters, robot, notes)
-    speed, command = _read_rotors(path, topics, log.initial_parameters, robot, order, at, notes)
+    speed, command = read_rotors(
+        path, log.data_list, log.initial_parameters, robot, order, at, notes
+    )
     names = tuple(joint_names(robot))
     q = posture(robot, "folded")
     if names:
@@ -68,7 +78,7 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
         name=path.name,
         robot=robot,
         t=t,
-        free=_find_free(topics, speed if speed is not None else command, at),
+        free=_find_free(topics, speed, command, at),
         v_WB=v,
         R_WB=R,
         w_WB_B=w,
@@ -107,17 +117,16 @@ def _need(path: Path, topics: dict[str, Any], name: str, what: str) -> Any:
     return topics[name]
 
 
-def _build_time(path: Path, topics: dict[str, Any], rates: Any) -> tuple[Array, Any]:
+def _build_time(path: Path, name: str, rates: Any) -> tuple[Array, Any]:
     """Return the common time axis from 0 (s), and a function that brings a signal onto it."""
     stamps = rates["timestamp"].astype(np.float64) * 1e-6
     steps = np.diff(stamps)
     if np.any(steps < 0):
-        raise InputError(f"{path}: time runs backwards in {RATES[0]}")
+        raise InputError(f"{path}: time runs backwards in {name}")
     period = max(float(np.median(steps)), 1.0 / FASTEST)
     if not 0.0 < period < 0.1:
         raise InputError(
-            f"{path}: {RATES[0]} comes at {1.0 / max(period, 1e-9):.0f} Hz; at least 10 Hz are "
-            "needed"
+            f"{path}: {name} comes at {1.0 / max(period, 1e-9):.0f} Hz; at least 10 Hz are needed"
         )
     t = np.arange(0.0, stamps[-1] - stamps[0], period)
 
@@ -194,39 +203,13 @@ def _match_rotors(
     return order
 
 
-def _read_rotors(
-    path: Path, topics: dict[str, Any], parameters: dict[str, float], robot: Robot,
-    order: list[int], at: Any, notes: list[str],
-) -> tuple[Array | None, Array | None]:  # fmt: skip
-    """Return measured speeds (rad/s), or commanded thrusts (N) where none were measured."""
-    status = topics.get("esc_status")
-    if status is not None:
-        rpm = np.column_stack([at(status, f"esc[{i}].esc_rpm") for i in order])
-        if np.all(np.isfinite(rpm)) and np.median(np.abs(rpm)) > 100.0:
-            return np.abs(rpm) * (2.0 * math.pi / 60.0), None
-        notes.append("esc_status holds no rotor speeds")
-    motors = topics.get("actuator_motors")
-    if motors is None:
-        raise InputError(
-            f"{path}: lacks esc_status (rotor speeds) and actuator_motors (commands); one is needed"
-        )
-    u = np.column_stack([at(motors, f"control[{i}]") for i in order])
-    if not np.all(np.isfinite(u)):
-        raise InputError(f"{path}: actuator_motors lacks some of the {len(order)} rotors")
-    u = np.clip(u, 0.0, 1.0)
-    f = float(parameters.get("THR_MDL_FAC", 0.0))
-    notes.append(
-        "no rotor speeds in the log: thrust from commands, by PX4's thrust model with "
-        f"THR_MDL_FAC {f:g} and the robot file's largest thrust"
-    )
-    return None, build_rotors(robot.rotors).thrust_max * (f * u**2 + (1.0 - f) * u)
-
-
-def _find_free(topics: dict[str, Any], rotors: Array | None, at: Any) -> Mask:
-    """Return where the robot is in the air."""
-    assert rotors is not None
-    total = rotors.sum(axis=1)
-    free = total > 0.5 * np.median(total[total > 0.0]) if np.any(total > 0.0) else total > 0.0
+def _find_free(topics: dict[str, Any], speed: Array | None, thrust: Array | None, at: Any) -> Mask:
+    """Return where the robot is in the air: by its fastest moment, however short it flew."""
+    if speed is None:
+        assert thrust is not None
+        speed = np.sqrt(np.maximum(thrust, 0.0))
+    total = speed.sum(axis=1)
+    free = total > AIRBORNE * np.max(total, initial=0.0)
     landed = topics.get("vehicle_land_detected")
     if landed is not None:
         for name in ("landed", "ground_contact"):

@@ -5,7 +5,6 @@ words; what cannot be read is refused with the file, the line, what was found an
 """
 
 import io
-import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.analysis.locate.trajectory_mcap import load_topic
-from skywright.core import text_table
+from skywright.core import bounded, text_table
 from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.models.localisation.trajectory import MAX_DROPPED, Trajectory, clean
@@ -68,9 +67,7 @@ def load_trajectory(text: str) -> Trajectory:
 
 def read_bytes(path: Path) -> bytes:
     """The content of a file. Raises InputError where there is none."""
-    if os.path.isdir(path):
-        raise InputError(f"{path}: is a directory; valid: {VALID}")
-    raw = text_table.read_bytes(path, MAX_BYTES, "cut it first")
+    raw = bounded.read_bytes(path, MAX_BYTES, "cut it first")
     if not raw.strip():
         raise InputError(f"{path}: is empty; valid: {VALID}")
     return raw

@@ -17,6 +17,9 @@ from skywright.description.renamed import load_layer
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 
+LONGEST_CHAIN = 16
+"""Robots that extend each other."""
+
 DATA = Path(__file__).parent / "data"
 
 
@@ -57,6 +60,10 @@ def load_robot_layers(
             f"{found.label}: robot.extends is {describe_value(base)}; a name or path is needed"
         )
     chain = (*heirs, found.path.resolve())
+    if len(chain) > LONGEST_CHAIN:
+        raise InputError(
+            f"{found.label}: robot.extends leads through more than {LONGEST_CHAIN} files"
+        )
     parent = find_robot(base, [found.path.parent])
     if parent.path.resolve() in chain:
         raise InputError(f"{found.label}: robot.extends = {base!r} leads back to this file")

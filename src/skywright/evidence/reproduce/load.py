@@ -1,10 +1,10 @@
 """Loads claims files, ours or the user's."""
 
-import tomllib
 from pathlib import Path
 
 from pydantic import ValidationError
 
+from skywright.core.bounded import LARGEST_TOML, parse_toml, read_text
 from skywright.core.catalog import Entry
 from skywright.errors import InputError, neighbours
 from skywright.evidence.reproduce.spec import ClaimsFile
@@ -33,10 +33,7 @@ def load_claims(paper: str) -> ClaimsFile:
     if paper not in names and (path.suffix != ".toml" or not path.is_file()):
         raise InputError(f"unknown paper {paper!r}; valid: {neighbours(paper, names)}")
     label = f"claims of {paper}" if paper in names else str(path)
-    try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{label}: cannot be read: {error}") from None
+    tree = parse_toml(read_text(path, LARGEST_TOML, label=label), label)
     try:
         file = ClaimsFile.model_validate(tree)
     except ValidationError as error:

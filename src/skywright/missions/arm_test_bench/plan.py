@@ -12,6 +12,7 @@ from skywright.core.rotations import quat_to_rot
 from skywright.description.world.structure import find_place
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
+from skywright.missions.arm_test_bench.limit import compute_bench_press
 from skywright.missions.arm_test_bench.task import BenchTask
 from skywright.missions.skills.pressing import check_can_press
 from skywright.models.rigid_body import compute_tip
@@ -32,7 +33,7 @@ def plan(setup: Setup[BenchTask]) -> MissionPlan[None]:
     began = time.perf_counter()
     d, robot, world, task = setup.description, setup.robot, setup.world, setup.task
     bench = find_first(world.things, Bench)
-    if bench is None or setup.surface is None:
+    if bench is None or setup.surface is None or world.structure is None:
         raise InputError(
             f"world {world.name!r} is no test bench: it needs a thing of kind 'bench' and "
             "[world.structure], as world test-bench has"
@@ -63,6 +64,18 @@ def plan(setup: Setup[BenchTask]) -> MissionPlan[None]:
             blocked = (
                 f"{name} position: the tip is {1e3 * gap:.0f} mm from the surface; the inspection "
                 f"begins {1e3 * NEAREST:.0f} to {1e3 * FARTHEST:.0f} mm from it"
+            )
+    largest = max(task.forces_n)
+    if not blocked:
+        q = find_joints(task.inspection_deg)
+        can = compute_bench_press(robot, world.structure, base, R_WB, q, world.gravity_mps2)
+        if largest > task.force_fraction * can.force:
+            blocked = (
+                f"a press of {largest:g} N exceeds {task.force_fraction * can.force:.2f} N, "
+                f"{task.force_fraction:.0%} (mission.task.force_fraction) of the {can.force:.2f} N "
+                f"at which {can.cause}, the probe {math.degrees(can.lean):.0f} deg off the "
+                "surface's normal: lower mission.task.forces_n, or move world.structure "
+                "nearer to the tip"
             )
     total = 12.0 + len(task.forces_n) * (task.ramp_s + task.settle_s + task.hold_s)
     return MissionPlan(

@@ -8,6 +8,7 @@ import numpy as np
 from skywright.core.arrays import Array, Samples
 from skywright.core.rotations import rot_from_quat
 from skywright.description.world.scenario import get_structures
+from skywright.missions.bar_transport.task import BarTransport
 from skywright.models.geometry import compute_area_clearance, compute_clearance
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
@@ -21,6 +22,8 @@ MEASURES: Measures = {
         "m",
         "smallest distance of robot and bar to structures, ground and the area's limits",
     ),
+    "transport.clearance_share": ("", "transport.clearance_min_m over the plan's margin"),
+    "transport.goal_error_m": ("m", "distance of the platform from its goal at the end"),
     "transport.duration_s": ("s", "time of the carrying, without take-off and landing"),
     "transport.energy_wh": ("Wh", "electrical energy used in it"),
     "tip.tracking_max_m": ("m", "largest distance of the bar's middle from the plan"),
@@ -49,6 +52,12 @@ def compute_metrics(run: Flown[Any, None]) -> dict[str, float]:
     out["transport.contacts"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]) + int(hits[0]))
     clearance = compute_clearances(s, run.setup)
     out["transport.clearance_min_m"] = float(np.min(clearance))
+    task = run.task
+    if isinstance(task, BarTransport):
+        out["transport.clearance_share"] = float(np.min(clearance)) / task.margin_m
+        if not task.plan_file:
+            goal = np.array([task.goal_x_m, 0.0, task.goal_z_m])
+            out["transport.goal_error_m"] = float(np.linalg.norm(s["p_WB"][-1] - goal))
     out["transport.duration_s"] = dt * len(s)
     out["transport.energy_wh"] = float(np.sum(s["power"])) * dt / 3600.0
     tip = np.linalg.norm(compute_tip_errors(s), axis=1)
@@ -63,6 +72,11 @@ def compute_metrics(run: Flown[Any, None]) -> dict[str, float]:
     return out
 
 
+def find_middle(s: Samples) -> Array:
+    """Return the middle (n, 3) m between both hands."""
+    return np.asarray(0.5 * (s["left_p_WH"] + s["right_p_WH"]))
+
+
 def compute_tip_errors(s: Samples) -> Array:
     """Return the bar's middle, between two hands, less where the plan has it: (n, 3) m in W.
 
@@ -70,7 +84,7 @@ def compute_tip_errors(s: Samples) -> Array:
     """
     if not has_columns(s, "right_ref_p_WH") or not np.any(s["right_ref_p_WH"]):
         return np.asarray(s["p_WT"] - s["ref_p_WT"])
-    true = 0.5 * (s["left_p_WH"] + s["right_p_WH"])
+    true = find_middle(s)
     wanted = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])
     return np.asarray(true - wanted)
 

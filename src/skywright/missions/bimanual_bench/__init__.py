@@ -21,11 +21,9 @@ class BimanualBenchKind(FolderKind[BimanualBench]):
 
     def requirements(self, setup: Setup[BimanualBench], way: Any) -> dict[str, Requirement]:
         """Ask nothing of trials that are not made."""
-        left_out = tuple(
-            name
-            for trial, names in JUDGED_BY.items()
-            if trial not in setup.task.trials
-            for name in names
-        )
-        asked = super().requirements(setup, way)
-        return {k: v for k, v in asked.items() if not k.startswith(left_out)}
+        task = setup.task
+        left_out = {
+            name: trial not in task.trials for trial, names in JUDGED_BY.items() for name in names
+        }
+        left_out["bench.drift_off"] = task.drift_m == 0.0
+        return self.leave_out(super().requirements(setup, way), left_out)

@@ -12,7 +12,15 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.description.world.things import find_first, locate_thing
-from skywright.missions.bimanual_bench.plan import BenchPlan
+from skywright.missions.bimanual_bench.plan import (
+    ABOVE,
+    BAR_AHEAD,
+    BAR_UP,
+    ELBOWS_OUT,
+    GRIP_BELOW,
+    STATIONS,
+    BenchPlan,
+)
 from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.models.bimanual import is_unplugged
 from skywright.models.things.bench import Bench
@@ -21,12 +29,8 @@ from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, Hands
 
-STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
-"""m, y of each station in the world `bench`."""
 APART = 0.05  # m, between hand and what it is about to press
 GAP = 0.015  # m, at which the hands stop to press from
-ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of what the hands are pressed on
-GRIP_BELOW = 0.33  # m, hands below the platform's origin at the post
 TRAVEL_S = 2.0  # s, from station to station
 SETTLE_S = 2.0
 GRASP_S = 2.0  # s, in which the force of a grasp grows
@@ -111,7 +115,7 @@ def _squeeze(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     task = s.task
     # two balls are a hinge: gripped above its centre of mass the box hangs
     left, right = _faces(
-        s, way, task.box, above=0.25 * way.world.find_thing(task.box, Box).size_z_m
+        s, way, task.box, above=ABOVE * way.world.find_thing(task.box, Box).size_z_m
     )
     s.begin("approach box")
     _approach(s, left, right)
@@ -161,7 +165,7 @@ def _lead_bar(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     """Lead a bar between the hands through poses: (29), (30) with (31), (32)."""
     task = s.task
     left, right = _faces(
-        s, way, task.bar, above=0.25 * way.world.find_thing(task.bar, Box).size_z_m
+        s, way, task.bar, above=ABOVE * way.world.find_thing(task.bar, Box).size_z_m
     )
     centre, width = 0.5 * (left + right), float(np.linalg.norm(left - right))
     s.begin("approach bar")
@@ -171,9 +175,9 @@ def _lead_bar(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     s.wait(GRASP_S + SETTLE_S)
     turn = math.radians(task.bar_turn_deg)
     for name, by, angle in (
-        ("lift bar", [0.0, 0.0, 0.06], 0.0),
-        ("turn bar", [0.0, 0.0, 0.06], turn),
-        ("bar forward", [0.03, 0.0, 0.06], 0.0),
+        ("lift bar", [0.0, 0.0, BAR_UP], 0.0),
+        ("turn bar", [0.0, 0.0, BAR_UP], turn),
+        ("bar forward", [BAR_AHEAD, 0.0, BAR_UP], 0.0),
         ("lower bar", [0.0, 0.0, 0.0], 0.0),
     ):
         s.begin(name)

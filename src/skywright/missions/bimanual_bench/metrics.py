@@ -18,19 +18,24 @@ from skywright.run.metrics import in_phases
 
 MEASURES: Measures = {
     "bench.box_lift_m": ("m", "least height of the held box above where it stood"),
+    "bench.box_lift_share": ("", "bench.box_lift_m over the lift that was asked for"),
     "bench.box_slip_mm": ("mm", "farthest that the box moved between the hands while held"),
     "bench.squeeze_n": ("N", "mean force of a hand on the box while held"),
     "bench.squeeze_error_n": ("N", "rms distance of that force from the desired one"),
-    "bench.unplug_delay_s": ("s", "time from the plug's coming free until it was noticed"),
+    "bench.squeeze_off": ("", "bench.squeeze_error_n over the squeeze that was asked for"),
+    "bench.unplug_delay_s": (
+        "s",
+        "time between the plug's having come as far as the threshold and the notice of it",
+    ),
     "bench.plug_slip_mm": ("mm", "farthest that the freed plug then moved between the hands"),
     "bench.bar_position_mm": ("mm", "worst distance of the bar from its pose, of three poses"),
     "bench.bar_direction_deg": ("deg", "worst angle of the bar to its pose"),
     "bench.drift_error_mm": ("mm", "rms error of the base's drift as the arms felt it"),
     "bench.drift_rms_mm": ("mm", "rms of that drift"),
+    "bench.drift_off": ("", "bench.drift_error_mm over the drift's amplitude"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
-FREE = 0.005  # m, a plug that has moved so far is out
 LAST_S = 1.0  # s at the end of a phase over which a pose is judged
 
 
@@ -59,12 +64,14 @@ def _judge_box(
     stood = locate_thing(d.world.things, d.mission.task.box).p
     box = s[f"object{i}_p_WO"][hold]
     press = 0.5 * (s["right_f_W"][hold][:, 1] - s["left_f_W"][hold][:, 1])
+    task, lift = d.mission.task, float(np.min(box[:, 2])) - float(stood[2])
+    error = float(np.sqrt(np.mean((press - task.squeeze_n) ** 2)))
     return {
-        "bench.box_lift_m": float(np.min(box[:, 2])) - float(stood[2]),
+        "bench.box_lift_m": lift, "bench.box_lift_share": lift / task.lift_m,
         "bench.box_slip_mm": _compute_slip(s, hold, i),
         "bench.squeeze_n": float(np.mean(press)),
-        "bench.squeeze_error_n": float(np.sqrt(np.mean((press - d.mission.task.squeeze_n) ** 2))),
-    }
+        "bench.squeeze_error_n": error, "bench.squeeze_off": error / task.squeeze_n,
+    }  # fmt: skip
 
 
 def _compute_slip(s: Samples, held: Mask, i: int) -> float:
@@ -76,19 +83,19 @@ def _compute_slip(s: Samples, held: Mask, i: int) -> float:
 def _judge_plug(
     s: Samples, phases: list[PhaseRecord], i: int, d: Description[BimanualBench]
 ) -> dict[str, float]:
-    """Time from the plug's coming free until the hands noticed it, and whether they kept it."""
+    """When the plug's having come free was noticed, and whether the hands kept it."""
     pull = in_phases(s, phases, "pull")
     if not np.any(pull):
         return {}
     was = locate_thing(d.world.things, d.mission.task.plug).p
     way = np.linalg.norm(s[f"object{i}_p_WO"] - was, axis=1)
-    free = np.flatnonzero(pull & (way > FREE))
+    free = np.flatnonzero((s["t"] >= s["t"][pull][0]) & (way > d.mission.task.unplug_threshold_m))
     noticed = next((p.start_s for p in phases if p.name == "unplugged"), None)
-    if noticed is None or not len(free):  # or noticed what did not happen: hands that slip off
-        return {}
     out = in_phases(s, phases, "unplugged")
+    if noticed is None or not len(free) or s["t"][free[0]] > s["t"][out][-1]:
+        return {}  # or noticed what did not happen: hands that slip off
     return {
-        "bench.unplug_delay_s": noticed - float(s["t"][free[0]]),
+        "bench.unplug_delay_s": abs(noticed - float(s["t"][free[0]])),
         "bench.plug_slip_mm": _compute_slip(s, out, i),
     }
 
@@ -169,8 +176,9 @@ def _judge_drift(
     found = compute_drift(s, phases, d)
     if found is None:
         return {}
-    error = found.felt - found.true
-    return {
-        "bench.drift_error_mm": 1e3 * float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+    off = float(np.sqrt(np.mean(np.sum((found.felt - found.true) ** 2, axis=1))))
+    asked = d.mission.task.drift_m
+    return ({"bench.drift_off": off / asked} if asked > 0.0 else {}) | {
+        "bench.drift_error_mm": 1e3 * off,
         "bench.drift_rms_mm": 1e3 * float(np.sqrt(np.mean(np.sum(found.true**2, axis=1)))),
     }

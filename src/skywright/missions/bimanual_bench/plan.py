@@ -8,10 +8,13 @@ is clamped; between the stations the bench carries it.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from skywright.core.arrays import Array
 from skywright.description.world.spec import World
-from skywright.description.world.things import find_first
+from skywright.description.world.things import find_first, locate_thing
 from skywright.errors import InputError
+from skywright.missions.bimanual_bench.buckling import compute_grasp
 from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.models.arm_inverse_kinematics import has_arm_chain
 from skywright.models.compliant_arms import is_compliant
@@ -22,6 +25,13 @@ from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
 TRIAL_S = 37.0  # s, about, of one trial
+STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
+"""m, y of each station in the world `bench`."""
+ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of what the hands are pressed on
+GRIP_BELOW = 0.33  # m, hands below the platform's origin at the post
+ABOVE = 0.25  # of its height, above the middle of a thing that is lifted: it hangs
+BAR_AHEAD, BAR_UP = 0.03, 0.06  # m, that a bar is led
+SHORT = 0.01  # m, that a hand may be from where it presses
 
 
 class BenchPlan(NamedTuple):
@@ -52,8 +62,51 @@ def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
             raise InputError(
                 f"trial {trial!r}: world.things.{needs[trial]} does not move; set moves = true"
             )
+    blocked = next((x for t in task.trials if (x := _check_grasp(setup, t, needs[t]))), None)
     total = TRIAL_S * len(task.trials)
     return MissionPlan(
-        True, None, 0.0, total, math.inf,
+        blocked is None, blocked, 0.0, total, math.inf,
         way=BenchPlan(world, posture(robot, "folded")),
     )  # fmt: skip
+
+
+def _check_grasp(setup: Setup[BimanualBench], trial: str, name: str) -> str | None:
+    """Say that hands do not reach the thing of a trial, or squeeze it out; None: neither."""
+    robot, world, task = setup.robot, setup.world, setup.task
+    bench, box, p = find_first(world.things, Bench), world.find_thing(name, Box), locate_thing(
+        world.things, name
+    ).p  # fmt: skip
+    assert bench is not None and robot.arm is not None
+    ball, free = robot.arm.hand.radius_m, trial != "position-sensor"
+    up = ABOVE * box.size_z_m if trial in ("squeeze", "bar") else 0.0
+    up = up if free else bench.z_m - GRIP_BELOW - float(p[2])
+    ways = {  # (ahead, up) m, where it is held and hangs on the hands
+        "squeeze": [(0.0, 0.0), (0.0, task.lift_m)],
+        "unplug": [(-task.unplug_threshold_m, 0.0)],
+        "bar": [(0.0, BAR_UP), (BAR_AHEAD, BAR_UP)],
+        "position-sensor": [(0.0, 0.0)],
+    }[trial]
+    load = 0.5 * (box.mass_kg or 0.0) * world.gravity_mps2 if free else 0.0
+    least = math.inf
+    for ahead, lift in ways:
+        at = [p[0] + ball + ahead - bench.x_m, p[1] + 0.5 * box.size_y_m + ball - STATIONS[trial]]
+        grasp = compute_grasp(
+            robot, np.array([*at, p[2] + up + lift - bench.z_m]), ELBOWS_OUT, task.squeeze_n, load,
+            world.gravity_mps2,
+        )  # fmt: skip
+        if grasp.short > SHORT:
+            return (
+                f"trial {trial!r}: a hand of {robot.name!r} ends {1e3 * grasp.short:.0f} mm from "
+                f"the side of world.things.{name}: move that thing, or the bench that holds the "
+                "robot"
+            )
+        least = min(least, 0.5 * grasp.stiffness * (box.size_y_m + 2.0 * ball))
+    if not free or task.squeeze_n <= task.squeeze_fraction * least:
+        return None
+    share = task.squeeze_fraction
+    return (
+        f"trial {trial!r}: a squeeze of {task.squeeze_n:g} N exceeds {share * least:.2f} N, "
+        f"{share:.0%} (mission.task.squeeze_fraction) of the {least:.2f} N = k L / 2 at which "
+        f"{name} would buckle out between the hands: lower mission.task.squeeze_n, or make "
+        f"world.things.{name} wider"
+    )

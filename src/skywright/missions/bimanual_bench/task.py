@@ -27,6 +27,8 @@ class BimanualBench(Task):
     bar: str = "bar"
     post: str = "post"
     squeeze_n: float = Field(default=3.5, gt=0, le=15)
+    # of the computed k L / 2: springs differ by 10 % (plant.spring_spread)
+    squeeze_fraction: float = Field(default=0.9, gt=0, le=1)
     lift_m: float = Field(default=0.05, gt=0, le=0.2)
     hold_s: float = Field(default=5.0, gt=0, le=600)
     unplug_threshold_m: float = Field(default=0.03, gt=0, le=1)  # Delta_th of (33)

@@ -1,7 +1,15 @@
 """The mission kind "bridge-contact"."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from skywright.description.mission.spec import Requirement
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.run.folder_kind import FolderKind
+
+if TYPE_CHECKING:
+    from skywright.run.setup import Setup
 
 
 class BridgeContactKind(FolderKind[BridgeContact]):
@@ -9,3 +17,9 @@ class BridgeContactKind(FolderKind[BridgeContact]):
 
     task = BridgeContact
     needs = frozenset({"uav", "whole_body", "probe"})
+
+    def requirements(self, setup: Setup[BridgeContact], way: Any) -> dict[str, Requirement]:
+        """Ask nothing of docking or sliding where it is left out."""
+        task = setup.task
+        left_out = {"dock.": not task.dock, "slide.": task.slide_m == 0.0}
+        return self.leave_out(super().requirements(setup, way), left_out)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from skywright.core.arrays import Array, Mask, Samples
-from skywright.description.world.structure import locate_point
+from skywright.description.world.structure import Surface, locate_point
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.survey import read_survey
 from skywright.missions.bridge_contact.task import BridgeContact
@@ -19,6 +19,7 @@ from skywright.missions.skills.surveyed_structure import (
     judge_structure,
 )
 from skywright.models.drawing import rotate_vectors
+from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE, in_phases
@@ -32,13 +33,16 @@ MEASURES: Measures = {
     "dock.turn_deg": ("deg", "largest angle of the docked platform from the deck while pressing"),
     "press.limit_n": ("N", "largest press that the capability analysis computes here, docked"),
     "press.fraction": ("", "largest force of the profile over that"),
+    "press.place_error_mm": (
+        "mm",
+        "farthest of the tip from its spot, across the surface; the map's error is taken off",
+    ),
     "free.rms_error_n": ("N", "as force.rms_error_n, but in flight without the docking gear"),
     "free.mean_error_n": ("N", "likewise the mean error"),
     "free.sensor_error_n": ("N", "likewise of the force sensor"),
     "free.wander_mm": ("mm", "as dock.wander_mm, in flight"),
     "slide.rms_error_n": ("N", "rms error of the force while the tip slides along the structure"),
     "slide.lost_s": ("s", "time off the surface (gap above 0.1 mm) meanwhile"),
-    "slide.no_force_s": ("s", "time without contact force meanwhile (truth), chatter included"),
     "slide.no_force_max_s": ("s", "longest time without contact force meanwhile (truth)"),
     "slide.length_m": ("m", "way of the tip along the structure"),
     **STRUCTURE_MEASURES,
@@ -70,17 +74,19 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     normal = locate_point(deck, way.stations[0].place)[1][:, 2]
     held = select_phases(samples, phases, "hold ")
     if np.any(held):
-        out.update(_judge_force(samples[held], "force"))
+        out.update(_judge_holds(samples, phases, "hold ", "force"))
         out["dock.wander_mm"] = 1e3 * _find_wander(samples, phases, "hold ")
         out["dock.turn_deg"] = _find_turn(samples, phases, normal)
         out["press.fraction"] = way.largest / way.limit_n
         out["press.limit_n"] = way.limit_n
+    if way.stations and (np.any(held) or np.any(select_phases(samples, phases, "free hold "))):
+        out["press.place_error_mm"] = 1e3 * _find_place_error(run, deck)
     speeds = _find_touches(samples, phases, normal)
     if len(speeds):
         out["dock.touch_speed_mps"] = float(np.max(speeds))
     flying = select_phases(samples, phases, "free hold ")
     if np.any(flying):
-        out.update(_judge_force(samples[flying], "free"))
+        out.update(_judge_holds(samples, phases, "free hold ", "free"))
         out["free.wander_mm"] = 1e3 * _find_wander(samples, phases, "free hold ")
     sliding = select_phases(samples, phases, "slide")
     if np.any(sliding):
@@ -89,18 +95,25 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
         out["slide.lost_s"] = float(np.median(np.diff(s["t"]))) * float(
             np.count_nonzero(s["gap_max"] > OFF_SURFACE)
         )
-        out["slide.no_force_s"], out["slide.no_force_max_s"] = _find_unpressed(s)
+        if has_columns(s, "off_s"):
+            out["slide.no_force_max_s"] = float(np.max(s["off_s"]))
         way_m = np.linalg.norm(np.diff(s["p_WT"], axis=0), axis=1)
         out["slide.length_m"] = float(np.sum(way_m[way_m < 0.05]))
     return out | _judge_survey(run)
 
 
-def _find_unpressed(s: Samples) -> tuple[float, float]:
-    """Return the time (s) without force in all, and the longest piece of it."""
-    none = np.concatenate([[False], compute_press(s) <= 0.0, [False]])
-    edges = np.flatnonzero(none[1:] != none[:-1])
-    dt, pieces = float(np.median(np.diff(s["t"]))), edges[1::2] - edges[::2]
-    return dt * float(np.sum(pieces)), dt * float(np.max(pieces, initial=0))
+def _find_place_error(run: Flown[BridgeContact, ContactPlan], deck: Surface) -> float:
+    """Farthest (m) of the tip from the spot that it presses on, across the true surface."""
+    samples, phases, task = run.samples, run.phases, run.task
+    start = "hold " if task.dock else "free hold "
+    holds = [i for i, p in enumerate(phases) if p.name.startswith(start)]
+    worst, n = 0.0, len(task.forces_n)
+    for k, i in enumerate(holds):
+        spot = task.spots[min(k // n, len(task.spots) - 1)]
+        place, R = locate_point(deck, np.array([spot.x_m, spot.y_m]))
+        off = (samples["p_WT"][samples["phase"] == i] - place) @ R[:, :2]
+        worst = max(worst, float(np.max(np.linalg.norm(off, axis=1), initial=0.0)))
+    return max(worst - run.setup.description.plant.map_error_m, 0.0)
 
 
 def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
@@ -117,8 +130,16 @@ def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
 
 def compute_bench_metrics(run: Flown[Any, Any]) -> dict[str, float]:
     """Force of the clamped arm while each step of the staircase is held."""
-    held = select_phases(run.samples, run.phases, "hold ")
-    return _judge_force(run.samples[held], "force") if np.any(held) else {}
+    return _judge_holds(run.samples, run.phases, "hold ", "force")
+
+
+def _judge_holds(
+    samples: Samples, phases: list[PhaseRecord], start: str, name: str
+) -> dict[str, float]:
+    """Judge the force of each hold; the worst of all."""
+    held = [samples["phase"] == i for i, p in enumerate(phases) if p.name.startswith(start)]
+    each = [_judge_force(samples[h], name) for h in held if np.any(h)]
+    return {key: max(one[key] for one in each) for key in each[0]} if each else {}
 
 
 def _judge_force(s: Samples, name: str) -> dict[str, float]:

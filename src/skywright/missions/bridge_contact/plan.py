@@ -19,6 +19,7 @@ from skywright.description.world.structure import Structure
 from skywright.description.world.wind import compute_direction, compute_speed
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.sliding import (
+    check_mobility,
     check_slide_ends,
     check_wobble,
     compute_sliding_press,
@@ -199,7 +200,10 @@ def _plan_docked(
     fraction = task.calm_fraction if calm else task.force_fraction
     if not largest <= fraction * limit * (1.0 + 1e-9):  # NaN: it cannot stay docked
         where = f"docked at {math.degrees(slope):.3g} deg and {speed:.1f} m/s of wind"
-        return limit, None, None, _refuse(largest, limit, fraction, where, robot.name)
+        return limit, None, None, _refuse(
+            largest, limit, fraction, where, robot.name,
+            "calm_fraction" if calm else "force_fraction",
+        )  # fmt: skip
     full = build_docked(robot, thrust_fraction=1.0, gravity=world.gravity_mps2)
     for load in FOOT_LOADS:
         rest = compute_docked_balance(full, stance, 0.0, R_WB=station.R_dock, foot_load=load)
@@ -239,14 +243,20 @@ def _plan_flying(
             blocked = _refuse(task.slide_force_n, most, fraction, where, robot.name)
         else:
             blocked = check_wobble(robot, d.world.localisation, task.slide_force_n, fraction * most)
+            for R in held:
+                blocked = blocked or check_mobility(robot, free, R, g, structure)
     return limit, forces, blocked
 
 
-def _refuse(force: float, limit: float, fraction: float, where: str, robot: str) -> str:
+def _refuse(
+    force: float, limit: float, fraction: float, where: str, robot: str,
+    key: str = "force_fraction",
+) -> str:  # fmt: skip
     if math.isnan(limit):
         return f"{robot} cannot stay {where}"
     return (
-        f"a press of {force:g} N {where} exceeds {fraction * limit:.2f} N, {fraction:.0%} of the "
+        f"a press of {force:g} N {where} exceeds {fraction * limit:.2f} N, {fraction:.0%} "
+        f"(mission.task.{key}) of the "
         f"{limit:.2f} N that {robot} can make there (skywright capability)"
     )
 

@@ -20,11 +20,15 @@ from skywright.description.world.structure import Structure, build_surface
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.models.contact_stance import ContactStance, compute_flying_press
+from skywright.models.rigid_body import build_body_model, compute_body
 
 WOBBLE = {"mocap": 0.2e-3, "total-station": 1.0e-3}
 """m rms, by which a platform that presses in flight moves faster than the force loop can follow:
 the errors of its estimate. Measured, as `free.rms_error_n` over the spring (0.15 to 0.29 N and 0.5
 to 1.4 N of the F550); satellite navigation is no better than the station."""
+MOBILITY = 0.5
+"""Of the tip's answer to the press, that must remain: at a third (a pillar at friction 0.6) it lost
+contact in half of the flights, at 0.55 (0.4) in none of three."""
 SIGMAS = 3.0  # of that: a lighter press is off the surface now and then
 
 
@@ -65,6 +69,30 @@ def check_wobble(robot: Robot, localisation: str, force: float, most: float) -> 
         f"moves by about {1e3 * wobble:.1f} mm rms, {wobble * spring:.2f} N through the probe's "
         f"spring, and {SIGMAS:g} times that is {least:.2f} N, of at most {most:.2f} N here: "
         f"{other}leave the slide out (mission.task.slide_m=0)"
+    )
+
+
+def check_mobility(
+    robot: Robot, stance: ContactStance, R_WB: Array, gravity: float, structure: Structure
+) -> str:
+    """Say that friction leaves the tip too little of its way off the surface, or return ""."""
+    mass, p_BC, I_B = compute_body(build_body_model(robot, gravity), stance.q)
+    I_C = I_B - mass * (p_BC @ p_BC * np.eye(3) - np.outer(p_BC, p_BC))
+    surface, lever = build_surface(structure), stance.tip - p_BC
+    off, along = R_WB.T @ surface.R_WS[:, 2], R_WB.T @ surface.R_WS[:, surface.along]
+
+    def answer(f: Array) -> float:  # of the tip, off the surface, to a force
+        turn = np.linalg.solve(I_C, np.cross(lever, f))
+        return float(off @ (f / mass + np.cross(turn, lever)))
+
+    drag = structure.friction * along
+    share = min(answer(off + drag), answer(off - drag)) / answer(off)
+    if share >= MOBILITY:
+        return ""
+    return (
+        f"sliding at friction {structure.friction:g} turns the robot towards the surface: the tip "
+        f"keeps {share:.0%} of its acceleration off it, below {MOBILITY:.0%} it sticks and jumps: "
+        "press without sliding (mission.task.slide_m=0), or where world.structure.friction is less"
     )
 
 

@@ -20,13 +20,13 @@ from skywright.models.rigid_body import posture
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-CALM_FRACTION, WINDY_FRACTION = 0.85, 0.7
-"""Of the computed hover tilt that must be held; the rest is for gusts and errors of the model."""
+CALM_DUE, WINDY_DUE = 0.85, 0.7
+"""Of the computed hover tilt that must be held where the task names none."""
 LEAST_TILT = math.radians(9.0)
 """To be held in calm air, where the limit allows."""
 LAG = math.radians(0.5)
 """By which the attitude stays behind on the average of a hold, while the integral learns the
-torque of the new attitude: it is asked for on top, up to the limit."""
+torque of the new attitude: it is asked for on top."""
 
 
 class ModesPlan(NamedTuple):
@@ -55,21 +55,29 @@ def plan(setup: Setup[ModesTask]) -> MissionPlan[ModesPlan]:
         air_density=d.world.air_density_kg_m3,
     )  # fmt: skip
     calm = d.world.wind.kind == "none"
-    due = max(CALM_FRACTION * limit, min(LEAST_TILT, limit)) if calm else WINDY_FRACTION * limit
-    if task.tilt_deg is not None:
-        due = math.radians(task.tilt_deg)
-    tilt = max(due, min(due + LAG, limit))
+    key = "calm_fraction" if calm else "tilt_fraction"
+    share: float = getattr(task, key)
+    most = share * limit - LAG  # to be held
+    due = max(CALM_DUE * limit, LEAST_TILT) if calm else WINDY_DUE * limit
+    due = min(due, most) if task.tilt_deg is None else math.radians(task.tilt_deg)
     blocked, air = None, "" if calm else f" in {compute_speed(d.world.wind):.1f} m/s of wind"
     if math.isnan(limit):
         blocked = f"{d.robot.name} cannot hover level{air} (skywright capability)"
     elif limit <= 0.0:
         blocked = f"{d.robot.name} cannot tilt in place{air}: it has no lateral force"
-    elif due > limit:
+    elif most <= 0.0:
         blocked = (
-            f"a tilt of {math.degrees(due):.1f} deg exceeds the {math.degrees(limit):.1f} deg at "
-            f"which {d.robot.name} can hover in place{air} (skywright capability)"
+            f"{d.robot.name} can hover in place at up to {math.degrees(limit):.2f} deg{air}: too "
+            f"little for the {math.degrees(LAG):g} deg by which the attitude stays behind"
+        )
+    elif due > most * (1.0 + 1e-9):
+        blocked = (
+            f"a tilt of {math.degrees(due):.1f} deg exceeds {math.degrees(most):.2f} deg, which is "
+            f"{share:.0%} (mission.task.{key}) of the {math.degrees(limit):.1f} deg at which "
+            f"{d.robot.name} can hover in place{air}, less the {math.degrees(LAG):g} deg by which "
+            "the attitude stays behind: lower mission.task.tilt_deg"
         )
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began, 60.0,
-        way=ModesPlan(tilt, due, limit, calm),
+        way=ModesPlan(due + LAG, due, limit, calm),
     )  # fmt: skip

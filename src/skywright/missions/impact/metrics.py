@@ -10,19 +10,25 @@ from skywright.core.arrays import Array, Mask
 from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
 from skywright.missions.impact.task import Impact
 from skywright.models.drawing import rotate_vectors
+from skywright.models.rigid_body import compute_body
+from skywright.models.statics import UP, build_layout, compute_ray, wrench_at
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
+from skywright.run.setup import Setup
 
 MEASURES: Measures = {
     "impact.speed_mps": ("m/s", "speed of what touches, just before it does"),
     "impact.speed_error_mps": ("m/s", "its distance from the commanded speed"),
+    "impact.speed_off": ("", "impact.speed_error_mps over the commanded speed"),
     "impact.peak_force_n": (
         "N",
         "largest force of arms or passive link on the platform, beyond that in flight (at 1 kHz)",
     ),
     "impact.peak_torque_nm": ("N m", "likewise the torque about the platform's centre"),
+    "impact.torque_share": ("", "impact.peak_torque_nm over the rotors' in pitch at hover"),
+    "impact.recoil_share": ("", "impact.recoil_deg over control.tilt_max_deg"),
     "impact.contact_s": ("s", "time in contact until the contact opens or the platform stands"),
     "impact.contact_force_n": ("N", "largest force on the pad in that time (at 1 kHz)"),
     "impact.impulse_ns": (
@@ -67,6 +73,11 @@ def compute_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
         "impact.yaw_deg": math.degrees(float(np.max(np.abs(compute_turn(soon, before))))),
         "impact.overrun_m": float(np.max((soon["p_WB"] - before["p_WB"]) @ way.ahead)),
     }
+    control = run.setup.robot.control
+    out["impact.speed_off"] = out["impact.speed_error_mps"] / task.speed_mps
+    out["impact.recoil_share"] = out["impact.recoil_deg"] / control.tilt_max_deg
+    most = compute_pitch_torque(run.setup, way.q)
+    out["impact.torque_share"] = out["impact.peak_torque_nm"] / most
     if run.setup.robot.pendulum is not None:
         turned = soon["q"][:, 0] - before["q"][0]
         out["impact.swing_deg"] = math.degrees(float(np.max(np.abs(turned))))
@@ -74,6 +85,14 @@ def compute_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
         wound = np.max(np.abs(soon["deflection"] - before["deflection"]))
         out["impact.deflection_deg"] = math.degrees(float(wound))
     return out
+
+
+def compute_pitch_torque(setup: Setup[Impact], q: Array) -> float:
+    """Return the torque (N m) that the rotors can make in pitch while they carry the robot."""
+    layout = build_layout(setup.rotors, setup.robot.rotors.thrust_fraction)
+    mass, p_BC, _ = compute_body(setup.model, q)
+    weight = wrench_at(mass * setup.world.gravity_mps2 * UP, p_BC)
+    return compute_ray(layout, weight, np.eye(6)[4]).hi
 
 
 def compute_tilt(samples: NDArray[Any], before: Any) -> Array:

@@ -36,6 +36,7 @@ from skywright.missions.skills.surveyed import (
     get_tip,
     judge_survey,
 )
+from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE, in_phases, quat_angle
@@ -53,7 +54,7 @@ MEASURES: Measures = {
     "contact.hops": ("", "times off the surface (gap above 0.1 mm) shorter than 0.05 s"),
     "contact.hop_max_mm": ("mm", "worst air gap of those hops"),
     "contact.off_max_s": ("s", "longest time off the surface, hop or not, rounded up to 0.01 s"),
-    "contact.no_force_s": ("s", "time without contact force while scanning (truth)"),
+    "contact.no_force_max_s": ("s", "longest time without contact force while scanning (truth)"),
     "contact.tilt_max_deg": ("deg", "worst angle between probe and surface normal while scanning"),
     "contact.duration_s": ("s", "time of the scan"),
     "contact.retries": ("", "touches or scans that had to be repeated"),
@@ -94,7 +95,8 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
             counts[hop.start : hop.end] = False
     out["contact.gap_max_mm"] = 1e3 * max(float(np.max(s["gap_max"][counts], initial=0.0)), 0.0)
     out["contact.lost_s"] = dt * float(np.count_nonzero(lift[counts] >= LIFT_OFF_THRESHOLD))
-    out["contact.no_force_s"] = dt * float(np.count_nonzero(s["f_normal"] <= 0.0))
+    if has_columns(s, "off_s"):
+        out["contact.no_force_max_s"] = float(np.max(s["off_s"]))
     out["contact.tilt_max_deg"] = math.degrees(float(np.max(s["tilt"])))
     out["contact.duration_s"] = dt * len(s)
     out["contact.retries"] = float(sum(p.outcome == "retry" and p.name != PHASE for p in phases))

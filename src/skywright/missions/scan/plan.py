@@ -33,6 +33,11 @@ PRESS = 2.0
 """Times the depth that makes FELT_N: how far beyond the farthest surface a touch goes."""
 
 
+DEEP = 0.1
+"""m, of the desired tip inside the surface, that may itself be why nothing fits: arms that scan
+have about 0.3 m between platform and tip."""
+
+
 class SurveyWay(NamedTuple):
     """What a scan keeps of the plan of its survey."""
 
@@ -78,6 +83,21 @@ def plan_found(setup: Setup[Scan], found: Cylinder, row: Any) -> MissionPlan[Sca
     n = int(setup.model[0]["n_joints"])
     begin = build_state(row["p_WB"], row["R_WB"], row["q"][:n])
     return _plan_on(Setup(setup.description._replace(world=world)), found, begin)
+
+
+def _explain_depth(setup: Setup[Scan], depth: float, stiffness: float) -> str:
+    """Say what asks for a large depth (m), to stand before what it comes to, or return ""."""
+    if depth < DEEP:
+        return ""
+    if setup.task.depth_m is not None:
+        return f"mission.task.depth_m = {depth:g} m is deep (lower it): "
+    w = setup.robot.control.position_bandwidth_rad_s
+    return (
+        f"{depth * stiffness:.3g} N at {stiffness:.3g} N/m (mass times "
+        f"position_bandwidth_rad_s = {w:g} squared) needs {1e3 * depth:.0f} mm of depth; raise "
+        "robot.control.position_bandwidth_rad_s, lower mission.task.force_n or set "
+        "mission.task.depth_m: "
+    )
 
 
 def build_frame(cylinder: Cylinder, phi: float) -> Array:
@@ -136,7 +156,8 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
         tuple(joint_names(robot)), d.mission.planner_time_s, survey, begin,
     )  # fmt: skip
     spent = time.perf_counter() - began
-    blocked = found.blocked_by or find_exceeded_push(setup, force, found.segments["scan"])
+    blocked = found.blocked_by and _explain_depth(setup, depth, stiffness) + found.blocked_by
+    blocked = blocked or find_exceeded_push(setup, force, found.segments["scan"])
     return MissionPlan(
         blocked is None, blocked, spent, found.duration_s, found.min_clearance_m,
         found.min_rotor_margin, found.segments,

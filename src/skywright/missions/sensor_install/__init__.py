@@ -19,10 +19,12 @@ class SensorInstallKind(FolderKind[SensorInstall]):
     needs = frozenset({"uav", "hands"})
 
     def requirements(self, setup: Setup[SensorInstall], way: Any) -> dict[str, Requirement]:
-        """Ask for no distance from the singularity in a pose that is at it."""
-        asked = super().requirements(setup, way)
-        return {
-            k: v
-            for k, v in asked.items()
-            if not k.startswith("arm.lever") or setup.task.pose == "L"
+        """Ask nothing of checks that are left out, nor, in a pose that is at the singularity, for a
+        distance from it."""
+        task, pendulum = setup.task, setup.robot.pendulum
+        left_out = {
+            "arm.lever": task.pose != "L",
+            "tip.hover": task.hover_s == 0.0,
+            "swing.": task.swing_deg == 0.0 or pendulum is None,
         }
+        return self.leave_out(super().requirements(setup, way), left_out)

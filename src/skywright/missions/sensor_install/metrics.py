@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from skywright.core.arrays import Array, Mask
 from skywright.description.robot.limbs import list_joints
 from skywright.description.world.spec import World
+from skywright.description.world.surface import Cylinder
 from skywright.description.world.things import find_first
 from skywright.missions.sensor_install.plan import SWING_DECAYED, InstallPlan
 from skywright.missions.sensor_install.surveyed import BOTTOM
@@ -31,13 +32,17 @@ MEASURES: Measures = {
     "arm.lever_min": ("", "least lever of a hand over the arm's reach, worst direction, in flight"),
     "arm.lever_felt_min": ("", "the same while a force is felt: touching, pressing"),
     "sensor.bond_n": ("N", "strength of the tape after the pressing"),
-    "sensor.installed": ("", "1 when the sensor stayed on the surface, 0 when it came off again"),
+    "sensor.around_mm": ("mm", "farthest of the pressed sensor around the pipe from below"),
+    "sensor.along_mm": ("mm", "likewise along the pipe from its middle, which no touch shows"),
+    "sensor.installed": ("", "1 when the sensor stayed where it was asked for, 0 otherwise"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
 BEFORE_S = 2.0  # s before the touch: where the platform stood
 PRESSED = ("press", "leave singularity", "force")
 PRESSING = 0.02  # N
+AROUND_M, ALONG_M = 0.02, 0.03
+"""How far from its place a sensor may be; along the pipe the map's error comes on top."""
 LEVER_EVERY = 5  # samples, in which joints turn by a degree
 
 
@@ -85,6 +90,12 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
         )
     flown = ~in_phases(samples, phases, "start", "take_off", "land")
     out.update(_judge_tape(samples[flown], normal[flown], up, run.setup.world))
+    if np.any(hold):
+        around, along = find_place(samples["left_p_WH"][hold], true)
+        out |= {"sensor.around_mm": 1e3 * around, "sensor.along_mm": 1e3 * along}
+        room = ALONG_M + run.setup.description.plant.map_error_m
+        if "sensor.installed" in out and (around > AROUND_M or along > room):
+            out["sensor.installed"] = 0.0
     if np.any(flown):
         out["arm.lever_min"] = _find_least_lever(run.setup, samples["q"][flown])
     felt = in_phases(samples, phases, "survey_touch", "touch", *PRESSED)
@@ -93,6 +104,13 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     hits = (samples["f_collision"] > 0.0) & flown
     out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
     return out
+
+
+def find_place(p_WH: Array, pipe: Cylinder) -> tuple[float, float]:
+    """Return how far (m) points (n, 3) are at most around the pipe from below, and along it."""
+    local = (p_WH - pipe.p_WP) @ pipe.R_WP
+    around = pipe.radius * np.abs(np.arctan2(local[:, 0], -local[:, 2]))
+    return float(np.max(around)), float(np.max(np.abs(local[:, 1])))
 
 
 def find_survey(run: Flown[SensorInstall, InstallPlan]) -> Surveyed | None:

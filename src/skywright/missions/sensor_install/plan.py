@@ -28,6 +28,7 @@ from skywright.missions.skills.ways import (
 )
 from skywright.models.compliant_arms import find_hands, find_swing, is_compliant
 from skywright.models.floating import compute_floating
+from skywright.models.geometry import ClearanceQuery
 from skywright.models.rigid_body import (
     posture,
 )
@@ -42,6 +43,7 @@ BEHIND = 0.17  # m, from the pipe's surface to the axis of what carries the arms
 NEAR_MARGIN = 0.02  # m, kept by what does not touch while the hand presses
 RISE = math.radians(15.0)  # of the forearm towards the hand: it must not touch beside the hand
 SWING_DECAYED = math.radians(1.0)  # from rest
+IDLE_DEG = (0.0, 15.0, 30.0, 45.0)  # that the forearm which does not press is turned down, at most
 STRETCHED_DEG = (-80.0, 0.0, 0.0, -20.0)  # shoulder pitch, roll, yaw, elbow: near the singularity
 
 
@@ -83,9 +85,10 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
     up = cylinder.R_WP[:, 2]
     contact = cylinder.p_WP - cylinder.radius * up
     model = setup.model
-    q = find_swing(model, build_pose(robot, task.pose, cylinder.radius))
-    q_good = find_swing(model, build_pose(robot, "L", cylinder.radius))
     R = rot_z(yaw)
+    around = build_surroundings(setup, MARGIN)
+    q = _choose_pose(setup, around.query, contact, R, up, cylinder.radius)
+    q_good = find_swing(model, build_pose(robot, "L", cylinder.radius))
 
     def place(hand: Array) -> Array:
         return hand - R @ find_hands(model, q)[0]
@@ -94,7 +97,6 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
     p_below = place(low)
     p_far = p_below - (robot.platform.diameter_m + 0.5) * R[:, 0]
     hover = setup.hover
-    around = build_surroundings(setup, MARGIN)
     rng = build_stream(d.mission.seed, "planner")
     home = Configuration(hover[:3], float(hover[3]), q_good)
     to_far, room_far, no_far = plan_way(around, home, Configuration(p_far, yaw, q_good), rng)
@@ -166,8 +168,28 @@ def compute_swing_frequency(model: Table, q: Array, gravity: float) -> float:
     return math.sqrt(gravity * float(np.linalg.norm(w["L_s"])) / float(w["M_ss"]))
 
 
-def build_pose(robot: Robot, pose: str, radius: float) -> Array:
+def _choose_pose(
+    setup: Setup[SensorInstall], query: ClearanceQuery, contact: Array, R: Array, up: Array,
+    radius: float,
+) -> Array:  # fmt: skip
+    """Return the operation pose (n_joints,) rad whose idle hand stays clear of the pipe.
+
+    Below a pipe that slopes, or is thick, the hand that does not press has to be held lower.
+    """
+    task, q = setup.task, np.empty(0)
+    for lower in np.radians(IDLE_DEG):
+        q = find_swing(setup.model, build_pose(setup.robot, task.pose, radius, lower))
+        hand = R @ find_hands(setup.model, q)[0]
+        ends = [contact - below * up - hand for below in (task.approach_below_m, task.stand_off_m)]
+        if check_line(query, ends[0], ends[1], R, q)[0] >= NEAR_MARGIN:
+            return q
+    return q
+
+
+def build_pose(robot: Robot, pose: str, radius: float, lower: float = 0.0) -> Array:
     """Return q (n_joints,) rad of the operation pose, the right arm held as the left.
+
+    `lower` (rad) turns the right forearm down from there.
 
     L: the forearm rises a little towards the hand. The upper arm hangs, or leans forward as far as
     the pipe's radius asks, so that what carries the arms stays clear of the pipe.
@@ -189,4 +211,5 @@ def build_pose(robot: Robot, pose: str, radius: float) -> Array:
                 "shoulder pitch, roll, yaw and elbow"
             )
         q[mine] = angles
+        q[mine[-1]] += lower if side == 1 else 0.0
     return q

@@ -1,7 +1,15 @@
 """The mission kind "tool-install"."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from skywright.description.mission.spec import Requirement
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.run.folder_kind import FolderKind
+
+if TYPE_CHECKING:
+    from skywright.run.setup import Setup
 
 
 class ToolInstallKind(FolderKind[ToolInstall]):
@@ -10,3 +18,8 @@ class ToolInstallKind(FolderKind[ToolInstall]):
     task = ToolInstall
     needs = frozenset({"uav", "hands"})
     operated = True
+
+    def requirements(self, setup: Setup[ToolInstall], way: Any) -> dict[str, Requirement]:
+        """Ask nothing of the tracking of grasp points where it is left out."""
+        left_out = {"tip.hover": setup.task.hover_s == 0.0}
+        return self.leave_out(super().requirements(setup, way), left_out)

@@ -12,6 +12,8 @@ from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
 
 MAX_DROPPED = 0.5
+MAX_TIME = 1e11  # s, from any origin
+MAX_SPAN = 1e5  # s, of a recording: 28 h
 MAX_POSITION = 1e8
 """m; more is no position on Earth."""
 
@@ -125,7 +127,7 @@ def clean(
 ) -> Trajectory:
     """Drop what is no number, sort, drop duplicate times; a note for each, or InputError."""
     with np.errstate(invalid="ignore", over="ignore"):
-        good = np.isfinite(t) & np.all(np.abs(p) < MAX_POSITION, axis=1)
+        good = (np.abs(t) < MAX_TIME) & np.all(np.abs(p) < MAX_POSITION, axis=1)
         if q is not None:
             norm = np.linalg.norm(q, axis=1)
             upright = (norm > 0.5) & (norm < 2.0)
@@ -158,4 +160,9 @@ def clean(
         t, p, q = t[keep], p[keep], None if q is None else q[keep]
     if len(t) < 2:
         raise InputError(f"{path}: all rows have the same time {t[0]:g} s; at least 2 are needed")
+    if t[-1] - t[0] > MAX_SPAN:
+        raise InputError(
+            f"{path}: its times span {t[-1] - t[0]:.3g} s ({t[0]:.10g} to {t[-1]:.10g} s); at most "
+            f"{MAX_SPAN:g} s are possible: see the column's unit, or cut the file"
+        )
     return Trajectory(path.name, t, p, q, tuple(notes))

@@ -9,8 +9,8 @@ planner says of the plan. Other tools may write such files; they are checked whe
 import csv
 import math
 import os
-import tomllib
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ import numpy as np
 import tomli_w
 
 from skywright.core.arrays import Array
+from skywright.core.bounded import LARGEST_TABLE, LARGEST_TOML, parse_toml, read_text
 from skywright.errors import InputError
 
 POSE = ("x_m", "y_m", "z_m", "yaw_rad")
@@ -116,14 +117,7 @@ _HEAD: dict[str, tuple[type, ...]] = {
 
 
 def _read_head(path: Path) -> dict[str, Any]:
-    try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(
-            f"no plan file {str(path)!r}: NAME.csv and NAME.toml belong together"
-        ) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
+    tree = parse_toml(_read(path, LARGEST_TOML), str(path))
     head = tree.get("plan")
     if not isinstance(head, dict):
         raise InputError(f"{path}: no [plan] table; the file holds: {', '.join(tree) or 'nothing'}")
@@ -145,15 +139,17 @@ def _read_head(path: Path) -> dict[str, Any]:
     return head
 
 
+def _read(path: Path, limit: int) -> str:
+    if not path.exists():
+        raise InputError(f"no plan file {str(path)!r}: NAME.csv and NAME.toml belong together")
+    return read_text(path, limit)
+
+
 def _read_table(path: Path, columns: list[str]) -> Array:
+    text = _read(path, LARGEST_TABLE)
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            lines = list(csv.reader(file))
-    except FileNotFoundError:
-        raise InputError(
-            f"no plan file {str(path)!r}: NAME.csv and NAME.toml belong together"
-        ) from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        lines = list(csv.reader(StringIO(text, newline="")))
+    except csv.Error as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
     if not lines:
         raise InputError(f"{path}: empty; a header and rows are needed")

@@ -84,6 +84,10 @@ class Rule:
         response: Response = self.table.response
         return response
 
+    def bear_period(self, touches: bool) -> float:
+        """Return the time (s) between two places that it bears; `touches`: the mission does."""
+        return math.inf
+
     def is_over(self, v: Senses) -> bool:
         """Whether the value has been beyond the limit for the hold time."""
         value = self.value = self.look(v)

@@ -27,6 +27,10 @@ class LocalisationLost(Rule):
         hold_s: NonNegative = 0.0
         response: Response = "land_here"
 
+    def bear_period(self, touches: bool) -> float:
+        """Bear places that are told more often than the limit."""
+        return float(self.table.limit)
+
     def look(self, v: Senses) -> float:
         return v.fix_age
 

@@ -26,6 +26,10 @@ class LocalisationStale(Rule):
         hold_s: NonNegative = 0.0
         response: Response = "hold"
 
+    def bear_period(self, touches: bool) -> float:
+        """Bear places that are told more often than the limit, in contact."""
+        return float(self.table.limit) if touches else math.inf
+
     def look(self, v: Senses) -> float:
         age = v.fix_age
         if age > self.table.limit and not (v.touching or v.responding):

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from skywright.core.spec import NonNegative
+from skywright.core.types import MODE_STANDARD
 from skywright.run.faults._rule import Response, Rule
 from skywright.vehicle.bus import Estimate
 from skywright.vehicle.guard import ERROR_MAX, UP_MIN
@@ -39,7 +40,8 @@ class LostControl(Rule):
         self._error = 0.0
 
     def look(self, v: Senses) -> float:
-        error = self._error = math.dist(self._p_WB.tolist(), v.told("p_WB"))
+        held = 2 if v.told("mode") == MODE_STANDARD else 0  # the height alone
+        error = self._error = math.dist(self._p_WB.tolist()[held:], v.told("p_WB")[held:])
         if v.responding:  # what was pushed may come back: only a robot that tips over falls
             error *= PATIENCE
         return 10.0 + error if self._R_WB[2, 2] < UP_MIN else error
@@ -47,7 +49,8 @@ class LostControl(Rule):
     def explain(self, value: float) -> str:
         """Say how far off it is."""
         up = min(max(self._R_WB[2, 2], -1.0), 1.0)
-        return (
-            f"control was lost: {self._error:.2f} m from the reference, "
-            f"tilted {math.degrees(math.acos(up)):.0f} deg"
-        )
+        tilt = f"tilted {math.degrees(math.acos(up)):.0f} deg"
+        if up < UP_MIN:
+            most = math.degrees(math.acos(UP_MIN))
+            return f"control was lost: the robot tipped over, {tilt} (limit {most:.0f} deg)"
+        return f"control was lost: {self._error:.2f} m from the reference, {tilt}"

@@ -28,6 +28,8 @@ class TruthObserver(Component):
         tip_site: int  # -1: there is none
         tip_force: int  # address of its contact sensor, -1: none
         n_contacts: int
+        dt: float  # s, of a tick
+        off: float  # s, since the tip felt a force
         contact: Annotated[Integers, MAX_CONTACTS]  # addresses of unintended contacts
 
     columns = (
@@ -38,6 +40,7 @@ class TruthObserver(Component):
         Recorded("p_WT", Truth, "p_WT", "m", "probe's tip, z out of the robot"),
         Recorded("q_WT", Truth, "R_WT", "", "probe's tip, attitude", rotation=True),
         Recorded("f_contact", Truth, "f_contact", "N", "force of the surface on the tip, in W"),
+        Recorded("off_s", Truth, "off_s", "s", "longest time without force on the tip by now"),
         Recorded(
             "f_collision",
             Truth,
@@ -53,6 +56,7 @@ class TruthObserver(Component):
         me.tip_site, me.tip_force = index.tip_site, index.sensor_tip_force
         me.n_contacts = len(index.sensor_collision)
         me.contact[: me.n_contacts] = index.sensor_collision
+        me.dt = context.dt
 
     def get_period(self, step: str, context: Any) -> float:
         """Peaks last for a sample."""
@@ -81,6 +85,10 @@ class TruthObserver(Component):
         if me.tip_force >= 0:
             for i in range(3):  # MuJoCo: force of the tip on the surface
                 truth.f_contact[i] = -sensordata[me.tip_force + i]
+            tip = truth.f_contact
+            off = tip[0] == 0.0 and tip[1] == 0.0 and tip[2] == 0.0
+            me.off = me.off + me.dt if off else 0.0
+            truth.off_s = max(truth.off_s, me.off)
         for k in range(me.n_contacts):
             a = me.contact[k]
             f = math.sqrt(sensordata[a] ** 2 + sensordata[a + 1] ** 2 + sensordata[a + 2] ** 2)
@@ -90,7 +98,7 @@ class TruthObserver(Component):
     def judge(me: Me, clock: InOut[Clock], truth: InOut[Truth]) -> None:
         if truth.f_collision > COLLISION_LIMIT:
             clock.fired |= clock.mask & COLLISION
-        truth.f_collision = 0.0
+        truth.f_collision = truth.off_s = 0.0
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

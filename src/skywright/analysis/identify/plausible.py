@@ -1,0 +1,59 @@
+"""Whether what was fitted may be believed: it predicts the flight, and physics allows it.
+
+A fit always returns numbers. They become a robot file only where they predict parts of the flight
+that the fit did not see, and lie where a robot that resembles its file can have them.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from skywright.analysis.identify.fit import Fit
+from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
+
+LEAST_R2 = 0.5
+"""Of the angular acceleration on held-out parts. Half of what moves the robot is then explained;
+a flight of our own gives 0.9 and more, a mean 0."""
+LARGEST_ERROR = 1.0
+"""m/s^2, rms, of the specific force on held-out parts: a tenth of the weight."""
+
+
+def check_fit(fit: Fit, robot: Robot, logs: str, notes: Sequence[str] = ()) -> None:
+    """Raise InputError where a fit does not predict the flight or leaves what physics allows."""
+    p = fit.prediction
+    error = (p.measured - p.predicted)[p.held_out]
+    spread = max(float(np.sum(p.measured[:, 3:].var(axis=0))), 1e-12)
+    whole = 1.0 - float(np.sum(np.mean(error[:, 3:] ** 2, axis=0))) / spread
+    each = p.r_squared(p.predicted)[3:]
+    fitted = {e.parameter.name.partition(".")[2] for e in fit.estimates if e.identified}
+    bad = [
+        f"{r:.3g} about {axis}"
+        for r, axis in zip(each, "xyz", strict=True)
+        if not r >= LEAST_R2 and f"inertia_{axis}{axis}_kgm2" in fitted
+    ]
+    if not whole >= LEAST_R2:
+        bad.insert(0, f"{whole:.3g} about all axes")
+    wrong = f"{logs}: robot {robot.name!r} does not fly like this"
+    advice = (
+        "give the robot that flew (rotors, arms, mass), and a flight that turns and accelerates; "
+        + "; ".join(notes)
+    )
+    if bad:
+        raise InputError(
+            f"{wrong}: R² of the angular acceleration on held-out parts is {', '.join(bad)}; at "
+            f"least {LEAST_R2:g} is needed; {advice}"
+        )
+    force = float(np.sqrt(np.mean(np.sum(error[:, :3] ** 2, axis=1))))
+    if not force <= LARGEST_ERROR:
+        raise InputError(
+            f"{wrong}: the specific force on held-out parts is off by {force:.2g} m/s² (rms); at "
+            f"most {LARGEST_ERROR:g} is possible; {advice}"
+        )
+    for e in fit.estimates:
+        q = e.parameter
+        if e.identified and not q.low <= e.value <= q.high:
+            raise InputError(
+                f"{wrong}: {q.name} ({q.meaning}) would be {e.value:.4g} {q.unit}".rstrip()
+                + f"; valid: {q.low:.4g} to {q.high:.4g}, its file has {q.nominal:.4g}; {advice}"
+            )

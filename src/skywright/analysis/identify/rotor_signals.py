@@ -1,0 +1,129 @@
+"""What the rotors did in a ULog: measured speeds, or thrusts by what they were commanded.
+
+Four topics are read, the most direct first; one that comes too slowly gives way to a faster one.
+
+| topic | what it holds |
+|---|---|
+| `esc_status` | measured speeds |
+| `actuator_motors` | a command each (PX4 1.13 and later) |
+| `actuator_outputs` | pulse widths, between `PWM_MIN` and `PWM_MAX` |
+| `actuator_controls_0` | roll, pitch, yaw and thrust, before PX4's mixer |
+"""
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
+from skywright.models.rotors import RotorSet, build_rotors
+
+TURNING = 100.0  # rpm, and
+PULSING = 0.02  # of the command: what a rotor exceeds somewhere in a flight
+SLOW = 20.0  # Hz: twice the fit's band of 5 Hz, with room
+TOPICS = ("esc_status", "actuator_motors", "actuator_outputs", "actuator_controls_0")
+
+
+class _Signal(NamedTuple):
+    name: str
+    rate: float  # Hz
+    values: Array  # (n, rotors) rad/s, or commands of 0 to 1
+    measured: bool
+
+
+def read_rotors(
+    path: Path, topics: Iterable[Any], parameters: dict[str, float], robot: Robot,
+    order: list[int], at: Any, notes: list[str],
+) -> tuple[Array | None, Array | None]:  # fmt: skip
+    """Return measured speeds (n, rotors) rad/s, or commanded thrusts (N) where none were measured.
+
+    `order` holds each rotor's index in the log. Raises InputError where no topic tells.
+    """
+    rotors = build_rotors(robot.rotors)
+    found: list[_Signal] = []
+    silent: list[str] = []
+    for topic in topics:
+        data = topic.data
+        if topic.name not in TOPICS or len(data["timestamp"]) < 2:
+            continue
+        values = _read(topic.name, data, parameters, rotors, order, at)
+        if values is None:
+            silent.append(f"{topic.name} lacks some of the {len(order)} rotors")
+        elif np.max(values, initial=0.0) <= (TURNING / 9.5493 if _is_speed(topic) else PULSING):
+            silent.append(f"in {topic.name} no rotor turns")
+        else:
+            span = float(data["timestamp"][-1] - data["timestamp"][0]) * 1e-6
+            rate = (len(data["timestamp"]) - 1) / max(span, 1e-9)
+            found.append(_Signal(topic.name, rate, values, _is_speed(topic)))
+    if not found:
+        why = "; ".join(silent) or "it holds none of them"
+        raise InputError(
+            f"{path}: one of {', '.join(TOPICS)} is needed, of a flight in which the rotors turn: "
+            f"{why}"
+        )
+    # of instances of one topic, the one that moves is the motors'
+    found.sort(key=lambda s: (TOPICS.index(s.name), -float(np.ptp(s.values))))
+    best = found[0]
+    for other in found[1:]:
+        if best.rate < SLOW and other.rate > 2.0 * best.rate:
+            notes.append(f"{best.name} comes at {best.rate:.0f} Hz only: {other.name} is taken")
+            best = other
+    if best.measured:
+        return best.values, None
+    notes += [f"{s}: not taken" for s in silent if s.startswith(("esc", "in esc"))]
+    u = np.clip(best.values, 0.0, 1.0)
+    f = float(parameters.get("THR_MDL_FAC", 0.0))
+    notes.append(
+        f"no rotor speeds in the log: thrust from {best.name} ({best.rate:.0f} Hz), by PX4's "
+        f"thrust model with THR_MDL_FAC {f:g} and the robot file's largest thrust"
+    )
+    return None, rotors.thrust_max * (f * u**2 + (1.0 - f) * u)
+
+
+def _is_speed(topic: Any) -> bool:
+    return bool(topic.name == "esc_status")
+
+
+def _read(
+    name: str, data: dict[str, Any], parameters: dict[str, float], rotors: RotorSet,
+    order: list[int], at: Any,
+) -> Array | None:  # fmt: skip
+    """Return speeds (rad/s) or commands (0 to 1) of the rotors; None where some are missing."""
+    if name == "actuator_controls_0":
+        fields = [f"control[{i}]" for i in range(4)]
+    else:
+        field = {"esc_status": "esc[{}].esc_rpm", "actuator_motors": "control[{}]"}
+        fields = [field.get(name, "output[{}]").format(i) for i in order]
+    if any(field not in data for field in fields):
+        return None
+    x = np.column_stack([at(data, field) for field in fields])
+    if not np.all(np.isfinite(x)):
+        return None
+    if name == "esc_status":
+        return np.asarray(np.abs(x) * (2.0 * math.pi / 60.0))
+    if name == "actuator_outputs" and np.max(x, initial=0.0) > 2.0:  # microseconds
+        low = parameters.get("PWM_MAIN_MIN", parameters.get("PWM_MIN", 1000.0))
+        high = parameters.get("PWM_MAIN_MAX", parameters.get("PWM_MAX", 2000.0))
+        return np.asarray((x - low) / max(high - low, 1.0))
+    if name == "actuator_controls_0":  # roll and pitch are computed on the ground too
+        return x @ build_mixer(rotors).T * (x[:, 3:] > PULSING)
+    return x
+
+
+def build_mixer(rotors: RotorSet) -> Array:
+    """Return PX4's mixer before 1.13 (rotors, 4): outputs of roll, pitch, yaw (FRD) and thrust.
+
+    The pseudo-inverse of the torques and common thrust of upright rotors, scaled as PX4's
+    `px_generate_mixers.py` does: roll and pitch by their norm, yaw by its largest, thrust to 1.
+    """
+    x, y, one = rotors.position[:, 0], rotors.position[:, 1], np.ones(len(rotors.spin))
+    effect = np.vstack([y, x, 0.05 * rotors.spin, one])
+    mix = np.linalg.pinv(effect)
+    norm = np.linalg.norm(mix, axis=0)
+    level = max(norm[0], norm[1]) / math.sqrt(len(mix) / 2.0)
+    scale = np.array([level, level, np.max(np.abs(mix[:, 2])), mix[:, 3].mean()])
+    return np.asarray(mix / np.where(np.abs(scale) < 1e-9, 1.0, scale))
