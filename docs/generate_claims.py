@@ -36,6 +36,12 @@ def _limit(test: dict[str, Any]) -> str:
     return f"{SIGNS[test['sense']]} {limit:g}{around} {test['unit']}".strip()
 
 
+def _verdict(claim: dict[str, Any]) -> str:
+    words = claim["verdict"].replace("_", " ")
+    flags = [f.replace("_", " ") for f in ("by_construction", "fitted") if claim[f]]
+    return f"{words} ({', '.join(flags)})" if flags else words
+
+
 def _escape(text: str) -> str:
     return text.replace("|", "\\|").replace("^", "\\^").replace("*", "\\*")
 
@@ -49,33 +55,34 @@ def build_section(paper: str, claims: list[dict[str, Any]]) -> str:
         f"(`claims.html`). {counts['reproduced']} of {len(claims)} claims are reproduced, "
         f"{counts['contradicted']} contradicted, {counts['not_comparable']} not comparable. "
         "A verdict follows from the measured value; where the paper uses words, the bound is our "
-        "reading of them.",
+        "reading of them. A claim that is met because its number was put in (by construction) or "
+        "chosen from the figure (fitted) counts as not comparable.",
         "",
-        "| claim | the paper prints | here | verdict |",
-        "|---|---|---|---|",
+        "| claim | the paper prints | here | judged by | verdict |",
+        "|---|---|---|---|---|",
     ]
     for c in claims:
         name = c["id"].split("/")[-1]
         printed = "no figure" if c["paper_value"] is None else _number(c["paper_value"], c["unit"])
         value = _number(c["value"], c["unit"])
-        verdict = c["verdict"].replace("_", " ")
-        statement = _escape(c["statement"])
-        lines.append(f"| [{statement}](#{name}) | {printed} | {value} | {verdict} |")
+        statement, how = _escape(c["statement"]), c["judged_by"]
+        lines.append(f"| [{statement}](#{name}) | {printed} | {value} | {how} | {_verdict(c)} |")
     for c in claims:
         name = c["id"].split("/")[-1]
         lines += [
             "", f"### {name}", "",
-            f"*{_escape(c['statement'])}* (section {c['where']}): "
-            f"**{c['verdict'].replace('_', ' ')}**.",
+            f"*{_escape(c['statement'])}* (section {c['where']}, judged by {c['judged_by']}): "
+            f"**{_verdict(c)}**.",
             "", _escape(c["explanation"]), "",
-            "| measured | value | test | reading |", "|---|---|---|---|",
+            "| measured | value | test | bound | reading |", "|---|---|---|---|---|",
         ]  # fmt: skip
         for t in c["tests"]:
             reading = _escape(t["reading"]) or "the printed figure"
             if t["paper_value"] is None and not t["reading"]:
                 reading = ""
             value = _number(t["value"], t["unit"])
-            lines.append(f"| `{t['quantity']}` | {value} | {_limit(t)} | {reading} |")
+            whose = {"paper": "the paper's", "ours": "ours", "": ""}[t["bound_by"]]
+            lines.append(f"| `{t['quantity']}` | {value} | {_limit(t)} | {whose} | {reading} |")
     return "\n".join(lines)
 
 

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 import skywright
+from skywright.analysis.compare.table import build_rows, judge_statements
 from skywright.evidence.reproduce.cache import FLIGHTS, Record
 from skywright.evidence.reproduce.flights import FLIGHTS as KINDS
 from skywright.evidence.reproduce.flights_arms import load_arms
 from skywright.evidence.reproduce.load import load_claims
 from skywright.evidence.reproduce.measures import MEASURES
+from skywright.evidence.reproduce.measures_bimanual import judge_statement, load_sides
 from skywright.evidence.reproduce.measures_bimanual_flown import measure_lean
 from skywright.evidence.reproduce.spec import judge
 
@@ -71,3 +73,31 @@ def test_what_decides_a_flight_is_in_its_cache_key() -> None:
     root = Path(skywright.__file__).parent
     assert all((root / name).is_file() for name in FLIGHTS)
     assert {case.kind for case in FILE.cases.values()} <= set(KINDS)
+
+
+def test_reproduce_and_compare_judge_table_3_alike() -> None:
+    """The verdicts of `skywright compare` are the claims' own: one judge for both."""
+    sides = load_sides()
+    told = {s.text: s.verdict for s in judge_statements(sides, build_rows(*sides))}
+    names = {"controllability": "more controllable", "narrow_access": "access to narrow places",
+             "weight": "heavier", "take_off": "harder take-off and landing"}  # fmt: skip
+    for measure, text in names.items():
+        found = MEASURES[measure]({}).values
+        claim = next(c for c in FILE.claims if c.measure == measure)
+        expected = "reproduced" if told[text] == "holds" else "contradicted"
+        assert judge(claim, found).name == expected, text
+    assert told["ground and airflow effects near surfaces"] == "not measured"
+    assert judge_statement("safer", {"impact.peak_torque_nm": (3.0, 1.0)}) == 0.5
+    assert judge_statement("heavier") == 1.0
+
+
+def test_the_printed_flight_times_hold_together_near_the_printed_payload() -> None:
+    """Induced power goes with the mass to the 3/2: half of the time at 1.59 times the mass."""
+    v = MEASURES["platform_table"]({}).values
+    scale = ((v["empty_kg"] + 3.0) / v["empty_kg"]) ** 1.5
+    assert v["empty_min"] / v["loaded_min"] == pytest.approx(scale, rel=0.03)
+    assert scale == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_joint_in_the_centre_passes_no_pitch_torque_on() -> None:
+    assert MEASURES["reaction"]({}).values["centred"] < 1e-6

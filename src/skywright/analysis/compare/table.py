@@ -83,7 +83,7 @@ TRADE_OFFS = (
     (STANDARD, "more controllable", STANDARD, _CONTROL),
     (STANDARD, "smaller workspace", LONG, _REACH),
     (STANDARD, "propellers and landing gear may collide", LONG, _CLEAR),
-    (STANDARD, "ground and airflow effects near surfaces", LONG, ("access.rotor_diameters",)),
+    (STANDARD, "ground and airflow effects near surfaces", LONG, ()),
     (LONG, "safer", LONG, _SAFE),
     (LONG, "larger workspace", LONG, _REACH),
     (LONG, "access to narrow places", LONG, ("access.depth_m",)),
@@ -91,7 +91,12 @@ TRADE_OFFS = (
     (LONG, "heavier", STANDARD, ("mass_kg", "power.endurance_min")),
     (LONG, "harder take-off and landing", STANDARD, _GROUND),
 )
-"""Suarez 2020, table 3: whom it is about, what it says, who has the better numbers then, rows."""
+"""Suarez 2020, table 3: whom it is about, what it says, who has the better numbers then, rows.
+
+`skywright reproduce` takes its verdicts on table 3 from here.
+"""
+UNJUDGED = "rotors near surfaces are not simulated, and a distance alone says nothing of the effect"
+HOLDS = {"holds": 1.0, "partly": 0.5, "does not hold": 0.0}
 
 
 def build_rows(a: Side, b: Side) -> list[Row]:
@@ -130,6 +135,7 @@ def _judge(
     for_it = [r for r in told if r.winner == winner]
     if not told:
         reasons = "; ".join(n for r in rows for n in r.notes if n) or "not flown"
+        reasons = reasons if names else UNJUDGED
         return Statement(who, text, "not measured", reasons, names)
     verdict = "holds" if len(for_it) == len(told) else "partly" if for_it else "does not hold"
     parts = [

@@ -87,7 +87,8 @@ class _Watcher:
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
         """Keep time, arm torques of the structure, and the position integral."""
-        sigma = vehicle.read_memory("law")["sigma"]
+        law = vehicle.read_memory("law")
+        sigma = law["sigma"] if "sigma" in law.dtype.names else np.zeros(3)  # not every law has one
         self.rows.append(np.concatenate([[t], flex_torque(vehicle), sigma]))
 
     def close(self) -> None:

@@ -19,7 +19,9 @@ from skywright.evidence.reproduce.series import (
     spectrum,
     tangential,
 )
+from skywright.models.capability import compute_capability
 from skywright.models.rigid_body import build_body_model, compute_body, posture
+from skywright.run.planning import plan_mission
 
 BAND = (4.0, 20.0)
 """Hz, around the arm's first structural mode (8 to 10 Hz in free flight)."""
@@ -114,6 +116,37 @@ def measure_vibration(records: Records) -> Measured:
         ),
     ]  # fmt: skip
     return Measured(values, ClaimFigure(panels, "Below zero the ringing dies out."))
+
+
+def measure_workspace(records: Records) -> Measured:
+    """Angles around which a scan of 40 deg can be planned, with posts and without; a rigid tool."""
+    angles = np.arange(-180.0, 180.0, 15.0)
+    shares = {}
+    for posts in (False, True):
+        found = [
+            plan_mission(load_description("pipe-weld-scan", sets={
+                "plant.map_error_m": 0.0, "plant.map_error_deg": 0.0,
+                "plant.map_error_size_m": 0.0, "mission.task.survey": False,
+                "mission.task.side": "angle", "mission.task.centre_angle_deg": float(angle),
+                "world.pipe.supports": posts,
+            })).feasible
+            for angle in angles
+        ]  # fmt: skip
+        shares[posts] = float(np.mean(found))
+    # held fast, a tool points as its platform: within the pitch that this one hovers at
+    tilt = math.degrees(
+        max(compute_capability(load_description("pipe-weld-scan").robot).hover_tilt)
+    )
+    values = {
+        "share": shares[False], "posts_share": shares[True], "rigid_share": 2.0 * tilt / 360.0,
+        "tilt_deg": tilt, "sectors": float(len(angles)),
+    }  # fmt: skip
+    bars = Bars(
+        "Circumference around which a scan can be planned", "share",
+        ["with the arm", "with the arm,\npipe on posts", "rigid tool"], [""],
+        np.array([values["share"], values["posts_share"], values["rigid_share"]])[:, None],
+    )  # fmt: skip
+    return Measured(values, ClaimFigure([bars], f"{len(angles)} angles, sectors of 40 deg."))
 
 
 def build_elastic(robot: Robot, ratio: float = 0.0) -> elastic.Elastic:

@@ -8,6 +8,7 @@ import numpy as np
 from skywright.analysis.compare.compare import MISSION, measure
 from skywright.analysis.compare.comparison import Side
 from skywright.analysis.compare.geometry import PipeDistance
+from skywright.analysis.compare.table import HOLDS, build_rows, judge_statements
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
@@ -39,6 +40,21 @@ def load_sides() -> tuple[Side, Side]:
     return a, b
 
 
+def judge_statement(text: str, flown: dict[str, tuple[float, float]] | None = None) -> float:
+    """What `skywright compare` says of a statement of table 3: 1 holds, 0.5 partly, 0 not.
+
+    `flown` are the rows (both robots) that flights have measured. NaN where nothing was measured.
+    """
+    a, b = load_sides()
+    for row, pair in (flown or {}).items():
+        a, b = (
+            a._replace(values=a.values | {row: pair[0]}),
+            b._replace(values=b.values | {row: pair[1]}),
+        )
+    found = judge_statements((a, b), build_rows(a, b))
+    return next(HOLDS.get(s.verdict, math.nan) for s in found if s.text == text)
+
+
 def measure_separation(records: Records) -> Measured:
     """How far the platform can stay from the pipe while a hand touches it, wherever; figure 32."""
     near, far = (_most_room(name) for name in NAMES)
@@ -56,6 +72,7 @@ def measure_separation(records: Records) -> Measured:
         low=0.0,
     )  # fmt: skip
     values = {
+        "holds": judge_statement("propellers and landing gear may collide"),
         "gain": min(far) / min(near), "near_m": min(near), "far_m": min(far),
         "near_propellers_m": near[0], "near_gear_m": near[1],
         "far_propellers_m": far[0], "far_gear_m": far[1],
@@ -116,6 +133,7 @@ def measure_underside(records: Records) -> Measured:
     )  # fmt: skip
     assert sides[0].way is not None
     values["overlap_m"] = -float(np.min(sides[0].way.propellers))
+    values["holds"] = judge_statement("larger workspace")
     values["area_ratio"] = values["far_area_m2"] / values["near_area_m2"]
     caption = "Level platform that faces the pipe; 0.1 m kept by the platform, 0.02 m by the arms."
     return Measured(values, ClaimFigure([panel], caption, across=1))
@@ -128,6 +146,9 @@ def compute_statics() -> dict[str, float]:
     push = np.array([-FORCE, 0.0, 0.0])  # on the hand
     a, b = near.compute_reaction(push), far.compute_reaction(push)
     assert a is not None and b is not None and far.robot.pendulum is not None
+    ideal = far.robot.pendulum.model_copy(update={"z_m": 0.0, "friction_nm": 0.0})
+    centred = Loaded(far.robot.model_copy(update={"pendulum": ideal}), far.q).compute_reaction(push)
+    assert centred is not None
     friction = far.robot.pendulum.friction_nm or 0.0
     weight = float(sum(x.link.mass_kg for x in far.joints)) + 2.0 * _hand_mass(far)
     link = far.q[0] + b.swing  # rad from straight down, towards -x
@@ -144,6 +165,7 @@ def compute_statics() -> dict[str, float]:
     values = {
         "near_pitch_nm": abs(float(a.t[1])), "far_pitch_nm": abs(float(b.t[1])),
         "left": abs(float(b.t[1] / a.t[1])), "friction_nm": friction,
+        "centred": abs(float(centred.t[1] / a.t[1])),
         "hinge_m": abs(far.robot.pendulum.z_m or 0.0),
         "near_roll_m": near_max(near, 1, 0), "far_roll_m": near_max(far, 1, 0),
         "change_deg": angle_change, "whole_deg": angle_whole,

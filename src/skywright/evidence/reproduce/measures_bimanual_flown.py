@@ -8,7 +8,13 @@ from skywright.description.robot.loader import load_robot
 from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
-from skywright.evidence.reproduce.measures_bimanual import FORCE, NAMES
+from skywright.evidence.reproduce.measures_bimanual import (
+    FORCE,
+    NAMES,
+    SHORT,
+    compute_statics,
+    judge_statement,
+)
 from skywright.evidence.reproduce.series import cut
 from skywright.models.tip_force import Loaded
 
@@ -94,6 +100,23 @@ def measure_impact(records: Records) -> Measured:
     return Measured(values, ClaimFigure(parts, "Mission impact, 0.5 m/s, gauges at 1 kHz."))
 
 
+def measure_safer(records: Records) -> Measured:
+    """What `skywright compare` says of "safer", the collision flown."""
+    torque = [_mean(records[r], "impact.peak_torque_nm") for r in ("near", "far")]
+    statics = compute_statics()
+    values = {
+        "holds": judge_statement("safer", {"impact.peak_torque_nm": (torque[0], torque[1])}),
+        "near_nm": torque[0], "far_nm": torque[1],
+        "near_roll_m": statics["near_roll_m"], "far_roll_m": statics["far_roll_m"],
+        "roll_ratio": statics["far_roll_m"] / statics["near_roll_m"],
+    }  # fmt: skip
+    bars = Bars(
+        "Torque on the platform, collision at 0.5 m/s", "N m", list(SHORT), [""],
+        np.array(torque)[:, None],
+    )  # fmt: skip
+    return Measured(values, ClaimFigure([bars], "Rows of skywright compare."))
+
+
 def _mean(records: list[Record], name: str) -> float:
     return float(np.mean([r.info["metrics"].get(name, math.nan) for r in records]))
 
@@ -115,6 +138,11 @@ def measure_accuracy(records: Records) -> Measured:
     values["ratio"] = values["far_tip_mm"] / values["near_tip_mm"]
     values["ratio_wind"] = values["far_tip_wind_mm"] / values["near_tip_wind_mm"]
     values["wind_mps"] = float(wind[-1])
+    v = values
+    values["holds"] = judge_statement("more accurate", {
+        "accuracy.tip_calm_mm": (v["near_tip_mm"], v["far_tip_mm"]),
+        "accuracy.tip_wind_mm": (v["near_tip_wind_mm"], v["far_tip_wind_mm"]),
+    })  # fmt: skip
     return Measured(values, ClaimFigure(panels, "Tip kept in place for 15 s, arms at work."))
 
 
@@ -194,18 +222,21 @@ def measure_swing(records: Records) -> Measured:
 
 def measure_stretched(records: Records) -> Measured:
     """The second trial: the force with the arm almost straight; figure 31."""
-    values, curves = {}, []
+    values: dict[str, float] = {}
+    curves = []
     for role, name in (
         ("printed", "printed law"), ("torque", "joint torques"), ("leaving", "platform moves"),
     ):  # fmt: skip
-        record = records[role][0]
-        s = cut(record, "touch", "press", "leave singularity", "force")
-        force = s["left_f_W"][:, 2]
-        curves.append(Curve(name, s["t"] - s["t"][0], force))
-        values[f"{role}_held"] = float("force.mean_n" in record.info["metrics"])
-        values[f"{role}_off_n"] = record.info["metrics"].get("force.rms_error_n", FORCE)
-        values[f"{role}_mean_n"] = record.info["metrics"].get("force.mean_n", 0.0)
-        values[f"{role}_installed"] = record.info["metrics"].get("sensor.installed", 0.0)
+        flights = records[role]
+        s = cut(flights[0], "touch", "press", "leave singularity", "force")
+        curves.append(Curve(name, s["t"] - s["t"][0], s["left_f_W"][:, 2]))
+        off = [r.info["metrics"].get("force.rms_error_n", FORCE) for r in flights]
+        # the law that is said to fail counts where it fails least
+        values[f"{role}_off_n"] = float(min(off) if role == "printed" else max(off))
+        values[f"{role}_mean_n"] = float(
+            np.mean([r.info["metrics"].get("force.mean_n", 0.0) for r in flights])
+        )
+    values["flights"] = float(len(records["printed"]))
     panel = Panel("Force on the pipe, as in figure 31a", "time (s)", "N", curves, [(2.0, "2 N")])
     caption = "Mission sensor-install, pose stretched; a trial ends where contact is lost."
     return Measured(values, ClaimFigure([panel], caption, across=1))

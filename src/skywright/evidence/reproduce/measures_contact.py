@@ -116,6 +116,8 @@ def measure_bench(records: Records) -> Measured:
         "rms_n": _worst(flown, "force.rms_error_n"),
         "mean_n": _worst(flown, "force.mean_error_n"),
         "sensor_n": _worst(flown, "force.sensor_error_n"),
+        "slippery_n": _worst(records["slippery"], "force.rms_error_n"),
+        "rough_n": _worst(records["rough"], "force.rms_error_n"),
     }
     return Measured(
         values, ClaimFigure([joints, force], "Clamped before a plate; the paper's angles.")

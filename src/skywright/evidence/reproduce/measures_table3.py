@@ -2,9 +2,14 @@
 
 import numpy as np
 
+from skywright.description.robot.loader import load_robot
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
-from skywright.evidence.reproduce.measures_bimanual import SHORT, load_sides
+from skywright.evidence.reproduce.measures_bimanual import SHORT, judge_statement, load_sides
+from skywright.models.capability import compute_capability
+from skywright.models.sweep import strip_robot
+
+PAYLOAD = 3.0  # kg, table 1
 
 
 def compute_table() -> dict[str, float]:
@@ -36,9 +41,13 @@ def gain_near_surface(diameters: float) -> float:
     return 1.0 / (1.0 - (0.125 / diameters) ** 2) - 1.0
 
 
-def _show(title: str, unit: str, groups: dict[str, str], limit: str = "") -> Measured:
-    """Bars of both configurations for the quantities KEY of near_KEY and far_KEY."""
-    v = compute_table()
+def _show(
+    title: str, unit: str, groups: dict[str, str], statement: str, limit: str = ""
+) -> Measured:
+    """Bars of both configurations for the quantities KEY of near_KEY and far_KEY, and what
+    `skywright compare` says of the statement.
+    """
+    v = {**compute_table(), "holds": judge_statement(statement)}
     table = np.array([[v[f"near_{key}"], v[f"far_{key}"]] for key in groups])
     bars = Bars(title, unit, list(groups.values()), SHORT, table, [(1.0, limit)] if limit else ())
     return Measured(v, ClaimFigure([bars], "Rows of skywright compare."))
@@ -47,22 +56,51 @@ def _show(title: str, unit: str, groups: dict[str, str], limit: str = "") -> Mea
 def measure_controllability(records: Records) -> Measured:
     """Angular acceleration that the rotors can give at hover."""
     groups = {"roll": "roll", "pitch": "pitch"}
-    return _show("Angular acceleration that the rotors can give", "rad/s²", groups)
+    return _show(
+        "Angular acceleration that the rotors can give", "rad/s²", groups, "more controllable"
+    )
 
 
 def measure_narrow_access(records: Records) -> Measured:
     """Depth of a hand in a shaft 0.5 m wide."""
-    return _show("Depth of a hand in a shaft 0.5 m wide", "m", {"depth_m": ""})
+    groups = {"depth_m": ""}
+    return _show("Depth of a hand in a shaft 0.5 m wide", "m", groups, "access to narrow places")
 
 
 def measure_weight(records: Records) -> Measured:
     """Flying mass and endurance."""
-    return _show("Mass and endurance", "", {"kg": "mass (kg)", "min": "endurance (min)"})
+    groups = {"kg": "mass (kg)", "min": "endurance (min)"}
+    return _show("Mass and endurance", "", groups, "heavier")
 
 
 def measure_take_off(records: Records) -> Measured:
     """Load of the rotors if all weight were lifted as the robot stands or lies on the ground."""
-    return _show("Most loaded rotor at lift-off", "of its limit", {"share": ""}, "limit")
+    title, groups = "Most loaded rotor at lift-off", {"share": ""}
+    return _show(title, "of its limit", groups, "harder take-off and landing", "limit")
+
+
+def measure_platform(records: Records) -> Measured:
+    """Table 1: endurance in hover without arms, with them and with 3 kg, and what can be lifted."""
+    whole, _ = load_robot("bimanual")
+    bare = strip_robot(whole)
+    mass = bare.platform.mass_kg
+    loaded = bare.platform.model_copy(update={"mass_kg": mass + PAYLOAD})
+    empty, arms = compute_capability(bare), compute_capability(whole, posture="folded")
+    full = compute_capability(bare.model_copy(update={"platform": loaded}))
+    most = 6.0 * float(np.max(whole.rotors.thrust_max_n))
+    values = {
+        "empty_min": empty.endurance / 60.0, "arms_min": arms.endurance / 60.0,
+        "loaded_min": full.endurance / 60.0, "payload_kg": empty.payload,
+        "empty_kg": empty.body.mass, "arms_kg": arms.body.mass,
+        "arms_load_kg": arms.body.mass - empty.body.mass,
+        "thrust_share": 9.81 * full.body.mass / most,
+    }  # fmt: skip
+    bars = Bars(
+        "Flight time in hover", "min", ["without arms", "with arms", "with 3 kg"], [""],
+        np.array([values["empty_min"], values["arms_min"], values["loaded_min"]])[:, None],
+        [(30.0, "Table 1: no load"), (15.0, "nominal load")],
+    )  # fmt: skip
+    return Measured(values, ClaimFigure([bars], "From the rotors' power and the batteries."))
 
 
 def measure_ground_effect(records: Records) -> Measured:

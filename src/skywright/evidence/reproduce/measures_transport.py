@@ -26,13 +26,9 @@ METRICS = {
 def measure_follow(records: Records) -> Measured:
     """The plan followed: the worst of all flights, and the first one's coordinates (figure 8)."""
     flights = records["flight"]
-    values = {"flights": float(len(flights))}
-    for key, (name, worst) in METRICS.items():
-        found = [r.info["metrics"].get(name) for r in flights]
-        if None in found:
-            reason = flights[found.index(None)].info.get("reason") or "the flight was cut short"
-            raise InputError(f"no {name}: {reason}")
-        values[key] = float(worst(found))
+    values = {"flights": float(len(flights)), **_find_worst(flights)}
+    if "cascade" in records:
+        values |= {f"cascade_{k}": v for k, v in _find_worst(records["cascade"]).items()}
     s = cut(flights[0], "transport", "settle")
     t = s["t"] - s["t"][0]
     panels = [
@@ -56,6 +52,18 @@ def measure_follow(records: Records) -> Measured:
                Curve("left shoulder", t, np.degrees(s["q"][:, 1]))])
     )  # fmt: skip
     return Measured(values, ClaimFigure(panels, "The first flight."))
+
+
+def _find_worst(flights: list[Record]) -> dict[str, float]:
+    """The worst of all flights. Raises InputError where one was cut short."""
+    values = {}
+    for key, (name, worst) in METRICS.items():
+        found = [r.info["metrics"].get(name) for r in flights]
+        if None in found:
+            reason = flights[found.index(None)].info.get("reason") or "the flight was cut short"
+            raise InputError(f"no {name}: {reason}")
+        values[key] = float(worst(found))
+    return values
 
 
 def measure_similar(records: Records) -> Measured:

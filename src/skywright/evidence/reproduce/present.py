@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from skywright.evidence.reproduce.figures import draw_claim
-from skywright.evidence.reproduce.runner import CriterionResult, Report, Steps
+from skywright.evidence.reproduce.runner import ClaimResult, CriterionResult, Report, Steps
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, render_page, write_page
 from skywright.run.versions import collect_versions
@@ -44,14 +44,29 @@ def write_paper_value(result: CriterionResult) -> str:
     return "no figure" if test.paper_value is None else f"{test.paper_value:g} {test.unit}".strip()
 
 
+def write_verdict(claim: ClaimResult) -> str:
+    """The verdict with its flags, as in "not comparable (fitted)"."""
+    words = claim.verdict.replace("_", " ")
+    flags = ", ".join(name.replace("_", " ") for name in claim.claim.flags)
+    return f"{words} ({flags})" if flags else words
+
+
+def write_bound(result: CriterionResult) -> str:
+    """Whose limit a value is compared with."""
+    return {"paper": "the paper's", "ours": "ours", "": ""}[result.test.whose]
+
+
 def count_verdicts(report: Report) -> str:
     """One sentence with the numbers of verdicts."""
     counts = {name: sum(c.verdict == name for c in report.claims) for name in STYLES}
     lost = sum(bool(c.trouble) for c in report.claims)
+    put_in = sum(c.verdict == "not_comparable" and bool(c.claim.flags) for c in report.claims)
+    notes = [f"{put_in} of these by construction or fitted"] if put_in else []
+    notes += [f"{lost} could not be measured"] if lost else []
     return (
         f"{counts['reproduced']} of {len(report.claims)} claims reproduced, "
         f"{counts['contradicted']} contradicted, {counts['not_comparable']} not comparable"
-        + (f" ({lost} of these could not be measured)." if lost else ".")
+        + (f" ({', '.join(notes)})." if notes else ".")
     )
 
 
@@ -68,6 +83,7 @@ def write_claims_page(reports: Sequence[Report], path: Path) -> None:
     write_page(path, render_page(
         "claims.html.j2", reports=reports, pictures=pictures, versions=collect_versions(),
         count=count_verdicts, number=write_number, limit=write_limit, printed=write_paper_value,
+        verdict=write_verdict, bound=write_bound,
     ))  # fmt: skip
 
 
@@ -86,13 +102,14 @@ def _print_report(report: Report, console: Console) -> None:
         title=f"Claims of {report.file.paper.short}", title_justify="left", title_style="bold",
         header_style="bold",
     )  # fmt: skip
-    for name in ("claim", "the paper", "here", "test", "verdict"):
+    for name in ("claim", "the paper", "here", "test", "bound", "judged by", "verdict"):
         table.add_column(name, overflow="fold")
     for c in report.claims:
         first = c.tests[0]
         table.add_row(
             c.claim.id, write_paper_value(first), write_number(first.value, first.test.unit),
-            write_limit(first), Text(c.verdict.replace("_", " "), style=STYLES[c.verdict]),
+            write_limit(first), write_bound(first), c.claim.judged_by,
+            Text(write_verdict(c), style=STYLES[c.verdict]),
         )  # fmt: skip
     console.print(table)
     for c in report.claims:

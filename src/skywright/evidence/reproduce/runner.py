@@ -56,6 +56,9 @@ class ClaimResult(NamedTuple):
             "paper": self.paper,
             "where": self.claim.where,
             "statement": self.claim.statement,
+            "judged_by": self.claim.judged_by,
+            "by_construction": bool(self.claim.by_construction),
+            "fitted": bool(self.claim.fitted),
             "paper_value": first.test.paper_value,
             "value": _number(first.value),
             "unit": first.test.unit,
@@ -71,6 +74,7 @@ class ClaimResult(NamedTuple):
                     "paper_value": t.test.paper_value,
                     "bound": t.test.bound,
                     "tolerance": t.test.tolerance,
+                    "bound_by": t.test.whose,
                     "reading": t.test.reading,
                     "passed": t.passed,
                 }
@@ -287,8 +291,12 @@ def _tell_cut_short(claim: Claim, records: dict[str, list[Record]]) -> str:
 
 
 def _explain(claim: Claim, verdict: str, values: dict[str, float]) -> str:
-    """Fill the numbers into the claim's explanation of this verdict."""
+    """Fill the numbers into the claim's explanation of this verdict; of a flagged one that is met,
+    the flags' reasons lead.
+    """
     text: str = getattr(claim.why, verdict)
+    if verdict == "not_comparable" and claim.flags and claim.tests[0].quantity in values:
+        text = " ".join([*claim.flags.values(), text or claim.why.reproduced])
     if not text:
         return f"The claim's file explains no verdict {verdict!r}."
     missing = [n for n in re.findall(r"{(\w+)", text) if n not in values]

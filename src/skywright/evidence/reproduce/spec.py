@@ -75,6 +75,13 @@ class Criterion(_Strict):
         """What the value is compared with; None where nothing can be compared."""
         return self.paper_value if self.bound is None else self.bound
 
+    @property
+    def whose(self) -> Literal["paper", "ours", ""]:
+        """Who set the limit: a printed figure is the paper's, a reading of words is ours."""
+        if self.limit is None:
+            return ""
+        return "paper" if self.bound is None else "ours"
+
 
 class Why(_Strict):
     """The explanation of each verdict; `{quantity:.2f}` is filled in from what was measured."""
@@ -90,10 +97,19 @@ class Claim(_Strict):
     id: str
     where: str  # section and figure
     statement: str
+    judged_by: Literal["flight", "bench", "computation"]  # bench: the platform is clamped
+    by_construction: str = ""  # why what was put in decides the verdict
+    fitted: str = ""  # which number was chosen from the figure that is compared
     measure: str  # name in `measures.MEASURES`
     cases: dict[str, str] = {}  # role that the measure asks for -> case
     tests: list[Criterion] = Field(min_length=1)  # the first one's quantity is the claim's value
     why: Why = Why()
+
+    @property
+    def flags(self) -> dict[str, str]:
+        """What keeps a met claim from counting as reproduced, with the reason."""
+        found = {"by_construction": self.by_construction, "fitted": self.fitted}
+        return {name: reason for name, reason in found.items() if reason}
 
 
 class ClaimsFile(_Strict):
@@ -136,14 +152,17 @@ class Verdict(NamedTuple):
 def judge(claim: Claim, values: dict[str, float]) -> Verdict:
     """Compare the measured values with a claim's tests.
 
-    Not comparable where the first quantity was not measured or has nothing to be compared with;
-    reproduced where every other test passes; a missing or NaN quantity does not pass.
+    Not comparable where the first quantity was not measured or has nothing to be compared with, and
+    where a flagged claim is met; reproduced where every other test passes; a missing or NaN
+    quantity does not pass.
     """
     first = claim.tests[0]
     if first.limit is None or first.quantity not in values:
         return Verdict("not_comparable", [None] * len(claim.tests))
     passed = [_passes(test, values.get(test.quantity, float("nan"))) for test in claim.tests]
-    return Verdict("contradicted" if False in passed else "reproduced", passed)
+    if False in passed:
+        return Verdict("contradicted", passed)
+    return Verdict("not_comparable" if claim.flags else "reproduced", passed)
 
 
 def _passes(test: Criterion, value: float) -> bool | None:
