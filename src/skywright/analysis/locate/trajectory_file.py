@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.analysis.locate.trajectory_mcap import load_topic
-from skywright.core import bounded, text_table
+from skywright.core import bounded
 from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.models.localisation.trajectory import MAX_DROPPED, Trajectory, clean
+from skywright.recordings import text_table
 from skywright.recordings.mcap_file import MAGIC
 
 TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
