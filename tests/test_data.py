@@ -187,6 +187,7 @@ def test_scan_asks_what_the_paper_asks() -> None:
     assert limits == {
         "contact.gap_max_mm": ("<", 1.0),
         "contact.lost_s": ("<=", 0.0),
+        "contact.no_force_max_s": ("<=", 0.05),
         "contact.tilt_max_deg": ("<", 10.0),
         "contact.collisions": ("<=", 0.0),
         "tip.tangential_rms_mm": ("<=", 4.0),

@@ -114,3 +114,12 @@ def test_what_is_no_number_passes() -> None:
     check_range("mass_kg", [1.0, None])
     with pytest.raises(ValueError, match="1e-09 is implausible"):
         check_range("mass_kg", [1.0, -1e-9])
+
+
+def test_a_place_may_be_zero_by_rounding() -> None:
+    d = load_description(
+        "pipe-weld-scan", sets=["world.pipe.x_m=6e-17", "world.pipe.yaw_deg=-1e-66"]
+    )
+    assert d.world.pipe is not None and d.world.pipe.x_m == 6e-17
+    with pytest.raises(InputError, match="diameter_m: 1e-12 is implausible"):
+        load_description("pipe-weld-scan", sets=["world.pipe.diameter_m=1e-12"])

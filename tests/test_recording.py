@@ -547,7 +547,7 @@ def test_no_recording_is_refused(tmp_path: Path, content: bytes, said: str) -> N
 
 def test_missing_file_and_folder_are_refused(tmp_path: Path) -> None:
     assert "No such file" in one_line(tmp_path / "nothing.mcap")
-    assert "Is a directory" in one_line(tmp_path)
+    assert "is a directory; a file is needed" in one_line(tmp_path)
 
 
 def test_foreign_mcap_is_refused(tmp_path: Path) -> None:

@@ -222,7 +222,9 @@ def test_aborted_run_says_so_and_why(scan: RunResult, phase: str, text_only: Non
 
 
 def test_run_without_samples(scan: RunResult) -> None:
-    empty = _cut(scan, "take_off")._replace(samples=scan.samples[:0], outcome="interrupted")
+    empty = _cut(scan, "take_off")._replace(
+        samples=scan.samples[:0], outcome="interrupted", reason="interrupted by the user"
+    )
     text = _Page(render_report(empty)).text
     assert "Nothing was recorded" in text and "interrupted by the user" in text
 

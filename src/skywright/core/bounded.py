@@ -34,7 +34,7 @@ def read_bytes(path: Path, limit: int, advice: str = "", label: str | None = Non
         there = os.stat(path)  # opening a pipe would wait for its writer
         if not stat.S_ISREG(there.st_mode):
             kind = "directory" if stat.S_ISDIR(there.st_mode) else "device or pipe"
-            raise InputError(f"{label}: is a {kind}; a file is needed{more}")
+            raise InputError(f"{label}: is a {kind}; a file is needed")
         with open(path, "rb") as file:
             data = file.read(min(limit, max(there.st_size, 1_000_000)) + 1)
     except (OSError, ValueError) as error:

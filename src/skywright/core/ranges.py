@@ -8,15 +8,13 @@ own bounds let it, as it means "none". A key without a unit stands in BARE by it
 from functools import cache
 
 UNITS: dict[str, tuple[float, float]] = {
-    "_n_per_rad2s2": (1e-9, 1.0),  # propellers of 3 cm to 3 m
-    "_n_per_rads_mps": (1e-9, 1.0),
+    **dict.fromkeys(("_n_per_rad2s2", "_n_per_rads_mps"), (1e-9, 1.0)),  # 3 cm to 3 m
     "_nms_per_rad": (1e-7, 1e4),
     "_nm_per_rad": (1e-3, 1e6),  # below: no spring; above: steel of the links
     "_ns_per_m": (1e-4, 1e6),
     "_n_per_m": (0.1, 1e8),  # a rubber band; a steel bar of 2 cm and 1 m
     "_n_per_count": (1e-9, 1e3),
-    "_m_per_sqrt_m": (1e-9, 1.0),
-    "_m_per_sqrt_s": (1e-9, 1.0),
+    **dict.fromkeys(("_m_per_sqrt_m", "_m_per_sqrt_s"), (1e-9, 1.0)),
     "_s_per_m": (1e-3, 1e9),  # conductivity
     "_kg_m3": (1e-4, 1e4),  # air on Mars; water
     "_sqrthz": (1e-12, 10.0),
@@ -43,10 +41,8 @@ UNITS: dict[str, tuple[float, float]] = {
 BARE: dict[str, tuple[float, float]] = {
     "friction": (1e-6, 5.0),  # of Coulomb; rubber on concrete has 1, sticky rubber 3
     "relative_permeability": (0.1, 1e6),
-    "seed": (0, 2**64),
-    "scenario_seed": (0, 2**64),
-    "limit_count": (1, 1e6),
-    "noise_count": (1e-6, 1e6),
+    **dict.fromkeys(("seed", "scenario_seed"), (0, 2**64)),
+    **dict.fromkeys(("limit_count", "noise_count"), (1e-6, 1e6)),
     **dict.fromkeys(("position_damping", "attitude_damping", "force_damping"), (0.01, 100.0)),
     **dict.fromkeys(
         ("flex_damping_ratio", "lateral_damping_ratio", "spring_damping_ratio"), (1e-6, 100.0)
@@ -67,6 +63,7 @@ NAMED: dict[str, tuple[float, float]] = {
     "rate_hz": (0.01, 1e5),
 }
 """Ends of names that say more than the unit does."""
+PLACES = ("_m", "_mm", "_deg", "_rad")
 OTHERS = (1e-12, 1e9)
 """Keys of users' own tables whose name tells no unit."""
 
@@ -84,10 +81,15 @@ def find_range(key: str) -> tuple[float, float]:
     return BARE.get(key, OTHERS)
 
 
-def check_range(key: str, value: object) -> None:
-    """Raise ValueError where a number, or one in a list, lies outside the key's range."""
+def check_range(key: str, value: object, may_vanish: bool = False) -> None:
+    """Raise ValueError where a number, or one in a list, lies outside the key's range.
+
+    A place or an angle that `may_vanish` has no least one: a script's `cos(pi / 2)` is 6e-17.
+    """
     for number in value if isinstance(value, list) else [value]:
         if isinstance(number, float | int) and not isinstance(number, bool) and number:
             low, high = find_range(key)
+            if may_vanish and key.endswith(PLACES):
+                low = 0.0
             if not low <= abs(number) <= high:
                 raise ValueError(f"{number:g} is implausible; valid: {low:g} to {high:g}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
+from annotated_types import Gt
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from skywright.core.ranges import check_range
@@ -46,5 +47,7 @@ class Spec(BaseModel):
     @field_validator("*")
     @classmethod
     def _is_plausible(cls, value: object, info: ValidationInfo) -> object:
-        check_range(info.field_name or "", value)
+        key = info.field_name or ""
+        bounds = cls.model_fields[key].metadata
+        check_range(key, value, may_vanish=not any(isinstance(b, Gt) for b in bounds))
         return value

@@ -112,7 +112,12 @@ def measure_bench(records: Records) -> Measured:
             Curve("asked for", t, asked[::THIN], "dashed"),
         ],
     )  # fmt: skip
+    held = [cut(r, next(p["name"] for p in r.info["phases"][::-1] if p["name"].startswith("hold")))
+            for r in flown]  # fmt: skip
+    touched = cut(flown[0], "touch")["p_WT"][-1]
     values = {
+        "last_n": min(float(np.mean(s["force_meas"])) for s in held),
+        "slid_mm": 1e3 * float(np.linalg.norm(held[0]["p_WT"][-1] - touched)),
         "rms_n": _worst(flown, "force.rms_error_n"),
         "mean_n": _worst(flown, "force.mean_error_n"),
         "sensor_n": _worst(flown, "force.sensor_error_n"),

@@ -12,8 +12,8 @@ from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Fault, InOut
 from skywright.vehicle.readings import Fix, MocapSample
 
-FOR_GOOD = 1e6
-"""s, longer than any flight."""
+FOR_GOOD = 1e5
+"""s, longer than any flight, and the most that a description takes."""
 
 
 class Localisation(Fault):
