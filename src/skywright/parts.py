@@ -25,12 +25,11 @@ from skywright.description.world.spec import World
 from skywright.errors import InputError
 
 if TYPE_CHECKING:
-    import mujoco
-
     from skywright.analysis.campaign.campaign import CampaignResult
     from skywright.analysis.identify.identify import Identification
     from skywright.analysis.locate.locate import LocateReport
     from skywright.inspection.weld_data import WeldReport
+    from skywright.models.as_mujoco import MjModel
     from skywright.models.capability import Capability
     from skywright.planning.motion.transit import Configuration, Transit
     from skywright.planning.shapes import Shape
@@ -82,7 +81,7 @@ def build_mjcf(robot: Robot | Path_, world: World | Path_ = "open", **more: Any)
     return as_mujoco.build_mjcf(_as_robot(robot), _as_world(world), **more)
 
 
-def build_model(robot: Robot | Path_, world: World | Path_ = "open", **more: Any) -> mujoco.MjModel:
+def build_model(robot: Robot | Path_, world: World | Path_ = "open", **more: Any) -> MjModel:
     """Return the same as `build_mjcf` as a compiled mujoco.MjModel."""
     from skywright.models import as_mujoco
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import mujoco
+from mujoco import MjModel as MjModel
 
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
@@ -23,7 +23,7 @@ def build_mjcf(robot: Robot, world: World, *, nominal: bool = False) -> str:
     return str(spec.to_xml())
 
 
-def build_model(robot: Robot, world: World, *, nominal: bool = False) -> mujoco.MjModel:
+def build_model(robot: Robot, world: World, *, nominal: bool = False) -> MjModel:
     """Return the same model compiled, as the simulation steps it.
 
     Raises InputError for sizes that MuJoCo refuses.
