@@ -52,7 +52,7 @@ COMMON: Measures = {
     "position.max_m": ("m", "largest such distance"),
     "position.hold_error_m": (
         "m",
-        "mean distance from the way-point while it is held; the worst of all",
+        "mean distance from a way-point while it is held, least one where it is passed; the worst",
     ),
     "heading.hold_error_deg": ("deg", "likewise the mean error of the heading"),
     "position.final_error_m": ("m", "mean distance while holding the last way-point"),

@@ -370,12 +370,13 @@ def _describe(error: BaseException) -> str:
 def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -> RunResult[T, P]:
     description, plan = run.setup.description, run.plan
     kind = load_kind(description.mission.kind)
-    metrics, reason = dict[str, float](), flight.reason
-    details, found = None, dict[str, Any]()
-    verdicts, waived, broken = list[Verdict](), dict[str, str](), ""
+    metrics, reason, broken = dict[str, float](), flight.reason, ""
+    verdicts, waived, details, found = list[Verdict](), dict[str, str](), None, dict[str, Any]()
     try:
         if len(run.samples):
-            metrics = compute_common_metrics(run.samples, run.phases)
+            metrics = compute_common_metrics(
+                run.samples, run.phases, hanging=description.robot.pendulum is not None
+            )
             with blame(type(kind), "metrics"):
                 metrics.update(kind.metrics(run))
                 details, found = kind.result(run), kind.describe(run)
