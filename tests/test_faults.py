@@ -433,12 +433,12 @@ def test_a_squall_is_answered_and_the_robot_lands_upright(speed, wind, rule, res
     sets = [
         "plant.faults.a.kind=squall", f"plant.faults.a.speed_mps={speed}",
         "plant.faults.a.start_s=8", "mission.faults.unintended_contact.on=false",
-        f"world.wind.kind={wind}", "world.wind.mean_mps=1",
+        f"world.wind.kind={wind}", f"world.wind.mean_mps={float(wind != 'none')}",
     ]  # fmt: skip
     result = run_mission(load_description("waypoints", "othex", sets=sets), out=tmp_path / "run")
     told = json.loads((tmp_path / "run" / "metrics.json").read_text())["faults"]
     assert [(a["rule"], a["response"]) for a in told] == [(rule, response)]
-    assert result.samples["f_wind_W"][-1, 1] > 3.0  # it still blows
+    assert result.samples["f_wind_W"][-1, 1] > 1.5  # it still blows
     last = result.samples[-1]
     assert last["p_WB"][2] < 0.3 and abs(last["q_WB"][0]) > 0.9
     assert np.min(result.samples["v_WB"][:, 2]) > -1.5  # it did not fall
