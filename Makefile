@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench docs lock pictures claims clean
+.PHONY: help demo test wheel lint bench docs lock pictures claims clean
 
 help:  ## list these targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -23,6 +23,9 @@ demo: $(STAMP)  ## fly the pipe inspection: plan, scan, weld map, report
 
 test: $(STAMP)  ## the whole test suite
 	$(BIN)/pytest -n 2 --dist loadfile
+
+wheel: $(STAMP)  ## build the wheel, install it into a clean environment and fly with it
+	@sh scripts/try_wheel.sh $(VENV)
 
 lint: $(STAMP)  ## style, types and import contracts
 	$(BIN)/ruff check

@@ -22,6 +22,7 @@ from oracle_flight import (
     judge_excitation,
     judge_impact,
     judge_modes,
+    judge_plan,
     judge_transport,
     judge_waypoints,
 )
@@ -54,6 +55,7 @@ JUDGES: dict[str, Callable[[Description[Any], dict[str, Any], Any], list[str]]] 
     "flight-modes": judge_modes,
     "impact": judge_impact,
     "bar-transport": judge_transport,
+    "follow-plan": judge_plan,
     "arm-test-bench": judge_bench,
     "bridge-contact": judge_contact,
     "bimanual-bench": judge_bimanual,
@@ -107,12 +109,14 @@ def main() -> int:
         print(
             f"{mark} {r.run:10s} {r.outcome:9s} {'met' if r.met else r.why[:110]} | {r.told[:70]}"
         )
+    refused = list_refused(a.folders)
     if a.table is not None:
         with a.table.open("w", encoding="utf-8", newline="") as file:
             out = csv.writer(file, lineterminator="\n")
             out.writerow(Verdict._fields)
             out.writerows(rows)
-    good, refused = sum(r.right for r in rows), list_refused(a.folders)
+            out.writerows((f"{run:05d}", "", "refused", "", "", "", why) for run, why in refused)
+    good = sum(r.right for r in rows)
     for run, reason in refused:
         print(f"refused {run}: {reason[:150]}")
     print(f"{good} of {len(rows)} verdicts right; {len(refused)} runs were refused, for a person")

@@ -308,6 +308,11 @@ def draw_insertion(rng: np.random.Generator) -> Row:
     }
 
 
+def draw_plan(rng: np.random.Generator) -> Row:
+    """Draw winds and loads along one plan file, which the command line names."""
+    return {**draw_wind(rng, 4.0), **draw_plant(rng)}
+
+
 DRAWS: dict[str, Callable[[np.random.Generator], Row]] = {
     "pipe-weld-scan": draw_scan,
     "waypoints": draw_waypoints,
@@ -322,6 +327,7 @@ DRAWS: dict[str, Callable[[np.random.Generator], Row]] = {
     "wall-contact": draw_wall,
     "tool-install": draw_tool,
     "bar-insertion": draw_insertion,
+    "follow-plan": draw_plan,
 }
 
 

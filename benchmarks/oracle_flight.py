@@ -6,12 +6,14 @@ rms off its path. Flight modes: translates by what was asked, level within 2 deg
 asked, to each of four sides, within 5 cm of its place. Impact: what was asked touches the pad, and
 nothing else before it, at the asked speed within a tenth; the platform's recoil stays below three
 quarters of its tilt limit, the torque on it below half of what the rotors can answer. Carried bar:
-8 cm off its way at most, the platform ends within 8 cm of the goal; nothing touches.
+8 cm off its way at most, the platform ends within 8 cm of the goal; nothing touches. Plan file: the
+platform stays within 15 cm of its rows and ends within 8 cm of the last one; nothing touches.
 """
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,6 +36,7 @@ from skywright.run.setup import Setup
 HELD_M, HELD_RAD, PATH_M = 0.05, math.radians(3.0), 0.10
 SHAKEN_M = 0.15
 PLACE_M, LEVEL_RAD = 0.05, math.radians(2.0)
+FOLLOWED_M = 0.15
 CARRIED_M, SWING_RAD = 0.08, math.radians(10.0)
 FELT_N = 0.5
 
@@ -181,6 +184,26 @@ def judge_transport(d: Description[Any], told: dict[str, Any], s: Any) -> list[s
         swing = np.arctan2(-np.sum(down[:, :2] * ahead, axis=1), -down[:, 2]) - s["ref_q"][:, 0]
         if float(np.max(np.abs(swing[carried]))) > SWING_RAD:
             missing.append(f"swing {math.degrees(float(np.max(np.abs(swing[carried])))):.1f} deg")
+    return missing
+
+
+def judge_plan(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
+    """Return what the flight of a plan file lacks; the file itself says where to be and when."""
+    missing, spans = tell_touches(told, s), list_spans(told, "plan")
+    flown = s[pick(s, spans)]
+    if not len(flown):
+        return [*missing, "the plan was not flown"]
+    file = Path(d.mission.task.plan_file).with_suffix(".csv")
+    rows = np.genfromtxt(file, delimiter=",", names=True)
+    t, names = flown["t"] - spans[0][0], ("x_m", "y_m", "z_m")
+    at = np.column_stack([np.interp(t, rows["t_s"], rows[n]) for n in names])
+    far = np.linalg.norm(flown["p_WB"] - at, axis=1)
+    if float(np.max(far)) > FOLLOWED_M:
+        missing.append(f"{100 * float(np.max(far)):.1f} cm off the plan")
+    last = s[pick(s, list_spans(told, "settle"))][-1:]
+    off = float(np.linalg.norm(last["p_WB"] - at[-1])) if len(last) else math.inf
+    if off > CARRIED_M:
+        missing.append(f"{100 * off:.1f} cm off the plan's end")
     return missing
 
 

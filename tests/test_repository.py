@@ -188,11 +188,11 @@ def test_every_key_of_the_specs_is_in_the_reference() -> None:
 
 
 def test_the_page_of_missions_shows_every_mission() -> None:
-    from skywright.description.loader import list_descriptions
+    from skywright.description.loader import list_missions
     from skywright.evidence.pictures import SHOTS
 
     page = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
-    missions = {name for name, _ in list_descriptions("mission")}
+    missions = {entry.name for entry in list_missions()}
     assert set(re.findall(r"^## (.*)$", page, re.M)) == missions
     assert set(SHOTS) == missions - {"follow-plan"}  # it flies a file
     assert all((ROOT / f"docs/images/missions/{name}.webp").is_file() for name in SHOTS)
@@ -287,6 +287,12 @@ def test_the_metrics_page_lists_what_the_report_knows():
     assert text == module.build_page(text), "run: python docs/generate_metrics.py"
 
 
+def test_the_oracle_page_has_the_table_of_todays_files():
+    module = _load_file(ROOT / "docs" / "generate_oracle.py")
+    text = module.PAGE.read_text(encoding="utf-8")
+    assert text == module.build_page(text), "run: python docs/generate_oracle.py"
+
+
 def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
     import skywright.run.run
     from skywright.errors import InputError
@@ -298,7 +304,7 @@ def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
 # -- size and imports of the code ---------------------------------------------------------------
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
-STATEMENTS = 46_560
+STATEMENTS = 46_650
 CORE_LINES = 2_500
 
 

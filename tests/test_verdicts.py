@@ -16,7 +16,7 @@ from skywright.missions.bridge_contact.metrics import compute_bench_metrics
 from skywright.missions.sensor_install.metrics import find_place
 from skywright.run.flight import PhaseRecord
 from skywright.run.kind import load_kind
-from skywright.run.metrics import compute_tracking
+from skywright.run.metrics import compute_common_metrics, compute_tracking
 from skywright.run.run import run_mission
 from skywright.run.setup import Setup
 
@@ -44,6 +44,38 @@ def test_each_way_point_counts_not_only_the_last() -> None:
     assert m["position.hold_error_m"] == pytest.approx(0.3)
     assert m["heading.hold_error_deg"] == pytest.approx(5.0)
     assert m["position.final_error_m"] == pytest.approx(0.0)  # what was judged before
+
+
+def test_a_way_point_that_is_passed_counts_where_the_platform_comes_closest() -> None:
+    run = build_holds([0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    s = run.samples
+    s["ref_p_WB"][:100, 0] = np.linspace(-1.0, 0.0, 100)  # 1 m/s, then on to the next
+    s["ref_p_WB"][100:200, 0] = np.linspace(0.0, 1.0, 100)
+    s["p_WB"][8:200] = s["ref_p_WB"][:192]  # 80 ms late
+    s["p_WB"][:200, 1] = 0.02
+    s["ref_p_WB"][200:], s["p_WB"][200:] = 0.0, 0.0
+    run.phases[0], run.phases[1] = (
+        PhaseRecord(f"waypoint {i + 1}", i * 1.0, i + 1.0, "done") for i in range(2)
+    )
+    run.plan.segments = {"waypoint 1": None, "waypoint 2": None}
+    assert compute_tracking(run)["position.hold_error_m"] == pytest.approx(0.02)
+    run.samples["p_WB"][:200, 1] = 0.07
+    assert compute_tracking(run)["position.hold_error_m"] == pytest.approx(0.07)
+
+
+def test_contacts_of_hanging_arms_on_the_ground_are_no_collisions() -> None:
+    names = ("take_off", "waypoint 1", "land")
+    phases = [PhaseRecord(name, i * 1.0, i + 1.0, "done") for i, name in enumerate(names)]
+    fields = [("t", float), ("phase", int), ("rotor_thrust", float, 4), ("f_collision", float),
+              ("power", float), ("saturated", float), ("est_p_WB", float, 3), ("p_WB", float, 3),
+              ("est_q_WB", float, 4), ("q_WB", float, 4)]  # fmt: skip
+    s = np.zeros(300, fields)
+    s["t"], s["phase"] = np.arange(300) * 0.01, np.repeat([0, 1, 2], 100)
+    s["f_collision"][[10, 250]] = 5.0
+    for hanging, hits in ((False, 2), (True, 0)):
+        assert compute_common_metrics(s, phases, hanging)["contact.collisions"] == hits
+    s["f_collision"][150] = 5.0
+    assert compute_common_metrics(s, phases, hanging=True)["contact.collisions"] == 1
 
 
 def test_one_bad_hold_of_many_is_not_averaged_away() -> None:

@@ -1,6 +1,6 @@
 """Skywright: simulate, plan, control and fly multirotors with arms that touch things.
 
-The public Python API is four verbs, as short as the command line:
+Four functions do what the command line does:
 
     import skywright
 
@@ -10,17 +10,17 @@ The public Python API is four verbs, as short as the command line:
     print(result.outcome, result.metrics["weld.angle_error_deg"])
     again = skywright.evaluate(result.directory)
 
-Units are SI and radians; any other unit is in the name. Importing the package is cheap: what a
-verb needs is imported when it is called.
+The parts behind them can be used alone; docs/reference/python.md lists what is stable.
+Units are SI and radians; any other unit is in the name. Importing the package opens no files and
+loads no other library: what a function needs is imported when it is first asked for.
 """
 
 from __future__ import annotations
 
-from importlib.metadata import PackageNotFoundError, version
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from skywright.core.compiled_code import drop_stale_code
 from skywright.errors import InfeasibleError, InputError, SimulationError, SkywrightError
 
 if TYPE_CHECKING:
@@ -28,25 +28,46 @@ if TYPE_CHECKING:
 
     from skywright.description.loader import Description, Sets
     from skywright.run.planning import MissionPlan
+    from skywright.run.results import Run, open_run
     from skywright.run.run import RunResult
 
-try:
-    __version__ = version("skywright")
-except PackageNotFoundError:  # run from a source tree that was never installed
-    __version__ = "0+unknown"
+    __version__: str
 
-drop_stale_code(Path(__file__).parent)  # before anything compiled is loaded
+_PARTS = {
+    "Run": "skywright.run.results",
+    "open_run": "skywright.run.results",
+}
+"""Parts by the module that they are imported from when they are first asked for."""
 
 __all__ = [
     "InfeasibleError",
     "InputError",
+    "Run",
     "SimulationError",
     "SkywrightError",
     "evaluate",
     "load",
+    "open_run",
     "plan",
     "run",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            return version("skywright")
+        except PackageNotFoundError:  # run from a source tree that was never installed
+            return "0+unknown"
+    if name not in _PARTS:
+        raise AttributeError(f"module 'skywright' has no attribute {name!r}")
+    return getattr(import_module(_PARTS[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 def load(

@@ -16,7 +16,7 @@ from typing import Any
 
 from numba.core.caching import CacheImpl
 
-from skywright.core.compiled_code import read_stamps
+from skywright.core.compiled_code import drop_stale_code, read_stamps
 from skywright.core.user_files import is_user_module
 
 
@@ -56,9 +56,8 @@ class UserCode:
 
 
 def _choose_folder() -> Path:
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(chosen) if chosen else Path(base) / "skywright" / "compiled"
+    return Path(os.environ.get("NUMBA_CACHE_DIR") or Path(base, "skywright", "compiled"))
 
 
 @cache
@@ -67,5 +66,6 @@ def _hash_package() -> str:
     return hashlib.sha256(stamps.encode()).hexdigest()[:12]
 
 
+drop_stale_code(Path(__file__).parents[1])  # before any compiled code is loaded
 places: list[Any] = CacheImpl._locator_classes
 places.insert(0, UserCode)

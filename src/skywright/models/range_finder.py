@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+import skywright.core.user_code  # noqa: F401  (before compiled code is loaded)
 from skywright.core.record import Array, Record
 
 RANGE_BLOCK = 512

@@ -52,6 +52,7 @@ class Recording(NamedTuple):
     attachments: dict[str, bytes]
     info: dict[str, Any]
     complete: bool
+    stream_names: tuple[str, ...] = ()
 
 
 class _Head(NamedTuple):
@@ -100,7 +101,7 @@ def read_recording(path: Path, streams: Collection[str] = ()) -> Recording:
         rows[name] = _assemble(path, parts, _decode(path, contents, {name: fields}, stamped=True))
     return Recording(
         samples, columns, head.topics, rows, _read_events(path, contents), contents.attachments,
-        head.info, contents.complete,
+        head.info, contents.complete, tuple(head.streams),
     )  # fmt: skip
 
 

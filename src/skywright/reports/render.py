@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+import skywright.core.user_code  # noqa: F401  (before compiled code is loaded)
 from skywright.core.arrays import Array, Ints
 
 SUN = np.array([-0.75, -0.6, 1.2]) / math.sqrt(0.75**2 + 0.6**2 + 1.2**2)

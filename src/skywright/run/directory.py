@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from skywright.core.bounded import LARGEST_TABLE, parse_json, read_text
 from skywright.core.user_files import read_sources
 from skywright.errors import InputError
-from skywright.recordings.recording import Event, read_recording
+from skywright.recordings.recording import Event, Recording, read_recording
 from skywright.run.faults._rule import Acted
 from skywright.run.flight import PhaseRecord
 
@@ -25,12 +25,18 @@ SUFFIX = ".partial"
 class StoredRun(NamedTuple):
     """What a run's directory holds besides its mission."""
 
-    samples: NDArray[Any]
+    recording: Recording
     phases: list[PhaseRecord]
     outcome: str
     reason: str
     timing: dict[str, float]
     acted: tuple[Acted, ...]
+    written: dict[str, Any]  # all of metrics.json
+
+    @property
+    def samples(self) -> NDArray[Any]:
+        """The samples of the recording."""
+        return self.recording.samples
 
 
 def open_directory(out: Path | None, name: str) -> tuple[Path, Path]:
@@ -146,7 +152,7 @@ def load_run(directory: Path) -> StoredRun:
     if not phases:
         end = float(recording.samples["t"][-1]) if len(recording.samples) else 0.0
         phases = _phases_of(recording.events, end)
-    return StoredRun(recording.samples, phases, outcome, reason, timing, acted)
+    return StoredRun(recording, phases, outcome, reason, timing, acted, old)
 
 
 def _phases_of(events: list[Event], end: float) -> list[PhaseRecord]:

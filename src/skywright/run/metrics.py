@@ -36,11 +36,19 @@ def quat_angle(a: Array, b: Array) -> Array:
     return np.asarray(2.0 * np.arccos(np.clip(dot, 0.0, 1.0)))
 
 
-def compute_common_metrics(samples: Samples, phases: list[PhaseRecord]) -> dict[str, float]:
-    """Metrics that every run has."""
+def compute_common_metrics(
+    samples: Samples, phases: list[PhaseRecord], hanging: bool = False
+) -> dict[str, float]:
+    """Metrics that every run has.
+
+    A robot whose arms hang below its gear (`hanging`) stands on them: their contacts from the start
+    to the end of take-off, and from the begin of landing, are no collisions.
+    """
     dt = np.diff(samples["t"], prepend=samples["t"][0])
     flying = samples["rotor_thrust"].sum(axis=1) > 0.5
     hits = samples["f_collision"] > 0.0
+    if hanging:
+        hits &= ~in_phases(samples, phases, "start", "take_off", "land")
     error = np.linalg.norm(samples["est_p_WB"] - samples["p_WB"], axis=1)[flying]
     out = {
         "flight.duration_s": float(samples["t"][-1]) if len(samples) else 0.0,
@@ -86,12 +94,15 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     last = samples["phase"] == holds[-1] if holds else moving
     out: dict[str, float] = {}
     held = [samples["phase"] == i for i in holds]
+    passed = list[tuple[float, float]]()
     for i, phase in enumerate(phases[:-1]):  # what is not held is passed
         if phase.name in run.plan.segments and not phases[i + 1].name.startswith("hold"):
-            there = np.flatnonzero(samples["phase"] == i)[-1:]
-            held.append(np.isin(np.arange(len(samples)), there))
-    if any(np.any(h) for h in held):
-        out |= _judge_holds(samples, [h for h in held if np.any(h)])
+            passed.append(_judge_passage(samples, np.flatnonzero(samples["phase"] == i)))
+    passed += [_judge_hold(samples, h) for h in held if np.any(h)]
+    if passed:
+        far, off = np.max(passed, axis=0)
+        out |= {"position.hold_error_m": float(far)}
+        out["heading.hold_error_deg"] = math.degrees(off)
     if np.any(moving):
         out["position.rms_m"] = float(np.sqrt(np.mean(error[moving] ** 2)))
         out["position.max_m"] = float(np.max(error[moving]))
@@ -102,12 +113,29 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     return out
 
 
-def _judge_holds(samples: Samples, held: list[NDArray[np.bool_]]) -> dict[str, float]:
-    """Return how far off its place and its heading the platform is, in the worst of the holds."""
-    far = np.linalg.norm(samples["p_WB"] - samples["ref_p_WB"], axis=1)
-    turn = [2.0 * np.arctan2(samples[q][:, 3], samples[q][:, 0]) for q in ("q_WB", "ref_q_WB")]
-    off = np.abs(np.angle(np.exp(1j * (turn[0] - turn[1]))))
-    return {
-        "position.hold_error_m": max(float(np.mean(far[h])) for h in held),
-        "heading.hold_error_deg": math.degrees(max(float(np.mean(off[h])) for h in held)),
-    }
+def _judge_hold(samples: Samples, held: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the mean distance (m) and heading error (rad) from the place that is held."""
+    s = samples[held]
+    far = np.linalg.norm(s["p_WB"] - s["ref_p_WB"], axis=1)
+    return float(np.mean(far)), float(np.mean(_turn_between(s["q_WB"], s["ref_q_WB"])))
+
+
+def _judge_passage(samples: Samples, segment: NDArray[np.intp]) -> tuple[float, float]:
+    """Return distance (m) and heading error (rad) where the platform passes a segment's end.
+
+    The platform follows its reference with a lag: the second before and after the end counts.
+    """
+    if not len(segment):
+        return 0.0, 0.0
+    end = samples[segment[-1]]
+    near = samples[np.abs(samples["t"] - end["t"]) <= 1.0]
+    far = np.linalg.norm(near["p_WB"] - end["ref_p_WB"], axis=1)
+    k = int(np.argmin(far))
+    off = _turn_between(near["q_WB"][k : k + 1], end["ref_q_WB"][None])
+    return float(far[k]), float(off[0])
+
+
+def _turn_between(a: Array, b: Array) -> Array:
+    """Return the angle (n,) rad, 0 to pi, between the headings of attitudes (n, 4)."""
+    turn = [2.0 * np.arctan2(q[:, 3], q[:, 0]) for q in (a, b)]
+    return np.abs(np.angle(np.exp(1j * (turn[0] - turn[1]))))

@@ -375,7 +375,9 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
     metrics, reason = dict[str, float](), flight.reason
     details, found = None, dict[str, Any]()
     if len(run.samples):
-        metrics = compute_common_metrics(run.samples, run.phases)
+        metrics = compute_common_metrics(
+            run.samples, run.phases, hanging=description.robot.pendulum is not None
+        )
         try:
             with blame(type(kind), "metrics"):
                 metrics.update(kind.metrics(run))

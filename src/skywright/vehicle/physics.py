@@ -15,6 +15,8 @@ import llvmlite.binding as llvm
 import mujoco
 from numba import njit, types
 
+import skywright.core.user_code  # noqa: F401  (before compiled code is loaded)
+
 
 def load_library() -> str:
     """Load libmujoco permanently into LLVM's symbol table; return its path."""

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+import skywright.core.user_code  # noqa: F401  (before compiled code is loaded)
 from skywright.core.arrays import Array, Ints
 
 CAMERA, STATION = 0, 1

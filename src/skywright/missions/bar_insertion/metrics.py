@@ -19,14 +19,17 @@ from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
 
 MEASURES: Measures = {
-    "insert.done": ("", "1 when the peg is in the hole at the end, hands withdrawn"),
+    "insert.done": ("", "1 if the peg is in the hole after the hands have withdrawn, otherwise 0"),
     "insert.depth_mm": ("mm", "depth of the peg's end below the socket's face at the end"),
-    "insert.force_max_n": ("N", "largest force of the peg on the socket, its inertia left out"),
-    "insert.tries": ("", "times that the peg was lowered onto the socket"),
-    "insert.time_s": ("s", "from the arrival over the socket until the peg was in or given up"),
+    "insert.force_max_n": (
+        "N",
+        "largest force of the peg on the socket, excluding inertial forces",
+    ),
+    "insert.tries": ("", "number of insertion attempts"),
+    "insert.time_s": ("s", "time from arrival above the socket to the end of the last attempt"),
     "insert.aim_error_mm": (
         "mm",
-        "distance of the peg's end from the hole's axis as it was last lowered",
+        "distance of the peg's end from the hole's axis at the start of the last attempt",
     ),
     "insert.aim_angle_deg": (
         "deg",

@@ -17,20 +17,20 @@ from skywright.run.metrics import in_phases
 from skywright.run.setup import Setup
 
 MEASURES: Measures = {
-    "transport.contacts": ("", "contacts of robot, hands or bar with anything while carrying"),
+    "transport.contacts": ("", "contacts of robot, hands or bar during the transport"),
     "transport.clearance_min_m": (
         "m",
-        "smallest distance of robot and bar to structures, ground and the area's limits",
+        "smallest clearance of robot and bar to structures, ground and the limits of the area",
     ),
-    "transport.clearance_share": ("", "transport.clearance_min_m over the plan's margin"),
+    "transport.clearance_share": ("", "transport.clearance_min_m divided by the plan's margin"),
     "transport.goal_error_m": ("m", "distance of the platform from its goal at the end"),
-    "transport.duration_s": ("s", "time of the carrying, without take-off and landing"),
-    "transport.energy_wh": ("Wh", "electrical energy used in it"),
-    "tip.tracking_max_m": ("m", "largest distance of the bar's middle from the plan"),
+    "transport.duration_s": ("s", "duration of the transport, without take-off and landing"),
+    "transport.energy_wh": ("Wh", "electrical energy used during the transport"),
+    "tip.tracking_max_m": ("m", "largest distance of the bar's centre from the plan"),
     "tip.tracking_rms_m": ("m", "rms of that distance"),
     "platform.tracking_max_m": ("m", "largest distance of the platform from the plan"),
-    "swing.max_deg": ("deg", "largest angle of the passive link from the plan's"),
-    "swing.rms_deg": ("deg", "rms of that angle"),
+    "swing.max_deg": ("deg", "largest deviation of the passive link's angle from the plan"),
+    "swing.rms_deg": ("deg", "rms of that deviation"),
 }
 """Metric -> unit and meaning."""
 CARRYING = ("transport", "plan", "settle")

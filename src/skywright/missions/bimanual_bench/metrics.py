@@ -17,22 +17,28 @@ from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
 
 MEASURES: Measures = {
-    "bench.box_lift_m": ("m", "least height of the held box above where it stood"),
-    "bench.box_lift_share": ("", "bench.box_lift_m over the lift that was asked for"),
-    "bench.box_slip_mm": ("mm", "farthest that the box moved between the hands while held"),
-    "bench.squeeze_n": ("N", "mean force of a hand on the box while held"),
-    "bench.squeeze_error_n": ("N", "rms distance of that force from the desired one"),
-    "bench.squeeze_off": ("", "bench.squeeze_error_n over the squeeze that was asked for"),
+    "bench.box_lift_m": ("m", "smallest lift of the box while it is held"),
+    "bench.box_lift_share": ("", "bench.box_lift_m divided by the requested lift"),
+    "bench.box_slip_mm": (
+        "mm",
+        "largest displacement of the box relative to the hands while it is held",
+    ),
+    "bench.squeeze_n": ("N", "mean force of a hand on the box while it is held"),
+    "bench.squeeze_error_n": ("N", "rms error of that force"),
+    "bench.squeeze_off": ("", "bench.squeeze_error_n divided by the requested squeeze force"),
     "bench.unplug_delay_s": (
         "s",
-        "time between the plug's having come as far as the threshold and the notice of it",
+        "delay between the plug's passing of the threshold and its detection",
     ),
-    "bench.plug_slip_mm": ("mm", "farthest that the freed plug then moved between the hands"),
-    "bench.bar_position_mm": ("mm", "worst distance of the bar from its pose, of three poses"),
-    "bench.bar_direction_deg": ("deg", "worst angle of the bar to its pose"),
-    "bench.drift_error_mm": ("mm", "rms error of the base's drift as the arms felt it"),
-    "bench.drift_rms_mm": ("mm", "rms of that drift"),
-    "bench.drift_off": ("", "bench.drift_error_mm over the drift's amplitude"),
+    "bench.plug_slip_mm": ("mm", "largest displacement of the released plug relative to the hands"),
+    "bench.bar_position_mm": (
+        "mm",
+        "largest distance of the bar from its reference, over three poses",
+    ),
+    "bench.bar_direction_deg": ("deg", "largest angle between the bar and its reference"),
+    "bench.drift_error_mm": ("mm", "rms error of the base's drift as estimated by the arms"),
+    "bench.drift_rms_mm": ("mm", "rms of the base's drift"),
+    "bench.drift_off": ("", "bench.drift_error_mm divided by the amplitude of the drift"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 

@@ -25,26 +25,33 @@ from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE, in_phases
 
 MEASURES: Measures = {
-    "dock.touch_speed_mps": ("m/s", "fastest of the docking feet towards the deck as they touch"),
+    "dock.touch_speed_mps": ("m/s", "largest approach speed of a docking foot at contact"),
     "dock.wander_mm": (
         "mm",
-        "farthest that the docked platform is, while forces are held, from where it was at first",
+        "largest displacement of the docked platform from its initial position while "
+        "forces are held",
     ),
-    "dock.turn_deg": ("deg", "largest angle of the docked platform from the deck while pressing"),
-    "press.limit_n": ("N", "largest press that the capability analysis computes here, docked"),
-    "press.fraction": ("", "largest force of the profile over that"),
+    "dock.turn_deg": (
+        "deg",
+        "largest angle between the docked platform and the deck during a press",
+    ),
+    "press.limit_n": (
+        "N",
+        "largest press force in these conditions while docked, from the capability analysis",
+    ),
+    "press.fraction": ("", "largest force of the profile divided by press.limit_n"),
     "press.place_error_mm": (
         "mm",
-        "farthest of the tip from its spot, across the surface; the map's error is taken off",
+        "largest distance of the tip from its spot along the surface, without the error of the map",
     ),
-    "free.rms_error_n": ("N", "as force.rms_error_n, but in flight without the docking gear"),
-    "free.mean_error_n": ("N", "likewise the mean error"),
-    "free.sensor_error_n": ("N", "likewise of the force sensor"),
-    "free.wander_mm": ("mm", "as dock.wander_mm, in flight"),
-    "slide.rms_error_n": ("N", "rms error of the force while the tip slides along the structure"),
-    "slide.lost_s": ("s", "time off the surface (gap above 0.1 mm) meanwhile"),
-    "slide.no_force_max_s": ("s", "longest time without contact force meanwhile (truth)"),
-    "slide.length_m": ("m", "way of the tip along the structure"),
+    "free.rms_error_n": ("N", "force.rms_error_n in flight, undocked"),
+    "free.mean_error_n": ("N", "force.mean_error_n in flight, undocked"),
+    "free.sensor_error_n": ("N", "force.sensor_error_n in flight, undocked"),
+    "free.wander_mm": ("mm", "dock.wander_mm in flight, undocked"),
+    "slide.rms_error_n": ("N", "rms force error while the tip slides along the structure"),
+    "slide.lost_s": ("s", "time off the surface (gap above 0.1 mm) while sliding"),
+    "slide.no_force_max_s": ("s", "longest time without contact force while sliding (true force)"),
+    "slide.length_m": ("m", "distance that the tip slides along the structure"),
     **STRUCTURE_MEASURES,
 }
 """Metric -> unit and meaning, of those that only this kind has."""

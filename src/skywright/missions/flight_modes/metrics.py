@@ -13,15 +13,21 @@ from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
 
 MEASURES: Measures = {
-    "modes.tilt_deg": ("deg", "least tilt reached and held while the position is held"),
-    "modes.tilt_held": ("", "`modes.tilt_deg` over the tilt that is due"),
-    "modes.tilt_fraction": ("", "the tilt that is due over the computed hover limit"),
-    "modes.position_error_mm": ("mm", "largest distance from the place while tilting"),
-    "modes.translate_tilt_deg": ("deg", "largest tilt while translating"),
-    "modes.track_error_mm": ("mm", "largest distance from the path while translating"),
-    "modes.standard_coupling": ("", "level acceleration in standard stabilisation over g tilt"),
-    "modes.angle_coupling": ("", "the same in command angle"),
-    "modes.standard_drift_m": ("m", "how far standard stabilisation drifted"),
+    "modes.tilt_deg": ("deg", "smallest tilt held in a hold that also holds the position"),
+    "modes.tilt_held": ("", "`modes.tilt_deg` divided by the required tilt"),
+    "modes.tilt_fraction": ("", "required tilt divided by the computed hover limit"),
+    "modes.position_error_mm": ("mm", "largest position error while tilting"),
+    "modes.translate_tilt_deg": ("deg", "largest tilt during the translation"),
+    "modes.track_error_mm": ("mm", "largest distance from the path during the translation"),
+    "modes.standard_coupling": (
+        "",
+        "horizontal acceleration divided by g times tilt, in standard stabilisation",
+    ),
+    "modes.angle_coupling": (
+        "",
+        "horizontal acceleration divided by g times tilt, in command angle",
+    ),
+    "modes.standard_drift_m": ("m", "drift in standard stabilisation"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 

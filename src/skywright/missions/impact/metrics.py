@@ -19,27 +19,43 @@ from skywright.run.metrics import in_phases
 from skywright.run.setup import Setup
 
 MEASURES: Measures = {
-    "impact.speed_mps": ("m/s", "speed of what touches, just before it does"),
-    "impact.speed_error_mps": ("m/s", "its distance from the commanded speed"),
-    "impact.speed_off": ("", "impact.speed_error_mps over the commanded speed"),
+    "impact.speed_mps": ("m/s", "speed of the impacting part just before contact"),
+    "impact.speed_error_mps": (
+        "m/s",
+        "difference between impact.speed_mps and the commanded speed",
+    ),
+    "impact.speed_off": ("", "impact.speed_error_mps divided by the commanded speed"),
     "impact.peak_force_n": (
         "N",
-        "largest force of arms or passive link on the platform, beyond that in flight (at 1 kHz)",
+        "largest force of arms or passive link on the platform, minus its value in free "
+        "flight (at 1 kHz)",
     ),
-    "impact.peak_torque_nm": ("N m", "likewise the torque about the platform's centre"),
-    "impact.torque_share": ("", "impact.peak_torque_nm over the rotors' in pitch at hover"),
+    "impact.peak_torque_nm": (
+        "N m",
+        "largest torque about the platform's centre, minus its value in free flight",
+    ),
+    "impact.torque_share": (
+        "",
+        "impact.peak_torque_nm divided by the pitch torque of the rotors at hover",
+    ),
     "impact.recoil_share": ("", "impact.recoil_deg over control.tilt_max_deg"),
-    "impact.contact_s": ("s", "time in contact until the contact opens or the platform stands"),
-    "impact.contact_force_n": ("N", "largest force on the pad in that time (at 1 kHz)"),
+    "impact.contact_s": ("s", "contact time until the contact opens or the platform is at rest"),
+    "impact.contact_force_n": ("N", "largest force on the pad during the contact (at 1 kHz)"),
     "impact.impulse_ns": (
         "N s",
-        "momentum given to the pad in that time, what the rotors push included",
+        "impulse on the pad during the contact, including the rotors' thrust",
     ),
-    "impact.recoil_deg": ("deg", "how far the platform tilts from its attitude before, within 1 s"),
-    "impact.yaw_deg": ("deg", "how far its heading turns within 1 s"),
-    "impact.swing_deg": ("deg", "how far the passive link turns within 1 s"),
-    "impact.deflection_deg": ("deg", "how far a spring of the left arm is wound up beyond flight"),
-    "impact.overrun_m": ("m", "how far the platform goes on after the contact"),
+    "impact.recoil_deg": (
+        "deg",
+        "largest tilt of the platform from its attitude before contact, within 1 s",
+    ),
+    "impact.yaw_deg": ("deg", "largest change of heading within 1 s"),
+    "impact.swing_deg": ("deg", "largest rotation of the passive link within 1 s"),
+    "impact.deflection_deg": (
+        "deg",
+        "largest deflection of a spring of the left arm, minus its value in free flight",
+    ),
+    "impact.overrun_m": ("m", "distance that the platform travels on after contact"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 

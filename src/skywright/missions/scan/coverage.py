@@ -25,15 +25,21 @@ CELLS = 40_000
 
 COVERAGE_MEASURES: Measures = {
     "coverage.fraction": (
-        "", "share of the pattern that was asked for inspected within 1 mm and 10 deg"
+        "",
+        "fraction of the requested pattern inspected with a gap up to 1 mm and a tilt up to 10 deg",
     ),
-    "coverage.missed_max_mm": ("mm", "longest piece of the pattern that was not"),
+    "coverage.missed_max_mm": ("mm", "longest uninspected piece of the requested pattern"),
     "coverage.area_fraction": (
-        "", "share of the sector's area under the coil's footprint within 1 mm and 10 deg"
+        "",
+        "fraction of the sector's area under the coil's footprint with a gap up to 1 mm "
+        "and a tilt up to 10 deg",
     ),
-    "coverage.pitch_mm": ("mm", "distance between neighbouring passes, of a raster"),
-    "coverage.pitch_full_mm": ("mm", "the same that inspects the whole area: the footprint"),
-}  # fmt: skip
+    "coverage.pitch_mm": ("mm", "distance between neighbouring passes of a raster"),
+    "coverage.pitch_full_mm": (
+        "mm",
+        "largest pass distance that inspects the whole area: the coil's footprint",
+    ),
+}
 """Metrics of `judge_coverage`."""
 
 

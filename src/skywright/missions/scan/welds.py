@@ -36,32 +36,53 @@ APART = 0.02
 """m: crossings of one weld that tell a line stand further apart."""
 
 WELD_MEASURES: Measures = {
-    "weld.contact_fraction": ("", "share of the scan in contact, as the instrument says"),
-    "weld.crossings": ("", "crossings of the path with a weld that were found"),
+    "weld.contact_fraction": ("", "fraction of the scan in contact, from the instrument's signal"),
+    "weld.crossings": ("", "number of detected weld crossings"),
     "weld.expected": (
-        "", "crossings that the pattern asked for makes with welds, 10 mm from side to side, and "
-        "pieces of it that run along one for 35 mm"
+        "",
+        "number of crossings expected from the requested pattern: it crosses a weld with "
+        "10 mm on both sides, or runs along a weld for 35 mm",
     ),
-    "weld.missed": ("", "expected crossings without one found within 15 mm, each for one"),
+    "weld.missed": (
+        "",
+        "number of expected crossings without a detected crossing within 15 mm; each detected "
+        "crossing counts once",
+    ),
     "weld.crossing_error_mm": (
-        "mm", "largest distance from a weld of a crossing that was expected there"
+        "mm",
+        "largest distance of a detected expected crossing from its weld",
     ),
-    "weld.lines": ("", "lines that were found"),
-    "weld.lines_missed": ("", "welds with two expected crossings 20 mm apart that have no line"),
+    "weld.lines": ("", "number of detected weld lines"),
+    "weld.lines_missed": (
+        "",
+        "number of welds without a line, of those with two expected crossings at least 20 mm apart",
+    ),
     "weld.false_alarms": (
-        "", "crossings further than 15 mm from any weld, on a line or not, and lines that are no "
-        "weld's own"
+        "",
+        "number of detected crossings more than 15 mm from any weld, plus detected lines "
+        "that match no weld",
     ),
     "weld.line_error_mm": (
-        "mm", "largest distance of a line from its weld, from its first to its last crossing"
+        "mm",
+        "largest distance of a detected line from its weld, between its first and last crossing",
     ),
     "weld.offset_error_mm": (
-        "mm", "distance of a line from its weld, at the middle of its crossings; the worst"
+        "mm",
+        "distance of a detected line from its weld at the centre of its crossings; worst line",
     ),
-    "weld.angle_error_deg": ("deg", "angle between a line and its weld there; the worst"),
-    "weld.offset_std_mm": ("mm", "uncertainty of a line's offset that the fit states; the worst"),
-    "weld.angle_std_deg": ("deg", "uncertainty of a line's angle that the fit states; the worst"),
-}  # fmt: skip
+    "weld.angle_error_deg": (
+        "deg",
+        "angle between a detected line and its weld at the centre of its crossings; worst line",
+    ),
+    "weld.offset_std_mm": (
+        "mm",
+        "standard deviation of a line's offset, as stated by the fit; worst line",
+    ),
+    "weld.angle_std_deg": (
+        "deg",
+        "standard deviation of a line's angle, as stated by the fit; worst line",
+    ),
+}
 """Metrics of `judge_welds`."""
 ERRORS = ("weld.line_error_mm", "weld.offset_error_mm", "weld.angle_error_deg")
 """Metrics of lines: without a line to be found they say nothing."""

@@ -24,17 +24,27 @@ from skywright.run.metrics import in_phases
 from skywright.run.setup import Setup
 
 MEASURES: Measures = {
-    "force.estimate_error_n": ("N", "rms distance of the estimated from the true force"),
-    "platform.excursion_m": ("m", "how far pressing moves the platform from where it stood"),
-    "swing.start_deg": ("deg", "angle from which the passive link was let go"),
-    "swing.decay_s": ("s", "time until it stays within 1 deg of rest"),
+    "force.estimate_error_n": ("N", "rms error of the estimated force"),
+    "platform.excursion_m": ("m", "displacement of the platform during the press"),
+    "swing.start_deg": ("deg", "angle at which the passive link was released"),
+    "swing.decay_s": ("s", "time until the link stays within 1 deg of rest"),
     **SURVEY_MEASURES,
-    "arm.lever_min": ("", "least lever of a hand over the arm's reach, worst direction, in flight"),
-    "arm.lever_felt_min": ("", "the same while a force is felt: touching, pressing"),
-    "sensor.bond_n": ("N", "strength of the tape after the pressing"),
-    "sensor.around_mm": ("mm", "farthest of the pressed sensor around the pipe from below"),
-    "sensor.along_mm": ("mm", "likewise along the pipe from its middle, which no touch shows"),
-    "sensor.installed": ("", "1 when the sensor stayed where it was asked for, 0 otherwise"),
+    "arm.lever_min": (
+        "",
+        "smallest ratio of a hand's lever arm to the arm's reach in flight, worst direction",
+    ),
+    "arm.lever_felt_min": ("", "arm.lever_min while the hand measures a force"),
+    "sensor.bond_n": ("N", "bond strength of the tape after the press"),
+    "sensor.around_mm": (
+        "mm",
+        "largest distance of the sensor from the lowest line of the pipe, around the pipe",
+    ),
+    "sensor.along_mm": (
+        "mm",
+        "largest distance of the sensor from the pipe's middle, along the pipe; touches do "
+        "not measure this position",
+    ),
+    "sensor.installed": ("", "1 if the sensor stays at the requested place, otherwise 0"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 

@@ -38,39 +38,55 @@ CLEAR = 0.02
 
 
 TOUCH_MEASURES: Measures = {
-    "survey.touches": ("", "touches of the survey that were made"),
-    "survey.missed": ("", "touches that were not: nothing was met, or it did not last"),
-    "survey.left_out": ("", "touches that contradict the others, at most one"),
+    "survey.touches": ("", "number of completed touches of the survey"),
+    "survey.missed": ("", "number of touches without contact, or whose contact did not last"),
+    "survey.left_out": ("", "number of touches excluded as outliers, at most one"),
     "survey.map_error_mm": (
         "mm",
-        "largest distance of the map's surface from the true one where it was touched",
+        "largest distance of the mapped surface from the true surface at the touch points",
     ),
-    "survey.surface_error_mm": ("mm", "the same of the surface that was found"),
+    "survey.surface_error_mm": (
+        "mm",
+        "largest distance of the fitted surface from the true surface at the touch points",
+    ),
     "survey.surface_std_mm": (
         "mm",
-        "standard deviation of it that the fit states, with what is common to all touches",
+        "standard deviation of the fitted surface, as stated by the fit, including errors "
+        "common to all touches",
     ),
 }
 """Metrics of any survey."""
 SURVEY_MEASURES: Measures = {
     **TOUCH_MEASURES,
-    "survey.turn_up_deg": ("deg", "pipe found against the map: its +y end up"),
-    "survey.turn_aside_deg": ("deg", "pipe found against the map: heading, about the pipe's z"),
-    "survey.ahead_mm": ("mm", "pipe found against the map: along the pipe's x"),
-    "survey.up_mm": ("mm", "pipe found against the map: along the pipe's z"),
-    "survey.radius_mm": ("mm", "pipe found against the map: radius"),
+    "survey.turn_up_deg": ("deg", "rotation of the fitted pipe relative to the map, +y end up"),
+    "survey.turn_aside_deg": (
+        "deg",
+        "rotation of the fitted pipe relative to the map, about the pipe's z",
+    ),
+    "survey.ahead_mm": (
+        "mm",
+        "displacement of the fitted pipe relative to the map, along the pipe's x",
+    ),
+    "survey.up_mm": (
+        "mm",
+        "displacement of the fitted pipe relative to the map, along the pipe's z",
+    ),
+    "survey.radius_mm": ("mm", "radius of the fitted pipe minus that of the map"),
     "survey.turn_up_std_deg": (
         "deg",
-        "standard deviation of survey.turn_up_deg that the fit states",
+        "standard deviation of survey.turn_up_deg, as stated by the fit",
     ),
-    "survey.turn_aside_std_deg": ("deg", "likewise of survey.turn_aside_deg"),
+    "survey.turn_aside_std_deg": ("deg", "standard deviation of survey.turn_aside_deg"),
     "survey.ahead_std_mm": (
         "mm",
-        "likewise of survey.ahead_mm, with what is common to all touches",
+        "standard deviation of survey.ahead_mm, including errors common to all touches",
     ),
-    "survey.up_std_mm": ("mm", "likewise of survey.up_mm, with what is common to all touches"),
-    "survey.radius_std_mm": ("mm", "likewise of survey.radius_mm"),
-    "survey.axis_error_deg": ("deg", "angle between the axis that was found and the true one"),
+    "survey.up_std_mm": (
+        "mm",
+        "standard deviation of survey.up_mm, including errors common to all touches",
+    ),
+    "survey.radius_std_mm": ("mm", "standard deviation of survey.radius_mm"),
+    "survey.axis_error_deg": ("deg", "angle between the fitted axis and the true axis"),
 }
 """Metrics of `judge_survey`."""
 

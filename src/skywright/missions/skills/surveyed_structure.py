@@ -41,9 +41,12 @@ from skywright.run.setup import Setup
 
 STRUCTURE_MEASURES: Measures = {
     **TOUCH_MEASURES,
-    "survey.map_normal_error_deg": ("deg", "angle between the map's normal and the true one"),
-    "survey.normal_error_deg": ("deg", "angle between the normal that was found and the true one"),
-    "survey.normal_std_deg": ("deg", "standard deviation of it that the fit states"),
+    "survey.map_normal_error_deg": ("deg", "angle between the mapped normal and the true normal"),
+    "survey.normal_error_deg": ("deg", "angle between the fitted normal and the true normal"),
+    "survey.normal_std_deg": (
+        "deg",
+        "standard deviation of the fitted normal, as stated by the fit",
+    ),
 }
 """Metrics of `judge_structure`, at the mission's first spot."""
 

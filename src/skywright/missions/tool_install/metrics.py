@@ -19,23 +19,30 @@ from skywright.run.metrics import in_phases
 MEASURES: Measures = {
     "tool.seat_error_mm": (
         "mm",
-        "distance of the tool on the pipe from its place, hands withdrawn, after the wait",
+        "distance of the tool from its target place on the pipe, after the hands have "
+        "withdrawn and the wait",
     ),
     "tool.seat_angle_deg": (
         "deg",
-        "angle of the tool there to the true pipe",
+        "angle between the tool and the true pipe at that time",
     ),
-    "tool.return_error_mm": ("mm", "distance of the tool, back on the bench, from where it stood"),
-    "tool.returned": ("", "1 when it stands there within 5 cm, upright"),
+    "tool.return_error_mm": (
+        "mm",
+        "distance of the returned tool from its initial position on the bench",
+    ),
+    "tool.returned": (
+        "",
+        "1 if the returned tool stands upright within 5 cm of its initial position, otherwise 0",
+    ),
     "tool.retries": ("", "grasps that missed"),
-    "operator.time_s": ("s", "how long the operator was at the stick"),
+    "operator.time_s": ("s", "time under operator control"),
     "operator.hand_error_mm": (
         "mm",
-        "rms distance of the hands' middle from where the operator's stick led it, (24)",
+        "rms distance of the hands' midpoint from the goal set by the operator's stick, (24)",
     ),
     "platform.drift_max_mm": (
         "mm",
-        "farthest that the platform came from where it was as the tracking of grasp points began",
+        "largest displacement of the platform since the start of the tracking of grasp points",
     ),
 }
 """Metric -> unit and meaning, of those that only this kind has."""

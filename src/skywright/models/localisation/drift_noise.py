@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from scipy.optimize import minimize
 
+import skywright.core.user_code  # noqa: F401  (before compiled code is loaded)
 from skywright.core.arrays import Array
 
 GATE = 21.1

@@ -1,0 +1,76 @@
+"""Fly what was refused, its margins set aside: `python benchmarks/oracle_refusals.py FOLDER`.
+
+FOLDER is what `skywright campaign ... --vary TABLE --out FOLDER` wrote. A refusal that names a
+fraction of a computed limit (`mission.wind_fraction`, `mission.task.force_fraction`) is flown with
+that fraction at 1, and the oracle judges the flight as it judges the others. Each refusal is then
+
+- limit: still refused, beyond the computed limit itself or for a reason without a fraction;
+- right: flown, and what was asked for was not done;
+- careful: flown and done. The margin refused what this robot, with this seed, can do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import re
+import sys
+from collections import Counter
+from pathlib import Path
+
+from oracle import judge
+
+import skywright
+from skywright.errors import InfeasibleError
+
+NAMED = re.compile(r"\(?(mission\.[a-z_.]*_fraction)")
+MOST_TRIES = 4  # one refusal may hide the next
+
+
+def fly_refused(folder: Path, mission: str, row: dict[str, str]) -> tuple[str, str]:
+    """Return how a refused request ended, and why."""
+    keys = [k for k in row if k.split(".")[0] in ("mission", "world", "plant", "robot")]
+    robot = row.get("mission.robot") or None
+    sets = {k: row[k] for k in keys if k != "mission.robot" and row[k]}
+    reason = row["reason"]
+    for _ in range(MOST_TRIES):
+        named = NAMED.search(reason)
+        if named is None or named[1] in sets:
+            return "limit", reason
+        sets[named[1]] = "1.0"
+        try:
+            d = skywright.load(
+                mission,
+                robot=robot,
+                seed=int(row["seed"]),
+                sets=[f"{k}={v}" for k, v in sets.items()],
+            )
+            skywright.run(d, out=folder)
+        except InfeasibleError as error:
+            reason = str(error)
+            continue
+        verdict = judge(folder)
+        return ("careful", "") if verdict.met else ("right", verdict.why)
+    return "limit", reason
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--most", type=int, default=10**6, help="refusals to fly")
+    a = parser.parse_args()
+    mission = json.loads((a.folder / "campaign.json").read_text(encoding="utf-8"))["mission"]
+    with (a.folder / "results.csv").open(encoding="utf-8") as file:
+        refused = [r for r in csv.DictReader(file) if r["outcome"] in ("infeasible", "refused")]
+    counts = Counter[str]()
+    for row in refused[: a.most]:
+        ended, why = fly_refused(a.folder / "refused" / row["run"], mission, row)
+        counts[ended] += 1
+        print(f"{ended:8s} {row['run']:>4s} {row['reason'][:100]} | {why[:80]}", flush=True)
+    print(f"{len(refused)} refused: {', '.join(f'{n} {k}' for k, n in sorted(counts.items()))}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,130 @@
+"""What a run recorded and found, as arrays by name: `run = open_run(DIR); run["tip.p_W"]`."""
+
+from __future__ import annotations
+
+import os
+import re
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from skywright.errors import InputError, neighbours
+from skywright.recordings.columns import Column
+from skywright.recordings.recording import Event, Recording, read_recording
+from skywright.run.directory import load_run
+from skywright.run.flight import PhaseRecord
+
+_SUBJECTS = {"B": "platform", "T": "tip", "H": "hand", "O": ""}
+_SOURCES = {"est": "estimate.", "ref": "reference.", "meas": "measured."}
+
+
+class Run:
+    """A run's directory, finished or not, read back.
+
+    `run[NAME]` is a column of the samples (100 Hz): (n,), or (n, k) for vectors; SI and radians.
+    Quaternions are wxyz. NAME is that of docs/reference/messages.md (`p_WT`), or for poses and
+    velocities whose it is and what (`tip.p_W`, `estimate.platform.v_W`); `names` lists both.
+    A name that begins with a slash is a stream with a time of its own, a structured array with
+    its `t` (s): `run["/sensors/inertial"]["gyro"]`.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        """`directory` is a run's, or NAME.partial; raises InputError as `open_run` does."""
+        stored = load_run(directory)
+        self.directory, self.recording = directory, stored.recording
+        self.outcome, self.reason, self.phases = stored.outcome, stored.reason, stored.phases
+        self.metrics: dict[str, float] = {
+            name: float("nan") if value is None else float(value)
+            for name, value in stored.written.get("metrics", {}).items()
+        }
+        """Numbers by their names in docs/reference/metrics.md; NaN where one was not finite."""
+        self.requirements: list[dict[str, Any]] = stored.written.get("requirements", [])
+        """Name, value, limit, unit and whether it passed, of each requirement."""
+
+    recording: Recording
+    outcome: str
+    reason: str
+    phases: list[PhaseRecord]
+    """Name, start_s, end_s and outcome of each phase."""
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns with shape, unit and meaning."""
+        return self.recording.columns
+
+    @property
+    def events(self) -> list[Event]:
+        """What happened, each with its time `t` (s) and text."""
+        return self.recording.events
+
+    @cached_property
+    def _columns(self) -> dict[str, str]:
+        """Column by every name that it has."""
+        names = [c.name for c in self.columns]
+        return {name: name for name in names} | {read_name(name): name for name in names}
+
+    @property
+    def names(self) -> list[str]:
+        """Every name that `run[NAME]` knows, streams last."""
+        return [*self._columns, *self.recording.stream_names]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name.startswith("/"):
+            path = self.directory / "recording.mcap"
+            return read_recording(path, [name]).streams[name]
+        if name not in self._columns:
+            near = neighbours(name, self._columns)
+            raise InputError(f"{self.directory}: the run has no {name!r}; valid: {near}")
+        return self.recording.samples[self._columns[name]]
+
+    def to_dataframe(self) -> Any:
+        """Return the samples as a pandas DataFrame over `t` (s), a column a number.
+
+        Vectors in a frame end in `_x`, `_y`, `_z`, quaternions in `_w`, `_x`, `_y`, `_z`, others
+        in `_0`, `_1`, ... Raises InputError where pandas is not installed (extra `pandas`).
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise InputError(
+                "a DataFrame needs pandas: pip install skywright[pandas]; run[NAME] gives arrays "
+                "without it"
+            ) from None
+        return pandas.DataFrame(flatten(self.recording)).set_index("t")
+
+
+def open_run(directory: str | os.PathLike[str]) -> Run:
+    """Read the directory that a run wrote, or NAME.partial of one that did not end.
+
+    Raises InputError when it is no run's directory, or a file in it is damaged.
+    """
+    return Run(Path(directory))
+
+
+def read_name(column: str) -> str:
+    """Return whose and what: `tip.p_W` of `p_WT`; other columns keep their name."""
+    found = re.fullmatch(r"((?:[a-z]+\d*_)?)([pqvw])_W([BTHO])(_B)?", column)
+    if found is None:
+        return column
+    owner, quantity, subject, in_body = found.groups()
+    owner = owner.rstrip("_")
+    whose = f"{_SOURCES.get(owner, owner)}{_SUBJECTS[subject]}"
+    if owner and owner not in _SOURCES and subject == "H":
+        whose = f"{owner}.hand"
+    return f"{whose}.{quantity}{in_body or '_W'}"
+
+
+def flatten(recording: Recording) -> dict[str, NDArray[Any]]:
+    """Return the samples as columns of one number each, vectors taken apart."""
+    flat: dict[str, NDArray[Any]] = {}
+    for column in recording.columns:
+        values = recording.samples[column.name]
+        if not column.shape:
+            flat[column.name] = values
+            continue
+        in_frame = re.search(r"_[A-Z]|^f_", column.name) and column.shape in ((3,), (4,))
+        ends = "wxyz"[4 - column.shape[0] :] if in_frame else range(column.shape[0])
+        flat |= {f"{column.name}_{end}": values[:, i] for i, end in enumerate(ends)}
+    return flat
