@@ -50,7 +50,13 @@ class BridgeContact(Task):
     dock_speed_mps: float = Field(default=0.1, ge=0.02, le=0.3)
     # usable share of the computed largest force, on a slope or in wind
     force_fraction: float = Field(default=0.8, gt=0, le=1)
-    # the same share on a level structure in calm air
+    # usable share of the computed hover tilt
+    tilt_fraction: float = Field(default=0.85, gt=0, le=1)
+    # least share of the tip's mobility off the surface that friction may leave to a slide
+    mobility_fraction: float = Field(default=0.5, ge=0, le=1)
+    # least force of a slide, in rms forces that the platform's motion causes
+    slide_sigmas: float = Field(default=3.0, ge=0, le=6)
+    # force_fraction on a level structure in calm air
     calm_fraction: float = Field(default=0.95, gt=0, le=1)
     slide_m: Coordinate = 0.0  # length of a slide along the structure in flight; 0: no slide
     slide_force_n: Positive = 2.0  # force on the structure during the slide

@@ -29,3 +29,5 @@ class SensorInstall(Task):
     survey: bool | None = None  # touch the pipe first; default: if plant.map_error_* is not 0
     # initial angle of the released link in the swing test; 0: no test
     swing_deg: float = Field(default=10.0, ge=0, le=30)
+    # room left for the decaying swing, in standard deviations of the link's motion in gusts
+    swing_sigmas: float = Field(default=2.0, ge=0, le=6)
