@@ -317,10 +317,10 @@ def _depart(
         # from the lower side the normal leads towards the ground: level instead
         _, n = search.tip(s, phi)
         away = np.array([n[0], n[1], 0.0]) * (distance - task.stand_off) / math.hypot(n[0], n[1])
-        low, failure = lift.state, back.failure
+        low, first = lift.state, back.failure
         back = plan_free_edge(prob, low, low.p + away, low.R, low.q, law, lim.margin)
         if back.failure is not None:
-            return {}, search.explain(failure)
+            return {}, search.explain(first)
     leave, blocked = [lift, back], ""
     for rise in RISES:
         high = back.state
