@@ -19,6 +19,9 @@ class ToolInstall(Task):
     hover_s: NonNegative = 50.0  # time for which the hands track the grasp points before the grasp
     # largest mass of the tool; 0.3 kg each arm (Suarez 2020, table 2)
     payload_max_kg: Positive = 0.6
+    # clearance to the tool until the hands hold it, with the lean and the motion in the wind: the
+    # arm's length is wrong by 4 mm, and 20 % more drag leans the robot by as much (plant)
+    wind_clearance_m: float = Field(default=0.008, ge=-0.05, le=0.05)
     retries: int = Field(default=2, ge=0, le=10)  # how often a failed grasp is repeated
     hand_speed_mps: float = Field(default=0.05, ge=0.01, le=0.2)  # speed limit of the hands
     # speed of the platform while the load passes to or from the hands
