@@ -132,7 +132,7 @@ CASES = {
     ),
     "no methods": Case(
         ["kind"], BARE.__getitem__,
-        say("mission.kind", "mine.py", "lacks a class of tasks"),
+        say("mission.kind", "mine.py", "does not define its task class"),
     ),
     "a port nobody fills": Case(
         COMPONENTS, lambda g: write_class(g, "x: Nobody, "),

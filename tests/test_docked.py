@@ -262,8 +262,8 @@ def call(*args: str) -> Any:
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (("f550-bridge", "--slope", "5"), "--slope is a condition of --docked"),
-        (("f550-bridge", "--wind-toward", "5"), "--wind-toward is a condition of --wind"),
+        (("f550-bridge", "--slope", "5"), "--slope applies to --docked only"),
+        (("f550-bridge", "--wind-toward", "5"), "--wind-toward applies to --wind only"),
         (("f550-bridge", "--docked", "--slope", "95"), "below 90"),
         (("f550-bridge", "--docked", "--slope", "nan"), "--slope nan"),
         (("f550-bridge", "--docked", "--wind", "-1"), "--wind -1"),

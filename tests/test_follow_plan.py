@@ -88,9 +88,9 @@ def test_the_command_refuses_what_is_no_plan(tmp_path: Path) -> None:
     for arguments, message in (
         (["run"], "--plan FILE"),
         (["run", "--plan", str(tmp_path / "none")], "no plan file"),
-        (["run", "--plan", str(files[0])], "cut off"),
-        (["run", "--plan", str(files[0]), "--robot", "ars-lrm"], "cut off"),
-        (["run", "waypoints", "--plan", str(files[0])], "cut off"),
+        (["run", "--plan", str(files[0])], "truncated"),
+        (["run", "--plan", str(files[0]), "--robot", "ars-lrm"], "truncated"),
+        (["run", "waypoints", "--plan", str(files[0])], "truncated"),
         (["run", "follow-plan"], "plan_file is empty"),
     ):
         found = CliRunner().invoke(main, arguments)

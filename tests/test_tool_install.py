@@ -226,7 +226,7 @@ def test_a_tool_under_a_shelf_is_out_of_reach() -> None:
     [
         (["world.things.tool.on=shelf"], "shelf"),
         (["plant.map_error_m=1"], "map_error_m"),
-        (["world.things.tool.handle_height_m=0.05"], "in the box"),
+        (["world.things.tool.handle_height_m=0.05"], "inside the box"),
         (["mission.task.hand_speed_mps=1e-9"], "hand_speed_mps"),  # it would never arrive
         (["mission.task.lift_speed_mps=9"], "lift_speed_mps"),
     ],
