@@ -136,7 +136,7 @@ CASES = {
     ),
     "a port nobody fills": Case(
         COMPONENTS, lambda g: write_class(g, "x: Nobody, "),
-        say("asks for Nobody, which nothing in this vehicle fills; there are:", "BodyModel"),
+        say("reads Nobody, which no component of this vehicle fills; available:", "BodyModel"),
     ),
     "the truth": Case(
         ROBOTS, lambda g: write_class(g, "truth: Truth, "), say("{group}", "cannot see Truth"),
@@ -249,7 +249,7 @@ def test_two_components_of_one_name_are_refused(tmp_path: Path) -> None:
         result = CliRunner().invoke(cli.main, ["run", "waypoints", "--robot", "othex", *args])
         name = key.split(".")[2]
         assert result.exit_code == 2, result.output
-        assert f"two components are called '{name}'" in " ".join(result.stderr.split())
+        assert f"two components are named '{name}'" in " ".join(result.stderr.split())
         assert not (tmp_path / "out.partial").exists()
 
 

@@ -309,7 +309,7 @@ def test_a_localisation_slower_than_the_rules_bear_is_refused() -> None:
         return str(plan_mission(load_description(mission, sets=[*sets])).blocked_by)
 
     slow = ask("wall-contact", "world.mocap.rate_hz=1")
-    assert "every 1 s, which must be less than 0.2 s" in slow
+    assert "every 1 s; the period must be below 0.2 s" in slow
     assert "(mission.faults.localisation_stale.limit): more than 5 Hz" in slow
     assert ask("wall-contact", "world.mocap.rate_hz=6") == "None"
     assert ask("waypoints", "world.mocap.rate_hz=1") == "None"  # nothing is touched

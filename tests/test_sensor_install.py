@@ -189,7 +189,7 @@ def test_the_servos_period_is_the_nearest_and_of_two_the_longer(rate: float) -> 
 
 @pytest.mark.parametrize("late", ["world.link.delay_s=0.01", "robot.control.rate_hz=125"])
 def test_a_roll_loop_too_slow_to_balance_on_the_link_is_refused(late: str) -> None:
-    with pytest.raises(InputError, match=r"to take off on the end of its link .* needs 3\.2"):
+    with pytest.raises(InputError, match=r"to take off from the end of its link .* requires 3\.2"):
         build_vehicle(load_description("sensor-install", sets=[late]), lambda _: None)
 
 

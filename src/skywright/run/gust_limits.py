@@ -55,15 +55,21 @@ def find_exceeded_motion(
         low, high = (low, middle) if judge(middle)[0] else (middle, high)
     speed = compute_speed(wind)
     gusts = f"gusts around a mean of {speed:.3g} m/s"
-    most = f"at most {low * speed:.2f} m/s is (world.wind.mean_mps)" if low > 0.0 else "no wind is"
+    most = (
+        f"the largest permitted mean is {low * speed:.2f} m/s (world.wind.mean_mps)"
+        if low > 0.0
+        else "no gusts are permitted"
+    )
     if what == "place":
         return (
-            f"{gusts} move the platform by {1e3 * DIFFERENCE * motion.place:.1f} mm "
-            f"({GUST_SIGMAS:g} sigma of the difference of two), {1e3 * place:.0f} mm are allowed; "
-            f"{most}"
+            f"{gusts} displace the platform by {1000.0 * DIFFERENCE * motion.place:.1f} mm "
+            f"({GUST_SIGMAS:g} sigma of the difference of two gusts); {1000.0 * place:.0f} "
+            f"mm are allowed; {most}"
         )
     return (
         f"{gusts} move the link by {math.degrees(SWING_SIGMAS * motion.swing):.1f} deg "
-        f"({SWING_SIGMAS:g} sigma): let go at {math.degrees(swing):.0f} deg it is not within "
-        f"{math.degrees(rest):.0f} deg after {within:g} s; {most}, or less mission.task.swing_deg"
+        f"({SWING_SIGMAS:g} "
+        f"sigma): released at {math.degrees(swing):.0f} deg it does not settle within "
+        f"{math.degrees(rest):.0f} deg in {within:g} s; {most}, or reduce "
+        "mission.task.swing_deg"
     )

@@ -22,7 +22,7 @@ class LostControl(Rule):
     """Distance from the reference, as estimated; tipping over counts as 10 m."""
 
     watches = (
-        "distance of the estimated from the commanded place; a tilt beyond 73 deg counts as 10 m"
+        "distance of the estimated from the commanded position; a tilt beyond 73 deg counts as 10 m"
     )
     unit = "m"
     source = "as the guard of the tick (vehicle/guard.py): no built-in flight strays so far"
