@@ -1,0 +1,414 @@
+"""Metrics of presses, hands, tools, bars and surveys, on recordings whose answer is known."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from constructed import DT, LEVEL, about, build_flown, build_samples
+from skywright.description.world.structure import locate_point
+from skywright.description.world.surface import Cylinder
+from skywright.description.world.things import list_movers, locate_thing
+from skywright.inspection.touches import FoundCylinder, TouchFit
+from skywright.missions.bar_insertion.metrics import compute_metrics as judge_insertion
+from skywright.missions.bar_transport.metrics import compute_metrics as judge_transport
+from skywright.missions.bimanual_bench.metrics import compute_metrics as judge_bimanual
+from skywright.missions.bridge_contact.metrics import compute_metrics as judge_contact
+from skywright.missions.impact.metrics import compute_metrics as judge_impact
+from skywright.missions.impact.metrics import compute_pitch_torque
+from skywright.missions.sensor_install.metrics import compute_metrics as judge_install
+from skywright.missions.skills.survey import Touch
+from skywright.missions.skills.surveyed import Ball, Surveyed, judge_survey
+from skywright.missions.tool_install.metrics import compute_metrics as judge_tool
+from skywright.missions.tool_install.plan import find_places
+from skywright.models.deviation import build_socket_error
+from skywright.models.things._build import find_offsets
+from skywright.models.things.peg import Peg
+from skywright.models.things.tape import Tape
+
+
+def turn(p: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Return rows (n, 3) of a frame R in W."""
+    return np.asarray(p @ R.T)
+
+
+def test_impact() -> None:
+    n, hit = 200, 100
+    t = np.arange(n) * DT
+    place = np.zeros((n, 3))
+    place[:, 0] = np.where(t < 1.0, 0.4 * (t - 1.0), 0.03 * np.minimum((t - 1.0) / 0.2, 1.0))
+    speed = np.zeros((n, 3))
+    speed[:, 0] = np.where(t < 1.3, 0.4, -0.1)
+    pad = np.where((t >= 1.0) & (t < 1.2), 20.0, 0.0)
+    pad[hit + 5] = 33.0
+    q = np.tile(LEVEL, (n, 1))
+    q[120], q[130] = about("y", -3.0), about("z", 2.0)
+    joints = np.zeros((n, 9))
+    joints[125, 0] = math.radians(8.0)
+    wound = np.zeros((n, 8))
+    wound[:, 3], wound[115, 3] = 0.1, 0.1 + math.radians(11.0)
+    load, torque = np.zeros(n), np.zeros(n)
+    load[hit + 2], torque[hit + 3] = 40.0, 2.0
+    impulse = np.zeros((n, 3))
+    impulse[:, 0] = np.cumsum(pad) * DT
+    s, phases = build_samples(
+        [("impact", 2.0)], p_WB=place, v_WB=speed, pad_f_peak=pad, q_WB=q, q=joints,
+        deflection=wound, load_f_peak=load, load_t_peak=torque, pad_impulse_W=impulse,
+        pad_touch_s=np.cumsum(pad > 0.0) * DT, left_p_WH=place,
+    )  # fmt: skip
+    sets = ["mission.task.part=arm", "mission.task.speed_mps=0.5"]
+    q0 = np.zeros(9)
+    way = {"ahead": np.array([1.0, 0.0, 0.0]), "q": q0, "lever": 0.5}
+    run = build_flown("impact", s, phases, way, sets=sets)
+    m = judge_impact(run)
+    assert m["impact.speed_mps"] == pytest.approx(0.4)
+    assert m["impact.speed_error_mps"] == pytest.approx(0.1)
+    assert m["impact.speed_off"] == pytest.approx(0.2)
+    assert m["impact.peak_force_n"] == 40.0 and m["impact.peak_torque_nm"] == 2.0
+    assert m["impact.torque_share"] == pytest.approx(2.0 / compute_pitch_torque(run.setup, q0))
+    assert m["impact.recoil_deg"] == pytest.approx(3.0)
+    most = run.setup.robot.control.tilt_max_deg
+    assert m["impact.recoil_share"] == pytest.approx(3.0 / most)
+    assert m["impact.yaw_deg"] == pytest.approx(2.0)
+    assert m["impact.swing_deg"] == pytest.approx(8.0)
+    assert m["impact.deflection_deg"] == pytest.approx(11.0)
+    assert m["impact.overrun_m"] == pytest.approx(0.03 + 0.4 * DT)
+    # the contact opens after 0.2 s: 20 samples of 20 N, one of them 33 N
+    assert m["impact.contact_s"] == pytest.approx(0.2)
+    assert m["impact.contact_force_n"] == 33.0
+    assert m["impact.impulse_ns"] == pytest.approx((19 * 20.0 + 33.0) * DT)
+
+
+def test_a_box_that_is_squeezed_and_lifted() -> None:
+    run0 = build_flown("bimanual-bench", *build_samples([("x", 1.0)]))
+    things = run0.setup.description.world.things
+    i, stood = list_movers(things).index("box"), locate_thing(things, "box").p
+    n = 200
+    box = np.tile(stood, (n, 1))
+    box[100:, 2] += 0.04
+    box[150:, 0] += 0.003
+    press = np.where(np.arange(n) % 2, 3.0, 5.0)
+    force = np.zeros((n, 3))
+    force[:, 1] = press
+    s, phases = build_samples(
+        [("squeeze box", 1.0), ("hold box", 1.0)],
+        **{f"object{i}_p_WO": box, "right_f_W": force, "left_f_W": -force,
+           "right_p_WH": stood, "left_p_WH": stood},
+    )  # fmt: skip
+    sets = [
+        "mission.task.trials=['squeeze']",
+        "mission.task.lift_m=0.05",
+        "mission.task.squeeze_n=4",
+    ]
+    m = judge_bimanual(build_flown("bimanual-bench", s, phases, sets=sets))
+    assert m["bench.box_lift_m"] == pytest.approx(0.04)
+    assert m["bench.box_lift_share"] == pytest.approx(0.8)
+    assert m["bench.box_slip_mm"] == pytest.approx(3.0)
+    assert m["bench.squeeze_n"] == pytest.approx(4.0)
+    assert m["bench.squeeze_error_n"] == pytest.approx(1.0)
+    assert m["bench.squeeze_off"] == pytest.approx(0.25)
+
+
+def test_a_bar_that_is_led_and_a_base_that_drifts() -> None:
+    run0 = build_flown("bimanual-bench", *build_samples([("x", 1.0)]))
+    things = run0.setup.description.world.things
+    i, lay = list_movers(things).index("bar"), locate_thing(things, "bar").p
+    spans = [("hold bar", 1.0), ("lift bar", 2.0), ("turn bar", 2.0), ("drift", 4.0)]
+    n = 900
+    bar, q = np.tile(lay, (n, 1)), np.tile(LEVEL, (n, 1))
+    lift = np.zeros((n, 3))
+    lift[100:, 2] = 0.1
+    bar += lift
+    bar[150, 0] += 0.5  # on its way: not judged
+    bar[299, 0] += 0.012
+    q[450] = about("x", 4.0)
+    t = np.arange(400) * DT
+    base, hands = np.zeros((n, 3)), np.zeros((n, 3))
+    base[500:, 0] = 0.02 * np.sin(2.0 * math.pi * t / 4.0)
+    hands[500:, 0] = -0.9 * base[500:, 0]  # a tenth is not felt
+    aside = np.array([0.0, 0.2, 0.0])
+    s, phases = build_samples(
+        spans, **{
+            f"object{i}_p_WO": bar, f"object{i}_q_WO": q, "p_WB": base, "est_p_WB": base,
+            "left_ref_p_WH": lay + lift + aside, "right_ref_p_WH": lay + lift - aside,
+            "left_est_p_WH": base + hands, "right_est_p_WH": base + hands,
+        }
+    )  # fmt: skip
+    sets = ["mission.task.trials=['bar','position-sensor']", "mission.task.drift_m=0.02"]
+    m = judge_bimanual(build_flown("bimanual-bench", s, phases, sets=sets))
+    assert m["bench.bar_position_mm"] == pytest.approx(12.0)
+    assert m["bench.bar_direction_deg"] == pytest.approx(4.0)
+    rms = 0.02 / math.sqrt(2.0)
+    assert m["bench.drift_rms_mm"] == pytest.approx(1e3 * rms)
+    assert m["bench.drift_error_mm"] == pytest.approx(1e2 * rms)
+    assert m["bench.drift_off"] == pytest.approx(0.1 * rms / 0.02)
+
+
+def build_press(run0: Any, spans: list[tuple[str, float]], **changed: Any) -> Any:
+    """Samples of a robot that presses 4 N on its first spot, the probe along the deck's normal."""
+    deck = run0.setup.true.surface
+    place, R = locate_point(deck, np.zeros(2))
+    columns: dict[str, Any] = {
+        "q_WT": about("x", 180.0), "f_contact": (0.0, 0.0, -4.0), "ref_force": 4.0,
+        "force_meas": 4.0, "p_WB": np.zeros(3), "q_WB": LEVEL, "v_WB": np.zeros(3),
+        "f_docking_W": np.zeros(3), "p_WT": place, "gap_max": 0.0, "off_s": 0.0,
+    }  # fmt: skip
+    return build_samples(spans, **columns | changed), R
+
+
+def test_presses_under_a_deck() -> None:
+    sets = [f"plant.map_error_{x}=0" for x in ("m", "deg")]
+    run0 = build_flown("bridge-contact", *build_samples([("x", 1.0)]), sets=sets)
+    n = 600
+    force, feet = np.zeros((n, 3)), np.zeros((n, 3))
+    force[:, 2] = 4.0  # the tip points up: its axis is -z of W
+    force[100:200, 2], force[200:300, 2] = 4.3, 4.1
+    place, R = locate_point(run0.setup.true.surface, np.zeros(2))
+    tip = np.tile(place, (n, 1))
+    tip[250] += 0.006 * R[:, 0] + 0.008 * R[:, 1] + 0.1 * R[:, 2]
+    body, speed, q = np.zeros((n, 3)), np.zeros((n, 3)), np.tile(LEVEL, (n, 1))
+    body[150, 1] = 0.004
+    q[160] = about("y", 1.5)
+    speed[:, 2] = 0.07
+    feet[50:, 2] = -5.0
+    s, _ = build_press(
+        run0,
+        [("dock", 1.0), ("hold 4 N", 1.0), ("hold 4.1 N", 1.0), ("release", 1.0),
+         ("free hold 4 N", 1.0), ("slide", 1.0)],
+        f_contact=force, p_WT=tip, p_WB=body, q_WB=q, v_WB=speed, f_docking_W=feet,
+        force_meas=[4.0, 4.2, 4.2, 0.0, 4.0, 4.0],
+    )  # fmt: skip
+    samples, phases = s
+    way = {
+        "stations": [type("S", (), {"place": np.zeros(2)})()],
+        "largest": 4.1, "limit_n": 8.2, "survey": None,
+    }  # fmt: skip
+    run = build_flown(
+        "bridge-contact", samples, phases, way, sets=[*sets, "mission.task.forces_n=[4,4.1]"]
+    )
+    # the axis of the probe: about x by 180 deg turns its z down, the force on the deck up
+    samples["f_contact"] *= [1.0, 1.0, 1.0]
+    m = judge_contact(run)
+    assert m["force.rms_error_n"] == pytest.approx(0.3)
+    assert m["force.mean_error_n"] == pytest.approx(0.3)
+    assert m["force.sensor_error_n"] == pytest.approx(0.1)
+    assert m["free.mean_error_n"] == pytest.approx(0.0) and m["free.sensor_error_n"] == 0.0
+    assert m["dock.wander_mm"] == pytest.approx(4.0)
+    assert m["dock.turn_deg"] == pytest.approx(1.5)
+    assert m["dock.touch_speed_mps"] == pytest.approx(0.07)
+    assert (m["press.limit_n"], m["press.fraction"]) == pytest.approx((8.2, 0.5))
+    assert m["press.place_error_mm"] == pytest.approx(10.0)
+    assert m["free.wander_mm"] == 0.0
+
+
+def test_a_slide() -> None:
+    run0 = build_flown("wall-contact", *build_samples([("x", 1.0)]))
+    n = 200
+    gap, off, tip = np.zeros(n), np.zeros(n), np.zeros((n, 3))
+    gap[120:125], off[130] = 0.5e-3, 0.04
+    tip[100:, 0] = np.linspace(0.0, 0.3, 100)
+    force = np.zeros((n, 3))
+    force[:, 2] = np.where(np.arange(n) % 2, 3.8, 4.2)
+    (samples, phases), _ = build_press(
+        run0, [("approach", 1.0), ("slide", 1.0)], gap_max=gap, off_s=off, p_WT=tip, f_contact=force
+    )
+    way = {"stations": [type("S", (), {"place": np.zeros(2)})()], "survey": None}
+    m = judge_contact(build_flown("wall-contact", samples, phases, way))
+    assert m["slide.rms_error_n"] == pytest.approx(0.2)
+    assert m["slide.lost_s"] == pytest.approx(0.05)
+    assert m["slide.no_force_max_s"] == pytest.approx(0.04)
+    assert m["slide.length_m"] == pytest.approx(0.3)
+
+
+def test_a_peg_beside_and_in_its_hole() -> None:
+    sets = [f"plant.socket_{x}_error_deg=0" for x in ("roll", "pitch", "yaw")]
+    run0 = build_flown("bar-insertion", *build_samples([("x", 1.0)]), sets=sets)
+    d = run0.setup.description
+    things, task = d.world.things, d.mission.task
+    peg = d.world.find_thing(task.bar, Peg)
+    p_WS, R = locate_thing(
+        things, task.socket, offsets=find_offsets(things, build_socket_error(d.plant))
+    )
+    i, n = list_movers(things).index(task.bar), 400
+    # the bar's y along the socket's: about z of S
+    heading = math.degrees(math.atan2(R[1, 0], R[0, 0]))
+    q = np.tile(about("z", heading), (n, 1))
+    q[100:] = about("z", heading + 3.0)
+    tip_S = np.zeros((n, 3))
+    tip_S[:, 2] = 0.02
+    tip_S[100] = [0.003, 0.004, 0.02]
+    tip_S[300:] = [0.0, 0.0, -0.98 * peg.length_m]
+    axis = np.array([0.0, 0.0, 1.0])
+    p = p_WS + turn(tip_S, R) + peg.length_m * axis
+    carry = np.zeros((n, 3))
+    carry[:, 2] = 0.5 * peg.mass_kg * d.world.gravity_mps2
+    left, right = carry.copy(), carry.copy()
+    left[250, 0] = 2.5
+    s, phases = build_samples(
+        [("align", 1.0), ("lower", 1.0), ("insert", 1.0), ("return", 1.0)],
+        **{f"object{i}_p_WO": p, f"object{i}_q_WO": q, "left_f_W": left, "right_f_W": right,
+           "f_collision": 0.0},
+    )  # fmt: skip
+    assert R[2, 2] == pytest.approx(1.0)  # else peg and hole make an angle
+    m = judge_insertion(build_flown("bar-insertion", s, phases, sets=sets))
+    assert m["insert.tries"] == 1.0 and m["insert.done"] == 1.0
+    assert m["insert.depth_mm"] == pytest.approx(980.0 * peg.length_m)
+    assert m["insert.force_max_n"] == pytest.approx(2.5)
+    assert m["insert.aim_error_mm"] == pytest.approx(5.0)
+    assert m["insert.aim_angle_deg"] == pytest.approx(3.0)
+    assert m["insert.time_s"] == pytest.approx(3.0)
+
+
+def test_a_bar_that_is_carried(monkeypatch: pytest.MonkeyPatch) -> None:
+    from skywright.missions.bar_transport import metrics
+
+    n = 300
+    clear = np.full(200, 0.3)
+    clear[50] = 0.15
+    monkeypatch.setattr(metrics, "compute_clearances", lambda s, setup: clear)
+    place, hand = np.zeros((n, 3)), np.zeros((n, 3))
+    place[:] = [9.0, 0.0, 2.0]
+    ref = place.copy()
+    place[150, 1] = 0.06
+    place[-1] += [0.03, 0.0, 0.04]
+    hand[200, 2] = 0.02
+    q, want = np.zeros((n, 9)), np.zeros((n, 9))
+    q[120, 0] = math.radians(5.0)
+    touch = np.zeros((n, 3))
+    touch[180:185, 0], touch[50, 0] = 1.0, 1.0  # the second before the carrying
+    zero = np.zeros(3)
+    s, phases = build_samples(
+        [("hold", 1.0), ("transport", 2.0)], p_WB=place, ref_p_WB=ref, q_WB=LEVEL, q=q, ref_q=want,
+        left_p_WH=hand + 1.0, right_p_WH=hand - 1.0, left_ref_p_WH=zero + 1.0,
+        right_ref_p_WH=zero - 1.0, f_collision=0.0, left_f_W=touch, right_f_W=zero, power=360.0,
+    )  # fmt: skip
+    sets = ["mission.task.goal_x_m=9", "mission.task.goal_z_m=2", "mission.task.margin_m=0.2"]
+    m = judge_transport(build_flown("bar-transport", s, phases, sets=sets))
+    assert m["transport.contacts"] == 1.0
+    assert m["transport.clearance_min_m"] == pytest.approx(0.15)
+    assert m["transport.clearance_share"] == pytest.approx(0.75)
+    assert m["transport.goal_error_m"] == pytest.approx(0.05)
+    assert m["transport.duration_s"] == pytest.approx(2.0)
+    assert m["transport.energy_wh"] == pytest.approx(360.0 * 2.0 / 3600.0)
+    assert m["tip.tracking_max_m"] == pytest.approx(0.02)
+    assert m["tip.tracking_rms_m"] == pytest.approx(0.02 / math.sqrt(200))
+    assert m["platform.tracking_max_m"] == pytest.approx(0.06)
+    assert m["swing.max_deg"] == pytest.approx(5.0)
+    assert m["swing.rms_deg"] == pytest.approx(5.0 / math.sqrt(200))
+
+
+def test_a_sensor_that_is_pressed_on() -> None:
+    run0 = build_flown("sensor-install", *build_samples([("x", 1.0)]))
+    pipe, world = run0.setup.true.cylinder, run0.setup.world
+    assert pipe is not None
+    tape = next(x for x in world.things.values() if isinstance(x, Tape))
+    n = 700
+    force = np.zeros((n, 3))
+    force[100:300] = 2.0 * pipe.R_WP[:, 2]
+    force[200:250] = 2.6 * pipe.R_WP[:, 2]
+    force[299] = 0.0
+    estimate = force + 0.1 * pipe.R_WP[:, 2]
+    below = pipe.p_WP - pipe.radius * pipe.R_WP[:, 2]
+    hand = np.tile(below + 0.01 * pipe.R_WP[:, 1], (n, 1))
+    hand[300:] -= 0.2 * pipe.R_WP[:, 2]
+    body = np.zeros((n, 3))
+    body[220, 0] = 0.025
+    ref, stood = np.zeros((n, 3)), np.zeros((n, 3))
+    stood[:, 1] = 0.01  # it stood aside before, too
+    s, phases = build_samples(
+        [("approach", 1.0), ("force", 2.0), ("hover check", 1.0), ("swing check", 3.0)],
+        left_f_W=force, left_est_f_W=estimate, left_p_WH=hand, left_ref_p_WH=hand + [0, 0, 0.002],
+        p_WB=body + stood, ref_p_WB=ref, q=np.tile(np.full(9, 0.4), (n, 1)), f_collision=0.0,
+    )  # fmt: skip
+    s["q"][400:, 0] = math.radians(10.0) * np.exp(-np.arange(300) * DT / 0.1)
+    sets = ["mission.task.force_n=2"]
+    m = judge_install(build_flown("sensor-install", s, phases, {"survey": None}, sets=sets))
+    mean = (149 * 2.0 + 50 * 2.6) / 200
+    assert m["force.mean_n"] == pytest.approx(mean)
+    assert m["force.mean_error_n"] == pytest.approx(abs(mean - 2.0))
+    assert (m["force.min_n"], m["force.max_n"]) == pytest.approx((0.0, 2.6), abs=1e-9)
+    assert m["force.estimate_error_n"] == pytest.approx(0.1)
+    assert m["contact.lost_s"] == pytest.approx(0.01)
+    assert m["sensor.around_mm"] == pytest.approx(0.0, abs=1e-6)
+    assert m["sensor.along_mm"] == pytest.approx(10.0)
+    impulse = (149 * 2.0 + 50 * 2.6) * DT
+    bond = tape.strength_n * (1.0 - math.exp(-impulse / tape.press_n_s))
+    assert m["sensor.bond_n"] == pytest.approx(bond)
+    assert m["sensor.installed"] == float(bond >= tape.release_n)
+    assert m["tip.hover_rms_mm"] == pytest.approx(2.0)
+    assert m["platform.hover_rms_mm"] == pytest.approx(10.0)
+    assert m["platform.excursion_m"] == pytest.approx(0.025)
+    assert m["swing.start_deg"] == pytest.approx(10.0, abs=1e-6)
+    # exp(-t / 0.1 s) is below a tenth after 0.23 s
+    assert m["swing.decay_s"] == pytest.approx(0.1 * math.log(10.0), abs=0.015)
+
+
+def test_a_tool_on_pipe_and_bench() -> None:
+    sets = ["plant.map_error_m=0", "plant.map_error_deg=0"]
+    run0 = build_flown("tool-install", *build_samples([("x", 1.0)]), sets=sets)
+    world, task = run0.setup.true.world, run0.task
+    i = list_movers(world.things).index(task.tool)
+    bench, seat = find_places(world, task)
+    pipe = run0.setup.true.cylinder
+    assert pipe is not None
+    n = 500
+    yaw = math.degrees(math.atan2(pipe.R_WP[1, 0], pipe.R_WP[0, 0]))
+    assert pipe.R_WP[2, 2] == pytest.approx(1.0)  # else tool and pipe make an angle
+    p = np.tile(seat.p_WO + [0.003, 0.0, 0.004], (n, 1))
+    q = np.tile(about("z", yaw + 2.0), (n, 1))
+    p[100:200] = bench.p_WO + [0.0, 0.02, 0.0]
+    q[100:200] = about("z", math.degrees(bench.yaw))
+    hands = np.zeros((n, 3))
+    stick = np.zeros((n, 4))
+    stick[250:260, 0] = 1.0
+    s, phases = build_samples(
+        [("wait", 1.0), ("return", 1.0), ("install", 2.0), ("x", 1.0)],
+        **{f"object{i}_p_WO": p, f"object{i}_q_WO": q, "f_collision": 0.0,
+           "operator_stick": stick, "left_p_WH": hands + [0.0, 0.006, 0.0], "right_p_WH": hands,
+           "left_ref_p_WH": hands, "right_ref_p_WH": hands},
+    )  # fmt: skip
+    run = build_flown("tool-install", s, phases, sets=sets)
+    run.phases[2] = run.phases[2]._replace(outcome="retry")
+    m = judge_tool(run)
+    assert m["tool.seat_error_mm"] == pytest.approx(5.0)
+    assert m["tool.seat_angle_deg"] == pytest.approx(2.0)
+    assert m["tool.return_error_mm"] == pytest.approx(20.0) and m["tool.returned"] == 1.0
+    assert m["tool.retries"] == 1.0
+    assert m["operator.time_s"] == pytest.approx(1.99)
+    assert m["operator.hand_error_mm"] == pytest.approx(3.0)
+
+
+def test_a_survey_that_found_a_pipe_elsewhere() -> None:
+    sets = [f"plant.map_error_{x}=0" for x in ("m", "deg", "size_m")]
+    setup = build_flown("pipe-weld-scan", *build_samples([("x", 1.0)]), sets=sets).setup
+    true = setup.true.cylinder
+    assert true is not None and setup.cylinder is not None
+    up = true.R_WP[:, 2]
+    moved = Cylinder(true.p_WP + 0.004 * up, true.R_WP, true.radius, true.half_length)
+    sigma = np.array([math.radians(0.5), math.radians(0.25), 0.001, 0.002, 0.003])
+    x = np.array([math.radians(1.0), math.radians(2.0), 0.005, 0.006, 0.007])
+    fit = TouchFit(x, np.diag(sigma**2), np.zeros(4), np.array([True, True, False, True]), True)
+    touch = Touch(np.zeros(3), up, "")
+    touches = [touch] * 4 + [Touch(np.zeros(3), up, "nothing was met")]
+    found = Surveyed(FoundCylinder(moved, fit), touches, "")
+    corners = np.array([[0.0, math.pi / 2.0]])  # where the surface's normal is z of the pipe
+    m = judge_survey(setup, found, corners, Ball(0.01, 0.0, 0.001))
+    assert m["survey.turn_up_deg"] == pytest.approx(1.0)
+    assert m["survey.turn_aside_deg"] == pytest.approx(2.0)
+    assert m["survey.ahead_mm"] == pytest.approx(5.0)
+    assert m["survey.up_mm"] == pytest.approx(6.0)
+    assert m["survey.radius_mm"] == pytest.approx(7.0)
+    assert m["survey.turn_up_std_deg"] == pytest.approx(0.5)
+    assert m["survey.turn_aside_std_deg"] == pytest.approx(0.25)
+    assert m["survey.ahead_std_mm"] == pytest.approx(1.0)
+    assert m["survey.up_std_mm"] == pytest.approx(2.0)
+    assert m["survey.radius_std_mm"] == pytest.approx(3.0)
+    assert (m["survey.touches"], m["survey.missed"], m["survey.left_out"]) == (4.0, 1.0, 1.0)
+    assert m["survey.surface_error_mm"] == pytest.approx(4.0)
+    assert m["survey.map_error_mm"] == pytest.approx(0.0, abs=1e-9)
+    assert m["survey.axis_error_deg"] == pytest.approx(0.0, abs=1e-6)
+    # up by 2 mm and a radius by 3 mm, both along the normal there
+    assert m["survey.surface_std_mm"] == pytest.approx(math.hypot(2.0, 3.0), rel=1e-6)
