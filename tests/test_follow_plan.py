@@ -60,7 +60,9 @@ def test_the_platform_leads_what_hangs_on_it() -> None:
 def test_what_a_robot_cannot_fly_is_refused(tmp_path: Path) -> None:
     fast = build_line("hexarotor", length=4.0)
     write_plan_file(tmp_path / "fast", fast)
-    with pytest.raises(InputError, match=r"flies at 1.8. m/s; robot 'hexarotor' at most at 1 m/s"):
+    with pytest.raises(
+        InputError, match=r"speed of the plan is 1.8. m/s; robot 'hexarotor' flies at most 1 m/s"
+    ):
         plan_mission(load_plan_description(tmp_path / "fast"))
     bent = build_line("ars-lrm")
     bent.q[:, 2] = 0.5  # elbow

@@ -464,7 +464,7 @@ def test_an_interrupted_operator_is_kept_repeats_and_fails_safely(tmp_path: Path
     n = len(cut.samples)
     assert again.samples[:n].tobytes() == cut.samples.tobytes()  # the same flight, bit for bit
     # the input ends in the air: the tool is kept and laid down where it was
-    assert again.outcome == "aborted" and "ended before the tool stood" in again.reason
+    assert again.outcome == "aborted" and "ended before the tool was seated" in again.reason
     assert "carried back to the bench" in again.reason
     assert again.metrics["tool.returned"] == 1.0
     assert again.metrics["contact.collisions"] == 0.0

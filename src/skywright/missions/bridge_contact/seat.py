@@ -73,7 +73,7 @@ def touch_with_feet(
         if not math.isfinite(felt):
             reason = "the feet did not come to rest"
         elif felt - zero < 0.5 * FOOT_N * len(feet):
-            reason = "what was felt did not last"
+            reason = "the contact did not last"
     s.end("retry" if reason else "done")
     s.begin("survey_back")
     row = set_rest(vehicle.reference)
