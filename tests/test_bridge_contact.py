@@ -254,11 +254,11 @@ def test_under_a_deck_the_arm_stands_across_the_slide(slope: float) -> None:
     [
         ("tunnel", {"mission.task.slide_force_n": 2.0},
          "1.47 N, 80% (mission.task.force_fraction) of the 1.84 N"),
-        ("tunnel", {"mission.task.slide_force_n": 0.5}, "would lose the surface"),
+        ("tunnel", {"mission.task.slide_force_n": 0.5}, "would lose contact"),
         ("bridge", {}, "localised by total-station"),
         ("tunnel", {"world.wind.kind": "steady", "world.wind.mean_mps": 4.0,
                     "world.wind.toward_deg": 180.0}, "4.0 m/s of wind"),
-        ("pillar", {}, "keeps 35% of its acceleration"),
+        ("pillar", {}, "retains 35% of its mobility"),
         ("pillar", {"mission.task.slide_m": -1.9, "world.structure.friction": 0.4},
          "above the ground"),
         ("bridge", {"world.localisation": "mocap", "mission.task.slide_m": 2.5,

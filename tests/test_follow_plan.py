@@ -106,7 +106,7 @@ def test_a_plan_of_another_robot_or_for_another_mission_is_refused(tmp_path: Pat
     for arguments, message in (
         (["--robot", "othex"], "the plan is for robot 'hexarotor', not 'othex'"),
         (["bar-transport"], "the plan is for robot 'hexarotor', not 'ars-lrm'"),
-        (["waypoints"], "mission 'waypoints' flies no plan file; missions that do: bar-transport"),
+        (["waypoints"], "mission 'waypoints' cannot fly a plan file; valid: bar-transport"),
     ):
         found = CliRunner().invoke(main, ["run", *arguments, "--plan", str(files[0])])
         assert found.exit_code == 2, (arguments, found.output)

@@ -166,7 +166,10 @@ BAD = {
     "cut off": (f"{HEADER}\n0,0,0,0,0\n0.1,0,0\n", "line 3 has 3 values"),
     "speed": (f"# v_max_mps = fast\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is 'fast'"),
     "unit": (f"# v_max_mps = 3 cm/s\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is '3 cm/s'"),
-    "another speed": (f"# v_max_mps = 0.1\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "end elsewhere"),
+    "another speed": (
+        f"# v_max_mps = 0.1\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n",
+        "recorded with v_max_mps",
+    ),
     "bytes": (b"\x00\xff\x13" * 99, "not a text file"),
     "null": (f"{HEADER}\n0,0,0,\0,0\n", "not a text file"),
 }

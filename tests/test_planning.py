@@ -323,10 +323,10 @@ def test_a_soft_position_loop_is_told_before_what_its_depth_runs_into() -> None:
     found = plan("robot.control.position_bandwidth_rad_s=2.2")
     said = str(found.blocked_by)
     assert said.startswith("2 N at 10.9 N/m (mass times position_bandwidth_rad_s = 2.2 squared)")
-    assert "needs 184 mm of depth" in said and "robot.control.position_bandwidth_rad_s" in said
+    assert "requires a depth of 184 mm" in said and "robot.control.position_bandwidth_rad_s" in said
     arm = str(plan("mission.task.force_n=0.5", robot="f550-bridge").blocked_by)
     assert "propeller3 and pipe" in arm and "thin" not in arm and "depth" not in arm
-    assert "222 mm of depth" in str(plan(robot="f550-bridge").blocked_by)
+    assert "a depth of 222 mm" in str(plan(robot="f550-bridge").blocked_by)
 
 
 @pytest.mark.parametrize(
