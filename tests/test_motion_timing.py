@@ -76,7 +76,7 @@ def test_a_path_with_corners_keeps_limits_and_shape() -> None:
     slow = assign_times(EMPTY.space, rows, LIMITS, duration=2 * timed.duration)
     assert slow.duration == pytest.approx(2 * timed.duration)
     np.testing.assert_allclose(np.abs(slow.cd).max(0), np.abs(timed.cd).max(0) / 2, rtol=0.02)
-    with pytest.raises(InfeasibleError, match="needs"):
+    with pytest.raises(InfeasibleError, match="requires"):
         assign_times(EMPTY.space, rows, LIMITS, duration=0.5 * timed.duration)
     with pytest.raises(InfeasibleError, match="weigh"):
         assign_times(EMPTY.space, rows, LIMITS._replace(thrust=50.0))

@@ -102,7 +102,7 @@ WRONG = [
     ({"b": {**BOX, "on": "b"}}, "things.b stands on itself: b on b"),
     ({"b": {**BOX, "on": "c"}, "c": {**BOX, "on": "b"}}, "on itself: b on c on b"),
     ({"b": {**BOX, "on": "c.side"}, "c": BOX}, "no frame 'side'; valid: origin, top, front"),
-    ({"b": {**BOX, "on": "t"}, "t": {"kind": "tape"}}, "a tape has no place"),
+    ({"b": {**BOX, "on": "t"}, "t": {"kind": "tape"}}, "a tape has no pose"),
 ]
 
 
