@@ -208,6 +208,7 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
         "rotor_gain_spread", "spring_error", "spring_spread", "hardening_error", "backlash_error",
         "servo_lag_error", "sensor_noise_error", "inertia_error", "drag_error", "friction_error",
         "calm_fraction", "force_fraction", "tilt_fraction", "squeeze_fraction", "press_share",
+        "mobility_fraction", "gust_sigmas", "slide_sigmas", "swing_sigmas",
         "gamma", "p1", "p2",
         # counts
         "adc_bits", "encoder_counts", "feet", "seed", "scenario_seed", "passes", "retries",

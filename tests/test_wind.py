@@ -32,7 +32,6 @@ from skywright.description.world.wind import (
 from skywright.errors import InputError
 from skywright.missions.scan.metrics import find_lifts
 from skywright.run.limits import (
-    GUST_SIGMAS,
     compute_equivalent_wind,
     compute_wind_allowance,
     find_exceeded_push,
@@ -289,8 +288,9 @@ def test_gusts_count_with_three_sigma():
     ahead = ["world.wind.toward_deg=0"]
     assert _refusal("world.wind.kind=steady", "world.wind.mean_mps=5", *ahead) is None
     told = _refusal("world.wind.kind=dryden", "world.wind.mean_mps=5", *ahead)
-    assert told is not None and "with gusts (mean + 3 sigma)" in told
-    assert GUST_SIGMAS == 3.0
+    assert told is not None and "with gusts (mean + 3 sigma, mission.gust_sigmas)" in told
+    bold = ("mission.gust_sigmas=1", *ahead)
+    assert _refusal("world.wind.kind=dryden", "world.wind.mean_mps=5", *bold) is None
     assert _refusal("world.wind.kind=dryden", "world.wind.mean_mps=3", *ahead) is None
     assert _refusal(
         "world.wind.kind=dryden", "world.wind.mean_mps=3", *ahead,

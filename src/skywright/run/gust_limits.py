@@ -6,26 +6,24 @@ import math
 from typing import Any
 
 from skywright.description.world.wind import compute_speed
-from skywright.run.limits import GUST_SIGMAS
 from skywright.run.parts import build_law
 from skywright.run.setup import Setup
 from skywright.vehicle.gusts import GustMotion
 
-SWING_SIGMAS = 2.0
-"""Of a link's own motion in gusts, that a swing which dies out must leave room for."""
-DIFFERENCE = math.sqrt(2.0) * GUST_SIGMAS
 STEPS = 12  # of the search for the largest wind, each halves what is left
 
 
 def find_exceeded_motion(
-    setup: Setup[Any], yaw: float, place: float, swing: float, rest: float, within: float
-) -> str | None:
+    setup: Setup[Any], yaw: float, place: float, swing: float, rest: float, within: float,
+    swing_sigmas: float,
+) -> str | None:  # fmt: skip
     """Say that gusts move the platform or its link by more than a mission allows, or None.
 
     The platform heads `yaw` (rad). `place` (m) is how far it may get from where it stood before:
-    the difference of two gusts, sqrt(2) of one's deviation, GUST_SIGMAS of which must be less. A
-    link let go at `swing` (rad, 0: it is not) must stay within `rest` (rad) less SWING_SIGMAS of
-    its own motion after `within` (s). Nothing is said of a law that tells no motion.
+    the difference of two gusts, sqrt(2) of one's deviation, `mission.gust_sigmas` of which must be
+    less. A link let go at `swing` (rad, 0: it is not) must stay within `rest` (rad) less
+    `swing_sigmas` of its own motion after `within` (s). Nothing is said of a law that tells no
+    motion.
     """
     wind = setup.world.wind
     if not wind.gusty or compute_speed(wind) == 0.0:
@@ -34,14 +32,17 @@ def find_exceeded_motion(
     if model is None:
         return None
 
+    sigmas = setup.description.mission.gust_sigmas
+    apart = math.sqrt(2.0) * sigmas
+
     def judge(share: float) -> tuple[str, GustMotion]:
         air = wind.model_copy(update={
             "mean_mps": share * wind.mean_mps, "vertical_mps": share * wind.vertical_mps
         })  # fmt: skip
         m = model(air)
-        if DIFFERENCE * m.place > place:
+        if apart * m.place > place:
             return "place", m
-        left = rest - SWING_SIGMAS * m.swing
+        left = rest - swing_sigmas * m.swing
         if swing > 0.0 and (left <= 0.0 or m.settle(left / swing) > within):
             return "swing", m
         return "", m
@@ -62,14 +63,14 @@ def find_exceeded_motion(
     )
     if what == "place":
         return (
-            f"{gusts} displace the platform by {1000.0 * DIFFERENCE * motion.place:.1f} mm "
-            f"({GUST_SIGMAS:g} sigma of the difference of two gusts); {1000.0 * place:.0f} "
-            f"mm are allowed; {most}"
+            f"{gusts} displace the platform by {1000.0 * apart * motion.place:.1f} mm ({sigmas:g} "
+            "sigma, mission.gust_sigmas, of the difference of two gusts); "
+            f"{1000.0 * place:.0f} mm are allowed; {most}"
         )
     return (
-        f"{gusts} move the link by {math.degrees(SWING_SIGMAS * motion.swing):.1f} deg "
-        f"({SWING_SIGMAS:g} "
-        f"sigma): released at {math.degrees(swing):.0f} deg it does not settle within "
-        f"{math.degrees(rest):.0f} deg in {within:g} s; {most}, or reduce "
-        "mission.task.swing_deg"
+        f"{gusts} move the link by {math.degrees(swing_sigmas * motion.swing):.1f} deg "
+        f"({swing_sigmas:g} "
+        f"sigma, mission.task.swing_sigmas): released at {math.degrees(swing):.0f} deg it "
+        f"does not settle within {math.degrees(rest):.0f} deg in {within:g} s; {most}, or "
+        "reduce mission.task.swing_deg"
     )

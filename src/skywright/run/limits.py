@@ -37,9 +37,6 @@ Array = NDArray[np.float64]
 HEADING_STEP_DEG = 10.0  # headings of a plan are grouped to this
 TOWARD_STEP_DEG = 5.0  # and directions of gusts
 PLACE_STEP = 0.2  # m, platform places of a plan in a fan's jet are grouped to this
-GUST_SIGMAS = 3.0
-"""Gusts count with this many standard deviations on top of the mean: the expected largest of the
-tens of gusts that pass during a scan (peak factor, Davenport 1964)."""
 GUST_FREQUENCIES = np.geomspace(1e-3, 300.0, 3000)  # rad/s
 PUSH_ROWS = 12  # of a plan, in which the rotors' push in gusts is computed
 SWEEP_STEPS = 9  # directions of an oscillating fan that are looked at
@@ -51,8 +48,8 @@ def find_exceeded_wind(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) 
 
     Checked at every heading of `segments`, in a fan's jet at every place too; without a plan at
     the heading of the start and at the one that faces the pipe. Turbulence counts with the mean
-    plus GUST_SIGMAS standard deviations of what is slower than the position loop, in its worst
-    direction. The arm is in its working posture.
+    plus `mission.gust_sigmas` standard deviations of what is slower than the position loop, in its
+    worst direction. The arm is in its working posture.
     """
     world, robot, mission = setup.world, setup.robot, setup.description.mission
     wind = world.wind
@@ -64,7 +61,7 @@ def find_exceeded_wind(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) 
     cases = [
         (heading, gust)
         for heading, mean in _find_winds(setup, segments)
-        for gust in _find_gusts(setup, mean)
+        for gust in find_gusts(setup, mean)
     ]
     gusts = np.array([gust for _, gust in cases])
     speeds = np.linalg.norm(gusts, axis=1)
@@ -81,7 +78,7 @@ def find_exceeded_wind(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) 
     if loads[k] <= fraction * (1.0 + 1e-9):
         return None
     speed, limit = float(speeds[k]), float(limits[k])
-    what = "wind" if not wind.gusty else f"wind with gusts (mean + {GUST_SIGMAS:g} sigma)"
+    what = "wind" if not wind.gusty else f"wind with gusts (mean + {_tell_sigmas(setup)})"
     return (
         f"{what} of {speed:.1f} m/s exceeds {fraction * limit:.1f} m/s, {fraction:.0%} "
         f"(mission.wind_fraction) of the {limit:.1f} m/s that {robot.name} can hold when it blows "
@@ -96,8 +93,8 @@ def find_exceeded_push(
     """Say that gusts could lift the probe that is pressed on with `push_force` (N), or None.
 
     `contact` are rows of the plan in which it is pressed on. Of the push `mission.wind_fraction`
-    may be missing in a gust of GUST_SIGMAS, dragging as the nominal model says; the rest is for
-    drag that is larger than believed.
+    may be missing in a gust of `mission.gust_sigmas`, dragging as the nominal model says; the rest
+    is for drag that is larger than believed.
 
     Under a law that presses by position stiffness slow gusts go into the contact force in full. The
     integral takes up the wind of the moment in which the probe touches, a gust included, and rests
@@ -127,14 +124,18 @@ def find_exceeded_push(
             compute_response_rms(response, float(scale[0]), float(time[0])),
             "above the bandwidth of the force loop",
         )
-    gust = GUST_SIGMAS * rms * (2.0 * body * speed + hubs)
+    gust = d.mission.gust_sigmas * rms * (2.0 * body * speed + hubs)
     if gust > fraction * push_force * (1.0 + 1e-9):
         return (
-            f"gusts ({GUST_SIGMAS:g} sigma {when}) cause a drag of {gust:.2f} N, more than "
+            f"gusts ({_tell_sigmas(setup)} {when}) cause a drag of {gust:.2f} N, more than "
             f"{fraction:.0%} (mission.wind_fraction) of the contact force of "
             f"{push_force:.2f} N, and could lift the probe off the surface"
         )
     return None if response is None else _find_weak_rotors(setup, push_force, contact)
+
+
+def _tell_sigmas(setup: Setup[Any]) -> str:
+    return f"{setup.description.mission.gust_sigmas:g} sigma, mission.gust_sigmas"
 
 
 def compute_response_rms(response: Array, sigma: float, time: float) -> float:
@@ -162,7 +163,7 @@ def _find_weak_rotors(setup: Setup[Any], push_force: float, contact: Any) -> str
         if world.wind.kind == "fan":
             yaw = math.atan2(row["R_WB"][1, 0], row["R_WB"][0, 0])
             mean = compute_equivalent_wind(setup, row["p_WB"], yaw)
-        winds, inward = _find_gusts(setup, mean), -row["R_WB"].T @ row["R_WS"][:, 2]
+        winds, inward = find_gusts(setup, mean), -row["R_WB"].T @ row["R_WS"][:, 2]
         p_BT = compute_tip(model, row["q"])[0]
 
         def holds(push: Array, args: Any = (body, winds @ row["R_WB"], inward, p_BT)) -> Any:
@@ -177,7 +178,7 @@ def _find_weak_rotors(setup: Setup[Any], push_force: float, contact: Any) -> str
     if worst >= least * (1.0 - 1e-6):
         return None
     return (
-        f"in gusts of {np.linalg.norm(gust):.1f} m/s (mean + {GUST_SIGMAS:g} sigma) the "
+        f"in gusts of {np.linalg.norm(gust):.1f} m/s (mean + {_tell_sigmas(setup)}) the "
         f"rotors can produce {max(worst, 0.0):.2f} N of the contact force of "
         f"{push_force:.2f} N; at least {least:.2f} N are required (mission.wind_fraction)"
     )
@@ -234,18 +235,18 @@ def _compute_drag_factors(nominal: Nominal) -> tuple[float, float]:
     return a, n * rotors.drag_coefficient * omega
 
 
-def _find_gusts(nominal: Nominal, mean: Array) -> Array:
+def find_gusts(setup: Setup[Any], mean: Array) -> Array:
     """Return the mean wind (3,) and the gusts around it, (n, 3) m/s."""
-    wind = nominal.world.wind
+    wind = setup.world.wind
     speed = float(np.linalg.norm(mean))
     if not wind.gusty or speed == 0.0:
         return mean[None]
-    sigma = compute_gust_sigma(wind, speed, nominal.robot.control.position_bandwidth_rad_s)
+    sigma = compute_gust_sigma(wind, speed, setup.robot.control.position_bandwidth_rad_s)
     along = mean / speed
     across = np.array([-along[1], along[0], 0.0])
     around = np.linspace(0.0, 2.0 * math.pi, GUST_DIRECTIONS, endpoint=False)[:, None]
     gusts = sigma[0] * np.cos(around) * along + sigma[1] * np.sin(around) * across
-    return np.vstack([mean, mean + GUST_SIGMAS * gusts])
+    return np.vstack([mean, mean + setup.description.mission.gust_sigmas * gusts])
 
 
 def _find_winds(

@@ -10,8 +10,6 @@ from skywright.run.parts import build_law
 from skywright.run.setup import Setup
 from skywright.vehicle.loops import compute_delay_margin
 
-MARGIN = math.radians(10.0)
-"""Phase that is left at the crossover: with less the loop rings and saturates the rotors."""
 JITTERS = 1.5
 """Standard deviations by which packets that keep their order are later than the mean."""
 
@@ -31,13 +29,15 @@ def find_exceeded_delay(setup: Setup[Any]) -> str | None:
     rotor_tau = build_rotors(d.robot.rotors).time_constant
     period = 1.0 / d.robot.control.rate_hz
     # half a period of sampling and one of computing go off, the rest is shared by both ways
-    both = compute_delay_margin(loop, rotor_tau, MARGIN) - 1.5 * period
+    # with less phase at the crossover the loop rings and saturates the rotors
+    spare = d.mission.link_phase_deg
+    both = compute_delay_margin(loop, rotor_tau, math.radians(spare)) - 1.5 * period
     most = max(0.5 * both, 0.0)
     if asked <= most:
         return None
     return (
         f"world.link has a delay of {1000.0 * asked:.1f} ms each way (delay_s + {JITTERS:g} "
         f"jitter_s), more than the {1000.0 * most:.1f} ms at which the attitude loop of "
-        f"{d.robot.name!r} has a phase margin of {math.degrees(MARGIN):.0f} deg "
-        f"(robot.control.attitude_bandwidth_rad_s = {loop.bandwidth:g})"
+        f"{d.robot.name!r} has a phase margin of {spare:g} deg (mission.link_phase_deg; "
+        f"robot.control.attitude_bandwidth_rad_s = {loop.bandwidth:g})"
     )

@@ -66,6 +66,10 @@ class Mission(Spec, Generic[T]):
     start_y_m: Coordinate = 0.0
     start_yaw_deg: float = 0.0
     wind_fraction: Fraction = 0.7  # of the computed wind limit that a mission may use
+    # standard deviations that gusts count with: 3 is the expected largest of the tens that pass
+    # during a scan (peak factor, Davenport 1964)
+    gust_sigmas: float = Field(default=3.0, ge=0, le=6)
+    link_phase_deg: float = Field(default=10.0, ge=0, le=60)  # left to the attitude loop by a link
     # wall time that a mission tick (20 ms of flight) may take before a component counts as stuck
     step_limit_s: float = Field(default=20.0, ge=0.1, le=3600)
     calibrate_springs: bool = True  # with known loads, before the flight (models/spring_bench.py)

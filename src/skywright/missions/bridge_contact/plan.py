@@ -25,7 +25,7 @@ from skywright.missions.bridge_contact.sliding import (
     compute_sliding_press,
     find_way,
 )
-from skywright.missions.bridge_contact.stations import TILT_FRACTION, Station, build_station
+from skywright.missions.bridge_contact.stations import Station, build_station
 from skywright.missions.bridge_contact.survey import SurveyWay, plan_survey
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.missions.skills.pressing import TIP_GAP, check_can_press
@@ -128,7 +128,7 @@ def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> Missio
         free_limit, free_forces, refused = _plan_flying(d, task, structure, free, held)
         blocked = blocked or refused
     if free is not None and not task.dock and not blocked:
-        blocked = _check_tilt(stations, unsure)
+        blocked = _check_tilt(stations, unsure, task.tilt_fraction)
     if not blocked:
         blocked = _check_way(setup, stations, free, q_ready, stand_off, survey)
     found = ContactPlan(
@@ -242,9 +242,10 @@ def _plan_flying(
             where = f"sliding at friction {structure.friction:g}" + (air if speed else "")
             blocked = _refuse(task.slide_force_n, most, fraction, where, robot.name)
         else:
-            blocked = check_wobble(robot, d.world.localisation, task.slide_force_n, fraction * most)
+            blocked = check_wobble(robot, d.world.localisation, task, fraction * most)
             for R in held:
-                blocked = blocked or check_mobility(robot, free, R, g, structure)
+                least = task.mobility_fraction
+                blocked = blocked or check_mobility(robot, free, R, g, structure, least)
     return limit, forces, blocked
 
 
@@ -277,14 +278,14 @@ def _tilt(R: Array, angle: float) -> list[Array]:
     return out
 
 
-def _check_tilt(stations: list[Station], unsure: float) -> str:
+def _check_tilt(stations: list[Station], unsure: float, fraction: float) -> str:
     for s in stations:
         angle = math.acos(min(max(float(s.R_dock[2, 2]), -1.0), 1.0)) + unsure
-        if angle > TILT_FRACTION * s.tilt_limit * (1.0 + 1e-9):
+        if angle > fraction * s.tilt_limit * (1.0 + 1e-9):
             return (
                 f"{s.name}: the surface requires a tilt of {math.degrees(angle):.1f} deg "
-                f"in flight; {TILT_FRACTION:.0%} of the computed hover limit is "
-                f"{math.degrees(TILT_FRACTION * s.tilt_limit):.1f} deg"
+                f"in flight; {fraction:.0%} (mission.task.tilt_fraction) of the computed "
+                f"hover limit is {math.degrees(fraction * s.tilt_limit):.1f} deg"
             )
     return ""
 

@@ -26,10 +26,6 @@ WOBBLE = {"mocap": 0.2e-3, "total-station": 1.0e-3}
 """m rms, by which a platform that presses in flight moves faster than the force loop can follow:
 the errors of its estimate. Measured, as `free.rms_error_n` over the spring (0.15 to 0.29 N and 0.5
 to 1.4 N of the F550); satellite navigation is no better than the station."""
-MOBILITY = 0.5
-"""Of the tip's answer to the press, that must remain: at a third (a pillar at friction 0.6) it lost
-contact in half of the flights, at 0.55 (0.4) in none of three."""
-SIGMAS = 3.0  # of that: a lighter press is off the surface now and then
 
 
 def find_way(task: BridgeContact, structure: Structure) -> Array:
@@ -52,30 +48,36 @@ def check_slide_ends(task: BridgeContact, structure: Structure) -> None:
             )
 
 
-def check_wobble(robot: Robot, localisation: str, force: float, most: float) -> str:
-    """Say why a press of `force` (N) is too light to stay on while it slides, or return "".
+def check_wobble(robot: Robot, localisation: str, task: BridgeContact, most: float) -> str:
+    """Say why a slide presses too lightly to stay on, or return "".
 
     `most` (N) is what the rotors can make, told beside.
     """
     assert robot.probe is not None
     spring = robot.probe.spring_n_per_m
     wobble = WOBBLE.get(localisation, WOBBLE["total-station"])
-    least = SIGMAS * wobble * spring
+    force, least = task.slide_force_n, task.slide_sigmas * wobble * spring
     if force >= least:
         return ""
     other = "" if localisation == "mocap" else "set world.localisation='mocap', or "
     return (
         f"sliding at {force:g} N would lose contact: with {localisation} the platform "
         f"moves by about {1000.0 * wobble:.1f} mm rms, {wobble * spring:.2f} N at the "
-        f"probe's spring; {SIGMAS:g} times that is {least:.2f} N, of at most {most:.2f} N "
-        f"here: {other}omit the slide (mission.task.slide_m=0)"
+        f"probe's spring; {task.slide_sigmas:g} times that (mission.task.slide_sigmas) is "
+        f"{least:.2f} N, of at most {most:.2f} N here: {other}omit the slide "
+        "(mission.task.slide_m=0)"
     )
 
 
 def check_mobility(
-    robot: Robot, stance: ContactStance, R_WB: Array, gravity: float, structure: Structure
-) -> str:
-    """Say that friction leaves the tip too little of its way off the surface, or return ""."""
+    robot: Robot, stance: ContactStance, R_WB: Array, gravity: float, structure: Structure,
+    least: float,
+) -> str:  # fmt: skip
+    """Say that friction leaves less than `least` of the tip's way off the surface, or return "".
+
+    At a third (a pillar at friction 0.6) half of the flights lost contact, at 0.55 (0.4) none of
+    three.
+    """
     mass, p_BC, I_B = compute_body(build_body_model(robot, gravity), stance.q)
     I_C = I_B - mass * (p_BC @ p_BC * np.eye(3) - np.outer(p_BC, p_BC))
     surface, lever = build_surface(structure), stance.tip - p_BC
@@ -87,13 +89,13 @@ def check_mobility(
 
     drag = structure.friction * along
     share = min(answer(off + drag), answer(off - drag)) / answer(off)
-    if share >= MOBILITY:
+    if share >= least:
         return ""
     return (
         f"sliding at friction {structure.friction:g} rotates the robot towards the "
         f"surface: the tip retains {share:.0%} of its mobility off the surface, below "
-        f"{MOBILITY:.0%} it sticks and slips: press without sliding "
-        "(mission.task.slide_m=0), or reduce world.structure.friction"
+        f"{least:.0%} (mission.task.mobility_fraction) it sticks and slips: press without "
+        "sliding (mission.task.slide_m=0), or reduce world.structure.friction"
     )
 
 

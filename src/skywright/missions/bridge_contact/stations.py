@@ -13,8 +13,6 @@ from skywright.description.world.wind import compute_direction, compute_speed
 from skywright.models.contact_stance import ContactStance
 from skywright.models.hover_tilt import compute_hover_tilt
 
-TILT_FRACTION = 0.85  # of the computed hover tilt, that a flying robot is asked for
-
 
 class Station(NamedTuple):
     """One place of contact and the poses before it."""
@@ -63,7 +61,7 @@ def build_station(
         d.robot, q_hover, d.world.gravity_mps2, wind=R_level.T @ wind,
         air_density=d.world.air_density_kg_m3,
     )  # fmt: skip
-    scale = 1.0 if angle < 1e-9 else min(1.0, TILT_FRACTION * tilt_limit / angle)
+    scale = 1.0 if angle < 1e-9 else min(1.0, d.mission.task.tilt_fraction * tilt_limit / angle)
     exp_so3(scale * turn, part)
     p_press = np.full(3, math.nan) if free is None else p - R_dock @ free.tip
     return Station(

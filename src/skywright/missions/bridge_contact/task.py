@@ -46,6 +46,10 @@ class BridgeContact(Task):
     stand_off_m: float = Field(default=0.4, ge=0.1, le=5)  # of the feet or the tip, before docking
     dock_speed_mps: float = Field(default=0.1, ge=0.02, le=0.3)
     force_fraction: float = Field(default=0.8, gt=0, le=1)  # of the computed press, slope or wind
+    tilt_fraction: float = Field(default=0.85, gt=0, le=1)  # of the computed hover tilt
+    # of the tip's way off the surface that friction must leave to a slide
+    mobility_fraction: float = Field(default=0.5, ge=0, le=1)
+    slide_sigmas: float = Field(default=3.0, ge=0, le=6)  # of the wobble, that a slide presses with
     calm_fraction: float = Field(default=0.95, gt=0, le=1)  # of it, level and in calm air
     slide_m: Coordinate = 0.0  # along the structure under force, in flight; 0: left out
     slide_force_n: Positive = 2.0

@@ -149,7 +149,7 @@ def _find_gusts(setup: Setup[SensorInstall], yaw: float) -> str | None:
     told = find_exceeded_motion(
         setup, yaw, math.inf if place is None else place.limit,
         0.0 if decay is None else math.radians(setup.task.swing_deg), SWING_DECAYED,
-        math.inf if decay is None else decay.limit,
+        math.inf if decay is None else decay.limit, setup.task.swing_sigmas,
     )  # fmt: skip
     return None if told is None else f"wind: {told}"
 

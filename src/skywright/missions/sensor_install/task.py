@@ -26,3 +26,5 @@ class SensorInstall(Task):
     )  # the hand tracks a fixed point for so long; 0: left out
     survey: bool | None = None  # touch the pipe first; default: where plant.map_error_* is not zero
     swing_deg: float = Field(default=10.0, ge=0, le=30)  # the link is let go from here; 0: left out
+    # of the link's own motion in gusts, that a swing which dies out must leave room for
+    swing_sigmas: float = Field(default=2.0, ge=0, le=6)
