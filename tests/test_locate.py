@@ -68,7 +68,7 @@ def test_demo_writes_files_that_can_be_read_again(demo):
     assert csv.t[0] == pytest.approx(truth.t[0] + STATION_CLOCK, abs=0.1)
     page = (demo / "locate.html").read_text()
     assert "http://" not in page.replace("http://www.w3.org", "") and 'src="data:' in page
-    assert "without the station" not in page and "When the station was away" in page
+    assert "without the station" not in page and "Outages of the station" in page
 
 
 def test_json_prints_one_object_and_writes_only_where_asked(demo, tmp_path, monkeypatch):
@@ -173,7 +173,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("one.csv camera.txt", "one.csv: 1 of 1 rows"),
         (". camera.txt", "is a directory"),
         ("station.csv camera.txt --reference empty.csv", "empty.csv: is empty"),
-        ("camera.txt other.txt", "cannot tell which is the station"),
+        ("camera.txt other.txt", "the station cannot be recognised"),
         ("station.csv other.txt", "do not overlap in time"),
         ("short.csv camera.txt", "at least 8 s"),
         ("station.csv camera.txt --align best", "--align best; valid: similarity"),
@@ -193,7 +193,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("station.csv camera.txt --frame station.csv few.csv", "found the header"),
         ("truth.csv --reference truth.csv --prism 0,0,0", "--prism needs a station"),
         ("truth.csv --reference truth.csv --calibrate 0:5", "--calibrate needs a station"),
-        ("station.csv:/topic camera.txt", "is no MCAP file"),
+        ("station.csv:/topic camera.txt", "is not an MCAP file"),
         ("--demo station.csv", "--demo generates its own files"),
         ("station.csv camera.txt --out camera.txt", "is a file"),
         ("station.csv camera.txt --out camera.txt/deep", "is a file"),

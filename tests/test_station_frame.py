@@ -101,7 +101,7 @@ def test_what_cannot_be_told_is_said():
     moved[2] += [0.5, 0.0, 0.0]
     measured, _, _ = measure(rng, points=moved)
     pose = estimate_station_pose(NAMES[:4], TERRAIN[:4], measured)
-    assert any("cannot be told which" in note for note in pose.notes)
+    assert any("cannot be identified" in note for note in pose.notes)
     measured, _, _ = measure(rng, std=0.006)
     pose = estimate_station_pose(NAMES, TERRAIN, measured, std=STD)
     assert pose.notes and pose.sigma > STD

@@ -28,7 +28,7 @@ def draw_hero(result: RunResult) -> Figure | None:
     chart.grid(False)
     for x, text in (
         (0.015, "The robot slides an eddy-current probe over a pipe ..."),
-        (0.525, "... and this is the weld it found (the pipe's surface, unrolled)"),
+        (0.525, "... and detects this weld (the pipe's surface, unrolled)"),
     ):
         figure.text(x, 0.955, text, fontsize=11.5, fontweight="bold", va="center")
     return figure
