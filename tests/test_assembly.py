@@ -309,7 +309,7 @@ class NeedsB(Component):
     [
         ([Doubler("d")], "d .Doubler.step. reads Level, which no component of this vehicle fills"),
         ([Counter("c"), Counter("c")], "two components are named 'c'"),
-        ([Counter("c"), NeedsB("b"), NeedsA("a"), Cheat("law")], "cannot see Truth of the plant"),
+        ([Counter("c"), NeedsB("b"), NeedsA("a"), Cheat("law")], "cannot read Truth of the plant"),
         ([Stepless("law")], "Stepless has no static method 'step'"),
         ([Unmarked("law")], "parameter 'total' has no annotation"),
         ([Late("law")], "slot 'contrl' of Late.step is unknown; valid: clear, observe"),

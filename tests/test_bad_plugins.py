@@ -139,10 +139,10 @@ CASES = {
         say("reads Nobody, which no component of this vehicle fills; available:", "BodyModel"),
     ),
     "the truth": Case(
-        ROBOTS, lambda g: write_class(g, "truth: Truth, "), say("{group}", "cannot see Truth"),
+        ROBOTS, lambda g: write_class(g, "truth: Truth, "), say("{group}", "cannot read Truth"),
     ),
     "the plant's own arrays": Case(
-        ROBOTS, lambda g: write_class(g, "mj: MuJoCo, "), say("{group}", "cannot see MuJoCo"),
+        ROBOTS, lambda g: write_class(g, "mj: MuJoCo, "), say("{group}", "cannot read MuJoCo"),
     ),
     "the plant's side": Case(
         ROBOTS, lambda g: write_class(g, "truth: Truth, ", more='    side = "plant"\n\n'),

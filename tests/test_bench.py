@@ -39,6 +39,8 @@ from skywright.evidence.bench.runner import run_benchmarks
 from skywright.evidence.bench.scan import Cost, fit_exponent
 from skywright.evidence.bench.timing import compute_ratios, interleave
 from skywright.run.planning import plan_mission
+from skywright.vehicle.instruments.eddy_current import EddyProbe
+from skywright.vehicle.interface import Probe
 
 ROOT = Path(__file__).resolve().parent.parent
 HERE = "test_bench_double"
@@ -339,3 +341,14 @@ def test_the_page_shows_history_and_what_was_missed(_in_empty_folder, monkeypatc
     assert "| `one.x_s` | ≤ 1 | 0.5 s | 1.25 to 1.75 | 1.5 s | a\\|b |" in text
     assert "**1.5 s** missed" in generator.build_section([first])
     assert text.index("| #2 |") < text.index("| #1 |")
+
+
+# Last: it changes what the vehicle of this module believes
+
+
+def test_contact_is_judged_from_the_calibrated_signal(in_contact):
+    shown = in_contact.read(EddyProbe.Reading).ec
+    for off, touching in ((0.0, True), (20.0, False), (-20.0, False)):
+        Probe(in_contact).calibrate(complex(*shown) + off * 1j, 1j)
+        in_contact.tick()
+        assert in_contact.in_contact() is touching

@@ -123,7 +123,7 @@ def test_gusts_beyond_a_derived_wind_are_refused() -> None:
     most = float(re.search(r"largest permitted mean is (\S+) m/s \(world.wind.mean_mps\)", told)[1])  # type: ignore[index]
     assert 2.4 < most < 2.7 and "30 mm are allowed" in told
     assert refuse(f"world.wind.mean_mps={most - 0.02}") == "None"
-    assert "move the platform by 30." in refuse(f"world.wind.mean_mps={most + 0.02}")
+    assert "displace the platform by 30." in refuse(f"world.wind.mean_mps={most + 0.02}")
     slow = refuse("world.wind.mean_mps=4", "robot.control.motion_sensitivity=0")
     assert float(re.search(r"at most (\S+) m/s", slow)[1]) < 0.8 * most  # type: ignore[index]
     # a start at 20 deg has less time left for what gusts add

@@ -141,7 +141,7 @@ def test_a_law_in_plain_python_flies_like_the_compiled_one(tmp_path):
         (
             "@staticmethod\ndef step(truth: Truth, cmd: Out[WrenchCommand]) -> None: ...",
             "from skywright.vehicle.bus import Truth",
-            "cannot see Truth",
+            "cannot read Truth",
         ),
         (
             "@staticmethod\ndef step(est: Estimate, cmd: Out[WrenchCommand]) -> None:\n"

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,6 +22,7 @@ from skywright.recordings.writer import RecordingWriter
 from skywright.reports import explain
 from skywright.reports.terminal import print_result
 from skywright.run.directory import load_run
+from skywright.run.kind import load_kind
 from skywright.run.requirements import Verdict, describe_outcome
 from skywright.run.run import Observer, fly_and_evaluate, run_mission
 from waiting import wait_for
@@ -158,3 +160,18 @@ def test_a_reason_is_empty_only_where_all_was_met(outcome, passed):
     reason = describe_outcome(outcome, verdicts)
     assert bool(reason) == (outcome != "succeeded" or not all(passed))
     assert all(v.passed or v.name in reason for v in verdicts)
+
+
+@pytest.mark.parametrize("step", ["metrics", "requirements"])
+def test_a_defect_of_the_evaluation_leaves_a_judged_run_behind(tmp_path, monkeypatch, step):
+    def fail(*args):
+        return np.zeros(0)[1]
+
+    monkeypatch.setattr(type(load_kind("waypoints")), step, fail)
+    result = run_mission(load_description("waypoints"), out=tmp_path / "r")
+    written = json.loads((tmp_path / "r" / "metrics.json").read_text())
+    assert result.outcome == written["outcome"] == "failed"
+    assert written["reason"].startswith("evaluation: IndexError: index 1 is out of bounds")
+    assert "of test_run_directory.py" in written["reason"]
+    assert written["metrics"]["flight.duration_s"] > 1.0
+    assert len(load_run(tmp_path / "r").samples) == len(result.samples)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import json
 import math
 from pathlib import Path
@@ -21,6 +22,7 @@ from skywright.inspection.crossings import Crossing, count_passes, separate_line
 from skywright.inspection.weld import process_scan
 from skywright.inspection.weld_data import process_file
 from skywright.missions.scan.coverage import compute_scan_coverage, judge_coverage, list_missed
+from skywright.missions.scan.fly import _calibrate as calibrate_touch
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.welds import ERRORS, find_expected, judge_welds, list_waived
 from skywright.models.eddy_current import build_probe_signal, ec_signal
@@ -262,3 +264,16 @@ def test_a_recording_without_a_scan_is_told(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="has no column ec"):
         process_file(tmp_path / "run")
+
+
+def test_a_touch_calibrates_the_guard_of_a_display_that_is_turned_and_not_nulled() -> None:
+    told: list[complex] = []
+    s: Any = SimpleNamespace(probe=SimpleNamespace(calibrate=lambda *x: told.extend(x)))
+    null, axis = complex(30.0, -45.0), cmath.rect(1.0, math.radians(200.0))
+    lift = 80.0 * np.concatenate([np.ones(100), np.linspace(1.0, 0.0, 60), np.zeros(200)])
+    w = null + axis * lift
+    assert calibrate_touch(s, np.column_stack([w.real, w.imag]))
+    assert told == [pytest.approx(null, abs=0.1), pytest.approx(axis, abs=1e-3)]
+    told.clear()
+    air = w[:100] + np.random.default_rng(1).normal(0.0, 0.2, 100)
+    assert not calibrate_touch(s, np.column_stack([air.real, air.imag])) and not told

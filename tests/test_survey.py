@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -40,6 +42,7 @@ from skywright.missions.skills.surveyed import (
     get_tip,
     move_pipe,
 )
+from skywright.models.geometry import FAR, describe_pair, leave_out, query_clearance
 from skywright.planning.patterns import build_pattern
 from skywright.planning.survey import choose_points
 from skywright.run.metrics import in_phases
@@ -329,3 +332,19 @@ def test_a_pipe_beyond_the_bounds_sends_the_robot_home() -> None:
     assert flight.reason.startswith("survey: only 0 of 6 touches succeeded (no contact within")
     assert s.phases[-1].name == "land" and s.phases[-1].outcome == "done"
     assert "reverse approach" in [p.name for p in s.phases]
+
+
+def test_the_pipe_stops_the_tip_so_it_is_cleared_to_the_press_depth_only() -> None:
+    """A propeller 27 mm from where the pipe is by the map, with the tip 45 mm inside of it."""
+    table = Path(__file__).parents[1] / "benchmarks" / "oracle-pipe-weld-scan-conditions.csv"
+    with table.open() as file:
+        row = list(csv.DictReader(file))[10]
+    setup = Setup(load_description("pipe-weld-scan", sets=[f"{k}={v}" for k, v in row.items()]))
+    plan = plan_mission(setup.description, setup)
+    assert plan.feasible, plan.blocked_by
+    inside, away = np.array([2.0, 0.0, 1.5]), np.zeros(2)
+    query = setup.clearance
+    gap, pair = query_clearance(query.core, inside, np.eye(3), away, FAR, FAR)
+    assert gap < 0.0 and describe_pair(query, pair).endswith(" and pipe")
+    gap, pair = query_clearance(leave_out(query, "pipe"), inside, np.eye(3), away, FAR, FAR)
+    assert 0.0 < gap < FAR and "pipe" not in describe_pair(query, pair)

@@ -116,7 +116,7 @@ def test_what_a_world_lacks_is_told() -> None:
     vehicle = build_vehicle(load_description("waypoints"))
     with pytest.raises(InputError, match="no bench"):
         vehicle.move_bench(np.zeros(3))
-    with pytest.raises(InputError, match="no body 'wing'"):
+    with pytest.raises(InputError, match="unknown body 'wing'"):
         vehicle.push("wing", np.zeros(3))
     with pytest.raises(InputError, match=r"things.socket is not there"):
         vehicle.survey("socket")
@@ -158,7 +158,7 @@ def test_motion_capture_surveys_what_is_tracked() -> None:
     np.testing.assert_allclose(vehicle.survey("post")[0], [0.63, 2.0, 0.06], atol=0.01)
     np.testing.assert_allclose(vehicle.survey("crate")[0], [0.6, 5.0, 0.05], atol=0.01)
     np.testing.assert_allclose(vehicle.survey("plate")[0], [0.6, 5.0, 0.15], atol=0.01)
-    with pytest.raises(InputError, match=r"does not see 'wall'.*tracked = true"):
+    with pytest.raises(InputError, match=r"does not track 'wall'.*tracked = true"):
         vehicle.survey("wall")
 
 

@@ -27,29 +27,74 @@ if TYPE_CHECKING:
     import os
 
     from skywright.description.loader import Description, Sets
+    from skywright.parts import (
+        build_law,
+        build_mjcf,
+        build_model,
+        build_urdf,
+        build_vehicle,
+        campaign,
+        compute_capability,
+        identify,
+        load_robot,
+        load_world,
+        locate,
+        plan_motion,
+        run_estimator,
+        weld,
+    )
+    from skywright.planning.motion.transit import Configuration
+    from skywright.planning.shapes import Box, Cylinder, Sphere
     from skywright.run.planning import MissionPlan
     from skywright.run.results import Run, open_run
     from skywright.run.run import RunResult
+    from skywright.vehicle.interface import Uav
 
     __version__: str
 
 _PARTS = {
-    "Run": "skywright.run.results",
-    "open_run": "skywright.run.results",
-}
+    "skywright.parts": (
+        "build_law", "build_mjcf", "build_model", "build_urdf", "build_vehicle", "campaign",
+        "compute_capability", "identify", "load_robot", "load_world", "locate", "plan_motion",
+        "run_estimator", "weld",
+    ),
+    "skywright.planning.motion.transit": ("Configuration",),
+    "skywright.planning.shapes": ("Box", "Cylinder", "Sphere"),
+    "skywright.run.results": ("Run", "open_run"),
+    "skywright.vehicle.interface": ("Uav",),
+}  # fmt: skip
 """Parts by the module that they are imported from when they are first asked for."""
 
 __all__ = [
+    "Box",
+    "Configuration",
+    "Cylinder",
     "InfeasibleError",
     "InputError",
     "Run",
     "SimulationError",
     "SkywrightError",
+    "Sphere",
+    "Uav",
+    "build_law",
+    "build_mjcf",
+    "build_model",
+    "build_urdf",
+    "build_vehicle",
+    "campaign",
+    "compute_capability",
     "evaluate",
+    "identify",
     "load",
+    "load_robot",
+    "load_world",
+    "locate",
     "open_run",
     "plan",
+    "plan_motion",
     "run",
+    "run_estimator",
+    "weld",
 ]
 
 
@@ -61,9 +106,10 @@ def __getattr__(name: str) -> Any:
             return version("skywright")
         except PackageNotFoundError:  # run from a source tree that was never installed
             return "0+unknown"
-    if name not in _PARTS:
-        raise AttributeError(f"module 'skywright' has no attribute {name!r}")
-    return getattr(import_module(_PARTS[name]), name)
+    for module, names in _PARTS.items():
+        if name in names:
+            return getattr(import_module(module), name)
+    raise AttributeError(f"module 'skywright' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

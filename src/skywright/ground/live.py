@@ -224,7 +224,8 @@ def build_numbers(row: Any, vehicle: SimulatedVehicle) -> str:
     speed = float(np.linalg.norm(row["v_WB"]))
     lines.append(("speed", f"{speed:.2f} m/s"))
     if "probe" in vehicle.offers and vehicle.world.pipe is not None:
-        lift_off = float(vehicle.read_memory("eddy current")["lift_axis"] @ row["ec"])
+        probe = vehicle.read_memory("eddy current")
+        lift_off = float(probe["lift_axis"] @ (row["ec"] - probe["null"]))
         touching = "contact" if vehicle.in_contact() else "no contact"
         near = float(row["gap"]) < 0.02  # further away gap and tilt mean nothing
         lines += [

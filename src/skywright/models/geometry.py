@@ -246,6 +246,12 @@ def compute_clearance(
     return Clearance(distance, *(int(g) for g in query.core.pairs[pair]))
 
 
+def leave_out(query: ClearanceQuery, name: str) -> ClearanceCore:
+    """The core in which `probe_slack` counts for all of the robot at the world's geom `name`."""
+    names = [query.names[other] for _, other in query.core.pairs]
+    return query.core._replace(probe=np.array([float(n == name) for n in names]))
+
+
 def compute_self_clearance(query: ClearanceQuery, q: Array) -> Clearance:
     """Return the smallest distance between the arm's moving links and propellers or gear."""
     query_clearance(query.core, np.zeros(3), np.eye(3), np.asarray(q, dtype=float), 0.0, 0.0)

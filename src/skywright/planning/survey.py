@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array
+from skywright.models.geometry import leave_out
 from skywright.planning.inverse_kinematics import State
 from skywright.planning.local_planner import Edge, plan_surface_edge
 from skywright.planning.patterns import Pattern, build_time_law
@@ -21,6 +22,7 @@ class SurveyTask(NamedTuple):
 
     points: Array  # (n, 2) s m, phi rad
     beyond: float  # m inside the surface of the map
+    press: float  # m inside the true surface, at most
 
 
 def choose_points(corners: Array) -> Array:
@@ -38,11 +40,13 @@ def plan_survey(
 ) -> tuple[dict[str, list[Edge]], str | None]:
     """Move from `state`, off the surface over `corner`, from point to point; then `away` (m) off.
 
-    Each touch is tried as well: a point where the robot cannot press is no place to touch. Returns
-    "survey 1", ... (the first may be missing: it is where the robot is) and "survey leave", or what
-    blocks them.
+    Each touch is tried as well: a point where the robot cannot press is no place to touch. The pipe
+    stops the tip wherever it is, so it is kept clear of to the press depth; everything else to
+    `beyond`. Returns "survey 1", ... (the first may be missing: it is where the robot is) and
+    "survey leave", or what blocks them.
     """
     scan, lim = search.task, search.prob.limits
+    free = search.prob._replace(clearance=leave_out(search.query, "pipe"))
     aloft = scan._replace(
         pattern=Pattern(task.points, None), depth=-scan.stand_off, dead_zone=0.0,
         speed=scan.close_speed,
@@ -60,15 +64,17 @@ def plan_survey(
                 return {}, f"survey: {search.explain(failure)}"
             edges[f"survey {i + 1}"] = [m.edge for m in moves]
             state, at = moves[-1].edge.state, point
-        law = build_time_law(
-            scan.stand_off + task.beyond, scan.touch_speed, lim.acceleration / 4, 0.5
-        )
-        touch = plan_surface_edge(
-            search.prob, state, _at(point, scan.stand_off), _at(point, -task.beyond), law,
-            math.atan2(state.R[1, 0], state.R[0, 0]), state.q, True, scan.dead_zone,
-        )  # fmt: skip
-        if touch.failure is not None:
-            return {}, f"survey: {search.explain(touch.failure)}"
+        yaw, touched = math.atan2(state.R[1, 0], state.R[0, 0]), state
+        ends = (scan.stand_off, -task.press, -task.beyond)
+        for prob, gap, end in zip((search.prob, free), ends, ends[1:], strict=False):
+            law = build_time_law(gap - end, scan.touch_speed, lim.acceleration / 4, 0.5)
+            touch = plan_surface_edge(
+                prob, touched, _at(point, gap), _at(point, end), law, yaw, state.q, True,
+                scan.dead_zone,
+            )  # fmt: skip
+            if touch.failure is not None:
+                return {}, f"survey: {search.explain(touch.failure)}"
+            touched = touch.state
     law = build_time_law(away - scan.stand_off, scan.close_speed, lim.acceleration / 2, 0.5)
     leave = plan_surface_edge(
         search.prob, state, _at(at, scan.stand_off), _at(at, away), law,

@@ -17,31 +17,22 @@ from typing import Any, Generic, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.find import blame
+from skywright.core.find import blame, explain
 from skywright.core.threads import on_one_thread
 from skywright.description.loader import Description, load_description
 from skywright.description.mission.spec import T
-from skywright.errors import InfeasibleError, InputError, SimulationError
+from skywright.errors import InfeasibleError, InputError, SimulationError, SkywrightError
 from skywright.models.capability import check_can_fly
 from skywright.models.things.bench import Bench
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.recordings.columns import build_dtype
-from skywright.run.directory import (
-    load_run,
-    open_directory,
-    write_json,
-    write_unfinished,
-)
+from skywright.run.directory import load_run, open_directory, write_json, write_unfinished
 from skywright.run.faults._rule import Acted, Rule
 from skywright.run.flight import Flight, Flown, PhaseRecord
 from skywright.run.flight_recording import FlightRecording
 from skywright.run.kind import P, load_kind
 from skywright.run.metrics import compute_common_metrics
-from skywright.run.operated import (
-    check_operator,
-    keep_operator,
-    write_mission,
-)
+from skywright.run.operated import check_operator, keep_operator, write_mission
 from skywright.run.operator import Operator
 from skywright.run.parts import build_estimator, build_law, build_named, build_rules
 from skywright.run.planning import MissionPlan, plan_mission
@@ -171,8 +162,8 @@ def run_mission(
     try:
         if write_report is not None:
             write_report(result)
-    except (KeyboardInterrupt, OSError, InputError) as error:
-        reason = f"the report was not finished: {str(error) or 'interrupted by the user'}"
+    except (KeyboardInterrupt, Exception) as error:
+        reason = f"the report was not finished: {_describe(error)}"
         result = result._replace(outcome="interrupted", reason=reason)
         write_json(partial / "metrics.json", result.to_json())
         return result
@@ -369,27 +360,38 @@ def _fly(
     return np.concatenate(blocks), supervisor.phases, flight, outcome
 
 
+def _describe(error: BaseException) -> str:
+    """Say what was raised; of a defect its line, too."""
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted by the user"
+    return str(error) if isinstance(error, SkywrightError | OSError) else explain(error)
+
+
 def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -> RunResult[T, P]:
     description, plan = run.setup.description, run.plan
     kind = load_kind(description.mission.kind)
-    metrics, reason = dict[str, float](), flight.reason
-    details, found = None, dict[str, Any]()
-    if len(run.samples):
-        metrics = compute_common_metrics(
-            run.samples, run.phases, hanging=description.robot.pendulum is not None
-        )
-        try:
+    metrics, reason, broken = dict[str, float](), flight.reason, ""
+    verdicts, waived, details, found = list[Verdict](), dict[str, str](), None, dict[str, Any]()
+    try:
+        if len(run.samples):
+            metrics = compute_common_metrics(
+                run.samples, run.phases, hanging=description.robot.pendulum is not None
+            )
             with blame(type(kind), "metrics"):
                 metrics.update(kind.metrics(run))
                 details, found = kind.result(run), kind.describe(run)
-        except InputError as error:  # e.g. no approach to calibrate on after an abort
-            reason = reason or f"evaluation: {error}"
+    except Exception as error:  # e.g. no approach to calibrate on after an abort, or a defect
+        broken = f"evaluation: {_describe(error)}"
     metrics["plan.wall_s"] = plan.plan_s
     metrics["plan.min_clearance_m"] = plan.min_clearance_m
     metrics["plan.min_rotor_margin"] = plan.min_rotor_margin
-    verdicts, waived = judge_run(kind, run, metrics)
+    try:
+        verdicts, waived = judge_run(kind, run, metrics)
+    except Exception as error:
+        broken = broken or f"evaluation: {_describe(error)}"
+    reason = reason or broken
     if not outcome:
-        met = all(v.passed for v in verdicts)
+        met = not broken and all(v.passed for v in verdicts)
         outcome = "aborted" if not flight.completed else "succeeded" if met else "failed"
     reason = reason or describe_outcome(outcome, verdicts)
     return RunResult(

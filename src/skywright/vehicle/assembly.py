@@ -126,9 +126,8 @@ class Assembly:
             name = wanted
             if name not in owners:
                 raise InputError(
-                    f"{step.label}: {record.__qualname__} is filled by several components: "
-                    f"select one in `ports`, {{{port.name!r}: NAME}}; valid: "
-                    f"{', '.join(owners)}"
+                    f"{step.label}: {record.__qualname__} is filled by several components: select "
+                    f"one in `ports`, {{{port.name!r}: NAME}}; valid: {', '.join(owners)}"
                 )
         if self._is_near(step, port):
             return record, f"{name} {NEAR}".strip()

@@ -111,6 +111,9 @@ class Backend(Protocol):
     def in_contact(self) -> bool:
         """Whether the probe's instrument says contact."""
 
+    def calibrate_probe(self, null: Array, axis: Array) -> None:
+        """Judge contact by how far the signal is from `null` (2,), in units, along `axis` (2,)."""
+
     def push(self, body: str, f_W: Array) -> None:
         """Disturb a body of the robot with a force (3,) N (a simulation can)."""
 
@@ -290,6 +293,12 @@ class Probe:
     def in_contact(self) -> bool:
         """Whether the lift-off signal is under its threshold."""
         return self.backend.in_contact()
+
+    def calibrate(self, contact: complex, axis: complex) -> None:
+        """Judge contact from now on by the signal in `contact` and its `axis` towards air."""
+        self.backend.calibrate_probe(
+            np.array([contact.real, contact.imag]), np.array([axis.real, axis.imag])
+        )
 
 
 def fill_tips(backend: Backend, table: Table) -> None:

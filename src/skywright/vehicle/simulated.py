@@ -300,10 +300,7 @@ class SimulatedVehicle:
         self.find(GivenForces).push(body, f_W)
 
     def get_memory(self, name: str) -> View:
-        """Return parameters and memory of the component called `name`, to look at or to change.
-
-        Raises InputError for an unknown name.
-        """
+        """Return parameters and memory of component `name`, to change; InputError if unknown."""
         for (record, owner), rows in self.assembly.records.items():
             if owner == name and record in self.assembly.memories:
                 return View(rows[0])
@@ -332,6 +329,11 @@ class SimulatedVehicle:
         found = self.assembly.records.get((EddyProbe.Reading, ""))
         return found is not None and bool(found["in_contact"][0])
 
+    def calibrate_probe(self, null: Array, axis: Array) -> None:
+        """Judge contact by how far the signal is from `null` (2,), in units, along `axis` (2,)."""
+        me = self.get_memory("eddy current")
+        me.null[:], me.lift_axis[:] = null, axis
+
     def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
         """Move the bench that clamps the platform to p_W (3,) m, turned by `yaw` (rad).
 
@@ -353,10 +355,7 @@ class SimulatedVehicle:
         silence(self.assembly, failed)
 
     def release(self) -> None:
-        """Open the clamp that holds the platform; it stays open.
-
-        Raises InputError where the world has none.
-        """
+        """Open the clamp that holds the platform for good; InputError where there is none."""
         self._find_bench()
         self.sim.data.eq_active[self.scene.model.equality(Fixture.CLAMP).id] = 0
 

@@ -4,7 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from skywright.core.arrays import Table
+from skywright.core.arrays import Array, Table
+from skywright.errors import InputError
+from skywright.inspection.calibration import build_calibration, compute_components
 from skywright.missions.scan.plan import ScanWay, SurveyWay, plan_found
 from skywright.missions.scan.task import Scan
 from skywright.missions.skills.survey import Tip, Touch, survey_surface
@@ -13,6 +15,7 @@ from skywright.missions.skills.tables import build_retreat, cut_table, lift_tabl
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.guard import CONTACT_LOST
+from skywright.vehicle.instruments.eddy_current import LIFT_OFF_THRESHOLD, EddyProbe
 
 TRIM_ERROR = 0.003  # m, tip error at which the free-flight integral is called settled
 TRIM_TIMES = (2.0, 12.0)  # s, least and most time for it
@@ -61,13 +64,27 @@ def fly(s: Supervisor[Scan], way: ScanWay) -> Flight:
 
 
 def _touch(s: Supervisor, table: Table) -> bool:
+    """Touch, and calibrate the instrument on the way from air to contact, as evaluation does."""
+    reading, seen = s.vehicle.look(EddyProbe.Reading), list[Array]()
+    s.watch = lambda: seen.append(np.array(reading.ec))
     s.follow("touch", table)
     s.begin("settle")
     s.body.hold()
     s.wait(SETTLE)
-    made = s.probe.in_contact()
+    s.watch = None
+    made = _calibrate(s, np.array(seen))
     s.end("done" if made else "retry")
     return made
+
+
+def _calibrate(s: Supervisor, ec: Array) -> bool:
+    """Calibrate the probe on its signal (n, 2) of a touch; returns whether that made contact."""
+    try:
+        found = build_calibration(ec, lift_off_threshold=LIFT_OFF_THRESHOLD)
+    except InputError:  # the signal shows no way from air to contact
+        return False
+    s.probe.calibrate(found.contact, found.lift_off_axis)
+    return bool(abs(compute_components(ec[-1:], found)[0][0]) < LIFT_OFF_THRESHOLD)
 
 
 def _slide(s: Supervisor, table: Table) -> float | None:

@@ -22,7 +22,7 @@ from skywright.missions.skills.surveyed import (
 from skywright.models.rigid_body import compute_body, joint_names, posture
 from skywright.planning.inverse_kinematics import State, build_state
 from skywright.planning.patterns import SIDES, build_pattern
-from skywright.planning.scan import compute_depth, plan_scan
+from skywright.planning.scan import ScanPlan, compute_depth, plan_scan
 from skywright.planning.survey import SurveyTask, choose_points
 from skywright.planning.via_points import ScanTask
 from skywright.run.limits import find_exceeded_push
@@ -30,12 +30,15 @@ from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
 
 PRESS = 2.0
-"""Times the depth that makes FELT_N: how far beyond the farthest surface a touch goes."""
+"""Times the depth that makes FELT_N: how far inside the surface a touch goes."""
 
 
 DEEP = 0.1
 """m, of the desired tip inside the surface, that may itself be why nothing fits: arms that scan
 have about 0.3 m between platform and tip."""
+
+SHALLOW = 0.02
+"""m, at which what is blocked is planned again, to tell an arm that does not fit from a depth."""
 
 
 class SurveyWay(NamedTuple):
@@ -86,9 +89,7 @@ def plan_found(setup: Setup[Scan], found: Cylinder, row: Any) -> MissionPlan[Sca
 
 
 def _explain_depth(setup: Setup[Scan], depth: float, stiffness: float) -> str:
-    """Say what asks for a large depth (m), to stand before what it comes to, or return ""."""
-    if depth < DEEP:
-        return ""
+    """Say what asks for a large depth (m), to stand before what it comes to."""
     if setup.task.depth_m is not None:
         return f"mission.task.depth_m = {depth:g} m is deep (lower it): "
     w = setup.robot.control.position_bandwidth_rad_s
@@ -130,17 +131,11 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
         points = choose_points(pattern.corners)
         reach = np.array([compute_reach(cylinder, get_map_error(setup), x) for x in points])
         stand_off = max(stand_off, float(np.max(reach)) + CLEAR)
-        beyond = reach + PRESS * FELT_N / stiffness
-        survey = SurveyTask(points, float(np.max(beyond)))
+        press = PRESS * FELT_N / stiffness
+        beyond = reach + press
+        survey = SurveyTask(points, float(np.max(beyond)), press)
         frames = [build_frame(cylinder, float(x[1])) for x in points]
         way = SurveyWay(setup, points, frames, stand_off + beyond, robot.force_sensor is not None)
-    task = ScanTask(
-        pattern=pattern,
-        speed=scan.speed_mps,
-        depth=depth,
-        dead_zone=1.5 * depth,
-        stand_off=stand_off,
-    )
     query, scene, loads, hover = setup.clearance, setup.planning_scene, setup.loads, setup.hover
     began = time.perf_counter()
     if not loads.full:
@@ -149,14 +144,27 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
             "lateral force",
             0.0,
         )
-    found = plan_scan(
-        model, loads, query, scene, cylinder, task, setup.limits, force, hover, hover,
-        posture(robot, "folded"), posture(robot, "working"),
-        build_stream(d.mission.seed, "planner"),
-        tuple(joint_names(robot)), d.mission.planner_time_s, survey, begin,
-    )  # fmt: skip
+
+    def attempt(depth: float, survey: SurveyTask | None) -> ScanPlan:
+        task = ScanTask(pattern, scan.speed_mps, depth, 1.5 * depth, stand_off)
+        return plan_scan(
+            model, loads, query, scene, cylinder, task, setup.limits, force, hover, hover,
+            posture(robot, "folded"), posture(robot, "working"),
+            build_stream(d.mission.seed, "planner"),
+            tuple(joint_names(robot)), d.mission.planner_time_s, survey, begin,
+        )  # fmt: skip
+
+    found = attempt(depth, survey)
+    blocked = found.blocked_by
+    if blocked and depth >= DEEP:
+        anyhow = attempt(SHALLOW, None).blocked_by
+        blocked = (
+            f"{anyhow}, with the desired tip {1e3 * SHALLOW:.0f} mm inside the surface as with "
+            f"the {1e3 * depth:.0f} mm that the push needs"
+            if anyhow
+            else _explain_depth(setup, depth, stiffness) + blocked
+        )
     spent = time.perf_counter() - began
-    blocked = found.blocked_by and _explain_depth(setup, depth, stiffness) + found.blocked_by
     blocked = blocked or find_exceeded_push(setup, force, found.segments["scan"])
     return MissionPlan(
         blocked is None, blocked, spent, found.duration_s, found.min_clearance_m,

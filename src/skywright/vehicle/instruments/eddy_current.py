@@ -39,7 +39,8 @@ class EddyProbe(Component):
         welds: int  # address of (welds, 4)
         n: Annotated[Integers, 5]  # tilts, gaps, blends, modes, welds
         numbers: Annotated[Array, 5]  # the rest of ProbeSignal, in its order
-        lift_axis: Annotated[Array, 2]  # direction contact -> air on the display
+        null: Annotated[Array, 2]  # what it shows in contact, as its user believes
+        lift_axis: Annotated[Array, 2]  # direction contact -> air on the display, likewise
 
     class Noise(Normal):
         stream = "probe"
@@ -79,8 +80,8 @@ class EddyProbe(Component):
             open_signal(me), surface.s, surface.c, surface.gap, surface.tilt, noise.re, noise.im
         )
         out.ec[0], out.ec[1] = re, im
-        lift = me.lift_axis[0] * re + me.lift_axis[1] * im
-        touching = 1 if lift < LIFT_OFF_THRESHOLD else 0
+        lift = me.lift_axis[0] * (re - me.null[0]) + me.lift_axis[1] * (im - me.null[1])
+        touching = 1 if abs(lift) < LIFT_OFF_THRESHOLD else 0
         if touching and not out.in_contact:
             clock.fired |= clock.mask & CONTACT_MADE
         if out.in_contact and not touching:

@@ -1,0 +1,31 @@
+"""Robot and world as a MuJoCo model, for tools that take one."""
+
+from __future__ import annotations
+
+from mujoco import MjModel as MjModel
+
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.models.arm_body import Deviation
+from skywright.models.scene import build_scene, build_spec
+
+
+def build_mjcf(robot: Robot, world: World, *, nominal: bool = False) -> str:
+    """Return the model as MJCF; SI, radians, W is MuJoCo's world.
+
+    It is what a flight simulates, with the plant's errors at zero: contacts, the flexibility of
+    joints, the probe's spring, servos. The rotors are no actuators: their thrusts are forces on
+    the body `platform` (`xfrc_applied`). With `nominal` it is what controllers and planners
+    believe: rigid arm, released spring, no contacts.
+    """
+    spec = build_spec(robot, world, None if nominal else Deviation())
+    spec.compile()
+    return str(spec.to_xml())
+
+
+def build_model(robot: Robot, world: World, *, nominal: bool = False) -> MjModel:
+    """Return the same model compiled, as the simulation steps it.
+
+    Raises InputError for sizes that MuJoCo refuses.
+    """
+    return build_scene(robot, world, None if nominal else Deviation()).model

@@ -1,0 +1,272 @@
+"""The parts of the public Python API: each does one job alone, on one's own data.
+
+Names are imported from `skywright` itself; docs/reference/python.md shows each in a script. SI and
+radians; frames W (ENU, z up), B (platform, FLU), T (tip). Wrong input raises InputError.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skywright.description.loader import (
+    Description,
+    Sets,
+    load_description,
+    split_assignments,
+)
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.errors import InputError
+
+if TYPE_CHECKING:
+    from skywright.analysis.campaign.campaign import CampaignResult
+    from skywright.analysis.identify.identify import Identification
+    from skywright.analysis.locate.locate import LocateReport
+    from skywright.inspection.weld_data import WeldReport
+    from skywright.models.as_mujoco import MjModel
+    from skywright.models.capability import Capability
+    from skywright.planning.motion.transit import Configuration, Transit
+    from skywright.planning.shapes import Shape
+    from skywright.vehicle.simulated import SimulatedVehicle
+    from skywright.vehicle.stepped import LawStep
+
+Path_ = str | os.PathLike[str]
+
+
+def load_robot(robot: Path_, *, sets: Sets = ()) -> Robot:
+    """Load a robot by its built-in name or file; `sets` changes values ("robot.platform.mass_kg").
+
+    What comes back are frozen, validated tables; keys with units in their names. Raises InputError
+    naming file and key.
+    """
+    from skywright.description.robot.loader import load_robot as load
+
+    return load(robot, split_assignments(sets))[0]
+
+
+def load_world(world: Path_) -> World:
+    """Load a world by its built-in name or file; raises InputError naming file and key."""
+    from skywright.description.world.loader import load_world as load
+
+    return load(world)[0]
+
+
+def compute_capability(
+    robot: Robot | Path_, *, posture: str | Sequence[float] = "extended"
+) -> Capability:
+    """Compute what a robot can do at rest: forces (N), tilts (rad), wind (m/s), payload, power.
+
+    `posture` is "extended", "folded", "worst", or the joints' angles (rad). Directions are
+    horizontal in B, from +x counter-clockwise. Raises InputError when it cannot lift itself.
+    """
+    from skywright.models import capability
+
+    return capability.compute_capability(_as_robot(robot), posture=posture)
+
+
+def build_mjcf(robot: Robot | Path_, world: World | Path_ = "open", **more: Any) -> str:
+    """Return robot and world as MJCF, as simulated; with `nominal=True` as controllers believe.
+
+    SI and radians, numbers to six digits; MuJoCo's world frame is W. Rotors are forces on the
+    body `platform`, not actuators.
+    """
+    from skywright.models import as_mujoco
+
+    return as_mujoco.build_mjcf(_as_robot(robot), _as_world(world), **more)
+
+
+def build_model(robot: Robot | Path_, world: World | Path_ = "open", **more: Any) -> MjModel:
+    """Return the same as `build_mjcf` as a compiled mujoco.MjModel."""
+    from skywright.models import as_mujoco
+
+    return as_mujoco.build_model(_as_robot(robot), _as_world(world), **more)
+
+
+def build_urdf(robot: Robot | Path_) -> str:
+    """Return the robot as URDF: links with masses, inertias, shapes; the root `platform` is B."""
+    from skywright.models import urdf
+
+    return urdf.build_urdf(_as_robot(robot))
+
+
+def build_vehicle(description: Description | Path_) -> SimulatedVehicle:
+    """Build the simulated vehicle of a mission, motors off at its start, to tick it in a loop.
+
+    `vehicle.tick()` runs 20 ms and tells `t` (s) and whether the tracked motion has `arrived`;
+    `Uav(vehicle)` commands it. `vehicle.save()` and `vehicle.restore(state, seed)` go back to a
+    state, bit for bit, or with other noise. `vehicle.last_sample` (1,) holds the columns of a
+    recording, `vehicle.estimate` what the controllers see.
+    """
+    from skywright.run.run import build_vehicle as build
+
+    return build(_as_description(description))
+
+
+def build_law(description: Description | Path_) -> LawStep:
+    """Build the control law of a mission, to step it on one's own state; see `LawStep`."""
+    from skywright.vehicle.stepped import LawStep
+
+    return LawStep(build_vehicle(description))
+
+
+def run_estimator(
+    description: Description | Path_,
+    *,
+    t: ArrayLike,
+    gyro: ArrayLike,
+    accel: ArrayLike,
+    t_fix: ArrayLike,
+    p_fix: ArrayLike,
+    R_fix: ArrayLike | None = None,
+    heading: ArrayLike | None = None,
+) -> NDArray[Any]:
+    """Run the estimator of a mission on one's own inertial samples and fixes of the place.
+
+    `t` (n,) s, evenly spaced; `gyro` (n, 3) rad/s and `accel` (n, 3) m/s^2 (specific force), in
+    B; fixes at `t_fix` (m,) s on the same clock: `p_fix` (m, 3) m in W, and with motion capture
+    `R_fix` (m, 3, 3), else (satellites) `heading` (m,) rad of B's x axis. Places are of B's
+    origin, with satellites of the antenna; the robot is then at rest at first. Noise is that of
+    the sensors that robot and world of the mission describe.
+
+    Returns one row a control period, a structured array: `t`, `p_WB`, `v_WB`, `R_WB`, `w_WB_B`,
+    `p_std` (m, stated deviations) and `ready`, false until the estimator has begun.
+    """
+    from skywright.vehicle.stepped import EstimatorRun
+
+    times, fixed = _check("t", t, ()), _check("t_fix", t_fix, ())
+    n, m = len(times), len(fixed)
+    if n < 2 or not np.allclose(np.diff(times), np.median(np.diff(times)), rtol=0.2, atol=0.0):
+        raise InputError("t: valid: at least two times (s), evenly spaced within 20 %")
+    if not np.all(np.diff(fixed) > 0.0):
+        raise InputError("t_fix: valid: times (s) that rise")
+    arrays = [
+        _check("gyro", gyro, (3,), n), _check("accel", accel, (3,), n), fixed,
+        _check("p_fix", p_fix, (3,), m),
+    ]  # fmt: skip
+    more = [
+        None if value is None else _check(name, value, shape, m)
+        for name, value, shape in (("R_fix", R_fix, (3, 3)), ("heading", heading, ()))
+    ]
+    return EstimatorRun(build_vehicle(description)).feed(times, *arrays, *more)
+
+
+def plan_motion(
+    robot: Robot | Path_,
+    start: Sequence[float] | Configuration,
+    goal: Sequence[float] | Configuration,
+    shapes: Sequence[Shape] = (),
+    *,
+    margin: float = 0.1,
+    seed: int = 1,
+) -> Transit:
+    """Plan a motion of platform and arm among `Box`, `Cylinder` and `Sphere` over the ground.
+
+    `start` and `goal` are x, y, z (m) and yaw (rad) with the arm folded, or `Configuration`s with
+    the joints' angles q (rad). `margin` (m) is kept from everything. Returns the corners of the
+    way: `p_WB` (k, 3) m, `yaw` (k,) rad, `q` (k, joints) rad, straight between each other, and
+    its `clearance` (m). The same `seed` gives the same way.
+    Raises InfeasibleError whose `blocked_by` says what is in the way.
+    """
+    from skywright.planning.shapes import plan_between
+
+    world = load_world("open")
+    return plan_between(_as_robot(robot), world, start, goal, shapes, margin, seed)
+
+
+def campaign(
+    mission: Path_,
+    runs: int,
+    vary: Mapping[str, str],
+    *,
+    robot: Path_ | None = None,
+    world: Path_ | None = None,
+    seed: int | None = None,
+    sets: Sequence[str] = (),
+    out: Path_ | None = None,
+    workers: int | None = None,
+) -> CampaignResult:
+    """Fly a mission `runs` times, keys drawn from distributions: {"world.wind.mean_mps":
+    "uniform(0, 5)"}.
+
+    `out` is the folder (default: one under `campaigns/`); the same call continues what is there.
+    `workers` is the number of processes (default: all cores). The result has `rows` (one a run:
+    outcome, metrics, what varied), the `verdict` and the `folder`.
+    Raises InputError before anything flies.
+    """
+    from skywright.analysis.campaign.campaign import run_campaign
+    from skywright.analysis.campaign.spec import build_campaign
+
+    varied = [f"{key}={text}" for key, text in vary.items()]
+    plan = build_campaign(mission, varied, robot=robot, world=world, seed=seed, sets=sets)
+    return run_campaign(plan, runs, out=None if out is None else Path(out), workers=workers)
+
+
+def weld(data: Path_, **options: Any) -> WeldReport:
+    """Find the weld in a scan: a CSV file, a run's directory or its recording.
+
+    `options` are those of `skywright weld`: `calibrate` ("T0:T1", s), `calibration_file`,
+    `surface_file`, `lift_off_threshold`, `weld_threshold`. `report.result` holds arrays,
+    `report.to_json()` what the command prints.
+    """
+    from skywright.inspection.weld_data import process_file
+
+    return process_file(Path(data), **options)
+
+
+def locate(*data: Path_, **options: Any) -> LocateReport:
+    """Fuse the recordings of a total station and of a tracking camera, or judge a trajectory.
+
+    `data` are files as of `skywright locate`; `options` its flags (`station`, `camera`,
+    `reference`, `align`, `span`, `time_offset`, `prism`, `compare`, ...).
+    `report.trajectory` has `t` (n,) s and `p` (n, 3) m.
+    """
+    from skywright.analysis.locate.locate import locate as locate_files
+
+    return locate_files([os.fspath(file) for file in data], **options)
+
+
+def identify(
+    *logs: Path_, robot: Robot | Path_ | None = None, mass: float | None = None
+) -> Identification:
+    """Fit a robot's parameters to flights: run directories, recordings or PX4 ULogs.
+
+    `robot` is needed for a ULog; `mass` (kg) is what the robot weighed. `found.to_json()` has
+    every parameter with its interval.
+    """
+    from skywright.analysis.identify.identify import identify as identify_logs
+
+    spec = None if robot is None else _as_robot(robot)
+    return identify_logs([Path(log) for log in logs], spec, mass)
+
+
+def _as_robot(robot: Robot | Path_) -> Robot:
+    return robot if isinstance(robot, Robot) else load_robot(robot)
+
+
+def _as_world(world: World | Path_) -> World:
+    return world if isinstance(world, World) else load_world(world)
+
+
+def _as_description(description: Description | Path_) -> Description:
+    return description if isinstance(description, Description) else load_description(description)
+
+
+def _check(name: str, value: ArrayLike, shape: tuple[int, ...], n: int | None = None) -> Any:
+    """Return an array (n, *shape) of finite numbers; raises InputError naming the argument."""
+    try:
+        out = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        out = np.zeros(())
+    rows = "n" if n is None else n
+    wanted = f"({', '.join(map(str, (rows, *shape)))}{'' if shape else ','})"
+    if out.ndim != 1 + len(shape) or out.shape[1:] != shape or n not in (None, len(out)):
+        raise InputError(f"{name}: has the shape {out.shape}; valid: {wanted}")
+    if not np.all(np.isfinite(out)):
+        raise InputError(f"{name}: row {int(np.argwhere(~np.isfinite(out))[0, 0])} is not finite")
+    return out

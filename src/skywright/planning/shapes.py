@@ -1,0 +1,127 @@
+"""Motions in a scene of one's own shapes: a robot from one configuration to another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skywright.core.arrays import Array
+from skywright.core.streams import build_stream
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.errors import InfeasibleError, InputError
+from skywright.models.kinematic_tree import BOX, CAPSULE, build_planning_scene, build_shapes
+from skywright.models.rigid_body import joint_names, posture
+from skywright.models.scene import build_scene
+from skywright.planning.motion.space import MAX_OBSTACLES
+from skywright.planning.motion.transit import Configuration, Transit, plan_transit
+
+
+class Box(NamedTuple):
+    """A box with its centre (3,) m in W and three edges (3,) m, turned by R_W (3, 3)."""
+
+    centre: ArrayLike
+    size: ArrayLike
+    R_W: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+class Cylinder(NamedTuple):
+    """A cylinder with its axis from `start` to `end` (3,) m in W; its ends are taken as round."""
+
+    start: ArrayLike
+    end: ArrayLike
+    radius: float  # m
+
+
+class Sphere(NamedTuple):
+    """A sphere with its centre (3,) m in W."""
+
+    centre: ArrayLike
+    radius: float  # m
+
+
+Shape = Box | Cylinder | Sphere
+
+
+def plan_between(
+    robot: Robot,
+    world: World,
+    start: Sequence[float] | Configuration,
+    goal: Sequence[float] | Configuration,
+    shapes: Sequence[Shape],
+    margin: float,
+    seed: int,
+) -> Transit:
+    """Plan among `shapes` on the ground of `world`; skywright.plan_motion has the arguments."""
+    if not (np.isfinite(margin) and margin > 0.0):
+        raise InputError(f"margin {margin:g}: valid: a distance above 0 in m")
+    if len(shapes) > MAX_OBSTACLES:
+        raise InputError(f"{len(shapes)} shapes: a scene holds at most {MAX_OBSTACLES}")
+    scene = build_planning_scene(build_scene(robot, world), robot)
+    rows = [_build_row(i, shape) for i, shape in enumerate(shapes)]
+    names = tuple(f"shape {i} ({type(s).__name__.lower()})" for i, s in enumerate(shapes))
+    scene = scene._replace(world=build_shapes(rows), world_names=names)
+    begin, stop = _read_end("start", start, robot), _read_end("goal", goal, robot)
+    for name, end in (("start", begin), ("goal", stop)):
+        beyond = (end.q < scene.q_min) | (end.q > scene.q_max)
+        if np.any(beyond):
+            j = int(np.argmax(beyond))
+            raise InputError(
+                f"{name}: joint {scene.joints[j]} at {end.q[j]:.3f} rad; valid: "
+                f"{scene.q_min[j]:.3f} to {scene.q_max[j]:.3f}"
+            )
+    found = plan_transit(
+        scene, begin, stop, build_stream(seed, "planner"), margin,
+        passive="pendulum" if robot.pendulum is not None else None,
+    )  # fmt: skip
+    if found.blocked_by is not None:
+        raise InfeasibleError(f"no plan: {found.blocked_by}", found.blocked_by)
+    return found
+
+
+def _read_end(name: str, end: Sequence[float] | Configuration, robot: Robot) -> Configuration:
+    """Return a configuration; (x, y, z, yaw) has the arm folded."""
+    if not isinstance(end, Configuration):
+        given = np.asarray(end, dtype=float)
+        if given.shape != (4,):
+            raise InputError(f"{name}: {end!r}; valid: x, y, z (m) and yaw (rad), four numbers")
+        end = Configuration(given[:3], float(given[3]), posture(robot, "folded"))
+    p, q = np.asarray(end.p_WB, dtype=float), np.asarray(end.q, dtype=float)
+    names = joint_names(robot)
+    if q.shape != (len(names),):
+        raise InputError(f"{name}: q has {q.size} angles; {robot.name!r} has {len(names)} joints")
+    if p.shape != (3,) or not np.all(np.isfinite([*p, end.yaw, *q])):
+        raise InputError(f"{name}: {end!r}; every number must be finite")
+    return Configuration(p, float(end.yaw), q)
+
+
+def _build_row(i: int, shape: Shape) -> tuple[int, int, Array, Array, Array, Array, float]:
+    """Return a shape as the planner has it; raises InputError for sizes that are none."""
+    try:
+        if isinstance(shape, Box):
+            p, half = _vector(shape.centre), 0.5 * _vector(shape.size)
+            R = np.asarray(shape.R_W, dtype=float)
+            turned = R.shape == (3, 3) and np.allclose(R @ R.T, np.eye(3), atol=1e-6)
+            if np.all(half > 0.0) and turned and np.linalg.det(R) > 0.0:
+                return -1, BOX, p, p, R, half, 0.0
+        elif isinstance(shape, Cylinder | Sphere):
+            ends = (shape.start, shape.end) if isinstance(shape, Cylinder) else (shape.centre,) * 2
+            a, b = map(_vector, ends)
+            if 0.0 < shape.radius < np.inf:
+                return -1, CAPSULE, a, b, np.eye(3), np.zeros(3), float(shape.radius)
+    except (TypeError, ValueError):
+        pass
+    raise InputError(
+        f"shape {i}: {shape!r}; valid: Box(centre, size, R_W), Cylinder(start, end, radius), "
+        "Sphere(centre, radius) with finite places, sizes above 0 and a rotation"
+    )
+
+
+def _vector(value: ArrayLike) -> Array:
+    out = np.asarray(value, dtype=float)
+    if out.shape != (3,) or not np.all(np.isfinite(out)):
+        raise ValueError("three finite numbers")
+    return out

@@ -1,0 +1,171 @@
+"""One component of a vehicle, stepped alone on records of one's own: a law, an estimator."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skywright.core.record import Record, View, fill
+from skywright.errors import InputError, SimulationError
+from skywright.models.rigid_body import compute_tip
+from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, WrenchCommand
+from skywright.vehicle.component import Component, Draws
+from skywright.vehicle.estimates import EstimatorState
+from skywright.vehicle.native import read_error
+from skywright.vehicle.ports import READ
+from skywright.vehicle.readings import Fix, ImuBatch, MocapSample
+from skywright.vehicle.schedule import end_control, run_rows
+from skywright.vehicle.simulated import SimulatedVehicle
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+ESTIMATES = np.dtype(
+    [
+        ("t", "<f8"), ("p_WB", "<f8", 3), ("v_WB", "<f8", 3), ("R_WB", "<f8", (3, 3)),
+        ("w_WB_B", "<f8", 3), ("p_std", "<f8", 3), ("ready", "?"),
+    ]
+)  # fmt: skip
+"""One row of what `run_estimator` returns."""
+
+
+class Stepped:
+    """Rows of a vehicle's schedule that run alone; nothing else of the vehicle does."""
+
+    def __init__(self, vehicle: SimulatedVehicle, components: list[Component]) -> None:
+        self.vehicle, self.assembly = vehicle, vehicle.assembly
+        a = self.assembly
+        mine = [i for i, step in enumerate(a.steps) if step.component in components]
+        model = [
+            i for i, step in enumerate(a.steps)
+            if step.slot == "body" and step.component.side == "robot" and i not in mine
+            and not any(p.record is Estimate and p.use != READ for p in step.ports)
+        ]  # fmt: skip
+        self.rows = [*model, *mine]
+        self.ports: dict[str, Any] = {}
+        """The records that it reads and fills, by the names of its step's parameters."""
+        for i in mine:
+            for port in a.steps[i].ports:
+                key = None if issubclass(port.record, Draws) else a.resolve(a.steps[i], port)
+                if key is not None:
+                    self.ports[port.name] = View(a.records[key][0])
+        self._clock = a.get(Clock)
+
+    def run(self) -> None:
+        """Run the rows that are due and advance the clock; raises SimulationError as flights do."""
+        a, clock = self.assembly, self._clock
+        at, clock_at = int(a.rows.ctypes.data), a.address(Clock)
+        a.refill(1, self.vehicle.n_steps)
+        for i in self.rows:
+            if a.rows["function"][i] == 0:
+                a.run_python(i)
+            elif run_rows(at, i, i + 1, clock_at):
+                error, place = read_error(int(clock["error"]))
+                clock["error"] = 0
+                raise SimulationError(f"component {a.steps[i].label} raised: {error!r} ({place})")
+        end_control(clock_at)
+
+    def find(self, record: type[Record]) -> Any:
+        """Return the record of a class that it reads or fills, or None."""
+        for view in self.ports.values():
+            if view.dtype == record.dtype:
+                return view
+        return None
+
+
+class LawStep(Stepped):
+    """A control law that is stepped on one's own state: set `reference` and `estimate`, `step()`.
+
+    Both start at rest over the mission's start, so that the first command carries the robot.
+    Fields are those of docs/reference/python.md; SI, radians. What else a law reads is in `ports`.
+    """
+
+    def __init__(self, vehicle: SimulatedVehicle) -> None:
+        super().__init__(vehicle, [vehicle.law])
+        get = vehicle.assembly.get
+        self.reference: Any = View(get(Reference))
+        self.estimate: Any = View(get(Estimate))
+        self.command: Any = View(get(WrenchCommand))
+        self.dt = vehicle.dt
+        """Period (s) between steps."""
+        self.reference.active = 1.0
+        fill(get(Estimate), get(Reference))
+
+    def step(self) -> Any:
+        """Run the law once; returns a copy of its command.
+
+        `f_B` (3,) N and `t_B` (3,) N m that the rotors shall make at B's origin, `qd` rad/s (or
+        `torque` N m) of the joints. The law's integrals go on from step to step.
+        """
+        self.run()
+        return View(self.command.copy())
+
+
+class EstimatorRun(Stepped):
+    """An estimator that is fed arrays of inertial samples and fixes of the place."""
+
+    def __init__(self, vehicle: SimulatedVehicle) -> None:
+        parts = [c for c in vehicle.assembly.components if c.group == "estimator"]
+        super().__init__(vehicle, parts)
+        if vehicle.estimator.is_truth or self.find(ImuBatch) is None:
+            raise InputError(
+                f"estimator {vehicle.estimator.name!r} reads no inertial samples; take one that "
+                "does: mission.estimator = 'filter'"
+            )
+
+    def feed(
+        self, t: Array, gyro: Array, accel: Array, t_fix: Array, p_fix: Array,
+        R_fix: Array | None, heading: Array | None,
+    ) -> Any:  # fmt: skip
+        """Return the estimates, one a control tick; skywright.run_estimator has the arguments."""
+        h = float(np.median(np.diff(t)))
+        imu, room = self.find(ImuBatch), len(self.find(ImuBatch).gyro)
+        k = int(np.clip(round(self.vehicle.dt / h), 1, room))
+        self._set_period(h, k * h)
+        mocap, fix = self.find(MocapSample), self.find(Fix)
+        target = mocap if mocap is not None else fix
+        if target is None or (mocap is not None and R_fix is None):
+            what = "a pose: give R_fix" if target is not None else "no fixes"
+            raise InputError(f"estimator {self.vehicle.estimator.name!r} takes {what}")
+        out = np.zeros(len(t) // k, ESTIMATES)
+        est, state = View(self.assembly.get(Estimate)), self.find(EstimatorState)
+        self.assembly.get(Allocated)["f_B_alloc"] = 0.0
+        nxt = int(np.searchsorted(t_fix, t[0] - 0.5 * h))
+        for i in range(len(out)):
+            last = (i + 1) * k
+            now = float(t[last - 1])
+            self._clock["t"] = imu.t = now
+            imu.n = k
+            imu.gyro[:k], imu.accel[:k] = gyro[last - k : last], accel[last - k : last]
+            target.fresh = 0.0
+            if nxt < len(t_fix) and t_fix[nxt] <= now + 0.5 * h:
+                target.fresh, target.t = 1.0, float(t_fix[nxt])
+                if mocap is not None and R_fix is not None:
+                    self._set_pose(mocap, p_fix[nxt], R_fix[nxt])
+                else:
+                    fix.p = p_fix[nxt]
+                    fix.heading = 0.0 if heading is None else float(heading[nxt])
+                nxt += 1
+            self.run()
+            row = out[i]
+            row["t"] = now
+            row["ready"] = state is None or state.ready > 0.0
+            for name in ("p_WB", "v_WB", "R_WB", "w_WB_B"):
+                row[name] = est[name]
+            row["p_std"] = np.nan if state is None else state.p_std
+        return out
+
+    def _set_pose(self, mocap: Any, p_WB: Array, R_WB: Array) -> None:
+        """A sample of motion capture; the probe is told where the nominal arm has it."""
+        v = self.vehicle
+        mocap.p_WB, mocap.R_WB = p_WB, R_WB
+        if v.n_joints:
+            p_BT, R_BT = compute_tip(v.model, np.asarray(self.assembly.get(Estimate)["q"]))
+            mocap.p_WT, mocap.axis_W = p_WB + R_WB @ p_BT, (R_WB @ R_BT)[:, 2]
+
+    def _set_period(self, h: float, dt: float) -> None:
+        """Tell the estimator how often inertial samples come, and it runs."""
+        for view in self.ports.values():
+            names = view.dtype.names
+            if "h" in names and "dt" in names and view.dtype != Clock.dtype:
+                view.h, view.dt = h, dt
