@@ -137,7 +137,7 @@ def test_refused_paths(tmp_path):
         with pytest.raises(InputError, match=said):
             load_trajectory(name)
     path = write(tmp_path, TUM)
-    with pytest.raises(InputError, match="no MCAP file"):
+    with pytest.raises(InputError, match="not an MCAP file"):
         load_trajectory(f"{path}:/pose")
 
 
