@@ -255,7 +255,7 @@ def test_under_a_deck_the_arm_stands_across_the_slide(slope: float) -> None:
         ("tunnel", {"mission.task.slide_force_n": 2.0},
          "1.47 N, 80% (mission.task.force_fraction) of the 1.84 N"),
         ("tunnel", {"mission.task.slide_force_n": 0.5}, "would lose contact"),
-        ("bridge", {}, "localised by total-station"),
+        ("bridge", {}, "with total-station the platform moves"),
         ("tunnel", {"world.wind.kind": "steady", "world.wind.mean_mps": 4.0,
                     "world.wind.toward_deg": 180.0}, "4.0 m/s of wind"),
         ("pillar", {}, "retains 35% of its mobility"),

@@ -559,7 +559,7 @@ def test_foreign_mcap_is_refused(tmp_path: Path) -> None:
     writer.add_message(channel, 0, b"\0\1\0\0", 0)
     writer.finish()
     text = one_line(path)
-    assert "no recording of Skywright" in text and "/lidar/points" in text
+    assert "not a recording of Skywright" in text and "/lidar/points" in text
 
 
 def test_other_versions_and_missing_topics_are_refused(
