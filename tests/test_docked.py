@@ -159,7 +159,7 @@ def test_too_steep_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("contact", "said"),
-    [((0.5, 0.0), "does not reach"), ((0.2, 0.1), "does not reach"), ((0.08, 0.0), "is inclined by"),
+    [((0.5, 0.0), "does not reach"), ((0.2, 0.1), "does not reach"), ((0.08, 0.0), "inclined"),
      ((math.nan, 0.0), "finite")],
 )  # fmt: skip
 def test_contact_points_out_of_reach(contact: tuple[float, float], said: str) -> None:
