@@ -419,3 +419,26 @@ def test_a_users_law_that_raises_in_the_air_is_named(tmp_path):
     result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
     check_fallen(result, 5.0)
     assert "component law (Mine.step" in result.reason and "no idea" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("speed", "wind", "rule", "response"),
+    [
+        (7.0, "none", "saturation", "come_home"),
+        (7.0, "dryden", "saturation", "come_home"),
+        (16.0, "none", "lost_control", "land_here"),
+    ],
+)
+def test_a_squall_is_answered_and_the_robot_lands_upright(speed, wind, rule, response, tmp_path):
+    sets = [
+        "plant.faults.a.kind=squall", f"plant.faults.a.speed_mps={speed}",
+        "plant.faults.a.start_s=8", "mission.faults.unintended_contact.on=false",
+        f"world.wind.kind={wind}", f"world.wind.mean_mps={float(wind != 'none')}",
+    ]  # fmt: skip
+    result = run_mission(load_description("waypoints", "othex", sets=sets), out=tmp_path / "run")
+    told = json.loads((tmp_path / "run" / "metrics.json").read_text())["faults"]
+    assert [(a["rule"], a["response"]) for a in told] == [(rule, response)]
+    assert result.samples["f_wind_W"][-1, 1] > 1.5  # it still blows
+    last = result.samples[-1]
+    assert last["p_WB"][2] < 0.3 and abs(last["q_WB"][0]) > 0.9
+    assert np.min(result.samples["v_WB"][:, 2]) > -1.5  # it did not fall

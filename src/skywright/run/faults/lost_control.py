@@ -1,4 +1,4 @@
-"""The robot no longer follows its reference, or has tipped over."""
+"""The robot no longer follows its reference."""
 
 from __future__ import annotations
 
@@ -9,48 +9,38 @@ from skywright.core.spec import NonNegative
 from skywright.core.types import MODE_STANDARD
 from skywright.run.faults._rule import Response, Rule
 from skywright.vehicle.bus import Estimate
-from skywright.vehicle.guard import ERROR_MAX, UP_MIN
+from skywright.vehicle.guard import ERROR_MAX
 
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
 
-PATIENCE = 0.25
-"""Of the distance that counts while the response of another rule is flown."""
-
 
 class LostControl(Rule):
-    """Distance from the reference, as estimated; tipping over counts as 10 m."""
+    """Distance from the reference, as estimated."""
 
-    watches = (
-        "distance of the estimated from the commanded position; a tilt beyond 73 deg counts as 10 m"
-    )
+    watches = "distance of the estimated from the commanded position"
     unit = "m"
     source = "as the guard of the tick (vehicle/guard.py): no built-in flight strays so far"
     from_take_off = True
 
     class Table(Rule.Table):
-        """Limit (m)."""
+        """Limit (m). A robot that the wind carries away still lands upright."""
 
         limit: NonNegative = ERROR_MAX
         hold_s: NonNegative = 0.0
-        response: Response = "let_go"
+        response: Response = "land_here"
 
     def begin(self, v: Senses) -> None:
         self._R_WB, self._p_WB = v.place(Estimate, "R_WB"), v.place(Estimate, "p_WB")
-        self._error = 0.0
 
     def look(self, v: Senses) -> float:
+        if v.responding:  # what was pushed may come back; `out_of_control` watches the rest
+            return math.nan
         held = 2 if v.told("mode") == MODE_STANDARD else 0  # the height alone
-        error = self._error = math.dist(self._p_WB.tolist()[held:], v.told("p_WB")[held:])
-        if v.responding:  # what was pushed may come back: only a robot that tips over falls
-            error *= PATIENCE
-        return 10.0 + error if self._R_WB[2, 2] < UP_MIN else error
+        return math.dist(self._p_WB.tolist()[held:], v.told("p_WB")[held:])
 
     def explain(self, value: float) -> str:
         """Say how far off it is."""
         up = min(max(self._R_WB[2, 2], -1.0), 1.0)
-        tilt = f"tilted {math.degrees(math.acos(up)):.0f} deg"
-        if up < UP_MIN:
-            most = math.degrees(math.acos(UP_MIN))
-            return f"control was lost: the robot tipped over, {tilt} (limit {most:.0f} deg)"
-        return f"control was lost: {self._error:.2f} m from the reference, {tilt}"
+        tilt = math.degrees(math.acos(up))
+        return f"control was lost: {value:.2f} m from the reference, tilted {tilt:.0f} deg"

@@ -1,0 +1,53 @@
+"""The robot has tipped over, or does not come down when it is told to."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from skywright.core.spec import NonNegative
+from skywright.run.faults._rule import Response, Rule
+from skywright.vehicle.bus import Estimate
+from skywright.vehicle.guard import ERROR_MAX, UP_MIN
+
+if TYPE_CHECKING:
+    from skywright.run.faults._senses import Senses
+
+TIPPED = 10.0
+"""m, as which a robot that tipped over counts."""
+
+
+class OutOfControl(Rule):
+    """Nothing but stopping the motors helps."""
+
+    watches = (
+        "while another rule's response is flown, how far the estimated height is from the "
+        "commanded one; at any time a tilt beyond 73 deg, which counts as 10 m"
+    )
+    unit = "m"
+    source = "four times the distance at which control counts as lost"
+    from_take_off = True
+
+    class Table(Rule.Table):
+        """Limit (m)."""
+
+        limit: NonNegative = 4.0 * ERROR_MAX
+        hold_s: NonNegative = 0.0
+        response: Response = "let_go"
+
+    def begin(self, v: Senses) -> None:
+        self._R_WB, self._p_WB = v.place(Estimate, "R_WB"), v.place(Estimate, "p_WB")
+
+    def look(self, v: Senses) -> float:
+        if self._R_WB[2, 2] < UP_MIN:
+            return TIPPED
+        return abs(self._p_WB[2] - v.told("p_WB")[2]) if v.responding else 0.0
+
+    def explain(self, value: float) -> str:
+        """Say what it does."""
+        up = min(max(self._R_WB[2, 2], -1.0), 1.0)
+        tilt = f"tilted {math.degrees(math.acos(up)):.0f} deg"
+        if up < UP_MIN:
+            most = math.degrees(math.acos(UP_MIN))
+            return f"control was lost: the robot tipped over, {tilt} (limit {most:.0f} deg)"
+        return f"control was lost: {value:.2f} m above or below the reference, {tilt}"
