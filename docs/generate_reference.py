@@ -83,19 +83,25 @@ controllers believe. Each layer overrides the one before it: robot, world, missi
 
 
 def _comments(model: type[Spec]) -> dict[str, str]:
-    """Return the comment on the line of each field of `model`."""
+    """Return what is said of each field of `model`: on its last line, else on the lines above."""
     source = inspect.getsource(model)
+    lines = source.splitlines()
     on_line = {
         token.start[0]: token.string.lstrip("# ").strip()
         for token in tokenize.generate_tokens(io.StringIO(source).readline)
         if token.type == tokenize.COMMENT and not token.string.startswith("# type:")
     }
     body = typing.cast(ast.ClassDef, ast.parse(source).body[0]).body
-    fields = [node for node in body if isinstance(node, ast.AnnAssign)]
-    return {
-        typing.cast(ast.Name, node.target).id: on_line.get(node.end_lineno or 0, "")
-        for node in fields
-    }
+    found = {}
+    for node in body:
+        if not isinstance(node, ast.AnnAssign):
+            continue
+        said, above = [on_line.get(node.end_lineno or 0, "")], node.lineno - 1
+        while not said[-1] and lines[above - 1].lstrip().startswith("#"):
+            said.insert(0, on_line[above])
+            above -= 1
+        found[typing.cast(ast.Name, node.target).id] = " ".join(said).strip()
+    return found
 
 
 def _unit(key: str) -> str:

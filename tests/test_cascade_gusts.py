@@ -32,6 +32,7 @@ from skywright.vehicle.laws._cascade_gusts import (
     build_across,
     build_along,
     build_masses,
+    build_rigid,
     compute_link_drag,
 )
 from skywright.vehicle.plant import JointTruth
@@ -86,6 +87,22 @@ def test_the_sensitivity_is_that_of_the_closed_loop() -> None:
         ]
         assert s.compute_sensitivity(w) == pytest.approx(np.abs(ratio).max(), rel=1e-6)
         assert system.is_stable() and system.compute_sensitivity() <= 2.0
+
+
+def test_a_platform_without_a_link_yields_to_a_push_by_its_stiffness() -> None:
+    """F = m k_v k_x x at rest, and nothing once the force is estimated."""
+    loops = gains.build_loops(gains.compute_cascade_gains(
+        DESCRIPTION.robot.control, DESCRIPTION.robot, DESCRIPTION.world,
+        Setup(DESCRIPTION).model[0],
+    ), 0.0, 0, 0)._replace(swing=0.0)  # fmt: skip
+    for k, x in ((loops, 0.0), (loops._replace(force=0.0), 1.0)):
+        system = build_rigid(3.0, 9.81, k)
+        push = system.drag[:, 0]
+        if k.force == 0.0:  # a force that is never estimated is no state
+            system = system._replace(free=system.free - np.diag([0.0] * 5 + [1.0]))
+        rest = -np.linalg.solve(system.closed, push)
+        assert rest[0] == pytest.approx(x / (3.0 * k.velocity * k.position), abs=1e-9)
+        assert system.is_stable()
 
 
 @pytest.mark.parametrize("along", [True, False])

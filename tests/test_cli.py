@@ -180,8 +180,7 @@ def test_capability_writes_a_picture(tmp_path: Path) -> None:
 def test_show(name: str, tmp_path: Path) -> None:
     result = call("show", name)
     assert result.exit_code == 0, result.output
-    assert (tmp_path / f"show-{name}.png").stat().st_size > 10_000
-    assert f"show-{name}.png" in result.stdout
+    assert not list(tmp_path.iterdir())  # a picture is drawn when it is asked for
     if name == "othex":
         for word in (
             "2.25 kg",

@@ -3,6 +3,11 @@
 Pages are read in the order of the navigation and share one working folder, so that a page may
 use what an earlier command wrote. `# not run` at the end of a line leaves it out, `# exits 2`
 says which exit code it must have (0 without it).
+
+Lines below a command are its output: each must be among the printed lines, in this order, with the
+same words, and with numbers that agree within 10 % or two units of the last digit. `...` stands for
+lines, or for the rest of a line, that are left out. So a number in a page has a command that prints
+it. The numbers of campaigns, which take hours, are in docs/numbers.toml instead.
 """
 
 from __future__ import annotations
@@ -24,11 +29,12 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 class Command(NamedTuple):
-    """A command line of a page and the exit code that the page says it has."""
+    """A command line of a page, its exit code and the lines of its output that the page shows."""
 
     line: str
     exit_code: int
     page: str
+    shown: tuple[str, ...] = ()
 
 
 def _pages() -> list[Path]:
@@ -52,15 +58,44 @@ def parse_commands(text: str, page: str) -> list[Command]:
     """Return the commands of the console blocks in `text`; lines ending in `\\` are joined."""
     commands = []
     for block in re.findall(r"^```console\n(.*?)^```", text, re.M | re.S):
-        for line in block.replace("\\\n", " ").splitlines():
-            if not line.startswith("$ "):
-                continue  # output
-            command, _, comment = line[2:].partition("  #")
+        for part in re.split(r"^\$ ", block.replace("\\\n", " "), flags=re.M)[1:]:
+            line, *shown = part.splitlines()
+            command, _, comment = line.partition("  #")
             if "not run" in comment:
                 continue
             code = re.search(r"exits (\d)", comment)
-            commands.append(Command(command.strip(), int(code.group(1)) if code else 0, page))
+            lines = tuple(x.strip() for x in shown if x.strip() not in ("", "..."))
+            commands.append(
+                Command(command.strip(), int(code.group(1)) if code else 0, page, lines)
+            )
     return commands
+
+
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def is_line(shown: str, printed: str) -> bool:
+    """Whether a printed line is the one that a page shows, but for the last digits of numbers."""
+    cut = shown.endswith("...")
+    words, printed_words = (
+        " ".join(NUMBER.sub("0", text.removesuffix("...")).split()) for text in (shown, printed)
+    )
+    if not (printed_words.startswith(words) if cut else printed_words == words):
+        return False
+    for a, b in zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=False):
+        digit = 10.0 ** -len(a.partition("e")[0].partition(".")[2])
+        if abs(float(a) - float(b)) > max(0.1 * abs(float(a)), 2.01 * digit if "." in a else 0.0):
+            return False
+    return True
+
+
+def find_missing(shown: tuple[str, ...], printed: list[str]) -> str:
+    """Return the first line of `shown` that is not printed after the ones before it, or ""."""
+    rest = iter(printed)
+    for line in shown:
+        if not any(is_line(line, other) for other in rest):
+            return line
+    return ""
 
 
 def _distinct() -> list[Command]:
@@ -69,7 +104,13 @@ def _distinct() -> list[Command]:
         name = page.relative_to(ROOT).as_posix()
         for command in parse_commands(page.read_text(encoding="utf-8"), name):
             seen.setdefault(command.line, command)
+            if command.shown:
+                SHOWN.setdefault(command.line, []).append(command)
     return list(seen.values())
+
+
+SHOWN: dict[str, list[Command]] = {}
+"""Command line -> where pages show its output."""
 
 
 COMMANDS = _distinct()
@@ -90,10 +131,18 @@ def test_parse_commands() -> None:
         "```sh\n$ skywright ignored\n```\n"
     )
     assert parse_commands(text, "p") == [
-        Command("skywright list robots", 0, "p"),
+        Command("skywright list robots", 0, "p", ("othex",)),
         Command("skywright run x", 2, "p"),
         Command("skywright plan z    --seed 3", 0, "p"),
     ]
+
+
+def test_shown_output_is_compared() -> None:
+    printed = ["Plan", "│ duration │ 12.9 s │", "│ clearance │ 0.3 m │", "report.html"]
+    assert not find_missing(("│ duration │  12.1 s │", "report.html"), printed)
+    assert not find_missing(("│ duration ...", "│ clearance │ 0.31 m │"), printed)
+    for wrong in (("│ duration │ 15.1 s │",), ("report.html", "Plan"), ("│ time │ 12.9 s │",)):
+        assert find_missing(wrong, printed) == wrong[-1]
 
 
 def test_the_readme_has_commands() -> None:
@@ -138,3 +187,6 @@ def test_command_of_the_docs(command: Command, folder: Path) -> None:
         f"{out.stdout[-2000:]}\n{out.stderr[-2000:]}"
     )
     assert "Traceback" not in out.stderr
+    for other in SHOWN.get(command.line, []):
+        missing = find_missing(other.shown, out.stdout.splitlines())
+        assert not missing, f"{other.page}: not printed: {missing}\n{out.stdout[-2000:]}"

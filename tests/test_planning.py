@@ -296,6 +296,7 @@ def test_twenty_seeds_and_the_time_budget(default: MissionPlan) -> None:
         ('mission.task.pattern="spiral"',),
         ('world.wind.kind="steady"', "world.wind.mean_mps=4", "world.wind.toward_deg=90"),
         ("world.pipe.z_m=0.7",),  # the arm is folded higher up: it would swing into the ground
+        ("world.pipe.z_m=0.5",),  # it leaves level: away from the lower side lies the ground
     ],
 )
 def test_plans_over_the_promised_range(sets: tuple[str, ...]) -> None:
@@ -319,6 +320,19 @@ def test_a_localisation_slower_than_the_rules_bear_is_refused() -> None:
     assert ask("waypoints", "world.mocap.rate_hz=0.5", more) == "None"
 
 
+def test_a_noisy_gyroscope_is_told_with_the_noise_that_the_attitude_loop_bears() -> None:
+    def ask(noise: float, *sets: str) -> str:
+        key = f"robot.sensors.gyro_noise_rad_s_sqrthz={noise}"
+        return str(plan_mission(load_description("waypoints", sets=[key, *sets])).blocked_by)
+
+    told = ask(0.34)
+    assert told.startswith("robot.sensors.gyro_noise_rad_s_sqrthz = 0.34: the attitude loop")
+    most = float(told.split("at most ")[1].split(",")[0])
+    assert ask(0.95 * most) == "None" and "mission.noise_sigmas" in ask(1.05 * most)
+    assert ask(1.05 * most, "robot.control.attitude_bandwidth_rad_s=6") == "None"
+    assert ask(1.9 * most, "mission.noise_sigmas=1.5") == "None"
+
+
 def test_a_soft_position_loop_is_told_before_what_its_depth_runs_into() -> None:
     found = plan("robot.control.position_bandwidth_rad_s=2.2")
     said = str(found.blocked_by)
@@ -338,7 +352,7 @@ def test_a_soft_position_loop_is_told_before_what_its_depth_runs_into() -> None:
         (("mission.task.depth_m=0.2",), "tip lies 200 mm inside"),
         (("mission.start_x_m=1.9", "mission.hover_height_m=1.5"), "platform and pipe"),
         (('mission.task.side="underside"',), "support"),  # propellers between the posts
-        (("world.pipe.z_m=0.5",), "ground"),
+        (("world.pipe.z_m=0.27",), "ground"),
         (
             ('world.wind.kind="steady"', "world.wind.mean_mps=9", "world.wind.toward_deg=90"),
             "rotor",

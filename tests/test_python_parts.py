@@ -314,6 +314,8 @@ def test_an_estimator_takes_fixes_of_the_antenna_with_a_heading():
         ({"R_fix": None}, "give R_fix"),
         ({"description": skywright.load("waypoints", sets={"mission.estimator": "truth"})},
          "reads no inertial samples"),
+        ({"description": skywright.load("bridge-contact", sets={
+            "world.localisation": "total-station"})}, "no odometry of a tracking camera"),
     ],
 )  # fmt: skip
 def test_arrays_that_do_not_fit_are_refused(change, words):

@@ -198,6 +198,20 @@ def test_what_cannot_be_is_told(sets: list[str], message: str) -> None:
     assert message in found.blocked_by
 
 
+def test_wind_that_leans_the_robot_onto_the_tool_is_refused() -> None:
+    """Flown: 4 m/s steady and 2 m/s Dryden touch nothing, 5 and 3 m/s do (one seed of two)."""
+    limits = []
+    for kind in ("steady", "dryden"):
+        wind = [f"world.wind.kind={kind}", "world.wind.mean_mps=6"]
+        told = plan(Setup(load_description("tool-install", sets=wind))).blocked_by
+        assert told is not None and "elbow_pitch shell and tool handle come within" in told
+        limits.append(float(told.split("at most ")[1].split(" m/s")[0]))
+        wind[1] = f"world.wind.mean_mps={limits[-1] - 0.2}"
+        found = plan(Setup(load_description("tool-install", sets=wind)))
+        assert found.feasible, found.blocked_by
+    assert 4.0 < limits[0] < 5.0 and 2.0 < limits[1] < 3.0
+
+
 @pytest.mark.parametrize("yaw", [0.0, 90.0, 180.0])
 def test_the_way_to_the_bench_keeps_clear_of_the_tool(yaw: float) -> None:
     """By MuJoCo's own distances, which planning does not use: the planner has to see the tool."""

@@ -228,7 +228,8 @@ def locate(*data: Path_, **options: Any) -> LocateReport:
     """
     from skywright.analysis.locate.locate import locate as locate_files
 
-    return locate_files([os.fspath(file) for file in data], **options)
+    given = {k: os.fspath(v) if isinstance(v, os.PathLike) else v for k, v in options.items()}
+    return locate_files([os.fspath(file) for file in data], **given)
 
 
 def identify(

@@ -7,7 +7,7 @@ interrupted, 2 the input is wrong and nothing was started, 3 the simulation fail
 
 import click
 
-from skywright.cli import data, describe, evidence, fly
+from skywright.cli import data, describe, evidence, fly, runs
 from skywright.cli.group import Group
 
 
@@ -29,7 +29,7 @@ def main() -> None:
 
 for command in (
     fly.run, fly.plan, fly.campaign, evidence.reproduce, evidence.bench, describe.capability,
-    describe.compare, describe.list_, describe.show, data.weld, data.locate, data.identify,
-    data.records_, fly.replay, describe.new, describe.check,
+    runs.compare, describe.list_, describe.show, data.weld, data.locate, data.identify,
+    data.records_, fly.replay, runs.export, describe.new, describe.check,
 ):  # fmt: skip
     main.add_command(command)

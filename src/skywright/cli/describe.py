@@ -87,46 +87,6 @@ def capability(
         view.print(picture)
 
 
-@click.command()
-@click.argument("robot")
-@click.argument("other", metavar="ROBOT")
-@click.option(
-    "--set", "sets", multiple=True, metavar="KEY=VALUE",
-    help="Change the world, e.g. world.pipe.diameter_m=0.3. May be repeated.",
-)  # fmt: skip
-@click.option("--no-fly", is_flag=True, help="Skip the flights.")
-@click.option("--seeds", type=int, default=2, show_default=True, help="Flights a wind.")
-@click.option("--out", type=click.Path(path_type=Path), help="Page.  [default: compare.html]")
-@as_json_option
-def compare(
-    robot: str, other: str, sets: tuple[str, ...], no_fly: bool, seeds: int, out: Path | None,
-    as_json: bool,
-) -> None:  # fmt: skip
-    """Compare two robots with arms: clearance, reach, reactions, impact, accuracy, endurance."""
-    from skywright.analysis.compare.compare import compare_robots
-    from skywright.analysis.compare.report import (
-        print_comparison,
-        tell_step,
-        write_compare_page,
-    )
-
-    page = check_writable(out or Path("compare.html"), (".html",))
-    try:
-        found = compare_robots(
-            robot, other, sets=sets, fly=not no_fly, seeds=seeds,
-            step=None if as_json else tell_step,
-        )  # fmt: skip
-        write_compare_page(found, page)
-    except BaseException:
-        if page.exists() and page.stat().st_size == 0:
-            page.unlink()  # nothing half-written, interrupted or not
-        raise
-    if as_json:
-        print_json(found.to_json())
-    else:
-        print_comparison(found, page)
-
-
 PARTS = {f"{group.replace('_', '-')}s": group for group in GROUPS}
 """Words of `skywright list`, and the group of which they list the kinds."""
 
@@ -143,6 +103,7 @@ def list_(kind: str | None, as_json: bool) -> None:
     """List robots, worlds, missions or claims; or parts that are built in or installed.
 
     Parts are laws, arms-laws, sensors, estimators, effects, things and kinds (of missions).
+    Without a word: the names alone.
     """
     from skywright.description.loader import list_missions
     from skywright.description.robot.loader import list_robots
@@ -160,24 +121,37 @@ def list_(kind: str | None, as_json: bool) -> None:
     if as_json:
         print_json({name: [e._asdict() for e in entries] for name, entries in found.items()})
         return
-    for name, entries in found.items():
-        if kind is None:
-            click.echo(f"{name}:")
-        width = max(len(e.name) for e in entries)
-        for entry in entries:
-            click.echo(f"{'  ' if kind is None else ''}{entry.name:{width}}  {entry.description}")
+    if kind is None:
+        _print_names(found)
+        return
+    width = max(len(e.name) for e in found[kind])
+    for entry in found[kind]:
+        click.echo(f"{entry.name:{width}}  {entry.description}")
+
+
+def _print_names(found: dict[str, list[Entry]]) -> None:
+    """Names by kind; of claims, which are many, the papers."""
+    for kind, entries in found.items():
+        names = [e.name for e in entries]
+        if kind == "claims":
+            papers = dict.fromkeys(name.partition("/")[0] for name in names)
+            names = [f"{sum(n.startswith(p + '/') for n in names)} of {p}" for p in papers]
+        text = click.wrap_text(", ".join(names), 88, f"{kind:10}", " " * 10)
+        click.echo(text)
+    click.echo(f"{'parts':10}{', '.join(PARTS)}")
+    click.echo("skywright list WORD tells more of each; skywright show NAME of one")
 
 
 @click.command()
 @trust_option
 @click.argument("name", metavar="ROBOT|WORLD|MISSION")
-@click.option("--out", type=click.Path(path_type=Path), help="Picture (.png or .svg).")
-@click.option("--urdf", type=click.Path(path_type=Path), help="Write the robot as URDF instead.")
+@click.option("--out", type=click.Path(path_type=Path), help="Draw a picture (.png or .svg).")
+@click.option("--urdf", type=click.Path(path_type=Path), help="Write the robot as URDF.")
 @as_json_option
 def show(name: str, out: Path | None, urdf: Path | None, as_json: bool) -> None:
-    """Summary and picture of a robot, world or mission.
+    """Summary of a robot, world or mission.
 
-    With --urdf the robot (a mission's too) is written for other tools.
+    With --out it is drawn, with --urdf the robot (a mission's too) is written for other tools.
     """
     from skywright.description.lookup import find_any
     from skywright.reports.summary import build_summary
@@ -186,10 +160,10 @@ def show(name: str, out: Path | None, urdf: Path | None, as_json: bool) -> None:
     if urdf is not None:
         _write_urdf(subject, urdf)
     summary = build_summary(subject)._replace(urdf=None if urdf is None else str(urdf))
-    if out is not None or not (as_json or urdf is not None):
+    if out is not None:
         from skywright.reports.show import write_show_figure
 
-        picture = check_writable(out or Path(f"show-{summary.name}.png"))
+        picture = check_writable(out)
         write_show_figure(subject, picture)
         summary = summary._replace(picture=str(picture))
     if as_json:
@@ -234,7 +208,10 @@ def new(what: str, name: str) -> None:
 @click.argument("file", metavar="FILE|FOLDER")
 @as_json_option
 def check(file: str, as_json: bool) -> int:
-    """List every problem and guess of a description: a file, or a folder with one."""
+    """List every problem and guess of a robot, world or mission, and whether it lifts itself.
+
+    Of a folder robot.toml, world.toml and mission.toml are checked.
+    """
     from skywright.run.check import check_file
 
     report = check_file(file)

@@ -23,16 +23,20 @@ from skywright.models.statics import (
 )
 
 
-def check_can_fly(robot: Robot, gravity: float = 9.81) -> None:
+def check_can_fly(robot: Robot, gravity: float = 9.81) -> float:
     """Raise InputError with the numbers when the robot cannot lift or balance itself.
 
-    Checked with the thrust fraction that missions may use, arm folded and arm at work.
+    Checked with the thrust fraction that missions may use, arm folded and arm at work. Returns the
+    largest share of a rotor's thrust_max_n that hovering takes.
     """
+    share = 0.0
     layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
     model = build_body_model(robot, gravity)
     for which in ("folded", "working"):
         mass, p_BC, _ = compute_body(model, posture(robot, which))
-        check_hover(robot, layout, mass, p_BC, gravity, which)
+        thrust = check_hover(robot, layout, mass, p_BC, gravity, which)
+        share = max(share, float(np.max(thrust / layout.rotors.thrust_max)))
+    return share
 
 
 def check_hover(

@@ -314,7 +314,13 @@ def _depart(
     )
     back = plan_surface_edge(prob, lift.state, at[1], at[2], law, yaw, last.q, True, 0.0)
     if back.failure is not None:
-        return {}, search.explain(back.failure)
+        # from the lower side the normal leads towards the ground: level instead
+        _, n = search.tip(s, phi)
+        away = np.array([n[0], n[1], 0.0]) * (distance - task.stand_off) / math.hypot(n[0], n[1])
+        low, first = lift.state, back.failure
+        back = plan_free_edge(prob, low, low.p + away, low.R, low.q, law, lim.margin)
+        if back.failure is not None:
+            return {}, search.explain(first)
     leave, blocked = [lift, back], ""
     for rise in RISES:
         high = back.state

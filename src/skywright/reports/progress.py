@@ -73,12 +73,13 @@ class Progress:
             return
         self._drawn = now
         factor = t / max(now - self._began, 1e-6)
+        left = max(self._total - t, 0.0) / max(factor, 1e-6)
         self._bar.update(
             self._task,
             description=phase.replace("_", " "),
             completed=t,
             total=max(self._total, t),
-            factor=f"{factor:.0f} x real time",
+            factor=f"{factor:.0f} x real time, about {left:.0f} s left",
         )
         self._bar.refresh()
 

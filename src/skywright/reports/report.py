@@ -18,16 +18,9 @@ from skywright.run.parts import uses_truth
 from skywright.run.run import RunResult
 
 
-def _draw_hero(result: RunResult) -> Figure | None:
-    from skywright.reports.figures.hero import draw_hero  # slow: only for README and docs
-
-    return draw_hero(result)
-
-
 def list_figures(kind: str) -> dict[str, Callable[[RunResult], Figure | None]]:
     """Return the figures of missions of a kind by name; each is None with nothing to show."""
     return {
-        "hero": _draw_hero,
         **{name: chart.draw for name, chart in load_kind(kind).figures().charts.items()},
         "tip_path": paths.draw_tip_path,
         "flight_path": paths.draw_flight_path,

@@ -30,9 +30,12 @@ SIGNAL = LinearSegmentedColormap.from_list("signal", ["#d7ecff", "#ffe14d", "#ff
 """Weld signal of the probe, from none to strong; light, because it lies on dark steel."""
 
 
-def render_run(result: RunResult, width: int, height: int, t: float | None = None) -> Array:
+def render_run(
+    result: RunResult, width: int, height: int, t: float | None = None, camera: Camera | None = None
+) -> Array:
     """Return a picture (height, width, 3) uint8 of the robot at time `t` (s), by default at the end
-    of the scan (or of the run), with the scan so far painted on the pipe.
+    of the scan (or of the run), with the scan so far painted on the pipe. The default camera shows
+    robot and pipe.
     """
     samples = result.samples
     scanning = [i for i, p in enumerate(result.phases) if p.name == "scan"]
@@ -43,11 +46,12 @@ def render_run(result: RunResult, width: int, height: int, t: float | None = Non
     items = _build_items(result, samples[i])
     if len(scan) and isinstance(result.details, WeldResult):
         items += _paint_scan(result, samples[scan], samples["t"][i])
-    return np.asarray(render_scene(items, _place_camera(result, samples[i]), width, height))
+    camera = camera or place_camera(result, samples[i])
+    return np.asarray(render_scene(items, camera, width, height))
 
 
-def _place_camera(result: RunResult, row: Any) -> Camera:
-    """In front of the robot and a little above, so that robot and pipe share the picture."""
+def place_camera(result: RunResult, row: Any) -> Camera:
+    """Return a camera that shows the robot of a sample, and the pipe if the world has one."""
     centre = np.array(row["p_WB"])
     pipe = result.description.true_world.pipe
     if pipe is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from skywright.core.keys import iterate_leaves
@@ -9,7 +10,7 @@ from skywright.core.spec import Source, Spec
 from skywright.core.toml_files import Layer, merge_layers
 from skywright.core.validation import list_problems
 from skywright.description.loader import SPECS, Description, list_layer_problems, load_description
-from skywright.description.lookup import find_kind
+from skywright.description.lookup import KINDS, find_kind
 from skywright.description.parts import type_parts
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
@@ -29,18 +30,31 @@ class CheckReport(NamedTuple):
 
 
 def check_file(name: str) -> CheckReport:
-    """Check a robot, world or mission by name or path.
+    """Check a robot, world or mission by name or path; of a folder all three that are in it.
 
     Raises InputError when there is no such file or it is no TOML.
     """
     kind, path = find_kind(name)
+    folder = Path(name).expanduser()
+    if not folder.is_dir() or path == name:
+        return _check_one(name, kind, path)
+    files = {k: folder / f"{k}.toml" for k in KINDS}
+    reports = [_check_one(str(f), k, str(f)) for k, f in files.items() if f.is_file()]
+    return CheckReport(
+        name, " and ".join(r.kind for r in reports), all(r.valid for r in reports),
+        list(dict.fromkeys(line for r in reports for line in r.problems)),
+        list(dict.fromkeys(line for r in reports for line in r.notes)),
+    )  # fmt: skip
+
+
+def _check_one(name: str, kind: str, path: str) -> CheckReport:
     problems: list[str] = []
     notes: list[str] = []
     if kind == "mission":
         problems = list_layer_problems(path)
         if not problems:
             description = load_description(path)
-            problems += _check_lift(description.robot, description.world.gravity_mps2, name)
+            _check_lift(description.robot, description.world.gravity_mps2, name, problems, notes)
             problems += _check_rules(description)
             notes += list_guesses(description.robot, "robot", description.sources)
             notes += list_guesses(description.mission, "mission", description.sources)
@@ -53,7 +67,7 @@ def check_file(name: str) -> CheckReport:
         if spec is not None:
             notes += list_guesses(spec, kind, sources)
         if isinstance(spec, Robot) and not problems:
-            problems += _check_lift(spec, 9.81, label)
+            _check_lift(spec, 9.81, label, problems, notes)
     return CheckReport(name, kind, not problems, problems, notes)
 
 
@@ -90,14 +104,20 @@ def _check_root(
     return spec
 
 
-def _check_lift(robot: Robot, gravity: float, label: str) -> list[str]:
+def _check_lift(
+    robot: Robot, gravity: float, label: str, problems: list[str], notes: list[str]
+) -> None:
     from skywright.models.capability import check_can_fly  # heavy: only robots need it
 
     try:
-        check_can_fly(robot, gravity)
+        share = check_can_fly(robot, gravity)
     except InputError as error:
-        return [f"{label}: {error}"]
-    return []
+        problems.append(f"{label}: {error}")
+        return
+    notes.append(
+        f"robot {robot.name!r} lifts itself: hovering takes {100 * share:.0f} % of thrust_max_n "
+        f"(missions may use {100 * robot.rotors.thrust_fraction:.0f} %)"
+    )
 
 
 def list_guesses(spec: Spec, root: str, sources: dict[str, Source]) -> list[str]:

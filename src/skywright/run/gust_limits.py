@@ -1,16 +1,56 @@
-"""Gusts that move a platform with a hanging link by more than a mission allows."""
+"""How wind and gusts lean and move a platform, and where that is more than a mission allows."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from skywright.description.world.wind import compute_speed
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.core.rotations import exp_so3, rot_z
+from skywright.description.world.wind import compute_mean_wind, compute_speed
+from skywright.models.capability import build_drag_body
+from skywright.models.statics import build_layout
+from skywright.models.wind import compute_hold
+from skywright.run.limits import find_gusts
 from skywright.run.parts import build_law
 from skywright.run.setup import Setup
 from skywright.vehicle.gusts import GustMotion
 
 STEPS = 12  # of the search for the largest wind, each halves what is left
+
+
+def find_stances(
+    setup: Setup[Any], yaw: float, q: Array, braking: float
+) -> list[tuple[Array, Array]]:
+    """Return how a platform that heads `yaw` (rad) may stand: (R_WB (3, 3), shift (3,) m).
+
+    It leans against the mean wind or a gust of `mission.gust_sigmas`; gusts move it as far as the
+    law tells. Each as it hovers, and as it brakes on its way ahead with `braking` (m/s^2). A robot
+    with lateral force stays level. `q` (rad) are the joints.
+    """
+    world, robot, wind = setup.world, setup.robot, setup.world.wind
+    level, mean = rot_z(yaw), compute_mean_wind(wind, np.zeros((1, 3)))[0]
+    winds, apart = find_gusts(setup, mean), 0.0
+    law = build_law(setup.description, setup)
+    if len(winds) > 1 and (model := law.build_gust_model(setup, yaw)) is not None:
+        apart = setup.description.mission.gust_sigmas * model(wind).place
+    body = build_drag_body(robot, setup.model, q, world.gravity_mps2, world.air_density_kg_m3)
+    layout = build_layout(setup.rotors, robot.rotors.thrust_fraction)
+    _, tilts = compute_hold(layout, body, winds @ level)
+    sizes = np.maximum(np.linalg.norm(winds, axis=1), 1e-9)
+    leans = (tilts / sizes)[:, None] * np.cross(winds, [0.0, 0.0, 1.0])
+    gusts = winds[1:] - mean
+    shifts = apart * gusts / np.maximum(np.linalg.norm(gusts, axis=1, keepdims=True), 1e-9)
+    poses = [(lean, np.zeros(3)) for lean in leans] + [(leans[0], shift) for shift in shifts]
+    brake = np.zeros(3) if layout.full else braking / world.gravity_mps2 * level[:, 1]
+    stances, turn = [], np.empty((3, 3))
+    for lean, shift in poses:
+        for rotation in (lean, lean - brake):
+            exp_so3(rotation, turn)
+            stances.append((turn @ level, shift))
+    return stances
 
 
 def find_exceeded_motion(

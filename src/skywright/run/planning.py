@@ -17,6 +17,7 @@ from skywright.description.mission.spec import T
 from skywright.models.geometry import compute_clearance
 from skywright.models.rigid_body import posture
 from skywright.planning.motion.plan_file import PlanFile
+from skywright.run.gyro_limit import find_noisy_gyroscope
 from skywright.run.kind import P, load_kind
 from skywright.run.limits import find_exceeded_wind
 from skywright.run.link_limit import find_exceeded_delay
@@ -95,9 +96,10 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
         blocked = _find_blocked_climb(setup)
         if blocked is not None:
             plan = plan._replace(feasible=False, blocked_by=blocked)
-    too_late = find_exceeded_delay(setup) or find_slow_localisation(setup)
-    if too_late is not None:
-        return plan._replace(feasible=False, blocked_by=too_late)
+    sensed = find_exceeded_delay(setup) or find_slow_localisation(setup)
+    sensed = sensed or find_noisy_gyroscope(setup)
+    if sensed is not None:
+        return plan._replace(feasible=False, blocked_by=sensed)
     too_windy = find_exceeded_wind(setup, plan.segments)
     if too_windy is not None:
         return plan._replace(feasible=False, blocked_by=too_windy)

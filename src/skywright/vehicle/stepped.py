@@ -14,7 +14,7 @@ from skywright.vehicle.component import Component, Draws
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.native import read_error
 from skywright.vehicle.ports import READ
-from skywright.vehicle.readings import Fix, ImuBatch, MocapSample
+from skywright.vehicle.readings import Fix, ImuBatch, MocapSample, Odometry
 from skywright.vehicle.schedule import end_control, run_rows
 from skywright.vehicle.simulated import SimulatedVehicle
 
@@ -107,6 +107,11 @@ class EstimatorRun(Stepped):
     def __init__(self, vehicle: SimulatedVehicle) -> None:
         parts = [c for c in vehicle.assembly.components if c.group == "estimator"]
         super().__init__(vehicle, parts)
+        if self.find(Odometry) is not None:
+            raise InputError(
+                "run_estimator has no odometry of a tracking camera to give: take a world with "
+                "world.localisation = 'mocap' or 'gnss'"
+            )
         if vehicle.estimator.is_truth or self.find(ImuBatch) is None:
             raise InputError(
                 f"estimator {vehicle.estimator.name!r} reads no inertial samples; take one that "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import traceback
 from typing import Protocol
 
 from skywright.errors import SimulationError
@@ -109,7 +110,8 @@ class Ticker:
                 if self.stuck:
                     says, self.stuck = self.stuck, ""
                     raise self._fail(first, says) from error
-                raise self._explain(first, error, "") from error
+                at = traceback.extract_tb(error.__traceback__)[-1]
+                raise self._explain(first, error, f"{at.filename}:{at.lineno}") from error
             self._python_row = -1
             if self._stop[0]:
                 return True

@@ -69,6 +69,8 @@ class Mission(Spec, Generic[T]):
     # standard deviations that gusts count with: 3 is the expected largest of the tens that pass
     # during a scan (peak factor, Davenport 1964)
     gust_sigmas: float = Field(default=3.0, ge=0, le=6)
+    # of what a rotor is asked for by the gyroscope's noise, that its limits leave room for
+    noise_sigmas: float = Field(default=3.0, ge=0, le=6)
     link_phase_deg: float = Field(default=10.0, ge=0, le=60)  # left to the attitude loop by a link
     # wall time that a mission tick (20 ms of flight) may take before a component counts as stuck
     step_limit_s: float = Field(default=20.0, ge=0.1, le=3600)

@@ -14,18 +14,20 @@ class BarTransport(Task):
     The flight starts at (`mission.start_x_m`, 0, `mission.hover_height_m`), arms at work.
     """
 
-    bar_length_m: NonNegative = 2.0  # 0: nothing is carried
-    bar_diameter_m: Positive = 0.04
-    bar_mass_kg: Positive = 0.3
-    goal_x_m: Coordinate = 9.0
-    goal_z_m: float = Field(default=2.0, gt=0, le=100)
-    margin_m: Positive = 0.2  # that the plan keeps from everything
-    p1: Positive = 1.0  # weights of the plan's cost (6)
-    p2: Positive = 0.1
-    planner_slices: int = Field(default=1000, ge=1, le=1_000_000)  # of work, about a second
-    swing_plan_deg: Positive = 2.5  # of the passive joint about its equilibrium, as planned
-    plan_file: str = ""  # fly this plan instead of planning
-    duration_s: Positive | None = None  # of the carrying; default: the shortest
+    bar_length_m: NonNegative = 2.0  # length of the bar; 0: no bar
+    bar_diameter_m: Positive = 0.04  # diameter of the bar
+    bar_mass_kg: Positive = 0.3  # mass of the bar
+    goal_x_m: Coordinate = 9.0  # goal of the platform, x in W
+    goal_z_m: float = Field(default=2.0, gt=0, le=100)  # goal of the platform, height in W
+    margin_m: Positive = 0.2  # least distance between robot or bar and the structures in the plan
+    p1: Positive = 1.0  # weight of the platform's path in the cost (6) of Caballero 2018
+    p2: Positive = 0.1  # weight of the joints' paths in the same cost
+    # limit of the planning work; a slice takes about 1 ms
+    planner_slices: int = Field(default=1000, ge=1, le=1_000_000)
+    swing_plan_deg: Positive = 2.5  # largest planned angle of the passive joint off its equilibrium
+    plan_file: str = ""  # plan file (NAME.csv or NAME.toml) to fly instead of planning
+    # duration of the transport; default: the shortest feasible one
+    duration_s: Positive | None = None
 
     def adapt_robot(self, robot: Robot) -> Robot:
         """Put the bar into the robot's hands."""

@@ -24,9 +24,9 @@ PressForces = Annotated[
 class Spot(Spec):
     """A place to inspect, in the structure's frame S."""
 
-    x_m: Coordinate = 0.0
-    y_m: Coordinate = 0.0
-    name: str = ""
+    x_m: Coordinate = 0.0  # position in the frame S of the structure
+    y_m: Coordinate = 0.0  # position in the frame S of the structure
+    name: str = ""  # label in records
 
 
 class BridgeContact(Task):
@@ -35,22 +35,29 @@ class BridgeContact(Task):
     Each force is reached over `ramp_s`, given `settle_s`, and held for `hold_s`: one measurement.
     """
 
-    dock: bool = True  # rest the docking gear against the surface, which must face down
-    without_gear: bool = True  # then press once more in flight, for the numbers beside
+    dock: bool = True  # press while docked; the surface must face down
+    without_gear: bool = True  # after docking, press the same forces in flight for comparison
     spots: list[Spot] = Field(default=[Spot()], min_length=1, max_length=100)
+    # forces of the profile; each one is one measurement
     forces_n: PressForces = [2.0, 4.0, 6.0, 8.0]
-    ramp_s: float = Field(default=1.5, ge=0.1, le=60)
-    settle_s: NonNegative = 2.0
-    hold_s: float = Field(default=3.0, ge=0.2, le=600)
-    survey: bool | None = None  # touch it first; default: where plant.map_error_* is not zero
-    stand_off_m: float = Field(default=0.4, ge=0.1, le=5)  # of the feet or the tip, before docking
+    ramp_s: float = Field(default=1.5, ge=0.1, le=60)  # time to reach a force
+    settle_s: NonNegative = 2.0  # wait before a force is measured
+    hold_s: float = Field(default=3.0, ge=0.2, le=600)  # time over which a force is measured
+    survey: bool | None = None  # touch the structure first; default: if plant.map_error_* is not 0
+    # distance of feet or tip from the structure before contact
+    stand_off_m: float = Field(default=0.4, ge=0.1, le=5)
+    # speed at which the feet approach the structure
     dock_speed_mps: float = Field(default=0.1, ge=0.02, le=0.3)
-    force_fraction: float = Field(default=0.8, gt=0, le=1)  # of the computed press, slope or wind
-    tilt_fraction: float = Field(default=0.85, gt=0, le=1)  # of the computed hover tilt
-    # of the tip's way off the surface that friction must leave to a slide
+    # usable share of the computed largest force, on a slope or in wind
+    force_fraction: float = Field(default=0.8, gt=0, le=1)
+    # usable share of the computed hover tilt
+    tilt_fraction: float = Field(default=0.85, gt=0, le=1)
+    # least share of the tip's mobility off the surface that friction may leave to a slide
     mobility_fraction: float = Field(default=0.5, ge=0, le=1)
-    slide_sigmas: float = Field(default=3.0, ge=0, le=6)  # of the wobble, that a slide presses with
-    calm_fraction: float = Field(default=0.95, gt=0, le=1)  # of it, level and in calm air
-    slide_m: Coordinate = 0.0  # along the structure under force, in flight; 0: left out
-    slide_force_n: Positive = 2.0
-    slide_speed_mps: float = Field(default=0.05, ge=0.005, le=0.5)
+    # least force of a slide, in rms forces that the platform's motion causes
+    slide_sigmas: float = Field(default=3.0, ge=0, le=6)
+    # force_fraction on a level structure in calm air
+    calm_fraction: float = Field(default=0.95, gt=0, le=1)
+    slide_m: Coordinate = 0.0  # length of a slide along the structure in flight; 0: no slide
+    slide_force_n: Positive = 2.0  # force on the structure during the slide
+    slide_speed_mps: float = Field(default=0.05, ge=0.005, le=0.5)  # speed of the slide

@@ -20,14 +20,17 @@ LINES = 3  # fewest sines that a channel needs
 class ExcitationTask(Task):
     """What is moved, and how much; amplitudes are peaks and shrink where the rotors ask for it."""
 
-    duration_s: float = Field(default=40.0, ge=4 * RAMP, le=600)  # of each pose
+    # duration of the excitation in each pose
+    duration_s: float = Field(default=40.0, ge=4 * RAMP, le=600)
+    # arm poses in which the robot is excited
     poses: list[Literal["folded", "working"]] = Field(default=["folded"], min_length=1)
-    tilt_deg: NonNegative = 4.0  # roll and pitch, where the rotors allow a free attitude
-    yaw_deg: NonNegative = 12.0
-    acceleration_mps2: NonNegative = 0.8
-    low_hz: Positive = 0.15
-    high_hz: float = Field(default=1.2, gt=0, le=5)
-    joint_deg: NonNegative = 0.0  # swing of the arm's joints after each pose; 0: none
+    tilt_deg: NonNegative = 4.0  # peak of roll and pitch, if the robot can tilt in place
+    yaw_deg: NonNegative = 12.0  # peak of the heading
+    acceleration_mps2: NonNegative = 0.8  # peak of the acceleration, each axis
+    low_hz: Positive = 0.15  # lowest frequency
+    high_hz: float = Field(default=1.2, gt=0, le=5)  # highest frequency
+    joint_deg: NonNegative = 0.0  # peak of the joints' motion after each pose; 0: none
+    # duration of the joints' motion
     joint_duration_s: float = Field(default=20.0, ge=4 * RAMP, le=600)
 
     @model_validator(mode="after")

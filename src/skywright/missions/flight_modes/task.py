@@ -9,12 +9,16 @@ from skywright.description.mission.spec import Task
 class ModesTask(Task):
     """How far each mode goes."""
 
-    tilt_deg: float | None = Field(default=None, gt=0, le=30)  # default: see plan()
+    # tilt of the mode command angle; default: from the computed hover limit
+    tilt_deg: float | None = Field(default=None, gt=0, le=30)
     # of the computed hover tilt that may be commanded: the rotors need the rest for errors of mass,
     # gain and drag
     calm_fraction: Fraction = 0.95
-    tilt_fraction: Fraction = 0.75  # the same in wind
+    tilt_fraction: Fraction = 0.75  # largest share of that limit in wind
+    # length of the translation in the mode command position
     distance_m: float = Field(default=1.0, gt=0, le=20)
+    # tilt of the mode standard stabilisation
     standard_tilt_deg: float = Field(default=2.0, gt=0, le=15)
-    standard_s: float = Field(default=0.5, gt=0, le=3)  # tilted; it drifts meanwhile
-    hold_s: Positive = 2.0
+    # duration of that tilt; the robot drifts meanwhile
+    standard_s: float = Field(default=0.5, gt=0, le=3)
+    hold_s: Positive = 2.0  # time for which each tilt or position is held

@@ -6,4 +6,4 @@ from skywright.description.mission.spec import Task
 class FollowPlan(Task):
     """Fly a plan file as it is; the flight starts over its first row."""
 
-    plan_file: str = ""  # NAME.csv or NAME.toml, see docs/howto/plan-a-transport.md
+    plan_file: str = ""  # plan file (NAME.csv or NAME.toml): docs/howto/plan-a-transport.md

@@ -18,11 +18,13 @@ _SPRING = {
 class Impact(Task):
     """Fly into a padded obstacle with the left hand or with the passive link."""
 
-    speed_mps: float = Field(default=0.5, ge=0.05, le=1.5)
-    pad: str | None = None  # name of the thing to run into; the world's first pad
-    part: Literal["arm", "link"] = "arm"
-    joints: Literal["compliant", "stiff"] = "compliant"  # stiff: no springs between servo and link
-    reaction_s: float = Field(default=0.1, ge=0, le=1)  # from the contact to the order to stop
+    speed_mps: float = Field(default=0.5, ge=0.05, le=1.5)  # speed at the impact
+    pad: str | None = None  # name of the thing to hit; default: the first pad
+    part: Literal["arm", "link"] = "arm"  # what hits it: the left hand or the passive link
+    # stiff: without springs between servos and links
+    joints: Literal["compliant", "stiff"] = "compliant"
+    # delay between contact and the command to stop
+    reaction_s: float = Field(default=0.1, ge=0, le=1)
 
     def adapt_robot(self, robot: Robot) -> Robot:
         """Take the springs out of the joints where the task says so."""

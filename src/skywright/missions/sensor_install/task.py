@@ -14,17 +14,20 @@ class SensorInstall(Task):
     "stretched" (elbow almost straight: second trial).
     """
 
-    force_n: float = Field(default=2.0, gt=0, le=10)
-    hold_s: float = Field(default=5.0, gt=0, le=600)
-    pose: Literal["L", "stretched"] = "L"
-    leave_singularity: bool = False  # the platform moves so that the arm returns to a good pose
-    stand_off_m: float = Field(default=0.05, gt=0, le=0.3)  # hand below the pipe before touching
-    approach_below_m: float = Field(default=0.25, gt=0, le=1)  # hand below the pipe on the way in
-    hand_speed_mps: float = Field(default=0.05, gt=0, le=0.5)
+    force_n: float = Field(default=2.0, gt=0, le=10)  # pressing force
+    hold_s: float = Field(default=5.0, gt=0, le=600)  # time for which the force is held
+    pose: Literal["L", "stretched"] = "L"  # pose of the pressing arm
+    leave_singularity: bool = False  # the platform moves so that the arm leaves a singular pose
+    # distance of the hand below the pipe before contact
+    stand_off_m: float = Field(default=0.05, gt=0, le=0.3)
+    # distance of the hand below the pipe on the way in
+    approach_below_m: float = Field(default=0.25, gt=0, le=1)
+    hand_speed_mps: float = Field(default=0.05, gt=0, le=0.5)  # speed of the hand
     hover_s: float = Field(
         default=50.0, ge=0, le=3600
-    )  # the hand tracks a fixed point for so long; 0: left out
-    survey: bool | None = None  # touch the pipe first; default: where plant.map_error_* is not zero
-    swing_deg: float = Field(default=10.0, ge=0, le=30)  # the link is let go from here; 0: left out
-    # of the link's own motion in gusts, that a swing which dies out must leave room for
+    )  # time for which the hand tracks a fixed point before; 0: none
+    survey: bool | None = None  # touch the pipe first; default: if plant.map_error_* is not 0
+    # initial angle of the released link in the swing test; 0: no test
+    swing_deg: float = Field(default=10.0, ge=0, le=30)
+    # room left for the decaying swing, in standard deviations of the link's motion in gusts
     swing_sigmas: float = Field(default=2.0, ge=0, le=6)

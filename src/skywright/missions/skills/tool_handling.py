@@ -29,6 +29,7 @@ TOUCH_N = 0.4  # N, upward, at which a hand counts as touching
 TOUCH_S = 0.06  # s, for which it has to be felt
 LIFT = 0.10  # m, from which a tool counts as lifted
 FEEL_S = 0.4  # s, lag of the felt weight; the estimate's own is about as long
+ACCELERATION = 0.3  # m/s^2, of the platform
 NEAR_SPEED = 0.15  # m/s, of the platform beside the tool and what it stands on
 STEADY_S = 2.0  # s, to come to rest
 LIGHT_N = 0.3  # N, under which a load counts as put down
@@ -98,7 +99,7 @@ def find_tool(s: Supervisor, seconds: float = 0.6) -> Place:
 
 
 def move_platform(
-    s: Supervisor, p: Array, yaw: float, speed: float, acceleration: float = 0.3
+    s: Supervisor, p: Array, yaw: float, speed: float, acceleration: float = ACCELERATION
 ) -> None:
     """Move the platform rest to rest; hands and load keep what they were told."""
     s.body.track(_build_move(s, p, yaw, speed, acceleration))

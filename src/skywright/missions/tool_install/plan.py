@@ -20,9 +20,11 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder
 from skywright.description.world.things import locate_thing
+from skywright.description.world.wind import compute_speed
 from skywright.errors import InputError
 from skywright.missions.skills.hook_grip import build_grip, check_hooks
 from skywright.missions.skills.tool_handling import (
+    ACCELERATION,
     DROP,
     LIFT,
     LIGHT_N,
@@ -39,6 +41,7 @@ from skywright.models.scene import build_scene
 from skywright.models.things._build import find_carried_clearance
 from skywright.models.things.tool import Tool, compute_diameters, compute_seat
 from skywright.planning.motion.transit import Configuration, plan_transit
+from skywright.run.gust_limits import find_stances
 from skywright.run.operator import Recording, load_recording
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
@@ -56,6 +59,8 @@ ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
 FELT = 3.0  # times LIGHT_N, that a tool has to weigh: what is felt of it wavers by as much
 HAND_ROOM = 0.03  # m, from a hand's hook to handle's end and box
 END_ROOM = 0.02  # m, from a foot's middle to the pipe's end: half its profile, and the seat's error
+COMES = (0.0, 0.05, 0.1, 0.2, BACK)  # m, behind the tool, where the wind's clearance is looked at
+STEPS = 6  # of the search for the largest wind, each halves what is left
 STEEPEST_DEG = 1.5  # of the pipe: a hanging tool is level, and is judged as if the pipe were
 
 
@@ -88,6 +93,7 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
     blocked = _find_misfit(robot, world, task) or _find_blocked_work(
         robot, world.drop_things(task.tool), found
     )
+    blocked = blocked or _find_strong_wind(setup, found)
     least = math.inf
     if blocked is None:
         found, blocked, least = _plan_ways(d, found, task.tool)
@@ -240,6 +246,49 @@ def find_seat(world: World, task: ToolInstall, p_WP: Array, R_WP: Array) -> Plac
 def behind(p: Array, yaw: float, back: float = BACK) -> Array:
     """Where the platform comes from and goes to, p (3,) m being where its hands hold the tool."""
     return np.asarray(p - back * rot_z(yaw)[:, 0] - [0.0, 0.0, DROP])
+
+
+def _find_strong_wind(setup: Setup[ToolInstall], way: ToolPlan) -> str | None:
+    """Say that wind leans or moves the robot onto the tool that it comes up to, or return None."""
+    wind = setup.world.wind
+    if compute_speed(wind) == 0.0:
+        return None
+    query = build_clearance(build_scene(setup.robot, setup.world), with_ground=True)
+
+    def judge(share: float) -> tuple[float, str]:
+        air = wind.model_copy(update={
+            "mean_mps": share * wind.mean_mps, "vertical_mps": share * wind.vertical_mps
+        })  # fmt: skip
+        there = setup.description._replace(world=setup.world.model_copy(update={"wind": air}))
+        least, what = math.inf, ""
+        at, bench = find_platform(way.grip, way.bench), rot_z(way.bench.yaw)
+        for place in (way.bench, way.seat):  # the robot meets the tool alike at both
+            for R, shift in find_stances(Setup(there), place.yaw, way.grip.q_low, ACCELERATION):
+                here = bench @ rot_z(-place.yaw)
+                for back in COMES:
+                    p = at + here @ shift - [0.0, 0.0, DROP] - back * bench[:, 0]
+                    found = compute_clearance(query, p, here @ R, way.grip.q_low)
+                    if found.distance < least:
+                        least = found.distance
+                        pair = query.names[found.robot_geom], query.names[found.other_geom]
+                        what = f"{pair[0]} and {pair[1]}"
+        return least, what
+
+    least, what = judge(1.0)
+    keeps = setup.task.wind_clearance_m
+    if least >= keeps:
+        return None
+    low, high = 0.0, 1.0
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if judge(middle)[0] >= keeps else (low, middle)
+    speed = compute_speed(wind)
+    return (
+        f"in a {wind.kind} wind of {speed:g} m/s the robot leans and moves (gusts and braking "
+        f"included) until {what} come within {max(least, 0.0):.3f} m before the hands hold the "
+        f"tool, {keeps:g} m are kept (mission.task.wind_clearance_m): at most "
+        f"{low * speed:.1f} m/s (world.wind.mean_mps)"
+    )
 
 
 def _find_blocked_work(robot: Robot, world: World, way: ToolPlan) -> str | None:

@@ -14,16 +14,22 @@ class ToolInstall(Task):
     """Put the inspection tool onto the pipe, wait, take it back (Suarez 2020, section VI-A)."""
 
     tool: str = "tool"  # name of the thing that is installed
-    along_pipe_m: Coordinate = 0.0  # of the place on the pipe, from its middle along its axis
-    wait_s: NonNegative = 10.0  # for the inspection
-    hover_s: NonNegative = 50.0  # the hands track the grasp points so long before they grasp
-    payload_max_kg: Positive = 0.6  # Table 2: 0.3 kg each arm
-    retries: int = Field(default=2, ge=0, le=10)  # of a grasp that missed
-    hand_speed_mps: float = Field(default=0.05, ge=0.01, le=0.2)
-    # of the platform, while the load passes from or to the hands
+    along_pipe_m: Coordinate = 0.0  # place on the pipe, along the axis from its middle
+    wait_s: NonNegative = 10.0  # time for which the tool stays on the pipe
+    hover_s: NonNegative = 50.0  # time for which the hands track the grasp points before the grasp
+    # largest mass of the tool; 0.3 kg each arm (Suarez 2020, table 2)
+    payload_max_kg: Positive = 0.6
+    # clearance to the tool until the hands hold it, with the lean and the motion in the wind: the
+    # arm's length is wrong by 4 mm, and 20 % more drag leans the robot by as much (plant)
+    wind_clearance_m: float = Field(default=0.008, ge=-0.05, le=0.05)
+    retries: int = Field(default=2, ge=0, le=10)  # how often a failed grasp is repeated
+    hand_speed_mps: float = Field(default=0.05, ge=0.01, le=0.2)  # speed limit of the hands
+    # speed of the platform while the load passes to or from the hands
     lift_speed_mps: float = Field(default=0.03, ge=0.01, le=0.1)
-    operator: str | None = None  # recording that installs the tool: packaged name, or CSV file
-    stick_speed_mps: float = Field(default=0.03, gt=0, le=0.2)  # v_max of (24)
+    # recorded operator who installs the tool: a packaged name or a CSV file
+    operator: str | None = None
+    # speed of the hands at full deflection of the stick, v_max of (24)
+    stick_speed_mps: float = Field(default=0.03, gt=0, le=0.2)
 
     def find_files(self, folder: Path) -> Self:
         """Name the operator's recording by its path."""

@@ -9,14 +9,14 @@ from skywright.description.mission.spec import Task
 class Waypoint(Spec):
     """A platform pose to reach and hold."""
 
-    x_m: Coordinate
-    y_m: Coordinate
-    z_m: float = Field(gt=0, le=1000)
-    yaw_deg: float = 0.0
-    hold_s: float = Field(default=2.0, ge=0, le=3600)
+    x_m: Coordinate  # position in W
+    y_m: Coordinate  # position in W
+    z_m: float = Field(gt=0, le=1000)  # height above the ground
+    yaw_deg: float = 0.0  # heading
+    hold_s: float = Field(default=2.0, ge=0, le=3600)  # time for which the pose is held
 
 
 class Waypoints(Task):
     """Way-points in the order in which they are flown."""
 
-    points: list[Waypoint] = Field(min_length=1)
+    points: list[Waypoint] = Field(min_length=1)  # way-points in the order of the flight

@@ -38,6 +38,7 @@ from skywright.vehicle.laws._cascade_gusts import (
     build_across,
     build_along,
     build_masses,
+    build_rigid,
     compute_gust_motion,
 )
 from skywright.vehicle.loops import compute_delay
@@ -271,14 +272,18 @@ def _compute_bodies(robot: Robot, model: Any) -> tuple[Any, Any]:
 
 
 def build_gust_model(c: Control, g: CascadeGains, nominal: Nominal, yaw: float) -> GustModel | None:
-    """Return how a platform with a hanging link moves in gusts; see Law.build_gust_model."""
+    """Return how a platform moves in gusts; see Law.build_gust_model. None: hands hold its link."""
     robot, world = nominal.robot, nominal.world
     body, floating = _compute_bodies(robot, nominal.model[0])
-    if floating["swing"] < 0 or robot.pendulum is None:
+    q, delay = posture(robot, "working"), compute_delay(c, world)
+    if robot.pendulum is None:
+        mass, g_0 = float(body["mass"]), float(body["gravity"])
+        rigid = [build_rigid(mass, g_0, build_loops(g, delay, axis, -1)) for axis in (0, 1)]
+        return lambda wind: compute_gust_motion(nominal, wind, q, (rigid[0], rigid[1]), 0, yaw)
+    if floating["swing"] < 0:
         return None
-    q = posture(robot, "working")
     masses = build_masses(robot, body, floating, compute_free_inertia(robot, world, q))
-    along, delay = int(abs(floating["axis"][0]) > 0.5), compute_delay(c, world)
+    along = int(abs(floating["axis"][0]) > 0.5)
     loops = [build_loops(g, delay, axis, along) for axis in (along, 1 - along)]
     systems = build_along(masses[0], loops[0]), build_across(masses[1], loops[1])
     return lambda wind: compute_gust_motion(nominal, wind, q, systems, along, yaw)

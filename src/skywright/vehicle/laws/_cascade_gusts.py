@@ -1,4 +1,4 @@
-"""A platform with a hanging link under the cascade, as two planar linear systems.
+"""A platform under the cascade, with a hanging link or none, as two planar linear systems.
 
 Along the swing, with x of B, theta the platform's lean and psi the link's angle in W (d: joint
 below B, b and J: the link's moments about it, M: moment of the drag on it):
@@ -194,6 +194,20 @@ def build_across(m: Masses, k: Loops) -> System:
     return System(free, enter, asked, drag, k.delay)
 
 
+def build_rigid(mass: float, gravity: float, k: Loops) -> System:
+    """Return the system of a platform without a hanging link: x, x', lean and two rates, f."""
+    X, V, THETA, Q1, Q2, F = range(6)
+    one = np.eye(6)
+    free, drag = np.zeros((6, 6)), np.zeros((6, 3))
+    free[X, V] = free[THETA, Q1] = free[Q1, Q2] = 1.0
+    free[V, THETA], free[F, F] = gravity, -k.force
+    drag[V, :2], drag[F, :2] = 1.0 / mass, k.force
+    gain = k.attitude * k.rate
+    free[Q2] = -(gain * one[THETA] + k.rate * one[Q1] + one[Q2]) / k.lead
+    asked = -(k.velocity * (k.position * one[X] + one[V]) + one[F] / mass) / gravity
+    return System(free, gain / k.lead * one[Q2], asked, drag, k.delay)
+
+
 def build_masses(robot: Robot, body: Any, floating: Any, platform: Array) -> tuple[Masses, Masses]:
     """Return the robot along the swing and across it.
 
@@ -230,7 +244,7 @@ def compute_gust_motion(
 
     `systems` are those along the swing, which is along axis `swings` of the platform, and across.
     """
-    speed = compute_speed(wind)
+    speed, hangs = compute_speed(wind), nominal.robot.pendulum is not None
     sigma, time = compute_gust_scales(wind, speed)
     mean = speed * (rot_z(yaw).T @ compute_direction(wind))[:2]
     ahead = mean / max(float(np.linalg.norm(mean)), 1e-9)
@@ -242,8 +256,8 @@ def compute_gust_motion(
             drag = slope[:, swings if k == 0 else 1 - swings]
             total[k] += system.compute_variance(drag, float(sigma[i]), float(time[i]), i == 0)
     return GustMotion(
-        math.sqrt(float(total[:, 0].sum())), math.sqrt(float(total[0, 1])),
-        systems[0].compute_settling,
+        math.sqrt(float(total[:, 0].sum())), math.sqrt(float(total[0, 1])) if hangs else 0.0,
+        systems[0].compute_settling if hangs else lambda share: 0.0,
     )  # fmt: skip
 
 
@@ -257,6 +271,8 @@ def _drag(nominal: Nominal, q: Array, wind_B: Array) -> Array:
     omega = math.sqrt(mass * world.gravity_mps2 / n / rotors.k_f)
     areas = 0.5 * world.air_density_kg_m3 * np.array([p.drag_area_x_m2, p.drag_area_y_m2])
     platform = (areas * np.linalg.norm(wind_B) + n * rotors.drag_coefficient * omega) * wind_B
+    if robot.pendulum is None:
+        return np.array([platform, np.zeros(2), np.zeros(2)])
     return np.array([platform, *compute_link_drag(
         robot, nominal.model, q, world.air_density_kg_m3, wind_B
     )])  # fmt: skip

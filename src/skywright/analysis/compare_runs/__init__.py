@@ -1,0 +1,1 @@
+"""Two runs laid over each other: `skywright compare runs A B`."""

@@ -1,0 +1,51 @@
+"""Two runs for people: a page that opens offline, and a table."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from skywright.analysis.compare_runs.figures import draw_overlay
+from skywright.analysis.compare_runs.overlay import Metric, Overlay
+from skywright.reports.figures.style import house_style
+from skywright.reports.page import build_picture, render_page, write_page
+from skywright.reports.terminal import new_console, new_table
+
+
+def write_overlay_page(found: Overlay, path: Path) -> None:
+    """Write the page; everything that it shows is inside it."""
+    names = found.a.directory.name, found.b.directory.name
+    with house_style():
+        picture = found.series and build_picture(
+            "Over time", draw_overlay(found.series, names),
+            "Both runs from their start; A is the solid line, B the dashed one.",
+        )  # fmt: skip
+    write_page(path, render_page(
+        "compare_runs.html.j2", found=found, names=names, picture=picture or None,
+        number=format_number,
+    ))  # fmt: skip
+
+
+def print_overlay(found: Overlay, page: Path) -> None:
+    """Print what differs."""
+    console = new_console()
+    table = new_table(
+        f"A: {found.a.directory} ({found.a.outcome}); B: {found.b.directory} ({found.b.outcome})",
+        "metric", "A", "B", "B - A", "required", right=("A", "B", "B - A"),
+    )  # fmt: skip
+    for m in found.metrics:
+        table.add_row(m.name, *map(format_number, (m.a, m.b, m.difference)), _tell(m))
+    console.print(table)
+    for key, a, b in found.settings:
+        console.print(f"{key}: {a} | {b}", markup=False)
+    console.print(f"page: {page}", markup=False)
+
+
+def format_number(x: float) -> str:
+    """Return four digits, or a dash for what a run has not."""
+    return f"{x:.4g}" if math.isfinite(x) else "–"
+
+
+def _tell(m: Metric) -> str:
+    failed = [run for run, passed in zip("AB", m.passed, strict=True) if passed is False]
+    return f"{m.requirement} (failed: {' and '.join(failed)})" if failed else m.requirement

@@ -1,0 +1,208 @@
+"""Finished runs for others: exports, and two runs compared."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from click.testing import CliRunner
+from rosbags.highlevel import AnyReader
+
+import skywright
+from skywright.analysis.compare_runs.overlay import compare_runs
+from skywright.cli import main
+from skywright.errors import SimulationError
+from skywright.run.export import FORMATS
+from skywright.run.results import flatten, open_run
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two short flights: of seed 1, and of seed 2 with wind."""
+    folder = tmp_path_factory.mktemp("runs")
+    point = [{"x_m": 0.3, "y_m": 0.0, "z_m": 1.2, "hold_s": 0.5}]
+    for name, seed, wind in (("one", 1, 0.0), ("two", 2, 1.5)):
+        sets = {"mission.task.points": point, "world.wind.mean_mps": wind}
+        d = skywright.load("waypoints", sets=sets, seed=seed)
+        skywright.run(d, out=folder / name, report=False)
+    return folder / "one", folder / "two"
+
+
+def call(*args: object, code: int = 0):
+    found = CliRunner().invoke(main, [str(a) for a in args])
+    assert found.exit_code == code, found.output
+    return found
+
+
+def refuse(*args: object) -> str:
+    return " ".join(call(*args, code=2).stderr.split())
+
+
+# Exports
+
+
+def test_tables_hold_every_number_bit_for_bit(runs, tmp_path):
+    run = open_run(runs[0])
+    wanted = flatten(run.recording)
+    call("export", runs[0], "--format", "csv", "--out", tmp_path / "r.csv")
+    with (tmp_path / "r.csv").open() as text:
+        rows = list(csv.reader(text))
+    assert rows[0] == list(wanted) and {"t", "p_WB_x", "q_WB_w", "rotor_thrust_5"} <= set(rows[0])
+    table = np.array(rows[1:], dtype=float).T
+    for name, values in zip(rows[0], table, strict=True):
+        np.testing.assert_array_equal(values, wanted[name], name)
+    call("export", runs[0], "--format", "parquet", "--out", tmp_path / "r.parquet")
+    read = pyarrow.parquet.read_table(tmp_path / "r.parquet")
+    assert read.column_names == list(wanted)
+    np.testing.assert_array_equal(read["p_WB_z"].to_numpy(), wanted["p_WB_z"])
+    call("export", runs[0], "--format", "npz", "--out", tmp_path / "r.npz")
+    with np.load(tmp_path / "r.npz") as arrays:
+        assert set(arrays) == {c.name for c in run.columns}
+        np.testing.assert_array_equal(arrays["q_WB"], run["q_WB"])
+
+
+def test_a_trajectory_is_one_of_tum(runs, tmp_path):
+    run = open_run(runs[0])
+    for name, file in (("platform", "p.txt"), ("reference.platform", "r.txt")):
+        call("export", runs[0], "--format", "tum", "--trajectory", name, "--out", tmp_path / file)
+        rows = np.loadtxt(tmp_path / file)
+        np.testing.assert_allclose(rows[:, 1:4], run[f"{name}.p_W"], rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(rows[:, [7, 4, 5, 6]], run[f"{name}.q_W"], 1e-7, 1e-9)
+    said = refuse("export", runs[0], "--format", "tum", "--trajectory", "platfrm")
+    assert "platfrm" in said and "platform" in said
+    judged = skywright.locate(tmp_path / "p.txt", reference=tmp_path / "r.txt", compare="none")
+    assert judged.errors  # a reader of TUM files takes it
+
+
+def test_a_bag_is_read_by_a_library_for_ros(runs):
+    found = json.loads(call("export", runs[0], "--format", "rosbag2", "--json").stdout)
+    bag, run = Path(found["file"]), open_run(runs[0])
+    assert bag == runs[0].with_name("one-bag") and found["format"] == "rosbag2"
+    assert (bag / "metadata.yaml").is_file()
+    with AnyReader([bag]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        assert counts["/truth/pose"] == len(run["t"]) and counts["/sensors/inertial"] > 1000
+        assert reader.message_count == sum(counts.values())
+        assert reader.duration / 1e9 == pytest.approx(run["t"][-1], abs=0.1)
+        poses = [c for c in reader.connections if c.topic == "/truth/pose"]
+        last = list(reader.messages(poses))[-1]
+        message = reader.deserialize(last[2], last[0].msgtype)
+        assert message.pose.position.z == run["p_WB"][-1, 2]
+    assert "exists already" in refuse("export", runs[0], "--format", "rosbag2")
+
+
+def test_what_cannot_be_exported_is_refused(runs, tmp_path):
+    cut = tmp_path / "cut.partial"
+    cut.mkdir()
+    for name in ("mission.toml", "metrics.json"):
+        (cut / name).write_bytes((runs[0] / name).read_bytes())
+    data = (runs[0] / "recording.mcap").read_bytes()
+    (cut / "recording.mcap").write_bytes(data[: len(data) // 2])
+    assert "was not finished" in refuse("export", cut, "--format", "rosbag2")
+    assert not list(tmp_path.glob("*-bag"))
+    call("export", cut, "--format", "csv")
+    assert "'xls' is not one of 'csv', 'parquet'" in refuse("export", runs[0], "--format", "xls")
+    assert "is no run directory" in refuse("export", tmp_path, "--format", "csv")
+    assert set(FORMATS) == {"csv", "parquet", "tum", "npz", "rosbag2"}
+
+
+# Two runs compared
+
+
+def test_two_runs_are_compared(runs, tmp_path):
+    a, b = map(open_run, runs)
+    found = compare_runs(a, b)
+    settings = {key: (one, other) for key, one, other in found.settings}
+    assert settings["mission.seed"] == (1, 2) and settings["world.wind.mean_mps"] == (0.0, 1.5)
+    assert not any("robot." in key for key in settings)
+    first = found.metrics[0]
+    assert first.requirement and first.passed[0] is not None
+    rms = next(m for m in found.metrics if m.name == "position.rms_m")
+    assert rms.difference == b.metrics["position.rms_m"] - a.metrics["position.rms_m"]
+    titles = {s.title: s for s in found.series}
+    error = titles["Platform from its reference"]
+    wanted = np.linalg.norm(b["p_WB"] - b["ref_p_WB"], axis=1)
+    np.testing.assert_allclose(error.b[1], 1e3 * wanted)
+    assert "Tip from its reference" not in titles  # it has no arm
+    page = tmp_path / "c.html"
+    said = call("compare", "runs", *runs, "--out", page).stdout
+    assert "position.rms_m" in said and "world.wind.mean_mps: 0.0 | 1.5" in said
+    text = page.read_text(encoding="utf-8")
+    assert "position.rms_m" in text and "image/svg+xml" in text and "http" not in text
+    printed = json.loads(call("compare", "runs", *runs, "--out", page, "--json").stdout)
+    assert printed["metrics"]["position.rms_m"]["difference"] == rms.difference
+    assert printed["settings"]["mission.seed"] == [1, 2]
+
+
+def test_a_run_compared_with_itself_differs_in_nothing(runs):
+    found = compare_runs(*map(open_run, (runs[0], runs[0])))
+    assert found.settings == [] and all(m.difference in (0.0,) or m.a != m.a for m in found.metrics)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["runs", "one"], "1 runs given; valid: two"),
+        (["othex"], "1 robots given"),
+        (["runs", "one", "two", "--no-fly"], "--no-fly is for robots"),
+        (["runs", "nope", "nope"], "is no run directory"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(args, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert words in refuse("compare", *args)
+    assert not list(tmp_path.iterdir())
+
+
+# Words of the command line around them
+
+
+def test_list_alone_is_short():
+    said = call("list").stdout
+    assert len(said.splitlines()) < 25 and "othex" in said and "pipe-weld-scan" in said
+    assert "of suarez-2020" in said and "sensors" in said
+    assert len(json.loads(call("list", "--json").stdout)["claims"]) > 50
+
+
+def test_check_looks_at_all_of_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    call("new", "robot", "mine")
+    call("new", "world", "place")
+    Path("mine/world.toml").write_text(Path("place/world.toml").read_text())
+    said = call("check", "mine").stdout
+    assert "lifts itself: hovering takes" in said and "a valid robot and world and mission" in said
+    text = Path("mine/world.toml").read_text().replace("[world.wind]", "[world.wnd]")
+    Path("mine/world.toml").write_text(text)
+    heavy = Path("mine/robot.toml").read_text()
+    Path("mine/robot.toml").write_text(heavy + "\n[robot.nonsense]\nx = 1\n")
+    problems = json.loads(call("check", "mine", "--json", code=2).stdout)["problems"]
+    assert any("world.toml" in p and "wnd" in p for p in problems)
+    assert any("robot.toml" in p and "nonsense" in p for p in problems)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_an_error_in_a_users_step_has_its_file_and_line(compiled, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    call("new", "law", "mine")
+    law = next(Path("mine").glob("*.py"))
+    text, static = law.read_text(), "    @staticmethod\n    def step("
+    text = text.replace(static, f"    compiled = {compiled}\n\n{static}")
+    first = "        arm_velocity("
+    assert text.count(static) == text.count(first) == 1
+    line = text[: text.index(first)].count("\n") + 1
+    law.write_text(text.replace(first, f"        raise ValueError('mine')\n{first}"))
+    vehicle = skywright.build_vehicle("mine")
+    with pytest.raises(SimulationError, match=rf"ValueError.*{law.name}:{line}\)"):
+        vehicle.tick()
+
+
+def test_completion_is_offered(monkeypatch):
+    monkeypatch.setenv("_SKYWRIGHT_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", "skywright ex")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    found = CliRunner().invoke(main, prog_name="skywright")
+    assert "export" in found.output
