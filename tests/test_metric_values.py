@@ -33,15 +33,17 @@ def test_energy_duration_saturation_and_estimate_of_any_flight() -> None:
     away = np.zeros((1000, 3))
     away[300, 0], away[400, 1] = 0.003, -0.004
     n = np.arange(1000)
+    cut = (n >= 950) | (abs(n - 100) < 10)
     s, phases = build_samples(
         [("take_off", 4.0), ("land", 6.0)], **FLYING
-        | {"power": [360.0, 720.0], "saturated": (n >= 950) * 1.0, "est_p_WB": away}
+        | {"power": [360.0, 720.0], "saturated": cut * 1.0, "est_p_WB": away}
     )  # fmt: skip
     m = compute_common_metrics(s, phases)
     assert m["flight.duration_s"] == pytest.approx(9.99)
     # 4 s of 360 W and 6 s of 720 W, the first sample lasts no time
     assert m["flight.energy_wh"] == pytest.approx((360.0 * 3.99 + 720.0 * 6.0) / 3600.0)
-    assert m["flight.saturated_s"] == pytest.approx(0.5)
+    assert m["flight.saturated_s"] == pytest.approx(0.69)
+    assert m["flight.saturated_max_s"] == pytest.approx(0.5)
     assert m["estimate.position_max_mm"] == pytest.approx(4.0)
     assert m["estimate.position_rms_mm"] == pytest.approx(5.0 / math.sqrt(1000.0))
 

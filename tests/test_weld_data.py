@@ -5,8 +5,10 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
+import re
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,6 +80,28 @@ def test_example_file_gives_its_weld(maker: ModuleType) -> None:
     text = " | ".join(out["notes"])
     for word in ("temperature_c", "duplicate time", "without a usable number", "gaps", "tilt"):
         assert word in text
+
+
+def test_columns_maps_the_names_and_units_of_another_header(tmp_path: Path, rows: Any) -> None:
+    head = ["Time [ms]", "Real", "IMAG", "X", "Y (mm)", "Z", "x_m"]  # the last is another thing's
+    table = [
+        [str(1e3 * float(r[0])), r[1], r[2], *(str(1e3 * float(v)) for v in r[3:6]), "0"]
+        for r in rows[1:400]
+    ]
+    spec = "t=time[ms],re=Real,im=imag,x=X[mm], y = y [mm],z=Z[mm]"
+    scan = load_scan(write(tmp_path / "s.csv", [head, *table], ";"), spec)
+    plain = load_scan(write(tmp_path / "p.csv", rows[:400]))
+    assert np.allclose(scan.p_WT, plain.p_WT) and np.allclose(scan.t, plain.t)
+    assert np.array_equal(scan.ec, plain.ec) and "x_m" in scan.notes[0]
+    for wrong, says in (
+        ("q=Time", "valid: QUANTITY=NAME"),
+        ("x=X[furlong]", "valid units: m, mm"),
+        ("re=Real[V]", "valid units: none"),
+        ("x=X,x=Y", "x is given twice"),
+        (spec + ",qw=W", "no column 'w'; found: time [ms], real"),
+    ):
+        with pytest.raises(InputError, match=re.escape(says)):
+            load_scan(tmp_path / "s.csv", wrong)
 
 
 def test_weld_is_found_in_other_draws_of_a_foreign_model(maker: ModuleType, tmp_path: Path) -> None:

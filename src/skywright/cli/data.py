@@ -18,6 +18,9 @@ from skywright.errors import InputError
 @click.command()
 @click.argument("data", metavar="DATA.csv|RUN", type=click.Path(path_type=Path))
 @click.option(
+    "--columns", metavar="SPEC", help="The file's own names and units: t=Time[ms],x=X[mm],re=R,..."
+)
+@click.option(
     "--calibrate", metavar="T0:T1", help="Time span (s) of an approach from air to contact."
 )
 @click.option(
@@ -31,8 +34,9 @@ from skywright.errors import InputError
 @click.option("--out", type=click.Path(path_type=Path), help="Map (.png or .svg).")
 @as_json_option
 def weld(
-    data: Path, calibrate: str | None, calibration: Path | None, surface: Path | None,
-    lift_off: float | None, weld_threshold: float | None, out: Path | None, as_json: bool,
+    data: Path, columns: str | None, calibrate: str | None, calibration: Path | None,
+    surface: Path | None, lift_off: float | None, weld_threshold: float | None, out: Path | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Find a weld in an instrument's data.
 
@@ -48,6 +52,7 @@ def weld(
         lift_off_threshold=lift_off,
         weld_threshold=weld_threshold,
         surface_file=surface,
+        columns=columns,
     )
     if out is not None or not as_json:
         from skywright.reports.weld_map import write_weld_map

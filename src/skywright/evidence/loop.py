@@ -239,10 +239,11 @@ def _cross(p: Array) -> Array:
 
 
 @click.command()
+@click.option("--robot", metavar="ROBOT")
 @click.option("--set", "sets", multiple=True, metavar="KEY=VALUE")
-def main(sets: tuple[str, ...]) -> None:
+def main(robot: str | None, sets: tuple[str, ...]) -> None:
     """Margins and gust response of a scan's loops."""
-    d = load_description("pipe-weld-scan", sets=sets)
+    d = load_description("pipe-weld-scan", robot=robot, sets=sets)
     m, g = build_loop_model(d), read_gains(d)
     print("  ".join(f"{k} {v:g}" for k, v in g._asdict().items()))
     print(f"slowest pole {np.max(compute_poles(m, g).real):.2f} 1/s")

@@ -5,6 +5,8 @@ Columns t_s, re, im, x_m, y_m, z_m in any order; the unit is the suffix and othe
 probe) or ax, ay, az (the probe's axis). What had to be dropped or repaired is noted in words.
 """
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,13 +53,62 @@ def _quantity(name: str) -> tuple[str, float] | None:
     return None
 
 
-def _read_header(path: Path, line: str) -> tuple[str, dict[str, tuple[int, float]], int, list[str]]:
+def parse_columns(text: str) -> dict[str, str]:
+    """Return {name in a file's header: our name} of "t=Time[ms],x=X[mm],re=Real".
+
+    Names are compared without case and spaces; the header may hold the unit in brackets as well.
+    Raises InputError for a quantity or a unit that is not known.
+    """
+    quantities, found = (*_LIMITS, *QUATERNION, *AXIS), dict[str, str]()
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\w+)\s*=\s*([^\[\]]+?)\s*(?:\[\s*(\w*)\s*\])?\s*", part)
+        quantity, name, unit = match.groups() if match else (part.strip()[:40], "", None)
+        if not match or quantity not in quantities:
+            raise InputError(
+                f"--columns: {quantity!r}; valid: QUANTITY=NAME[UNIT],... with a quantity of "
+                + ", ".join(quantities)
+            )
+        units = {"t": TIME_UNITS, "x": LENGTH_UNITS, "y": LENGTH_UNITS, "z": LENGTH_UNITS}
+        valid = units.get(quantity, {})
+        if unit and unit not in valid:
+            raise InputError(
+                f"--columns: {quantity} in {unit!r}; valid units: {', '.join(valid) or 'none'}"
+            )
+        ours = f"{quantity}_{unit or next(iter(valid))}" if valid else quantity
+        if ours in found.values():
+            raise InputError(f"--columns: {quantity} is given twice")
+        found[_plain(name)] = ours
+    return found
+
+
+def _plain(name: str) -> str:
+    """A column's name without case, spaces and a unit in brackets."""
+    return re.sub(r"\[.*?\]|\(.*?\)|\s", "", name.lower())
+
+
+def _rename(names: list[str], given: Mapping[str, str]) -> list[str]:
+    """Our names of those that are `given`; what else gives the same quantity is not read."""
+    taken = {_quantity(ours) and ours.partition("_")[0] for ours in given.values()}
+    return [
+        given.get(_plain(n)) or (f"({n})" if n.partition("_")[0] in taken else n) for n in names
+    ]
+
+
+def _read_header(
+    path: Path, line: str, given: Mapping[str, str]
+) -> tuple[str, dict[str, tuple[int, float]], int, list[str]]:
     """(delimiter, {quantity: (column, factor)}, columns, notes)."""
     best: tuple[int, str] = (-1, ",")
     for delimiter in (",", ";", "\t", " "):
-        names = [cell.lower() for cell in split_row(line, delimiter)]
+        names = _rename([cell.lower() for cell in split_row(line, delimiter)], given)
         best = max(best, (sum(_quantity(n) is not None for n in names), delimiter))
-    names = [cell.lower() for cell in split_row(line, best[1])]
+    header = [cell.lower() for cell in split_row(line, best[1])]
+    names = _rename(header, given)
+    for name, ours in given.items():
+        if ours not in names:
+            raise InputError(
+                f"{path}: --columns: no column {name!r}; found: {', '.join(header)[:200]}"
+            )
     columns: dict[str, tuple[int, float]] = {}
     ignored = []
     for index, name in enumerate(names):
@@ -76,7 +127,8 @@ def _read_header(path: Path, line: str) -> tuple[str, dict[str, tuple[int, float
         shown = ", ".join(name[:20] or "(empty)" for name in names[:12])
         raise InputError(
             f"{path}: column {wanted} is missing; found: {shown}"
-            + f"; valid: {', '.join(REQUIRED)} (other units by suffix: t_ms, x_mm ...)"
+            + f"; valid: {', '.join(REQUIRED)} (other units by suffix: t_ms, x_mm ...), "
+            "or --columns t=NAME[ms],x=NAME[mm],..."
         )
     notes = []
     if ignored:
@@ -134,8 +186,8 @@ def _build_axis(table: Array, columns: dict[str, tuple[int, float]]) -> Array | 
     return np.asarray(unit)
 
 
-def load_scan(path: Path) -> Scan:
-    """Read and clean a scan file.
+def load_scan(path: Path, columns: str | None = None) -> Scan:
+    """Read and clean a scan file; `columns` as `parse_columns` takes it.
 
     Dropped with a note: rows with NaN or text, ragged rows, duplicate times (the first stays);
     sorted with a note: unordered times. Raises InputError, in one line, for a file that has no
@@ -150,12 +202,13 @@ def load_scan(path: Path) -> Scan:
     ]
     if not lines:
         raise InputError(f"{path}: the file is empty; valid: a header and rows of numbers")
-    delimiter, columns, width, notes = _read_header(path, lines[0])
+    given = parse_columns(columns) if columns else {}
+    delimiter, places, width, notes = _read_header(path, lines[0], given)
     total = len(lines) - 1
-    used = [index for index, _ in columns.values()]
+    used = [index for index, _ in places.values()]
     table = _read_rows(path, lines[1:], delimiter, width, used, notes)
 
-    data = {name: table[:, columns[name][0]] * columns[name][1] for name in _LIMITS}
+    data = {name: table[:, places[name][0]] * places[name][1] for name in _LIMITS}
     with np.errstate(invalid="ignore"):
         valid = np.all([np.abs(data[name]) < limit for name, limit in _LIMITS.items()], axis=0)
     bad = int(np.count_nonzero(~valid))
@@ -183,11 +236,11 @@ def load_scan(path: Path) -> Scan:
     gaps = step[step > max(GAP_TIME, 10 * float(np.median(step)))]
     if gaps.size:
         notes.append(f"{gaps.size} gaps in time, the longest {gaps.max():.3g} s")
-    axis = _build_axis(table, columns)
+    axis = _build_axis(table, places)
     if axis is not None and not np.any(np.isfinite(axis[order])):
         axis = None
         notes.append("orientation columns contain no direction: ignored")
-    elif axis is None and any(name in columns for name in (*QUATERNION, *AXIS)):
+    elif axis is None and any(name in places for name in (*QUATERNION, *AXIS)):
         notes.append("orientation incomplete (needs qw, qx, qy, qz or ax, ay, az): ignored")
     return Scan(
         t=t,

@@ -190,10 +190,12 @@ def process_file(
     lift_off_threshold: float | None = None,
     weld_threshold: float | None = None,
     surface_file: Path | None = None,
+    columns: str | None = None,
 ) -> WeldReport:
     """Process a scan file: calibrate, find the surface, contact, crossings and the weld lines.
 
     `path` may be a run's directory or recording; then the touch before the scan calibrates.
+    `columns` tells the file's own names and units: "t=Time[ms],x=X[mm],re=Real".
     Without `calibrate` and `calibration_file` the first approach in the file is used, and noted.
     Raises InputError, in one line, for whatever is wrong with the input.
     """
@@ -205,10 +207,12 @@ def process_file(
         raise InputError("give either --calibrate T0:T1 or a calibration file, not both")
     span = parse_span(calibrate, "of the file", "0:6.5") if calibrate is not None else None
     if is_recording(path):
+        if columns:
+            raise InputError("--columns is for a text file; a run's columns are known")
         scan, touched = load_recorded_scan(path)
         span = touched if span is None and calibration_file is None else span
     else:
-        scan = load_scan(path)
+        scan = load_scan(path, columns)
     notes = list(scan.notes)
     if calibration_file is not None:
         cal = load_calibration(Path(calibration_file))

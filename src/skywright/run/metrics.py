@@ -54,6 +54,7 @@ def compute_common_metrics(
         "flight.duration_s": float(samples["t"][-1]) if len(samples) else 0.0,
         "flight.energy_wh": float(np.sum(samples["power"] * dt)) / 3600.0,
         "flight.saturated_s": float(np.sum(dt[samples["saturated"] > 0.0])),
+        "flight.saturated_max_s": _find_longest(samples["saturated"] > 0.0, dt),
         "contact.collisions": float(np.count_nonzero(hits[1:] & ~hits[:-1]) + int(hits[:1].any())),
     }
     if len(error):
@@ -61,6 +62,13 @@ def compute_common_metrics(
         out["estimate.position_max_mm"] = 1e3 * float(np.max(error))
         out.update(_judge_localisation(samples[flying], error, dt[flying]))
     return out
+
+
+def _find_longest(on: NDArray[np.bool_], dt: Array) -> float:
+    """Return the longest time (s) that `on` holds without a break; `dt` (s) is each sample's."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
+    t = np.concatenate([[0.0], np.cumsum(dt)])
+    return float(np.max(t[edges[1::2]] - t[edges[::2]], initial=0.0))
 
 
 def _judge_localisation(s: Samples, error: Array, dt: Array) -> dict[str, float]:

@@ -15,6 +15,7 @@ COMMON: Measures = {
         "s",
         "time in which the allocation could not realise the commanded wrench",
     ),
+    "flight.saturated_max_s": ("s", "longest such time without a break"),
     "estimate.position_rms_mm": ("mm", "rms distance of the estimated from the true position"),
     "estimate.position_max_mm": ("mm", "largest such distance"),
     "estimate.outage_s": (
