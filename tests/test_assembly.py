@@ -204,7 +204,7 @@ class Reader(Component):
 
 
 def test_of_several_instances_a_reader_names_one():
-    with pytest.raises(InputError, match=r"say which one in `ports`.*valid: another, gauge"):
+    with pytest.raises(InputError, match=r"select one in `ports`.*valid: another, gauge"):
         assemble(
             Counter("counter"), Gauge("another", Gauge.Table()), Gauge("gauge", Gauge.Table()),
             Doubler("doubler"),
@@ -307,13 +307,13 @@ class NeedsB(Component):
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ([Doubler("d")], "d .Doubler.step. asks for Level, which nothing in this vehicle fills"),
-        ([Counter("c"), Counter("c")], "two components are called 'c'"),
-        ([Counter("c"), NeedsB("b"), NeedsA("a"), Cheat("law")], "cannot see Truth of the plant"),
+        ([Doubler("d")], "d .Doubler.step. reads Level, which no component of this vehicle fills"),
+        ([Counter("c"), Counter("c")], "two components are named 'c'"),
+        ([Counter("c"), NeedsB("b"), NeedsA("a"), Cheat("law")], "cannot read Truth of the plant"),
         ([Stepless("law")], "Stepless has no static method 'step'"),
         ([Unmarked("law")], "parameter 'total' has no annotation"),
         ([Late("law")], "slot 'contrl' of Late.step is unknown; valid: clear, observe"),
-        ([NeedsA("a"), NeedsB("b")], "each needs what the next fills"),
+        ([NeedsA("a"), NeedsB("b")], "each reads the output of the next"),
         ([NeedsB("b"), Misspelt("law"), NeedsA("a")], "both fill Total"),
         ([Misspelt("law")], r"does not compile .*test_assembly.py:\d+.*velocity"),
     ],

@@ -201,7 +201,7 @@ def test_gains_follow_from_the_dead_time() -> None:
             LAW | {"world.link.delay_s": 0.02, "mission.law.arm_bandwidth_rad_s": 20.0},
             "dead time",
         ),
-        (ROBOT, LAW | {"robot.arm.servo1.mode": "velocity"}, "several modes"),
+        (ROBOT, LAW | {"robot.arm.servo1.mode": "velocity"}, "different modes"),
     ],
 )
 def test_what_does_not_fit_is_told(robot: str, sets: dict[str, Any], told: str) -> None:

@@ -132,17 +132,17 @@ CASES = {
     ),
     "no methods": Case(
         ["kind"], BARE.__getitem__,
-        say("mission.kind", "mine.py", "lacks a class of tasks"),
+        say("mission.kind", "mine.py", "does not define its task class"),
     ),
     "a port nobody fills": Case(
         COMPONENTS, lambda g: write_class(g, "x: Nobody, "),
-        say("asks for Nobody, which nothing in this vehicle fills; there are:", "BodyModel"),
+        say("reads Nobody, which no component of this vehicle fills; available:", "BodyModel"),
     ),
     "the truth": Case(
-        ROBOTS, lambda g: write_class(g, "truth: Truth, "), say("{group}", "cannot see Truth"),
+        ROBOTS, lambda g: write_class(g, "truth: Truth, "), say("{group}", "cannot read Truth"),
     ),
     "the plant's own arrays": Case(
-        ROBOTS, lambda g: write_class(g, "mj: MuJoCo, "), say("{group}", "cannot see MuJoCo"),
+        ROBOTS, lambda g: write_class(g, "mj: MuJoCo, "), say("{group}", "cannot read MuJoCo"),
     ),
     "the plant's side": Case(
         ROBOTS, lambda g: write_class(g, "truth: Truth, ", more='    side = "plant"\n\n'),
@@ -249,7 +249,7 @@ def test_two_components_of_one_name_are_refused(tmp_path: Path) -> None:
         result = CliRunner().invoke(cli.main, ["run", "waypoints", "--robot", "othex", *args])
         name = key.split(".")[2]
         assert result.exit_code == 2, result.output
-        assert f"two components are called '{name}'" in " ".join(result.stderr.split())
+        assert f"two components are named '{name}'" in " ".join(result.stderr.split())
         assert not (tmp_path / "out.partial").exists()
 
 

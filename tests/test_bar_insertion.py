@@ -186,8 +186,8 @@ def test_the_arms_turn_the_bar_as_29_and_30_invert() -> None:
 @pytest.mark.parametrize(
     ("sets", "message"),
     [
-        (["world.things.peg.mass_kg=0.8"], "more than the arms may lift"),
-        (["world.things.peg.handle_length_m=0.3"], "too short to be held"),
+        (["world.things.peg.mass_kg=0.8"], "more than the payload limit"),
+        (["world.things.peg.handle_length_m=0.3"], "is too short"),
         (["world.things.socket.width_m=0.3"], "between the hands"),
         (["world.things.socket.z_m=0.3"], "come within"),
     ],
@@ -211,7 +211,7 @@ def test_a_socket_behind_a_wall_is_out_of_reach() -> None:
         ("bimanual-longreach", [], "passive joint"),
         ("hexarotor", [], "lacks"),
         (None, ["robot.arm.hand.kind=ball"], "hooks"),
-        (None, ["world.things.socket.hole_m=0.03"], "does not go in"),
+        (None, ["world.things.socket.hole_m=0.03"], "does not fit"),
         (None, ["world.things.rack.hole_m=0.1"], "fall through"),
         (None, ["world.things.socket.depth_m=0.04"], "the peg is 0.05 m long"),
         (None, ["world.things.socket.z_m=0.05"], "into the ground"),

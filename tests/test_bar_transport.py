@@ -90,7 +90,7 @@ def test_a_bar_longer_than_the_gap_has_no_plan() -> None:
     sets = {"mission.task.bar_length_m": 2.7, "mission.task.planner_slices": 50}
     plan = plan_mission(load_description("bar-transport", sets=sets))
     assert not plan.feasible
-    assert "'lower gap': 2.60 m, of which the bar needs 3.10 m" in str(plan.blocked_by)
+    assert "'lower gap': 2.60 m wide; the bar requires 3.10 m" in str(plan.blocked_by)
 
 
 def test_another_robot_is_refused() -> None:

@@ -88,9 +88,9 @@ def test_large_and_deep_descriptions(tmp_path: Path) -> None:
     for i in range(60):
         extends = f'extends = "{i + 1}.toml"\n' if i < 59 else ""
         (tmp_path / f"{i}.toml").write_text(f'[robot]\nname = "r"\n{extends}')
-    assert "leads through more than 16 files" in refuse("show", str(tmp_path / "0.toml"))
+    assert "is longer than 16 files" in refuse("show", str(tmp_path / "0.toml"))
     (tmp_path / "59.toml").write_text('[robot]\nextends = "58.toml"\n')
-    assert "leads back to this file" in refuse("show", str(tmp_path / "57.toml"))
+    assert "is circular" in refuse("show", str(tmp_path / "57.toml"))
 
 
 def test_depth_and_size() -> None:

@@ -205,7 +205,9 @@ def test_page_answers_in_its_first_line(
     for row in rows:
         assert (f"--seed {row.seed}" in page) == (not row.succeeded or row is rows[0])
     assert ("Where it fails" in page) == bool(verdict.failures and keys)
-    assert ("that matter most" in page) == (len(rows) == 60)  # few rows or one key tell nothing
+    assert ("two most influential conditions" in page) == (
+        len(rows) == 60
+    )  # few rows or one key tell nothing
     assert page.count("<figure>") >= (4 if len(rows) == 60 else 1)
 
 

@@ -378,7 +378,7 @@ def test_figure_is_written_as_png_and_svg(
 
 
 def test_too_heavy_robot_is_refused_with_numbers(othex: Robot) -> None:
-    with pytest.raises(InputError, match=r"cannot lift itself: it weighs .* N .* lift at most"):
+    with pytest.raises(InputError, match=r"cannot lift its weight: it weighs .* N .* lift at most"):
         check_can_fly(changed(othex, platform={"mass_kg": 6.0}))
 
 

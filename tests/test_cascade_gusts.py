@@ -137,14 +137,14 @@ def refuse(*sets: str) -> str:
 def test_gusts_beyond_a_derived_wind_are_refused() -> None:
     """The wind that the refusal names is flown, a little more is not; slower loops bear less."""
     told = refuse("world.wind.mean_mps=4")
-    most = float(re.search(r"at most (\S+) m/s is \(world.wind.mean_mps\)", told)[1])  # type: ignore[index]
+    most = float(re.search(r"largest permitted mean is (\S+) m/s \(world.wind.mean_mps\)", told)[1])  # type: ignore[index]
     assert 2.4 < most < 2.7 and "30 mm are allowed" in told
     assert refuse(f"world.wind.mean_mps={most - 0.02}") == "None"
-    assert "move the platform by 30." in refuse(f"world.wind.mean_mps={most + 0.02}")
+    assert "displace the platform by 30." in refuse(f"world.wind.mean_mps={most + 0.02}")
     slow = refuse("world.wind.mean_mps=4", "robot.control.motion_sensitivity=0")
-    assert float(re.search(r"at most (\S+) m/s", slow)[1]) < 0.8 * most  # type: ignore[index]
+    assert float(re.search(r"permitted mean is (\S+) m/s", slow)[1]) < 0.8 * most  # type: ignore[index]
     # a start at 20 deg has less time left for what gusts add
-    assert "less mission.task.swing_deg" in refuse(
+    assert "reduce mission.task.swing_deg" in refuse(
         "world.wind.mean_mps=2.4", "mission.task.swing_deg=25"
     )
     setup = Setup(load_description("sensor-install"))  # still air

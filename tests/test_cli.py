@@ -263,7 +263,7 @@ def test_new_robot_flies_and_its_run_can_be_repeated(tmp_path: Path) -> None:
     same = {k: v for k, v in first["metrics"].items() if not k.startswith("plan.")}
     assert {k: v for k, v in again["metrics"].items() if not k.startswith("plan.")} == same
     assert call("replay", "first", "--no-open").stdout.strip() == "first/replay.html"
-    assert_refused(call("run", "mine", "--out", "first"), "first exists already")
+    assert_refused(call("run", "mine", "--out", "first"), "first already exists")
 
 
 def test_template_comments_the_arm_that_works(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_squeeze_is_inward_and_balanced():
     f_left, f_right = compute_squeeze(5.0, left, right)
     np.testing.assert_allclose(f_left + f_right, 0.0, atol=1e-15)
     assert f_left @ (right - left) > 0.0 and np.linalg.norm(f_left) == pytest.approx(5.0)
-    with pytest.raises(InputError, match="no direction"):
+    with pytest.raises(InputError, match="direction of the bar is undefined"):
         compute_squeeze(5.0, left, left)
 
 
@@ -382,5 +382,7 @@ def test_the_camera_s_noise_is_what_its_keys_say():
     assert np.std(np.linalg.norm(p, axis=1)) == pytest.approx(0.01 * distance, rel=0.2)
     assert np.std(p[:, 1]) == pytest.approx(0.001 * distance, rel=0.25)
     np.testing.assert_allclose(p.mean(axis=0), true, atol=0.002)
-    with pytest.raises(InputError, match=r"marker.on = 'box' names no thing; valid: bench"):
+    with pytest.raises(
+        InputError, match=r"marker.on = 'box' is not a thing of this world; valid: bench"
+    ):
         Bench(more=MARKER + 'on = "box"\n')

@@ -121,7 +121,7 @@ def test_the_bandwidth_is_the_fastest_that_the_lag_allows(contact):
 
 
 def test_a_link_that_leaves_no_bandwidth_is_refused(contact):
-    with pytest.raises(InputError, match=r"dead time of 45 ms .* leave no force bandwidth"):
+    with pytest.raises(InputError, match=r"dead time of 45 ms .* no force bandwidth"):
         compute_gains(contact._replace(delay=0.045), DirectForce.Table())
 
 

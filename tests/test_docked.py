@@ -159,7 +159,7 @@ def test_too_steep_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("contact", "said"),
-    [((0.5, 0.0), "does not reach"), ((0.2, 0.1), "does not reach"), ((0.08, 0.0), "leans"),
+    [((0.5, 0.0), "does not reach"), ((0.2, 0.1), "does not reach"), ((0.08, 0.0), "inclined"),
      ((math.nan, 0.0), "finite")],
 )  # fmt: skip
 def test_contact_points_out_of_reach(contact: tuple[float, float], said: str) -> None:
@@ -262,8 +262,8 @@ def call(*args: str) -> Any:
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (("f550-bridge", "--slope", "5"), "--slope is a condition of --docked"),
-        (("f550-bridge", "--wind-toward", "5"), "--wind-toward is a condition of --wind"),
+        (("f550-bridge", "--slope", "5"), "--slope applies to --docked only"),
+        (("f550-bridge", "--wind-toward", "5"), "--wind-toward applies to --wind only"),
         (("f550-bridge", "--docked", "--slope", "95"), "below 90"),
         (("f550-bridge", "--docked", "--slope", "nan"), "--slope nan"),
         (("f550-bridge", "--docked", "--wind", "-1"), "--wind -1"),

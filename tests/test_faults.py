@@ -301,7 +301,7 @@ def test_localisation_lost_for_good_lands_on_the_spot(tmp_path):
     check_down(result, "localisation_lost", 6.0, 2.2, "land_here")
     told = json.loads((result.directory / "metrics.json").read_text())
     assert told["faults"][0]["rule"] == "localisation_lost"
-    assert told["outcome"] == "aborted" and "nothing told where it is" in told["reason"]
+    assert told["outcome"] == "aborted" and "no localisation for" in told["reason"]
     events = [e.text for e in read_recording(result.directory / "recording.mcap").events]
     assert any(text.startswith("rule localisation_lost") for text in events)
 

@@ -106,7 +106,7 @@ def test_what_cannot_be_exported_is_refused(runs, tmp_path):
     assert not list(tmp_path.glob("*-bag"))
     call("export", cut, "--format", "csv")
     assert "'xls' is not one of 'csv', 'parquet'" in refuse("export", runs[0], "--format", "xls")
-    assert "is no run directory" in refuse("export", tmp_path, "--format", "csv")
+    assert "is not a run directory" in refuse("export", tmp_path, "--format", "csv")
     assert set(FORMATS) == {"csv", "parquet", "tum", "npz", "rosbag2"}
 
 
@@ -149,7 +149,7 @@ def test_a_run_compared_with_itself_differs_in_nothing(runs):
         (["runs", "one"], "1 runs given; valid: two"),
         (["othex"], "1 robots given"),
         (["runs", "one", "two", "--no-fly"], "--no-fly is for robots"),
-        (["runs", "nope", "nope"], "is no run directory"),
+        (["runs", "nope", "nope"], "is not a run directory"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(args, words, tmp_path, monkeypatch):

@@ -60,7 +60,9 @@ def test_the_platform_leads_what_hangs_on_it() -> None:
 def test_what_a_robot_cannot_fly_is_refused(tmp_path: Path) -> None:
     fast = build_line("hexarotor", length=4.0)
     write_plan_file(tmp_path / "fast", fast)
-    with pytest.raises(InputError, match=r"flies at 1.8. m/s; robot 'hexarotor' at most at 1 m/s"):
+    with pytest.raises(
+        InputError, match=r"speed of the plan is 1.8. m/s; robot 'hexarotor' flies at most 1 m/s"
+    ):
         plan_mission(load_plan_description(tmp_path / "fast"))
     bent = build_line("ars-lrm")
     bent.q[:, 2] = 0.5  # elbow
@@ -88,9 +90,9 @@ def test_the_command_refuses_what_is_no_plan(tmp_path: Path) -> None:
     for arguments, message in (
         (["run"], "--plan FILE"),
         (["run", "--plan", str(tmp_path / "none")], "no plan file"),
-        (["run", "--plan", str(files[0])], "cut off"),
-        (["run", "--plan", str(files[0]), "--robot", "ars-lrm"], "cut off"),
-        (["run", "waypoints", "--plan", str(files[0])], "cut off"),
+        (["run", "--plan", str(files[0])], "truncated"),
+        (["run", "--plan", str(files[0]), "--robot", "ars-lrm"], "truncated"),
+        (["run", "waypoints", "--plan", str(files[0])], "truncated"),
         (["run", "follow-plan"], "plan_file is empty"),
     ):
         found = CliRunner().invoke(main, arguments)
@@ -104,7 +106,7 @@ def test_a_plan_of_another_robot_or_for_another_mission_is_refused(tmp_path: Pat
     for arguments, message in (
         (["--robot", "othex"], "the plan is for robot 'hexarotor', not 'othex'"),
         (["bar-transport"], "the plan is for robot 'hexarotor', not 'ars-lrm'"),
-        (["waypoints"], "mission 'waypoints' flies no plan file; missions that do: bar-transport"),
+        (["waypoints"], "mission 'waypoints' cannot fly a plan file; valid: bar-transport"),
     ):
         found = CliRunner().invoke(main, ["run", *arguments, "--plan", str(files[0])])
         assert found.exit_code == 2, (arguments, found.output)

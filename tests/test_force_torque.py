@@ -34,7 +34,7 @@ def test_a_wrist_carries_the_weight_beyond_it():
 
 def test_a_place_that_is_no_part_of_the_arm_is_refused():
     sensor = ForceTorque("ft", ForceTorque.Table(at="elbow"))
-    with pytest.raises(InputError, match="'elbow' is no part of the arm; valid: wrist, probe"):
+    with pytest.raises(InputError, match="'elbow' is not a part of the arm; valid: wrist, probe"):
         build_context(extend=(sensor,))
 
 

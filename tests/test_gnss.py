@@ -156,10 +156,10 @@ def test_the_transport_is_refused_where_fixes_are_wider_than_the_margin():
 
 def test_robots_that_need_motion_capture_are_refused():
     sets = {"world.localisation": "gnss"}
-    with pytest.raises(InputError, match="needs the markers"):
+    with pytest.raises(InputError, match="requires motion capture of its markers"):
         build_estimator(load_description("pipe-weld-scan", sets=sets))
     sets["mission.estimator"] = "observer"
-    with pytest.raises(InputError, match="'observer' needs motion capture"):
+    with pytest.raises(InputError, match="'observer' requires motion capture"):
         build_estimator(load_description("bar-transport", sets=sets))
     with pytest.raises(InputError, match="localisation"):
         load_description("bar-transport", sets={"world.localisation": "gps"})

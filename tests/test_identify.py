@@ -465,7 +465,7 @@ def test_ulog_of_another_robot(made: FlightLog, tmp_path: Path) -> None:
     path = write_ulog(
         tmp_path / "flight.ulg", ulog_topics(made), rotor_parameters([0, 1, 2, 3, 4, 4])
     )
-    with pytest.raises(InputError, match="give the robot that flew"):
+    with pytest.raises(InputError, match="give the correct robot"):
         load_log(path, ROBOT)
     with pytest.raises(InputError, match="give --robot"):
         load_log(path)
@@ -492,9 +492,9 @@ def test_bad_input(tmp_path: Path, made: FlightLog) -> None:
     f550 = ("--robot", "f550-bridge")
     cases = [
         ((str(tmp_path / "none.ulg"), *f550), "no such file"),
-        ((str(tmp_path), *f550), "holds no recording.mcap"),
-        ((str(tmp_path / "empty.ulg"), *f550), "no readable ULog"),
-        ((str(tmp_path / "noise.ulg"), *f550), "no readable ULog"),
+        ((str(tmp_path), *f550), "contains no recording.mcap"),
+        ((str(tmp_path / "empty.ulg"), *f550), "not a readable ULog"),
+        ((str(tmp_path / "noise.ulg"), *f550), "not a readable ULog"),
         ((str(tmp_path / "header.ulg"), *f550), "header.ulg"),
         ((str(tmp_path / "noise.mcap"), *f550), "noise.mcap"),
         ((str(tmp_path / "text.txt"), *f550), "unknown kind of log"),
@@ -503,7 +503,7 @@ def test_bad_input(tmp_path: Path, made: FlightLog) -> None:
         ((str(good), "--robot", "none"), "unknown robot"),
         ((str(good), *f550, "--mass", "-1"), "--mass"),
         ((str(good), *f550, "--mass", "nan"), "--mass"),
-        ((str(good), *f550, "--mass", "2500"), "weighs 2.5 kg by its file"),
+        ((str(good), *f550, "--mass", "2500"), "has 2.5 kg in its file"),
         ((str(good), *f550, "--out", str(tmp_path / "x.pdf")), "unknown format"),
         ((), "LOG"),
     ]

@@ -194,7 +194,7 @@ def test_the_link_touches_before_anything_else() -> None:
 def test_wrong_missions_are_told() -> None:
     for robot, sets, found in (
         ("bimanual", ["mission.task.part=link"], "no passive link"),
-        ("hexarotor", [], "no arm"),
+        ("hexarotor", [], "has no arm"),
         ("bimanual", ["mission.task.speed_mps=3"], "speed_mps is 3"),
         ("bimanual", ["mission.task.part=foot"], "part"),
         ("bimanual", ["mission.task.joints=soft"], "joints"),
@@ -202,7 +202,7 @@ def test_wrong_missions_are_told() -> None:
     ):
         with pytest.raises(InputError, match=found):
             plan_mission(load_description("impact", robot=robot, sets=sets))
-    with pytest.raises(InputError, match="nothing padded"):
+    with pytest.raises(InputError, match="has no pad"):
         plan_mission(load_description("impact", world="open"))
 
 

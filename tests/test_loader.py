@@ -235,7 +235,10 @@ def test_optional_table_is_created_by_a_valid_key_only() -> None:
         ("mission.task.passes=2.5", ["2.5", "whole number"]),
         ("mission.seed=-1", ["-1", "at least 0"]),
         ("world.pipe=3", ["world.pipe is a table", "3"]),
-        ("robot.platform.mass_kg={value=1.7}", ["robot.platform.mass_kg", "without source"]),
+        (
+            "robot.platform.mass_kg={value=1.7}",
+            ["robot.platform.mass_kg", "has a value but no source"],
+        ),
         ("robot.platform.mass_kg={value=1.7, source='guess'}", ["'guess'", "assumed"]),
         ("robot.platform.mass_kg={value=1.7, source='assumed'}", ["range"]),
         ("robot.platform.mass_kg={value=1.7, source='assumed', range=[2, 3]}", ["outside"]),
@@ -341,7 +344,7 @@ def test_user_law_of_a_robot_is_found_beside_the_robot(tmp_path: Path) -> None:
 def test_robot_file_holds_a_robot_only(tmp_path: Path, other: str) -> None:
     source = Path(find_robot("hexarotor").path).read_text(encoding="utf-8")
     path = write(tmp_path, "robot.toml", source + f'\n[{other}]\nname = "x"\n')
-    assert f"cannot hold the table [{other}]" in refusal(WAYPOINTS, robot=path)
+    assert f"cannot contain the table [{other}]" in refusal(WAYPOINTS, robot=path)
 
 
 # Properties

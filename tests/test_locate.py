@@ -68,7 +68,7 @@ def test_demo_writes_files_that_can_be_read_again(demo):
     assert csv.t[0] == pytest.approx(truth.t[0] + STATION_CLOCK, abs=0.1)
     page = (demo / "locate.html").read_text()
     assert "http://" not in page.replace("http://www.w3.org", "") and 'src="data:' in page
-    assert "without the station" not in page and "When the station was away" in page
+    assert "without the station" not in page and "Outages of the station" in page
 
 
 def test_json_prints_one_object_and_writes_only_where_asked(demo, tmp_path, monkeypatch):
@@ -166,35 +166,35 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("line", "said"),
     [
         ("", "no data; valid"),
-        ("station.csv", "nothing to be compared with"),
+        ("station.csv", "one trajectory only"),
         ("station.csv camera.txt truth.csv", "3 files for station and camera"),
         ("nothere.csv camera.txt", "No such file"),
         ("empty.csv camera.txt", "empty.csv: is empty"),
         ("one.csv camera.txt", "one.csv: 1 of 1 rows"),
         (". camera.txt", "is a directory"),
         ("station.csv camera.txt --reference empty.csv", "empty.csv: is empty"),
-        ("camera.txt other.txt", "cannot tell which is the station"),
+        ("camera.txt other.txt", "the station cannot be recognised"),
         ("station.csv other.txt", "do not overlap in time"),
         ("short.csv camera.txt", "at least 8 s"),
         ("station.csv camera.txt --align best", "--align best; valid: similarity"),
         ("station.csv camera.txt --compare best", "--compare best; valid: rigid"),
         ("station.csv camera.txt --calibrate 5", "is not a time span"),
         ("station.csv camera.txt --calibrate 9:5", "is not a time span"),
-        ("station.csv camera.txt --calibrate 500:600", "a calibration needs 12"),
+        ("station.csv camera.txt --calibrate 500:600", "a calibration requires at least 12"),
         ("station.csv camera.txt --time-offset nan", "--time-offset nan"),
-        ("station.csv camera.txt --time-offset 1e6", "a calibration needs 12"),
+        ("station.csv camera.txt --time-offset 1e6", "a calibration requires at least 12"),
         ("station.csv camera.txt --time-offset abc", "not a valid float"),
         ("station.csv camera.txt --reference-offset inf", "--reference-offset inf"),
-        ("station.csv camera.txt --prism 1,2", "--prism: '1,2' is no place"),
-        ("station.csv camera.txt --prism 1,2,nan", "is no place"),
-        ("station.csv camera.txt --prism 1000,0,0", "is no place"),
+        ("station.csv camera.txt --prism 1,2", "--prism: '1,2' is not a position"),
+        ("station.csv camera.txt --prism 1,2,nan", "is not a position"),
+        ("station.csv camera.txt --prism 1000,0,0", "is not a position"),
         ("station.csv camera.txt --frame few.csv few.csv", "2 points in common"),
         ("station.csv camera.txt --frame few.csv nothere.csv", "No such file"),
         ("station.csv camera.txt --frame station.csv few.csv", "found the header"),
         ("truth.csv --reference truth.csv --prism 0,0,0", "--prism needs a station"),
         ("truth.csv --reference truth.csv --calibrate 0:5", "--calibrate needs a station"),
-        ("station.csv:/topic camera.txt", "is no MCAP file"),
-        ("--demo station.csv", "--demo brings its own files"),
+        ("station.csv:/topic camera.txt", "is not an MCAP file"),
+        ("--demo station.csv", "--demo generates its own files"),
         ("station.csv camera.txt --out camera.txt", "is a file"),
         ("station.csv camera.txt --out camera.txt/deep", "is a file"),
         ("station.csv nothere.txt --out fresh", "No such file"),

@@ -129,7 +129,7 @@ def test_geometry_is_diagnosed():
     assert diagnose_geometry(line, 0.005, "level").note == ""
     assert "vertical line" in diagnose_geometry(line[:, [2, 1, 0]], 0.005, "level").note
     still = 0.004 * rng.normal(size=(100, 3))
-    assert "does not move" in diagnose_geometry(still, 0.005).note
+    assert "no motion in the calibration" in diagnose_geometry(still, 0.005).note
 
 
 def test_wrong_methods_and_too_few_points():
@@ -232,7 +232,7 @@ def test_standing_still_tells_no_delay():
     t = np.arange(0.0, 30.0, 0.1)
     still = Trajectory("a", t, 1e-4 * np.random.default_rng(0).normal(size=(300, 3)))
     found = estimate_offset(still, still._replace(name="b", p=still.p[::-1].copy()))
-    assert found.offset == 0.0 and "do not tell the delay" in found.note
+    assert found.offset == 0.0 and "do not determine the delay" in found.note
 
 
 # --- all at once --------------------------------------------------------------------------------
@@ -282,5 +282,5 @@ def test_gross_errors_and_a_wrong_start_do_not_matter():
 def test_too_little_in_common_is_refused():
     path = build_inspection_path(1, duration=30.0)
     flight = simulate_flight(path, 1)
-    with pytest.raises(InputError, match="a calibration needs 12 at least"):
+    with pytest.raises(InputError, match="a calibration requires at least 12"):
         calibrate(flight.station, flight.camera, 0.0, span=(0.0, 0.5))

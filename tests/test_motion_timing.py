@@ -76,7 +76,7 @@ def test_a_path_with_corners_keeps_limits_and_shape() -> None:
     slow = assign_times(EMPTY.space, rows, LIMITS, duration=2 * timed.duration)
     assert slow.duration == pytest.approx(2 * timed.duration)
     np.testing.assert_allclose(np.abs(slow.cd).max(0), np.abs(timed.cd).max(0) / 2, rtol=0.02)
-    with pytest.raises(InfeasibleError, match="needs"):
+    with pytest.raises(InfeasibleError, match="requires"):
         assign_times(EMPTY.space, rows, LIMITS, duration=0.5 * timed.duration)
     with pytest.raises(InfeasibleError, match="weigh"):
         assign_times(EMPTY.space, rows, LIMITS._replace(thrust=50.0))
@@ -143,13 +143,15 @@ def test_bad_plan_files_are_refused(plan: TransportPlan, tmp_path: Path) -> None
     number = lines[5].split(",")
     number[2] = "nan"
     assert "line 6, y_m" in refusal("\n".join([*lines[:5], ",".join(number), *lines[6:]]), head)
-    assert "times must grow" in refusal("\n".join([*lines[:9], lines[8], *lines[10:]]), head)
+    assert "times must increase" in refusal("\n".join([*lines[:9], lines[8], *lines[10:]]), head)
     assert "rows" in refusal("\n".join(lines[:-3]), head)
     assert "lacks the column" in refusal(table.replace("vx_mps", "speed", 1), head)
     assert "values, the header" in refusal("\n".join([*lines[:7], "1,2", *lines[8:]]), head)
     jump = lines[20].split(",")
     jump[1] = str(float(jump[1]) + 0.3)
-    assert "rates say" in refusal("\n".join([*lines[:20], ",".join(jump), *lines[21:]]), head)
+    assert "but its rates give" in refusal(
+        "\n".join([*lines[:20], ",".join(jump), *lines[21:]]), head
+    )
     assert "format" in refusal(table, head.replace("format = 1", "format = 9"))
     assert "plan lacks robot" in refusal(table, head.replace("robot =", "machine ="))
     assert "malformed TOML" in refusal(table, "[plan")

@@ -96,7 +96,7 @@ def test_long_reach_dual_arm_unfolds_on_its_way() -> None:
 
 def test_crossing_limits_and_unknown_coordinates_are_refused() -> None:
     crossed = [Coordinate("x", ("x",), 2.0, 1.0)]
-    with pytest.raises(InputError, match="coordinate x: its limits cross, 2 is not below 1"):
+    with pytest.raises(InputError, match="coordinate x: lower limit 2 is not below upper limit 1"):
         build_space(SCENE, crossed, {}, margin=0.1)
     with pytest.raises(InputError, match="unknown coordinate or joint 'elbow'; valid: x, y, z"):
         build_space(SCENE, [Coordinate("a", ("elbow",), 0.0, 1.0)], {}, margin=0.1)
@@ -118,4 +118,4 @@ def test_where_there_is_no_way_the_search_ends_and_names_what_is_in_it() -> None
     b = Configuration(np.array([3.9, 0.0, 1.4]), 0.0, FOLDED)
     way = plan_transit(scene, a, b, stream(), slices=4)
     assert way.blocked_by is not None and not len(way.p_WB) and math.isnan(way.clearance)
-    assert way.blocked_by.startswith("no way found") and "come closer than" in way.blocked_by
+    assert way.blocked_by.startswith("no path found") and "come closer than" in way.blocked_by

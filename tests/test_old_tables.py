@@ -133,7 +133,7 @@ def test_old_keys_of_a_mission_and_of_the_command_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        ('[world.things.peg]\nkind = "box"\n', "world.things.peg and world.peg are both"),
+        ('[world.things.peg]\nkind = "box"\n', "world.things.peg and world.peg both define"),
         (
             "[world.objects.table]\nsize_x_m = 1.0\n",
             "world.obstacles.table and world.obj",

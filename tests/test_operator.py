@@ -161,12 +161,15 @@ BAD = {
     "half pressed": (f"{HEADER}\n0,0,0,0,0.5\n", "button is '0.5'; valid: 0 or 1"),
     "backwards": (f"{HEADER}\n0,0,0,0,0\n0.2,0,0,0,0\n0.1,0,0,0,0\n", "line 4, t_s is 0.1"),
     "gap": (f"{HEADER}\n0,0,0,0,0\n3,0,0,0,0\n", f"no more than {GAP_MAX:g} s"),
-    "late": (f"{HEADER}\n5,0,0,0,0\n5.1,0,0,0,0\n", "begins at 0"),
+    "late": (f"{HEADER}\n5,0,0,0,0\n5.1,0,0,0,0\n", "must begin at 0"),
     "endless": (f"{HEADER}\n0,0,0,0,0\n1e9,0,0,0,0\n", "t_s is '1e9'"),
     "cut off": (f"{HEADER}\n0,0,0,0,0\n0.1,0,0\n", "line 3 has 3 values"),
     "speed": (f"# v_max_mps = fast\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is 'fast'"),
     "unit": (f"# v_max_mps = 3 cm/s\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is '3 cm/s'"),
-    "another speed": (f"# v_max_mps = 0.1\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "end elsewhere"),
+    "another speed": (
+        f"# v_max_mps = 0.1\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n",
+        "recorded with v_max_mps",
+    ),
     "bytes": (b"\x00\xff\x13" * 99, "not a text file"),
     "null": (f"{HEADER}\n0,0,0,\0,0\n", "not a text file"),
 }
@@ -216,10 +219,10 @@ def test_the_packaged_recordings_are_found_by_name() -> None:
         (["tool-install", "--operator", "udp:99999"], "valid: view, udp:PORT"),
         (["tool-install", "--operator", "udp:no.such.host.invalid:99"], "cannot listen"),
         (["tool-install", "--operator", f"udp:{'ä' * 80}:99"], "cannot listen"),
-        (["waypoints", "--operator", "view"], "kinds that have one: tool-install"),
+        (["waypoints", "--operator", "view"], "kinds with an operator: tool-install"),
         (
             ["tool-install", "--operator", "view", "--set", "mission.task.operator=careful"],
-            "give one of the two",
+            "give only one of the two",
         ),
     ],
 )
@@ -464,7 +467,7 @@ def test_an_interrupted_operator_is_kept_repeats_and_fails_safely(tmp_path: Path
     n = len(cut.samples)
     assert again.samples[:n].tobytes() == cut.samples.tobytes()  # the same flight, bit for bit
     # the input ends in the air: the tool is kept and laid down where it was
-    assert again.outcome == "aborted" and "ended before the tool stood" in again.reason
+    assert again.outcome == "aborted" and "ended before the tool was seated" in again.reason
     assert "carried back to the bench" in again.reason
     assert again.metrics["tool.returned"] == 1.0
     assert again.metrics["contact.collisions"] == 0.0

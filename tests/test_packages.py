@@ -120,7 +120,7 @@ def test_a_name_that_exists_twice_is_refused_with_both_places(
     install(site, "other", points, {"__init__.py": "class X: ...\n"})
     done = call("run", "waypoints", "--set", key, "--out", str(site / "run"))
     told = " ".join(done.stderr.split())
-    assert done.exit_code == 2 and "exists twice" in told, told
+    assert done.exit_code == 2 and "is defined twice" in told, told
     assert all(place in told for place in places), told
     assert "Traceback" not in told and not list(site.glob("run*"))
 

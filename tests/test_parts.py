@@ -136,12 +136,12 @@ def test_a_law_in_plain_python_flies_like_the_compiled_one(tmp_path):
         (
             "@staticmethod\ndef step(v: Airspeed, cmd: Out[WrenchCommand]) -> None: ...",
             "from skywright.vehicle.component import Output\nclass Airspeed(Output):\n    v: float",
-            "asks for Airspeed, which nothing in this vehicle fills",
+            "reads Airspeed, which no component of this vehicle fills",
         ),
         (
             "@staticmethod\ndef step(truth: Truth, cmd: Out[WrenchCommand]) -> None: ...",
             "from skywright.vehicle.bus import Truth",
-            "cannot see Truth",
+            "cannot read Truth",
         ),
         (
             "@staticmethod\ndef step(est: Estimate, cmd: Out[WrenchCommand]) -> None:\n"
@@ -195,7 +195,7 @@ def test_a_named_part_may_not_take_a_built_in_name(tmp_path):
     d = load_description("waypoints", "othex", sets=sets)
     assert [c.name for c in build_named(d)] == ["heat"]
     sets = {"robot.sensors.truth.kind": f"{sensor}:Heat"}
-    with pytest.raises(InputError, match="two components are called 'truth'"):
+    with pytest.raises(InputError, match="two components are named 'truth'"):
         build_vehicle(load_description("waypoints", "othex", sets=sets))
 
 
@@ -212,7 +212,7 @@ def test_check_lists_the_problems_of_a_part(tmp_path):
 
 def test_an_observer_needs_motion_capture():
     d = load(mission__estimator="observer", world__localisation="gnss")
-    with pytest.raises(InputError, match="needs motion capture"):
+    with pytest.raises(InputError, match="requires motion capture"):
         build_estimator(d)
 
 

@@ -310,12 +310,12 @@ def test_a_localisation_slower_than_the_rules_bear_is_refused() -> None:
         return str(plan_mission(load_description(mission, sets=[*sets])).blocked_by)
 
     slow = ask("wall-contact", "world.mocap.rate_hz=1")
-    assert "every 1 s, which must be less than 0.2 s" in slow
-    assert "(mission.faults.localisation_stale.limit): more than 5 Hz" in slow
+    assert "every 1 s; the period must be below 0.2 s" in slow
+    assert "(mission.faults.localisation_stale.limit), a rate above 5 Hz" in slow
     assert ask("wall-contact", "world.mocap.rate_hz=6") == "None"
     assert ask("waypoints", "world.mocap.rate_hz=1") == "None"  # nothing is touched
     rare = ask("waypoints", "world.mocap.rate_hz=0.5")
-    assert "less than 2 s (mission.faults.localisation_lost.limit)" in rare
+    assert "below 2 s (mission.faults.localisation_lost.limit)" in rare
     more = "mission.faults.localisation_lost.limit=3"
     assert ask("waypoints", "world.mocap.rate_hz=0.5", more) == "None"
 
@@ -337,7 +337,7 @@ def test_a_soft_position_loop_is_told_before_what_its_depth_runs_into() -> None:
     found = plan("robot.control.position_bandwidth_rad_s=2.2")
     said = str(found.blocked_by)
     assert said.startswith("2 N at 10.9 N/m (mass times position_bandwidth_rad_s = 2.2 squared)")
-    assert "needs 184 mm of depth" in said and "robot.control.position_bandwidth_rad_s" in said
+    assert "requires a depth of 184 mm" in said and "robot.control.position_bandwidth_rad_s" in said
     arm = str(plan("mission.task.force_n=0.5", robot="f550-bridge").blocked_by)
     assert "propeller3 and pipe" in arm and "thin" not in arm and "depth" not in arm
     arm = str(plan(robot="f550-bridge").blocked_by)  # 222 mm deep: no depth helps this arm

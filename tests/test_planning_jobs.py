@@ -68,7 +68,7 @@ def test_two_processes_find_what_one_finds() -> None:
     }  # fmt: skip
     apart = {row.name: row for row in build_decoupled_rows(EFFORT, found)}
     assert apart["paper_joint_over_decoupled"].value is None
-    assert "arms held" in apart["paper_joint_over_decoupled"].note
+    assert "arms in their initial posture" in apart["paper_joint_over_decoupled"].note
     # without a ceiling the platform can fly over with hanging arms, and nothing is cheaper
     high = apart[f"{HIGH}_joint_over_decoupled"]
     assert high.value == pytest.approx(1.0, abs=0.02)

@@ -99,7 +99,7 @@ def test_drag_is_as_by_hand_and_forces_add():
         plant.run(1)
         air = plant.read(AirForce).f_W
         np.testing.assert_allclose(plant.sim.xfrc[platform, :3] - air, [1, 0, 0], atol=1e-12)
-    with pytest.raises(InputError, match="no body 'wing'"):
+    with pytest.raises(InputError, match="unknown body 'wing'"):
         given.push("wing", np.zeros(3))
 
 

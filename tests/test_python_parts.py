@@ -175,7 +175,7 @@ def test_a_data_frame_has_a_column_a_number(directory):
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"is no run directory, mission\.toml is missing"):
+    with pytest.raises(InputError, match=r"is not a run directory, mission\.toml is missing"):
         skywright.open_run(tmp_path)
 
 

@@ -534,9 +534,9 @@ def _read_or_refuse(path: Path) -> Recording | None:
     ("content", "said"),
     [
         (b"", "is empty"),
-        (b"t_s,re,im\n0,1,2\n", "is no MCAP file"),
-        (b"\x89MCAP0\r\n", "was cut before the first sample"),
-        (b"\x89MCA", "was cut before the first sample"),
+        (b"t_s,re,im\n0,1,2\n", "is not an MCAP file"),
+        (b"\x89MCAP0\r\n", "ends before the first sample"),
+        (b"\x89MCA", "ends before the first sample"),
     ],
 )
 def test_no_recording_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
@@ -559,7 +559,7 @@ def test_foreign_mcap_is_refused(tmp_path: Path) -> None:
     writer.add_message(channel, 0, b"\0\1\0\0", 0)
     writer.finish()
     text = one_line(path)
-    assert "no recording of Skywright" in text and "/lidar/points" in text
+    assert "not a recording of Skywright" in text and "/lidar/points" in text
 
 
 def test_other_versions_and_missing_topics_are_refused(

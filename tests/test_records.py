@@ -132,14 +132,14 @@ def test_bad_files_are_told(tmp_path: Path) -> None:
     text = tmp_path / "text.db"
     text.write_text("time,force\n1,2\n" * 100)
     for create in (False, True):
-        with pytest.raises(InputError, match="no SQLite database"):
+        with pytest.raises(InputError, match="not a SQLite database"):
             RecordStore(text, create=create)
     assert text.read_text().startswith("time,force")
     other = tmp_path / "other.db"
     db = sqlite3.connect(other)
     db.execute("CREATE TABLE songs (name TEXT)")
     db.commit()
-    with pytest.raises(InputError, match="holds no inspection records"):
+    with pytest.raises(InputError, match="without inspection records"):
         RecordStore(other, create=True)
     assert [r[0] for r in db.execute("SELECT name FROM sqlite_master")] == ["songs"]
     with pytest.raises(InputError, match="folder does not exist"):

@@ -208,7 +208,7 @@ def test_a_transport_is_not_judged_by_contact_and_shows_its_area() -> None:
     d = load_description("bar-transport")
     assert list_judged(d.robot, d.world) == ()  # though its last phase is called settle
     meanings = [text for _, text in build_legend(d.robot, d.world, False)]
-    assert "area that nothing may leave" in meanings
+    assert "limits of the area" in meanings
     edges = _list_edges((0.0, 1.0), (0.0, 2.0), (0.0, 3.0))
     lengths = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
     assert sorted(lengths) == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
@@ -264,7 +264,7 @@ def test_numbers_of_the_overlay_are_those_of_the_recording(scan: RunResult) -> N
     rows = scan.samples[:: round(100 * data["period"])]
     assert shown == pytest.approx(rows["p_WB"][i // round(100 * data["period"]), 2], abs=0.006)
     assert numbers["air gap"]["values"][0] is None  # far away a gap means nothing
-    assert ["#d628aa", "weld, as found by the probe"] in data["legend"]
+    assert ["#d628aa", "detected weld"] in data["legend"]
 
 
 def test_robot_without_arm_has_its_own_numbers(flight: RunResult) -> None:

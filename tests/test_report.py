@@ -115,8 +115,8 @@ def test_report_of_a_scan_is_complete(scan: RunResult) -> None:
     for r in scan.requirements:
         assert r.name in text and r.source in text
     assert text.count(" met ") >= sum(r.passed for r in scan.requirements)
-    for heading in ("Verdict", "Weld map", "Contact quality", "What the instrument showed",
-                    "Tip path", "Flight path", "While the probe is at the surface",
+    for heading in ("Verdict", "Weld map", "Contact quality", "Signal of the instrument",
+                    "Tip path", "Flight path", "Signals during contact",
                     "The whole flight", "Plan and timing", "Phases as flown",
                     "Assumed numbers"):  # fmt: skip
         assert heading in text
@@ -218,7 +218,7 @@ def test_aborted_run_says_so_and_why(scan: RunResult, phase: str, text_only: Non
     assert "no lasting contact at the first touch" in text
     assert "not measured" in text and " met " not in text
     if phase != "scan":
-        assert "the run never came to scanning" in text
+        assert "the run did not reach the scan" in text
 
 
 def test_run_without_samples(scan: RunResult) -> None:
@@ -233,7 +233,7 @@ def test_no_weld_found(scan: RunResult, text_only: None) -> None:
     assert scan.details is not None
     weld = scan.details._replace(lines=(), crossings=())
     text = _Page(render_report(scan._replace(details=weld))).text
-    assert "No weld was found." in text and "Crossings to be expected: 2" in text
+    assert "No weld was found." in text and "Expected crossings: 2" in text
     d = scan.description
     bare = d._replace(world=d.world.model_copy(update={"weld": None}))
     none = scan.metrics | {"weld.expected": 0.0}

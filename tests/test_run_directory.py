@@ -73,7 +73,7 @@ def test_nothing_is_written_for_wrong_input(tmp_path):
     os.chdir(tmp_path)
     for sets, match in (
         (["mission.law=nosuch"], "unknown"),
-        (["mission.requirements.foo.limit=3"], "no metric"),
+        (["mission.requirements.foo.limit=3"], "is not a metric"),
     ):
         with pytest.raises(InputError, match=match):
             run_mission(load_description("pipe-weld-scan", sets=sets))

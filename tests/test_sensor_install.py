@@ -189,7 +189,7 @@ def test_the_servos_period_is_the_nearest_and_of_two_the_longer(rate: float) -> 
 
 @pytest.mark.parametrize("late", ["world.link.delay_s=0.01", "robot.control.rate_hz=125"])
 def test_a_roll_loop_too_slow_to_balance_on_the_link_is_refused(late: str) -> None:
-    with pytest.raises(InputError, match=r"to take off on the end of its link .* needs 3\.2"):
+    with pytest.raises(InputError, match=r"to take off from the end of its link .* requires 3\.2"):
         build_vehicle(load_description("sensor-install", sets=[late]), lambda _: None)
 
 
@@ -201,8 +201,8 @@ def test_a_roll_loop_too_slow_to_balance_on_the_link_is_refused(late: str) -> No
         ("mission.task.pose=bent", "'stretched'"),
         ("robot.pendulum.z_m=1e9", "at most 100"),
         ("robot.pendulum.length_m=1e-9", "at least 1e-06"),
-        ("robot.pendulum.parent=gear", "no parent"),
-        ("robot.pendulum.flex_stiffness_nm_per_rad=100", "no spring"),
+        ("robot.pendulum.parent=gear", "cannot have a parent"),
+        ("robot.pendulum.flex_stiffness_nm_per_rad=100", "no joint spring"),
         ("robot.control.position_bandwidth_rad_s=1e-9", "at least 0.001"),
         ("robot.arm.elbow_pitch_servo.command_period_s=9", "at most 1"),
         ("world.things.tape.hand=third", "'right'"),

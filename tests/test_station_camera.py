@@ -178,7 +178,7 @@ def test_without_a_place_it_does_not_take_off():
     """The station's samples come later than the filter remembers, so it never begins."""
     sets = ["world.total_station.latency_min_s=1", "world.total_station.latency_mean_s=1"]
     result = run(load("waypoints", robot="f550-bridge", sets=[STATION, *sets]), report=False)
-    assert result.outcome == "aborted" and "did not take off" in result.reason
+    assert result.outcome == "aborted" and "no take-off" in result.reason
     assert [p.name for p in result.phases] == ["start"]
     assert np.all(result.samples["rotor_speed"] == 0.0)
     assert np.all(np.isfinite(result.samples["est_p_WB"]))
@@ -188,15 +188,15 @@ def test_without_a_place_it_does_not_take_off():
     ("robot", "sets", "words"),
     [
         ("hexarotor", [], ["'hexarotor' has no [robot.prism] and no [robot.tracking_camera]"]),
-        ("f550-bridge", ["mission.estimator='observer'"], ["needs motion capture"]),
+        ("f550-bridge", ["mission.estimator='observer'"], ["requires motion capture"]),
         ("f550-bridge", ["world.total_station.blocked_s=[[5.0, 4.0]]"], ["blocked_s", "from < to"]),
-        ("f550-bridge", ["world.total_station.blocked_s=[[1.0, 4.0]]"], ["before it takes off"]),
+        ("f550-bridge", ["world.total_station.blocked_s=[[1.0, 4.0]]"], ["before take-off"]),
         (
             "f550-bridge",
             [
                 "world.things.a={kind='box',x_m=-9.0,y_m=-4.5,z_m=1.0,size_x_m=1,size_y_m=5,size_z_m=3}"
             ],
-            ["does not see the prism of the robot"],
+            ["does not see the robot's prism"],
         ),
         ("f550-bridge", ["world.total_station.rate_mean_hz=30"], ["exceeds rate_max_hz 20"]),
         ("f550-bridge", ["world.total_station.latency_mean_s=0.01"], ["below latency_min_s"]),

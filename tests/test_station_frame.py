@@ -101,7 +101,7 @@ def test_what_cannot_be_told_is_said():
     moved[2] += [0.5, 0.0, 0.0]
     measured, _, _ = measure(rng, points=moved)
     pose = estimate_station_pose(NAMES[:4], TERRAIN[:4], measured)
-    assert any("cannot be told which" in note for note in pose.notes)
+    assert any("cannot be identified" in note for note in pose.notes)
     measured, _, _ = measure(rng, std=0.006)
     pose = estimate_station_pose(NAMES, TERRAIN, measured, std=STD)
     assert pose.notes and pose.sigma > STD
@@ -109,10 +109,10 @@ def test_what_cannot_be_told_is_said():
 
 def test_places_that_do_not_fix_the_frame_are_refused():
     near = TERRAIN * 1e-4
-    with pytest.raises(InputError, match="too near one place"):
+    with pytest.raises(InputError, match="too close to one place"):
         estimate_station_pose(NAMES, near, near)
     line = np.outer(np.linspace(0, 30, 6), [1.0, 1.0, 0.0])
-    with pytest.raises(InputError, match="too near one line"):
+    with pytest.raises(InputError, match="too close to one line"):
         estimate_station_pose(NAMES, line, line, level=False)
     assert estimate_station_pose(NAMES, line, line).chi2 < 1e-9  # levelled, a line is enough
     with pytest.raises(InputError, match="2 common points"):

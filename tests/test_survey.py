@@ -152,13 +152,13 @@ def test_it_goes_no_deeper_than_the_force_needs() -> None:
 def test_a_surface_beyond_the_bounds_is_a_miss() -> None:
     crew = Crew(Wall(0.2))
     found = touch(crew)
-    assert found.reason == "nothing was met within 120 mm" and np.all(np.isnan(found.p_WT))
+    assert found.reason == "no contact within 120 mm" and np.all(np.isnan(found.p_WT))
     assert crew.phases[0] == ("survey_touch", "retry")
 
 
 def test_a_gust_that_ends_is_no_touch() -> None:
     found = touch(Crew(Wall(0.2, gust=(2.0, 2.3))))
-    assert found.reason == "what was felt did not last"
+    assert found.reason == "the contact did not last"
 
 
 def test_the_robot_waits_longer_than_it_averages() -> None:
@@ -252,7 +252,7 @@ def make_touches(count: int, wrong: tuple[int, ...] = ()) -> list[Touch]:
     assert true is not None
     points = choose_points(build_pattern("raster", 0.2, 0.25).corners)
     p, n = roll_points(true, points[:, 0], true.radius * points[:, 1])
-    missed = Touch(np.full(3, math.nan), np.zeros(3), "nothing was met within 90 mm")
+    missed = Touch(np.full(3, math.nan), np.zeros(3), "no contact within 90 mm")
     return [
         Touch(p[i] + (0.03 * n[i] if i in wrong else 0.0), -n[i], "") if i < count else missed
         for i in range(len(points))
@@ -271,7 +271,7 @@ def test_a_survey_gives_the_true_pipe_where_it_touched() -> None:
 def test_too_few_touches_and_contradictions_are_told() -> None:
     setup = Setup(DESCRIPTION)
     few = fit_touches(setup, make_touches(2), get_tip(setup))
-    assert "2 of 6 touches were made (nothing was met within 90 mm)" in few.reason
+    assert "only 2 of 6 touches succeeded (no contact within 90 mm)" in few.reason
     wrong = fit_touches(setup, make_touches(6, wrong=(0, 2, 4)), get_tip(setup))
     assert "contradict" in wrong.reason
     assert isinstance(get_map_error(setup), MapError)
@@ -329,7 +329,7 @@ def test_a_pipe_beyond_the_bounds_sends_the_robot_home() -> None:
     s = Supervisor(vehicle, d.mission, plan, d.robot.platform.gear_height_m)
     flight = s.fly()
     assert not flight.completed
-    assert flight.reason.startswith("survey: 0 of 6 touches were made (nothing was met within")
+    assert flight.reason.startswith("survey: only 0 of 6 touches succeeded (no contact within")
     assert s.phases[-1].name == "land" and s.phases[-1].outcome == "done"
     assert "reverse approach" in [p.name for p in s.phases]
 

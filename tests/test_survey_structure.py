@@ -128,10 +128,10 @@ def test_false_and_missing_touches_are_told() -> None:
     one = fit_structure(setup, make_touches(d, wrong=(1,)), ball)
     assert one.reason == "" and list(one.found.fit.used).count(False) == 1
     many = fit_structure(setup, make_touches(d, wrong=(0, 2, 4)), ball)
-    assert "contradict each other" in many.reason and "pillar" in many.reason
-    missed = Touch(np.full(3, math.nan), np.zeros(3), "nothing was met within 90 mm")
+    assert "inconsistent with each other" in many.reason and "pillar" in many.reason
+    missed = Touch(np.full(3, math.nan), np.zeros(3), "no contact within 90 mm")
     few = fit_structure(setup, make_touches(d)[:2] + [missed], ball)
-    assert few.reason == "survey: 2 of 3 touches were made (nothing was met within 90 mm)"
+    assert few.reason == "survey: only 2 of 3 touches succeeded (no contact within 90 mm)"
 
 
 def test_a_press_that_no_slope_within_the_bounds_allows_is_refused() -> None:
@@ -142,7 +142,7 @@ def test_a_press_that_no_slope_within_the_bounds_allows_is_refused() -> None:
     assert known.feasible and known.way.survey is None
     sets = {"mission.task.dock": False, "mission.task.forces_n": [0.3], "plant.map_error_deg": 6.2}
     plan = plan_mission(load_description("bridge-contact", sets=sets))
-    assert "asks for a tilt" in str(plan.blocked_by)
+    assert "requires a tilt" in str(plan.blocked_by)
 
 
 def test_feet_do_not_find_a_curved_deck() -> None:
@@ -184,7 +184,7 @@ def test_a_deck_that_is_not_there_sends_the_robot_home() -> None:
     s = Supervisor(vehicle, d.mission, plan, d.robot.platform.gear_height_m)
     flight = s.fly()
     assert not flight.completed
-    assert flight.reason.startswith("survey: 0 of 4 touches were made (nothing was met within")
+    assert flight.reason.startswith("survey: only 0 of 4 touches succeeded (no contact within")
     assert [p.name for p in s.phases][-2:] == ["return", "land"]
 
 

@@ -89,7 +89,7 @@ def test_the_template_of_a_rule_acts(tmp_path: Path) -> None:
 
 
 def test_there_is_no_template_of_everything(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no template of 'wrold'; valid: world, "):
+    with pytest.raises(InputError, match="no template for 'wrold'; valid: world, "):
         write_template("wrold", tmp_path / "mine")
     with pytest.raises(InputError, match="kind name '1x'"):
         write_template("kind", tmp_path / "1x")

@@ -91,18 +91,18 @@ def test_the_bench_moves_the_platform(
 WRONG = [
     ({"b": {"kind": "box", "size_x_m": 1.0}}, "size_y_m"),
     ({"b": {"kind": "box", "size_x_m": 1.0, "size_y_m": 1.0, "size_z_m": 1.0}}, "lacks x_m"),
-    ({str(i): PLUG for i in range(5)}, "at most 4 things that move"),
+    ({str(i): PLUG for i in range(5)}, "at most 4 movable things"),
     ({"b": {"kind": "bench", "z_m": -1.0}}, "z_m"),
-    ({"b": {**BOX, "moves": True}}, "needs mass_kg"),
+    ({"b": {**BOX, "moves": True}}, "requires mass_kg"),
     ({"b": {**BOX, "z_m": math.nan}}, "finite"),
     ({"b": {**BOX, "mas_kg": 1.0}}, "unknown key world.things.b.mas_kg; valid: .*mass_kg"),
     ({"b": {**BOX, "kind": "bxo"}}, "thing 'bxo' is unknown; valid: .*box"),
-    ({"b": {k: v for k, v in BOX.items() if k != "kind"}}, "is no kind of thing; valid: .*box"),
-    ({"b": {**BOX, "on": "c"}}, "things.b.on = 'c' names no thing"),
-    ({"b": {**BOX, "on": "b"}}, "things.b is on itself: b on b"),
+    ({"b": {k: v for k, v in BOX.items() if k != "kind"}}, "is not a thing; valid: .*box"),
+    ({"b": {**BOX, "on": "c"}}, "things.b.on = 'c' is not a thing of this world"),
+    ({"b": {**BOX, "on": "b"}}, "things.b stands on itself: b on b"),
     ({"b": {**BOX, "on": "c"}, "c": {**BOX, "on": "b"}}, "on itself: b on c on b"),
     ({"b": {**BOX, "on": "c.side"}, "c": BOX}, "no frame 'side'; valid: origin, top, front"),
-    ({"b": {**BOX, "on": "t"}, "t": {"kind": "tape"}}, "a tape has no place"),
+    ({"b": {**BOX, "on": "t"}, "t": {"kind": "tape"}}, "a tape has no pose"),
 ]
 
 
@@ -116,7 +116,7 @@ def test_what_a_world_lacks_is_told() -> None:
     vehicle = build_vehicle(load_description("waypoints"))
     with pytest.raises(InputError, match="no bench"):
         vehicle.move_bench(np.zeros(3))
-    with pytest.raises(InputError, match="no body 'wing'"):
+    with pytest.raises(InputError, match="unknown body 'wing'"):
         vehicle.push("wing", np.zeros(3))
     with pytest.raises(InputError, match=r"things.socket is not there"):
         vehicle.survey("socket")
@@ -158,7 +158,7 @@ def test_motion_capture_surveys_what_is_tracked() -> None:
     np.testing.assert_allclose(vehicle.survey("post")[0], [0.63, 2.0, 0.06], atol=0.01)
     np.testing.assert_allclose(vehicle.survey("crate")[0], [0.6, 5.0, 0.05], atol=0.01)
     np.testing.assert_allclose(vehicle.survey("plate")[0], [0.6, 5.0, 0.15], atol=0.01)
-    with pytest.raises(InputError, match=r"does not see 'wall'.*tracked = true"):
+    with pytest.raises(InputError, match=r"does not track 'wall'.*tracked = true"):
         vehicle.survey("wall")
 
 

@@ -131,7 +131,7 @@ def test_lost_motion_capture_is_told():
     vehicle = build_vehicle(d)
     flight = Supervisor(vehicle, d.mission, plan_mission(d), d.robot.platform.gear_height_m).fly()
     assert not flight.completed
-    assert "has not told where it is" in flight.reason
+    assert "the localisation gave no position" in flight.reason
 
 
 def test_motion_capture_lost_in_flight_is_told():
@@ -146,4 +146,4 @@ def test_motion_capture_lost_in_flight_is_told():
         vehicle, d.mission, plan_mission(d), d.robot.platform.gear_height_m, None, lose
     ).fly()
     assert not flight.completed
-    assert "nothing told where it is" in flight.reason
+    assert "no localisation for" in flight.reason

@@ -185,10 +185,10 @@ def test_the_platform_stands_where_the_hands_hold_the_handle() -> None:
 @pytest.mark.parametrize(
     ("sets", "message"),
     [
-        (["world.things.tool.mass_kg=0.8"], "more than the arms may lift"),
-        (["world.things.tool.mass_kg=0.05"], "do not feel whether it hangs or stands"),
+        (["world.things.tool.mass_kg=0.8"], "more than the payload limit"),
+        (["world.things.tool.mass_kg=0.05"], "cannot measure whether it is carried or seated"),
         (["world.pipe.diameter_m=0.4"], "feet fit pipes of"),
-        (["world.things.tool.handle_length_m=0.32"], "room on the handle"),
+        (["world.things.tool.handle_length_m=0.32"], "the handle has room"),
         (["world.things.bench.y_m=1.2"], "come within"),
     ],
 )
@@ -240,7 +240,7 @@ def test_a_tool_under_a_shelf_is_out_of_reach() -> None:
     [
         (["world.things.tool.on=shelf"], "shelf"),
         (["plant.map_error_m=1"], "map_error_m"),
-        (["world.things.tool.handle_height_m=0.05"], "in the box"),
+        (["world.things.tool.handle_height_m=0.05"], "inside the box"),
         (["mission.task.hand_speed_mps=1e-9"], "hand_speed_mps"),  # it would never arrive
         (["mission.task.lift_speed_mps=9"], "lift_speed_mps"),
     ],
@@ -258,7 +258,7 @@ def test_wrong_worlds_are_input_errors(sets: list[str], message: str) -> None:
         (None, ["robot.arm.hand.kind=ball"], "hooks"),
         (None, ["world.pipe.inclination_deg=20"], "level"),
         (None, ["world.pipe.tracked=false"], "tracked = true"),
-        (None, ["mission.task.along_pipe_m=1"], "beyond the pipe's end"),
+        (None, ["mission.task.along_pipe_m=1"], "beyond the end of the pipe"),
         (None, ["mission.task.along_pipe_m=0.73"], "valid: -0.71 to 0.71"),  # on the very edge
         (None, ["world.pipe.length_m=0.15"], "too short for the tool's feet; valid: from 0.18"),
     ],
@@ -335,8 +335,8 @@ def test_a_missed_grasp_is_repeated_where_the_tool_is_now() -> None:
     [
         ("lift", [0.1, 0.0, 0.0], "could not be grasped"),  # over the bench's edge
         ("carry", [0.3, 0.0, 0.0], "lost on the way to the pipe"),
-        ("wait", [0.3, 0.0, 0.0], "does not stand on the pipe any more"),
-        ("take_off", [-0.1, 0.05, 0.0], "does not stand where the plan has it"),
+        ("wait", [0.3, 0.0, 0.0], "is no longer on the pipe"),
+        ("take_off", [-0.1, 0.05, 0.0], "is not at its planned position"),
     ],
 )
 def test_a_tool_that_falls_is_left_alone(when: str, by: list[float], reason: str) -> None:
@@ -363,7 +363,7 @@ def test_a_tool_that_finds_no_pipe_is_carried_back() -> None:
     moved = MoveTargets("carry", [-0.3, 0.0, 0.0])
     result = fly_and_evaluate(load_description("tool-install", sets=sets), [moved])
     assert result.outcome == "aborted"
-    assert "nothing took the tool's weight" in result.reason
+    assert "the pipe did not take the tool's weight" in result.reason
     assert "carried back to the bench" in result.reason
     assert result.metrics["tool.returned"] == 1.0
     assert result.metrics["contact.collisions"] == 0.0

@@ -68,7 +68,10 @@ def test_a_run_from_elsewhere(command: str, sign: str, mission: Path) -> None:
     _, said = call(command, str(target))
     assert not mark.exists(), said
     if command in ("plan", "run") or (command == "check" and sign != "resolved"):
-        assert "brings code that has not run here" in said and "--trust" in said
+        assert (
+            "contains code that has not been executed on this computer" in said
+            and "--trust" in said
+        )
 
 
 def test_trust_is_kept_for_the_content(mission: Path) -> None:

@@ -128,8 +128,8 @@ class HandWheel(Placed):
 @pytest.mark.parametrize(
     ("radius", "found"),
     [
-        ("0.1", "moves and needs a mass"),
-        ("float('nan')", "is not finite"),
+        ("0.1", "is movable and requires a mass"),
+        ("float('nan')", "has non-finite values"),
         ("1 / 0", r"ZeroDivisionError.*line 13 of hand_wheel.py"),
     ],
 )

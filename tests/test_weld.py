@@ -349,7 +349,7 @@ def test_no_line_where_either_metal_may_be_the_base() -> None:
     fake = fly_scan(0, seam, passes=1, touch=away)
     result = process(fake)
     assert result.line is None and not result.crossings and not result.on_weld.any()
-    assert any("either may be base metal" in note for note in result.notes)
+    assert any("base metal and weld cannot be distinguished" in note for note in result.notes)
     # a known weld axis tells them apart
     axis = process(fly_scan(0, Weld())).calibration.weld_axis
     known = process(fake, weld_axis=axis)

@@ -274,7 +274,7 @@ def test_bad_arguments_are_refused(rows: list[list[str]], tmp_path: Path) -> Non
         ({"calibrate": "900:999"}, "no samples"),
         ({"calibrate": "40:60"}, "calibration"),
         ({"calibrate": "0:1"}, "calibration"),
-        ({"calibrate": "0:1e9"}, "not searched for a weld"),
+        ({"calibrate": "0:1e9"}, "not searched for welds"),
         ({"calibrate": "0:7", "calibration_file": path}, "not both"),
         ({"calibration_file": tmp_path / "none.toml"}, "cannot be read"),
         ({"calibration_file": path}, "malformed TOML"),
@@ -298,7 +298,7 @@ def test_a_calibration_span_over_most_of_the_scan_is_noted(
     path = write(tmp_path / "a.csv", rows)
     end = float(rows[-1][0])
     report = process_file(path, calibrate=f"0:{0.75 * end:.1f}")
-    assert any("not searched for a weld" in note for note in report.notes)
+    assert any("not searched for welds" in note for note in report.notes)
     assert not any("not searched" in note for note in process_file(path, calibrate="0:7").notes)
 
 

@@ -20,11 +20,15 @@ from skywright.errors import InputError
 @click.option(
     "--columns", metavar="SPEC", help="The file's own names and units: t=Time[ms],x=X[mm],re=R,..."
 )
-@click.option("--calibrate", metavar="T0:T1", help="Approach from air to contact, seconds.")
+@click.option(
+    "--calibrate", metavar="T0:T1", help="Time span (s) of an approach from air to contact."
+)
 @click.option(
     "--calibration", type=click.Path(path_type=Path), help="Calibration file of an earlier scan."
 )
-@click.option("--surface", type=click.Path(path_type=Path), help="Cylinder, else it is fitted.")
+@click.option(
+    "--surface", type=click.Path(path_type=Path), help="Cylinder file.  [default: fitted]"
+)
 @click.option("--lift-off", type=float, help="Contact threshold in the instrument's units.")
 @click.option("--weld", "weld_threshold", type=float, help="Weld threshold, instrument's units.")
 @click.option("--out", type=click.Path(path_type=Path), help="Map (.png or .svg).")
@@ -65,24 +69,24 @@ def weld(
 
 @click.command()
 @click.argument("data", nargs=-1, metavar="DATA...")
-@click.option("--station", metavar="FILE", help="The total station's, where it cannot be told.")
-@click.option("--camera", metavar="FILE", help="The camera's, the same.")
-@click.option("--reference", metavar="FILE", help="What the result is judged by.")
+@click.option("--station", metavar="FILE", help="File of the total station.")
+@click.option("--camera", metavar="FILE", help="File of the camera.")
+@click.option("--reference", metavar="FILE", help="Reference trajectory.")
 @click.option(
     "--align",
     default="similarity",
     show_default=True,
     help="Frames: similarity, rigid, level, or affine (the paper's twelve numbers).",
 )
-@click.option("--calibrate", metavar="T0:T1", help="Align on this part only, seconds.")
-@click.option("--time-offset", type=float, help="Camera's clock minus station's, seconds.")
-@click.option("--prism", metavar="X,Y,Z", help="Prism in the camera's frame, metres.")
+@click.option("--calibrate", metavar="T0:T1", help="Time span (s) for the alignment.")
+@click.option("--time-offset", type=float, help="Camera clock minus station clock (s).")
+@click.option("--prism", metavar="X,Y,Z", help="Prism position in the camera frame (m).")
 @click.option(
     "--frame",
     nargs=2,
     metavar="KNOWN MEASURED",
     type=click.Path(path_type=Path),
-    help="Terrain points: places from before, and as the station sees them now.",
+    help="Terrain points: known and newly measured positions.",
 )
 @click.option(
     "--compare",
@@ -90,8 +94,8 @@ def weld(
     show_default=True,
     help="Alignment to the reference: rigid, similarity, none.",
 )
-@click.option("--reference-offset", type=float, help="Reference's clock minus the result's.")
-@click.option("--demo", is_flag=True, help="Write the files of a simulated flight, and use them.")
+@click.option("--reference-offset", type=float, help="Reference clock minus result clock (s).")
+@click.option("--demo", is_flag=True, help="Generate and use files of a simulated flight.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: locate-NAME]")
 @as_json_option
 def locate(
@@ -111,7 +115,7 @@ def locate(
         from skywright.analysis.locate.demo import write_demo
 
         if data or station or camera or reference:
-            raise InputError("--demo brings its own files; give either it or DATA")
+            raise InputError("--demo generates its own files; give either --demo or DATA")
         out = out or Path("locate-demo")
         files = write_demo(check_folder(out))
         data, reference, compare = (str(files[0]), str(files[1])), str(files[2]), "none"
@@ -140,8 +144,8 @@ def locate(
 @click.command()
 @trust_option
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--robot", metavar="R", help="Robot that flew: name or file (a ULog needs it).")
-@click.option("--mass", type=float, metavar="KG", help="What it weighed.  [default: its file's]")
+@click.option("--robot", metavar="R", help="Robot: name or file (required for a ULog).")
+@click.option("--mass", type=float, metavar="KG", help="Mass.  [default: the file's]")
 @click.option("--out", type=click.Path(path_type=Path), help="Page.  [default: identify.html]")
 @as_json_option
 def identify(
@@ -172,8 +176,8 @@ def identify(
 
 @click.command("records")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--structure", metavar="NAME", help="Of this structure (world) only.")
-@click.option("--spot", metavar="NAME", help="Of this spot only.")
+@click.option("--structure", metavar="NAME", help="Only this structure (world).")
+@click.option("--spot", metavar="NAME", help="Only this spot.")
 @click.option("--at", metavar="X,Y", help="History of a point (m in the structure's frame).")
 @click.option(
     "--radius",
@@ -181,11 +185,13 @@ def identify(
     default=0.05,
     show_default=True,
     metavar="M",
-    help="What still counts as that point.",
+    help="Radius around that point.",
 )
-@click.option("--csv", "table", type=click.Path(path_type=Path), help="Write them as CSV.")
-@click.option("--geojson", type=click.Path(path_type=Path), help="Write them as GeoJSON.")
-@click.option("--origin", metavar="LON,LAT[,HEIGHT]", help="Where the world's origin lies.")
+@click.option("--csv", "table", type=click.Path(path_type=Path), help="Export as CSV.")
+@click.option("--geojson", type=click.Path(path_type=Path), help="Export as GeoJSON.")
+@click.option(
+    "--origin", metavar="LON,LAT[,HEIGHT]", help="Geographic position of the world's origin."
+)
 @as_json_option
 def records_(
     file: Path, structure: str | None, spot: str | None, at: str | None, radius: float,
@@ -204,8 +210,7 @@ def records_(
         raise InputError(f"--radius {radius:g}; valid: a finite number of metres above 0")
     if geojson is not None and origin is None:
         raise InputError(
-            "--geojson needs --origin LON,LAT: GeoJSON holds longitude and latitude, the records "
-            "metres from the world's origin"
+            "--geojson requires --origin LON,LAT, the geographic position of the world's origin"
         )
     place = None if origin is None else parse_origin(origin)
     store = RecordStore(file)

@@ -18,26 +18,31 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("robot")
-@click.option("--set", "sets", multiple=True, metavar="KEY=VALUE", help="Change a robot's value.")
+@click.option(
+    "--set", "sets", multiple=True, metavar="KEY=VALUE", help="Change a value of the robot."
+)
 @click.option(
     "--posture", type=click.Choice(["extended", "folded", "worst"]),
     help="Posture of the arm.  [default: extended]",
 )  # fmt: skip
-@click.option("--bare", is_flag=True, help="The platform without arm and docking gear.")
-@click.option("--sweep", type=click.Choice(["tilt"]), help="Limits against the rotors' tilt.")
-@click.option("--docked", is_flag=True, help="Force that the arm can press while docked.")
+@click.option("--bare", is_flag=True, help="Platform without arm and docking gear.")
+@click.option("--sweep", type=click.Choice(["tilt"]), help="Limits against the rotor tilt.")
+@click.option("--docked", is_flag=True, help="Press force while docked.")
 @click.option("--slope", type=float, metavar="DEG", help="Docked: slope of the surface.")
 @click.option(
     "--slope-toward", type=float, metavar="DEG",
-    help="Docked: where it rises, 0 ahead, 90 to the left.  [default: the worst]",
+    help="Docked: direction in which it rises, 0 ahead, 90 left.  [default: worst]",
 )  # fmt: skip
-@click.option("--wind", type=float, metavar="MPS", help="Wind: docked, or of the hover tilt.")
+@click.option("--wind", type=float, metavar="MPS", help="Steady wind speed.")
 @click.option(
-    "--wind-toward", type=float, metavar="DEG", help="Where it blows.  [default: the worst]"
+    "--wind-toward",
+    type=float,
+    metavar="DEG",
+    help="Direction the wind blows to.  [default: worst]",
 )
 @click.option(
     "--contact", metavar="X,Y",
-    help="Docked: contact point, metres ahead and left of the centre.  [default: at work]",
+    help="Docked: contact point, m ahead and left of the centre.  [default: working posture]",
 )  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), help="Picture (.png or .svg).")
 @as_json_option
@@ -60,7 +65,7 @@ def capability(
         if sweep:
             raise InputError(f"--{flag} and --sweep exclude each other")
         other = "--wind" if flag == "wind-toward" else "--docked"
-        raise InputError(f"--{flag} is a condition of {other}: give both")
+        raise InputError(f"--{flag} applies to {other} only: give both")
     if docked and (sweep or posture):
         raise InputError(f"--docked and --{'sweep' if sweep else 'posture'} exclude each other")
     asked = parse_condition(**given)

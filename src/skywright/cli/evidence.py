@@ -62,7 +62,7 @@ class _BenchCommand(click.Command):
 
 @click.command(cls=_BenchCommand)
 @click.argument("names", metavar="[NAME]...", nargs=-1)
-@click.option("--quick", is_flag=True, help="See that everything works: few repetitions.")
+@click.option("--quick", is_flag=True, help="Few repetitions, to test the benchmarks.")
 @click.option("--full", is_flag=True, help="Every benchmark with many repetitions.")
 @click.option(
     "--out", type=click.Path(path_type=Path),
@@ -70,11 +70,11 @@ class _BenchCommand(click.Command):
 )  # fmt: skip
 @click.option(
     "--workers", type=click.IntRange(min=1), default=1, show_default=True,
-    help="Processes that compare motion planners, by processor time.",
+    help="Number of processes for the planner comparison.",
 )  # fmt: skip
 @click.option(
     "--resume", type=click.Path(path_type=Path),
-    help="Folder that keeps finished comparisons; a second call goes on there.",
+    help="Folder of finished comparisons, to continue after an interruption.",
 )  # fmt: skip
 @as_json_option
 def bench(
@@ -99,5 +99,5 @@ def bench(
     else:
         print_end(report)
     if report.interrupted:
-        click.echo("skywright: interrupted; what was measured is kept", err=True)
+        click.echo("skywright: interrupted; finished measurements are kept", err=True)
     return report.exit_code

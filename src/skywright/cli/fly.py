@@ -15,20 +15,20 @@ from skywright.errors import InputError
 @click.option(
     "--plan", "plan_file", type=click.Path(), help="Fly this plan file (NAME.csv with NAME.toml)."
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Directory of the run.")
+@click.option("--out", type=click.Path(path_type=Path), help="Run directory.")
 @as_json_option
 @click.option("--view", is_flag=True, help="Watch the run live in the browser.")
 @click.option(
     "--operator",
     metavar="SOURCE",
-    help="Who is at the stick, in missions that have one: view, udp:PORT, model:careful, "
-    "model:hasty. What is done is recorded in the run's directory.",
+    help="Source of operator input, in missions with an operator: view, udp:PORT, "
+    "model:careful, model:hasty. The input is recorded in the run directory.",
 )
 @click.option(
     "--records",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Store contact measurements there (SQLite), with those of other flights.",
+    help="Add contact measurements to this SQLite file.",
 )
 def run(
     mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
@@ -85,8 +85,8 @@ def plan(
 
         if found.file is None:
             raise InputError(
-                f"mission {description.mission.name!r} has no plan file to write: its kind does "
-                "not plan platform and joints as one"
+                f"mission {description.mission.name!r} cannot write a plan file: its kind "
+                "does not plan platform and joints together"
             )
         check_folder(out.parent).mkdir(parents=True, exist_ok=True)
         write_plan_file(out, found.file)
@@ -111,7 +111,11 @@ def plan(
     "whose columns are keys. May be repeated.",
 )
 @layers
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; the same campaign continues.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder; an interrupted campaign in it is continued.",
+)
 @click.option("--workers", type=int, help="Processes on this machine.  [default: all cores]")
 @click.option("--ray", metavar="local|ADDRESS", help="Fly on a Ray cluster (extra 'cluster').")
 @click.option(
@@ -126,7 +130,7 @@ def plan(
     type=float,
     default=0.9,
     show_default=True,
-    help="Success rate that must be shown for a GO.",
+    help="Success rate that must be demonstrated for a GO.",
 )
 @click.option("--parquet", is_flag=True, help="Also write results.parquet (extra 'parquet').")
 @as_json_option
@@ -170,9 +174,11 @@ def replay(directory: Path, no_open: bool) -> None:
     """Open a run's 3-D replay in the browser."""
     page = directory if directory.suffix == ".html" else directory / "replay.html"
     if not directory.exists():
-        raise InputError(f"{directory}: no such run; give the directory that a run wrote")
+        raise InputError(f"{directory}: not found; give a run directory")
     if not page.is_file():
-        raise InputError(f"{directory}: holds no replay.html; give the directory of a finished run")
+        raise InputError(
+            f"{directory}: contains no replay.html; give the directory of a finished run"
+        )
     click.echo(str(page))
     if not no_open:
         import webbrowser

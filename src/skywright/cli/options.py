@@ -28,9 +28,7 @@ def layers(command: F) -> F:
     return command
 
 
-as_json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object, nothing else."
-)
+as_json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object only.")
 
 
 def _trust(context: click.Context, option: click.Parameter, given: bool) -> None:
@@ -42,7 +40,7 @@ def _trust(context: click.Context, option: click.Parameter, given: bool) -> None
 
 trust_option = click.option(
     "--trust", is_flag=True, expose_value=False, callback=_trust,
-    help="Run code that a run's directory brings (SECURITY.md).",
+    help="Execute code from a run directory (SECURITY.md).",
 )  # fmt: skip
 
 
@@ -70,7 +68,7 @@ def check_folder(path: Path) -> Path:
     while not there.exists():
         there = there.parent
     if not there.is_dir():
-        raise InputError(f"{path}: no folder can be made there: {there} is a file")
+        raise InputError(f"{path}: cannot create the folder: {there} is a file")
     if not os.access(there, os.W_OK | os.X_OK):
         raise InputError(f"{path}: cannot be written: {there} is not writable")
     return path

@@ -67,15 +67,13 @@ def find(group: str, kind: object, folders: Iterable[Path] = (), key: str = "kin
     of another group, or whose file fails to import.
     """
     if not isinstance(kind, str) or not kind:
-        raise InputError(
-            f"{key}: {kind!r} is no kind of {_what(group)}; valid: {_valid('', group)}"
-        )
+        raise InputError(f"{key}: {kind!r} is not a {_what(group)}; valid: {_valid('', group)}")
     if ".py" in kind:
         return _find_in_file(group, kind, folders, key)
     offers = list_offers(group).get(kind, [])
     if len(offers) > 1:
         places = ", ".join(offer.place for offer in offers)
-        raise InputError(f"{key}: {_what(group)} {kind!r} exists twice: {places}")
+        raise InputError(f"{key}: {_what(group)} {kind!r} is defined twice: {places}")
     for offer in offers:
         if offer.point is None:
             return Kind(kind, load_built_in(group, kind), None)
@@ -151,12 +149,13 @@ def list_classes(module: Any, group: str) -> list[Any]:
 def _find_in_file(group: str, kind: str, folders: Iterable[Path], key: str) -> Kind:
     file, colon, name = kind.rpartition(":")
     if not colon or not file.endswith(".py") or not name.isidentifier():
-        raise InputError(f"{key}: {kind!r}: a {_what(group)} in a file is written file.py:Class")
+        raise InputError(f"{key}: {kind!r}: specify a {_what(group)} in a file as file.py:Class")
     places = [base / Path(file).expanduser() for base in (*folders, Path())]
     path = next((p.resolve() for p in places if p.is_file()), None)
     if path is None:
         raise InputError(
-            f"{key}: no file {file!r} beside the file that names it or in the current folder"
+            f"{key}: file {file!r} not found in the folder of the file that names it or in "
+            "the current folder"
         )
     check_trust(path)
     try:
@@ -177,8 +176,8 @@ def _check_group(cls: Any, group: str, where: str, key: str) -> None:
         named = getattr(cls, "__name__", repr(cls))
         if not isinstance(cls, type) and callable(cls):
             raise InputError(
-                f"{key}: {named} in {where} is a function; a {_what(group)} is a class now, see "
-                "docs/howto/your-own-control-law.md"
+                f"{key}: {named} in {where} is a function; a {_what(group)} must be a "
+                "class, see docs/howto/your-own-control-law.md"
             )
         says = f"is a {_what(found)}" if found in GROUPS else "is none"
         raise InputError(f"{key}: a {_what(group)} is needed; {named} in {where} {says}")

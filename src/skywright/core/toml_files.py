@@ -113,7 +113,7 @@ def _read_source(wrapper: Mapping[str, Any], key: str, label: str) -> Source:
     kind = wrapper.get("source")
     if kind is None:
         raise InputError(
-            f"{label}: {key} has a value without source; valid: {', '.join(SOURCE_KINDS)}"
+            f"{label}: {key} has a value but no source; valid: {', '.join(SOURCE_KINDS)}"
         )
     if kind not in SOURCE_KINDS:
         raise InputError(
@@ -127,7 +127,7 @@ def _read_source(wrapper: Mapping[str, Any], key: str, label: str) -> Source:
     if bounds is None:
         if kind == "assumed":
             raise InputError(
-                f"{label}: {key} is assumed and needs its plausible range, e.g. range = [0.5, 1.5]"
+                f"{label}: {key} is assumed and requires a plausible range, e.g. range = [0.5, 1.5]"
             )
         return Source(kind, note)
     if (

@@ -44,8 +44,8 @@ def check_trust(path: Path) -> None:
     known = name in _here or marker.is_file()
     if what is not None and not known and os.environ.get("SKYWRIGHT_TRUST") != "1":
         raise InputError(
-            f"{what} brings code that has not run here, {path}; read it, then give --trust "
-            "(SECURITY.md)"
+            f"{what} contains code that has not been executed on this computer, {path}; "
+            "review it, then use --trust (SECURITY.md)"
         )
     _here.add(name)
     if not known:

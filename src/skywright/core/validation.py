@@ -105,7 +105,7 @@ def _describe_item(
         hint = ""
         if isinstance(siblings, dict) and len(path) > 2:
             near = [n for n, v in siblings.items() if isinstance(v, dict) and n != path[-2]]
-            hint = f" (other tables beside it: {', '.join(near)})" if near else ""
+            hint = f" (tables at the same level: {', '.join(near)})" if near else ""
         return f"{table} lacks {name}{hint}"
     if kind == "value_error":
         return f"{key}: {ctx.get('error', item['msg'])}"

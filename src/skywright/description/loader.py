@@ -187,8 +187,8 @@ def load_layers(
     table = mission.tree.get("mission")
     if table is None:
         raise InputError(
-            f"{found.label}: no [mission] table; a mission file is needed, this one holds: "
-            f"{', '.join(mission.tree)}"
+            f"{found.label}: no [mission] table; a mission file is required, this file "
+            f"contains: {', '.join(mission.tree)}"
         )
     complete = table.get("resolved") is True
     if complete:
@@ -226,14 +226,14 @@ def load_layers(
         base = load_world_layer(base_file, problems)
         if root not in base.tree:
             raise InputError(
-                f"{base_file.label}: no [{root}] table; a {root} file is needed, this one holds: "
-                f"{', '.join(base.tree)}"
+                f"{base_file.label}: no [{root}] table; a {root} file is required, this "
+                f"file contains: {', '.join(base.tree)}"
             )
         for other in base.tree:
             if other not in (root, "plant"):
                 raise InputError(
-                    f"{base_file.label}: a {root} file cannot hold the table [{other}]; "
-                    "a mission file can"
+                    f"{base_file.label}: a {root} file cannot contain the table [{other}]; "
+                    "use a mission file"
                 )
         layers.append(base)
     layers.append(read_things(mission, folder, merge_layers(layers)[0]))

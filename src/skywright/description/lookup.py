@@ -48,7 +48,7 @@ def find_kind(name: str) -> tuple[str, str]:
                 if (path / f"{kind}.toml").is_file():
                     return kind, str(path / f"{kind}.toml")
             raise InputError(
-                f"{name}: the folder holds none of robot.toml, world.toml, mission.toml"
+                f"{name}: the folder contains none of robot.toml, world.toml, mission.toml"
             )
         if path.is_file():
             tree = load_layer(path, name, []).tree  # what is wrong inside is told later
@@ -56,7 +56,7 @@ def find_kind(name: str) -> tuple[str, str]:
                 if kind in tree:
                     return kind, str(path)
             raise InputError(
-                f"{name}: holds none of [robot], [world], [mission]; valid tables: "
+                f"{name}: contains none of [robot], [world], [mission]; valid tables: "
                 + ", ".join(ROOTS)
             )
     except (OSError, ValueError):  # a name too long, or with a null byte

@@ -130,8 +130,9 @@ def check_named(keys: Sequence[str], tree: Tree, label: str) -> None:
         known = [n.removeprefix(above) for n in names if n.startswith(above)]
         known += list_kinds(group) if path[0] in ALWAYS else []
         raise InputError(
-            f"{label} {key}: there is no {table}; valid: {neighbours(path[2], known) or 'none'}; "
-            f"{table}.kind={list_kinds(group)[0]} adds one"
+            f"{label} {key}: {table} does not exist; valid: "
+            f"{neighbours(path[2], known) or 'none'}; {table}.kind={list_kinds(group)[0]} "
+            "adds one"
         )
 
 

@@ -26,7 +26,7 @@ def write_template(what: str, folder: Path) -> list[Path]:
     Raises InputError when the name is no plain name, or one of the files is there already.
     """
     if what not in list_templates():
-        raise InputError(f"no template of {what!r}; valid: {neighbours(what, list_templates())}")
+        raise InputError(f"no template for {what!r}; valid: {neighbours(what, list_templates())}")
     name = folder.name
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9._-]{0,63}", name):
         raise InputError(
@@ -47,7 +47,7 @@ def write_template(what: str, folder: Path) -> list[Path]:
         files[folder / target] = text
     for file in files:
         if file.exists():
-            raise InputError(f"{file}: is there already and is not overwritten")
+            raise InputError(f"{file}: already exists and is not overwritten")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for file, text in files.items():

@@ -105,7 +105,7 @@ class UdpOperator(Person):
         except (OSError, TypeError) as error:  # TypeError: a host that no name can be
             self._socket.close()
             raise InputError(
-                f"--operator udp:{host[:80]}:{port}: cannot listen there: "
+                f"--operator udp:{host[:80]}:{port}: cannot listen on this address: "
                 f"{getattr(error, 'strerror', None) or error}"
             ) from None
         self._socket.setblocking(False)
@@ -185,7 +185,7 @@ class ViewOperator(Person):
             )
             for i, (name, _, _) in enumerate(BUTTONS):
                 self._add(gui, name, i)
-            done = gui.add_button("it stands: let go", color="green")
+            done = gui.add_button("tool is seated: release", color="green")
 
         @done.on_hold(callback_hz=HOLD_HZ)
         async def press(_: Any) -> None:

@@ -69,7 +69,9 @@ def centre_calibration(w: ComplexArray, s: Array, c: Array, cal: Calibration) ->
     share = float(np.mean(alike))
     shift = complex(np.median(local.real[alike]), np.median(local.imag[alike]))
     centred = cal._replace(contact=cal.contact + shift * cal.lift_off_axis)
-    what = f"{share:.0%} of the contact samples read {abs(mode):.2g} units off the calibration's"
+    what = (
+        f"{share:.0%} of the contact samples differ by {abs(mode):.2g} units from the calibration's"
+    )
     if abs(mode) > cal.weld_threshold:
         wide = compute_width(s[alike], c[alike]) > WIDEST_WELD
         on_weld = None  # on which side of the contact point the majority lies, where that is known
@@ -81,9 +83,12 @@ def centre_calibration(w: ComplexArray, s: Array, c: Array, cal: Calibration) ->
             )
         if share < MAJORITY or (not wide and on_weld is None):
             why = (
-                "no majority that could be base metal"
+                "no majority can be identified as base metal"
                 if share < MAJORITY
-                else "within a strip no wider than a weld, so either may be base metal"
+                else (
+                    "within a strip no wider than a weld, so base metal and weld cannot be "
+                    "distinguished"
+                )
             )
             return Baseline(
                 cal, False, f"{what} contact point, {why}: calibrate away from the weld; no line"
@@ -91,5 +96,6 @@ def centre_calibration(w: ComplexArray, s: Array, c: Array, cal: Calibration) ->
     return Baseline(
         centred,
         True,
-        f"{what} contact point (calibrated on the weld, or drift): they were taken as base metal",
+        f"{what} contact point (calibrated on the weld, or drift): these samples are taken "
+        "as base metal",
     )

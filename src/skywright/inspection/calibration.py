@@ -110,8 +110,8 @@ def build_calibration(
     w = w[ok]
     if w.size < MIN_SAMPLES:
         raise InputError(
-            f"calibration: {w.size} valid samples; at least {MIN_SAMPLES} of an approach from air "
-            "to contact are needed"
+            f"calibration: {w.size} valid samples; an approach from air to contact "
+            f"requires at least {MIN_SAMPLES}"
         )
     scale = float(np.max(np.abs(w - w.mean())))
     if not (0 < scale < 1e100):
@@ -245,7 +245,7 @@ def check_calibration(cal: Calibration, where: str) -> Calibration:
         if sine < 0.1:
             raise InputError(
                 f"{where}: weld_axis is within {math.degrees(math.asin(sine)):.1f} deg of "
-                "lift_off_axis: they cannot be told apart; valid: 6 deg or more"
+                "lift_off_axis; valid: 6 deg or more"
             )
     return cal
 

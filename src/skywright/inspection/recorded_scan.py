@@ -37,7 +37,7 @@ def load_recorded_scan(path: Path) -> tuple[Scan, tuple[float, float]]:
     ]
     names = [name for _, name in starts]
     if SCANNING not in names:
-        raise InputError(f"{file}: the run never came to scanning: there is no phase 'scan'")
+        raise InputError(f"{file}: the run did not reach the scan: there is no phase 'scan'")
     first = names.index(SCANNING)
     begin = first
     while begin > 0 and names[begin - 1] in CALIBRATING:
@@ -49,6 +49,6 @@ def load_recorded_scan(path: Path) -> tuple[Scan, tuple[float, float]]:
             keep |= (s["t"] >= starts[i][0]) & (s["t"] < ends[i])
     keep &= np.all(np.isfinite(s["meas_p_WT"]), axis=1)
     if np.count_nonzero(keep) < MIN_ROWS or begin == first:
-        raise InputError(f"{file}: too little of touch and scan was recorded")
+        raise InputError(f"{file}: the recording of touch and scan is too short")
     s, notes = s[keep], (f"of {recording.info.get('mission', 'a run')}, from its recording",)
     return Scan(s["t"], s["ec"], s["meas_p_WT"], None, notes), (starts[begin][0], ends[first - 1])

@@ -161,7 +161,7 @@ def _read_rows(
         cells_used = [row[index] for row in rows for index in used]
         if any("," in cell for cell in cells_used):
             if any("." in cell for cell in cells_used):
-                raise InputError(f"{path}: numbers hold both , and . ; write a decimal point only")
+                raise InputError(f"{path}: numbers contain both , and . ; use a decimal point only")
             rows = [[cell.replace(",", ".") for cell in row] for row in rows]
             notes.append("decimal commas read as decimal points")
     if not rows:
@@ -239,7 +239,7 @@ def load_scan(path: Path, columns: str | None = None) -> Scan:
     axis = _build_axis(table, places)
     if axis is not None and not np.any(np.isfinite(axis[order])):
         axis = None
-        notes.append("orientation columns hold no direction: ignored")
+        notes.append("orientation columns contain no direction: ignored")
     elif axis is None and any(name in places for name in (*QUATERNION, *AXIS)):
         notes.append("orientation incomplete (needs qw, qx, qy, qz or ax, ay, az): ignored")
     return Scan(

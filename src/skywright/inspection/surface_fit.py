@@ -111,16 +111,16 @@ def fit_cylinder(p: Array) -> SurfaceFit:
     p = np.asarray(p, float)
     if len(p) < MIN_FIT_POINTS:
         raise InputError(
-            f"cylinder fit: {len(p)} contact points; at least {MIN_FIT_POINTS} are needed; give "
-            "the surface with --surface FILE"
+            f"cylinder fit: {len(p)} contact points; at least {MIN_FIT_POINTS} are "
+            "required; give the surface with --surface FILE"
         )
     p = p[:: max(1, len(p) // MAX_FIT_POINTS)]
     middle = p.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((p - middle) ** 2, axis=1))))
     if not 1e-3 < size < 1e4:
         raise InputError(
-            f"cylinder fit: the contact points spread over {size:.3g} m; check the unit of the "
-            "positions or give the surface with --surface FILE"
+            f"cylinder fit: the contact points extend over {size:.3g} m; check the unit of "
+            "the positions or give the surface with --surface FILE"
         )
     q = (p - middle) / size
 

@@ -343,14 +343,15 @@ def process_scan(
             break
     if len(found) > len(crossings):
         notes.append(
-            f"{len(found) - len(crossings)} stretches above the weld threshold do not stand out of "
-            f"the texture of the base metal ({SIGNIFICANCE:g} x {noise:.2g} units): left out"
+            f"{len(found) - len(crossings)} segments above the weld threshold are within "
+            f"the texture of the base metal ({SIGNIFICANCE:g} x {noise:.2g} units): "
+            "excluded"
         )
     one_sided = sum(x.one_sided for x in crossings)
     if one_sided:
         notes.append(
-            f"{one_sided} of {len(crossings)} crossings turn back or end on the weld: their places "
-            "are only known to its width"
+            f"{one_sided} of {len(crossings)} crossings turn back or end on the weld: "
+            "their positions are uncertain by its width"
         )
     if lines:
         crossings = sorted((assign(x, lines) for x in crossings), key=lambda x: x.t)
@@ -359,15 +360,15 @@ def process_scan(
             notes.append(f"{len(lines)} welds: the crossings lie on {len(lines)} lines")
         if sum(len(x.inliers) == 2 for x in lines) > 1:
             notes.append(
-                "two passes over several welds can be read in two ways: lines along or across the "
-                "axis were taken"
+                "two passes over several welds are ambiguous: lines along or across the "
+                "axis were chosen"
             )
         if off:
             notes.append(f"{off} of {len(crossings)} crossings lie off the line: they have none")
     elif len(crossings) == 1:
-        notes.append("one crossing only: its angle, so the line, cannot be told")
+        notes.append("one crossing only: the line is not determined")
     elif crossings:
-        notes.append("the crossings lie too close together to tell the line")
+        notes.append("the crossings are too close together to determine the line")
     count = int(valid.sum())
     return WeldResult(
         t=t,

@@ -155,8 +155,9 @@ def _calibrate(
     whole = float(np.quantile(np.abs(w - cal.contact), 0.99))
     if whole > 3 * cal.excursion:
         raise InputError(
-            f"calibration: the signal moves by {cal.excursion:.3g} units in {span[0]:g}:{span[1]:g}"
-            f" s but by {whole:.3g} in the file: the span holds no full approach from air"
+            f"calibration: the signal changes by {cal.excursion:.3g} units in "
+            f"{span[0]:g}:{span[1]:g} "
+            f"s but by {whole:.3g} in the file: the span contains no full approach from air"
         )
     return cal
 
@@ -171,8 +172,8 @@ def _check_span(scan: Scan, span: tuple[float, float], contact: Mask, given: boo
     if 2 * inside <= total:
         return None
     what = (
-        f"{span[0]:g}:{span[1]:g} s holds {inside} of the file's {total} samples in contact, and "
-        "the calibration is not searched for a weld"
+        f"{span[0]:g}:{span[1]:g} s contains {inside} of the file's {total} samples in "
+        "contact; the calibration span is not searched for welds"
     )
     if given and total - inside < LEAST_SEARCHED * total:
         raise InputError(

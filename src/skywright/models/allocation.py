@@ -60,8 +60,9 @@ def build_allocator(rotors: RotorSet) -> Allocator:
         rows = np.linalg.svd(scaled[2:], compute_uv=False)
         if len(rows) < 4 or rows[-1] < 1e-6 * rows[0]:
             raise InputError(
-                f"robot.rotors: these {n} rotors cannot control vertical force and all three "
-                "torques independently; use at least 4 rotors with both spins, not on one line"
+                f"robot.rotors: these {n} rotors cannot control vertical force and all "
+                "three torques independently; use at least 4 rotors with both spins that "
+                "are not on one line"
             )
         pinv[:, 2:] = np.linalg.pinv(rotors.B[2:])
     return Allocator(

@@ -74,9 +74,9 @@ def build_arm_chain(robot: Robot, side: int = 0) -> ArmChain:
     """Return the arm of `side` (0 left or only, 1 right); raises InputError for other arms."""
     if not has_arm_chain(robot):
         raise InputError(
-            f"robot {robot.name!r}: inverse kinematics are for arms of four hinges about y, x, z, "
-            "y (shoulder pitch, roll, yaw, elbow pitch) with links along -z and the shoulder's "
-            "axes in one point"
+            f"robot {robot.name!r}: inverse kinematics require arms of four hinges about "
+            "y, x, z, y (shoulder pitch, roll, yaw, elbow pitch) with links along -z and "
+            "shoulder axes that intersect in one point"
         )
     assert robot.arm is not None
     if side not in range(robot.arm.sides):
@@ -114,7 +114,7 @@ def compute_arm_ik(
     q, reached = np.empty(4), np.empty(3)
     p = np.asarray(p, dtype=float)
     if p.shape != (3,) or not np.all(np.isfinite(p)):
-        raise InputError(f"a hand's goal is 3 finite numbers (m), got {p.tolist()}")
+        raise InputError(f"the goal of a hand must be 3 finite numbers (m), got {p.tolist()}")
     status = solve_arm(
         chain.upper, chain.fore, p, roll, near, chain.q_min, chain.q_max, q, reached
     )  # fmt: skip

@@ -24,7 +24,9 @@ def compute_bar(p_left: Array, p_right: Array) -> Bar:
     between = np.asarray(p_left, dtype=float) - np.asarray(p_right, dtype=float)
     length = float(np.linalg.norm(between))
     if length < 1e-9:
-        raise InputError("both hands are in one place: a bar between them has no direction")
+        raise InputError(
+            "both hands are at the same position: the direction of the bar is undefined"
+        )
     return Bar(0.5 * (np.asarray(p_left) + np.asarray(p_right)), between / length)
 
 
@@ -34,7 +36,8 @@ def compute_bar_hands(bar: Bar, width: float) -> tuple[Array, Array]:
     length = float(np.linalg.norm(n))
     if length < 1e-9 or width <= 0.0:
         raise InputError(
-            f"a bar needs a direction and a width above 0, got n = {n.tolist()}, width = {width:g}"
+            f"a bar requires a direction and a width above 0, got n = {n.tolist()}, width "
+            f"= {width:g}"
         )
     half = 0.5 * width * n / length
     return np.asarray(bar.p) + half, np.asarray(bar.p) - half

@@ -285,7 +285,9 @@ def compute_force_limit(
     d = np.asarray(direction_B, dtype=np.float64)
     size = float(np.linalg.norm(d))
     if not (math.isfinite(size) and size > 0.0):
-        raise InputError(f"push direction is {list(map(float, d))}; give a finite, non-zero vector")
+        raise InputError(
+            f"push direction is {list(map(float, d))}; valid: a finite, non-zero vector"
+        )
     point = c.p_BT if p_BT is None else np.asarray(p_BT, dtype=np.float64)
     wind = np.asarray(wind_B, dtype=np.float64)[None, :]
 

@@ -65,7 +65,7 @@ def find_free_stance(robot: Robot, facing: str) -> ContactStance:
     Raises InputError for a robot without a probe or one that cannot point it there.
     """
     if robot.arm is None or robot.probe is None:
-        raise InputError(f"robot {robot.name!r} has nothing to press with: it needs a probe")
+        raise InputError(f"robot {robot.name!r} cannot press: it requires a probe")
     model = build_body_model(robot)
     n = len(posture(robot, "working"))
     toward = np.array([0.0, 0.0, 1.0]) if facing == "down" else np.array([1.0, 0.0, 0.0])

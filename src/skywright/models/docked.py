@@ -85,13 +85,10 @@ def build_docked(
     Raises InputError when it has no docking gear or no arm with a probe.
     """
     if robot.docking is None:
-        raise InputError(
-            f"robot {robot.name!r} has no docking gear: give it a [robot.docking] table"
-        )
+        raise InputError(f"robot {robot.name!r} has no docking gear: add a [robot.docking] table")
     if robot.arm is None or robot.probe is None:
         raise InputError(
-            f"robot {robot.name!r} has nothing to press with: it needs [robot.arm] and "
-            "[robot.probe]"
+            f"robot {robot.name!r} cannot press: it requires [robot.arm] and [robot.probe]"
         )
     fraction = robot.rotors.thrust_fraction if thrust_fraction is None else thrust_fraction
     feet = list_feet(robot.docking)
@@ -246,9 +243,9 @@ def find_stance(docked: DockedRobot, contact: Sequence[float] | Array | None = N
         )
     if lean > LEAN_MAX:
         raise InputError(
-            f"at ({x:.3f}, {y:.3f}) m the slider of {docked.robot.name!r} leans "
-            f"{math.degrees(lean):.0f} deg; valid: at most {math.degrees(LEAN_MAX):.0f} deg from "
-            "the surface's normal"
+            f"at ({x:.3f}, {y:.3f}) m the slider of {docked.robot.name!r} is inclined by "
+            f"{math.degrees(lean):.0f} deg to the surface normal; valid: at most "
+            f"{math.degrees(LEAN_MAX):.0f} deg"
         )
     mass, p_BC, _ = compute_body(docked.model, q)
     step, lever, dC_dq = 1e-6, np.zeros(n), np.zeros((3, n))

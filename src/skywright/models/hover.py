@@ -52,8 +52,8 @@ def check_hover(
     limit = f"{100 * layout.t_max[0] / layout.rotors.thrust_max[0]:.0f} % of thrust_max_n"
     if weight >= lift:
         raise InputError(
-            f"robot {robot.name!r} cannot lift itself: it weighs {weight:.1f} N ({mass:.2f} kg), "
-            f"its rotors lift at most {lift:.1f} N at {limit}; reduce masses or raise "
+            f"robot {robot.name!r} cannot lift its weight: it weighs {weight:.1f} N ({mass:.2f} "
+            f"kg), its rotors lift at most {lift:.1f} N at {limit}; reduce masses or raise "
             "robot.rotors.thrust_max_n"
         )
     if weight <= idle:

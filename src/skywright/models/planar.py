@@ -73,8 +73,9 @@ def build_planar_lrm(scene: Scene, robot: Robot) -> PlanarLrm:
     arm = [(0, "y", False)] * 2 + [(1, "y", False)] * 2
     if shape != [(-1, "y", True), *arm]:
         raise InputError(
-            f"robot {robot.name!r}: the planar model needs a passive pitch joint and two arms of "
-            f"two pitch joints; this one has {', '.join(j.name for j in joints) or 'no joints'}"
+            f"robot {robot.name!r}: the planar model requires a passive pitch joint and "
+            "two arms of two pitch joints; found: "
+            f"{', '.join(j.name for j in joints) or 'no joints'}"
         )
     model = scene.model
     m_a, c_a, i_a = _composite(model, "platform")
@@ -85,8 +86,8 @@ def build_planar_lrm(scene: Scene, robot: Robot) -> PlanarLrm:
     for c in (c_a, c_b, c_u, c_f, hinge - c_a, upper, fore):
         if abs(c[0]) > 1e-9:
             raise InputError(
-                f"robot {robot.name!r}: the planar model needs joints and centres of mass on the "
-                "lines along z; move com_x_m and x_m to 0"
+                f"robot {robot.name!r}: the planar model requires joints and centres of "
+                "mass on lines along z; set com_x_m and x_m to 0"
             )
     return PlanarLrm(
         m_a, m_b, m_u, m_f, i_a, i_b, i_u, i_f, float(c_a[2] - hinge[2]), float(-upper[2]),

@@ -80,8 +80,8 @@ def tilt_rotors(robot: Robot, tilt: float) -> Robot:
     own = max(abs(a) for a in [*r.alpha_deg, *r.beta_deg])
     if own == 0.0:
         raise InputError(
-            f"robot {robot.name!r} has parallel rotors: nothing to sweep; give it tilts first, "
-            "e.g. --set robot.rotors.alpha_deg=[10,-10,10,-10,10,-10]"
+            f"robot {robot.name!r} has parallel rotors, so there is no tilt to sweep; set "
+            "tilts, e.g. --set robot.rotors.alpha_deg=[10,-10,10,-10,10,-10]"
         )
     scale = math.degrees(tilt) / own
     rotors = r.model_copy(

@@ -181,7 +181,7 @@ def _check_rotors(
         i = int(np.argmin(margin.min(axis=0)))
         worst = float(thrust[np.argmin(margin[:, i]), i])
         allowed = f"{loads.t_min[i]:.2f} to {loads.t_max[i]:.2f} N"
-        return float(margin.min()), f"rotor {i + 1} would need {worst:.2f} N; valid: {allowed}"
+        return float(margin.min()), f"rotor {i + 1} would require {worst:.2f} N; valid: {allowed}"
     return float(margin.min()), ""
 
 

@@ -45,7 +45,7 @@ def build_pattern(
     if lo < -half_length or hi > half_length:
         return Pattern(
             np.zeros((0, 2)),
-            f"reach: the pattern spans s = {lo:.3f} to {hi:.3f} m, the pipe only "
+            f"reach: the pattern spans s = {lo:.3f} to {hi:.3f} m, but the pipe spans only "
             f"{-half_length:.3f} to {half_length:.3f} m",
         )
     apart = radius * arc / max(passes - 1, 1) if kind == "raster" else pass_length / passes

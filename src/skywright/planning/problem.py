@@ -96,12 +96,12 @@ def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...])
         return f"clearance of {pair} {f.value:.4f} m < {f.limit:.3f} m{where}"
     if f.code == ROTOR:
         sign = ">" if f.value > f.limit else "<"
-        return f"rotor {f.which} needs {f.value:.2f} N {sign} {f.limit:.2f} N{where}"
+        return f"rotor {f.which} requires {f.value:.2f} N {sign} {f.limit:.2f} N{where}"
     if f.code == JOINT:
         at, limit = math.degrees(f.value), math.degrees(f.limit)
-        return f"joint {name} at {at:.0f} deg passes its limit of {limit:.0f} deg{where}"
+        return f"joint {name} at {at:.0f} deg exceeds its limit of {limit:.0f} deg{where}"
     if f.code == MOTOR:
-        return f"motor of {name} needs {abs(f.value):.2f} rad/s > {f.limit:.2f} rad/s{where}"
+        return f"motor of {name} requires {abs(f.value):.2f} rad/s > {f.limit:.2f} rad/s{where}"
     if f.code == SPEED:
         return f"platform speed {f.value:.3f} m/s > {f.limit:.3f} m/s{where}"
     if f.code == ACCELERATION:
@@ -110,5 +110,5 @@ def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...])
         at, limit = math.degrees(f.value), math.degrees(f.limit)
         return f"platform tilt {at:.1f} deg > {limit:.1f} deg{where}"
     if f.code == TASK:
-        return f"reach: the tip misses its path by {1e3 * f.value:.1f} mm{where}"
+        return f"reach: the tip deviates from its path by {1000.0 * f.value:.1f} mm{where}"
     return f"reach: the arm is singular{where}"

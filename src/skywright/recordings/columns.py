@@ -76,7 +76,7 @@ def check_columns(columns: Sequence[Column], topics: Sequence[Topic]) -> None:
     bound = [field for topic in topics for field in topic.fields.values()]
     for what, found in (("column", names), ("field", bound), ("topic", [t.name for t in topics])):
         twice = sorted({n for n in found if found.count(n) > 1})
-        assert not twice, f"{what} {twice[0]!r} stands twice"
+        assert not twice, f"{what} {twice[0]!r} occurs twice"
     empty = {c.name for c in columns if 0 in c.shape}
     assert set(bound) == set(names) - empty, sorted(set(bound) ^ (set(names) - empty))
 

@@ -220,7 +220,7 @@ def read_mcap(path: Path) -> McapContents:
     if not data:
         raise InputError(f"{path}: is empty; expected an MCAP recording")
     if data[: len(MAGIC)] != MAGIC[: len(data)]:
-        raise InputError(f"{path}: is no MCAP file")
+        raise InputError(f"{path}: is not an MCAP file")
     finished = len(data) > 2 * len(MAGIC) and data.endswith(MAGIC)
     tables = _Tables({}, {}, {}, {}, {})
     messages = tables.messages

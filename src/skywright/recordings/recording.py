@@ -150,10 +150,10 @@ def _no_recording(path: Path, contents: McapContents) -> InputError:
     if contents.messages or contents.complete:
         topics = ", ".join(sorted(contents.messages)[:5]) or "none"
         return InputError(
-            f"{path}: is an MCAP file but no recording of Skywright (its topics: {topics}; "
-            f"no metadata {METADATA!r})"
+            f"{path}: is an MCAP file but not a recording of Skywright (its topics: "
+            f"{topics}; no metadata {METADATA!r})"
         )
-    return InputError(f"{path}: was cut before the first sample; nothing can be read")
+    return InputError(f"{path}: ends before the first sample")
 
 
 def _decode(
@@ -165,8 +165,8 @@ def _decode(
     if max(counts) - min(counts) > 1:  # one: another tool may cut within a sample
         least = min(raw, key=lambda name: len(raw[name]))
         raise InputError(
-            f"{path}: topic {least} has {len(raw[least])} messages where others have "
-            f"{max(counts)}; a recording needs all its topics in full"
+            f"{path}: topic {least} has {len(raw[least])} messages, others have "
+            f"{max(counts)}; all topics of a recording must be complete"
         )
     found: dict[str, NDArray[Any]] = {}
     for name, fields in topics.items():
@@ -176,9 +176,7 @@ def _decode(
                 text = contents.definitions[name]
                 found |= read_rows(kind, text, fields, raw[name][: min(counts)], stamped)
         except _DAMAGE as error:
-            raise InputError(
-                f"{path}: topic {name} has messages that it does not define"
-            ) from error
+            raise InputError(f"{path}: topic {name} has messages without a definition") from error
     return found
 
 
@@ -192,7 +190,7 @@ def _assemble(
         values = found.get(column.name)
         if values is None or values.shape[1:] != column.shape:
             if n and 0 not in column.shape:
-                raise InputError(f"{path}: has no column {column.name} as its metadata say")
+                raise InputError(f"{path}: has no column {column.name}, but its metadata list it")
         else:
             samples[column.name] = values
     return samples

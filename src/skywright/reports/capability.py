@@ -36,8 +36,8 @@ def write_capability_figure(capability: Capability, path: Path | str) -> Path:
     _draw_polytope(figure.add_subplot(grid[1, 2]), c)
     arm = {"none": "", "given": ", arm as given"}.get(c.posture, f", arm {c.posture}")
     figure.suptitle(
-        f"What {c.robot} can hold at rest: {c.body.mass:.2f} kg{arm}, "
-        f"rotors up to {100 * c.thrust_fraction:.0f} % of their limit",
+        f"Limits of {c.robot} at rest: {c.body.mass:.2f} kg{arm}, rotors up to "
+        f"{100 * c.thrust_fraction:.0f} % of their limit",
         x=0.05,
         y=0.975,
         ha="left",
@@ -53,8 +53,8 @@ def write_capability_figure(capability: Capability, path: Path | str) -> Path:
 def _headline(c: Capability) -> str:
     if c.layout.full:
         tilt = (
-            f"holds its place tilted by {math.degrees(c.hover_tilt[0]):.1f} deg in roll and "
-            f"{math.degrees(c.hover_tilt[1]):.1f} deg in pitch"
+            f"hovers in place with a tilt of up to {math.degrees(c.hover_tilt[0]):.1f} deg "
+            f"in roll and {math.degrees(c.hover_tilt[1]):.1f} deg in pitch"
         )
     else:
         tilt = f"moves sideways by tilting, at most {math.degrees(c.tilt_max):.0f} deg"
@@ -67,10 +67,10 @@ def _headline(c: Capability) -> str:
 def _say_losses(c: Capability) -> str:
     n = len(c.hover_thrust)
     if not c.dispensable:
-        return "falls when any of its rotors is lost"
+        return "cannot land after the loss of any rotor"
     if len(c.dispensable) == n:
-        return f"lands without any one of its {n} rotors, yaw given up"
-    return f"lands without rotor {', '.join(map(str, c.dispensable))}; falls without another"
+        return f"lands after the loss of any one of its {n} rotors, without yaw control"
+    return f"lands after the loss of rotor {', '.join(map(str, c.dispensable))}, but not of another"
 
 
 def _polar(axes: Axes, title: str) -> PolarAxes:
@@ -101,7 +101,7 @@ def _mark_least(axes: PolarAxes, angles: Array, values: Array, unit: str) -> Non
     axes.text(
         0.5,
         -0.235,
-        f"least {values[i]:.1f} {unit} toward {direction:.0f} deg",
+        f"smallest {values[i]:.1f} {unit} toward {direction:.0f} deg",
         transform=axes.transAxes,
         ha="center",
         fontsize=9,
@@ -186,7 +186,7 @@ def _draw_layout(axes: Axes, c: Capability) -> None:
     reach = float(np.abs(r.position[:, :2]).max()) + radius
     top = max(reach, tip[0] + 0.05)
     axes.set(xlim=(-1.08 * reach, 1.08 * reach), ylim=(-1.08 * reach, 1.08 * top), aspect="equal")
-    axes.set_xlabel("right (m); arrows: sideways part of each axis", fontsize=9)
+    axes.set_xlabel("right (m); arrows: lateral part of each axis", fontsize=9)
     axes.set_ylabel("forward (m)", fontsize=9)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=8, frameon=False, ncol=2)
     axes.tick_params(labelsize=8)
@@ -236,13 +236,13 @@ def _draw_loads(axes: Axes, c: Capability) -> None:
     axes.set_xticks(at)
     axes.set(xlim=(0.4, n + 0.6), ylim=(0, 1.05 * full[0]))
     axes.set_xlabel("rotor (blue: counter-clockwise)", fontsize=9)
-    axes.set_ylabel("thrust (N); grey: kept for control", fontsize=9)
+    axes.set_ylabel("thrust (N); grey: control reserve", fontsize=9)
     axes.tick_params(labelsize=8)
 
 
 def _draw_polytope(axes: Axes, c: Capability) -> None:
     """Force polytope from the side: forward and vertical force, without torque."""
-    axes.set_title("Force that the rotors can make (outline)", fontsize=11, fontweight="bold")
+    axes.set_title("Feasible rotor forces (outline)", fontsize=11, fontweight="bold")
     points = c.force_polytope[:, [0, 2]]
     hull = _hull(points)
     axes.fill(hull[:, 0], hull[:, 1], color=BLUE, alpha=0.15)

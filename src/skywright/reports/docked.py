@@ -28,8 +28,8 @@ def write_docked_figure(found: DockedMap, path: Path | str) -> Path:
     _draw_contact(figure.add_subplot(grid[1, 0]), found)
     _draw_balance(figure.add_subplot(grid[1, 1]), found)
     figure.suptitle(
-        f"What {found.robot} can press while docked: {found.mass:.2f} kg, rotors up to "
-        f"{100 * found.thrust_fraction:.0f} % of their limit",
+        f"Press force of {found.robot} while docked: {found.mass:.2f} kg, rotors up to "
+            f"{100 * found.thrust_fraction:.0f} % of their limit",
         x=0.06, y=0.975, ha="left", fontsize=15, fontweight="bold",
     )  # fmt: skip
     figure.text(0.06, 0.925, describe_press(found), fontsize=11, color="#333333", va="center")
@@ -47,7 +47,7 @@ def describe_press(found: DockedMap) -> str:
     if math.isnan(found.asked.force):
         answer = "the robot cannot stay docked"
     else:
-        answer = f"at most {found.asked.force:.1f} N, stopped by {found.asked.limit}"
+        answer = f"at most {found.asked.force:.1f} N, limited by {found.asked.limit}"
     return f"{slope}, {wind}, {where}: {answer}"
 
 
@@ -91,7 +91,9 @@ def _draw_directions(plain: Axes, found: DockedMap) -> None:
         label = f"{math.degrees(slope):g} deg"
         plain.plot(angles, np.append(row, row[:1]), "o-", ms=3, color=colour, lw=2, label=label)
     plain.set_title(
-        "Largest press (N), calm, where the slope rises toward", fontsize=11, fontweight="bold"
+        "Largest press (N), calm, against the direction in which the slope rises",
+        fontsize=11,
+        fontweight="bold",
     )
     plain.set_thetagrids(
         range(0, 360, 45), ["ahead\n+x", "", "left\n+y", "", "back\n-x", "", "right\n-y", ""]
@@ -110,13 +112,13 @@ def _draw_contact(axes: Axes, found: DockedMap) -> None:
     axes.axvline(found.stance.tip[0], color=GREY, ls=":", lw=1.5, label="contact point above")
     _finish(
         axes, "Largest press against the contact point, calm, worst direction",
-        "contact point ahead of the centre (m), where the arm reaches", "force (N)",
+        "contact point ahead of the centre (m), within the arm's reach", "force (N)",
     )  # fmt: skip
 
 
 def _draw_balance(axes: Axes, found: DockedMap) -> None:
     """Feet and tip from above with their forces in the asked condition."""
-    axes.set_title("Loads in the asked condition, from above", fontsize=11, fontweight="bold")
+    axes.set_title("Loads in the requested condition, from above", fontsize=11, fontweight="bold")
     tip, asked = found.stance.tip, found.asked
     scale = 0.022  # m per root newton
     for i, foot in enumerate(found.feet):

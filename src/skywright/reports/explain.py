@@ -62,7 +62,7 @@ def describe_outcome(result: RunResult) -> str:
     failed = [r for r in result.requirements if not r.passed]
     total = len(result.requirements)
     if result.outcome == "aborted":
-        return f"The mission was given up: {result.reason or 'no reason was recorded'}."
+        return f"The mission was aborted: {result.reason or 'no reason was recorded'}."
     if result.outcome == "interrupted":
         return f"The run was {_ending(result.reason)}."
     if result.outcome == "diverged":
@@ -214,11 +214,11 @@ def list_timing(result: RunResult) -> list[Row]:
     m = plan.metrics
     if {"plan.cost", "plan.lower_bound", "plan.first_solution_s"} <= set(m):
         least, first = format_value(m["plan.lower_bound"]), 1e3 * m["plan.first_solution_s"]
-        note = f"no path costs less than {least}; the first one was found after {first:.1f} ms"
+        note = f"lower bound of the cost: {least}; first path after {first:.1f} ms"
         rows.append(Row("cost of the path", format_value(m["plan.cost"]), note))
     for key, name, unit in (
         ("simulated_s", "simulated time", "s"),
-        ("wall_s", "computing time before this report", "s"),
+        ("wall_s", "computing time without this report", "s"),
         ("real_time_factor", "real-time factor", "x"),
     ):
         if key in t:

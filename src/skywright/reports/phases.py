@@ -3,10 +3,10 @@
 from skywright.run.kind import load_kind
 
 COMMON = {
-    "start": "The estimator runs, the motors stand.",
-    "take_off": "The platform rises to its hovering height.",
-    "return": "Back over the place of take-off.",
-    "land": "Down until the landing gear stands, then the motors stop.",
+    "start": "The estimator runs; the motors are off.",
+    "take_off": "The platform climbs to its hover height.",
+    "return": "The robot returns to a position above the take-off point.",
+    "land": "The robot descends until the landing gear touches the ground; then the motors stop.",
 }
 
 

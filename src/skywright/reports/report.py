@@ -52,8 +52,8 @@ def render_report(result: RunResult) -> str:
         motion = _draw_motion(result)
         planning = build_picture(
             "Clearance and rotor margin of the plan", plan.draw_plan(result),
-            "Both must stay above zero. The planner refuses a path that comes closer than its "
-            "margins.",
+            "Both must remain above zero. The planner rejects paths that violate its "
+                "margins.",
         )  # fmt: skip
     return render_page(
         "report.html.j2",
@@ -85,16 +85,15 @@ def _draw_motion(result: RunResult) -> list[Picture | None]:
     return [
         build_picture(
             "Tip path", paths.draw_tip_path(result),
-            "The probe should follow the wide green line; the thin blue line is where it "
-            "really went.",
+            "Wide green line: desired path of the probe. Thin blue line: true path.",
         ),
         build_picture(
             "Flight path", paths.draw_flight_path(result),
-            "Robot and world drawn to scale, the robot at its start (pale) and at work.",
+            "Robot and world to scale, with the robot at its start (pale) and at work.",
         ),
         build_picture(
             "The whole flight", series.draw_flight_series(result),
-            "Bands are phases. Dashed red lines are limits. While a probe that slides is pushed "
-            "on, the platform stands off its reference on purpose: that lies inside the surface.",
+            "Bands are phases. Dashed red lines are limits. During contact the platform "
+                "is intentionally offset from its reference, which lies inside the surface.",
         ),
     ]  # fmt: skip

@@ -131,7 +131,7 @@ def draw_world(world: World) -> Figure:
     figure, axes = _figure(columns, _title(world.name, world.description), 5.2 * columns)
     _draw_scene(axes[:2], world, [])
     if world.pipe is None and world.structure is None and not world.things:
-        axes[0].text(0.5, 0.5, "nothing but flat ground", transform=axes[0].transAxes, ha="center")
+        axes[0].text(0.5, 0.5, "flat ground only", transform=axes[0].transAxes, ha="center")
         for ax in axes:
             ax.plot([-3, 3], [-1, 3], alpha=0)  # some room to look at
     if world.pipe is not None:

@@ -108,7 +108,7 @@ def describe_mission(description: Description) -> list[Section]:
         Section("Mission", rows),
         Section("Task", task),
         Section("Requirements", limits),
-        Section("Plant (how the truth deviates)", plant),
+        Section("Plant (deviations from the nominal model)", plant),
     ]
 
 
@@ -349,7 +349,9 @@ def _describe_limits(robot: Robot) -> Section:
         rows.append(("hover tilt limit", f"roll {roll:.1f} deg, pitch {pitch:.1f} deg"))
     else:
         rows.append(("sideways, level", "none: moves by tilting"))
-    rows.append(("wind held", f"at least {float(np.nanmin(k.wind_limit)):.1f} m/s from anywhere"))
+    rows.append(
+        ("wind held", f"at least {float(np.nanmin(k.wind_limit)):.1f} m/s from any direction")
+    )
     if robot.docking is not None and robot.probe is not None:
         docked = build_docked(robot)
         try:
@@ -371,7 +373,7 @@ def describe_sources(spec: Spec, root: str, sources: dict[str, Source]) -> Secti
     )
     if bare:
         rows.append(("no source", str(bare)))
-    return Section("Where the numbers come from", rows)
+    return Section("Sources of the numbers", rows)
 
 
 def _degrees(values: list[float]) -> str:

@@ -95,7 +95,8 @@ def print_plan(plan: MissionPlan) -> None:
     table.add_row("smallest clearance", format_number(plan.min_clearance_m, "m"))
     table.add_row("smallest rotor margin", format_number(plan.min_rotor_margin))
     for name, what, unit in (
-        ("plan.cost", "cost of the path", "m"), ("plan.lower_bound", "lower bound of it", "m"),
+        ("plan.cost", "cost of the path", "m"),
+        ("plan.lower_bound", "lower bound of the cost", "m"),
         ("plan.first_solution_s", "first path after", "s"),
     ):  # fmt: skip
         if name in plan.metrics:
@@ -138,7 +139,7 @@ def print_capability(
     table = new_table(f"Capability of {k.robot}", "quantity", "value")
     table.add_row("mass", f"{k.body.mass:.3g} kg")
     table.add_row("arm posture", k.posture)
-    table.add_row("thrust that may be used", f"{k.thrust_fraction:.0%} of the largest")
+    table.add_row("usable thrust", f"{k.thrust_fraction:.0%} of the largest")
     force = np.asarray(k.lateral_force)
     level = bool(np.nanmax(force) > 1e-6)
     if level:
@@ -151,7 +152,7 @@ def print_capability(
         if windy is not None:
             speed, tilt = windy
             said = (
-                "none: it does not hold level"
+                "none: it cannot hold its position level"
                 if math.isnan(tilt)
                 else f"{math.degrees(tilt):.1f} deg"
             )

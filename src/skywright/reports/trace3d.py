@@ -74,10 +74,10 @@ def build_legend(robot: Robot, world: World, found: bool) -> list[list[str]]:
             (PLAN, "planned path"),
         ]
     if world.list_welds():
-        entries.append((WELD, "weld, as it is"))
+        entries.append((WELD, "true weld"))
         if found:
-            entries.append((ESTIMATE, "weld, as found by the probe"))
+            entries.append((ESTIMATE, "detected weld"))
     if get_structures(world).area is not None:
-        entries.append((AREA, "area that nothing may leave"))
+        entries.append((AREA, "limits of the area"))
     entries += [(CCW, "propeller, counter-clockwise"), (CW, "propeller, clockwise")]
     return [["#{:02x}{:02x}{:02x}".format(*colour), text] for colour, text in entries]

@@ -87,7 +87,7 @@ def _load_layers(kind: str, path: str, problems: list[str]) -> list[Layer]:
     layer = load_world_layer(found, problems)
     for root in layer.tree:
         if root not in (kind, "plant"):
-            problems.append(f"{layer.label}: a {kind} file cannot hold the table [{root}]")
+            problems.append(f"{layer.label}: a {kind} file cannot contain the table [{root}]")
     return [layer]
 
 
@@ -134,5 +134,5 @@ def list_guesses(spec: Spec, root: str, sources: dict[str, Source]) -> list[str]
         elif source is None and isinstance(value, int | float) and not isinstance(value, bool):
             bare += 1
     if bare and root == "robot":
-        lines.append(f"{bare} numbers of the robot have no source (defaults included)")
+        lines.append(f"{bare} numbers of the robot have no source (including defaults)")
     return lines

@@ -64,10 +64,10 @@ def open_directory(out: Path | None, name: str) -> tuple[Path, Path]:
 def check_free(out: Path) -> None:
     """Refuse a name that is taken; `open_directory` asks again. Raises InputError."""
     if out.name.endswith(SUFFIX):
-        raise InputError(f"{out}: a finished run must not be called *{SUFFIX}")
+        raise InputError(f"{out}: the name of a finished run must not end in {SUFFIX}")
     try:
         if out.exists():
-            raise InputError(f"{out} exists already; give another --out or remove it")
+            raise InputError(f"{out} already exists; give another --out or remove it")
         if out.with_name(out.name + SUFFIX).exists():
             raise _taken(out)
     except (OSError, ValueError):
@@ -76,8 +76,8 @@ def check_free(out: Path) -> None:
 
 def _taken(out: Path | None) -> InputError:
     return InputError(
-        f"{out}{SUFFIX} exists already (an interrupted run, or one that still runs); "
-        "remove it or give another --out"
+        f"{out}{SUFFIX} already exists (an interrupted run, or a run in progress); remove "
+        "it or give another --out"
     )
 
 
@@ -138,7 +138,7 @@ def load_run(directory: Path) -> StoredRun:
     """
     for name in ("mission.toml", "recording.mcap", "metrics.json"):
         if not (directory / name).is_file():
-            raise InputError(f"{directory}: is no run directory, {name} is missing")
+            raise InputError(f"{directory}: is not a run directory, {name} is missing")
     file = directory / "metrics.json"
     recording = read_recording(directory / "recording.mcap")
     try:

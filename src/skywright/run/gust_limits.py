@@ -96,16 +96,21 @@ def find_exceeded_motion(
         low, high = (low, middle) if judge(middle)[0] else (middle, high)
     speed = compute_speed(wind)
     gusts = f"gusts around a mean of {speed:.3g} m/s"
-    most = f"at most {low * speed:.2f} m/s is (world.wind.mean_mps)" if low > 0.0 else "no wind is"
+    most = (
+        f"the largest permitted mean is {low * speed:.2f} m/s (world.wind.mean_mps)"
+        if low > 0.0
+        else "no gusts are permitted"
+    )
     if what == "place":
         return (
-            f"{gusts} move the platform by {1e3 * apart * motion.place:.1f} mm "
-            f"({sigmas:g} sigma, mission.gust_sigmas, of the difference of two), "
-            f"{1e3 * place:.0f} mm are allowed; {most}"
+            f"{gusts} displace the platform by {1000.0 * apart * motion.place:.1f} mm ({sigmas:g} "
+            "sigma, mission.gust_sigmas, of the difference of two gusts); "
+            f"{1000.0 * place:.0f} mm are allowed; {most}"
         )
     return (
         f"{gusts} move the link by {math.degrees(swing_sigmas * motion.swing):.1f} deg "
-        f"({swing_sigmas:g} sigma, mission.task.swing_sigmas): let go at "
-        f"{math.degrees(swing):.0f} deg it is not within {math.degrees(rest):.0f} deg "
-        f"after {within:g} s; {most}, or less mission.task.swing_deg"
+        f"({swing_sigmas:g} "
+        f"sigma, mission.task.swing_sigmas): released at {math.degrees(swing):.0f} deg it "
+        f"does not settle within {math.degrees(rest):.0f} deg in {within:g} s; {most}, or "
+        "reduce mission.task.swing_deg"
     )

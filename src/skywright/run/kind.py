@@ -161,7 +161,7 @@ def load_kind(name: str) -> MissionKind[Any, Any]:
     """
     cls = find("kind", name, key="mission.kind").cls
     if not issubclass(cls, MissionKind):
-        raise InputError(f"mission.kind: {name!r}: class {cls.__name__} is no MissionKind")
+        raise InputError(f"mission.kind: {name!r}: class {cls.__name__} is not a MissionKind")
     lacks = [n for n in ("task", "needs") if not hasattr(cls, n)]
     lacks += sorted(cls.__abstractmethods__)
     if lacks:

@@ -122,14 +122,14 @@ def find_exceeded_push(
         scale, time = compute_gust_scales(wind, speed)
         rms, when = (
             compute_response_rms(response, float(scale[0]), float(time[0])),
-            "beyond what the force loop takes up",
+            "above the bandwidth of the force loop",
         )
     gust = d.mission.gust_sigmas * rms * (2.0 * body * speed + hubs)
     if gust > fraction * push_force * (1.0 + 1e-9):
         return (
-            f"gusts ({_tell_sigmas(setup)} {when}) drag with {gust:.2f} N, more "
-            f"than {fraction:.0%} (mission.wind_fraction) of the {push_force:.2f} N that the probe "
-            "is pressed on with, and could lift it"
+            f"gusts ({_tell_sigmas(setup)} {when}) cause a drag of {gust:.2f} N, more than "
+            f"{fraction:.0%} (mission.wind_fraction) of the contact force of "
+            f"{push_force:.2f} N, and could lift the probe off the surface"
         )
     return None if response is None else _find_weak_rotors(setup, push_force, contact)
 
@@ -179,8 +179,8 @@ def _find_weak_rotors(setup: Setup[Any], push_force: float, contact: Any) -> str
         return None
     return (
         f"in gusts of {np.linalg.norm(gust):.1f} m/s (mean + {_tell_sigmas(setup)}) the "
-        f"rotors can make {max(worst, 0.0):.2f} N of the {push_force:.2f} N that the probe is "
-        f"pressed on with; at least {least:.2f} N must remain (mission.wind_fraction)"
+        f"rotors can produce {max(worst, 0.0):.2f} N of the contact force of "
+        f"{push_force:.2f} N; at least {least:.2f} N are required (mission.wind_fraction)"
     )
 
 

@@ -36,8 +36,8 @@ def find_exceeded_delay(setup: Setup[Any]) -> str | None:
     if asked <= most:
         return None
     return (
-        f"world.link is {1e3 * asked:.1f} ms late each way (delay_s + {JITTERS:g} jitter_s), more "
-        f"than the {1e3 * most:.1f} ms with which the attitude loop of {d.robot.name!r} keeps "
-        f"{spare:g} deg of phase (mission.link_phase_deg; robot.control.attitude_bandwidth_rad_s = "
-        f"{loop.bandwidth:g})"
+        f"world.link has a delay of {1000.0 * asked:.1f} ms each way (delay_s + {JITTERS:g} "
+        f"jitter_s), more than the {1000.0 * most:.1f} ms at which the attitude loop of "
+        f"{d.robot.name!r} has a phase margin of {spare:g} deg (mission.link_phase_deg; "
+        f"robot.control.attitude_bandwidth_rad_s = {loop.bandwidth:g})"
     )

@@ -27,7 +27,8 @@ def find_slow_localisation(setup: Setup[Any]) -> str | None:
         if 0.0 < bears <= period:
             return (
                 f"localisation is too slow: world.{d.world.localisation}.rate_hz = "
-                f"{table.rate_hz:g} tells a place every {period:.2g} s, which must be less than "
-                f"{bears:g} s (mission.faults.{rule.name}.limit): more than {1.0 / bears:g} Hz"
+                f"{table.rate_hz:g} gives a position every {period:.2g} s; the period must "
+                f"be below {bears:g} s (mission.faults.{rule.name}.limit), a rate above "
+                f"{1.0 / bears:g} Hz"
             )
     return None

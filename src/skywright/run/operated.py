@@ -22,13 +22,13 @@ def check_operator(description: Description) -> None:
     if not load_kind(mission.kind).operated:
         valid = [kind for kind in list_kinds("kind") if load_kind(kind).operated]
         raise InputError(
-            f"--operator: mission {mission.name!r} has no operator; kinds that have one: "
-            f"{', '.join(valid)}"
+            f"--operator: mission {mission.name!r} has no operator; kinds with an "
+            f"operator: {', '.join(valid)}"
         )
     if mission.task.operator is not None:
         raise InputError(
-            f"--operator: mission.task.operator names a recording, {mission.task.operator}; give "
-            "one of the two"
+            "--operator: mission.task.operator already selects the recording "
+            f"{mission.task.operator}; give only one of the two"
         )
 
 

@@ -115,7 +115,7 @@ def load_recording(path: Path) -> Recording:
             )
     extra = [name for name in header if name not in COLUMNS]
     if extra or len(header) != len(COLUMNS):
-        what = f"unknown column {extra[0][:20]!r}" if extra else "a column stands twice"
+        what = f"unknown column {extra[0][:20]!r}" if extra else "a column occurs twice"
         raise InputError(f"{path}: {what}; valid: {', '.join(COLUMNS)}")
     table = np.array([_read_row(path, line, text, header) for line, text in rows[1:]])
     if len(table) < 2:
@@ -159,8 +159,8 @@ def _read_row(path: Path, line: int, text: str, header: list[str]) -> list[float
     cells = text.split(",")
     if len(cells) != len(header):
         raise InputError(
-            f"{path}: line {line} has {len(cells)} values, the header {len(header)}: cut off, or "
-            "from another file"
+            f"{path}: line {line} has {len(cells)} values, the header {len(header)}: the "
+            "file is truncated or mixed"
         )
     found = {}
     for name, cell in zip(header, cells, strict=True):
@@ -181,7 +181,7 @@ def _read_row(path: Path, line: int, text: str, header: list[str]) -> list[float
 
 def _check_times(path: Path, t: Array, lines: list[int]) -> None:
     if t[0] > GAP_MAX:
-        raise InputError(f"{path}: line {lines[0]}, t_s is {t[0]:g}; a recording begins at 0")
+        raise InputError(f"{path}: line {lines[0]}, t_s is {t[0]:g}; a recording must begin at 0")
     steps = np.diff(t)
     wrong = np.flatnonzero((steps <= 0.0) | (steps > GAP_MAX))
     if len(wrong):
@@ -201,8 +201,8 @@ def _read_speed(path: Path, lines: list[tuple[int, str]]) -> float | None:
                 value = math.nan
             if not 0.0 < value < math.inf:
                 raise InputError(
-                    f"{path}: line {line}, v_max_mps is {match.group(1).strip()[:20]!r}; a number "
-                    "above 0 is needed"
+                    f"{path}: line {line}, v_max_mps is {match.group(1).strip()[:20]!r}; a "
+                    "number above 0 is required"
                 )
             return value
     return None

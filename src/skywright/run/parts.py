@@ -34,8 +34,8 @@ def build_law(description: Description[Any], nominal: Nominal) -> Law:
     law: Law = build_part("law", part, "law")
     if law.needs_full_actuation and not nominal.allocator.full:
         raise InputError(
-            f"control law {part.kind!r} needs a fully actuated platform; the rotors of "
-            f"{nominal.robot.name!r} make no lateral force: use 'thrust_vectoring'"
+            f"control law {part.kind!r} requires a fully actuated platform; the rotors of "
+            f"{nominal.robot.name!r} produce no lateral force: use 'thrust_vectoring'"
         )
     _check_servos(part.kind, law, nominal.robot)
     law.check_robot(nominal.robot)
@@ -50,9 +50,9 @@ def _check_servos(kind: str, law: Law, robot: Robot) -> None:
     laws = {name: find("law", name).cls for name in list_kinds("law")}
     fit = [name for name, cls in laws.items() if cls.commands_torque != law.commands_torque]
     raise InputError(
-        f"control law {kind!r} commands {told} of the arm, whose servos take something else "
-        f"(robot.arm.{list_servos(robot)[0][0]}.mode of {robot.name!r}); laws that command "
-        f"{'speeds' if law.commands_torque else 'torques'}: {', '.join(fit)}"
+        f"control law {kind!r} commands {told} of the arm, but its servos have another "
+        f"mode (robot.arm.{list_servos(robot)[0][0]}.mode of {robot.name!r}); laws that "
+        f"command {('speeds' if law.commands_torque else 'torques')}: {', '.join(fit)}"
     )
 
 
@@ -63,8 +63,8 @@ def build_estimator(description: Description[Any]) -> Estimator:
     localised = d.world.localisation
     if localised != "mocap" and estimator.needs_motion_capture:
         raise InputError(
-            f"world.localisation = {localised!r} tells a place and a heading only: "
-            f"mission.estimator = {part.kind!r} needs motion capture; use 'filter'"
+            f"world.localisation = {localised!r} measures position and heading only: "
+            f"mission.estimator = {part.kind!r} requires motion capture; use 'filter'"
         )
     check_localisation(d)
     return estimator
@@ -76,17 +76,17 @@ def check_localisation(description: Description[Any]) -> None:
     localised = world.localisation
     if localised == "mocap":
         return
-    says = f"world.localisation = {localised!r} tells a place and a heading only: "
+    says = f"world.localisation = {localised!r} measures position and heading only: "
     if find_marker(world.things) and robot.camera is None:
-        raise InputError(f"{says}world.marker needs motion capture, or robot.camera to see it")
+        raise InputError(f"{says}world.marker requires motion capture or robot.camera")
     if world.pipe is not None and world.pipe.tracked:
-        raise InputError(f"{says}world.pipe.tracked needs motion capture")
+        raise InputError(f"{says}world.pipe.tracked requires motion capture")
     for name, thing in world.things.items():
         if isinstance(thing, Placed) and thing.tracked and not thing.is_marker:
-            raise InputError(f"{says}world.things.{name}.tracked needs motion capture")
+            raise InputError(f"{says}world.things.{name}.tracked requires motion capture")
     if robot.probe is not None and (localised == "gnss" or robot.force_sensor is None):
         raise InputError(
-            f"{says}the probe of {robot.name!r} needs the markers that motion capture sees"
+            f"{says}the probe of {robot.name!r} requires motion capture of its markers"
         )
     if localised == "gnss":
         return
@@ -96,7 +96,7 @@ def check_localisation(description: Description[Any]) -> None:
     if missing:
         raise InputError(
             f"world.localisation = {localised!r}: robot {robot.name!r} has no "
-            f"{' and no '.join(missing)}; give it one, or set world.localisation='mocap'"
+            f"{' and no '.join(missing)}; add it, or set world.localisation='mocap'"
         )
 
 

@@ -100,9 +100,9 @@ class RecordStore:
             what = "is a folder" if path.is_dir() else "no such file"
             raise InputError(f"{path}: {what}; records are written by skywright run --records")
         if create and path.is_dir():
-            raise InputError(f"{path}: is a folder; give the file that the records go into")
+            raise InputError(f"{path}: is a folder; give a file for the records")
         if create and not path.parent.is_dir():
-            raise InputError(f"{path}: its folder does not exist")
+            raise InputError(f"{path}: the folder does not exist")
         self._db = self._try(
             lambda: sqlite3.connect(path, timeout=BUSY_S, isolation_level=None), "opened"
         )
@@ -131,11 +131,11 @@ class RecordStore:
             db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         elif owner != APPLICATION_ID:
-            raise InputError(f"{self.path}: is a database, but holds no inspection records")
+            raise InputError(f"{self.path}: is a database without inspection records")
         elif version != SCHEMA_VERSION:
             raise InputError(
-                f"{self.path}: records of version {version}; this skywright reads version "
-                f"{SCHEMA_VERSION}"
+                f"{self.path}: records of version {version}; this version of Skywright "
+                f"reads version {SCHEMA_VERSION}"
             )
         if create:
             db.execute("COMMIT")
@@ -213,9 +213,9 @@ class RecordStore:
                 self._db.rollback()
             text = str(error)
             if "locked" in text:
-                text = f"another program has held it for {BUSY_S:g} s"
+                text = f"another program has locked it for {BUSY_S:g} s"
             elif "not a database" in text:
-                text = "it is no SQLite database"
+                text = "it is not a SQLite database"
             elif "malformed" in text:
                 text = "it is damaged; sqlite3 FILE .recover may save what is left"
             elif "full" in text:

@@ -49,7 +49,7 @@ def describe_outcome(outcome: str, verdicts: list[Verdict]) -> str:
     """Return why an outcome of which nothing else is known is what it is; "" where all was met."""
     if not all(v.passed for v in verdicts):
         return describe_missed(verdicts)
-    return "" if outcome == "succeeded" else f"{outcome} before its end, for a reason not told"
+    return "" if outcome == "succeeded" else f"{outcome} before its end, without a stated reason"
 
 
 def check_requirement_names(mission: Mission) -> None:
@@ -58,7 +58,7 @@ def check_requirement_names(mission: Mission) -> None:
     for name in mission.requirements:
         if name not in valid:
             raise InputError(
-                f"mission.requirements: {name!r} is no metric; valid: {neighbours(name, valid)}"
+                f"mission.requirements: {name!r} is not a metric; valid: {neighbours(name, valid)}"
             )
 
 

@@ -175,8 +175,8 @@ class Supervisor(Generic[T]):
         while not self.vehicle.localised:
             if self.vehicle.t > START_MAX:
                 raise NoEstimate(
-                    f"it did not take off: after {START_MAX:g} s on the ground the localisation "
-                    "has not told where it is (world.localisation, and what it needs)"
+                    f"no take-off: the localisation gave no position within {START_MAX:g} "
+                    "s on the ground (check world.localisation and its sensors)"
                 )
             self.wait(0.1)
 

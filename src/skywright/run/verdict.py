@@ -84,13 +84,13 @@ def build_verdict(
     flown = n - outcomes.get("infeasible", 0) - outcomes.get("refused", 0)
     flown_low, flown_high = (float(x) for x in compute_interval(k, flown)) if flown else (0.0, 1.0)
     headline = (
-        f"{k} of {n} simulated runs met every requirement ({k / n:.1%}); with {CONFIDENCE:.0%} "
-        f"confidence the true rate lies between {low:.1%} and {high:.1%}, "
+        f"{k} of {n} simulated runs met every requirement ({k / n:.1%}); with "
+        f"{CONFIDENCE:.0%} confidence the true rate lies between {low:.1%} and {high:.1%}, "
         + {
-            GO: f"above the {target:.0%} that is asked.",
-            NO_GO: f"below the {target:.0%} that is asked.",
-            NOT_YET: f"which does not settle the {target:.0%} that is asked"
-            + (f": about {more} more runs at this rate would." if more else "."),
+            GO: f"above the required {target:.0%}.",
+            NO_GO: f"below the required {target:.0%}.",
+            NOT_YET: f"which is inconclusive for the required {target:.0%}"
+            + (f": about {more} more runs at this rate would decide." if more else "."),
         }[answer]
     )
     reasons = {row.run: row.reason for row in rows}

@@ -157,7 +157,7 @@ class TorqueServos(Component):
             WrenchCommand,
             "torque",
             "N m",
-            "asked of a joint",
+            "commanded joint torque",
             per="joint",
         ),
     )

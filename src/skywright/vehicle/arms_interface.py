@@ -196,7 +196,7 @@ class Arms:
         """Return (hand, value) pairs; raises InputError on anything that is not one."""
         if "hands" not in self.backend.offers or not self.backend.read(ArmModel).chain:
             raise InputError(
-                "hands need a robot with compliant arms of the joints pitch, roll, yaw, elbow"
+                "hand commands require compliant arms with the joints pitch, roll, yaw, elbow"
             )
         names = SIDES[: self.backend.read(ArmModel).n_hands]
         out = []
@@ -206,7 +206,7 @@ class Arms:
             array = np.asarray(value, dtype=float)
             if array.shape != (size,) or not np.all(np.isfinite(array)):
                 raise InputError(
-                    f"hand {name!r}: {size} finite numbers are needed, got {array.tolist()}"
+                    f"hand {name!r}: {size} finite numbers are required, got {array.tolist()}"
                 )
             out.append((names.index(name), array))
         return out
@@ -215,8 +215,8 @@ class Arms:
         arm = self.backend.read(ArmModel)
         if not np.any(arm.sensed[arm.first[h] : arm.first[h] + arm.n]):
             raise InputError(
-                f"hand {SIDES[h]!r} cannot control a force: no joint of its arm measures its "
-                "deflection; set deflection_encoder = true on some"
+                f"hand {SIDES[h]!r} cannot control a force: no joint of its arm measures "
+                "its deflection; set deflection_encoder = true on its joints"
             )
 
     def _ramp(self, end: Any, hands: list[int], ramp_s: float, speed: float) -> None:

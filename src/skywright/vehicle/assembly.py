@@ -77,7 +77,7 @@ class Assembly:
         names = [c.name for c in self.components]
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
-            raise InputError(f"two components are called {twice[0]!r}; a name stands once")
+            raise InputError(f"two components are named {twice[0]!r}; names must be unique")
         for c in self.components:
             _check_side(c)
         steps = [step for c in self.components for step in list_steps(c)]
@@ -126,8 +126,8 @@ class Assembly:
             name = wanted
             if name not in owners:
                 raise InputError(
-                    f"{step.label}: {record.__qualname__} is filled by several components: say "
-                    f"which one in `ports`, {{{port.name!r}: NAME}}; valid: {', '.join(owners)}"
+                    f"{step.label}: {record.__qualname__} is filled by several components: select "
+                    f"one in `ports`, {{{port.name!r}: NAME}}; valid: {', '.join(owners)}"
                 )
         if self._is_near(step, port):
             return record, f"{name} {NEAR}".strip()
@@ -155,8 +155,9 @@ class Assembly:
                     continue
                 if step.component.side == "robot" and self._is_plants(record):
                     raise InputError(
-                        f"{step.label} runs on the robot, which cannot see {record.__qualname__} "
-                        "of the plant: ask for a sensor's output, or for Estimate"
+                        f"{step.label} runs on the robot and cannot read "
+                        f"{record.__qualname__} of the plant: use a sensor's output, or "
+                        "Estimate"
                     )
                 if record in (Clock, MuJoCo) or issubclass(record, ReferenceBlock):
                     continue
@@ -164,8 +165,8 @@ class Assembly:
                     continue
                 offered = sorted(r.__qualname__ for r in self._fillers)
                 raise InputError(
-                    f"{step.label} asks for {record.__qualname__}, which nothing in this vehicle "
-                    f"fills; there are: {', '.join(offered)}"
+                    f"{step.label} reads {record.__qualname__}, which no component of this "
+                    f"vehicle fills; available: {', '.join(offered)}"
                 )
 
     def _is_plants(self, record: type[Record]) -> bool:
@@ -376,8 +377,8 @@ def _check_side(component: Component) -> None:
     if not getattr(component, "is_truth", False):
         raise InputError(
             f"component {component.name!r} is a {component.group.replace('_', ' ')} with "
-            "side = 'plant': it runs on the robot; only an estimator with is_truth = True may be "
-            "told the truth, and reports say so"
+            "side = 'plant', but runs on the robot; only an estimator with is_truth = "
+            "True may read the truth, and reports state it"
         )
 
 

@@ -25,7 +25,13 @@ class EstimatorState(Output):
 
 
 POSITION_COLUMNS = (
-    Recorded("fix_age", EstimatorState, "fix_age", "s", "since the newest fix that was used"),
-    Recorded("p_std", EstimatorState, "p_std", "m", "stated deviations of the position's axes"),
-    Recorded("pose_std", EstimatorState, "pose_std", "m", "largest of the position's axes"),
+    Recorded("fix_age", EstimatorState, "fix_age", "s", "age of the newest used fix"),
+    Recorded("p_std", EstimatorState, "p_std", "m", "stated standard deviations of the position"),
+    Recorded(
+        "pose_std",
+        EstimatorState,
+        "pose_std",
+        "m",
+        "largest stated standard deviation of the position",
+    ),
 )

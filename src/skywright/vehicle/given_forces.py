@@ -34,7 +34,7 @@ class GivenForces(Component):
         """
         names = [self._model.body(i).name for i in range(1, self._model.nbody)]
         if body not in names:
-            raise InputError(f"no body {body!r} to push; valid: {', '.join(names)}")
+            raise InputError(f"unknown body {body!r}; valid: {', '.join(names)}")
         self.given[self._model.body(body).id, :3] = f_W
 
     def save(self) -> Any:

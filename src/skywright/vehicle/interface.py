@@ -147,8 +147,8 @@ def require(backend: Backend, needs: frozenset[str], mission: str) -> None:
     missing = sorted(needs - backend.offers)
     if missing:
         raise InputError(
-            f"mission {mission!r} needs {', '.join(missing)}; "
-            f"the vehicle offers {', '.join(sorted(backend.offers)) or 'nothing'}"
+            f"mission {mission!r} requires {', '.join(missing)}; the vehicle offers "
+            f"{', '.join(sorted(backend.offers)) or 'nothing'}"
         )
 
 
@@ -197,7 +197,8 @@ class Uav:
             return
         if height < arc.top:
             raise InputError(
-                f"take-off to {height:g} m: the link hangs free from {arc.top:.2f} m on"
+                f"take-off to {height:g} m is too low: the link hangs freely only above "
+                f"{arc.top:.2f} m"
             )
         self._follow_arc(arc, up=True, height=height)
 

@@ -140,7 +140,7 @@ def check_calls() -> None:
         import numba
 
         raise RuntimeError(
-            f"numba {numba.__version__} calls compiled functions in another way than Skywright "
+            f"numba {numba.__version__} uses another calling convention than Skywright "
             "expects: install the version of requirements.lock"
         )
     del keep, keep_too

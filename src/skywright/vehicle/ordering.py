@@ -50,7 +50,9 @@ def order_steps(steps: Sequence[Step], resolve: Resolve) -> list[Step]:
             out += [mine[i] for i in graphlib.TopologicalSorter(graph).static_order()]
         except graphlib.CycleError as error:
             circle = " < ".join(mine[i].label for i in error.args[1])
-            raise InputError(f"slot {slot!r}: each needs what the next fills: {circle}") from None
+            raise InputError(
+                f"slot {slot!r}: circular dependency, each reads the output of the next: {circle}"
+            ) from None
     return out
 
 

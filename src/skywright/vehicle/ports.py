@@ -100,7 +100,9 @@ def _read_ports(component: Component, function: Callable[..., None]) -> list[Por
     out = []
     for name in inspect.signature(function).parameters:
         if name not in hints:
-            raise InputError(f"{where}: parameter {name!r} has no annotation: it tells the port")
+            raise InputError(
+                f"{where}: parameter {name!r} has no annotation; the annotation selects the port"
+            )
         hint, optional = hints[name], False
         if get_origin(hint) in (Union, types.UnionType):
             hints_ = [h for h in get_args(hint) if h is not type(None)]

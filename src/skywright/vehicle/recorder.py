@@ -52,12 +52,16 @@ class Recorder(Component):
         Recorded("ref_p_WB", Reference, "p_WB", "m", "platform, nominal"),
         Recorded("ref_q_WB", Reference, "R_WB", "", "platform, nominal attitude", rotation=True),
         Recorded("ref_q", Reference, "q", "rad", "arm joints, nominal", per="joint"),
-        Recorded("ref_p_WT", Reference, "p_WT", "m", "desired tip; inside while pushing"),
+        Recorded(
+            "ref_p_WT", Reference, "p_WT", "m", "desired tip; inside the surface during contact"
+        ),
         Recorded("ref_q_WT", Reference, "R_WT", "", "desired tip, attitude", rotation=True),
-        Recorded("cmd_f_B", WrenchCommand, "f_B", "N", "force that the law asks of the rotors"),
-        Recorded("cmd_t_B", WrenchCommand, "t_B", "N m", "torque that it asks of the rotors"),
+        Recorded("cmd_f_B", WrenchCommand, "f_B", "N", "rotor force commanded by the law"),
+        Recorded("cmd_t_B", WrenchCommand, "t_B", "N m", "rotor torque commanded by the law"),
         Recorded("cmd_qd", WrenchCommand, "qd", "rad/s", "commanded joint speeds", per="joint"),
-        Recorded("saturated", Allocated, "saturated", "", "1: the allocation gave something up"),
+        Recorded(
+            "saturated", Allocated, "saturated", "", "1: the allocation did not realise the command"
+        ),
     )
 
     def build(self, me: Any, table: Any, context: Any) -> None:

@@ -182,7 +182,8 @@ class SimulatedVehicle:
             return cast(R, View(self.assembly.get(record, name)))
         except KeyError:
             raise InputError(
-                f"nothing in {self.robot.name!r} in {self.world.name!r} fills {record.__name__}"
+                f"no component of {self.robot.name!r} in {self.world.name!r} fills "
+                f"{record.__name__}"
             ) from None
 
     @property
@@ -304,7 +305,7 @@ class SimulatedVehicle:
             if owner == name and record in self.assembly.memories:
                 return View(rows[0])
         names = ", ".join(c.name for c in self.assembly.components)
-        raise InputError(f"no component {name!r} with a memory; components: {names}")
+        raise InputError(f"no component {name!r} with state; components: {names}")
 
     def read_memory(self, name: str) -> Any:
         """Return a copy of what `get_memory` gives."""
@@ -369,20 +370,19 @@ class SimulatedVehicle:
             if name != PIPE:
                 self.world.find_thing(name, Placed)
             raise InputError(
-                f"world {self.world.name!r}: motion capture does not see {name!r}: it needs "
-                f"tracked = true in a world with motion capture; seen: {', '.join(tracked) or '-'}"
+                f"world {self.world.name!r}: motion capture does not track {name!r}; this "
+                "requires tracked = true in a world with motion capture; tracked: "
+                f"{', '.join(tracked) or '-'}"
             )
         found = self.read(Target, f"{name} target" if len(tracked) > 1 else "")
         if found.samples == 0.0:
-            raise InputError(f"motion capture has not seen {name!r} yet, t = {self.t:.2f} s")
+            raise InputError(f"motion capture has not measured {name!r} yet, t = {self.t:.2f} s")
         return np.array(found.p_WO), np.array(found.R_WO)
 
     def _find_bench(self) -> Fixture:
         bench = find_first(self.world.things, Fixture)
         if bench is None:
-            raise InputError(
-                f"world {self.world.name!r} has no bench: give it a thing of kind 'bench'"
-            )
+            raise InputError(f"world {self.world.name!r} has no bench: add a thing of kind 'bench'")
         return bench
 
     def zero_gauges(self) -> None:

@@ -37,8 +37,8 @@ def watch(ticker: Ticker, on_stuck: Callable[[str], None], limit: float) -> Iter
                 continue
             label, python = ticker.find_running()
             says = (
-                f"component {label} did not return within {limit:g} s at t = {ticker.t:.3f} s: "
-                "look for an endless loop in it"
+                f"component {label} did not return within {limit:g} s at t = {ticker.t:.3f} "
+                "s: check it for an endless loop"
             )
             if not python:
                 on_stuck(says)

@@ -61,10 +61,16 @@ class TipForceEstimator(Component):
     slot = "reference"  # after the estimators
 
     columns = (
-        Recorded("force_meas", Estimate, "f_tip", "N", "by the probe's sensor, less its slider"),
-        Recorded("ref_force", Press, "force", "N", "that the tip shall exert"),
+        Recorded(
+            "force_meas",
+            Estimate,
+            "f_tip",
+            "N",
+            "measured by the probe's sensor, minus the slider's weight",
+        ),
+        Recorded("ref_force", Press, "force", "N", "requested force of the tip"),
         Recorded("pressing", Press, "press", "", "1: the arm controls the force"),
-        Recorded("docked", Press, "docked", "", "1: the feet shall rest on the structure"),
+        Recorded("docked", Press, "docked", "", "1: docked to the structure"),
     )
 
     class Me(Record):

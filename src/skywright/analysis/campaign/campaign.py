@@ -126,7 +126,9 @@ def run_campaign(
         try:
             beyond = len(store.rows) - len(done)
             if beyond:
-                bar.say(f"{folder} holds {beyond} runs beyond --runs {runs}; all are judged")
+                bar.say(
+                    f"{folder} contains {beyond} runs more than --runs {runs}; all are evaluated"
+                )
             if missing and not is_compiled():
                 bar.say("compiling (first run on this machine, about 40 s) ...")
             tasks = _iterate_tasks(campaign, missing, record, folder)
@@ -188,7 +190,7 @@ def _check_ray_workers(ray: str, workers: int | None) -> int | None:
     if workers is None:
         return None
     if ray != "local":
-        raise InputError("--workers: the cluster at --ray ADDRESS decides; leave it out")
+        raise InputError("--workers: not valid with --ray ADDRESS, where the cluster decides")
     if not 1 <= workers <= count_cores():
         return choose_workers(workers, 1)  # raises
     return workers

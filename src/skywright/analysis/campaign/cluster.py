@@ -38,11 +38,11 @@ def check_address(address: str) -> None:
         return
     valid = "valid: local, or HOST:PORT as `ray start --head` prints it"
     if not colon or not port.isdecimal():
-        raise InputError(f"--ray {address!r}: is no address; {valid}")
+        raise InputError(f"--ray {address!r}: is not an address; {valid}")
     try:  # Ray itself would try for more than a minute
         socket.create_connection((host, int(port)), timeout=PATIENCE_S).close()
     except (OSError, OverflowError) as error:
-        raise InputError(f"--ray {address}: no cluster there ({error}); {valid}") from None
+        raise InputError(f"--ray {address}: no cluster found ({error}); {valid}") from None
 
 
 def connect(address: str, workers: int | None) -> None:

@@ -86,8 +86,8 @@ def parse_variation(text: str) -> Variation:
     if call is None:
         fixed = "" if "(" in right else f"; a fixed value is given by --set {key}={right.strip()}"
         raise InputError(
-            f"{label}: {right.strip()!r} is no distribution; valid: {', '.join(FORMS.values())}"
-            + fixed
+            f"{label}: {right.strip()!r} is not a distribution; valid: "
+            f"{', '.join(FORMS.values())}" + fixed
         )
     name, inside = call.groups()
     if name not in FORMS:
@@ -146,9 +146,9 @@ def _check_parameters(name: str, values: tuple[Any, ...], label: str) -> None:
             raise InputError(f"{label}: choice() is empty; expected {form}")
         for v in values:
             if isinstance(v, list | dict) or v == "":
-                raise InputError(f"{label}: choice holds {describe_value(v)}; expected {form}")
+                raise InputError(f"{label}: choice contains {describe_value(v)}; expected {form}")
             if isinstance(v, float) and not math.isfinite(v):
-                raise InputError(f"{label}: choice holds {v}; a finite number is needed")
+                raise InputError(f"{label}: choice contains {v}; a finite number is needed")
         return
     if len(values) != 2:
         raise InputError(f"{label}: {name} takes two numbers, found {len(values)}; write {form}")
@@ -190,7 +190,9 @@ def load_columns(path: Path, label: str) -> dict[str, tuple[Value, ...]]:
         raise InputError(f"{label}: {path} cannot be read: {error}") from None
     lines = [(i, row) for i, row in enumerate(rows, start=1) if any(c.strip() for c in row)]
     if len(lines) < 2:
-        raise InputError(f"{label}: {path} holds no data; a header and at least one row are needed")
+        raise InputError(
+            f"{label}: {path} contains no data; a header and at least one row are required"
+        )
     header = [name.strip() for name in lines[0][1]]
     if "" in header or len(set(header)) < len(header):
         raise InputError(f"{label}: {path}: the header has an empty or a repeated name")

@@ -45,8 +45,8 @@ def choose_workers(workers: int | None, runs: int) -> int:
         return max(min(cores, runs), 1)
     if not 1 <= workers <= cores:
         raise InputError(
-            f"--workers {workers}: this machine has {cores} cores that may be used; valid: "
-            f"1 to {cores} (more than one machine: --ray ADDRESS)"
+            f"--workers {workers}: this machine has {cores} available cores; valid: 1 to "
+            f"{cores} (several machines: --ray ADDRESS)"
         )
     return max(min(workers, runs), 1)
 

@@ -41,32 +41,34 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
     with house_style():
         pictures = [
             build_picture(
-                "Where it fails" if verdict.failures else "How near each run came to a limit",
+                "Where it fails" if verdict.failures else "Distance of each run from its limits",
                 figures.draw_conditions(rows, keys, verdict),
-                "Each dot is one run, placed by the value that it drew. Its height tells how near "
-                "it came to its tightest limit: from the median of all runs (bottom) to the limit "
-                "(dashed). Failures have a mark of their own; one without such a height (a count "
-                "that was missed, a run that was not completed) sits at the top."
-                + (f" The {figures.MAX_PANELS} of {len(keys)} conditions that act most are drawn."
+                "Each dot is one run at its value of the varied condition. The height "
+                    "shows the use of its tightest limit, from the median of all runs "
+                    "(bottom) to the limit (dashed). Failures have a separate mark; failures "
+                    "without a value (a missed count, an incomplete run) are drawn at the top."
+                + (f" The {figures.MAX_PANELS} most influential of {len(keys)} conditions are "
+                    "drawn."
                    if len(keys) > figures.MAX_PANELS else ""),
             ),
             build_picture(
-                "The two conditions that matter most" if decisive else "Two conditions together",
+                "The two most influential conditions" if decisive else "Two conditions together",
                 figures.draw_map(rows, keys, verdict),
-                "Brighter dots came nearer to a limit. A region where failures gather is where "
-                "this site is at risk.",
+                "Brighter dots are closer to a limit. A cluster of failures shows a risky "
+                    "region of conditions.",
             ),
             build_picture(
-                "Room to each limit", figures.draw_headroom(rows, verdict),
-                "Every run on a line for each requirement, between the median of all runs and the "
-                "limit.",
+                "Distance to each limit", figures.draw_headroom(rows, verdict),
+                "All runs on one line per requirement, between the median of all runs and "
+                    "the limit.",
             ),
             build_picture(
-                "What drives each metric", figures.draw_sensitivities(keys, verdict),
-                "Per cent of a metric's rank variance that a condition alone explains; an arrow "
-                "up or down where the metric rises or falls with it, none where it acts in both "
-                f"directions. Empty cells are not told apart from chance ({1 - CONFIDENCE:.0%} "
-                f"false findings). “{LIMIT_USE}” is the height in the first picture.",
+                "Influence of the conditions on the "
+                "metrics", figures.draw_sensitivities(keys, verdict),
+                "Percentage of a metric's rank variance that a condition alone explains. "
+                    "An arrow shows whether the metric rises or falls with the condition; no "
+                    "arrow: both. Empty cells are not significant (false discovery rate "
+                    f"{1 - CONFIDENCE:.0%}). “{LIMIT_USE}” is the height in the first picture.",
             ),
         ]  # fmt: skip
     page = render_page(

@@ -67,13 +67,13 @@ def build_campaign(
     variations = parse_variations(vary)
     for key in [*(key for key, _ in fixed), *(v.key for v in variations)]:
         if key == "mission.seed":
-            raise InputError("mission.seed: a campaign spawns the seed of each run from --seed")
+            raise InputError("mission.seed: a campaign derives the seed of each run from --seed")
     for variation in variations:
         if variation.key in dict(fixed):
-            raise InputError(f"{variation.key} is fixed by --set and varies by --vary; choose one")
+            raise InputError(f"{variation.key} is fixed by --set and varied by --vary; choose one")
         for given, root in ((robot, "robot"), (world, "world")):
             if given is not None and variation.key == f"mission.{root}":
-                raise InputError(f"mission.{root} is fixed by --{root} and varies by --vary")
+                raise InputError(f"mission.{root} is fixed by --{root} and varied by --vary")
     base = load_description(mission, robot, world, sets, seed)
     return Campaign(
         os.fspath(mission), robot_text, world_text, tuple(sets), base.mission.seed, variations, base

@@ -56,7 +56,7 @@ class Store:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             self._file.close()
-            raise InputError(f"{folder}: another process is flying this campaign") from None
+            raise InputError(f"{folder}: another process is running this campaign") from None
         self.rows = {row.run: row for row in self._load_journal()}
 
     def append(self, row: Row) -> None:
@@ -106,8 +106,8 @@ class Store:
                 rows.append(decode_row(json.loads(line)))
             except (ValueError, TypeError, KeyError, AttributeError) as error:
                 raise InputError(
-                    f"{path}, line {number}: is damaged ({error}); remove the line to fly that "
-                    "run again"
+                    f"{path}, line {number}: is damaged ({error}); remove the line to "
+                    "repeat that run"
                 ) from None
         return rows
 
@@ -129,7 +129,7 @@ def compare_identity(folder: Path, identity: dict[str, Any]) -> str | None:
     """Say how the campaign in a folder differs from this one; None if it is the same."""
     path = folder / IDENTITY
     if not path.is_file():
-        return "is not empty and holds no campaign"
+        return "is not empty and contains no campaign"
     try:
         old = parse_json(read_text(path, LARGEST_TOML), str(path))
     except InputError as error:
@@ -143,10 +143,10 @@ def compare_identity(folder: Path, identity: dict[str, Any]) -> str | None:
         if a == b:
             continue
         if name == "versions":
-            return "holds this campaign, flown by another version of the program"
+            return "contains this campaign, run by another version of Skywright"
         if name in _CHANGED:
-            return f"holds another campaign: {_CHANGED[name]} changed since"
-        return f"holds another campaign: its {name} is {json.dumps(a)}, not {json.dumps(b)}"
+            return f"contains another campaign: {_CHANGED[name]} changed since"
+        return f"contains another campaign: its {name} is {json.dumps(a)}, not {json.dumps(b)}"
     return "holds another campaign"
 
 

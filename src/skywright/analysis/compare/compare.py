@@ -61,12 +61,14 @@ def compare_robots(
     loaded = [load_description(MISSION, name, sets=list(sets)) for name in (first, second)]
     for d in loaded:
         if d.robot.arm is None:
-            raise InputError(f"robot {d.robot.name!r} has no arm: there is nothing to compare")
+            raise InputError(
+                f"robot {d.robot.name!r} has no arm; compare requires robots with arms"
+            )
         check_can_fly(d.robot, d.world.gravity_mps2)
     if loaded[0].robot == loaded[1].robot:
         raise InputError(f"{first!r} and {second!r} are the same robot: give two different ones")
     if loaded[0].world.pipe is None:
-        raise InputError("the comparison needs world.pipe")
+        raise InputError("the comparison requires world.pipe")
     tell: Step = step or (lambda text: None)
     a, b = [measure(d, tell) for d in loaded]
     if a.name == b.name:  # files that describe variants of one robot
@@ -191,7 +193,7 @@ def add_install(
 ) -> Install:
     """Fly sensor-install where it has a plan; says why a number is missing."""
     if side.way is None or side.way.blocked_by:
-        found = Install({}, math.nan, math.nan, "not flown, see the way")
+        found = Install({}, math.nan, math.nan, "not flown, no feasible path")
     else:
         found = fly_install(d, step)
     values["install.propellers_m"], values["install.gear_m"] = found.propellers, found.gear

@@ -49,7 +49,7 @@ def draw_pair(c: Comparison, pipe: Pipe) -> Figure:
                 ax.plot(x, z, color=colour if part.part == "arm" else "#333333", lw=1.8, zorder=5)
         least = float(np.min(side.way.propellers))
         text = f"propellers to pipe, least: {least:.2f} m" if least > 0.0 else (
-            f"no way here: rotors or booms and pipe\nwould overlap by {-least:.2f} m")  # fmt: skip
+            f"no path: rotors or booms and pipe\nwould overlap by {-least:.2f} m")  # fmt: skip
         ax.text(
             0.98, 0.98, text, transform=ax.transAxes, ha="right", va="top",
             color=LIMIT if least <= 0 else "#333333",
@@ -66,7 +66,7 @@ def draw_clearance(c: Comparison) -> Figure | None:
         return None
     figure = new_figure(WIDTH, 3.2)
     ax = figure.add_axes((0.07, 0.15, 0.92, 0.75))
-    ax.set_title("Distance to the pipe on the way to the contact")
+    ax.set_title("Distance to the pipe during the approach")
     for side, colour in zip(c.sides, COLOURS, strict=True):
         if side.way is None:
             continue
@@ -75,7 +75,7 @@ def draw_clearance(c: Comparison) -> Figure | None:
         ax.plot(left, w.propellers, color=colour, label=f"{side.name}: propellers, hub")
         ax.plot(left, w.gear, color=colour, ls="--", label=f"{side.name}: landing gear")
     ax.invert_xaxis()
-    ax.set(xlabel="way left to the contact (m)", ylabel="distance (m); below 0: overlap")
+    ax.set(xlabel="remaining distance to the contact (m)", ylabel="distance (m); below 0: overlap")
     draw_limit(ax, PLATFORM_MARGIN, f"margin {PLATFORM_MARGIN:g} m")
     ax.legend(loc="upper right", ncols=2)
     return figure
@@ -218,10 +218,10 @@ def draw_accuracy(c: Comparison) -> Figure | None:
         _draw_spread(axes[0], side, side.hover.tip, colour)
         _draw_spread(axes[1], side, side.hover.platform, colour)
     for ax, what in zip(axes, ("Tip", "Platform"), strict=True):
-        ax.set(title=f"{what} from its place, rms over 15 s", xlabel="mean wind, gusty (m/s)")
+        ax.set(title=f"{what} from its reference, rms over 15 s", xlabel="mean wind, gusty (m/s)")
         ax.set_ylim(bottom=0.0)
     axes[0].set_ylabel("distance (mm)")
-    draw_limit(axes[0], 50.0, "5 cm: what the paper asks for")
+    draw_limit(axes[0], 50.0, "5 cm: requirement of the paper")
     axes[0].legend(loc="upper left")
     return figure
 

@@ -52,12 +52,12 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
                 "what carries it.",
             ),
             build_picture(
-                "On the way there", figures.draw_clearance(c),
-                "Least distance of propellers and landing gear to the pipe along the planned way "
-                "of the mission sensor-install, flown or not.",
+                "Approach", figures.draw_clearance(c),
+                "Smallest distance of propellers and landing gear to the pipe along the "
+                    "planned path of the mission sensor-install.",
             ),
             build_picture(
-                "Where a hand can be", figures.draw_reach(c),
+                "Workspace of a hand", figures.draw_reach(c),
                 "Cross-section of the pipe, the robot facing to the right. Green: some posture "
                 "and place of the platform brings a hand there with all distances kept (platform "
                 "0.1 m, arms and link 0.02 m); red: none does, each brings "
@@ -66,7 +66,7 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
                 "side the picture is mirrored; the percentages count both.",
             ),
             build_picture(
-                "What a force on a hand does to the platform", figures.draw_reaction(c),
+                "Effect of a hand force on the platform", figures.draw_reaction(c),
                 "Torque about the platform's centre for each newton on the left hand (N m/N), over "
                 "the direction of the force, one colour scale. The force itself arrives whole, "
                 "with every arm. A passive joint lets no torque about its own axis through: "
@@ -74,18 +74,20 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
                 "the longer lever counts.",
             ),
             build_picture(
-                "How far a force turns the passive link", figures.draw_recoil(c),
+                "Rotation of the passive link by a hand force", figures.draw_recoil(c),
                 "Angle by which the link turns until its weight balances 2 N on the left hand, "
                 "over the direction of the force; the hand moves with it.",
             ),
             build_picture(
                 "Collision at 0.5 m/s", figures.draw_collisions(c),
-                "Largest torque and force of arms or link on the platform (1 kHz), and how far it "
-                "tilts afterwards; mission impact. Named is what hits.",
+                "Largest torque and force of arms or link on the platform (1 kHz), and "
+                    "the tilt afterwards, in the mission impact. Labels name the impacting "
+                    "part.",
             ),
             build_picture(
                 "Accuracy in wind", figures.draw_accuracy(c),
-                "Hovering with the arms at work in gusty wind (Dryden); each dot is a flight.",
+                "Hover with the arms in working posture in gusty wind (Dryden). Each dot "
+                    "is a flight.",
             ),
         ]  # fmt: skip
     return render_page(

@@ -135,7 +135,7 @@ def identify(
     the flight (`plausible.check_fit`).
     """
     if mass is not None and not (math.isfinite(mass) and mass > 0.0):
-        raise InputError(f"--mass {mass:g}: give what the robot weighed, in kg, above 0")
+        raise InputError(f"--mass {mass:g}: give the mass of the robot in kg, above 0")
     logs = [load_log(path, robot) for path in paths]
     first = logs[0]
     for log, path in zip(logs, paths, strict=True):
@@ -149,8 +149,8 @@ def identify(
     weight = nominal if mass is None else mass
     if not 0.3 < weight / nominal < 3.0:
         raise InputError(
-            f"--mass {weight:g}: robot {first.robot.name!r} weighs {nominal:.3g} kg by its file; "
-            "give kilograms, or the robot that flew"
+            f"--mass {weight:g}: robot {first.robot.name!r} has {nominal:.3g} kg in its "
+            "file; give the mass in kg, or the correct robot"
         )
     notes = sorted({note for log in logs for note in log.notes})
     columns, lag = _build_all(logs, weight)
@@ -162,8 +162,8 @@ def identify(
     check_fit(fit, first.robot, ", ".join(log.name for log in logs), notes)
     if mass is None:
         notes.append(
-            f"the mass is the robot file's {nominal:.4g} kg: gains, inertias and drag are in "
-            "proportion to it, so weigh the robot and give --mass"
+            f"the mass is taken from the robot file ({nominal:.4g} kg); gains, inertias "
+            "and drag are proportional to it, so weigh the robot and give --mass"
         )
     longest = max(logs, key=lambda log: int(log.free.sum()))
     return Identification(

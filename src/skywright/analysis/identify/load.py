@@ -41,7 +41,7 @@ def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
     if path.is_dir():
         path = path / "recording.mcap"
         if not path.is_file():
-            raise InputError(f"{path.parent}: holds no recording.mcap; give a run's directory")
+            raise InputError(f"{path.parent}: contains no recording.mcap; give a run directory")
     if not path.is_file():
         raise InputError(f"{path}: no such file; give a run's directory, a recording or a ULog")
     if path.suffix == ".ulg":
@@ -53,8 +53,8 @@ def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
     period = float(log.t[1] - log.t[0]) if len(log.t) > 1 else 0.0
     if period * int(np.sum(log.free)) < SHORTEST:
         raise InputError(
-            f"{path}: holds {period * int(np.sum(log.free)):.1f} s of free flight; at least "
-            f"{SHORTEST:g} s are needed"
+            f"{path}: contains {period * int(np.sum(log.free)):.1f} s of free flight; at "
+            f"least {SHORTEST:g} s are required"
         )
     return log
 
@@ -63,12 +63,12 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
     recording = read_recording(path)
     text = recording.attachments.get("mission.toml")
     if text is None:
-        raise InputError(f"{path}: holds no mission.toml; give the recording that a run wrote")
+        raise InputError(f"{path}: contains no mission.toml; give the recording of a run")
     description = parse_description(text)
     robot = robot or description.robot
     s = recording.samples
     if len(s) < 10:
-        raise InputError(f"{path}: holds {len(s)} samples; nothing can be learnt from them")
+        raise InputError(f"{path}: contains only {len(s)} samples")
     if len(robot.rotors.azimuth_deg) != recording.info["n_rotors"]:
         raise InputError(
             f"{path}: was flown with {recording.info['n_rotors']} rotors; robot {robot.name!r} has "

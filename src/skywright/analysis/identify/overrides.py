@@ -19,7 +19,8 @@ def build_overrides(found: Identification, base: str) -> str:
     note = "identified from " + ", ".join(found.logs)
     lines = [
         f"# {robot.name}, {note}.",
-        "# Only what the flight told stands here; everything else is the base robot's.",
+        "# This file contains the identified values only; all other values are those of "
+        "the base robot.",
         "",
         "[robot]",
         f'name = "{robot.name}-identified"',

@@ -34,10 +34,10 @@ def check_fit(fit: Fit, robot: Robot, logs: str, notes: Sequence[str] = ()) -> N
     ]
     if not whole >= LEAST_R2:
         bad.insert(0, f"{whole:.3g} about all axes")
-    wrong = f"{logs}: robot {robot.name!r} does not fly like this"
+    wrong = f"{logs}: the log does not match robot {robot.name!r}"
     advice = (
-        "give the robot that flew (rotors, arms, mass), and a flight that turns and accelerates; "
-        + "; ".join(notes)
+        "give the correct robot (rotors, arms, mass), and a flight with rotations and "
+        "accelerations; " + "; ".join(notes)
     )
     if bad:
         raise InputError(

@@ -21,25 +21,24 @@ def write_identify_page(found: Identification, overrides: str, path: Path) -> No
             build_picture(
                 "Angular acceleration, measured and predicted",
                 figures.draw_series(p, slice(3, 6), "about", "rad/s²"),
-                "A window around a part that the fit did not see. The dotted line is what the "
-                "robot file would have predicted.",
+                "A window around a held-out part. Dotted: prediction of the robot file.",
             ),
             build_picture(
                 "Predicted over measured, held-out parts", figures.draw_scatter(p),
-                "Angular acceleration about the three axes of the body; on the line both agree.",
+                "Angular acceleration about the three body axes; on the line both agree.",
             ),
             build_picture(
                 "Specific force, measured and predicted",
                 figures.draw_series(p, slice(0, 3), "along", "m/s²"),
-                "What an accelerometer at the origin of the body feels.",
+                "Specific force at the origin of the body.",
             ),
         ]  # fmt: skip
         if estimates:
             pictures.append(
                 build_picture(
-                    "How far the robot is from its file", figures.draw_intervals(estimates),
-                    f"Bars are {CONFIDENCE:.0%} confidence intervals; where a bar does not "
-                    "reach zero, the robot differs from its file.",
+                    "Deviation of the robot from its file", figures.draw_intervals(estimates),
+                    f"Bars are {CONFIDENCE:.0%} confidence intervals. A bar that excludes "
+                        "zero shows a significant deviation.",
                 )
             )  # fmt: skip
     poses = [

@@ -60,7 +60,7 @@ def read_rotors(
             rate = (len(data["timestamp"]) - 1) / max(span, 1e-9)
             found.append(_Signal(topic.name, rate, values, _is_speed(topic)))
     if not found:
-        why = "; ".join(silent) or "it holds none of them"
+        why = "; ".join(silent) or "the log contains none of them"
         raise InputError(
             f"{path}: one of {', '.join(TOPICS)} is needed, of a flight in which the rotors turn: "
             f"{why}"

@@ -109,7 +109,8 @@ def build_columns(log: FlightLog, time_constant: float | None = None) -> Columns
         parts.append(Columns(*(x if n == "poses" else x[use] for n, x in part._asdict().items())))
     if not parts:
         raise InputError(
-            f"{log.name}: no {SHORTEST:g} s of free flight with a still arm; nothing can be learnt"
+            f"{log.name}: no {SHORTEST:g} s of free flight with a still arm; "
+            "identification is not possible"
         )
     joined = [
         np.concatenate([getattr(p, name) for p in parts])

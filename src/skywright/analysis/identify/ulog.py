@@ -38,7 +38,7 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
     Raises InputError when the file is no ULog, lacks a topic, or fits the robot not.
     """
     if robot is None:
-        raise InputError(f"{path}: a ULog does not describe its robot; give --robot NAME or FILE")
+        raise InputError(f"{path}: a ULog contains no robot description; give --robot NAME or FILE")
     log = _open(path)
     topics = {d.name: d.data for d in reversed(log.data_list) if len(d.data["timestamp"]) > 1}
     notes: list[str] = []
@@ -59,8 +59,8 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
         notes.append("no vehicle_local_position in the log: drag is not identified")
     if position is None and found is None:
         raise InputError(
-            f"{path}: holds neither vehicle_acceleration nor sensor_combined nor "
-            "vehicle_local_position; one is needed"
+            f"{path}: contains neither vehicle_acceleration nor sensor_combined nor "
+            "vehicle_local_position; one is required"
         )
     force = None
     if found is not None:
@@ -107,7 +107,9 @@ def _open(path: Path) -> Any:
     except PermissionError:
         raise InputError(f"{path}: cannot be read (permission denied)") from None
     except Exception as error:  # the parser raises whatever a damaged file leads to
-        raise InputError(f"{path}: is no readable ULog ({type(error).__name__}: {error})") from None
+        raise InputError(
+            f"{path}: is not a readable ULog ({type(error).__name__}: {error})"
+        ) from None
 
 
 def _need(path: Path, topics: dict[str, Any], name: str, what: str) -> Any:
@@ -195,9 +197,9 @@ def _match_rotors(
         if off[best] > MATCH or best in order:
             where = ", ".join(f"{math.degrees(a):.0f}" for a in azimuth)
             raise InputError(
-                f"{path}: its rotors sit at {where} deg, those of robot {robot.name!r} at "
-                f"{', '.join(f'{a:g}' for a in robot.rotors.azimuth_deg)} deg; give the robot that "
-                "flew"
+                f"{path}: its rotors are at {where} deg, those of robot {robot.name!r} at "
+                f"{', '.join(f'{a:g}' for a in robot.rotors.azimuth_deg)} deg; give the "
+                "correct robot"
             )
         order.append(best)
     return order

@@ -124,7 +124,7 @@ def draw_errors(report: LocateReport) -> Figure | None:
     if report.std is not None:
         t = report.trajectory.t - start
         draw_line(ax, t, 2e3 * report.std, color=BLUE, lw=0.8, ls=":",
-                  label="fused: two standard deviations, as the filter says")  # fmt: skip
+                  label="fused: two standard deviations, as stated by the filter")  # fmt: skip
     ax.set_yscale("log")
     spread.set_xscale("log")
     low, high = ax.get_ylim()
@@ -162,7 +162,7 @@ def draw_clocks(f: Fusion) -> Figure | None:
     ax.set(
         xlabel="camera's clock minus station's (s)",
         ylabel="correlation of the speeds",
-        title="What both saw, over the offset of their clocks",
+        title="Correlation of the speeds against the clock offset",
     )
     return figure
 

@@ -197,8 +197,8 @@ def parse_vector(text: str, flag: str) -> Array:
         v = np.array([math.nan])
     if v.shape != (3,) or not np.all(np.abs(v) < 100.0):
         raise InputError(
-            f"{flag}: {text[:60]!r} is no place on a robot; valid: X,Y,Z in metres, such as "
-            "0.05,0,0.12"
+            f"{flag}: {text[:60]!r} is not a position on a robot; valid: X,Y,Z in metres, "
+            "such as 0.05,0,0.12"
         )
     return v
 
@@ -303,8 +303,8 @@ def bring_together(
     grown = model.yaw / DriftModel(0.0, 0.0, 0.0, 0.0).yaw
     if grown > 1.0:
         notes.append(
-            f"stretches of the recording without its station show {grown:.2g} times the camera's "
-            "drift of the calibration: the stated deviations say so"
+            f"without the station, the camera's drift is {grown:.2g} times that of the "
+            "calibration; the stated standard deviations include this factor"
         )
     paper = fuse_as_printed(events)
     lost = np.count_nonzero(~fused.accepted & (fused.kind == STATION))

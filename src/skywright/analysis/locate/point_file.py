@@ -32,7 +32,7 @@ def load_points(path: Path) -> dict[str, Array]:
         if line.strip() and not line.lstrip().startswith(("#", "%", "//"))
     ]
     if not rows:
-        raise InputError(f"{path}: holds only comments; valid: {VALID}")
+        raise InputError(f"{path}: contains only comments; valid: {VALID}")
     delimiter = find_delimiter(rows[0][1])
     header = split_row(rows[0][1], delimiter)
     columns: dict[str, tuple[int, float]] = {}
@@ -55,12 +55,12 @@ def load_points(path: Path) -> dict[str, Array]:
             p = np.array([float(cells[columns[a][0]]) * columns[a][1] for a in "xyz"])
         except (ValueError, IndexError):
             raise InputError(
-                f"{path}: line {number}: {line[:60]!r} is no point; valid: {VALID}"
+                f"{path}: line {number}: {line[:60]!r} is not a point; valid: {VALID}"
             ) from None
         if not np.all(np.abs(p) < MAX_POSITION):
-            raise InputError(f"{path}: line {number}: {line[:60]!r} holds no finite position")
+            raise InputError(f"{path}: line {number}: {line[:60]!r} contains no finite position")
         if name in points:
-            raise InputError(f"{path}: line {number}: point {name!r} stands there twice")
+            raise InputError(f"{path}: line {number}: point {name!r} occurs twice")
         points[name] = p
     if not points:
         raise InputError(f"{path}: has a header but no points; valid: {VALID}")
@@ -73,7 +73,8 @@ def pair_points(known_file: Path, measured_file: Path) -> tuple[list[str], Array
     names = [n for n in known if n in measured]
     if len(names) < 3:
         raise InputError(
-            f"{known_file} and {measured_file}: {len(names)} points in common; 3 at least fix the "
-            f"station ({', '.join(list(known)[:5])} against {', '.join(list(measured)[:5])})"
+            f"{known_file} and {measured_file}: {len(names)} points in common; at least 3 "
+            f"are required ({', '.join(list(known)[:5])} and "
+            f"{', '.join(list(measured)[:5])})"
         )
     return names, np.array([known[n] for n in names]), np.array([measured[n] for n in names])

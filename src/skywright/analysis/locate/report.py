@@ -87,8 +87,8 @@ def build_headline(report: LocateReport) -> str:
         )
     assert report.std is not None
     return (
-        f"{name}: position known to {format_length(float(np.median(report.std)))} (one standard "
-        "deviation, median, as the filter says)"
+        f"{name}: standard deviation of the position "
+        f"{format_length(float(np.median(report.std)))} (median, as stated by the filter)"
     )
 
 
@@ -114,8 +114,8 @@ def _introduce(report: LocateReport) -> str:
     frame = "the time-consistent frame" if f.pose is not None else "the station's frame"
     return (
         f"{len(f.station.t)} positions from {f.station.name} and {len(f.camera.t)} from "
-        f"{f.camera.name}. The result is the place of {which}, in {frame}, on the station's clock; "
-        "each estimate uses what was measured up to its time."
+        f"{f.camera.name}. The result is the position of {which}, in {frame}, on the "
+        "station's clock. Each estimate uses only measurements up to its time."
     )
 
 
@@ -126,7 +126,7 @@ def _build_sections(report: LocateReport) -> list[Section]:
     sections.append(Section("Where it went", pictures=[
         build_picture("Where it went", figures.draw_paths(report),
                       "The path from above and from the side."
-                 + (" Where the aligned camera leaves the others, it has drifted."
+                 + (" Where the aligned camera deviates from the others, it has drifted."
                     if report.fusion is not None else "")),
     ]))  # fmt: skip
     if report.fusion is not None:
@@ -144,8 +144,8 @@ def _section_errors(report: LocateReport) -> Section:
     }.get("" if first.frame is None else first.frame.method, "as they are, without alignment")
     picture = figures.draw_errors(report)
     pictures = [] if picture is None else [
-        build_picture("Errors", picture, "Distance from the reference; red bands: the station was "
-                 "away.")]  # fmt: skip
+        build_picture("Errors", picture,
+                      "Distance from the reference; red bands: station outages.")]  # fmt: skip
     return Section(
         "Errors against the reference",
         f"Absolute: distance from the reference {how}. Relative: error of the displacement over "
@@ -169,11 +169,11 @@ def _section_fusion(f: Fusion) -> list[Section]:
     deg = math.degrees
     angle = float(np.arccos(np.clip((np.trace(c.frame.rotation) - 1.0) / 2.0, -1.0, 1.0)))
     outages = Section(
-        "When the station was away",
-        "The distance between its first measurement afterwards and what each estimate said just "
-        "before. The paper's filter and the aligned camera also carry what the camera drifted "
-        "since the calibration."
-        if f.outages else "It never was, for a second or longer.",
+        "Outages of the station",
+        "Distance between the first measurement after the outage and each estimate just "
+            "before it. The paper's filter and the aligned camera include the camera's drift "
+            "since the calibration."
+        if f.outages else "No outage of a second or longer.",
         ["from", "to", "for", "fused", "paper's filter", "aligned camera"],
         [[f"{o.start - f.events.t[0]:.1f} s", f"{o.end - f.events.t[0]:.1f} s",
           f"{o.end - o.start:.1f} s", *(format_length(v) for v in (o.fused, o.paper, o.camera))]
@@ -198,13 +198,14 @@ def _section_fusion(f: Fusion) -> list[Section]:
             ["the paper's twelve numbers: shear", f"{100 * c.paper.shear:.1f} %", ""],
         ],
         [] if clocks is None else [
-            build_picture("Clocks", clocks, "Speed is the same in every frame: where the speeds of "
-                          "both agree, the clocks do. The line is the refined offset.")],
+            build_picture("Clocks", clocks, "Speed is the same in every frame, so the "
+                "correlation of the speeds gives the offset of the clocks. The line is the "
+                "refined offset.")],
     )  # fmt: skip
     camera = Section(
-        "What the camera did",
-        "Estimated with the station's help: how far the aligned camera has drifted, turned and "
-        "stretched since the calibration. Red lines: jumps.",
+        "Drift of the camera",
+        "Drift, rotation and scale of the aligned camera since the calibration, estimated "
+            "with the station. Red lines: jumps.",
         ["noise, each axis", "value"],
         [
             ["station", format_length(c.noise.station)],

@@ -51,8 +51,8 @@ def assign_roles(
         only = load_trajectory((data + [station or camera or ""])[0])
         if truth is None:
             raise InputError(
-                f"{only.name}: one trajectory has nothing to be compared with; give the other "
-                "sensor's file, or --reference FILE"
+                f"{only.name}: one trajectory only; give the other sensor's file, or "
+                "--reference FILE"
             )
         return Roles(None, only, truth, ())
     if given == 2:
@@ -70,7 +70,7 @@ def _expand_recording(path: Path, reference: str | None) -> tuple[list[str], str
     """Topics of a recording that is given as a whole; a note where it is judged by its truth."""
     own = find_own_roles(path)
     if own and reference is None:
-        note = f"{path.name}: a recording of Skywright: its estimate is judged by its truth"
+        note = f"{path.name}: a recording of Skywright: its estimate is compared with its truth"
         return [f"{path}:{own['estimate']}"], f"{path}:{own['reference']}", note
     topics = list_topics(read_mcap(path))
     if len(topics) == 2 and reference is None:
@@ -88,7 +88,8 @@ def _tell_apart(a: Trajectory, b: Trajectory, truth: Trajectory | None) -> Roles
         why = f"it is slower ({station.rate:.3g} Hz against {camera.rate:.3g} Hz)"
         if station.rate > MOST_STATION_HZ or station.rate > 0.7 * camera.rate:
             raise InputError(
-                f"{a.name} ({a.rate:.3g} Hz) and {b.name} ({b.rate:.3g} Hz): cannot tell which is "
-                "the station; say --station FILE, or --reference FILE to judge one by the other"
+                f"{a.name} ({a.rate:.3g} Hz) and {b.name} ({b.rate:.3g} Hz): the station "
+                "cannot be recognised; give --station FILE, or --reference FILE to "
+                "compare one with the other"
             )
-    return Roles(station, camera, truth, (f"{station.name} is taken for the station: {why}",))
+    return Roles(station, camera, truth, (f"{station.name} is taken as the station: {why}",))

@@ -89,7 +89,7 @@ def estimate_station_pose(
     """
     n = len(names)
     if n < LEAST_POINTS:
-        raise InputError(f"{n} common points; {LEAST_POINTS} at least fix the station's frame")
+        raise InputError(f"{n} common points; the station's frame requires at least {LEAST_POINTS}")
     used = np.ones(n, dtype=bool)
     notes: list[str] = []
     free = 4 if level else 6
@@ -108,8 +108,8 @@ def estimate_station_pose(
             break
         if used.sum() <= LEAST_POINTS + 1:
             notes.append(
-                f"point {names[worst]!r} does not fit, but with {int(used.sum())} points it cannot "
-                "be told which one is wrong: measure more points"
+                f"point {names[worst]!r} is inconsistent, but with {int(used.sum())} "
+                "points the wrong one cannot be identified: measure more points"
             )
             break
         used[worst] = False
@@ -118,7 +118,7 @@ def estimate_station_pose(
         )
     if redundancy > 0 and total > limit and not any("cannot be told" in x for x in notes):
         notes.append(
-            f"the residuals are larger than {1e3 * std:.1f} mm a coordinate explains (chi squared "
+            f"the residuals exceed {1000.0 * std:.1f} mm per coordinate (chi squared "
             f"{total:.1f}, at most {limit:.1f})"
         )
     sigma = math.sqrt(total * std**2 / redundancy) if redundancy > 0 else 0.0
@@ -155,7 +155,8 @@ def _adjust(known: Array, measured: Array, std: float, level: bool
     if fixed < max(20.0 * std, 0.05):
         what = "one place" if level else "one line"
         raise InputError(
-            f"the points lie too near {what} ({fixed:.2f} m apart) to fix the station's frame"
+            f"the points are too close to {what} ({fixed:.2f} m apart) to determine the "
+            "station's frame"
         )
     return frame.matrix, frame.offset, np.asarray(np.linalg.inv(H)), centre
 

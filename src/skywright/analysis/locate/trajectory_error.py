@@ -87,8 +87,8 @@ def compute_error(
     known = np.isfinite(p_ref[:, 0])
     if known.sum() < max(LEAST_POINTS, 2):
         raise InputError(
-            f"{reference.name}: does not overlap {traj.name} in time: {reference.t[0]:.2f} to "
-            f"{reference.t[-1]:.2f} s against {at[0]:.2f} to {at[-1]:.2f} s"
+            f"{reference.name}: does not overlap {traj.name} in time: {reference.t[0]:.2f} "
+            f"to {reference.t[-1]:.2f} s and {at[0]:.2f} to {at[-1]:.2f} s"
         )
     t, p, p_ref = traj.t[known], traj.p[known], p_ref[known]
     frame = None

@@ -62,7 +62,7 @@ def load_trajectory(text: str) -> Trajectory:
     if raw[: len(MAGIC)] == MAGIC[: len(raw)]:
         return load_topic(path, topic)
     if topic is not None:
-        raise InputError(f"{path}: is no MCAP file, so it has no topic {topic}")
+        raise InputError(f"{path}: is not an MCAP file and has no topic {topic}")
     return parse_text(path, raw)
 
 
@@ -90,7 +90,7 @@ def parse_text(path: Path, raw: bytes) -> Trajectory:
         else:
             rows.append((number, stripped))
     if not rows:
-        raise InputError(f"{path}: holds no rows of numbers, only comments; valid: {VALID}")
+        raise InputError(f"{path}: contains no rows of numbers, only comments; valid: {VALID}")
     delimiter = find_delimiter(rows[0][1])
     cells = split_row(rows[0][1], delimiter)
     notes: list[str] = []

@@ -58,8 +58,8 @@ def _choose(path: Path, topic: str | None) -> tuple[McapContents, TopicInfo]:
             for t, (k, e) in sorted(contents.kinds.items())[:5]
         )
         raise InputError(
-            f"{path}: holds no trajectory; its topics: {shown or 'none'}; valid: CDR messages of "
-            f"{', '.join(KINDS)}"
+            f"{path}: contains no trajectory; its topics: {shown or 'none'}; valid: CDR "
+            f"messages of {', '.join(KINDS)}"
         )
     if topic is None:
         if len(topics) > 1:
@@ -88,7 +88,7 @@ def _decode(path: Path, contents: McapContents, topic: TopicInfo) -> Trajectory:
         except (struct.error, IndexError, ValueError):
             continue
     if not len(rows):
-        raise InputError(f"{path}: topic {topic.name} holds no messages")
+        raise InputError(f"{path}: topic {topic.name} contains no messages")
     notes = [] if contents.complete else ["the recording was cut short; read up to the cut"]
     q = rows[:, [7, 4, 5, 6]] if turned else None
     t = rows[:, 0]

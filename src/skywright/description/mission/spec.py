@@ -138,7 +138,7 @@ def find_mission_spec(kind: object, folders: Sequence[Path] = ()) -> tuple[str, 
     found = find("kind", kind, folders, "mission.kind")
     task = found.cls.task if hasattr(found.cls, "task") else None
     if not isinstance(task, type) or not issubclass(task, Task):
-        raise InputError(f"mission.kind: {found.name!r} lacks a class of tasks: task = ...")
+        raise InputError(f"mission.kind: {found.name!r} does not define its task class: task = ...")
     mission: Any = Mission  # the task is known at run time only
     return found.name, mission[task]
 

@@ -55,7 +55,7 @@ class Link(Spec):
     @model_validator(mode="after")
     def _moves_as_it_says(self) -> Link:
         if self.passive and self.joint == "fixed":
-            raise ValueError("passive = true needs a joint that moves: joint = 'hinge' or 'slide'")
+            raise ValueError("passive = true requires a movable joint: joint = 'hinge' or 'slide'")
         if self.flex_linear_deg is not None and self.flex_stiffness_nm_per_rad is None:
             raise ValueError("flex_linear_deg needs flex_stiffness_nm_per_rad")
         if self.deflection_encoder and self.flex_stiffness_nm_per_rad is None:
@@ -147,7 +147,7 @@ class Arm(Spec):
     @model_validator(mode="after")
     def _consistent(self) -> Arm:
         if not self.links:  # a mission that sets a key of the arm, flown by a robot without
-            raise ValueError("no links: the robot has no arm; give [robot.arm.NAME] tables")
+            raise ValueError("[robot.arm] has no links; add [robot.arm.NAME] tables")
         moving = [n for n, link in self.links.items() if link.joint != "fixed"]
         joints = self.sides * len(moving)
         if joints > MAX_JOINTS:
@@ -155,16 +155,16 @@ class Arm(Spec):
         driven = [n for n in moving if not self.links[n].passive]
         if len(self.servos) != len(driven):
             raise ValueError(
-                f"{len(self.servos)} servos for {len(driven)} joints that are not passive: give "
-                "one servo table a joint"
+                f"{len(self.servos)} servos for {len(driven)} driven joints: give one "
+                "servo table per driven joint"
             )
         if len({servo.mode for servo in self.servos.values()}) > 1:
-            raise ValueError("servos of several modes: give all the same mode")
+            raise ValueError("servos have different modes: all servos must have the same mode")
         if self.belt is not None and (self.sides == 2 or len(driven) < len(moving)):
             raise ValueError("a belt needs a single arm (sides = 1) without passive joints")
         for name in self.links:
             if TAKEN.fullmatch(name):
-                raise ValueError(f"a link cannot be named {name!r}: that is another part's name")
+                raise ValueError(f"a link cannot be named {name!r}: this name is reserved")
         before = ["platform"]  # a parent comes first, so there are no cycles
         for name, link in self.links.items():
             if link.parent is not None and link.parent not in before:
@@ -180,5 +180,5 @@ class Arm(Spec):
             if len(self.belt) != n or any(len(row) != n for row in self.belt):
                 raise ValueError(f"belt must be a {n} x {n} matrix")
             if n and abs(float(np.linalg.det(np.array(self.belt)))) < 1e-6:
-                raise ValueError("belt must be invertible: every joint needs a motor of its own")
+                raise ValueError("belt must be invertible: each joint requires its own motor")
         return self

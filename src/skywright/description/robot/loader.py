@@ -44,13 +44,14 @@ def load_robot_layers(
     table = layer.tree.get("robot")
     if not isinstance(table, dict):
         raise InputError(
-            f"{found.label}: no [robot] table; a robot file is needed, this one holds: "
-            f"{', '.join(layer.tree)}"
+            f"{found.label}: no [robot] table; a robot file is required, this file "
+            f"contains: {', '.join(layer.tree)}"
         )
     for other in layer.tree:
         if other not in ("robot", "plant"):
             raise InputError(
-                f"{found.label}: a robot file cannot hold the table [{other}]; a mission file can"
+                f"{found.label}: a robot file cannot contain the table [{other}]; use a "
+                "mission file"
             )
     base = table.get("extends")
     if base is None:
@@ -62,11 +63,11 @@ def load_robot_layers(
     chain = (*heirs, found.path.resolve())
     if len(chain) > LONGEST_CHAIN:
         raise InputError(
-            f"{found.label}: robot.extends leads through more than {LONGEST_CHAIN} files"
+            f"{found.label}: the chain of robot.extends is longer than {LONGEST_CHAIN} files"
         )
     parent = find_robot(base, [found.path.parent])
     if parent.path.resolve() in chain:
-        raise InputError(f"{found.label}: robot.extends = {base!r} leads back to this file")
+        raise InputError(f"{found.label}: robot.extends = {base!r} is circular")
     return [*load_robot_layers(parent, problems, chain), layer]
 
 

@@ -51,8 +51,8 @@ class Platform(Spec):
         ixx, iyy, izz = self.inertia_xx_kgm2, self.inertia_yy_kgm2, self.inertia_zz_kgm2
         if ixx + iyy < izz or iyy + izz < ixx or izz + ixx < iyy:
             raise ValueError(
-                f"inertias {ixx:g}, {iyy:g}, {izz:g} kg m^2 belong to no body: each must be at "
-                "most the sum of the other two"
+                f"inertias {ixx:g}, {iyy:g}, {izz:g} kg m^2 are not physical: each must be "
+                "at most the sum of the other two"
             )
         return self
 
@@ -89,7 +89,7 @@ class Rotors(Spec):
             if len(getattr(self, name)) != n:
                 raise ValueError(
                     f"{name} has {len(getattr(self, name))} entries, azimuth_deg has {n}: "
-                    "give one entry a rotor"
+                    "give one entry per rotor"
                 )
         if self.thrust_max_n <= self.thrust_min_n:
             raise ValueError("thrust_max_n must exceed thrust_min_n")
@@ -128,8 +128,8 @@ class Probe(Spec):
     def _slider_is_a_part(self) -> Probe:
         if self.slider_mass_kg >= self.mass_kg:
             raise ValueError(
-                f"slider_mass_kg {self.slider_mass_kg:g} must be below mass_kg {self.mass_kg:g}, "
-                "of which it is a part"
+                f"slider_mass_kg {self.slider_mass_kg:g} must be below mass_kg "
+                f"{self.mass_kg:g}, which includes it"
             )
         return self
 
@@ -223,9 +223,11 @@ class Robot(Spec):
         if link is None:
             return None
         if link.parent is not None:
-            raise ValueError("a pendulum hangs from the platform: it has no parent")
+            raise ValueError("a pendulum hangs from the platform and cannot have a parent")
         if link.flex_stiffness_nm_per_rad is not None:
-            raise ValueError("flex_stiffness_nm_per_rad: a passive joint has no spring to a servo")
+            raise ValueError(
+                "flex_stiffness_nm_per_rad: a passive joint has no servo and no joint spring"
+            )
         return link.model_copy(update={"passive": True, "along": "-z"})
 
     @model_validator(mode="after")
@@ -233,7 +235,7 @@ class Robot(Spec):
         if self.pendulum is None:
             return self
         if self.arm is None:
-            raise ValueError("a pendulum needs an arm to carry")
+            raise ValueError("a pendulum requires an arm")
         moving = sum(link.joint != "fixed" for link in self.arm.links.values()) * self.arm.sides
         if moving + 1 > MAX_JOINTS:
             raise ValueError(f"{moving + 1} joints; at most {MAX_JOINTS} are supported")
@@ -242,7 +244,7 @@ class Robot(Spec):
     @model_validator(mode="after")
     def _probe_needs_arm(self) -> Robot:
         if self.probe is not None and self.arm is None:
-            raise ValueError("a probe needs an arm to sit on")
+            raise ValueError("a probe requires an arm")
         if self.probe is not None and self.arm is not None:
             on = self.probe.on
             valid = sorted(self.arm.links)
@@ -255,5 +257,5 @@ class Robot(Spec):
     @model_validator(mode="after")
     def _force_sensor_needs_probe(self) -> Robot:
         if self.force_sensor is not None and self.probe is None:
-            raise ValueError("a force_sensor needs a probe: it sits in the probe's slider")
+            raise ValueError("a force_sensor requires a probe: it is mounted in the probe's slider")
         return self

@@ -60,7 +60,7 @@ def load_world(name: str | os.PathLike[str]) -> tuple[World, dict[str, Source]]:
     layer = load_world_layer(found)
     if "world" not in layer.tree:
         raise InputError(
-            f"{found.label}: no [world] table; the file holds: {', '.join(layer.tree)}"
+            f"{found.label}: no [world] table; the file contains: {', '.join(layer.tree)}"
         )
     typed: Any = type_parts(World, "world", layer.tree)
     world: World = validate_root(typed, layer.tree["world"], "world", {}, found.label)

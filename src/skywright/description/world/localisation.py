@@ -41,5 +41,7 @@ class TotalStation(Spec):
             )
         for span in self.blocked_s:
             if len(span) != 2 or span[0] >= span[1]:
-                raise ValueError(f"blocked_s holds {span}: each is [from, to] in s, from < to")
+                raise ValueError(
+                    f"blocked_s contains {span}; each entry must be [from, to] in s with from < to"
+                )
         return self

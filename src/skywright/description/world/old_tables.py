@@ -101,8 +101,8 @@ class _Reader:
         at = f"world.{table}" if table in SINGLE else f"world.{table}.{name}"
         if name in self.from_table:
             raise InputError(
-                f"{self.label}: {self.from_table[name]} and {at} are both the thing {name!r}; "
-                "rename one: [world.things.NAME]"
+                f"{self.label}: {self.from_table[name]} and {at} both define the thing "
+                f"{name!r}; rename one: [world.things.NAME]"
             )
         self.from_table[name] = at
         self.renamed[at] = f"world.things.{name}"
@@ -110,8 +110,8 @@ class _Reader:
         kind = _find_kind(table, old, known)
         if known is not None and known.get("kind") not in (kind, None):
             raise InputError(
-                f"{self.label}: {at} is a {kind}, and world.things.{name} a {known['kind']!r} "
-                "already: rename one of them"
+                f"{self.label}: {at} is a {kind}, but world.things.{name} is already a "
+                f"{known['kind']!r}: rename one of them"
             )
         old.pop("shape", None)
         pad = old.pop("pad", None)

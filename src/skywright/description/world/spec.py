@@ -169,11 +169,9 @@ class Wind(Spec):
     @model_validator(mode="after")
     def _fan_and_turbulence_need_wind(self) -> Wind:
         if self.kind == "fan" and self.mean_mps == 0.0:
-            raise ValueError("kind = 'fan' needs mean_mps above 0: the speed at its outlet")
+            raise ValueError("kind = 'fan' requires mean_mps above 0, the speed at its outlet")
         if self.kind == "dryden" and self.mean_mps == 0.0:
-            raise ValueError(
-                "kind = 'dryden' needs mean_mps above 0: the mean wind carries the turbulence past"
-            )
+            raise ValueError("kind = 'dryden' requires mean_mps above 0")
         return self
 
     @property
@@ -243,7 +241,9 @@ class World(Spec):
                             f"{', '.join(self.tubes)}"
                         )
                 if "ceiling" in passage.between and self.area is None:
-                    raise ValueError(f"passages.{name} ends at the ceiling: give an area")
+                    raise ValueError(
+                        f"passages.{name} ends at the ceiling: this requires [world.area]"
+                    )
         return self
 
     @model_validator(mode="after")
@@ -270,9 +270,9 @@ class World(Spec):
     @model_validator(mode="after")
     def _weld_needs_pipe(self) -> World:
         if (self.weld is not None or self.welds) and self.pipe is None:
-            raise ValueError("a weld needs a pipe")
+            raise ValueError("a weld requires a pipe")
         if self.structure is not None and self.pipe is not None:
-            raise ValueError("a world has a pipe or a structure to touch, not both")
+            raise ValueError("a world cannot have both a pipe and a structure")
         if self.pipe is not None:
             bottom = self.pipe.z_m - self.pipe.diameter_m / 2
             if bottom < 0:

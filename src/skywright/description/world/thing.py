@@ -174,7 +174,7 @@ class Placed(Thing):
         lacking = [k for k in ("x_m", "y_m", "z_m") if k not in self.model_fields_set]
         if self.on is None and lacking and not self.anywhere:
             raise ValueError(
-                f"lacks {', '.join(lacking)}: a thing has a place in the world, or is `on` another"
+                f"lacks {', '.join(lacking)}: give a position in the world, or `on` another thing"
             )
         return self
 

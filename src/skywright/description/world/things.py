@@ -47,8 +47,8 @@ def find_thing(things: Things, name: str, cls: type[T], world: str) -> T:
     valid = ", ".join(n for n, t in things.items() if isinstance(t, cls)) or "none"
     found = f"is a {thing.kind}" if thing is not None else "is not there"
     raise InputError(
-        f"world {world!r}: things.{name} {found}; a {what} is needed, "
-        f"[world.things.{name}] kind = '{what}' (there is: {valid})"
+        f"world {world!r}: things.{name} {found}; a {what} is required, [world.things.{name}] "
+        f"kind = '{what}' (existing: {valid})"
     )
 
 
@@ -74,7 +74,7 @@ def locate_thing(
     """
     thing = things[name]
     if not isinstance(thing, Placed):
-        raise InputError(f"world.things.{name}: a {thing.kind} has no place")
+        raise InputError(f"world.things.{name}: a {thing.kind} has no pose")
     here = thing.frame
     if thing.on is not None:
         below, frame = split_support(things, thing.on)
@@ -108,7 +108,9 @@ def split_support(things: Things, on: str) -> tuple[str, str]:
                     f"{', '.join(['origin', *frames])}"
                 )
             return name, frame
-    raise ValueError(f"on = {on!r} names no thing; valid: {', '.join(things) or 'none is there'}")
+    raise ValueError(
+        f"on = {on!r} is not a thing of this world; valid: {{', '.join(things) or 'none'}}"
+    )
 
 
 def _list_below(things: Things, name: str) -> Iterator[str]:
@@ -132,14 +134,16 @@ def check_things(things: Things) -> None:
         except Exception as error:
             raise ValueError(f"things.{name}: {thing.kind} failed: {explain(error)}") from error
         if not finite:
-            raise ValueError(f"things.{name}: a solid of {thing.kind} is not finite")
+            raise ValueError(f"things.{name}: a solid of {thing.kind} has non-finite values")
         mass = sum(s.mass_kg for s in solids)
         if thing.movable and not mass > 0.0:
-            raise ValueError(f"things.{name} moves and needs a mass; its solids have {mass:g} kg")
+            raise ValueError(
+                f"things.{name} is movable and requires a mass above 0; its solids have {mass:g} kg"
+            )
     movers = list_movers(things)
     if len(movers) > MAX_OBJECTS:
         raise ValueError(
-            f"there are at most {MAX_OBJECTS} things that move; found: {', '.join(movers)}"
+            f"a world has at most {MAX_OBJECTS} movable things; found: {', '.join(movers)}"
         )
 
 
@@ -152,10 +156,10 @@ def _check_support(things: Things, name: str) -> None:
         except ValueError as error:
             raise ValueError(f"things.{way[-1]}.{error}") from None
         if below in way:
-            raise ValueError(f"things.{name} is on itself: {' on '.join([*way, below])}")
+            raise ValueError(f"things.{name} stands on itself: {' on '.join([*way, below])}")
         if not isinstance(things[below], Placed):
             raise ValueError(
-                f"things.{way[-1]}.on = {thing.on!r}: a {things[below].kind} has no place"
+                f"things.{way[-1]}.on = {thing.on!r}: a {things[below].kind} has no pose"
             )
         way.append(below)
         thing = things[below]

@@ -90,7 +90,9 @@ def compute_bench_press(
         if float(at.axis @ (at.p - begin.p)) > REACH:
             break
     return best._replace(
-        cause=f"the force loop ends, {1e3 * REACH:.0f} mm on" if rigid else "the tip slides away"
+        cause=f"the force loop reaches the end of its travel of {1000.0 * REACH:.0f} mm"
+        if rigid
+        else "the tip slides away"
     )
 
 

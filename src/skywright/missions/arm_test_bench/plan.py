@@ -35,14 +35,14 @@ def plan(setup: Setup[BenchTask]) -> MissionPlan[None]:
     bench = find_first(world.things, Bench)
     if bench is None or setup.surface is None or world.structure is None:
         raise InputError(
-            f"world {world.name!r} is no test bench: it needs a thing of kind 'bench' and "
-            "[world.structure], as world test-bench has"
+            f"world {world.name!r} is not a test bench: it requires a thing of kind "
+            "'bench' and [world.structure], see world test-bench"
         )
     check_can_press(robot, d.mission)
     model = setup.model
     n = int(model[0]["n_joints"])
     if n != 2:
-        raise InputError(f"robot {robot.name!r} has {n} joints; the test bench is for two")
+        raise InputError(f"robot {robot.name!r} has {n} joints; the test bench requires two")
     surface, blocked = setup.surface, ""
     base, R_WB = np.array([bench.x_m, bench.y_m, bench.z_m]), np.empty((3, 3))
     quat_to_rot(np.array(bench.q_WB), R_WB)
@@ -62,8 +62,8 @@ def plan(setup: Setup[BenchTask]) -> MissionPlan[None]:
         gap = float(find_place(surface, base + R_WB @ compute_tip(model, q)[0])[2])
         if gap < NEAREST or (name == "inspection" and gap > FARTHEST):
             blocked = (
-                f"{name} position: the tip is {1e3 * gap:.0f} mm from the surface; the inspection "
-                f"begins {1e3 * NEAREST:.0f} to {1e3 * FARTHEST:.0f} mm from it"
+                f"{name} position: the tip is {1000.0 * gap:.0f} mm from the surface; "
+                f"valid: {1000.0 * NEAREST:.0f} to {1000.0 * FARTHEST:.0f} mm"
             )
     largest = max(task.forces_n)
     if not blocked:

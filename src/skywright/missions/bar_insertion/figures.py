@@ -40,11 +40,11 @@ def draw_insertion(result: RunResult[BarInsertion, InsertionPlan]) -> Figure | N
         7.4, result.phases, t,
         ("Peg's end below the socket's face", "depth (mm)"),
         ("Peg's end beside the hole's axis, in the hole's frame", "error (mm)"),
-        ("Force of the peg on the socket (true, inertia left out)", "force (N)"),
+        ("True force of the peg on the socket, without inertia", "force (N)"),
         ("Angles between peg and hole", "angle (deg)"),
     )  # fmt: skip
     draw_line(axes[0], t, -1e3 * way.tip_S[:, 2], color=BLACK)
-    draw_limit(axes[0], 1e3 * peg.length_m, "the flange lies on the socket")
+    draw_limit(axes[0], 1e3 * peg.length_m, "flange on the socket")
     axes[0].set_ylim(-40.0, 1.25e3 * peg.length_m)
     free = 0.5e3 * (socket.hole_m - peg.side_m)
     reach = free + 1e3 * socket.chamfer_m
@@ -68,21 +68,21 @@ def draw_insertion(result: RunResult[BarInsertion, InsertionPlan]) -> Figure | N
 
 
 PHASES = {
-    "approach rack": "The hooks are lowered; the platform flies behind the rack.",
-    "survey": "Motion capture looks at the socket and says where it really stands.",
-    "reach under": "Platform and hooks come below the crossbar.",
-    "grasp": "The hooks rise until both feel the crossbar.",
-    "lift": "The platform rises; the springs of the arms take the bar's weight.",
-    "carry": "The bar is flown to over the socket.",
-    "align": "The platform leads the peg over the hole, the arms turn the bar along it.",
-    "lower": "The peg is lowered until it is in the hole, or stands beside it.",
-    "insert": "The bar's weight presses the peg in; the hands let go of it as far as needed.",
-    "draw out": "It did not go in: up again, for another try.",
-    "set free": "The weight passes from the hands to the socket.",
-    "release": "The hooks are drawn out of the crossbar.",
-    "carry back": "No try went in: the bar is flown back to the rack.",
-    "lay down": "The bar is put back into the rack.",
-    "look again": "The grasp missed; the bar is looked at once more.",
+    "approach rack": "The arms lower the hooks; the platform flies behind the rack.",
+    "survey": "Motion capture measures the true pose of the socket.",
+    "reach under": "Platform and hooks move below the crossbar.",
+    "grasp": "The hooks rise until both detect the crossbar.",
+    "lift": "The platform rises until the arms carry the weight of the bar.",
+    "carry": "The robot carries the bar to a position above the socket.",
+    "align": "The platform positions the peg above the hole; the arms align the bar with it.",
+    "lower": "The peg is lowered until it enters the hole or rests beside it.",
+    "insert": "The hands reduce their support so that the weight of the bar inserts the peg.",
+    "draw out": "The peg was not inserted; the bar is raised for another try.",
+    "set free": "The weight is transferred from the hands to the socket.",
+    "release": "The hooks are withdrawn from the crossbar.",
+    "carry back": "No try succeeded; the robot returns the bar to the rack.",
+    "lay down": "The bar is placed into the rack.",
+    "look again": "The grasp failed; the pose of the bar is measured again.",
     "lift arms": "The arms fold above the landing gear.",
 }
 
@@ -93,11 +93,11 @@ def describe(result: RunResult[BarInsertion, InsertionPlan]) -> str:
     did = f"{d.robot.name} in world {d.world.name} "
     tries, task = int(result.metrics.get("insert.tries", 0.0)), d.mission.task
     if result.metrics.get("insert.done") != 1.0:
-        return did + f"did not put the peg into the hole ({tries} tries)"
-    often = "at the first try" if tries == 1 else f"in {tries} tries"
+        return did + f"did not insert the peg ({tries} tries)"
+    often = "in the first try" if tries == 1 else f"in {tries} tries"
     hole = d.world.find_thing(task.socket, Socket).hole_m
     play = 1e3 * (hole - d.world.find_thing(task.bar, Peg).side_m)
-    return did + f"put the peg into a hole {play:.3g} mm wider, {often}"
+    return did + f"inserted the peg into a hole {play:.3g} mm wider, {often}"
 
 
 FIGURES = Figures(
@@ -105,9 +105,9 @@ FIGURES = Figures(
     charts={
         "bar_insertion": Chart(
             "The peg and the hole",
-            "How deep the peg came, how far its end was beside the hole (green: free play to each "
-            "side; orange: what the chamfer catches), how hard it pressed, and how it was turned "
-            "against the hole. The true socket is meant, which the robot knows from a survey only.",
+            "Depth of the peg, lateral distance of its end from the hole (green: "
+            "clearance on each side; orange: range of the chamfer), contact force, and "
+            "angles between peg and hole. All quantities refer to the true socket.",
             draw_insertion,
         ),
     },

@@ -76,8 +76,8 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
     if found != "in":
         laid_down = _lay_down(s, way, above, hole.yaw, weight, speeds)
         _return(s, way, way.rack)
-        where = "is back in the rack" if laid_down else "did not find the rack either"
-        return Flight(False, f"the peg did not go in, in {task.tries} tries: the bar {where}")
+        where = "is back in the rack" if laid_down else "did not reach the rack either"
+        return Flight(False, f"the peg was not inserted in {task.tries} tries: the bar {where}")
     _set_free(s, leader)
     let_go(s, way.grip, speeds[0])
     _return(s, way, hole)

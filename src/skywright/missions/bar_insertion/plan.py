@@ -87,15 +87,16 @@ def _check_input(robot: Robot, world: World, task: BarInsertion) -> None:
     find_marker(world, task.bar)
     if not blocks[1][1].tracked:
         raise InputError(
-            f"world {world.name!r}: where the socket is, motion capture finds: "
-            f"[world.things.{task.socket}] tracked = true"
+            f"world {world.name!r}: motion capture must track the socket: "
+            f"[world.things.{task.socket}] "
+            "tracked = true"
         )
     check_hooks(robot, "bar-insertion")
     for name, block in blocks:
         if block.hole_m <= peg.side_m:
             raise InputError(
                 f"world.things.{name}.hole_m = {block.hole_m:g}: the peg of side_m = "
-                f"{peg.side_m:g} does not go in; valid: above {peg.side_m:g}"
+                f"{peg.side_m:g} does not fit; valid: above {peg.side_m:g}"
             )
         if block.hole_m + 2.0 * block.chamfer_m >= peg.flange_m:
             raise InputError(
@@ -121,15 +122,15 @@ def _find_misfit(robot: Robot, world: World, task: BarInsertion) -> str | None:
     assert robot.arm is not None
     if peg.mass_kg > task.payload_max_kg:
         return (
-            f"the bar weighs {peg.mass_kg:g} kg, more than the arms may lift "
+            f"the bar weighs {peg.mass_kg:g} kg, more than the payload limit "
             f"(mission.task.payload_max_kg = {task.payload_max_kg:g})"
         )
     apart = robot.arm.separation_m
     needed = apart + 2.0 * (robot.arm.hand.radius_m + HAND_ROOM)
     if peg.handle_length_m < needed:
         return (
-            f"the hands are {apart:g} m apart; the crossbar of {peg.handle_length_m:g} m is too "
-            f"short to be held, {needed:.3f} m are needed"
+            f"the hands are {apart:g} m apart; the crossbar of {peg.handle_length_m:g} m "
+            f"is too short; valid: from {needed:.3f} m"
         )
     for name in (task.rack, task.socket):
         block = world.find_thing(name, Socket)
@@ -171,7 +172,7 @@ def _find_blocked_way(robot: Robot, world: World, way: InsertionPlan) -> tuple[f
             if found.distance < KEPT:
                 pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
                 return least, (
-                    f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m, {KEPT:.2f} m "
-                    "are kept"
+                    f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m; "
+                    f"required clearance: {KEPT:.2f} m"
                 )
     return least, None

@@ -60,7 +60,7 @@ def draw_snapshots(result: RunResult[BarTransport, None]) -> Figure | None:
     figure = new_figure(WIDTH, height)
     side = figure.add_axes((0.06, (0.6 + inch * deep + 0.6) / height, 0.93, inch * tall / height))
     above = figure.add_axes((0.06, 0.6 / height, 0.93, inch * deep / height))
-    side.set_title("From the side: start 0, goal f; grey: platform and bar on their way")
+    side.set_title("Side view: start 0, goal f; grey: platform and bar during the transport")
     above.set_title("From above")
     bar = _bar_ends(s, result)
     for ax, a in ((side, 2), (above, 1)):
@@ -133,7 +133,7 @@ def draw_histories(result: RunResult[BarTransport, None]) -> Figure | None:
             middle = 0.5 * (low + high)
             ax.set_ylim(middle - 0.5 * LEAST_SPAN_DEG, middle + 0.5 * LEAST_SPAN_DEG)
     axes[0, 0].legend(loc="upper left")
-    axes[3, 0].set(title="Bar's middle from the plan, and swing", ylabel="cm, deg")
+    axes[3, 0].set(title="Distance of the bar's centre from the plan, and swing", ylabel="cm, deg")
     tip = 100.0 * np.linalg.norm(compute_tip_errors(s), axis=1)
     draw_line(axes[3, 0], t, tip, color=GREEN, label="distance (cm)")
     draw_line(axes[3, 0], t, np.degrees(compute_swing(s)), color=ORANGE, label="swing (deg)")
@@ -148,7 +148,7 @@ def draw_histories(result: RunResult[BarTransport, None]) -> Figure | None:
         draw_limit(axes[3, 1], limit.limit, f"limit {limit.limit:g} m")
     axes[3, 1].set_ylim(bottom=0.0)
     for ax in axes[3]:
-        ax.set_xlabel("time since the start of the carrying (s)")
+        ax.set_xlabel("time since the start of the transport (s)")
     return figure
 
 
@@ -203,9 +203,9 @@ def _draw_structures(ax: Axes, world: Any, a: int) -> None:
 
 
 PHASES = {
-    "start pose": "To where the plan begins, the bar in both hands.",
-    "transport": "Along the plan: platform, arms and bar together, the passive link swings freely.",
-    "settle": "At rest at the goal.",
+    "start pose": "The robot flies to the start of the plan with the bar in both hands.",
+    "transport": "Platform, arms and bar follow the plan; the passive link swings freely.",
+    "settle": "The robot hovers at the goal.",
 }
 """Phase -> what is done in it."""
 
@@ -227,15 +227,14 @@ FIGURES = Figures(
     charts={
         "transport_snapshots": Chart(
             "The flight",
-            "Blue: platform; orange: link and arms; green: bar; yellow: pipes; dashed red: the "
-            "area that nothing may leave. Each view shows everything, near and far: posts in the "
-            "way from the side stand beside it, and from above the bar may pass below pipes that "
-            "it seems to meet.",
+            "Blue: platform; orange: link and arms; green: bar; yellow: pipes; dashed "
+            "red: limits of the area. The views are projections: objects at different "
+            "depths can appear to overlap.",
             draw_snapshots,
         ),
         "transport_histories": Chart(
             "Flown and planned",
-            "The planned pitch is zero: the planner keeps the platform level.",
+            "The planner keeps the platform level, so the planned pitch is zero.",
             draw_histories,
         ),
     },

@@ -72,8 +72,8 @@ def build_problem(d: Description[BarTransport]) -> TransportProblem:
     joints = [(j.side, j.link.axis, j.link.passive) for j in list_joints(robot)]
     if joints != [(-1, "y", True), *[(0, "y", False)] * 2, *[(1, "y", False)] * 2]:
         raise InputError(
-            f"robot {robot.name!r} cannot carry a bar: bar-transport needs a passive pitch joint "
-            "and two arms of shoulder and elbow pitch, such as ars-lrm"
+            f"robot {robot.name!r} cannot carry a bar: bar-transport requires a passive "
+            "pitch joint and two arms of shoulder and elbow pitch, such as ars-lrm"
         )
     if m.start_y_m != 0.0 or m.start_yaw_deg != 0.0:
         raise InputError(
@@ -108,8 +108,8 @@ def _check_localisation(world: World, margin: float) -> None:
     error = world.gnss.position_error_m
     if 2.0 * error > 0.5 * margin:
         raise InputError(
-            f"world.gnss.fix = {world.gnss.fix!r}: its fixes are {error:.2f} m (1 sigma) from the "
-            f"truth, and {2.0 * error:.2f} m (2 sigma) do not fit into half of the plan's margin, "
-            f"mission.task.margin_m = {margin:g}; valid: at most {0.25 * margin:.3f} m (1 sigma), "
-            "such as that of 'rtk', or world.localisation = 'mocap'"
+            f"world.gnss.fix = {world.gnss.fix!r}: its error of {error:.2f} m (1 sigma), "
+            f"or {2.0 * error:.2f} m (2 sigma), exceeds half of the plan's margin, "
+            f"mission.task.margin_m = {margin:g}; valid: at most {0.25 * margin:.3f} m (1 "
+            "sigma), such as 'rtk', or world.localisation = 'mocap'"
         )

@@ -53,8 +53,8 @@ def draw_squeeze(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """Force of each hand on the box, and the box's height."""
     begun = _start(
         result, "squeeze", "lower",
-        ("Force with which each hand squeezes", "force (N)"),
-        ("Height above where it stood", "height (mm)"),
+        ("Squeeze force of each hand", "force (N)"),
+        ("Height above the initial position", "height (mm)"),
     )  # fmt: skip
     if begun is None:
         return None
@@ -82,7 +82,7 @@ def draw_unplug(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     """Hands' and plug's way since the grasp, the threshold of (33), and the forward force."""
     begun = _start(
         result, "pull", "unplugged",
-        ("Way since the grasp", "distance (mm)"),
+        ("Displacement since the grasp", "distance (mm)"),
         ("Force of both hands together, backward", "force (N)"),
     )  # fmt: skip
     if begun is None:
@@ -144,7 +144,9 @@ def draw_drift(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     t = result.samples["t"][in_phases(result.samples, result.phases, "drift")]
     for ax, axis in zip(axes, (0, 2), strict=True):
         draw_line(ax, t, 1e3 * found.true[:, axis], color=GREEN, lw=2.5, label="of the base")
-        draw_line(ax, t, 1e3 * found.felt[:, axis], color=BLACK, lw=1.0, label="felt by the arms")
+        draw_line(
+            ax, t, 1e3 * found.felt[:, axis], color=BLACK, lw=1.0, label="estimated by the arms"
+        )
         fit_y(ax, *(1e3 * f(found.true[:, axis]) for f in (np.min, np.max)))
     axes[0].legend(loc="upper right", ncols=2)
     return figure
@@ -180,9 +182,9 @@ def describe(result: RunResult[BimanualBench, BenchPlan]) -> str:
     d, found = result.description, result.metrics
     parts = {
         "bench.box_lift_m": ("held a box {:.0f} mm high", 1e3),
-        "bench.unplug_delay_s": ("noticed after {:.2f} s that a plug came free", 1.0),
-        "bench.bar_position_mm": ("led a bar to {:.0f} mm", 1.0),
-        "bench.drift_error_mm": ("felt the drift of its base to {:.1f} mm", 1.0),
+        "bench.unplug_delay_s": ("detected the release of a plug after {:.2f} s", 1.0),
+        "bench.bar_position_mm": ("moved a bar with an error of {:.0f} mm", 1.0),
+        "bench.drift_error_mm": ("estimated the drift of its base to {:.1f} mm", 1.0),
     }
     said = [text.format(scale * found[k]) for k, (text, scale) in parts.items() if k in found]
     trials = ", ".join(d.mission.task.trials)
@@ -195,25 +197,26 @@ FIGURES = Figures(
     charts={
         "bench_squeeze": Chart(
             "A box between two hands",
-            "Friction alone carries the box. Its weight winds the springs of shoulder and elbow: "
-            "hands and box first sag, then a slow loop brings them to their height.",
+            "The box is held by friction alone. Its weight deflects the springs of "
+            "shoulder and elbow: hands and box first sag, then a slow loop raises them to "
+            "the requested height.",
             draw_squeeze,
         ),
         "bench_unplug": Chart(
-            "A plug comes free",
-            "The hands are told of the release by their own way: beyond the threshold the plug "
-            "must be out. Springs that were wound by the pull let them leap a little.",
+            "Release of a plug",
+            "The release is detected from the displacement of the hands: beyond the "
+            "threshold the plug must be out. The deflected springs then move the hands "
+            "abruptly.",
             draw_unplug,
         ),
         "bench_bar": Chart(
-            "A bar is led",
-            "The bar follows both hands. Each pose is judged in its last second.",
+            "Motion of a bar",
+            "The bar follows both hands. Each pose is evaluated in its last second.",
             draw_bar,
         ),
         "bench_drift": Chart(
-            "Arms that feel where the base is",
-            "The hands hold a post that stands firm, so what their angles say is how the base "
-            "moves.",
+            "Arms as position sensors of the base",
+            "The hands hold a fixed post, so the joint angles measure the motion of the base.",
             draw_drift,
         ),
         "bench_hands": Chart(

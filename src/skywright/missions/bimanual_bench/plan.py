@@ -47,12 +47,12 @@ def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
     if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
         raise InputError(
             f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
-            "bimanual-bench needs two, such as bimanual"
+            "bimanual-bench requires two, see bimanual"
         )
     if robot.arm.sides != 2:
-        raise InputError(f"robot {robot.name!r} has one arm; bimanual-bench needs two")
+        raise InputError(f"robot {robot.name!r} has one arm; bimanual-bench requires two")
     if find_first(world.things, Bench) is None:
-        raise InputError(f"world {world.name!r} has no bench: give it a thing of kind 'bench'")
+        raise InputError(f"world {world.name!r} has no bench: add a thing of kind 'bench'")
     needs = {
         "squeeze": task.box, "unplug": task.plug, "bar": task.bar, "position-sensor": task.post
     }  # fmt: skip
@@ -60,7 +60,7 @@ def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
         thing = world.find_thing(needs[trial], Box)
         if not thing.moves and trial != "position-sensor":
             raise InputError(
-                f"trial {trial!r}: world.things.{needs[trial]} does not move; set moves = true"
+                f"trial {trial!r}: world.things.{needs[trial]} is not movable; set moves = true"
             )
     blocked = next((x for t in task.trials if (x := _check_grasp(setup, t, needs[t]))), None)
     total = TRIAL_S * len(task.trials)

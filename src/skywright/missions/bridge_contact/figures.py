@@ -81,12 +81,10 @@ def draw_force(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
     draw_line(axes[0], part["t"], asked, color=BLACK, ls="--", label="asked for")
     axes[0].legend(loc="upper right", ncols=3)
     if docks:
-        axes[1].set(title="Load of the docking feet on the deck, all together", ylabel="force (N)")
+        axes[1].set(title="Total load of the docking feet on the deck", ylabel="force (N)")
         load = np.linalg.norm(part["f_docking_W"], axis=1)
         draw_line(axes[1], part["t"], load, color=GREEN)
-    axes[-1].set(
-        title="Platform, from where it was when a force was first held", ylabel="distance (mm)"
-    )
+    axes[-1].set(title="Displacement of the platform since the first hold", ylabel="distance (mm)")
     for start, color, label in (("hold ", BLUE, "docked"), ("free hold ", ORANGE, "in flight")):
         held = select_phases(part, result.phases, start)
         if np.any(held):
@@ -126,7 +124,7 @@ def draw_measurements(result: RunResult[BridgeContact, ContactPlan]) -> Figure |
     figure = new_figure(WIDTH, 3.0)
     ax = figure.subplots()
     figure.subplots_adjust(left=0.075, right=0.985, top=0.88, bottom=0.17)
-    ax.set_title("Force error while held: mean, and all of it")
+    ax.set_title("Force error during holds: mean and range")
     for free, color, label in ((False, BLUE, "resting on its base"), (True, ORANGE, "in flight")):
         mine = [(force, error) for is_free, force, error in rows if is_free is free]
         if mine:
@@ -143,7 +141,7 @@ def draw_measurements(result: RunResult[BridgeContact, ContactPlan]) -> Figure |
             f"required rms {limit.limit:g} N", (0.005, limit.limit), xytext=(2, 2),
             xycoords=("axes fraction", "data"), textcoords="offset points", color=GREY,
         )  # fmt: skip
-    ax.set(xlabel="force asked for (N)", ylabel="error (N)")
+    ax.set(xlabel="requested force (N)", ylabel="error (N)")
     ax.legend(loc="upper left", bbox_to_anchor=(0.2, 1.0), ncols=2)
     return figure
 
@@ -157,7 +155,7 @@ def describe(result: RunResult[BridgeContact, ContactPlan]) -> str:
         return did + "made no measurement"
     parts = []
     if "force.rms_error_n" in m:
-        how = "clamped to its bench" if _is_clamped(d.world) else "docked"
+        how = "clamped to the bench" if _is_clamped(d.world) else "docked"
         moved = f", {m['dock.wander_mm']:.1f} mm of wander" if "dock.wander_mm" in m else ""
         parts.append(f"{how} to {m['force.rms_error_n']:.2f} N rms{moved}")
     if "free.rms_error_n" in m:
@@ -173,11 +171,11 @@ def describe_survey(result: RunResult[BridgeContact, ContactPlan]) -> list[str]:
     if what not in m:
         return []
     return [
-        f"The survey's {m['survey.touches']:.0f} touches put the surface within "
-        f"{m['survey.surface_error_mm']:.1f} mm and {m[what]:.2f} deg of the true one, the map had "
-        f"it within {m['survey.map_error_mm']:.1f} mm and {m['survey.map_normal_error_deg']:.2f} "
-        f"deg; the fit states {m['survey.surface_std_mm']:.1f} mm and "
-        f"{m['survey.normal_std_deg']:.2f} deg, one deviation."
+        f"The surface fitted to the survey's {m['survey.touches']:.0f} touches deviates "
+        f"from the true surface by {m['survey.surface_error_mm']:.1f} mm and {m[what]:.2f} "
+        f"deg, that of the map by {m['survey.map_error_mm']:.1f} mm and "
+        f"{m['survey.map_normal_error_deg']:.2f} deg; the fit states standard deviations "
+        f"of {m['survey.surface_std_mm']:.1f} mm and {m['survey.normal_std_deg']:.2f} deg."
     ]
 
 
@@ -185,31 +183,32 @@ FIGURES = Figures(
     describe,
     notes=describe_survey,
     phases={
-        "survey_approach": "On the way to the structure that is not known well.",
-        "survey_move": "To the next place that is touched.",
-        "survey_touch": "Slowly on until the structure is felt. Docking feet are pushed until they "
-        "lie flush; a tip is kept pressed.",
-        "survey_back": "Back off the surface.",
-        "survey_leave": "The touches are evaluated and the mission is planned again.",
+        "survey_approach": "The robot flies to the structure, whose pose is uncertain.",
+        "survey_move": "The robot flies to the next touch point.",
+        "survey_touch": "The robot advances until it detects contact. Docking feet are pressed "
+        "until all touch; a tip keeps pressing.",
+        "survey_back": "The robot backs off the surface.",
+        "survey_leave": "The surface is fitted to the touches, and the mission is planned again.",
     },
     charts={
         "contact-force": Chart(
             "The forces",
-            "What the tip exerts against what was asked for. Each grey band is one measurement, "
-            "with the force held. Docked, the robot rests against the deck with a light load on "
-            "its feet and only the arm works; in flight every motion of the platform goes into "
-            "the force.",
+            "Measured and requested force of the tip. Each grey band is one measurement "
+            "with a held force. A docked robot rests against the deck with a small load "
+            "on its feet, and only the arm moves. In flight every motion of the platform "
+            "changes the force.",
             draw_force,
         ),
         "contact-errors": Chart(
-            "How well each force was held",
-            "Points are means, bars reach from the smallest to the largest error of a measurement.",
+            "Force error of each measurement",
+            "Points are means; bars show the range from the smallest to the largest error "
+            "of a measurement.",
             draw_measurements,
         ),
         "contact-localisation": Chart(*CAPTION, draw_localisation),
         "contact-flight": Chart(
             "The flight",
-            "Position and attitude follow references of their own: the platform moves without "
+            "Position and attitude follow separate references: the platform moves without "
             "tilting and tilts without moving. Grey bands: measurements.",
             draw_approach,
         ),

@@ -110,7 +110,7 @@ class Pilot(Presser):
             return found.reason
         plan = plan_found(survey.setup, found.structure)
         if not plan.feasible:
-            return f"survey: on the structure that was found, {plan.blocked_by}"
+            return f"survey: no plan on the surveyed structure: {plan.blocked_by}"
         self.structure, self.way = found.structure, plan.get_way()
         return ""
 
@@ -137,7 +137,7 @@ class Pilot(Presser):
         gap = float((at.p_dock - s.vehicle.estimate["p_WB"]) @ -at.normal)
         reason = ""
         if abs(gap) > SEATED_M:
-            reason = f"{at.name}: the feet stayed {100 * gap:.1f} cm off the deck"
+            reason = f"{at.name}: the feet remained {100 * gap:.1f} cm off the deck"
         if not reason:
             self.go("reach", q=way.q_touch)
             reason = self.press(at.name, "docked", task.forces_n, "", load_feet)

@@ -149,19 +149,19 @@ def _check(d: Description, task: BridgeContact) -> Structure:
     robot, structure = d.robot, d.world.structure
     if structure is None:
         raise InputError(
-            f"world {d.world.name!r} has no structure to inspect: give it a [world.structure], "
-            "as worlds bridge, tunnel and test-bench have"
+            f"world {d.world.name!r} has no structure to inspect: add [world.structure], "
+            "see worlds bridge, tunnel and test-bench"
         )
     check_can_press(robot, d.mission)
     if task.dock and structure.facing != "down":
         raise InputError(
-            "the structure faces to the side and docking needs one that faces down: "
-            "set mission.task.dock=false"
+            "docking requires a structure that faces down; this one faces sideways: set "
+            "mission.task.dock=false"
         )
     if task.dock and robot.docking is None:
         raise InputError(
-            f"robot {robot.name!r} has no docking gear: set mission.task.dock=false, or give it "
-            "a [robot.docking] table"
+            f"robot {robot.name!r} has no docking gear: set mission.task.dock=false, or "
+            "add a [robot.docking] table"
         )
     for i, spot in enumerate(task.spots):
         if abs(spot.x_m) > 0.5 * structure.length_m or (
@@ -257,8 +257,8 @@ def _refuse(
         return f"{robot} cannot stay {where}"
     return (
         f"a press of {force:g} N {where} exceeds {fraction * limit:.2f} N, {fraction:.0%} "
-        f"(mission.task.{key}) of the "
-        f"{limit:.2f} N that {robot} can make there (skywright capability)"
+        f"(mission.task.{key}) of the {limit:.2f} N that {robot} can produce there "
+        "(skywright capability)"
     )
 
 
@@ -283,9 +283,9 @@ def _check_tilt(stations: list[Station], unsure: float, fraction: float) -> str:
         angle = math.acos(min(max(float(s.R_dock[2, 2]), -1.0), 1.0)) + unsure
         if angle > fraction * s.tilt_limit * (1.0 + 1e-9):
             return (
-                f"{s.name}: the surface asks for a tilt of {math.degrees(angle):.1f} deg in "
-                f"flight; {fraction:.0%} (mission.task.tilt_fraction) of the computed hover limit "
-                f"are {math.degrees(fraction * s.tilt_limit):.1f} deg"
+                f"{s.name}: the surface requires a tilt of {math.degrees(angle):.1f} deg "
+                f"in flight; {fraction:.0%} (mission.task.tilt_fraction) of the computed "
+                f"hover limit is {math.degrees(fraction * s.tilt_limit):.1f} deg"
             )
     return ""
 
@@ -301,7 +301,7 @@ def _check_way(
         q, p = (q_ready, s.p_dock) if task.dock else (free.q if free else folded, s.p_press)
         stand = p + stand_off * s.normal
         if stand[2] < d.robot.platform.gear_height_m + CLEAR:
-            return f"{s.name}: the robot would stand off {stand[2]:.2f} m above the ground"
+            return f"{s.name}: the stand-off position would be {stand[2]:.2f} m above the ground"
         for u in np.linspace(0.0, 1.0, 12):
             blocked = _find_near(query, last + u * (stand - last), s.R_level, q, CLEAR, s.name)
             if blocked:

@@ -60,7 +60,7 @@ def touch_with_feet(
     air = np.array([feel() for _ in ticks(s, TARE_S)])
     least, zero = max(FELT_N, FELT_SIGMAS * float(np.std(air))), float(np.mean(air))
     travel += DEEP * least / stiffness
-    reason = f"nothing was met within {1e3 * travel:.0f} mm"
+    reason = f"no contact within {1000.0 * travel:.0f} mm"
     s.body.track(build_travel(row, -travel, SPEED, travel))
     while not s.tick().arrived:
         if feel() - zero > least:
@@ -73,7 +73,7 @@ def touch_with_feet(
         if not math.isfinite(felt):
             reason = "the feet did not come to rest"
         elif felt - zero < 0.5 * FOOT_N * len(feet):
-            reason = "what was felt did not last"
+            reason = "the contact did not last"
     s.end("retry" if reason else "done")
     s.begin("survey_back")
     row = set_rest(vehicle.reference)

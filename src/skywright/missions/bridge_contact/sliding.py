@@ -61,11 +61,11 @@ def check_wobble(robot: Robot, localisation: str, task: BridgeContact, most: flo
         return ""
     other = "" if localisation == "mocap" else "set world.localisation='mocap', or "
     return (
-        f"sliding at {force:g} N would lose the surface: localised by {localisation} the platform "
-        f"moves by about {1e3 * wobble:.1f} mm rms, {wobble * spring:.2f} N through the probe's "
-        f"spring, and {task.slide_sigmas:g} times that (mission.task.slide_sigmas) is "
-        f"{least:.2f} N, of at most {most:.2f} N here: {other}leave "
-        "the slide out (mission.task.slide_m=0)"
+        f"sliding at {force:g} N would lose contact: with {localisation} the platform "
+        f"moves by about {1000.0 * wobble:.1f} mm rms, {wobble * spring:.2f} N at the "
+        f"probe's spring; {task.slide_sigmas:g} times that (mission.task.slide_sigmas) is "
+        f"{least:.2f} N, of at most {most:.2f} N here: {other}omit the slide "
+        "(mission.task.slide_m=0)"
     )
 
 
@@ -92,10 +92,10 @@ def check_mobility(
     if share >= least:
         return ""
     return (
-        f"sliding at friction {structure.friction:g} turns the robot towards the surface: the tip "
-        f"keeps {share:.0%} of its acceleration off it, below {least:.0%} "
-        "(mission.task.mobility_fraction) it sticks and jumps: press without sliding "
-        "(mission.task.slide_m=0), or where world.structure.friction is less"
+        f"sliding at friction {structure.friction:g} rotates the robot towards the "
+        f"surface: the tip retains {share:.0%} of its mobility off the surface, below "
+        f"{least:.0%} (mission.task.mobility_fraction) it sticks and slips: press without "
+        "sliding (mission.task.slide_m=0), or reduce world.structure.friction"
     )
 
 

@@ -64,8 +64,8 @@ def plan_survey(
         feet, lever = list_feet(docking), docking.radius_m
     elif task.dock:
         raise InputError(
-            "mission.task.survey: feet find a level or sloped deck, not a curved one: "
-            "set mission.task.survey=false or mission.task.dock=false"
+            "mission.task.survey: feet can survey a level or sloped deck, not a curved "
+            "one: set mission.task.survey=false or mission.task.dock=false"
         )
     else:
         places = choose_places(task, structure)

@@ -12,8 +12,8 @@ def describe(result: RunResult[ExcitationTask, None]) -> str:
     moves = sum(name.startswith("excite") for name in result.plan.segments)
     seconds = format_value(result.metrics.get("flight.duration_s"))
     return (
-        f"{d.robot.name} in world {d.world.name} shook itself in {moves} postures of its arm "
-        f"within {seconds} s (`skywright identify` learns from it)"
+        f"{d.robot.name} in world {d.world.name} excited its dynamics in {moves} postures "
+        f"of its arm within {seconds} s (for `skywright identify`)"
     )
 
 

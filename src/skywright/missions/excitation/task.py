@@ -41,7 +41,7 @@ class ExcitationTask(Task):
                 least = channels * LINES / max(self.high_hz - self.low_hz, 1e-9) + 2 * RAMP
                 raise ValueError(
                     f"{name} = {getattr(self, name):g} with a band of {self.low_hz:g} to "
-                    f"{self.high_hz:g} Hz gives too few frequencies to tell directions "
-                    f"apart: about {least:.0f} s are needed, or a wider band"
+                    f"{self.high_hz:g} Hz gives too few frequencies to separate "
+                    f"directions: use about {least:.0f} s or a wider band"
                 )
         return self

@@ -60,8 +60,9 @@ def describe(result: RunResult[ModesTask, ModesPlan]) -> str:
     if "modes.tilt_deg" not in m or "modes.translate_tilt_deg" not in m:
         return did + "did not fly all modes"
     return did + (
-        f"tilted by {m['modes.tilt_deg']:.1f} deg within {m['modes.position_error_mm']:.0f} mm of "
-        f"its place, and translated with at most {m['modes.translate_tilt_deg']:.1f} deg of tilt"
+        f"tilted by {m['modes.tilt_deg']:.1f} deg with a position error of "
+        f"{m['modes.position_error_mm']:.0f} mm, and translated with at most "
+        f"{m['modes.translate_tilt_deg']:.1f} deg of tilt"
     )
 
 
@@ -70,9 +71,10 @@ FIGURES = Figures(
     charts={
         "modes": Chart(
             "The three modes",
-            "Green, standard stabilisation: attitude and height are held as by a robot with level "
-            "rotors, and a tilt carries it away. Yellow, command position: it translates and stays "
-            "level. Red, command angle: it tilts and stays where it is.",
+            "Green, standard stabilisation: attitude and height are controlled as on a "
+            "robot with level rotors, so a tilt accelerates the robot. Yellow, command "
+            "position: the robot translates and stays level. Red, command angle: the "
+            "robot tilts and holds its position.",
             draw_modes,
         ),
     },

@@ -45,8 +45,8 @@ def plan(setup: Setup[ModesTask]) -> MissionPlan[ModesPlan]:
     law = None if d.law is None else d.law.kind
     if law is None or not find("law", law).cls.knows_modes:
         raise InputError(
-            f"mission {d.mission.name!r} needs mission.law = 'backstepping', which knows the "
-            f"modes; not {law!r}"
+            f"mission {d.mission.name!r} requires mission.law = 'backstepping', which has "
+            f"flight modes; found {law!r}"
         )
     wind = compute_speed(d.world.wind) * compute_direction(d.world.wind)
     limit = compute_hover_tilt(
@@ -67,15 +67,15 @@ def plan(setup: Setup[ModesTask]) -> MissionPlan[ModesPlan]:
         blocked = f"{d.robot.name} cannot tilt in place{air}: it has no lateral force"
     elif most <= 0.0:
         blocked = (
-            f"{d.robot.name} can hover in place at up to {math.degrees(limit):.2f} deg{air}: too "
-            f"little for the {math.degrees(LAG):g} deg by which the attitude stays behind"
+            f"{d.robot.name} can hover in place at up to {math.degrees(limit):.2f} deg{air}: "
+            f"less than the steady attitude error of {math.degrees(LAG):g} deg"
         )
     elif due > most * (1.0 + 1e-9):
         blocked = (
-            f"a tilt of {math.degrees(due):.1f} deg exceeds {math.degrees(most):.2f} deg, which is "
-            f"{share:.0%} (mission.task.{key}) of the {math.degrees(limit):.1f} deg at which "
-            f"{d.robot.name} can hover in place{air}, less the {math.degrees(LAG):g} deg by which "
-            "the attitude stays behind: lower mission.task.tilt_deg"
+            f"a tilt of {math.degrees(due):.1f} deg exceeds {math.degrees(most):.2f} deg, "
+            f"which is {share:.0%} (mission.task.{key}) of the {math.degrees(limit):.1f} "
+            f"deg at which {d.robot.name} can hover in place{air}, minus the attitude "
+            f"error of {math.degrees(LAG):g} deg: lower mission.task.tilt_deg"
         )
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began, 60.0,

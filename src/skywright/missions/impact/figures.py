@@ -45,7 +45,7 @@ def draw_impact(result: RunResult[Impact, ImpactPlan]) -> Figure | None:
     axes[0].set(title="Force on the pad, largest in each 10 ms", ylabel="force (N)")
     draw_line(axes[0], t, s["pad_f_peak"], color=BLUE)
     axes[1].set(
-        title="Force of arms or passive link on the platform, beyond that in flight",
+        title="Force of arms or passive link on the platform, minus that in free flight",
         ylabel="force (N)",
     )
     draw_line(axes[1], t, s["load_f_peak"], color=BLUE)
@@ -92,8 +92,8 @@ def describe(result: RunResult[Impact, ImpactPlan]) -> str:
     joints = "" if task.part == "link" else f", {task.joints} joints"
     speed = result.metrics["impact.speed_mps"]
     return did + (
-        f"ran into the pad with its {part} at {speed:.2f} m/s{joints}; the platform took up to "
-        f"{result.metrics['impact.peak_force_n']:.0f} N and {torque:.1f} N m"
+        f"hit the pad with its {part} at {speed:.2f} m/s{joints}; the load on the platform "
+        f"was up to {result.metrics['impact.peak_force_n']:.0f} N and {torque:.1f} N m"
     )
 
 
@@ -102,9 +102,10 @@ FIGURES = Figures(
     charts={
         "impact": Chart(
             "The collision",
-            "What the pad feels, what arms or passive link pass on to the platform, and how "
-            "platform, link and springs give way. The first peak on the pad is the hand or link "
-            "alone; what carries it follows through springs and joints.",
+            "Force on the pad, force and torque of arms or passive link on the platform, "
+            "and motion of platform, link and springs. The first peak on the pad comes "
+            "from the hand or link alone; the mass behind it follows through springs and "
+            "joints.",
             draw_impact,
         ),
     },

@@ -59,12 +59,9 @@ def plan(setup: Setup[Impact]) -> MissionPlan[ImpactPlan]:
     task = setup.task
     pad = find_pad(world, task.pad)
     if robot.arm is None:
-        raise InputError(f"robot {robot.name!r} has no arm to hit anything with")
+        raise InputError(f"robot {robot.name!r} has no arm; impact requires one")
     if task.part == "link" and robot.pendulum is None:
-        raise InputError(
-            f"robot {robot.name!r} has no passive link to hit anything with; valid "
-            "mission.task.part: arm"
-        )
+        raise InputError(f"robot {robot.name!r} has no passive link; valid mission.task.part: arm")
     began = time.perf_counter()
     face, R = locate_thing(world.things, pad)
     ahead, yaw = R[:, 0], math.atan2(R[1, 0], R[0, 0])
@@ -81,7 +78,7 @@ def plan(setup: Setup[Impact]) -> MissionPlan[ImpactPlan]:
     found = ImpactPlan(ahead, yaw, q, near, near - length * ahead, lever, run, touched)
     blocked = None
     if not touched.startswith(PARTS[task.part]) and not _is_forearm(robot, touched, task.part):
-        blocked = f"{touched or 'nothing'} would touch the pad first, not the {task.part}"
+        blocked = f"{{touched or 'no part'}} would touch the pad first instead of the {task.part}"
     hover = setup.hover
     way = float(np.linalg.norm(found.p_start - hover[:3])) + RETREAT_M
     total = run[-1, 0] + RECOIL_S + REST_S + 3.75 * way / robot.control.speed_max_mps
@@ -122,8 +119,7 @@ def find_pad(world: World, name: str | None) -> str:
         if isinstance(thing, Pad):
             return found
     raise InputError(
-        f"world {world.name!r} has nothing padded to run into: put a thing of kind 'pad' on one, "
-        "as in world padded-bar"
+        f"world {world.name!r} has no pad: add a thing of kind 'pad', see world padded-bar"
     )
 
 

@@ -132,12 +132,12 @@ def draw_instrument(result: RunResult[Scan, ScanWay]) -> Figure | None:
     )
     right = figure.add_axes((0.58, 0.46, 0.40, 0.49))
     draw_impedance_plane(right, ec, shown, zoom=True)
-    right.set_title("The same near contact; dashed: lift-off threshold")
+    right.set_title("Detail near contact; dashed: lift-off threshold")
     below = figure.add_axes((0.075, 0.075, 0.905, 0.25))
     draw_weld_signal(below, weld)
     below.set_title(
-        "Lift-off (blue) and weld signal (ochre) while scanning, each over its threshold; "
-        "red: crossings",
+        "Lift-off (blue) and weld signal (ochre) during the scan, each divided by its "
+        "threshold; red: crossings",
         fontsize=9,
     )
     return figure
@@ -186,21 +186,27 @@ def draw_contact_quality(result: RunResult[Scan, ScanWay]) -> Figure | None:
 
 
 PHASES = {
-    "approach": "Along the planned way to the pipe, arm folded.",
-    "unfold": "The arm takes the pose in which it measures.",
+    "approach": "The robot flies along the planned path to the pipe with the arm folded.",
+    "unfold": "The arm moves to its measuring pose.",
     "close_in": "The probe stops a few centimetres off the surface.",
-    "survey_move": "On the way to the next place that is touched to find the pipe.",
-    "survey_touch": "Slowly inward until the pipe is felt; the tip rests there for a second.",
-    "survey_back": "Back off the surface.",
-    "survey_leave": "Away from the pipe; the touches are evaluated and the scan is planned again.",
-    "face": "In front of the pipe where the touches show it.",
-    "trim": "The controller learns the steady errors before it touches.",
-    "touch": "The probe moves onto the surface and its spring is pressed in.",
-    "settle": "At rest in contact; is the probe really on?",
-    "scan": "The probe slides along the planned lines under force: this is what is judged.",
-    "back_off": "Contact was lost: back from the surface, for another try.",
+    "survey_move": "The robot flies to the next touch point of the survey.",
+    "survey_touch": "The robot advances until it detects contact; the tip rests for a second.",
+    "survey_back": "The robot backs off the surface.",
+    "survey_leave": (
+        "The robot leaves the pipe; the pipe is fitted to the touches, and the scan is "
+        "planned again."
+    ),
+    "face": "The robot flies to a position in front of the surveyed pipe.",
+    "trim": "The integrators settle before contact.",
+    "touch": "The probe touches the surface and compresses its spring.",
+    "settle": "The probe rests in contact; the contact is verified.",
+    "scan": (
+        "The probe slides along the planned lines under force. The requirements refer to this "
+        "phase."
+    ),
+    "back_off": "Contact was lost; the robot retreats for another try.",
     "leave": "The probe leaves the surface.",
-    "fold": "The arm goes back into its pose of flight.",
+    "fold": "The arm returns to its flight pose.",
 }
 """Phase -> what is done in it."""
 
@@ -276,17 +282,17 @@ def list_notes(result: RunResult[Scan, ScanWay]) -> list[str]:
     survey = _describe_survey(result)
     if weld is None:
         scanned = any(p.name == "scan" for p in result.phases)
-        why = "the scan could not be evaluated" if scanned else "the run never came to scanning"
+        why = "the scan could not be evaluated" if scanned else "the run did not reach the scan"
         more = f" ({result.reason})" if result.reason else ""
-        return [*survey, f"There is nothing to map: {why}{more}."]
+        return [*survey, f"No map: {why}{more}."]
     notes = survey + [f"Note: {note}" for note in weld.notes]
     if weld.line is not None:
         return notes
     where = "The pattern crosses none."
     if metrics.get("weld.expected"):
         where = (
-            f"Crossings to be expected: {metrics['weld.expected']:.0f}. See the map, the "
-            "contact quality and the instrument's signal."
+            f"Expected crossings: {metrics['weld.expected']:.0f}. See the map, the contact "
+            "quality and the instrument's signal."
         )
     elif not result.description.world.list_welds():
         where = "The pipe has none."
@@ -309,13 +315,14 @@ def _describe_survey(result: RunResult[Scan, ScanWay]) -> list[str]:
     ahead, radius = 2, 4  # in the fit
     related = cov[ahead, radius] / math.sqrt(cov[ahead, ahead] * cov[radius, radius])
     return [
-        f"Before the scan the probe touched the pipe at {len(found.touched)} places. Against the "
-        f"map its +y end is turned by {tell('turn_up', 'deg')} (up) and "
-        f"{tell('turn_aside', 'deg')} (aside), its axis is shifted by {tell('ahead', 'mm')} "
-        f"(ahead) and {tell('up', 'mm')} (up), and its radius differs by {tell('radius', 'mm')} "
-        "(one standard deviation each; shift ahead and radius have a correlation of "
-        f"{related:.2f}). Touches cannot show where the pipe is along its axis, nor its turn about "
-        "it: the map's values are kept."
+        f"Before the scan the probe touched the pipe at {len(found.touched)} points. "
+        "Relative to the map, the +y end of the fitted pipe is rotated by "
+        f"{tell('turn_up', 'deg')} (up) and {tell('turn_aside', 'deg')} (aside), its axis "
+        f"is displaced by {tell('ahead', 'mm')} (ahead) and {tell('up', 'mm')} (up), and "
+        f"its radius differs by {tell('radius', 'mm')} (one standard deviation each; "
+        f"displacement ahead and radius have a correlation of {related:.2f}). Touches do "
+        "not determine the position of the pipe along its axis or its rotation about it; "
+        "these are taken from the map."
     ]
 
 
@@ -330,38 +337,38 @@ FIGURES = Figures(
     charts={
         "weld_map": Chart(
             "Weld map",
-            "The scanned part of the pipe, unrolled flat. Each dot is a reading of the probe, "
-            "brighter where it sees more weld. A red line is where the processing says that the "
-            "weld runs, a dashed black one where it is in truth.",
+            "The scanned part of the pipe, unrolled. Each dot is a reading of the probe; "
+            "bright dots have a strong weld signal. Red: detected weld line. Dashed "
+            "black: true weld.",
             draw_map,
         ),
         "contact_quality": Chart(
             "Contact quality",
-            "The worst value in each cell of 8 mm that the probe passed. Dark is good, red is "
-            "beyond the limit; cells without colour were not visited. The lift-off signal is "
-            "what the instrument itself knows of the gap.",
+            "The worst value in each cell of 8 mm that the probe passed. Dark is good, "
+            "red exceeds the limit; cells without colour were not visited. The lift-off "
+            "signal is the instrument's own measure of the gap.",
             draw_contact_quality,
         ),
         "instrument": Chart(
-            "What the instrument showed",
-            "An eddy-current instrument shows a point in a plane. Lifting the probe moves it "
-            "along the lift-off curve, a weld moves it across. Right: the part near contact. "
-            "Below: both movements over the scan; a weld is seen where the ochre line passes "
-            "the threshold.",
+            "Signal of the instrument",
+            "An eddy-current instrument shows a point in the impedance plane. Lift-off "
+            "moves the point along the lift-off curve, a weld moves it across the curve. "
+            "Right: detail near contact. Below: both components during the scan; a weld "
+            "is detected where the ochre line exceeds the threshold.",
             draw_instrument,
         ),
         "coverage": Chart(
-            "What was inspected of what was asked for",
-            "The pattern counts as inspected where the probe came within 6 mm of it with a gap "
-            "below 1 mm and a tilt below 10 deg. The area counts under the coil itself: passes "
-            "find a weld that crosses them, the whole area takes passes as close as the coil is "
-            "wide.",
+            "Coverage of the requested pattern",
+            "The pattern counts as inspected where the probe was within 6 mm of it with a "
+            "gap below 1 mm and a tilt below 10 deg. The area counts as inspected under "
+            "the coil. Passes detect welds that cross them; full area coverage requires a "
+            "pass distance of at most the coil's width.",
             draw_coverage,
         ),
         "contact_series": Chart(
-            "While the probe is at the surface",
-            "Grey and white bands are phases, named on top. Dashed red lines are limits, dotted "
-            "green ones what is expected.",
+            "Signals during contact",
+            "Grey and white bands are phases, named on top. Dashed red lines are limits, "
+            "dotted green lines are expected values.",
             draw_contact,
         ),
     },

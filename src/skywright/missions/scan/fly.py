@@ -142,7 +142,7 @@ def _survey(
         return None, surveyed.reason
     again = plan_found(survey.setup, surveyed.found.cylinder, leave[-1])
     if not again.feasible:
-        return None, f"with the pipe where the touches show it: {again.blocked_by}"
+        return None, f"no plan on the surveyed pipe: {again.blocked_by}"
     for name in ("face", "close_in"):
         s.follow(name, again.segments[name])
         way_back.append((name, again.segments[name]))

@@ -65,15 +65,15 @@ def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
     """Plan by the map."""
     robot, world, cylinder = setup.robot, setup.world, setup.cylinder
     if cylinder is None:
-        raise InputError(f"world {world.name!r} has no pipe to scan: give it a [world.pipe] table")
+        raise InputError(f"world {world.name!r} has no pipe to scan: add a [world.pipe] table")
     if robot.arm is None or robot.probe is None:
         raise InputError(
-            f"robot {robot.name!r} has no probe: a scan needs [robot.arm] and [robot.probe]"
+            f"robot {robot.name!r} has no probe: a scan requires [robot.arm] and [robot.probe]"
         )
     if is_surveyed(setup) and world.localisation != "mocap":
         raise InputError(
-            "mission.task.survey: places of touches are told by motion capture of the probe; "
-            f"world.localisation is {world.localisation!r}: set mission.task.survey=false"
+            "mission.task.survey requires motion capture of the probe; world.localisation "
+            f"is {world.localisation!r}: set mission.task.survey=false"
         )
     return _plan_on(setup, cylinder, None)
 
@@ -95,9 +95,9 @@ def _explain_depth(setup: Setup[Scan], depth: float, stiffness: float) -> str:
     w = setup.robot.control.position_bandwidth_rad_s
     return (
         f"{depth * stiffness:.3g} N at {stiffness:.3g} N/m (mass times "
-        f"position_bandwidth_rad_s = {w:g} squared) needs {1e3 * depth:.0f} mm of depth; raise "
-        "robot.control.position_bandwidth_rad_s, lower mission.task.force_n or set "
-        "mission.task.depth_m: "
+        f"position_bandwidth_rad_s = {w:g} squared) requires a depth of "
+        f"{1000.0 * depth:.0f} mm; raise robot.control.position_bandwidth_rad_s, lower "
+        "mission.task.force_n or set mission.task.depth_m: "
     )
 
 
@@ -140,8 +140,8 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
     began = time.perf_counter()
     if not loads.full:
         return refuse(
-            f"robot {robot.name!r} cannot push sideways: "
-            "its rotors make no independent lateral force",
+            f"robot {robot.name!r} cannot push sideways: its rotors produce no independent "
+            "lateral force",
             0.0,
         )
 

@@ -33,5 +33,5 @@ class Scan(Task):
     @model_validator(mode="after")
     def _is_one_push(self) -> Self:
         if self.force_n is not None and self.depth_m is not None:
-            raise ValueError("force_n and depth_m both say how hard the probe is pressed on: one")
+            raise ValueError("force_n and depth_m both define the contact force: one")
         return self

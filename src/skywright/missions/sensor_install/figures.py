@@ -62,18 +62,18 @@ def draw_force(result: RunResult[SensorInstall, InstallPlan]) -> Figure | None:
 
 
 PHASES = {
-    "arms to operation pose": "The arms reach forward, to where they work.",
-    "navigate": "Along the planned way to a place before the marker.",
-    "hover check": "At rest before the pipe: how far do the hands move?",
-    "navigate on": "On to the pipe.",
-    "approach": "Towards the place of installation, which the camera sees by its marker.",
-    "push the link": "The hands push, to learn how the link swings.",
-    "swing check": "Is the pendulum at rest?",
-    "touch": "The hand moves until it feels the surface.",
-    "press": "The sensor is pressed on.",
-    "force": "The force is held, as long as the installation takes.",
-    "leave singularity": "The platform moves, so that the arm is not stretched.",
-    "retract": "The hand leaves; the sensor stays.",
+    "arms to operation pose": "The arms move forward to their working posture.",
+    "navigate": "The robot flies along the planned path to a position in front of the marker.",
+    "hover check": "The robot hovers in front of the pipe; the motion of the hands is measured.",
+    "navigate on": "The robot approaches the pipe.",
+    "approach": "The robot approaches the installation place, located by its marker.",
+    "push the link": "The hands push to measure the swing of the link.",
+    "swing check": "The robot waits until the pendulum is at rest.",
+    "touch": "The hand moves until it detects contact.",
+    "press": "The hand presses the sensor onto the pipe.",
+    "force": "The hand holds the force for the installation time.",
+    "leave singularity": "The platform moves so that the arm is not stretched.",
+    "retract": "The hand withdraws; the sensor stays.",
 }
 """Phase -> what is done in it."""
 
@@ -84,17 +84,17 @@ def describe(result: RunResult[SensorInstall, InstallPlan]) -> str:
     force = result.metrics.get("force.mean_n")
     did = f"{d.robot.name} in world {d.world.name} "
     if force is None:
-        return did + "never came to pressing"
-    return did + f"pressed with {force:.2f} N in the mean"
+        return did + "did not reach the press"
+    return did + f"pressed with a mean force of {force:.2f} N"
 
 
 FIGURES = Figures(
     describe,
     charts={
         "install_force": Chart(
-            "Pressing the sensor on",
-            "The force of the hand on the pipe, how far the springs of the pressing arm are "
-            "wound up, how far the platform is from its place, and how the passive link hangs.",
+            "Press of the sensor",
+            "Force of the hand on the pipe, deflection of the springs of the pressing "
+            "arm, displacement of the platform, and angle of the passive link.",
             draw_force,
         ),
     },

@@ -83,7 +83,7 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     _move_with_hand(s, way.p_below, way.contact - task.approach_below_m * way.normal)
     _go_back(s, way)
     if not touched:
-        return Flight(False, "the hand found no surface")
+        return Flight(False, "the hand met no surface")
     return Flight(held, "" if held else "contact was lost while pressing")
 
 

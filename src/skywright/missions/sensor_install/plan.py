@@ -72,11 +72,11 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
     d, robot, world = setup.description, setup.robot, setup.world
     task = setup.task
     if setup.cylinder is None:
-        raise InputError(f"world {world.name!r} has no pipe: give it a [world.pipe] table")
+        raise InputError(f"world {world.name!r} has no pipe: add a [world.pipe] table")
     if not is_compliant(robot):
         raise InputError(
-            f"robot {robot.name!r} has no arm with position servos: sensor-install needs one, "
-            "such as bimanual-longreach"
+            f"robot {robot.name!r} has no arm with position servos: sensor-install "
+            "requires one, see bimanual-longreach"
         )
     began = time.perf_counter()
     cylinder = setup.cylinder
@@ -124,11 +124,14 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
         least = min(least, distance)
         if distance < margin and blocked is None:
             blocked = (
-                f"{name}: {what} come within {max(distance, 0.0):.3f} m, {margin:.2f} m are kept"
+                f"{name}: {what} come within {max(distance, 0.0):.3f} m; required "
+                f"clearance: {margin:.2f} m"
             )
     most, joint = Loaded(robot, q, world.gravity_mps2).compute_push_limit(R.T @ up)
     if task.force_n > most and blocked is None:
-        blocked = f"force: at {most:.2g} N the servo of {joint} stalls; asked: {task.force_n:g} N"
+        blocked = (
+            f"force: at {most:.2g} N the servo of {joint} stalls; requested: {task.force_n:g} N"
+        )
     if blocked is None:
         blocked = _find_gusts(setup, yaw)
     speed = robot.control.speed_max_mps
@@ -207,8 +210,8 @@ def build_pose(robot: Robot, pose: str, radius: float, lower: float = 0.0) -> Ar
         mine = [j for j, limb in enumerate(joints) if limb.side == side]
         if len(mine) != 4:
             raise InputError(
-                f"robot {robot.name!r} has arms of {len(mine)} joints; sensor-install needs 4: "
-                "shoulder pitch, roll, yaw and elbow"
+                f"robot {robot.name!r} has arms of {len(mine)} joints; sensor-install "
+                "requires 4: shoulder pitch, roll, yaw and elbow"
             )
         q[mine] = angles
         q[mine[-1]] += lower if side == 1 else 0.0

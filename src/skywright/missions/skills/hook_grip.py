@@ -24,17 +24,17 @@ def check_hooks(robot: Robot, mission: str) -> None:
     if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
         raise InputError(
             f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
-            f"{mission} needs two, such as bimanual"
+            f"{mission} requires two, see bimanual"
         )
     if robot.arm.sides != 2 or robot.arm.hand.kind != "hook":
         raise InputError(
-            f"robot {robot.name!r} needs two arms that end in hooks: robot.arm.sides = 2 and "
+            f"robot {robot.name!r} requires two arms with hooks: robot.arm.sides = 2 and "
             "robot.arm.hand.kind = 'hook'"
         )
     if robot.pendulum is not None:
         raise InputError(
-            f"robot {robot.name!r} carries its arms on a passive joint: on it a load that hangs in "
-            f"front would swing the link back; {mission} is for arms at the platform, such as "
+            f"robot {robot.name!r} has its arms on a passive joint: a load in front of it "
+            f"would swing the link back; {mission} requires arms on the platform, see "
             "bimanual"
         )
 

@@ -44,8 +44,8 @@ def load_plan_description(
         mission, robot, world = "follow-plan", robot or plan.robot, world or plan.world
     elif not hasattr(load_description(mission).mission.task, "plan_file"):
         raise InputError(
-            f"mission {os.fspath(mission)!r} flies no plan file; missions that do: bar-transport, "
-            "follow-plan (that of --plan alone)"
+            f"mission {os.fspath(mission)!r} cannot fly a plan file; valid: bar-transport, "
+            "follow-plan (used by --plan alone)"
         )
     return load_description(mission, robot, world, {**more, **dict(given)}, seed)
 
@@ -75,8 +75,8 @@ def _check_limits(file: str, plan: PlanFile, robot: Robot) -> None:
     speed = float(np.max(np.linalg.norm(plan.rate[:, :3], axis=1)))
     if speed > (1.0 + TOLERANCE) * c.speed_max_mps:
         raise InputError(
-            f"{file}: the plan flies at {speed:.2f} m/s; robot {robot.name!r} at most at "
-            f"{c.speed_max_mps:g} m/s (control.speed_max_mps)"
+            f"{file}: the speed of the plan is {speed:.2f} m/s; robot {robot.name!r} flies "
+            f"at most {c.speed_max_mps:g} m/s (control.speed_max_mps)"
         )
     for j, limb in enumerate(list_joints(robot)):
         if limb.servo < 0:

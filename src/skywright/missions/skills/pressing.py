@@ -42,14 +42,14 @@ def check_can_press(robot: Robot, mission: Mission) -> None:
     """Raise InputError when robot or law cannot control the force of a probe."""
     if robot.probe is None or robot.force_sensor is None:
         raise InputError(
-            f"robot {robot.name!r} does not measure the force of a probe: it needs [robot.probe] "
-            "and [robot.force_sensor]"
+            f"robot {robot.name!r} does not measure the force of a probe: it requires "
+            "[robot.probe] and [robot.force_sensor]"
         )
     law = mission.law.kind if mission.law is not None else robot.control.law
     if law is None or not find("law", law).cls.controls_force:
         raise InputError(
-            f"mission {mission.name!r} needs a law that controls the force: "
-            f"mission.law = 'backstepping', not {law!r}"
+            f"mission {mission.name!r} requires a law with force control, mission.law = "
+            f"'backstepping'; found {law!r}"
         )
 
 
@@ -133,7 +133,7 @@ class Presser:
         while s.vehicle.force < FELT * force:
             s.tick()
             if s.vehicle.t > end:
-                return f"{spot}: the tip felt nothing within {TOUCH_TIMEOUT_S:g} s"
+                return f"{spot}: the tip measured no contact within {TOUCH_TIMEOUT_S:g} s"
         return ""
 
     def _watch_stops(self) -> None:
@@ -152,10 +152,10 @@ class Presser:
         self._stopped = min(self._stopped, vehicle.t)
         if vehicle.t - self._stopped >= (SATURATED_S if vehicle.saturated else OFF_S):
             raise ArmStopped(
-                f"the press was given up at t = {vehicle.t:.1f} s: joint "
-                f"{int(np.argmin(rooms)) + 1} of the arm is at its stop"
-                f"{' and the rotors are at their limits' if vehicle.saturated else ''}, the tip "
-                f"presses with {vehicle.force:.1f} N instead of {asked:.1f} N"
+                f"the press was aborted at t = {vehicle.t:.1f} s: joint "
+                f"{int(np.argmin(rooms)) + 1} of the arm is at its "
+                f"stop{(' and the rotors are at their limits' if vehicle.saturated else '')}, "
+                f"the tip presses with {vehicle.force:.1f} N instead of {asked:.1f} N"
             )
 
     def _retreat(self, prefix: str) -> None:

@@ -190,7 +190,7 @@ def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float
     s.body.hold()
     air = np.array([feeler.feel(normal) for _ in ticks(s, TARE_S)])
     least = max(feeler.felt, FELT_SIGMAS * float(np.std(air)))
-    zero, reason = float(np.mean(air)), f"nothing was met within {1e3 * travel:.0f} mm"
+    zero, reason = float(np.mean(air)), f"no contact within {1000.0 * travel:.0f} mm"
     s.body.track(feeler.lead(row, normal, -travel, SPEED, travel))
     while not s.tick().arrived:
         if feeler.feel(normal) - zero > least:
@@ -206,7 +206,7 @@ def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float
                 p.append(place)
                 force.append(feeler.feel(normal) - zero)
         if float(np.mean(force)) < 0.5 * least:
-            reason = "what was felt did not last"
+            reason = "the contact did not last"
     s.end("retry" if reason else "done")
     s.begin("survey_back")
     here = np.array(s.vehicle.reference)

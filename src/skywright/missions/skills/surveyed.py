@@ -156,13 +156,13 @@ def explain_touches(touches: Sequence[Touch], fit: TouchFit, what: str) -> str:
     made = sum(not t.reason for t in touches)
     if made < LEAST_TOUCHES:
         why = next((t.reason for t in touches if t.reason), "")
-        return f"survey: {made} of {len(touches)} touches were made ({why})"
+        return f"survey: only {made} of {len(touches)} touches succeeded ({why})"
     if fit.consistent:
         return ""
     worst = 1e3 * float(np.max(np.abs(fit.residuals)))
     return (
-        f"survey: the touches contradict each other or the map's bounds (up to {worst:.1f} mm off "
-        f"the nearest {what})"
+        "survey: the touches are inconsistent with each other or with the bounds of the "
+        f"map (up to {worst:.1f} mm off the nearest {what})"
     )
 
 

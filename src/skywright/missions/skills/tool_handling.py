@@ -82,8 +82,8 @@ def find_marker(world: World, tool: str | None = None) -> Frame:
         if thing.is_marker and carrier is not None and tool in (None, carrier):
             return locate_thing(world.things, name, carrier)
     raise InputError(
-        f"world {world.name!r}: {tool or 'what is carried'} is tracked by a marker: give it a "
-        f"thing of kind 'marker', on = {tool or 'NAME'!r}"
+        f"world {world.name!r}: tracking of {{tool or 'the payload'}} requires a thing of "
+        f"kind 'marker', on = {tool or 'NAME'!r}"
     )
 
 

@@ -78,7 +78,7 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
         5.4, result.phases, t,
         ("Tracking error of the left tip", "error (mm)"),
         ("Tracking error of the right tip", "error (mm)"),
-        ("Platform: displacement from where it was at first", "way (mm)"),
+        ("Displacement of the platform", "way (mm)"),
     )  # fmt: skip
     for h in (0, 1):
         size = np.linalg.norm(error[:, h], axis=1)
@@ -106,10 +106,11 @@ def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     figure, axes = draw_panels(
         7.0, result.phases, t,
         ("The operator's stick: 1 is full deflection; grey: button pressed", "stick"),
-        ("Both hands' middle (lines) and where the stick led it (dotted), from the start",
+        ("Midpoint of the hands (lines) and its goal set by the stick (dotted), relative "
+            "to the start",
          "way (mm)"),
-        ("The tool, from its seat on the pipe", "distance (mm)"),
-        ("Weight on both hooks: none is left once the tool stands", "force (N)"),
+        ("Displacement of the tool from its seat on the pipe", "distance (mm)"),
+        ("Weight on both hooks; zero when the tool is seated", "force (N)"),
     )  # fmt: skip
     for a, (color, label) in enumerate(((BLUE, "ahead"), (ORANGE, "left"), (GREEN, "up"))):
         draw_line(axes[0], t, s["operator_stick"][:, a], color=color, lw=0.8, label=label)
@@ -128,22 +129,31 @@ def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
 
 
 PHASES = {
-    "approach bench": "Arms down, then along the planned way to the tool that motion capture sees.",
-    "hover check": "Both hooks keep their points below the handle while the platform hovers.",
-    "grasp": "Platform and hooks rise, until both hands feel the handle.",
-    "lift": "The platform rises; the springs yield until the arms carry the tool's weight.",
-    "look again": "The tool was missed: its place is measured once more.",
-    "carry": "Along the planned way above everything, slowly: the tool swings in the hooks.",
-    "approach pipe": "Down over the pipe; the platform makes up for where the tool hangs.",
-    "install": "The tool is lowered until its feet, not the hands, carry it.",
-    "release": "Hooks down and out of the handle.",
-    "wait": "The tool inspects; the robot stays behind.",
-    "retrieve": "Back below the handle on the pipe.",
-    "take up again": "The input ended before the tool stood: the hands go up again.",
-    "carry back": "The same way back with the tool.",
-    "back to the bench": "Down over the place where the tool stood.",
-    "lower": "The tool is lowered until the bench carries it.",
-    "lift arms": "Arms above the landing gear.",
+    "approach bench": (
+        "The arms move down; the robot flies along the planned path to the tool, which motion "
+        "capture tracks."
+    ),
+    "hover check": "Both hooks track points below the handle while the platform hovers.",
+    "grasp": "Platform and hooks rise until both hands detect the handle.",
+    "lift": "The platform rises until the arms carry the weight of the tool.",
+    "look again": "The grasp failed; the pose of the tool is measured again.",
+    "carry": (
+        "The robot flies slowly along the planned path above all obstacles; the tool can "
+        "swing in the hooks."
+    ),
+    "approach pipe": (
+        "The robot descends over the pipe; the platform compensates the offset of the "
+        "suspended tool."
+    ),
+    "install": "The tool is lowered until the pipe carries its weight.",
+    "release": "The hooks move down and out of the handle.",
+    "wait": "The tool inspects the pipe; the robot waits.",
+    "retrieve": "The hooks move below the handle of the tool on the pipe.",
+    "take up again": "The input ended before the tool was seated; the hands move up.",
+    "carry back": "The robot returns along the same path with the tool.",
+    "back to the bench": "The robot descends over the initial position of the tool.",
+    "lower": "The tool is lowered until the bench carries its weight.",
+    "lift arms": "The arms move above the landing gear.",
 }
 """Phase -> what is done in it."""
 
@@ -154,31 +164,31 @@ def describe(result: RunResult[ToolInstall, ToolPlan]) -> str:
     seat, back = result.metrics.get("tool.seat_error_mm"), result.metrics.get("tool.returned")
     did = f"{d.robot.name} in world {d.world.name} "
     if seat is None:
-        return did + "did not come to put the tool onto the pipe"
-    where = "brought it back" if back == 1.0 else "did not bring it back"
-    return did + f"put the tool onto the pipe, {seat:.1f} mm from its place, and {where}"
+        return did + "did not reach the installation of the tool"
+    where = "brought it back" if back == 1.0 else "did not retrieve it"
+    return did + f"installed the tool on the pipe with an error of {seat:.1f} mm, and {where}"
 
 
 FIGURES = Figures(
     describe,
     charts={
         "tool_phases": Chart(
-            "The tool's way, phase by phase",
-            "Where platform and tool were, what each hook carried, and how far the springs of "
-            "the left arm were wound up by it.",
+            "Path of the tool by phase",
+            "Positions of platform and tool, load of each hook, and deflection of the "
+            "springs of the left arm.",
             draw_phases,
         ),
         "tool_tracking": Chart(
             "The hands at the grasp points",
-            "How both tips kept their points at the tool while the platform hovered, and how the "
-            "platform drifted meanwhile.",
+            "Tracking error of both tips at the tool while the platform hovered, and "
+            "drift of the platform.",
             draw_tracking,
         ),
         "tool_operator": Chart(
             "The operator at the stick",
-            "What the operator did, in the seat's frame, and what came of it: the stick moves "
-            "the goal of both hands at up to the speed of a full deflection, (24); the hands "
-            "follow on springs; the tool comes to its seat, its three distances going to zero.",
+            "Input of the operator in the frame of the seat, and the resulting motion. "
+            "The stick moves the goal of both hands, (24); the hands follow with their "
+            "springs; the three distances of the tool from its seat converge to zero.",
             draw_operator,
         ),
     },

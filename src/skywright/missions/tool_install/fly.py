@@ -54,7 +54,7 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
     place = find_tool(s)
     if _is_elsewhere(s, place, way.bench):
         _go_home(s, way)
-        return Flight(False, "the tool does not stand where the plan has it")
+        return Flight(False, "the tool is not at its planned position")
     _come(s, way.grip, place)
     if task.hover_s > 0.0:
         s.begin("hover check")
@@ -80,7 +80,7 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
         )
     else:
         stands = put_down(s, way.grip, seat, weight, speeds, "install")
-        reason = "" if stands else "nothing took the tool's weight where the pipe was seen"
+        reason = "" if stands else "the pipe did not take the tool's weight"
     if reason:
         return Flight(False, f"{reason}; {_give_up(s, way, place, weight, speeds)}")
     s.begin("wait")
@@ -90,14 +90,14 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
     found = find_tool(s)
     if _is_elsewhere(s, found, seat):
         _go_home(s, way, from_pipe=True)
-        return Flight(False, "the tool does not stand on the pipe any more")
+        return Flight(False, "the tool is no longer on the pipe")
     _come(s, way.grip, found)
     weight = take_up_again(s, way.grip, way.most_n, task.retries, speeds)
     if weight is None:
         s.begin("return")
         _leave(s, way, seat)
         _go_home(s, way, from_pipe=True)
-        return Flight(False, "the tool could not be taken back: it stays on the pipe")
+        return Flight(False, "the tool could not be retrieved: it stays on the pipe")
     returned = _carry_back(s, way, place, weight, speeds)
     return Flight(returned, "" if returned else "the tool was lost on the way back")
 

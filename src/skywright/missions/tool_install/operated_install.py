@@ -127,14 +127,14 @@ def explain_loss(R_WO: Array) -> str:
     if R_WO[2, 2] > math.cos(TILT_MAX):
         return "the tool fell off the hooks"
     tilt = math.degrees(math.acos(max(R_WO[2, 2], -1.0)))
-    return f"the tool was tilted by {tilt:.0f} deg: the stick was taken away"
+    return f"the tool was tilted by {tilt:.0f} deg: operator control was stopped"
 
 
 def _explain(off: Array, weight: float) -> str:
     mm = ", ".join(f"{1e3 * x:.0f}" for x in off)
     return (
-        f"the operator's input ended before the tool stood: it was {mm} mm (ahead, left, up) from "
-        f"its place, and {weight:.1f} N hung on the hands"
+        f"the operator's input ended before the tool was seated: the tool was {mm} mm "
+        f"(ahead, left, up) from its target, and the hands carried {weight:.1f} N"
     )
 
 

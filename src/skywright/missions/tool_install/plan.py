@@ -116,8 +116,8 @@ def _load_operator(task: ToolInstall) -> Recording | None:
     v_max = recording.v_max
     if v_max is not None and abs(v_max - task.stick_speed_mps) > 1e-9:
         raise InputError(
-            f"{task.operator}: made at v_max_mps = {v_max:g}, mission.task.stick_speed_mps is "
-            f"{task.stick_speed_mps:g}: the same input would end elsewhere; set it to {v_max:g}"
+            f"{task.operator}: recorded with v_max_mps = {v_max:g}, but "
+            f"mission.task.stick_speed_mps is {task.stick_speed_mps:g}; set it to {v_max:g}"
         )
     return recording
 
@@ -161,8 +161,8 @@ def _plan_ways(d: Description, found: ToolPlan, name: str) -> tuple[ToolPlan, st
     distance, what = find_carried_clearance(full.model, name, carried, hang)
     if distance < TOOL_MARGIN:
         return found, (
-            f"to the pipe: the carried tool and {what} come within {max(distance, 0.0):.3f} m, "
-            f"{TOOL_MARGIN:.2f} m are kept"
+            f"to the pipe: the carried tool and {what} come within {max(distance, 0.0):.3f} "
+                f"m; required clearance: {TOOL_MARGIN:.2f} m"
         ), least  # fmt: skip
     return found, None, min(least, distance)
 
@@ -171,17 +171,17 @@ def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
     """Raise InputError where robot or world are not those of this mission."""
     tool = world.find_thing(task.tool, Tool)
     if world.pipe is None:
-        raise InputError(f"world {world.name!r} has no pipe: give it a [world.pipe] table")
+        raise InputError(f"world {world.name!r} has no pipe: add a [world.pipe] table")
     find_marker(world, task.tool)
     if not world.pipe.tracked:
         raise InputError(
-            f"world {world.name!r}: where the tool goes is measured: [world.pipe] tracked = true"
+            f"world {world.name!r}: motion capture must track the pipe: [world.pipe] tracked = true"
         )
     check_hooks(robot, "tool-install")
     if abs(world.pipe.inclination_deg) > STEEPEST_DEG:
         raise InputError(
-            f"world.pipe.inclination_deg = {world.pipe.inclination_deg:g}: a tool that hangs in "
-            f"two hooks is level; valid: -{STEEPEST_DEG:g} to {STEEPEST_DEG:g}"
+            f"world.pipe.inclination_deg = {world.pipe.inclination_deg:g}: a tool that "
+            f"hangs from two hooks is level; valid: -{STEEPEST_DEG:g} to {STEEPEST_DEG:g}"
         )
     half = 0.5 * world.pipe.length_m - 0.5 * tool.feet_apart_m - END_ROOM
     if half < 0.0:
@@ -191,8 +191,8 @@ def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
         )
     if abs(task.along_pipe_m) > half:
         raise InputError(
-            f"mission.task.along_pipe_m = {task.along_pipe_m:g}: the feet would stand beyond the "
-            f"pipe's end; valid: -{half:g} to {half:g}"
+            f"mission.task.along_pipe_m = {task.along_pipe_m:g}: the feet would be beyond "
+            f"the end of the pipe; valid: -{half:g} to {half:g}"
         )
 
 
@@ -202,14 +202,14 @@ def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
     assert pipe is not None and robot.arm is not None
     if tool.mass_kg > task.payload_max_kg:
         return (
-            f"the tool weighs {tool.mass_kg:g} kg, more than the arms may lift "
+            f"the tool weighs {tool.mass_kg:g} kg, more than the payload limit "
             f"(mission.task.payload_max_kg = {task.payload_max_kg:g})"
         )
     lightest = FELT * LIGHT_N / world.gravity_mps2
     if tool.mass_kg < lightest:
         return (
-            f"the tool weighs {tool.mass_kg:g} kg: below {lightest:.3f} kg the hands do not feel "
-            "whether it hangs or stands"
+            f"the tool weighs {tool.mass_kg:g} kg: below {lightest:.3f} kg the hands "
+            "cannot measure whether it is carried or seated"
         )
     if not compute_seat(tool, pipe.diameter_m).fits:
         low, high = compute_diameters(tool)
@@ -221,8 +221,8 @@ def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
     inner, outer = 0.5 * tool.box_y_m + hook, 0.5 * tool.handle_length_m - hook
     if not inner <= 0.5 * apart <= outer:
         return (
-            f"the hands are {apart:g} m apart; they find room on the handle between "
-            f"{2.0 * inner:.3f} m (box) and {2.0 * outer:.3f} m (ends)"
+            f"the hands are {apart:g} m apart; the handle has room for {2.0 * inner:.3f} m "
+            f"(box) to {2.0 * outer:.3f} m (ends)"
         )
     return None
 
@@ -306,7 +306,7 @@ def _find_blocked_work(robot: Robot, world: World, way: ToolPlan) -> str | None:
             if found.distance < NEAR_MARGIN:
                 pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
                 return (
-                    f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m, "
-                    f"{NEAR_MARGIN:.2f} m are kept"
+                    f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m; "
+                    f"required clearance: {NEAR_MARGIN:.2f} m"
                 )
     return None

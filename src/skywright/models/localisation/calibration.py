@@ -116,8 +116,8 @@ def calibrate(
     if len(used.t) < LEAST_PAIRS:
         where = "" if span is None else f" from {span[0]:g} to {span[1]:g} s"
         raise InputError(
-            f"{station.name} and {camera.name}: {len(used.t)} samples of the station{where} have "
-            f"the camera beside them; a calibration needs {LEAST_PAIRS} at least"
+            f"{station.name} and {camera.name}: {len(used.t)} samples of the station{where} "
+            f"have a matching camera sample; a calibration requires at least {LEAST_PAIRS}"
         )
     notes: list[str] = []
     x = interpolate_position(camera, used.t + time_offset, gap)
@@ -338,14 +338,15 @@ def _doubt(
     notes = []
     if rotation > math.radians(2.0) and not geometry.note:
         notes.append(
-            f"the rotation between the frames is known to ± {math.degrees(rotation):.1f} deg only: "
-            "move further in the calibration"
+            "the rotation between the frames has a standard deviation of "
+            f"{math.degrees(rotation):.1f} deg: move farther during the calibration"
         )
     if std.get("scale", 0.0) > 0.02 and not geometry.note:
         notes.append(f"the camera's scale is known to ± {100 * std['scale']:.1f} % only")
     if free["time"] and std.get("delay", 0.0) > 0.02:
         notes.append(
-            f"the delay between the clocks is known to ± {1e3 * std['delay']:.0f} ms only: change "
-            "speed and direction in the calibration"
+            "the delay between the clocks has a standard deviation of "
+            f"{1000.0 * std['delay']:.0f} ms: change speed and direction during the "
+            "calibration"
         )
     return notes

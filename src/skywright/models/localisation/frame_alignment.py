@@ -120,7 +120,7 @@ def estimate_frame(method: str, x: Array, y: Array) -> FrameAlignment:
 def _check(x: Array, y: Array) -> None:
     if x.shape != y.shape or len(x) < LEAST_POINTS:
         raise InputError(
-            f"{len(x)} pairs of points; an alignment of frames needs {LEAST_POINTS} at least"
+            f"{len(x)} pairs of points; an alignment of frames requires at least {LEAST_POINTS}"
         )
 
 
@@ -148,8 +148,8 @@ def diagnose_geometry(y: Array, noise: float, method: str = "similarity") -> Geo
     if large < 3.0 * noise:
         kind: Literal["full", "planar", "linear", "point"] = "point"
         note = (
-            f"the calibration does not move: its points spread by {1e3 * large:.0f} mm, their "
-            f"noise is {1e3 * noise:.0f} mm; rotation and scale are unknown"
+            f"no motion in the calibration: its points spread by {1000.0 * large:.0f} mm, "
+            f"their noise is {1000.0 * noise:.0f} mm; rotation and scale are not determined"
         )
     elif middle < max(FLAT * large, 3.0 * noise):
         kind = "linear"

@@ -113,18 +113,18 @@ def estimate_offset(first: Trajectory, second: Trajectory) -> TimeAlignment:
     if enough.any():
         found = _find_peak(lags, corr, enough)
         if found[1] >= 0.8 and _is_unique(lags, corr, enough, found[0]):
-            note = f"the clocks differ by {found[0]:+.3f} s, found by the motion that both saw"
+            note = f"the clocks differ by {found[0]:+.3f} s, determined from the common motion"
             return TimeAlignment(*found, lags[enough], corr[enough], False, note)
     if common:
         note = (
-            f"the speeds of {a.name} and {b.name} do not tell the delay between the clocks "
-            f"(correlation {float(np.max(corr[near], initial=0.0)):.2f}): taken as zero; "
-            "--time-offset gives it by hand"
+            f"the speeds of {a.name} and {b.name} do not determine the delay between the "
+            f"clocks (correlation {float(np.max(corr[near], initial=0.0)):.2f}): it is "
+            "taken as zero; --time-offset sets it"
         )
         return TimeAlignment(0.0, 0.0, lags[near], corr[near], True, note)
     raise InputError(
-        f"{a.name} and {b.name} do not overlap in time ({_span(a)} against {_span(b)}) and show "
-        "no common motion that tells the offset of their clocks; give it as --time-offset"
+        f"{a.name} and {b.name} do not overlap in time ({_span(a)} and {_span(b)}), and no "
+        "common motion determines the offset of their clocks; give it with --time-offset"
     )
 
 

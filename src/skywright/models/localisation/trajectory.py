@@ -132,7 +132,7 @@ def clean(
             norm = np.linalg.norm(q, axis=1)
             upright = (norm > 0.5) & (norm < 2.0)
             if 2 * int(np.count_nonzero(good & upright)) < max(int(np.count_nonzero(good)), 1):
-                notes.append("orientation columns hold no quaternions: ignored")
+                notes.append("orientation columns contain no valid quaternions: ignored")
                 q = None
             else:
                 good &= upright

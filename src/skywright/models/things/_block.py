@@ -53,7 +53,7 @@ class Block(Placed):
     @model_validator(mode="after")
     def _what_moves_has_a_mass(self) -> Block:
         if self.moves and self.mass_kg is None:
-            raise ValueError("moves = true needs mass_kg")
+            raise ValueError("moves = true requires mass_kg")
         if self.held_n is not None and not self.moves:
-            raise ValueError("held_n holds a thing that can come free: it needs moves = true")
+            raise ValueError("held_n requires moves = true")
         return self

@@ -38,8 +38,8 @@ class Peg(Handled):
             )
         if self.handle_height_m < FLANGE_M + self.handle_diameter_m:
             raise ValueError(
-                f"handle_height_m = {self.handle_height_m:g} is in the flange; valid: from "
-                f"{FLANGE_M + self.handle_diameter_m:g}"
+                f"handle_height_m = {self.handle_height_m:g} lies inside the flange; "
+                f"valid: from {FLANGE_M + self.handle_diameter_m:g}"
             )
         return self
 

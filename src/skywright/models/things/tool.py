@@ -45,8 +45,8 @@ class Tool(Handled):
         top = 0.5 * self.profile_m + self.box_z_m
         if self.handle_height_m < top + self.handle_diameter_m:
             raise ValueError(
-                f"handle_height_m = {self.handle_height_m:g} is in the box, whose top is {top:g} m "
-                "above O"
+                f"handle_height_m = {self.handle_height_m:g} lies inside the box, whose "
+                f"top is {top:g} m above O"
             )
         return self
 

@@ -49,13 +49,15 @@ def plan_decoupled(
     platform = plan_path(held, np.asarray(start), there, rng, time_s / 2, clock=clock)
     if not len(platform.rows):
         return Decoupled(
-            np.zeros((0, n)), np.inf, "no way for the platform with the arms held as they start"
+            np.zeros((0, n)),
+            np.inf,
+            "no path for the platform with the arms in their initial posture",
         )
     still = space.copy()
     still[0]["low"][:n_move] = there[:n_move] - 1e-9
     still[0]["high"][:n_move] = there[:n_move] + 1e-9
     arms = plan_path(still, there, np.asarray(goal), rng, time_s / 2, clock=clock)
     if not len(arms.rows):
-        return Decoupled(np.zeros((0, n)), np.inf, "no way for the arms at the goal")
+        return Decoupled(np.zeros((0, n)), np.inf, "no path for the arms at the goal")
     rows = np.vstack([platform.rows, arms.rows[1:]])
     return Decoupled(rows, float(_cost(space, rows)), "")

@@ -97,8 +97,8 @@ def load_plan_file(
     table = _read_table(base.with_suffix(".csv"), list_columns(names))
     if len(table) != head["rows"]:
         raise InputError(
-            f"{base.with_suffix('.csv')}: {len(table)} rows, plan.rows says {head['rows']}: the "
-            "file is cut off or from another plan"
+            f"{base.with_suffix('.csv')}: {len(table)} rows, but plan.rows is "
+            f"{head['rows']}: the file is truncated or belongs to another plan"
         )
     n, at = len(names), 13
     plan = PlanFile(
@@ -120,10 +120,12 @@ def _read_head(path: Path) -> dict[str, Any]:
     tree = parse_toml(_read(path, LARGEST_TOML), str(path))
     head = tree.get("plan")
     if not isinstance(head, dict):
-        raise InputError(f"{path}: no [plan] table; the file holds: {', '.join(tree) or 'nothing'}")
+        raise InputError(
+            f"{path}: no [plan] table; the file contains: {', '.join(tree) or 'nothing'}"
+        )
     for key, kinds in _HEAD.items():
         if key not in head:
-            raise InputError(f"{path}: plan lacks {key}; needed are {', '.join(_HEAD)}")
+            raise InputError(f"{path}: plan lacks {key}; required: {', '.join(_HEAD)}")
         if not isinstance(head[key], kinds) or isinstance(head[key], bool):
             raise InputError(f"{path}: plan.{key} is {head[key]!r}; {kinds[0].__name__} is needed")
     unknown = sorted(set(head) - set(_HEAD))
@@ -160,9 +162,9 @@ def _read_table(path: Path, columns: list[str]) -> Array:
         what = (
             f"lacks the column {missing[0]}" if missing else f"has the unknown column {extra[0]!r}"
         )
-        raise InputError(f"{path}: {what}; the plan's joints need: {', '.join(columns)}")
+        raise InputError(f"{path}: {what}; required for the plan's joints: {', '.join(columns)}")
     if len(set(header)) != len(header):
-        raise InputError(f"{path}: a column stands twice in the header")
+        raise InputError(f"{path}: the header contains a column twice")
     rows = []
     for number, line in enumerate(lines[1:], start=2):
         if len(line) != len(header):
@@ -194,7 +196,7 @@ def _check_motion(path: Path, plan: PlanFile) -> None:
     steps = np.diff(plan.t)
     if np.any(steps <= 0.0):
         line = int(np.argmax(steps <= 0.0)) + 3
-        raise InputError(f"{path}: line {line}, t_s is {plan.t[line - 2]:g}; times must grow")
+        raise InputError(f"{path}: line {line}, t_s is {plan.t[line - 2]:g}; times must increase")
     names = [*POSE, *(f"{j}_rad" for j in plan.joints)]
     place, rate = np.hstack([plan.pose, plan.q]), np.hstack([plan.rate, plan.qd])
     moved = np.diff(place, axis=0)
@@ -203,6 +205,6 @@ def _check_motion(path: Path, plan: PlanFile) -> None:
     if np.any(wrong):
         row, column = (int(i) for i in np.argwhere(wrong)[0])
         raise InputError(
-            f"{path}: line {row + 3}, {names[column]} moves by {moved[row, column]:.4g} where its "
-            f"rates say {told[row, column]:.4g}"
+            f"{path}: line {row + 3}, {names[column]} moves by {moved[row, column]:.4g}, "
+            f"but its rates give {told[row, column]:.4g}"
         )

@@ -193,14 +193,14 @@ def build_space(
     for i, c in enumerate(coordinates):
         if not c.low < c.high:
             raise InputError(
-                f"coordinate {c.name}: its limits cross, {c.low:g} is not below {c.high:g}"
+                f"coordinate {c.name}: lower limit {c.low:g} is not below upper limit {c.high:g}"
             )
         for name, gain in zip(c.drives, c.gains or (1.0,) * len(c.drives), strict=True):
             cmap[_row(rows, name), i] = gain
     moves = [any(r in (X, Y, Z) for r in np.flatnonzero(cmap[:, i])) for i in range(n)]
     n_move = sum(moves)
     if not all(moves[:n_move]):
-        raise InputError("coordinates: translations come before angles")
+        raise InputError("coordinates: translations must come before angles")
     weight = np.array(
         [
             p1 if m else p2 * sum(abs(gain) for gain in c.gains or (1.0,) * len(c.drives))
@@ -323,7 +323,5 @@ def _first_moments(tree: Tree, passive: int) -> tuple[Array, float]:
     across = steady - (steady @ tree.axis[passive]) * tree.axis[passive]
     least = float(np.linalg.norm(across)) - moving
     if least <= 0.0:
-        raise InputError(
-            "the passive joint: what hangs on it can balance, it has no one rest angle"
-        )
+        raise InputError("the passive joint has no unique equilibrium angle: its load can balance")
     return moment, least

@@ -70,7 +70,7 @@ def compute_acceleration_limits(limits: TimeLimits) -> tuple[float, float]:
     spare = limits.thrust / limits.mass - limits.gravity
     if spare <= 0.0:
         raise InfeasibleError(
-            f"the rotors make {limits.thrust:.1f} N, robot and load weigh "
+            f"the rotors produce at most {limits.thrust:.1f} N, robot and load weigh "
             f"{limits.mass * limits.gravity:.1f} N",
             "thrust",
         )
@@ -262,7 +262,7 @@ def assign_times(
     if duration is not None:
         if duration < least - 1e-9:
             raise InfeasibleError(
-                f"the motion needs {least:.2f} s, {duration:g} s are given", "duration"
+                f"the motion requires {least:.2f} s; requested: {duration:g} s", "duration"
             )
         factor = (duration - stretches * limits.smooth) / at[-1]
     for _ in range(200):

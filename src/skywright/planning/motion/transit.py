@@ -101,7 +101,7 @@ def plan_transit(
         blocked_by = f"{'start' if at_start else 'goal'}: {what}"
     elif not len(path.rows):
         often = describe_pair(space, scene, int(np.argmax(path.hits)))
-        blocked_by = f"no way found; most often in the way: {often}"
+        blocked_by = f"no path found; most frequent obstacle: {often}"
     rows, cost, clearance = _finish(space, path, max(margin, CORNER * keep))
     u = space[0]["offset"] + rows @ space[0]["map"][:, : rows.shape[1]].T
     return Transit(

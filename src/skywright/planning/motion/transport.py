@@ -60,7 +60,8 @@ def build_transport(
     t, arm = transport or Transport(), robot.arm
     if arm is None or arm.sides != 2 or robot.pendulum is None:
         raise InputError(
-            f"robot {robot.name!r} cannot carry a bar: it needs a pendulum and two arms (sides = 2)"
+            f"robot {robot.name!r} cannot carry a bar: it requires a pendulum and two arms "
+            "(sides = 2)"
         )
     scene = build_planning_scene(build_scene(robot, world), robot)
     area = get_structures(world).area

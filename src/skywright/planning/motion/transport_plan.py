@@ -155,10 +155,10 @@ def describe_narrowest(problem: TransportProblem, path: Path) -> str:
         w = widths[0]
         fits = "fits" if w.ratio >= 1.0 else "does not fit"
         return (
-            f"the narrowest passage is {w.name!r}: {w.opening:.2f} m, of which the {w.what} needs "
-            f"{w.needs:.2f} m with its margins ({fits})"
+            f"the narrowest passage is {w.name!r}: {w.opening:.2f} m wide; the {w.what} "
+            f"requires {w.needs:.2f} m including margins ({fits})"
         )
     if path.hits.any():
         often = describe_pair(problem.space, problem.scene, int(np.argmax(path.hits)))
-        return f"most often in the way: {often}"
-    return "nothing was in the way"
+        return f"most frequent obstacle: {often}"
+    return "no obstacle blocked the search"

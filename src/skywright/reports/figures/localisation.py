@@ -10,10 +10,10 @@ from skywright.run.run import RunResult
 
 SHADE = "#f6e3d5"
 CAPTION = (
-    "How well it knew where it was",
-    "Estimated less true position. Lines: two standard deviations, as the filter states them. "
-    "Shaded: no line of sight from the total station to the prism; only the tracking camera tells "
-    "how the robot moves, and drifts.",
+    "Localisation error",
+    "Estimated minus true position. Lines: two standard deviations, as stated by the "
+    "filter. Shaded: no line of sight from the total station to the prism; only the "
+    "tracking camera, which drifts, measures the motion.",
 )
 
 

@@ -32,12 +32,12 @@ def draw_plan(result: RunResult) -> Figure | None:
     shade_phases(strip, axes, spans)
     draw_line(axes[0], t, clearance, color=BLUE)
     axes[0].set(
-        title="Planned clearance between the robot and everything else (tip excluded)",
+        title="Planned clearance of the robot (except the tip)",
         ylabel="clearance (m)",
     )
     draw_line(axes[1], t, 100.0 * margin, color=BLUE)
     axes[1].set(
-        title="Planned rotor margin: thrust range that the most loaded rotor leaves free",
+        title="Planned rotor margin: unused thrust range of the most loaded rotor",
         ylabel="margin (%)",
         xlabel="time along the plan (s)",
     )

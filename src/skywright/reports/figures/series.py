@@ -176,8 +176,8 @@ def _draw_normal(ax: Axes, t: Array, out: Array, depth: float) -> None:
     """`depth` (mm) is the planned one."""
     _draw_single(
         ax, t, 1e3 * out,
-        "Tip error along the normal: the desired tip lies inside the surface, "
-        "this offset makes the push",
+        "Tip error along the normal: the desired tip lies inside the surface; this offset "
+            "causes the contact force",
         "error (mm)", BLUE,
     )  # fmt: skip
     ax.axhline(depth, color=GREEN, lw=1.1, ls=":", label=f"planned depth {depth:.0f} mm")
@@ -239,7 +239,7 @@ def _draw_rotors(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
         at = t[saturated]
         ax.plot(
             at[:: max(1, len(at) // 400)], np.full(len(at[:: max(1, len(at) // 400)]), 0.3), "|",
-            color=BLACK, ms=5, label="cut by the allocation",
+            color=BLACK, ms=5, label="command not realised by the allocation",
         )  # fmt: skip
     ax.legend(
         loc="upper left", ncols=n + 1, fontsize=7, title_fontsize=7, handlelength=1.2,

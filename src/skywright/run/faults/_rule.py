@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 Response = Literal["hold", "come_home", "land_here", "let_go"]
 RESPONSES: dict[Response, str] = {
-    "hold": "draw back from what it touches and hover until the value is good again, then come "
+    "hold": "retreat from the contact and hover until the value is within its limit, then return "
     "home",
-    "come_home": "draw back from what it touches, fly back the way it came and land there",
-    "land_here": "draw back from what it touches and land on the spot",
+    "come_home": "retreat from the contact, return along the flown path and land at the start",
+    "land_here": "retreat from the contact and land in place",
     "let_go": "stop the motors and fall",
 }
 """What is flown, the mildest first: while one is flown only a stronger one may follow."""

@@ -36,4 +36,4 @@ class LocalisationLost(Rule):
 
     def explain(self, value: float) -> str:
         """Say it as a reason."""
-        return f"nothing told where it is for {value:.1f} s"
+        return f"no localisation for {value:.1f} s"

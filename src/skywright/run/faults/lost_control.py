@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class LostControl(Rule):
     """Distance from the reference, as estimated."""
 
-    watches = "distance of the estimated from the commanded place"
+    watches = "distance of the estimated from the commanded position"
     unit = "m"
     source = "as the guard of the tick (vehicle/guard.py): no built-in flight strays so far"
     from_take_off = True

@@ -53,7 +53,7 @@ class _ForceEstimator(Component):
     columns = tuple(
         Recorded(
             f"{side}_est_f_W", HandForce, "f_WH", "N",
-            f"force that the {side} hand exerts, estimated", item=h, per="hand",
+            f"estimated force of the {side} hand", item=h, per="hand",
         )
         for h, side in enumerate(SIDES)
     )  # fmt: skip

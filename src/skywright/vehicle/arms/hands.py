@@ -49,7 +49,7 @@ class HandKinematics(ArmComponent):
             ),
             Recorded(
                 f"{side}_ref_f_W", HandsReference, "f_WH", "N",
-                f"force that the {side} hand shall exert", item=h, per="hand",
+                f"requested force of the {side} hand", item=h, per="hand",
             ),
         )
     )  # fmt: skip

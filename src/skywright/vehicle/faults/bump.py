@@ -40,7 +40,8 @@ class Bump(Fault):
         names = [model.body(i).name for i in range(1, model.nbody)]
         if table.body not in names:
             raise InputError(
-                f"plant.faults.{self.name}.body: no body {table.body!r}; valid: {', '.join(names)}"
+                f"plant.faults.{self.name}.body: unknown body {table.body!r}; valid: "
+                f"{', '.join(names)}"
             )
         me.start, me.end = table.start_s, table.start_s + table.for_s
         me.body = model.body(table.body).id

@@ -38,6 +38,9 @@ class Random(Fault):
             if drawn is not None:
                 fitting.append((cls, drawn))
         if not fitting:
-            raise InputError(f"plant.faults.{self.name}: none of {', '.join(kinds)} fits here")
+            raise InputError(
+                f"plant.faults.{self.name}: none of {', '.join(kinds)} applies to this robot "
+                "and mission"
+            )
         cls, drawn = fitting[int(rng.integers(len(fitting)))]
         return cls(self.name, cls.Table.model_validate({"start_s": start, **drawn}))

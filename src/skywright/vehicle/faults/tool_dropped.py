@@ -36,8 +36,9 @@ class ToolDropped(Fault):
         self._model = model = context.scene.model
         if table.thing not in list_handled(context.world):
             raise InputError(
-                f"plant.faults.{self.name}.thing: nothing with a handle is called {table.thing!r}; "
-                f"valid: {', '.join(list_handled(context.world)) or 'none in this world'}"
+                f"plant.faults.{self.name}.thing: {table.thing!r} is not a thing with a "
+                "handle; valid: "
+                f"{', '.join(list_handled(context.world)) or 'none in this world'}"
             )
         names = [model.geom(g).name for g in range(model.ngeom)]
         self._geoms = [g for g, n in enumerate(names) if n == f"{table.thing} handle"]

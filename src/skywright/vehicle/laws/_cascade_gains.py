@@ -106,9 +106,10 @@ def compute_lead(k_rate: float, rotor_tau: float, delay: float, margin: float) -
     spare = 0.5 * math.pi - margin - k_rate * delay
     if spare <= 0.0:
         raise InputError(
-            f"robot.control: a rate loop of {k_rate:.3g} rad/s (attitude_bandwidth_rad_s times "
-            f"loop_separation) has no phase margin of {math.degrees(margin):.3g} deg at rate_hz "
-            f"and world.link.delay_s; valid: below {(0.5 * math.pi - margin) / delay:.3g} rad/s"
+            f"robot.control: a rate loop of {k_rate:.3g} rad/s (attitude_bandwidth_rad_s "
+            f"times loop_separation) has a phase margin below {math.degrees(margin):.3g} "
+            "deg with rate_hz and world.link.delay_s; valid: below "
+            f"{(0.5 * math.pi - margin) / delay:.3g} rad/s"
         )
     return min(math.tan(spare) / k_rate, rotor_tau)
 
@@ -345,10 +346,11 @@ def _quicken(
     for axis, kept in enumerate(found):
         if kept is None:
             raise InputError(
-                f"robot.control.motion_sensitivity = {most:g}: no bandwidth of the motion "
-                f"{'forward' if axis == 0 else 'to the left'} stays below it with this "
-                "attitude_bandwidth_rad_s, position_damping and swing_damping and brings a link to "
-                f"rest within {SETTLING:g} s; 0 separates the loops instead"
+                f"robot.control.motion_sensitivity = {most:g}: with this "
+                "attitude_bandwidth_rad_s, position_damping and swing_damping no "
+                f"bandwidth of the motion {('forward' if axis == 0 else 'to the left')} "
+                f"meets it and settles the link within {SETTLING:g} s; 0 separates the "
+                "loops instead"
             )
         g.k_position[axis], g.k_velocity[axis] = kept.position, kept.velocity
         g.wrench[axis] = kept.force

@@ -147,8 +147,8 @@ def compute_backstepping_gains(
     if not excess(low) >= 0.0 >= excess(high):
         raise InputError(
             f"no backstepping gains for a bandwidth of {bandwidth:g} rad/s with damping "
-            f"{damping:g} and integral {integral:g} rad/s: valid is a bandwidth above 1 rad/s with "
-            "a damping from 1 and an integral well below it"
+            f"{damping:g} and integral {integral:g} rad/s; valid: a bandwidth above 1 "
+            "rad/s, a damping of at least 1, and an integral well below the bandwidth"
         )
     k2 = float(brentq(excess, low, high, xtol=1e-12))
     return kd - k2, k2, ki / k2

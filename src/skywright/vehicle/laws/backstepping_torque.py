@@ -153,10 +153,10 @@ def build_loop(context: Context, table: Any, rotor: Array) -> TorqueLoop:
         if max(worst, compute_sensitivity(slower)) <= SENSITIVITY:
             return slower
     raise InputError(
-        f"control law 'backstepping_torque': a dead time of {1e3 * loop.delay:.0f} ms from the "
-        f"encoders to the servos' torques leaves no loop of {c.arm_bandwidth_rad_s:g} rad/s "
-        "(arm_bandwidth_rad_s) with a sensitivity below 2: less world.link.delay_s, or servos that "
-        "take speeds"
+        f"control law 'backstepping_torque': with a dead time of {1000.0 * loop.delay:.0f} "
+        f"ms from encoders to servo torques, a loop of {c.arm_bandwidth_rad_s:g} rad/s "
+        "(arm_bandwidth_rad_s) has a sensitivity above 2: reduce world.link.delay_s, or "
+        "use velocity servos"
     )
 
 

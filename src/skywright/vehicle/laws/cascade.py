@@ -154,7 +154,7 @@ def check_balance(gains: CascadeGains, context: Context) -> None:
         raise InputError(
             f"robot.control: at rate_hz = {rate:g} and world.link.delay_s = "
             f"{world.link.delay_s:g} the roll loop reaches {found:.2f} rad/s; to take off "
-            f"on the end of its link {robot.name!r} needs {falls:.2f} rad/s: raise "
+            f"from the end of its link {robot.name!r} requires {falls:.2f} rad/s: raise "
             "rate_hz or lower delay_s"
         )
 

@@ -138,8 +138,8 @@ class DirectForce(ThreeLoops):
         """Raise InputError for a robot that does not measure the force of its tip."""
         if find_tip_sensor(robot) is None:
             raise InputError(
-                f"control law {self.name!r} needs the measured force of a probe; "
-                f"{robot.name!r} has no force sensor there: take robot 'othex-force', or give it "
+                f"control law {self.name!r} requires a measured probe force; {robot.name!r} "
+                "has no force sensor there: use robot 'othex-force', or add "
                 "[robot.sensors.NAME] kind = 'force_torque', at = 'probe'"
             )
 
@@ -272,10 +272,10 @@ def compute_gains(contact: Contact, table: DirectForce.Table) -> Gains:
         best = gains
     if best is None:
         raise InputError(
-            f"control law 'direct_force': a dead time of {1e3 * contact.delay:.0f} ms (sensor, "
-            f"control, link both ways) and rotors of {1e3 * contact.lag:.0f} ms leave no force "
-            "bandwidth with a sensitivity below 2: less world.link.delay_s, or mission.law = "
-            "'push_and_slide'"
+            f"control law 'direct_force': with a dead time of {1000.0 * contact.delay:.0f} "
+            "ms (sensor, control, link both ways) and a rotor lag of "
+            f"{1000.0 * contact.lag:.0f} ms no force bandwidth has a sensitivity below 2: "
+            "reduce world.link.delay_s, or use mission.law = 'push_and_slide'"
         )
     return best
 

@@ -60,7 +60,7 @@ class ForceTorque(Sensor):
             inner = [b.name for b in spec.bodies if b.parent and b.parent.name not in ("", "world")]
             named = [name for name, part in PLACES.items() if part in inner]
             raise InputError(
-                f"sensor {self.name!r}: at = {at!r} is no part of the arm; valid: "
+                f"sensor {self.name!r}: at = {at!r} is not a part of the arm; valid: "
                 f"{', '.join([*named, *inner]) or 'none, the robot has no arm'}"
             )
         body.add_site(name=self.name)

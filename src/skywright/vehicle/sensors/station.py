@@ -144,14 +144,13 @@ class StationCamera(Sensor):
         for start, stop in s.blocked_s:
             if start < SETTLE and stop > 0.0:
                 raise InputError(
-                    f"world.total_station.blocked_s holds [{start:g}, {stop:g}]: the station must "
-                    f"see the robot for {SETTLE:g} s before it takes off"
+                    f"world.total_station.blocked_s contains [{start:g}, {stop:g}]: the "
+                    f"station must see the robot for {SETTLE:g} s before take-off"
                 )
         if not self._me.visible:
             raise InputError(
-                f"world.total_station at ({s.x_m:g}, {s.y_m:g}, {s.z_m:g}) m "
-                "does not see the prism of the robot where it stands before take-off: move the "
-                "station, or what is in between"
+                f"world.total_station at ({s.x_m:g}, {s.y_m:g}, {s.z_m:g}) m does not see "
+                "the robot's prism before take-off: move the station or the obstacle"
             )
 
     def _look(self, t: float) -> None:
