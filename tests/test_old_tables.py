@@ -147,7 +147,9 @@ def test_a_name_that_stands_twice_is_refused(old: Path, text: str, found: str) -
 
 
 def test_an_old_table_that_would_change_another_kind_is_refused() -> None:
-    with pytest.raises(InputError, match=r"world.bench is a bench, and world.things.bench a 'box'"):
+    with pytest.raises(
+        InputError, match=r"world.bench is a bench, but world.things.bench is already a 'box'"
+    ):
         load_description("tool-install", sets=["world.bench.z_m=1.5"])
     with pytest.raises(InputError, match=r"unknown key world.obstacles"):
         load_description("waypoints", sets=["world.obstacles=3"])
