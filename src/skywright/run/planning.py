@@ -97,7 +97,8 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
         if blocked is not None:
             plan = plan._replace(feasible=False, blocked_by=blocked)
     sensed = find_exceeded_delay(setup) or find_slow_localisation(setup)
-    sensed = sensed or find_noisy_gyroscope(setup)
+    if plan.feasible and sensed is None:  # builds the law, which what blocks the plan may forbid
+        sensed = find_noisy_gyroscope(setup)
     if sensed is not None:
         return plan._replace(feasible=False, blocked_by=sensed)
     too_windy = find_exceeded_wind(setup, plan.segments)
