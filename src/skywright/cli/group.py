@@ -37,6 +37,9 @@ class Group(click.Group):
             code = super().main(args, *more, **extra)
         except BaseException as error:
             code = _report(error, as_json="--json" in args)
+        # `python -m` would kill itself with SIGINT at the end where an interrupt went through code
+        # that was compiled from text (numba's, pydantic's): running some clears that note.
+        exec("pass")
         sys.exit(code if isinstance(code, int) else 0)
 
 
