@@ -91,14 +91,14 @@ class Clearance(NamedTuple):
 
 
 def build_clearance(
-    scene: Scene, *, with_ground: bool = True, folded: Array | None = None
+    scene: Scene, *, with_ground: bool = True, in_air: bool = False, folded: Array | None = None
 ) -> ClearanceQuery:
     """Build the query on a nominal scene (no flexibility: joints are where the planner says).
 
     Pairs are every robot geom with every world geom, except landing gear with ground (it stands
-    on it) or, without `with_ground`, anything with it; and, asked for separately, the arm's
-    moving links with propellers and gear. Gear that a link is in when `folded` (n_joints,) rad is
-    left out: its shape is generic, and the arm is mounted between it.
+    on it) unless `in_air`, or, without `with_ground`, anything with it; and, asked for separately,
+    the arm's moving links with propellers and gear. Gear that a link is in when `folded`
+    (n_joints,) rad is left out: its shape is generic, and the arm is mounted between it.
     """
     model, index = scene.model, scene.places
     data = mujoco.MjData(model)
@@ -107,7 +107,7 @@ def build_clearance(
     world: list[tuple[int, int]] = []
     for r in index.robot_geoms.tolist():
         for w in index.world_geoms.tolist():
-            if names[w] == "ground" and (r in feet or not with_ground):
+            if names[w] == "ground" and ((r in feet and not in_air) or not with_ground):
                 continue
             world.append((r, w))
     robot = index.robot_geoms.tolist()

@@ -53,7 +53,7 @@ class Setup(Nominal, Generic[T]):
     @cached_property
     def clearance(self) -> ClearanceQuery:
         """Distances in the nominal scene, the ground included."""
-        return build_clearance(self.scene, folded=posture(self.robot, "folded"))
+        return build_clearance(self.scene, in_air=True, folded=posture(self.robot, "folded"))
 
     @cached_property
     def clearance_aloft(self) -> ClearanceQuery:

@@ -157,7 +157,8 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
     found = attempt(depth, survey)
     blocked = found.blocked_by
     if blocked and depth >= DEEP:
-        anyhow = attempt(SHALLOW, None).blocked_by
+        through = scan.depth_m is not None and depth >= cylinder.radius  # asked for: no arm can
+        anyhow = None if through else attempt(SHALLOW, None).blocked_by
         blocked = (
             f"{anyhow}, with the desired tip {1e3 * SHALLOW:.0f} mm inside the surface as with "
             f"the {1e3 * depth:.0f} mm that the push needs"
