@@ -197,6 +197,7 @@ def test_scan_asks_what_the_paper_asks() -> None:
         "weld.crossing_error_mm": ("<=", 5.0),
         "weld.line_error_mm": ("<=", 5.0),
         "coverage.fraction": (">=", 0.98),
+        "flight.saturated_max_s": ("<=", 0.5),
     }
 
 

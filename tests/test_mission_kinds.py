@@ -109,7 +109,10 @@ def test_old_and_new_key_together_are_refused(tmp_path: Path) -> None:
         ("", "has no class 'Mine'"),
         ("1 / 0", "importing .* failed: ZeroDivisionError"),
         ("class Mine: pass", "a mission kind is needed"),
-        ("from skywright.run.kind import MissionKind\nclass Mine(MissionKind): pass", "lacks"),
+        (
+            "from skywright.run.kind import MissionKind\nclass Mine(MissionKind): pass",
+            "does not define",
+        ),
     ],
 )
 def test_a_kind_that_is_none_is_refused(tmp_path: Path, text: str, words: str) -> None:

@@ -109,7 +109,7 @@ def split_support(things: Things, on: str) -> tuple[str, str]:
                 )
             return name, frame
     raise ValueError(
-        f"on = {on!r} is not a thing of this world; valid: {{', '.join(things) or 'none'}}"
+        f"on = {on!r} is not a thing of this world; valid: {', '.join(things) or 'none'}"
     )
 
 

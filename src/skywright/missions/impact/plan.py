@@ -78,7 +78,7 @@ def plan(setup: Setup[Impact]) -> MissionPlan[ImpactPlan]:
     found = ImpactPlan(ahead, yaw, q, near, near - length * ahead, lever, run, touched)
     blocked = None
     if not touched.startswith(PARTS[task.part]) and not _is_forearm(robot, touched, task.part):
-        blocked = f"{{touched or 'no part'}} would touch the pad first instead of the {task.part}"
+        blocked = f"{touched or 'no part'} would touch the pad first instead of the {task.part}"
     hover = setup.hover
     way = float(np.linalg.norm(found.p_start - hover[:3])) + RETREAT_M
     total = run[-1, 0] + RECOIL_S + REST_S + 3.75 * way / robot.control.speed_max_mps

@@ -82,7 +82,7 @@ def find_marker(world: World, tool: str | None = None) -> Frame:
         if thing.is_marker and carrier is not None and tool in (None, carrier):
             return locate_thing(world.things, name, carrier)
     raise InputError(
-        f"world {world.name!r}: tracking of {{tool or 'the payload'}} requires a thing of "
+        f"world {world.name!r}: tracking of {tool or 'the payload'} requires a thing of "
         f"kind 'marker', on = {tool or 'NAME'!r}"
     )
 
