@@ -224,7 +224,7 @@ def test_a_calm_hover_keeps_the_tip_near() -> None:
     ("args", "found"),
     [
         (["bimanual", "bimanual"], "same robot"),
-        (["bimanual", "hexarotor"], "no arm"),
+        (["bimanual", "hexarotor"], "has no links"),
         (["bimanual", "bimanul"], "bimanual"),
         (["bimanual", "othex", "--set", "robot.mass=1"], "world"),
         (["bimanual", "othex", "--set", "world.pipe.radius=1"], "radius"),
