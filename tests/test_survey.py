@@ -273,7 +273,7 @@ def test_too_few_touches_and_contradictions_are_told() -> None:
     few = fit_touches(setup, make_touches(2), get_tip(setup))
     assert "only 2 of 6 touches succeeded (no contact within 90 mm)" in few.reason
     wrong = fit_touches(setup, make_touches(6, wrong=(0, 2, 4)), get_tip(setup))
-    assert "contradict" in wrong.reason
+    assert "inconsistent" in wrong.reason
     assert isinstance(get_map_error(setup), MapError)
 
 
