@@ -125,7 +125,9 @@ def test_the_variance_is_that_of_a_simulated_gust(along: bool) -> None:
 
 
 def test_no_motion_is_fast_enough_for_a_link_that_nothing_damps() -> None:
-    with pytest.raises(InputError, match="motion_sensitivity = 2: no bandwidth of the motion forw"):
+    with pytest.raises(
+        InputError, match=r"motion_sensitivity = 2: .* no bandwidth of the motion forw"
+    ):
         build_systems(("robot.control.swing_damping=0.05",))
 
 

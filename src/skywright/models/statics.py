@@ -44,9 +44,11 @@ class Interval(NamedTuple):
 NONE = Interval(math.nan, math.nan)
 
 
-def build_layout(rotors: RotorSet, thrust_fraction: float = 1.0) -> Layout:
+def build_layout(
+    rotors: RotorSet, thrust_fraction: float = 1.0, allocator: Allocator | None = None
+) -> Layout:
     """Return the rotors with `thrust_fraction` of the upper limit in use."""
-    a: Allocator = build_allocator(rotors)
+    a = allocator or build_allocator(rotors)
     t_max = a.t_max * thrust_fraction
     return Layout(
         rotors, a.B, a.P, a.t_min, t_max, bool(a.full), bool(a.full) and a.P.shape[0] == 6

@@ -29,7 +29,7 @@ def find_noisy_gyroscope(setup: Setup[Any]) -> str | None:
     noise = robot.sensors.gyro_noise_rad_s_sqrthz
     if loop is None or noise == 0.0:
         return None
-    q, layout = posture(robot, "working"), build_layout(setup.rotors, 1.0)
+    q, layout = posture(robot, "working"), build_layout(setup.rotors, 1.0, setup.allocator)
     mass, c, I_B = compute_body(setup.model, q)
     I_C = I_B - mass * (c @ c * np.eye(3) - np.outer(c, c))
     rate = noise * math.sqrt(robot.control.rate_hz)
