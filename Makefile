@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test wheel lint bench docs lock pictures claims clean
+.PHONY: help demo test wheel lint bench docs lock pictures claims evidence clean
 
 help:  ## list these targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -50,6 +50,10 @@ claims: $(STAMP)  ## measure the papers' claims again and write them into the do
 	@mkdir -p runs
 	$(BIN)/skywright reproduce --out runs/claims.html --json > runs/claims.json
 	$(BIN)/python docs/generate_claims.py runs/claims.json
+
+evidence: $(STAMP)  ## change the code in some 250 places and see which changes no test notices
+	$(BIN)/python scripts/mutants.py
+	$(BIN)/python docs/generate_mutants.py
 
 lock:  ## resolve requirements.lock again (needs uv)
 	uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \

@@ -29,6 +29,7 @@ from oracle_flight import (
 from oracle_hands import judge_bimanual, judge_insertion, judge_install, judge_tool
 from oracle_press import judge_bench, judge_contact
 from oracle_scan import judge_scan
+from oracle_truth import tell_saturation
 
 from skywright.description.loader import Description, load_description
 from skywright.recordings.recording import read_recording
@@ -76,7 +77,10 @@ def judge(folder: Path) -> Verdict:
         sys.exit(f"{folder}: kind {d.mission.kind!r} is not judged yet; valid: {', '.join(JUDGES)}")
     why = [f"{told['outcome']}: {told['reason'][:60]}"] if told["outcome"] in ENDED else []
     if not why:
-        why = JUDGES[d.mission.kind](d, told, read_recording(folder / "recording.mcap").samples)
+        samples = read_recording(folder / "recording.mcap").samples
+        why = JUDGES[d.mission.kind](d, told, samples)
+        if "flight.saturated_max_s" in d.mission.requirements:
+            why += tell_saturation(told, samples)
     failed = [r["name"] for r in told["requirements"] if not r["passed"]]
     right = (told["outcome"] == "succeeded") == (not why)
     if told["outcome"] != "succeeded" and not (told["reason"] or failed):

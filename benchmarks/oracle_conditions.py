@@ -309,8 +309,25 @@ def draw_insertion(rng: np.random.Generator) -> Row:
 
 
 def draw_plan(rng: np.random.Generator) -> Row:
-    """Draw winds and loads along one plan file, which the command line names."""
-    return {**draw_wind(rng, 4.0), **draw_plant(rng)}
+    """Draw plan files of this folder, winds and loads.
+
+    `skywright plan bar-transport --set world.scenario_seed=K --out carry-K.csv` writes a file.
+    """
+    files = sorted(Path().glob("carry-*.csv"))
+    if not files:
+        raise SystemExit("no carry-K.csv in this folder; `skywright plan` writes them")
+    file = files[int(rng.integers(len(files)))]
+    first = np.genfromtxt(file, delimiter=",", names=True)[0]
+    return {
+        "mission.task.plan_file": file.name,
+        "mission.start_x_m": float(first["x_m"]),
+        "mission.start_y_m": float(first["y_m"]),
+        "mission.hover_height_m": float(first["z_m"]),
+        "mission.start_yaw_deg": float(np.degrees(first["yaw_rad"])),
+        "world.scenario_seed": int(file.stem.split("-")[1]),
+        **draw_wind(rng, 4.0),
+        **draw_plant(rng),
+    }
 
 
 DRAWS: dict[str, Callable[[np.random.Generator], Row]] = {

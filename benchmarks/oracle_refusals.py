@@ -1,4 +1,4 @@
-"""Fly what was refused, its margins set aside: `python benchmarks/oracle_refusals.py FOLDER`.
+"""Fly what was refused, its margins set aside: `oracle_refusals.py FOLDER [--table FILE]`.
 
 FOLDER is what `skywright campaign ... --vary TABLE --out FOLDER` wrote. A refusal that names a
 fraction of a computed limit (`mission.wind_fraction`, `mission.task.force_fraction`) is flown with
@@ -59,15 +59,22 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--most", type=int, default=10**6, help="refusals to fly")
+    parser.add_argument("--table", type=Path)
     a = parser.parse_args()
     mission = json.loads((a.folder / "campaign.json").read_text(encoding="utf-8"))["mission"]
     with (a.folder / "results.csv").open(encoding="utf-8") as file:
         refused = [r for r in csv.DictReader(file) if r["outcome"] in ("infeasible", "refused")]
-    counts = Counter[str]()
+    counts, rows = Counter[str](), []
     for row in refused[: a.most]:
         ended, why = fly_refused(a.folder / "refused" / row["run"], mission, row)
         counts[ended] += 1
+        rows.append((row["run"], ended, row["reason"], why))
         print(f"{ended:8s} {row['run']:>4s} {row['reason'][:100]} | {why[:80]}", flush=True)
+    if a.table is not None:
+        with a.table.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows(
+                [("run", "ended", "reason", "why"), *rows]
+            )
     print(f"{len(refused)} refused: {', '.join(f'{n} {k}' for k, n in sorted(counts.items()))}")
     return 0
 

@@ -11,6 +11,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ON_GROUND = ("start", "take_off", "land")
+SATURATED_S = 0.5
 
 
 def list_spans(told: dict[str, Any], *names: str, starts: str = "") -> list[tuple[float, float]]:
@@ -65,3 +66,14 @@ def tell_touches(told: dict[str, Any], s: Any) -> list[str]:
     """Return that something touched in flight that should not."""
     flying = ~pick(s, list_spans(told, *ON_GROUND))
     return ["touched something"] if np.any(s["f_collision"][flying] > 0.0) else []
+
+
+def tell_saturation(told: dict[str, Any], s: Any) -> list[str]:
+    """Return that rotors were at their limits for longer than gusts and touch-downs take.
+
+    A robot that stands on its arms does not fly.
+    """
+    standing = pick(s, list_spans(told, *ON_GROUND)) & (s["f_collision"] > 0.0)
+    dt = float(np.median(np.diff(s["t"])))
+    spell = find_longest((s["saturated"] > 0.0) & ~standing, dt)
+    return [f"saturated for {spell:.2f} s"] if spell > SATURATED_S else []

@@ -1,6 +1,7 @@
 """Write the table of docs/howto/trust-a-verdict.md: `python docs/generate_oracle.py`.
 
-Each file of benchmarks/oracle is what `benchmarks/oracle.py --table` wrote of one campaign.
+Each file of benchmarks/oracle is what `benchmarks/oracle.py --table` wrote of one campaign, each of
+benchmarks/oracle/refused what `benchmarks/oracle_refusals.py --table` wrote.
 """
 
 import csv
@@ -36,10 +37,30 @@ def build_table() -> str:
     return "\n".join(lines)
 
 
+def build_refusals() -> str:
+    """One line a mission: how its refused requests ended with the margins set aside."""
+    lines = ["| mission | refusals flown | limit | right | careful |", "|---|---|---|---|---|"]
+    for path in sorted((TABLES / "refused").glob("*.csv")):
+        with path.open(encoding="utf-8") as file:
+            ended = [r["ended"] for r in csv.DictReader(file)]
+        counts = " | ".join(str(ended.count(k)) for k in ("limit", "right", "careful"))
+        lines.append(f"| `{path.stem}` | {len(ended)} | {counts} |")
+    return "\n".join(lines)
+
+
 def build_page(text: str) -> str:
-    """Return the page with its table replaced."""
-    before, rest = text.split(BEGIN)
-    return f"{before}{BEGIN}\n\n{build_table()}\n\n{END}{rest.split(END)[1]}"
+    """Return the page with its tables replaced."""
+    for begin, end, table in (
+        (BEGIN, END, build_table()),
+        (
+            BEGIN.replace("oracle:", "refusals:"),
+            END.replace("oracle:", "refusals:"),
+            build_refusals(),
+        ),
+    ):
+        before, rest = text.split(begin)
+        text = f"{before}{begin}\n\n{table}\n\n{end}{rest.split(end)[1]}"
+    return text
 
 
 if __name__ == "__main__":

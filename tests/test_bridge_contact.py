@@ -103,7 +103,7 @@ def test_in_wind_the_robot_leans_less_before_it_docks() -> None:
             angles.append(lean)
     assert angles[-1] < 0.7 * angles[0]
     storm = load_description("bridge-contact", sets=sets | {"world.wind.mean_mps": 12.0})
-    assert "wind of 12.0 m/s exceeds" in str(plan_mission(storm).blocked_by)
+    assert "wind of 12.00 m/s exceeds" in str(plan_mission(storm).blocked_by)
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def build_systems(sets: tuple[str, ...] = ()) -> tuple[Any, tuple[System, System
     d = load_description("sensor-install", sets=list(sets))
     setup, c = Setup(d), d.robot.control
     found = gains.compute_cascade_gains(c, d.robot, d.world, setup.model[0])
-    body, floating = gains._compute_bodies(d.robot, setup.model[0])
+    body, floating = gains.compute_bodies(d.robot, setup.model[0])
     free = compute_free_inertia(d.robot, d.world, posture(d.robot, "working"))
     masses = build_masses(d.robot, body, floating, free)
     loops = [gains.build_loops(found, 0.003, axis, 0) for axis in (0, 1)]

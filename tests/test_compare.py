@@ -143,7 +143,7 @@ def test_the_page_is_complete_in_itself(pair: Comparison) -> None:
     assert pipe is not None
     page = render_compare_page(pair, pipe, collect_versions())
     assert page.count("<img") == 5  # pipe, way, reach, torque, recoil; nothing was flown
-    assert "http" not in page.replace("http://www.w3.org", "")
+    assert "http:" not in page.replace("http://www.w3.org", "") and "https:" not in page
     for text in (
         "bimanual-longreach",
         "harder take-off and landing",

@@ -193,6 +193,7 @@ def test_scan_asks_what_the_paper_asks() -> None:
         "tip.tangential_rms_mm": ("<=", 4.0),
         "weld.missed": ("<=", 0.0),
         "weld.lines_missed": ("<=", 0.0),
+        "weld.unresolved": ("<=", 0.0),
         "weld.false_alarms": ("<=", 0.0),
         "weld.crossing_error_mm": ("<=", 5.0),
         "weld.line_error_mm": ("<=", 5.0),

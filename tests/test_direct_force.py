@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 
 import numpy as np
@@ -13,6 +14,12 @@ from skywright.core.record import View
 from skywright.core.rotations import rot_y
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.models.rigid_body import (
+    build_body_model,
+    compute_body,
+    compute_kinematics,
+    posture,
+)
 from skywright.planning.scan import fill_force
 from skywright.run.limits import GUST_FREQUENCIES, compute_response_rms
 from skywright.run.parts import build_law
@@ -118,6 +125,44 @@ def test_the_bandwidth_is_the_fastest_that_the_lag_allows(contact):
     assert compute_sensitivity(contact, compute_gains(contact, faster)) > SENSITIVITY
     slow = compute_gains(contact._replace(delay=contact.delay + 0.008), table)
     assert 1.0 < slow.w < gains.w and slow.kp == 0.0
+
+
+def test_the_dead_time_counts_the_link_both_ways(othex_force, contact):
+    link = othex_force.world.link.model_copy(update={"delay_s": 0.004, "jitter_s": 0.001})
+    world = othex_force.world.model_copy(update={"link": link})
+    slow = build_contact(othex_force.robot, world, DirectForce.Table(), DT, 0.001)
+    assert slow.delay - contact.delay == pytest.approx(0.010)
+    assert slow._replace(delay=0.0) == contact._replace(delay=0.0)
+
+
+def test_sensitivity_and_gust_response_of_a_contact(contact):
+    """Nyquist by hand at one frequency: m x'' = u - k x - gust, F = k x, u late and lagged."""
+    gains, w = compute_gains(contact, DirectForce.Table()), np.array([7.0])
+    s, worst, forces = 7j, 0.0, []
+    for k in (contact.k, contact.k_hard, 0.0):
+        plant = 1.0 / (contact.mass * s**2 + k)
+        late = cmath.exp(-s * contact.delay) / (1.0 + contact.lag * s)
+        law = gains.damper * s + k * (gains.kp + gains.ki / s)
+        worst = max(worst, abs(1.0 / (1.0 + law * late * plant)))
+        forces.append(abs(k * plant / (1.0 + law * late * plant)))
+    assert compute_sensitivity(contact, gains, w) == pytest.approx(worst)
+    assert compute_gust_response(contact, gains, w) == pytest.approx(max(forces))
+
+
+def test_the_tip_gives_way_by_the_attitude_loops_stiffness_about_the_centre_of_mass(othex_force):
+    """A loop of bandwidth w holds I_C w^2: twice as fast, a quarter of its part remains."""
+    robot = othex_force.robot
+    model, q = build_body_model(robot, 9.81), posture(robot, "working")
+    m, c, inertia = compute_body(model, q)
+    k = compute_kinematics(model, q)
+    lever = np.cross(k["p_BT"] - c, k["R_BT"][:, 2])
+    central = inertia - m * (c @ c * np.eye(3) - np.outer(c, c))
+    gives, w = [], robot.control.attitude_bandwidth_rad_s
+    for own in (w, 2.0 * w):
+        table = DirectForce.Table(attitude_bandwidth_rad_s=own)
+        gives.append(1.0 / build_contact(robot, othex_force.world, table, DT, 0.001).k_hard)
+    wanted = 0.75 * lever @ np.linalg.solve(central, lever) / w**2
+    assert gives[0] - gives[1] == pytest.approx(wanted, rel=1e-9)
 
 
 def test_a_link_that_leaves_no_bandwidth_is_refused(contact):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from constructed import DT, LEVEL, about, build_flown, build_samples
+from skywright.core.rotations import rot_z
+from skywright.description.robot.limbs import list_joints
 from skywright.description.world.structure import locate_point
 from skywright.description.world.surface import Cylinder
 from skywright.description.world.things import list_movers, locate_thing
@@ -22,6 +25,7 @@ from skywright.missions.impact.metrics import compute_pitch_torque
 from skywright.missions.sensor_install.metrics import compute_metrics as judge_install
 from skywright.missions.skills.survey import Touch
 from skywright.missions.skills.surveyed import Ball, Surveyed, judge_survey
+from skywright.missions.skills.tool_handling import LOW
 from skywright.missions.tool_install.metrics import compute_metrics as judge_tool
 from skywright.missions.tool_install.plan import find_places
 from skywright.models.deviation import build_socket_error
@@ -112,6 +116,26 @@ def test_a_box_that_is_squeezed_and_lifted() -> None:
     assert m["bench.squeeze_off"] == pytest.approx(0.25)
 
 
+def test_a_plug_that_comes_free() -> None:
+    run0 = build_flown("bimanual-bench", *build_samples([("x", 1.0)]))
+    things = run0.setup.description.world.things
+    i, was = list_movers(things).index("plug"), locate_thing(things, "plug").p
+    n = 300
+    plug = np.tile(was, (n, 1))
+    plug[:, 0] += np.clip(0.001 * (np.arange(n) - 100), 0.0, 0.08)
+    hands = plug.copy()
+    plug[250:, 1] += 0.006
+    s, phases = build_samples(
+        [("approach", 1.0), ("pull", 1.0), ("unplugged", 1.0)],
+        **{f"object{i}_p_WO": plug, "left_p_WH": hands, "right_p_WH": hands},
+    )
+    sets = ["mission.task.trials=['unplug']", "mission.task.unplug_threshold_m=0.0305"]
+    m = judge_bimanual(build_flown("bimanual-bench", s, phases, sets=sets))
+    # 31 mm after 31 samples of pulling, noticed after 1 s of it
+    assert m["bench.unplug_delay_s"] == pytest.approx(1.0 - 0.31)
+    assert m["bench.plug_slip_mm"] == pytest.approx(6.0)
+
+
 def test_a_bar_that_is_led_and_a_base_that_drifts() -> None:
     run0 = build_flown("bimanual-bench", *build_samples([("x", 1.0)]))
     things = run0.setup.description.world.things
@@ -129,11 +153,11 @@ def test_a_bar_that_is_led_and_a_base_that_drifts() -> None:
     base, hands = np.zeros((n, 3)), np.zeros((n, 3))
     base[500:, 0] = 0.02 * np.sin(2.0 * math.pi * t / 4.0)
     hands[500:, 0] = -0.9 * base[500:, 0]  # a tenth is not felt
-    aside = np.array([0.0, 0.2, 0.0])
+    aside, above = np.array([0.0, 0.2, 0.0]), lay + [0.01, 0.0, 0.02]  # poses count from there
     s, phases = build_samples(
         spans, **{
             f"object{i}_p_WO": bar, f"object{i}_q_WO": q, "p_WB": base, "est_p_WB": base,
-            "left_ref_p_WH": lay + lift + aside, "right_ref_p_WH": lay + lift - aside,
+            "left_ref_p_WH": above + lift + aside, "right_ref_p_WH": above + lift - aside,
             "left_est_p_WH": base + hands, "right_est_p_WH": base + hands,
         }
     )  # fmt: skip
@@ -169,8 +193,8 @@ def test_presses_under_a_deck() -> None:
     place, R = locate_point(run0.setup.true.surface, np.zeros(2))
     tip = np.tile(place, (n, 1))
     tip[250] += 0.006 * R[:, 0] + 0.008 * R[:, 1] + 0.1 * R[:, 2]
-    body, speed, q = np.zeros((n, 3)), np.zeros((n, 3)), np.tile(LEVEL, (n, 1))
-    body[150, 1] = 0.004
+    body, speed, q = np.tile([1.0, 2.0, 3.0], (n, 1)), np.zeros((n, 3)), np.tile(LEVEL, (n, 1))
+    body[150, 1] += 0.004
     q[160] = about("y", 1.5)
     speed[:, 2] = 0.07
     feet[50:, 2] = -5.0
@@ -260,6 +284,8 @@ def test_a_peg_beside_and_in_its_hole() -> None:
     assert m["insert.aim_error_mm"] == pytest.approx(5.0)
     assert m["insert.aim_angle_deg"] == pytest.approx(3.0)
     assert m["insert.time_s"] == pytest.approx(3.0)
+    s[f"object{i}_p_WO"][300:] += 0.6 * peg.flange_m * R[:, 0]  # as deep, beside the hole
+    assert judge_insertion(build_flown("bar-insertion", s, phases, sets=sets))["insert.done"] == 0.0
 
 
 def test_a_bar_that_is_carried(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -279,6 +305,7 @@ def test_a_bar_that_is_carried(monkeypatch: pytest.MonkeyPatch) -> None:
     q[120, 0] = math.radians(5.0)
     touch = np.zeros((n, 3))
     touch[180:185, 0], touch[50, 0] = 1.0, 1.0  # the second before the carrying
+    touch[100, 0] = 1.0  # as it begins
     zero = np.zeros(3)
     s, phases = build_samples(
         [("hold", 1.0), ("transport", 2.0)], p_WB=place, ref_p_WB=ref, q_WB=LEVEL, q=q, ref_q=want,
@@ -287,7 +314,7 @@ def test_a_bar_that_is_carried(monkeypatch: pytest.MonkeyPatch) -> None:
     )  # fmt: skip
     sets = ["mission.task.goal_x_m=9", "mission.task.goal_z_m=2", "mission.task.margin_m=0.2"]
     m = judge_transport(build_flown("bar-transport", s, phases, sets=sets))
-    assert m["transport.contacts"] == 1.0
+    assert m["transport.contacts"] == 2.0
     assert m["transport.clearance_min_m"] == pytest.approx(0.15)
     assert m["transport.clearance_share"] == pytest.approx(0.75)
     assert m["transport.goal_error_m"] == pytest.approx(0.05)
@@ -329,6 +356,7 @@ def test_a_sensor_that_is_pressed_on() -> None:
     mean = (149 * 2.0 + 50 * 2.6) / 200
     assert m["force.mean_n"] == pytest.approx(mean)
     assert m["force.mean_error_n"] == pytest.approx(abs(mean - 2.0))
+    assert m["force.rms_error_n"] == pytest.approx(math.sqrt((50 * 0.6**2 + 2.0**2) / 200))
     assert (m["force.min_n"], m["force.max_n"]) == pytest.approx((0.0, 2.6), abs=1e-9)
     assert m["force.estimate_error_n"] == pytest.approx(0.1)
     assert m["contact.lost_s"] == pytest.approx(0.01)
@@ -338,12 +366,18 @@ def test_a_sensor_that_is_pressed_on() -> None:
     bond = tape.strength_n * (1.0 - math.exp(-impulse / tape.press_n_s))
     assert m["sensor.bond_n"] == pytest.approx(bond)
     assert m["sensor.installed"] == float(bond >= tape.release_n)
-    assert m["tip.hover_rms_mm"] == pytest.approx(2.0)
+    assert m["tip.hover_rms_mm"] == m["tip.hover_max_mm"] == pytest.approx(2.0)
     assert m["platform.hover_rms_mm"] == pytest.approx(10.0)
     assert m["platform.excursion_m"] == pytest.approx(0.025)
     assert m["swing.start_deg"] == pytest.approx(10.0, abs=1e-6)
     # exp(-t / 0.1 s) is below a tenth after 0.23 s
-    assert m["swing.decay_s"] == pytest.approx(0.1 * math.log(10.0), abs=0.015)
+    assert m["swing.decay_s"] == pytest.approx(0.23)
+    bent = m["arm.lever_min"]
+    assert bent > 0.05 and m["arm.lever_felt_min"] == pytest.approx(bent)
+    elbows = [j for j, x in enumerate(list_joints(run0.setup.robot)) if "elbow" in x.name]
+    s["q"][500:600, elbows] = 0.0  # both arms stretched, after the press
+    m = judge_install(build_flown("sensor-install", s, phases, {"survey": None}, sets=sets))
+    assert m["arm.lever_min"] < 0.01 and m["arm.lever_felt_min"] == pytest.approx(bent)
 
 
 def test_a_tool_on_pipe_and_bench() -> None:
@@ -379,6 +413,35 @@ def test_a_tool_on_pipe_and_bench() -> None:
     assert m["tool.retries"] == 1.0
     assert m["operator.time_s"] == pytest.approx(1.99)
     assert m["operator.hand_error_mm"] == pytest.approx(3.0)
+
+
+def test_hands_that_hover_before_a_tool() -> None:
+    run0 = build_flown("tool-install", *build_samples([("x", 1.0)]))
+    i, n = list_movers(run0.setup.true.world.things).index(run0.task.tool), 200
+    grip = SimpleNamespace(
+        hands=[np.array([0.0, 0.15, 0.0]), np.array([0.0, -0.15, 0.0])],
+        handle=np.array([0.1, 0.0, 0.2]), cradle=np.array([0.02, 0.0, 0.0]),
+        mouth=np.array([0.0, 0.0, 1.0]),
+    )  # fmt: skip
+    tool = np.tile([1.0, 2.0, 3.0], (n, 1))
+    goal = tool + turn(np.array([0.08, 0.0, 0.2 - LOW]), rot_z(math.pi / 2.0))
+    side = turn(np.array([0.0, 0.15, 0.0]), rot_z(math.pi / 2.0))
+    left, right, body = goal + side, goal - side, np.tile([5.0, 6.0, 7.0], (n, 1))
+    left[:, 2] += 0.003
+    right[n // 2, 1] += 0.02
+    ref = body + [0.0, 0.03, 0.0]
+    body[n // 2] += [0.0, 0.03, 0.04]
+    ref[n // 2] += [0.0, 0.03, 0.04]
+    s, phases = build_samples(
+        [("hover check", 2.0)],
+        **{f"object{i}_p_WO": tool, f"object{i}_q_WO": about("z", 90.0), "f_collision": 0.0,
+           "left_p_WH": left, "right_p_WH": right, "p_WB": body, "ref_p_WB": ref},
+    )  # fmt: skip
+    m = judge_tool(build_flown("tool-install", s, phases, {"grip": grip}))
+    assert m["tip.hover_rms_mm"] == pytest.approx(3.0)
+    assert m["tip.hover_max_mm"] == pytest.approx(20.0)
+    assert m["platform.hover_rms_mm"] == pytest.approx(30.0)
+    assert m["platform.drift_max_mm"] == pytest.approx(50.0)
 
 
 def test_a_survey_that_found_a_pipe_elsewhere() -> None:

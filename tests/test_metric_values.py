@@ -48,21 +48,34 @@ def test_energy_duration_saturation_and_estimate_of_any_flight() -> None:
     assert m["estimate.position_rms_mm"] == pytest.approx(5.0 / math.sqrt(1000.0))
 
 
+def test_saturation_counts_where_a_robot_flies_and_not_where_it_stands_on_its_arms() -> None:
+    n = np.arange(400)
+    s, phases = build_samples(
+        [("take_off", 2.0), ("hold", 2.0)], **FLYING
+        | {"saturated": ((n >= 50) & (n < 300)) * 1.0, "f_collision": (n < 150) * 9.0}
+    )  # fmt: skip
+    for hanging, longest in ((False, 2.5), (True, 1.5)):
+        m = compute_common_metrics(s, phases, hanging)
+        assert m["flight.saturated_max_s"] == pytest.approx(longest)
+
+
 def test_an_outage_is_judged_by_what_is_stated_in_it() -> None:
     n = np.arange(1000)
     out = (n >= 600) & (n < 800)
     error = np.zeros((1000, 3))
     error[:, 0] = np.where(out, 0.06, 0.01)
+    error[700] = [0.0, 0.06, 0.08]  # one moment of 100 mm
     s, phases = build_samples(
         [("hold", 10.0)], **FLYING
         | {"est_p_WB": error, "pose_std": np.where(out, 0.02, 0.01), "fix_age": out * 1.0}
     )  # fmt: skip
     m = compute_common_metrics(s, phases)
     assert m["estimate.outage_s"] == pytest.approx(2.0)
-    assert m["estimate.outage_max_mm"] == pytest.approx(60.0)
+    assert m["estimate.outage_max_mm"] == pytest.approx(100.0)
     # along one axis of three: 3 sigmas there are 3 / sqrt(3) of the root mean square
-    assert m["estimate.outage_sigmas"] == pytest.approx(3.0 / math.sqrt(3.0))
-    assert m["estimate.sigmas"] == pytest.approx(math.sqrt((0.8 * 1.0 + 0.2 * 9.0) / 3.0))
+    away = (199 * 9.0 + 25.0) / 200
+    assert m["estimate.outage_sigmas"] == pytest.approx(math.sqrt(away / 3.0))
+    assert m["estimate.sigmas"] == pytest.approx(math.sqrt((0.8 * 1.0 + 0.2 * away) / 3.0))
 
 
 def test_tracking_of_a_path() -> None:
@@ -96,7 +109,7 @@ def judge_scan(monkeypatch: pytest.MonkeyPatch, changed: dict[str, Any], **more:
         monkeypatch.setattr(scan_metrics, name, lambda run: None)
     monkeypatch.setattr(scan_metrics, "calibrate_on_touch", lambda run: None)
     components = more.get("lift", np.zeros(400))
-    monkeypatch.setattr(scan_metrics, "compute_components", lambda z, c: (components, components))
+    monkeypatch.setattr(scan_metrics, "measure_lift_off", lambda z, c: components)
     run = build_flown("pipe-weld-scan", s, phases, sets=more.get("sets"))
     if "phases" in more:
         run.phases[:] = more["phases"](run.phases)

@@ -55,6 +55,25 @@ def check_limits(timed: Timed, limits: TimeLimits) -> None:
     assert thrust.max() <= limits.thrust * (1 + 1e-3)
 
 
+@pytest.mark.parametrize(
+    ("limits", "flat", "vertical"),
+    [
+        # the acceleration itself: half of it upward, the rest of its circle to the side
+        (TimeLimits(acceleration=0.8), 0.8 * math.sqrt(0.75), 0.4),
+        # a platform that sinks has less to lean with: tan(tilt) (g - a_z)
+        (TimeLimits(acceleration=6.0, tilt=math.radians(15.0)), math.tan(math.radians(15.0)) * 6.81,
+         3.0),
+        # rotors: sqrt((T / m)^2 - (g + a_z)^2), half of what the weight leaves upward
+        (TimeLimits(acceleration=9.0, tilt=1.2, thrust=24.0, mass=2.0),
+         math.sqrt(12.0**2 - (9.81 + 1.095) ** 2), 1.095),
+    ],
+)  # fmt: skip
+def test_acceleration_is_limited_by_tilt_rotors_and_itself(
+    limits: TimeLimits, flat: float, vertical: float
+) -> None:
+    assert compute_acceleration_limits(limits) == pytest.approx((flat, vertical))
+
+
 @settings(max_examples=10, deadline=None)
 @given(st.floats(0.2, 9.0))
 def test_a_straight_line_takes_the_time_of_a_trapezoid(length: float) -> None:

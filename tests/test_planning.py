@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from typing import Any
 
@@ -333,6 +334,35 @@ def test_a_noisy_gyroscope_is_told_with_the_noise_that_the_attitude_loop_bears()
     assert ask(0.95 * most) == "None" and "mission.noise_sigmas" in ask(1.05 * most)
     assert ask(1.05 * most, "robot.control.attitude_bandwidth_rad_s=6") == "None"
     assert ask(1.9 * most, "mission.noise_sigmas=1.5") == "None"
+
+
+@pytest.mark.parametrize(
+    ("mission", "most"), [("bridge-contact", 0.027), ("bar-insertion", 0.0092)]
+)
+def test_a_noisy_gyroscope_is_told_of_laws_with_other_loops(mission: str, most: float) -> None:
+    """Backstepping as a PID; the cascade's rate loop with its lead."""
+
+    def ask(noise: float) -> str:
+        key = f"robot.sensors.gyro_noise_rad_s_sqrthz={noise}"
+        return str(plan_mission(load_description(mission, sets=[key])).blocked_by)
+
+    assert f"at most {most:g}, or a slower loop" in ask(1.1 * most)
+    assert ask(0.9 * most) == "None"
+
+
+def test_a_clearance_is_told_with_its_key() -> None:
+    def ask(*sets: str) -> str:
+        points = "mission.task.points=[{x_m=1.0, y_m=0.0, z_m=1.2}]"
+        d = load_description("waypoints", sets=["mission.robot=ars-lrm", points, *sets])
+        return str(plan_mission(d).blocked_by)
+
+    assert re.search(
+        r"start: .* and the ground come closer than 0\.051 m, 0\.017 m \(mission\.clearance_m\)",
+        ask(),
+    )
+    assert ask("mission.clearance_m=0.01") == "None"
+    told = str(plan("mission.surface_clearance_m=0.2").blocked_by)
+    assert "m < 0.200 m (mission.surface_clearance_m)" in told
 
 
 def test_a_soft_position_loop_is_told_before_what_its_depth_runs_into() -> None:

@@ -304,6 +304,23 @@ def test_an_estimator_takes_fixes_of_the_antenna_with_a_heading():
     assert found["ready"][-1] and np.abs(found["p_WB"][-2500:] - p[-2500:]).max() < 0.1
 
 
+def test_fixes_may_come_faster_than_control_ticks():
+    """The newest fix of a tick counts; those before it do not pile up."""
+    d = skywright.load("waypoints", sets={"world.localisation": "gnss"})
+    tick = skywright.build_vehicle(d).dt
+    t, gyro, accel, p, yaw = simulate_imu(tick / 4.0, 12.0, 3.0)
+    s = d.robot.sensors
+    antenna = Rotation.from_euler("z", yaw[:, None]).apply(
+        [s.antenna_x_m, s.antenna_y_m, s.antenna_z_m]
+    )
+    found = skywright.run_estimator(
+        d, t=t, gyro=gyro, accel=accel, t_fix=t, p_fix=p + antenna, heading=yaw
+    )
+    assert len(found) == len(t) // 4
+    last = p[3::4][: len(found)]
+    assert found["ready"][-1] and np.abs(found["p_WB"] - last)[len(found) // 2 :].max() < 0.1
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -5,21 +5,27 @@ from __future__ import annotations
 import base64
 import importlib.util
 import io
+import json
 import math
 import re
+import shutil
 import sys
+import time
 import xml.etree.ElementTree as ElementTree
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from rich.console import Console
 
 from exact_map import EXACT
+from skywright.cli import main
 from skywright.description.loader import load_description
 from skywright.description.parts import Part
 from skywright.errors import InputError
@@ -28,10 +34,25 @@ from skywright.reports import page
 from skywright.reports.explain import format_value, list_assumptions
 from skywright.reports.figures import series
 from skywright.reports.figures.paths import join_angles
-from skywright.reports.figures.style import Span, clip_phases, thin, write_png
+from skywright.reports.figures.style import (
+    Span,
+    clip_phases,
+    draw_panels,
+    house_style,
+    thin,
+    write_png,
+)
+from skywright.reports.page import add_contents
 from skywright.reports.progress import Progress
 from skywright.reports.render import Camera, Item, render_scene
-from skywright.reports.report import list_figures, render_report, write_report
+from skywright.reports.report import (
+    FILES,
+    list_figures,
+    render_report,
+    write_figures,
+    write_report,
+)
+from skywright.run.flight import PhaseRecord
 from skywright.run.names import list_all_measures
 from skywright.run.requirements import judge
 from skywright.run.run import RunResult, run_mission
@@ -70,16 +91,21 @@ class _Page(HTMLParser):
     def __init__(self, text: str) -> None:
         super().__init__()
         self.loads: list[str] = []
-        self.scripts = 0
+        self.frames, self.code = 0, False
         self.words: list[str] = []
-        self.feed(text)
+        self.feed(text.replace("<wbr>", ""))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.scripts += tag in ("script", "iframe", "object", "embed")
+        self.frames += tag in ("iframe", "object", "embed")
+        self.code = tag in ("script", "style")
         self.loads += [v or "" for k, v in attrs if k in ("src", "href", "srcset", "action")]
 
+    def handle_endtag(self, tag: str) -> None:
+        self.code = False
+
     def handle_data(self, data: str) -> None:
-        self.words.append(data)
+        if not self.code:
+            self.words.append(data)
 
     @property
     def text(self) -> str:
@@ -97,8 +123,11 @@ def _figure_text(page: str) -> str:
 
 def _check_self_contained(page: str) -> None:
     parsed = _Page(page)
-    assert parsed.scripts == 0
-    assert parsed.loads and all(x.startswith("data:") for x in parsed.loads)
+    assert parsed.frames == 0 and "default-src 'none'; img-src data:" in page  # no network
+    loads = [x for x in parsed.loads if x not in FILES and not x.startswith("#")]
+    assert loads and all(x.startswith("data:") for x in loads)
+    inside = [x[1:] for x in parsed.loads if x.startswith("#")]
+    assert inside and all(page.count(f' id="{x}"') == 1 for x in inside)
     assert "@import" not in page and not re.search(r"url\((?!#)", page)
     for figure in _figures(page):
         for element in figure.iter():
@@ -130,6 +159,84 @@ def test_report_of_a_scan_is_complete(scan: RunResult) -> None:
                  "rotor's limit", "touch", "settle", "planned push", "error (mm)", "force (N)",
                  "time since the start of the run (s)"):  # fmt: skip
         assert word in drawn, word
+
+
+def test_report_leads_to_everything_of_the_run(flight: RunResult, text_only: None) -> None:
+    """Contents, date, files, seed, and the commands that started and repeat it."""
+    told = flight._replace(command="skywright run waypoints --seed 1")
+    page = render_report(told)
+    text = _Page(page).text
+    links = re.findall(r"<nav .*?</nav>", page, re.DOTALL)[0]
+    for name in ("verdict", "motion", "the-whole-flight", "phases-as-flown", "all-metrics"):
+        assert f'href="#{name}"' in links and f'id="{name}"' in page
+    year = time.gmtime(told.timing["started_unix_s"]).tm_year
+    assert f"flown on {year}-" in text and "UTC" in text
+    assert abs(told.timing["started_unix_s"] - time.time()) < 3600
+    for name in ("recording.mcap", "mission.toml", "metrics.json"):
+        assert f'href="{name}"' in page
+    assert '<a href="replay.html"' not in page  # this run has none
+    assert "skywright run waypoints --seed 1" in text
+    assert "skywright run run --out run-again" in text and "seed (1)" in text
+
+
+def test_figures_are_written_for_a_paper(flight: RunResult, tmp_path: Path) -> None:
+    written = write_figures(flight, tmp_path / "figures")
+    drawn = {name for name, draw in list_figures("waypoints").items() if draw(flight)}
+    assert {p.stem for p in written} == drawn and len(written) == 2 * len(drawn)
+    for path in written:
+        start = path.read_bytes()[:5]
+        assert start == (b"%PDF-" if path.suffix == ".pdf" else b"<?xml")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot write into"):
+        write_figures(flight, tmp_path / "file")
+
+
+def test_report_command_writes_the_page_again(flight: RunResult, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(flight.directory, copy)
+    (copy / "report.html").unlink()
+    called = CliRunner().invoke(main, ["report", str(copy), "--json"])
+    assert called.exit_code == 0, called.output
+    assert json.loads(called.stdout)["files"] == [str(copy / "report.html")]
+    pages = [_Page((d / "report.html").read_text("utf-8")).text for d in (copy, flight.directory)]
+    verdicts = [x[x.index("verdict source") : x.index("Robot and world to")] for x in pages]
+    assert verdicts[0] == verdicts[1] and "position.hold_error_m" in verdicts[0]
+    assert re.findall("flown on [^.]*", pages[0]) == re.findall("flown on [^.]*", pages[1]) != []
+
+
+def test_headings_that_look_alike_have_links_of_their_own() -> None:
+    page = add_contents('<nav></nav><h2>A &amp; b</h2><h3>x</h3><h2 id="k">A</h2><h3>a B</h3>')
+    assert re.findall(r'id="([^"]*)"', page) == ["a-b", "x", "k", "a-b-2"]
+    assert re.findall(r'href="#([^"]*)"', page) == ["a-b", "x", "k", "a-b-2"]
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_every_phase_can_be_read_in_a_plot(count: int) -> None:
+    """Names where they all fit, else a number for each and a key; nothing over each other."""
+    lengths = [5.0 if i % 4 == 3 else 0.1 for i in range(count)] if count > 3 else [5.0] * 3
+    ends = np.cumsum(lengths)
+    phases = [
+        PhaseRecord(f"phase_{'abcd'[i % 4]}", float(e - d), float(e), "done")
+        for i, (e, d) in enumerate(zip(ends, lengths, strict=True))
+    ]
+    with house_style():
+        figure, axes = draw_panels(3.0, phases, np.array([0.0, ends[-1]]), ("title", "label"))
+        strip = next(ax for ax in figure.axes if ax not in axes)
+        FigureCanvasAgg(figure).draw()
+        boxes = [t.get_window_extent() for t in strip.texts]
+    said = [t.get_text() for t in strip.texts]
+    if count == 3:
+        assert said == ["phase a", "phase b", "phase c"] and not figure.texts
+    else:
+        numbers = [x for x in said if x.isdigit()]
+        assert numbers == [str(i) for i in range(1, 41)]
+        assert said.count("phase d") == 10
+        key = figure.texts[0].get_text().replace("\u00a0", " ").replace("\n", " ")
+        assert "1, 5, 9, 13, 17, 21, 25, 29, 33, 37 phase a ·" in key and "40 phase d" in key
+    width = figure.bbox.width
+    for i, a in enumerate(boxes):
+        assert a.x0 > 0 and a.x1 < width
+        assert not any(a.overlaps(b) for b in boxes[i + 1 :])
 
 
 def test_what_a_run_assumed_is_listed_with_its_range(scan: RunResult, text_only: None) -> None:
@@ -192,6 +299,7 @@ def test_hostile_names_are_text(scan: RunResult) -> None:
     page = render_report(hostile)
     _check_self_contained(page)
     assert _Page(page).text.count("<script>alert(1)</script>") > 5
+    assert "<script>alert" not in page
     assert "<script>alert(1)</script>" in _figure_text(page)
 
 

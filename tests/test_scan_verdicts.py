@@ -214,6 +214,32 @@ def test_signals_without_a_weld_are_false_alarms(
     assert found["weld.false_alarms"] == len(blobs) and found["weld.missed"] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("sets", "lines", "unresolved"),
+    [
+        (add_welds("b.offset_m=0.004"), 1, 1),
+        (add_welds("b.offset_m=0.008"), 1, 1),
+        (add_welds("b.offset_m=0.012"), 1, 1),
+        (add_welds("b.offset_m=0.016"), 2, 0),
+        (add_welds("b.offset_m=0.02"), 2, 0),
+        (add_welds("b.offset_m=0.016", "b.half_width_m=0.01"), 1, 1),
+        ([f"world.weld.{x}" for x in ("permeability_change=0", "conductivity_change=0")], 0, 1),
+        ([f"world.weld.{x}" for x in ("permeability_change=-0.05", "conductivity_change=0")], 0, 1),
+        (["world.weld.permeability_change=-0.25"], 1, 0),
+    ],
+)
+def test_welds_that_the_probe_cannot_tell_are_unresolved(
+    sets: list[str], lines: int, unresolved: int
+) -> None:
+    sets = (
+        ["world.weld.angle_deg=0", "world.welds.b.angle_deg=0", *sets] if "b." in sets[0] else sets
+    )
+    found = read_signal(*build_run(0.0, sets=sets))
+    assert (found["weld.lines"], found["weld.unresolved"]) == (lines, unresolved)
+    assert found["weld.lines_missed"] == found["weld.missed"] == found["weld.false_alarms"] == 0.0
+    assert bool(list_waived(found)) == (not unresolved and not lines)
+
+
 def test_a_pass_that_lies_on_a_seam_is_missed_not_waived() -> None:
     found = read_signal(*build_run(0.0, sets=["world.weld.angle_deg=90"], pattern="line"))
     assert found["weld.expected"] == found["weld.missed"] == 1.0 and not list_waived(found)
@@ -221,11 +247,12 @@ def test_a_pass_that_lies_on_a_seam_is_missed_not_waived() -> None:
 
 def test_a_line_is_judged_only_where_there_is_one_to_find() -> None:
     none = {
-        "weld.lines": 0.0, "weld.lines_missed": 0.0, "weld.missed": 0.0, "weld.false_alarms": 0.0
+        "weld.lines": 0.0, "weld.lines_missed": 0.0, "weld.missed": 0.0, "weld.false_alarms": 0.0,
+        "weld.unresolved": 0.0,
     }  # fmt: skip
     assert {"weld.line_error_mm", "weld.crossing_error_mm"} <= set(list_waived(none))
     assert "weld.crossing_error_mm" not in list_waived(none | {"weld.crossing_error_mm": 1.0})
-    for name in ("weld.missed", "weld.false_alarms"):
+    for name in ("weld.missed", "weld.false_alarms", "weld.unresolved"):
         assert not list_waived(none | {name: 1.0})
     for told in ({}, none | {"weld.lines_missed": 1.0}, none | {"weld.lines": 1.0}):
         assert "weld.line_error_mm" not in list_waived(told)

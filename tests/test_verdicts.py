@@ -98,6 +98,8 @@ def test_a_sensor_has_a_place() -> None:
     local = pipe.radius * np.array([[math.sin(aside), 0.0, -math.cos(aside)]]) + [0.0, 0.07, 0.0]
     around, along = find_place(pipe.p_WP + local @ pipe.R_WP.T, pipe)
     assert around == pytest.approx(pipe.radius * aside) and along == pytest.approx(0.07)
+    slips = np.vstack([local, local * [0.0, 1.0, 1.0] - [0.0, 0.01, 0.0]])
+    assert find_place(pipe.p_WP + slips @ pipe.R_WP.T, pipe) == pytest.approx((around, along))
 
 
 @pytest.mark.parametrize(

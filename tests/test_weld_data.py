@@ -427,3 +427,54 @@ def test_extreme_numbers_never_escape(
         assert "\n" not in str(error)
     else:
         json.dumps(out, allow_nan=False)
+
+
+def disturb(path: Path, columns: list[int], amplitude: float, width: int = 1) -> Path:
+    """The example with 80 samples, or stretches of `width` samples, disturbed in `columns`."""
+    lines = (EXAMPLE / "pipe_scan.csv").read_text().splitlines()[1:]
+    table = [x.split(",") for x in lines]
+    rng = np.random.default_rng(5)
+    for k in 5 + 30 * rng.choice(100, 80, replace=False) + rng.integers(0, 20, 80):
+        for column in columns:
+            by = amplitude * float(rng.choice([-1.0, 1.0]))
+            for row in table[k : k + width]:
+                row[column] = str(float(row[column]) + by)
+    return write(path, table)
+
+
+@pytest.mark.parametrize(
+    ("columns", "amplitude", "said"),
+    [
+        ([1, 2], 30.0, "spikes of one or two samples in the signal, the first at 0."),
+        ([1, 2], 1e6, "80 spikes of one or two samples in the signal, the first at 0."),
+        ([3, 4, 5], 300.0, "80 rows dropped in which the position jumps and returns"),
+    ],
+)
+def test_isolated_spikes_are_left_out_and_counted(tmp_path, maker, columns, amplitude, said):
+    report = process_file(disturb(tmp_path / "a.csv", columns, amplitude), calibrate="0:7")
+    assert any(said in note for note in report.notes), report.notes
+    check_line(report.to_json(), maker)
+    assert len(report.result.crossings) == 5
+
+
+def test_clean_data_have_no_spikes():
+    assert not any("spikes" in note for note in process_file(EXAMPLE / "pipe_scan.csv").notes)
+
+
+@pytest.mark.parametrize(("width", "amplitude"), [(6, 1e4), (12, 30.0)])
+def test_spikes_that_cannot_be_left_out(tmp_path, width, amplitude):
+    path = disturb(tmp_path / "a.csv", [1, 2], amplitude, width)
+    if amplitude > 1e3:
+        with pytest.raises(InputError, match=r"contains 480 spikes, the first at 0.28 s, 480"):
+            process_file(path, calibrate="0:7")
+    else:  # as long as a weld: not told from one
+        assert not any("480" in note for note in process_file(path, calibrate="0:7").notes)
+
+
+def test_a_spike_is_kept_where_one_sample_may_be_a_weld(tmp_path):
+    """Every fifth sample: 1.5 in a coil's footprint."""
+    lines = disturb(tmp_path / "a.csv", [1, 2], 1e3).read_text().splitlines()
+    path = tmp_path / "b.csv"
+    path.write_text("\n".join([lines[0], *lines[1::5]]) + "\n")
+    notes = process_file(path, calibrate="0:7").notes
+    assert any("not left out, as 1.5 samples within a coil's footprint" in note for note in notes)

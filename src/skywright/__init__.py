@@ -142,9 +142,10 @@ def plan(description: Description | str | os.PathLike[str]) -> MissionPlan:
     Raises InputError when the robot cannot lift itself.
     """
     from skywright.models.capability import check_can_fly
+    from skywright.parts import as_description
     from skywright.run.planning import plan_mission
 
-    description = _as_description(description)
+    description = as_description(description)
     check_can_fly(description.robot, description.world.gravity_mps2)
     return plan_mission(description)
 
@@ -158,6 +159,7 @@ def run(
     report: bool = True,
     records: str | os.PathLike[str] | None = None,
     operator: str | None = None,
+    command: str = "",
 ) -> RunResult:
     """Plan, fly and evaluate a mission; writes the run's directory (`result.directory`).
 
@@ -165,13 +167,15 @@ def run(
     the browser, `progress` a bar on stderr, `report` writes `report.html` and `replay.html`;
     `records` is an SQLite file to which contact measurements are added. `operator` says who is at
     the stick, in missions that have one ("view", "udp:PORT", "model:careful"; ground/operators.py).
+    `command` is the command line that the report states.
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
     """
+    from skywright.parts import as_description
     from skywright.run.directory import check_free
     from skywright.run.run import Observer, run_mission
 
-    description = _as_description(description)
+    description = as_description(description)
     if out is not None:
         check_free(Path(out))  # before anyone waits for a plan
     observers: list[Observer] = []
@@ -202,6 +206,7 @@ def run(
             write_report=_write_pages if report else None,
             records=None if records is None else Path(records),
             operator=person,
+            command=command,
         )
     finally:
         if person is not None:
@@ -213,8 +218,8 @@ def _write_pages(result: RunResult) -> None:
     from skywright.reports.replay import write_replay
     from skywright.reports.report import write_report
 
-    write_report(result)
     write_replay(result)
+    write_report(result)  # links to the replay
 
 
 def evaluate(directory: str | os.PathLike[str]) -> RunResult:
@@ -225,9 +230,3 @@ def evaluate(directory: str | os.PathLike[str]) -> RunResult:
     from skywright.run.run import evaluate_directory
 
     return evaluate_directory(Path(directory))
-
-
-def _as_description(description: Description | str | os.PathLike[str]) -> Description:
-    from skywright.description.loader import Description
-
-    return description if isinstance(description, Description) else load(description)

@@ -105,7 +105,7 @@ def build_vehicle(description: Description | Path_) -> SimulatedVehicle:
     """
     from skywright.run.run import build_vehicle as build
 
-    return build(_as_description(description))
+    return build(as_description(description))
 
 
 def build_law(description: Description | Path_) -> LawStep:
@@ -254,7 +254,8 @@ def _as_world(world: World | Path_) -> World:
     return world if isinstance(world, World) else load_world(world)
 
 
-def _as_description(description: Description | Path_) -> Description:
+def as_description(description: Description | Path_) -> Description:
+    """Return a description as it is, or load the mission of that name, file or run."""
     return description if isinstance(description, Description) else load_description(description)
 
 

@@ -1,5 +1,6 @@
 """Commands that plan and fly: `run`, `plan`, `campaign`, `replay`."""
 
+import shlex
 from pathlib import Path
 
 import click
@@ -52,8 +53,9 @@ def run(
     else:
         description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
     result = skywright.run(
-        description, out=out, view=view, progress=not as_json, records=records, operator=operator
-    )
+        description, out=out, view=view, progress=not as_json, records=records, operator=operator,
+        command=shlex.join(["skywright", *click.get_current_context().obj]),
+    )  # fmt: skip
     if as_json:
         print_json({**result.to_json(), "directory": str(result.directory)})
     else:

@@ -31,7 +31,7 @@ class Group(click.Group):
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> NoReturn:
         args = list(sys.argv[1:] if args is None else args)
-        extra["standalone_mode"] = False
+        extra |= {"standalone_mode": False, "obj": args}  # a run notes its command
         listen()
         try:
             code = super().main(args, *more, **extra)

@@ -1,4 +1,4 @@
-"""Commands about finished runs: `export`, `compare`."""
+"""Commands about finished runs: `report`, `export`, `compare`."""
 
 from __future__ import annotations
 
@@ -7,9 +7,39 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from skywright.cli.options import as_json_option, check_writable, print_json
+from skywright.cli.options import (
+    as_json_option,
+    check_folder,
+    check_writable,
+    print_json,
+    trust_option,
+)
 
 FORMATS = ("csv", "parquet", "tum", "npz", "rosbag2")
+
+
+@click.command()
+@trust_option
+@click.argument("directory", metavar="RUN", type=click.Path(path_type=Path))
+@click.option(
+    "--figures", metavar="DIR", type=click.Path(path_type=Path),
+    help="Also write each figure as SVG and PDF into this folder.",
+)  # fmt: skip
+@as_json_option
+def report(directory: Path, figures: Path | None, as_json: bool) -> None:
+    """Evaluate the recording of RUN and write its report.html anew."""
+    from skywright.reports.report import write_figures, write_report
+    from skywright.run.run import evaluate_directory
+
+    check_folder(figures or directory)
+    result = evaluate_directory(directory)
+    write_report(result)
+    written = [] if figures is None else write_figures(result, figures)
+    paths = [str(directory / "report.html"), *map(str, written)]
+    if as_json:
+        print_json({"run": str(directory), "outcome": result.outcome, "files": paths})
+    else:
+        click.echo("\n".join(paths))
 
 
 @click.command()

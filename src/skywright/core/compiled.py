@@ -9,13 +9,13 @@ from functools import update_wrapper
 from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
-from numba import carray, njit, types
+from numba import carray, types
 from numba.core.datamodel import models, register_default
 from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.core.imputils import lower_cast
 
-import skywright.core.user_code  # noqa: F401  (where users' code is kept)
 from skywright.core.pointers import as_pointer
+from skywright.core.user_code import njit
 
 P = ParamSpec("P")
 R = TypeVar("R")

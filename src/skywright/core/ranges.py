@@ -63,7 +63,7 @@ NAMED: dict[str, tuple[float, float]] = {
     "rate_hz": (0.01, 1e5),
 }
 """Ends of names that say more than the unit does."""
-PLACES = ("_m", "_mm", "_deg", "_rad")
+PLACES = ("_m", "_mm", "_deg", "_rad")  # lengths and angles
 OTHERS = (1e-12, 1e9)
 """Keys of users' own tables whose name tells no unit."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from annotated_types import Gt
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from skywright.core.ranges import check_range
@@ -48,6 +47,6 @@ class Spec(BaseModel):
     @classmethod
     def _is_plausible(cls, value: object, info: ValidationInfo) -> object:
         key = info.field_name or ""
-        bounds = cls.model_fields[key].metadata
-        check_range(key, value, may_vanish=not any(isinstance(b, Gt) for b in bounds))
+        positive = any(hasattr(bound, "gt") for bound in cls.model_fields[key].metadata)
+        check_range(key, value, may_vanish=not positive)
         return value

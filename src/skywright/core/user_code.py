@@ -3,6 +3,7 @@
 numba keeps compiled code beside its source and knows of that file alone. Of users' files it stands
 under the name of their module, which changes with them and with what they import, and under a hash
 of this package: a copy in a run's directory finds it, and stale code is never found.
+Code that is kept imports `njit` from here: stale code is then dropped before any is loaded.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from numba import njit as njit
 from numba.core.caching import CacheImpl
 
 from skywright.core.compiled_code import drop_stale_code, read_stamps

@@ -5,11 +5,13 @@ pipe then stands off the lift-off curve, and what is found is the weld's negativ
 tells: base metal is what the probe reads over most of an area that is wider than any weld.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import median_filter
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.inspection.calibration import (
     Calibration,
     ComplexArray,
@@ -24,6 +26,8 @@ WIDEST_WELD = 0.03
 OFFSET = 0.5
 """Share of the weld threshold by which the contact point may be off: the texture does as much."""
 MIN_SAMPLES = 20
+DRIFT_LENGTH = 0.08
+"""m of path over which the texture's drift is taken; several crossings' widths."""
 
 
 class Baseline(NamedTuple):
@@ -99,3 +103,29 @@ def centre_calibration(w: ComplexArray, s: Array, c: Array, cal: Calibration) ->
         f"{what} contact point (calibrated on the weld, or drift): these samples are taken "
         "as base metal",
     )
+
+
+def unwrap(c: Array, contact: Mask, radius: float) -> Array:
+    """Return `c` (n,) m counted on past half a turn, so that no scan is cut at the far side."""
+    if not np.any(contact):
+        return c
+    middle = float(np.angle(np.mean(np.exp(1j * c[contact] / radius)))) * radius
+    turn = 2.0 * math.pi * radius
+    return np.asarray(c - turn * np.round((c - middle) / turn))
+
+
+def remove_drift(s: Array, c: Array, weld: Array, contact: Mask, threshold: float) -> Array:
+    """Subtract the slow drift of the base metal's texture from the weld signal (n,).
+
+    A running median over DRIFT_LENGTH of path, which a crossing of about 12 mm hardly moves;
+    limited to 1.5 thresholds, so that a path along a weld keeps showing it.
+    """
+    index = np.flatnonzero(contact & np.isfinite(weld))
+    if index.size < 50:
+        return weld
+    path = float(np.nansum(np.hypot(np.diff(s[index]), np.diff(c[index]))))
+    size = min(int(DRIFT_LENGTH * index.size / max(path, DRIFT_LENGTH)), index.size) | 1
+    drift = median_filter(weld[index], size=max(size, 3), mode="nearest")
+    out = weld.copy()
+    out[index] -= np.clip(drift, -1.5 * threshold, 1.5 * threshold)
+    return out

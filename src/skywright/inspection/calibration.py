@@ -22,9 +22,10 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.core.bounded import LARGEST_TOML, parse_json, parse_toml, read_text
 from skywright.errors import InputError, neighbours
+from skywright.inspection.spikes import find_spikes
 
 ComplexArray = NDArray[np.complex128]
 
@@ -108,6 +109,8 @@ def build_calibration(
     if gap is not None:
         gap = np.asarray(gap, float)[ok]
     w = w[ok]
+    sound = ~find_spikes(w)
+    w, gap = w[sound], gap if gap is None else gap[sound]
     if w.size < MIN_SAMPLES:
         raise InputError(
             f"calibration: {w.size} valid samples; an approach from air to contact "
@@ -197,6 +200,23 @@ def compute_local(ec: NDArray[Any], calibration: Calibration) -> tuple[ComplexAr
     cal = calibration
     local = (to_complex(ec) - cal.contact) * np.conj(cal.lift_off_axis)
     return local, np.asarray(local.imag - _curve_at(cal.curve, local.real, cal.excursion))
+
+
+def is_lifted(ec: NDArray[Any], calibration: Calibration) -> Mask:
+    """Flag (n,) the samples that a distance from the surface explains: they lie on the curve."""
+    local, across = compute_local(ec, calibration)
+    between = (local.real > 0) & (local.real < 1.1 * calibration.excursion)
+    return np.asarray(between & (np.abs(across) < calibration.weld_threshold))
+
+
+def measure_lift_off(ec: NDArray[Any], calibration: Calibration) -> Array:
+    """Size (n,) of the lift-off component in instrument units; 0 in spikes, which tell nothing."""
+    w = to_complex(ec)
+    return np.where(
+        find_spikes(w) & ~is_lifted(w, calibration),
+        0.0,
+        np.abs(compute_components(w, calibration)[0]),
+    )
 
 
 def estimate_weld_axis(ec: NDArray[Any], calibration: Calibration) -> complex | None:

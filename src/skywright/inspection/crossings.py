@@ -9,6 +9,9 @@ from skywright.core.arrays import Array, Mask
 from skywright.inspection.weld_line import INLIER, WIDEST, WeldLine, estimate_weld_line
 
 MOST_LINES = 10
+WIDE = 0.016
+"""m; a wider crossing is a wide weld, or several that the signal merges: a weld shows as wide as it
+is, 10 mm mostly, and half of a coil's footprint on either side."""
 SHOWN = 0.7
 """Least share of the path's passes over a further line that must be crossings of it."""
 LEAST_SLANT = math.sin(math.radians(3.0))
@@ -31,6 +34,7 @@ class Crossing(NamedTuple):
     samples: int
     line: int = -1  # index of its line; -1: it lies off all of them
     one_sided: bool = False  # entered and left on one side, or cut off by the end of the contact
+    width: float = 0.0  # m, of the stretch along the motion, or across the weld once that is known
 
 
 def _columns(crossings: list[Crossing], *names: str) -> tuple[Array, ...]:

@@ -6,20 +6,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from skywright.core.arrays import Array, Mask
 from skywright.description.world.surface import Cylinder, roll_points, unroll_points
 from skywright.errors import InputError
-from skywright.inspection.baseline import MAJORITY, centre_calibration
+from skywright.inspection.baseline import MAJORITY, centre_calibration, remove_drift, unwrap
 from skywright.inspection.calibration import (
     Calibration,
     compute_components,
     estimate_weld_axis,
+    is_lifted,
     robust_std,
     to_complex,
 )
-from skywright.inspection.crossings import Crossing, assign, find_normal, separate_lines
+from skywright.inspection.crossings import WIDE, Crossing, assign, find_normal, separate_lines
+from skywright.inspection.spikes import reject_spikes
 from skywright.inspection.weld_line import HALF_WIDTH, WeldLine
 
 MERGE_DISTANCE = 0.004
@@ -30,8 +31,8 @@ MIN_LENGTH = 0.0015
 """m; a flagged stretch shorter than this is noise: the coil itself averages over 3.5 mm."""
 SIGNIFICANCE = 5.0
 """Least height of a crossing above the base metal, in standard deviations of its texture."""
-DRIFT_LENGTH = 0.08
-"""m of path over which the texture's drift is taken; several crossings' widths."""
+FILLED = 0.5
+"""Least share of a crossing's samples in contact that are on the weld."""
 LONG_LENGTH = 0.035
 """m; a longer stretch runs along the weld and is cut into pieces of this length."""
 
@@ -160,6 +161,7 @@ def _locate(
         v_c=float(v[1]),
         std=std,
         samples=count,
+        width=length,
     )
 
 
@@ -206,7 +208,9 @@ def find_crossings(
         span = slice(start, stop)
         stretch = (t[span], s[span], c[span], weld[span], noise, surface)
         found = _locate(*stretch)
-        if found is None:
+        # a stretch merged of scattered samples is interference: a weld shows in all
+        filled = np.sum(on_weld[span]) >= FILLED * np.sum(on_weld[span] | base[span])
+        if found is None or not filled:
             continue
         normal = find_normal(found, lines)
         if normal is not None:
@@ -234,32 +238,6 @@ def find_crossings(
                 shared = math.sqrt(pieces) if found.one_sided else 1.0
                 points.append(piece._replace(std=HALF_WIDTH * shared, one_sided=found.one_sided))
     return crossings, points
-
-
-def unwrap(c: Array, contact: Mask, radius: float) -> Array:
-    """Return `c` (n,) m counted on past half a turn, so that no scan is cut at the far side."""
-    if not np.any(contact):
-        return c
-    middle = float(np.angle(np.mean(np.exp(1j * c[contact] / radius)))) * radius
-    turn = 2.0 * math.pi * radius
-    return np.asarray(c - turn * np.round((c - middle) / turn))
-
-
-def remove_drift(s: Array, c: Array, weld: Array, contact: Mask, threshold: float) -> Array:
-    """Subtract the slow drift of the base metal's texture from the weld signal (n,).
-
-    A running median over DRIFT_LENGTH of path, which a crossing of about 12 mm hardly moves;
-    limited to 1.5 thresholds, so that a path along a weld keeps showing it.
-    """
-    index = np.flatnonzero(contact & np.isfinite(weld))
-    if index.size < 50:
-        return weld
-    path = float(np.nansum(np.hypot(np.diff(s[index]), np.diff(c[index]))))
-    size = min(int(DRIFT_LENGTH * index.size / max(path, DRIFT_LENGTH)), index.size) | 1
-    drift = median_filter(weld[index], size=max(size, 3), mode="nearest")
-    out = weld.copy()
-    out[index] -= np.clip(drift, -1.5 * threshold, 1.5 * threshold)
-    return out
 
 
 def process_scan(
@@ -292,6 +270,11 @@ def process_scan(
     if np.any(np.diff(t[valid]) < 0):
         raise InputError("scan: times go backwards; sort the samples by time")
     notes: list[str] = []
+    spikes = np.zeros(t.size, bool)
+    lifted = is_lifted(w[valid], calibration)
+    spikes[valid], note = reject_spikes(t[valid], w[valid], p[valid], lifted)
+    valid &= ~spikes
+    notes += [note] if note else []
     s, c, gap = unroll_points(surface, p)
 
     searched = valid.copy()
@@ -346,6 +329,12 @@ def process_scan(
             f"{len(found) - len(crossings)} segments above the weld threshold are within "
             f"the texture of the base metal ({SIGNIFICANCE:g} x {noise:.2g} units): "
             "excluded"
+        )
+    wide = [x.width for x in crossings if x.width > WIDE and not x.one_sided and lines]
+    if wide:
+        notes.append(
+            f"{len(wide)} of {len(crossings)} crossings are wider than {WIDE * 1e3:g} mm (up to "
+            f"{max(wide) * 1e3:.0f} mm): a wide weld, or welds too close together to be resolved"
         )
     one_sided = sum(x.one_sided for x in crossings)
     if one_sided:

@@ -18,6 +18,7 @@ from skywright.inspection.calibration import (
 )
 from skywright.inspection.recorded_scan import is_recording, load_recorded_scan
 from skywright.inspection.scan_file import Scan, load_scan
+from skywright.inspection.spikes import check_interference, find_spikes
 from skywright.inspection.surface_fit import (
     SurfaceFit,
     fit_cylinder,
@@ -115,6 +116,8 @@ def find_approach(scan: Scan) -> tuple[float, float]:
     Raises InputError where the file does not start in air.
     """
     w = to_complex(scan.ec)
+    sound = ~find_spikes(w)
+    t, w = scan.t[sound], w[sound]
     scale = float(np.max(np.abs(w)))
     far = np.abs(w - np.median(w[: max(5, w.size // 200)])) / (scale or 1.0)
     reach = float(np.quantile(far, 0.9))
@@ -122,9 +125,9 @@ def find_approach(scan: Scan) -> tuple[float, float]:
     # contact is the signal that lasts, not a passing spike
     for index in touched:
         if np.mean(far[index : index + 20] > 0.8 * reach) > 0.9:
-            touch = float(scan.t[index])
+            touch = float(t[index])
             if index >= 10 and reach > 0:
-                return max(float(scan.t[0]), touch - 10.0), touch + 1.0
+                return max(float(t[0]), touch - 10.0), touch + 1.0
             break
     raise InputError(
         "no approach from air to contact found at the start of the file; give --calibrate T0:T1 or "
@@ -152,7 +155,7 @@ def _calibrate(
         weld_threshold=weld_threshold,
     )
     w = to_complex(scan.ec)
-    whole = float(np.quantile(np.abs(w - cal.contact), 0.99))
+    whole = float(np.quantile(np.abs(w - cal.contact)[~find_spikes(w)], 0.99))
     if whole > 3 * cal.excursion:
         raise InputError(
             f"calibration: the signal changes by {cal.excursion:.3g} units in "
@@ -181,6 +184,24 @@ def _check_span(scan: Scan, span: tuple[float, float], contact: Mask, given: boo
             f"seconds (the file spans {scan.t[0]:g}:{scan.t[-1]:g} s)"
         )
     return f"calibration: {what}"
+
+
+def _drop_jumps(scan: Scan) -> Scan:
+    """Drop, with a note, the rows in which the tracker's position is elsewhere for an instant."""
+    jumps = find_spikes(scan.p_WT)
+    if not jumps.any():
+        return scan
+    return Scan(
+        scan.t[~jumps],
+        scan.ec[~jumps],
+        scan.p_WT[~jumps],
+        None if scan.axis_W is None else scan.axis_W[~jumps],
+        (
+            *scan.notes,
+            f"{np.count_nonzero(jumps)} rows dropped in which the position jumps and returns, the "
+            f"first at {scan.t[jumps][0]:.2f} s",
+        ),
+    )
 
 
 def process_file(
@@ -213,6 +234,8 @@ def process_file(
         span = touched if span is None and calibration_file is None else span
     else:
         scan = load_scan(path, columns)
+    check_interference(path, scan.t, to_complex(scan.ec))
+    scan = _drop_jumps(scan)
     notes = list(scan.notes)
     if calibration_file is not None:
         cal = load_calibration(Path(calibration_file))

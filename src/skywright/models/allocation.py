@@ -12,12 +12,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.core.scratch import local
 from skywright.core.types import MAX_ROTORS
+from skywright.core.user_code import njit
 from skywright.errors import InputError
 from skywright.models.rotors import RotorSet
 

@@ -16,11 +16,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.core.scratch import local
+from skywright.core.user_code import njit
 from skywright.description.robot.limbs import SIDES, list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError

@@ -7,11 +7,10 @@ is exact; the search here is for points that no posture within the limits reache
 import math
 from typing import Any
 
-from numba import njit
-
 from skywright.core.compiled import helper
 from skywright.core.rotations import solve3
 from skywright.core.scratch import local
+from skywright.core.user_code import njit
 
 STEPS = 200  # of the search for the nearest point
 GRID = 7  # postures a joint that it starts from

@@ -271,6 +271,18 @@ def build_probe_signal(
     )
 
 
+def compute_weld_signal(pipe: Pipe, weld: Weld) -> complex:
+    """Signal (instrument units) on the middle of a weld, in contact and upright, from base metal.
+
+    Without the phase of a tilt or a texture; the coil averages over a weld that is narrow.
+    """
+    coil = Coil()
+    row = _build_tables(pipe, weld, coil, Instrument())[0][0, 0]
+    footprint = (coil.inner_radius + coil.outer_radius) / 2
+    share = math.erf(weld.half_width_m / (math.sqrt(2.0) * footprint))
+    return complex(np.interp(share, np.linspace(0.0, 1.0, _N_BLEND), row))
+
+
 @helper
 def weld_blend(ps: ProbeSignal, s: float, c: float) -> tuple[float, int]:
     """Share of weld metal under the coil, 0..1, at (s, c) on the unrolled surface (m), and whose.

@@ -14,13 +14,13 @@ from typing import Annotated, Any
 
 import mujoco
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.compiled import helper
 from skywright.core.record import Array, Mat3, Record, Vec3
 from skywright.core.rotations import cross, mat_vec
 from skywright.core.scratch import local
+from skywright.core.user_code import njit
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World

@@ -10,10 +10,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.record import Record
+from skywright.core.user_code import njit
 from skywright.description.robot.force_sensor import ForceSensor
 from skywright.description.robot.spec import Probe
 

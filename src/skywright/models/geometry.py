@@ -16,11 +16,12 @@ from typing import Any, NamedTuple
 import llvmlite.binding
 import mujoco
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from skywright.core.arrays import Array, Ints
 from skywright.core.compiled import helper
 from skywright.core.rotations import rot_to_quat
+from skywright.core.user_code import njit
 from skywright.models.scene import Scene
 
 PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)

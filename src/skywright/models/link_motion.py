@@ -8,13 +8,13 @@ inverse dynamics.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS
+from skywright.core.user_code import njit
 from skywright.models.body_records import MAX_LINKS, BodyModel, Kinematics
 from skywright.models.rigid_body import compute_kinematics
 

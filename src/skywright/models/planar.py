@@ -19,10 +19,10 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_from_quat
+from skywright.core.user_code import njit
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError

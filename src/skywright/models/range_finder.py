@@ -6,11 +6,10 @@ Of the class of a LightWare SF11/C (Sanchez-Cuevas 2020, section 2).
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-import skywright.core.user_code  # noqa: F401  (before compiled code is loaded)
 from skywright.core.record import Array, Record
+from skywright.core.user_code import njit
 
 RANGE_BLOCK = 512
 """Samples whose noise is drawn at a time."""

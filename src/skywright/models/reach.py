@@ -11,10 +11,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array, Ints, Mask
 from skywright.core.rotations import rot_z
+from skywright.core.user_code import njit
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World

@@ -12,7 +12,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.compiled import helper
@@ -20,6 +19,7 @@ from skywright.core.record import Array
 from skywright.core.rotations import mat_mat, mat_vec, rot_about
 from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS
+from skywright.core.user_code import njit
 from skywright.description.robot.arm import Link
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos

@@ -10,10 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
+from skywright.core.user_code import njit
 from skywright.description.robot.spec import Rotors
 
 

@@ -6,9 +6,8 @@ Functions of a joint take the arms as the controller believes them (ArmModel).
 import math
 from typing import Any
 
-from numba import njit
-
 from skywright.core.compiled import helper
+from skywright.core.user_code import njit
 
 
 @njit(cache=True, error_model="numpy")

@@ -9,13 +9,13 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.core.rotations import mat_vec
 from skywright.core.types import MAX_JOINTS
+from skywright.core.user_code import njit
 from skywright.models.body_records import Kinematics
 from skywright.models.geometry import FAR
 from skywright.models.rigid_body import fill_kinematics

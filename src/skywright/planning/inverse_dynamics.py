@@ -8,11 +8,11 @@ inverse dynamics.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
+from skywright.core.user_code import njit
 from skywright.models.allocation import Allocator
 from skywright.models.body_records import BodyModel, Kinematics
 from skywright.models.link_motion import Motion, fill_motion

@@ -9,13 +9,13 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.core.rotations import exp_so3, log_so3, mat_mat, mat_t_mat, mat_t_vec, mat_vec, norm
 from skywright.core.types import MAX_JOINTS, REFERENCE, ReferenceRow
+from skywright.core.user_code import njit
 from skywright.description.world.surface import surface_frame
 from skywright.models.geometry import FAR
 from skywright.models.rigid_body import fill_kinematics

@@ -15,6 +15,8 @@ from skywright.planning.inverse_dynamics import Loads
 
 OK, CLEARANCE, ROTOR, JOINT, MOTOR, SPEED, ACCELERATION, TASK, TILT, SINGULAR = range(10)
 """Outcome of a check along a motion."""
+IN_FLIGHT, ON_SURFACE = "mission.clearance_m", "mission.surface_clearance_m"
+"""Keys of the clearances that are kept."""
 
 
 class Limits(NamedTuple):
@@ -84,7 +86,9 @@ def build_problem(
     )  # fmt: skip
 
 
-def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...]) -> str:
+def describe_failure(
+    f: Failure, query: ClearanceQuery, joints: tuple[str, ...], limits: Limits
+) -> str:
     """Return one sentence that names the constraint with its numbers."""
     if math.isfinite(f.s):
         where = f" at s = {f.s:.3f} m, phi = {math.degrees(f.phi):.0f} deg"
@@ -93,7 +97,9 @@ def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...])
     name = joints[f.which] if 0 <= f.which < len(joints) else str(f.which)
     if f.code == CLEARANCE:
         pair = describe_pair(query, f.which)
-        return f"clearance of {pair} {f.value:.4f} m < {f.limit:.3f} m{where}"
+        key = {limits.margin_self: "fixed: an arm to its own robot"}.get(f.limit, IN_FLIGHT)
+        key = ON_SURFACE if f.limit == limits.margin else key
+        return f"clearance of {pair} {f.value:.4f} m < {f.limit:.3f} m ({key}){where}"
     if f.code == ROTOR:
         sign = ">" if f.value > f.limit else "<"
         return f"rotor {f.which} requires {f.value:.2f} N {sign} {f.limit:.2f} N{where}"

@@ -217,4 +217,4 @@ class Search:
         """Return the sentence of a failure; what is one already stays."""
         if isinstance(failure, str):
             return failure
-        return describe_failure(failure, self.query, self.joints)
+        return describe_failure(failure, self.query, self.joints, self.prob.limits)

@@ -17,7 +17,7 @@ from skywright.planning.inverse_dynamics import Loads
 from skywright.planning.inverse_kinematics import build_state
 from skywright.planning.local_planner import Edge, join_edges, plan_free_edge
 from skywright.planning.motion.transit import Configuration, plan_transit
-from skywright.planning.problem import CLEARANCE, Limits, build_problem, describe_failure
+from skywright.planning.problem import CLEARANCE, IN_FLIGHT, Limits, build_problem, describe_failure
 
 INSIDE = 0.98
 """Of the margin of a way around: the legs are checked with the rest, at instants."""
@@ -77,11 +77,11 @@ def plan_waypoints(
                 low_z=limits.ground,
             )  # fmt: skip
             if way.blocked_by is not None:
-                blocked = f"way-point {i + 1}: {way.blocked_by}"
+                blocked = f"way-point {i + 1}: {way.blocked_by} ({IN_FLIGHT})"
                 break
             edges, failure = plan_legs(prob, way, limits.margin_transit)
         if failure is not None:
-            blocked = f"way-point {i + 1}: {describe_failure(failure, query, joints)}"
+            blocked = f"way-point {i + 1}: {describe_failure(failure, query, joints, limits)}"
             break
         if hold > 0.0:
             edges.append(build_rest(edges[-1], -1, hold))

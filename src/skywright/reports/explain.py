@@ -22,6 +22,7 @@ from skywright.reports.summary import (
 from skywright.run.kind import load_kind
 from skywright.run.names import list_measures
 from skywright.run.parts import build_named, get_law, uses_truth
+from skywright.run.where import find_where
 from skywright.vehicle.targets import list_tracked
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ class Row(NamedTuple):
     name: str
     value: str
     note: str = ""
+    where: str = ""
 
 
 def format_value(value: Any) -> str:
@@ -80,11 +82,12 @@ def describe_outcome(result: RunResult) -> str:
 
 def list_metrics(result: RunResult) -> list[Row]:
     """All metrics with unit and meaning, the judged ones included."""
-    rows = []
+    rows, where = [], load_kind(result.description.mission.kind).where
     measures = list_measures(result.description.mission.kind)
     for name, value in sorted(result.metrics.items()):
         unit, meaning = measures.get(name, ("", ""))
-        rows.append(Row(name, f"{format_value(value)} {unit}".strip(), meaning))
+        here = find_where(name, where).text
+        rows.append(Row(name, f"{format_value(value)} {unit}".strip(), meaning, here))
     return rows
 
 

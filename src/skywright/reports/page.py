@@ -1,15 +1,21 @@
 """What every page shares: pictures inside it, one way to fill its template, one to write it."""
 
 import base64
+import html
+import re
 from contextlib import suppress
+from datetime import UTC, datetime
 from functools import lru_cache
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple, overload
 
 import jinja2
+from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from skywright.errors import InputError
+from skywright.reports.figures.interactive import build_plot
 from skywright.reports.figures.style import WIDTH, render_svg
 
 
@@ -20,26 +26,82 @@ class Picture(NamedTuple):
     data: str  # data: URI
     caption: str
     width: float  # share of the page
+    plot: str = ""  # panels over time for templates/plots.js
 
 
 @overload
-def build_picture(title: str, figure: Figure, caption: str) -> Picture: ...
+def build_picture(title: str, figure: Figure, caption: str, *, zoom: bool = False) -> Picture: ...
 @overload
-def build_picture(title: str, figure: None, caption: str) -> None: ...
+def build_picture(title: str, figure: None, caption: str, *, zoom: bool = False) -> None: ...
 @overload
-def build_picture(title: str, figure: Figure | None, caption: str) -> Picture | None: ...
-def build_picture(title: str, figure: Figure | None, caption: str) -> Picture | None:
-    """Return a figure as a picture of a page, or None where there is none."""
+def build_picture(
+    title: str, figure: Figure | None, caption: str, *, zoom: bool = False
+) -> Picture | None: ...
+def build_picture(
+    title: str, figure: Figure | None, caption: str, *, zoom: bool = False
+) -> Picture | None:
+    """Return a figure as a picture of a page, or None where there is none.
+
+    `zoom`: panels over time can be zoomed in the page; printed, they are the picture.
+    """
     if figure is None:
         return None
     data = base64.b64encode(render_svg(figure)).decode("ascii")
     width = float(figure.get_size_inches()[0]) / WIDTH
-    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width)
+    plot = build_plot(figure) if zoom else ""
+    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width, plot)
 
 
 def render_page(template: str, **values: object) -> str:
-    """Fill `reports/templates/<template>`; a value that it lacks is an error."""
-    return _load_template(template).render(values)
+    """Fill `reports/templates/<template>`; a value that it lacks is an error.
+
+    Every heading gets an id; an empty <nav> becomes the list of contents. `written` (when) is
+    the present unless it is given.
+    """
+    values = {"written": write_time(datetime.now(UTC)), **values}
+    page = add_contents(_load_template(template).render(values))
+    if '<script type="application/json"' not in page:
+        return page
+    style, licence, library, ours = (
+        (files("skywright.reports") / name).read_text(encoding="utf-8")
+        for name in ("vendor/uPlot.min.css", "vendor/uPlot.LICENSE", "vendor/uPlot.iife.min.js",
+                     "templates/plots.js")
+    )  # fmt: skip
+    code = (
+        f"<style>{style}</style>\n<!-- uPlot: {licence}-->\n<script>{library}</script>\n"
+        f"<script>\n{ours}</script>\n"
+    )
+    return page.replace("</body>", f"{code}</body>")
+
+
+def write_time(t: datetime) -> str:
+    """Return date and time (UTC) to the second."""
+    return t.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def break_key(name: str) -> Markup:
+    """Return a dotted key that may break after its dots and underscores."""
+    return Markup(re.sub(r"([._/])", r"\1<wbr>", str(escape(name))))
+
+
+def add_contents(page: str) -> str:
+    """Give headings ids, and list them in the empty <nav>; sections with their parts in a line."""
+    items: list[str] = []
+    names: list[str] = []
+
+    def mark(found: re.Match[str]) -> str:
+        level, given, inner = found.groups()
+        text = re.sub(r"<[^>]*>", "", inner).strip()
+        base = re.sub(r"[^a-z0-9]+", "-", html.unescape(text).lower()).strip("-")
+        again = f"-{names.count(base) + 1}" if base in names else ""
+        names.append(base)
+        name = given or base + again
+        items.append(f'<li class="level{level}"><a href="#{name}">{text}</a></li>')
+        return f'<h{level} id="{name}">{inner}</h{level}>'
+
+    page = re.sub(r'<h([23])(?: id="([^"]*)")?>(.*?)</h\1>', mark, page, flags=re.DOTALL)
+    nav = "\n".join(items)
+    return page.replace("<nav></nav>", f'<nav aria-label="Contents"><ul>\n{nav}</ul></nav>', 1)
 
 
 def write_page(path: Path, text: str) -> None:
@@ -65,4 +127,5 @@ def _load_template(name: str) -> jinja2.Template:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
+    environment.filters["key"] = break_key
     return environment.get_template(name)

@@ -9,11 +9,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-import skywright.core.user_code  # noqa: F401  (before compiled code is loaded)
 from skywright.core.arrays import Array, Ints
+from skywright.core.user_code import njit
 
 SUN = np.array([-0.75, -0.6, 1.2]) / math.sqrt(0.75**2 + 0.6**2 + 1.2**2)
 SHADOW_SIZE = 2048

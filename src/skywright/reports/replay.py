@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from skywright.core.arrays import Array, Ints, Mask
 from skywright.description.loader import Description
 from skywright.description.robot.limbs import SIDES
-from skywright.errors import InputError
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.inspection.crossings import Crossing
 from skywright.inspection.weld import WeldResult
@@ -26,6 +25,7 @@ from skywright.models.compliant_arms import is_compliant
 from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import build_drawing
 from skywright.reports.first_person import find_mount
+from skywright.reports.page import write_page
 from skywright.reports.phases import explain_phase
 from skywright.reports.scene3d import (
     ESTIMATE,
@@ -55,11 +55,7 @@ def write_replay(result: RunResult) -> Path:
     Raises InputError when the directory cannot be written.
     """
     path = result.directory / "replay.html"
-    page = build_replay(result)
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    write_page(path, build_replay(result))
     return path
 
 

@@ -1,7 +1,11 @@
 """The report of a run: one HTML file that opens offline and prints well (ADR 0007)."""
 
+import re
+import shlex
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 
 from matplotlib.figure import Figure
 
@@ -9,13 +13,19 @@ from skywright.core.find import blame
 from skywright.errors import InputError
 from skywright.reports import explain
 from skywright.reports.figures import paths, plan, series
-from skywright.reports.figures.style import house_style
-from skywright.reports.page import Picture, build_picture, render_page
+from skywright.reports.figures.style import house_style, render_svg
+from skywright.reports.page import Picture, build_picture, render_page, write_page, write_time
 from skywright.reports.phases import explain_phase
+from skywright.run.directory import SUFFIX
 from skywright.run.kind import load_kind
 from skywright.run.names import list_measures
 from skywright.run.parts import uses_truth
 from skywright.run.run import RunResult
+
+FILES = {
+    "replay.html": "3-D replay", "recording.mcap": "recording", "mission.toml": "settings",
+    "metrics.json": "metrics",
+}  # fmt: skip
 
 
 def list_figures(kind: str) -> dict[str, Callable[[RunResult], Figure | None]]:
@@ -31,22 +41,41 @@ def list_figures(kind: str) -> dict[str, Callable[[RunResult], Figure | None]]:
 
 def write_report(result: RunResult) -> None:
     """Write report.html into the run's directory. Raises InputError when it cannot be written."""
-    path = result.directory / "report.html"
+    write_page(result.directory / "report.html", render_report(result))
+
+
+def write_figures(result: RunResult, folder: Path) -> list[Path]:
+    """Write each figure of a run as SVG and PDF into a folder; returns the files.
+
+    A figure with nothing to show is left out. Raises InputError when they cannot be written.
+    """
+    kind, written = result.description.mission.kind, list[Path]()
     try:
-        path.write_text(render_report(result), encoding="utf-8")
+        folder.mkdir(parents=True, exist_ok=True)
+        with house_style(), blame(type(load_kind(kind)), "a chart"):
+            for name, draw in list_figures(kind).items():
+                if (figure := draw(result)) is not None:
+                    path = folder / f"{re.sub(r'[^A-Za-z0-9_-]', '_', name)}.svg"
+                    path.write_bytes(render_svg(figure))
+                    figure.savefig(path.with_suffix(".pdf"), metadata={"CreationDate": None})
+                    written += [path, path.with_suffix(".pdf")]
     except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+        raise InputError(f"cannot write into {folder}: {error.strerror or error}") from None
+    return written
 
 
 def render_report(result: RunResult) -> str:
     """Return the page; everything that it shows is inside it."""
     from skywright.run.versions import collect_versions
 
-    kind = result.description.mission.kind
+    kind, folder = result.description.mission.kind, result.directory
     figures = load_kind(kind).figures()
+    started = result.timing.get("started_unix_s")
+    name = shlex.quote(folder.name.removesuffix(SUFFIX))
+    trust = " --trust" if any(folder.glob("*.py")) else ""
     with house_style(), blame(type(load_kind(kind)), "a chart"):
         task = [
-            build_picture(chart.title, chart.draw(result), chart.caption)
+            build_picture(chart.title, chart.draw(result), chart.caption, zoom=True)
             for chart in figures.charts.values()
         ]
         motion = _draw_motion(result)
@@ -78,6 +107,10 @@ def render_report(result: RunResult) -> str:
         metrics=explain.list_metrics(result),
         explain_phase=partial(explain_phase, kind),
         versions=collect_versions(),
+        flown=started and write_time(datetime.fromtimestamp(started, UTC)),
+        files={file: what for file, what in FILES.items() if (folder / file).is_file()},
+        repeat=f"skywright run {name} --out {name}-again{trust}",
+        redraw=f"skywright report {name} --figures {name}-figures{trust}",
     )
 
 
@@ -95,5 +128,6 @@ def _draw_motion(result: RunResult) -> list[Picture | None]:
             "The whole flight", series.draw_flight_series(result),
             "Bands are phases. Dashed red lines are limits. During contact the platform "
                 "is intentionally offset from its reference, which lies inside the surface.",
+            zoom=True,
         ),
     ]  # fmt: skip

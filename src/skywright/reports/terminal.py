@@ -47,13 +47,15 @@ def format_number(value: float | None, unit: str = "") -> str:
 def print_result(result: Any) -> None:
     """Print the verdict table of a run and the paths of what it wrote."""
     console = new_console()
-    table = new_table("Requirements", "requirement", "value", "limit", "", right=("value",))
+    table = new_table(
+        "Requirements", "requirement", "value", "limit", "measured in", "", right=("value",)
+    )
     for r in result.requirements:
         mark = Text("met", "green") if r.passed else Text("FAILED", "bold red")
         limit = f"{r.sense} {format_number(r.limit, r.unit)}"
-        table.add_row(r.name, format_number(r.value, r.unit), limit, mark)
+        table.add_row(r.name, format_number(r.value, r.unit), limit, r.where, mark)
     for name in result.waived:
-        table.add_row(name, "-", "-", Text("not judged", "dim"))
+        table.add_row(name, "-", "-", "-", Text("not judged", "dim"))
     console.print(table)
     for why in dict.fromkeys(result.waived.values()):
         console.print(f"not judged: {why}", markup=False)

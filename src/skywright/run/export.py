@@ -149,10 +149,22 @@ def export_run(run: Run, form: str, out: Path | None = None, trajectory: str = P
     chosen = FORMATS[form]
     path = out or run.directory.with_name(f"{run.directory.name}{chosen.suffix}")
     if path.exists():
-        raise InputError(f"{path} exists already; give another --out or remove it")
-    try:
+        raise InputError(f"{path} already exists; give another --out or remove it")
+    partial = path.with_name(path.name + ".partial")
+    try:  # under another name first: an interrupted export leaves no half file
         path.parent.mkdir(parents=True, exist_ok=True)
-        chosen.write(run, path, trajectory)
+        _remove(partial)
+        chosen.write(run, partial, trajectory)
+        partial.rename(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        _remove(partial)
     return path
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

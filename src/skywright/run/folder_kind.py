@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from skywright.run.planning import MissionPlan
     from skywright.run.setup import Setup
     from skywright.run.supervisor import Supervisor
+    from skywright.run.where import Where
 
 
 class FolderKind(MissionKind[T, Any]):
@@ -28,6 +30,10 @@ class FolderKind(MissionKind[T, Any]):
     @property
     def measures(self) -> Measures:
         return self._part("metrics").MEASURES if self._has_metrics else {}
+
+    @property
+    def where(self) -> Mapping[str, Where]:
+        return self._part("metrics").WHERE if self._has_metrics else {}
 
     def plan(self, setup: Setup[T]) -> MissionPlan[Any]:
         return self._part("plan").plan(setup)

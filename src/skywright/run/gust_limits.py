@@ -37,7 +37,7 @@ def find_stances(
     if len(winds) > 1 and (model := law.build_gust_model(setup, yaw)) is not None:
         apart = setup.description.mission.gust_sigmas * model(wind).place
     body = build_drag_body(robot, setup.model, q, world.gravity_mps2, world.air_density_kg_m3)
-    layout = build_layout(setup.rotors, robot.rotors.thrust_fraction)
+    layout = build_layout(setup.rotors, robot.rotors.thrust_fraction, setup.allocator)
     _, tilts = compute_hold(layout, body, winds @ level)
     sizes = np.maximum(np.linalg.norm(winds, axis=1), 1e-9)
     leans = (tilts / sizes)[:, None] * np.cross(winds, [0.0, 0.0, 1.0])

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from skywright.run.run import RunResult
     from skywright.run.setup import Setup
     from skywright.run.supervisor import Supervisor
+    from skywright.run.where import Where
 
 Measures = Mapping[str, tuple[str, str]]
 """Metric -> its unit and what it means."""
@@ -90,6 +91,11 @@ class MissionKind(ABC, Generic[T, P]):
     @property
     def measures(self) -> Measures:
         """The metrics of this kind alone; run/names.py has those that kinds share."""
+        return {}
+
+    @property
+    def where(self) -> Mapping[str, Where]:
+        """Where these are measured, by name or by how the name begins ("force.")."""
         return {}
 
     @abstractmethod

@@ -80,8 +80,8 @@ def find_exceeded_wind(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) 
     speed, limit = float(speeds[k]), float(limits[k])
     what = "wind" if not wind.gusty else f"wind with gusts (mean + {_tell_sigmas(setup)})"
     return (
-        f"{what} of {speed:.1f} m/s exceeds {fraction * limit:.1f} m/s, {fraction:.0%} "
-        f"(mission.wind_fraction) of the {limit:.1f} m/s that {robot.name} can hold when it blows "
+        f"{what} of {speed:.2f} m/s exceeds {fraction * limit:.2f} m/s, {fraction:.0%} "
+        f"(mission.wind_fraction) of the {limit:.2f} m/s that {robot.name} can hold when it blows "
         f"toward {toward[k]:.0f} deg "
         "(0 is ahead, 90 to the left)"
     )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown, PhaseRecord
+from skywright.run.where import ALOFT, HELD, TRACKED
 
 Array = NDArray[np.float64]
 Samples = NDArray[Any]
@@ -41,20 +42,25 @@ def compute_common_metrics(
 ) -> dict[str, float]:
     """Metrics that every run has.
 
-    A robot whose arms hang below its gear (`hanging`) stands on them: their contacts from the start
-    to the end of take-off, and from the begin of landing, are no collisions.
+    Two arms hang below the landing gear (`hanging`) and touch the ground during take-off and
+    landing: contacts in these phases do not count as collisions. As long as they bear a part of the
+    weight the robot stands, and saturation does not count: friction at the end of a link turns the
+    platform with more torque than its rotors have about the vertical.
     """
     dt = np.diff(samples["t"], prepend=samples["t"][0])
     flying = samples["rotor_thrust"].sum(axis=1) > 0.5
     hits = samples["f_collision"] > 0.0
+    saturated = samples["saturated"] > 0.0
     if hanging:
-        hits &= ~in_phases(samples, phases, "start", "take_off", "land")
+        standing = hits & ~ALOFT.select(samples, phases)
+        hits &= ~standing
+        saturated &= ~standing
     error = np.linalg.norm(samples["est_p_WB"] - samples["p_WB"], axis=1)[flying]
     out = {
         "flight.duration_s": float(samples["t"][-1]) if len(samples) else 0.0,
         "flight.energy_wh": float(np.sum(samples["power"] * dt)) / 3600.0,
-        "flight.saturated_s": float(np.sum(dt[samples["saturated"] > 0.0])),
-        "flight.saturated_max_s": _find_longest(samples["saturated"] > 0.0, dt),
+        "flight.saturated_s": float(np.sum(dt[saturated])),
+        "flight.saturated_max_s": _find_longest(saturated, dt),
         "contact.collisions": float(np.count_nonzero(hits[1:] & ~hits[:-1]) + int(hits[:1].any())),
     }
     if len(error):
@@ -91,14 +97,12 @@ def _judge_localisation(s: Samples, error: Array, dt: Array) -> dict[str, float]
 def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     """Return how the planned segments are tracked, and the error while the last hold lasts."""
     samples, phases = run.samples, run.phases
-    moving = in_phases(samples, phases, *run.plan.segments) | np.isin(
-        samples["phase"], [i for i, p in enumerate(phases) if p.name.startswith("hold")]
-    )
+    moving = TRACKED.select(samples, phases, run.plan.segments)
     error = np.linalg.norm(samples["p_WB"] - samples["ref_p_WB"], axis=1)
     tilt = 2.0 * np.arccos(
         np.clip(np.hypot(samples["q_WB"][:, 0], samples["q_WB"][:, 3]), 0.0, 1.0)
     )
-    holds = [i for i, p in enumerate(phases) if p.name.startswith("hold")]
+    holds = HELD.find(phases)
     last = samples["phase"] == holds[-1] if holds else moving
     out: dict[str, float] = {}
     held = [samples["phase"] == i for i in holds]

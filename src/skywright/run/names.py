@@ -13,16 +13,20 @@ COMMON: Measures = {
     "flight.energy_wh": ("Wh", "electrical energy used"),
     "flight.saturated_s": (
         "s",
-        "time in which the allocation could not realise the commanded wrench",
+        "time in which the allocation could not realise the commanded wrench; not while a robot "
+        "with arms below its gear stands on them",
     ),
-    "flight.saturated_max_s": ("s", "longest such time without a break"),
+    "flight.saturated_max_s": ("s", "longest uninterrupted part of flight.saturated_s"),
     "estimate.position_rms_mm": ("mm", "rms distance of the estimated from the true position"),
-    "estimate.position_max_mm": ("mm", "largest such distance"),
+    "estimate.position_max_mm": (
+        "mm",
+        "largest distance of the estimated from the true position",
+    ),
     "estimate.outage_s": (
         "s",
         "time without a fix of the localisation; only gaps longer than 0.6 s count",
     ),
-    "estimate.outage_max_mm": ("mm", "estimate.position_max_mm meanwhile"),
+    "estimate.outage_max_mm": ("mm", "estimate.position_max_mm during these outages"),
     "estimate.sigmas": (
         "",
         "rms ratio of the position error of an axis to the standard deviation stated by the filter",
@@ -50,7 +54,7 @@ COMMON: Measures = {
         "mm",
         "rms distance of a hand from its target point while hovering; the worse hand",
     ),
-    "tip.hover_max_mm": ("mm", "largest such distance"),
+    "tip.hover_max_mm": ("mm", "largest distance of a hand from its target point while hovering"),
     "platform.hover_rms_mm": (
         "mm",
         "rms distance of the platform from its reference while hovering",
@@ -69,7 +73,7 @@ COMMON: Measures = {
         "smallest distance of a rotor's thrust to its limits, as a fraction of its range",
     ),
     "position.rms_m": ("m", "rms distance of the platform from its planned path"),
-    "position.max_m": ("m", "largest such distance"),
+    "position.max_m": ("m", "largest distance of the platform from its planned path"),
     "position.hold_error_m": (
         "m",
         "mean distance from a held way-point, or smallest distance from a passed one; "

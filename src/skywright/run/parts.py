@@ -60,10 +60,9 @@ def build_estimator(description: Description[Any]) -> Estimator:
     """Build the estimator; raises InputError where it cannot do with the localisation."""
     d, part = description, description.mission.estimator
     estimator: Estimator = build_part("estimator", part, "estimator")
-    localised = d.world.localisation
-    if localised != "mocap" and estimator.needs_motion_capture:
+    if not d.world.tracks_markers and estimator.needs_motion_capture:
         raise InputError(
-            f"world.localisation = {localised!r} measures position and heading only: "
+            f"world.localisation = {d.world.localisation!r} measures position and heading only: "
             f"mission.estimator = {part.kind!r} requires motion capture; use 'filter'"
         )
     check_localisation(d)
@@ -74,7 +73,7 @@ def check_localisation(description: Description[Any]) -> None:
     """Raise InputError where a robot cannot do with the world's localisation."""
     robot, world = description.robot, description.world
     localised = world.localisation
-    if localised == "mocap":
+    if world.tracks_markers:
         return
     says = f"world.localisation = {localised!r} measures position and heading only: "
     if find_marker(world.things) and robot.camera is None:

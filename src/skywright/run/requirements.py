@@ -12,6 +12,7 @@ from skywright.errors import InputError, neighbours
 from skywright.run.flight import Flown
 from skywright.run.kind import MissionKind
 from skywright.run.names import list_measures
+from skywright.run.where import COMMON_WHERE, Where, find_where
 
 _SENSES: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -32,6 +33,7 @@ class Verdict(NamedTuple):
     sense: str
     passed: bool
     source: str
+    where: str = ""  # the phases in which the value is measured
 
 
 def describe_missed(verdicts: list[Verdict]) -> str:
@@ -62,16 +64,22 @@ def check_requirement_names(mission: Mission) -> None:
             )
 
 
-def judge(requirements: Mapping[str, Requirement], metrics: Mapping[str, float]) -> list[Verdict]:
-    """Compare metrics with what is required; a missing or NaN metric does not pass."""
+def judge(
+    requirements: Mapping[str, Requirement],
+    metrics: Mapping[str, float],
+    where: Mapping[str, Where] = COMMON_WHERE,
+) -> list[Verdict]:
+    """Compare metrics with what is required; a missing or NaN metric does not pass.
+
+    `where` says in which phases the metrics of the kind are measured.
+    """
     verdicts = []
     for name, r in requirements.items():
         value = metrics.get(name)
         known = value is not None and math.isfinite(value)
         passed = known and value is not None and bool(_SENSES[r.sense](value, r.limit))
-        verdicts.append(
-            Verdict(name, value if known else None, r.unit, r.limit, r.sense, passed, r.source)
-        )
+        here, reached = find_where(name, where).text, value if known else None
+        verdicts.append(Verdict(name, reached, r.unit, r.limit, r.sense, passed, r.source, here))
     return verdicts
 
 
@@ -81,4 +89,5 @@ def judge_run(
     """Judge a flight; returns verdicts, and the requirements that have no meaning for it."""
     required = kind.requirements(run.setup, run.way)
     waived = {k: why for k, why in kind.list_waived(metrics).items() if k in required}
-    return judge({k: r for k, r in required.items() if k not in waived}, metrics), waived
+    asked = {k: r for k, r in required.items() if k not in waived}
+    return judge(asked, metrics, kind.where), waived

@@ -84,6 +84,7 @@ class RunResult(NamedTuple, Generic[T, P]):
     """What was found, as plain JSON."""
     waived: dict[str, str] = {}
     """Requirements that have no meaning for what was asked, each with the reason."""
+    command: str = ""  # that started the run; "" where no command line did
 
     @property
     def exit_code(self) -> int:
@@ -98,6 +99,7 @@ class RunResult(NamedTuple, Generic[T, P]):
             "robot": d.robot.name,
             "world": d.world.name,
             "seed": d.mission.seed,
+            "command": self.command,
             "outcome": self.outcome,
             "reason": self.reason,
             "requirements": [r._asdict() for r in self.requirements],
@@ -120,13 +122,14 @@ def run_mission(
     write_report: Callable[[RunResult], None] | None = None,
     records: Path | None = None,
     operator: Operator | None = None,
+    command: str = "",
 ) -> RunResult:
     """Plan, fly and evaluate a mission, and write its run directory.
 
     `write_report` is called with the result while the directory is still NAME.partial. `records`
     is the file (SQLite) in which contact measurements are stored as soon as they are finished.
     `operator` is at the stick in person, in missions that have one; what it did is written beside
-    the recording (operator.csv), and mission.toml names it: the run can be repeated.
+    the recording (operator.csv), and mission.toml names it. `command` is noted in metrics.json.
     Raises InputError (nothing was started), InfeasibleError (no plan exists). A diverged or
     interrupted run is returned with that outcome; its directory stays NAME.partial.
     """
@@ -155,6 +158,7 @@ def run_mission(
         for observer in observers:
             observer.close()
     result = _evaluate(Flown(setup, plan, samples, phases), flight, outcome, partial)
+    result = result._replace(command=command)
     _add_timing(result, start)
     write_json(partial / "metrics.json", result.to_json())
     if outcome in ("interrupted", "diverged"):
@@ -203,7 +207,7 @@ def evaluate_directory(directory: Path) -> RunResult:
     flight = Flight(stored.outcome in ("succeeded", "failed"), stored.reason, stored.acted)
     flown = Flown(setup, plan, stored.samples, stored.phases)
     result = _evaluate(flown, flight, outcome, directory)
-    return result._replace(timing=stored.timing)
+    return result._replace(timing=stored.timing, command=str(stored.written.get("command", "")))
 
 
 def build_vehicle(
@@ -260,13 +264,12 @@ def _prepare(setup: Setup[Any]) -> tuple[MissionPlan[Any], SimulatedVehicle]:
     return plan, build_vehicle(description, setup=setup)
 
 
-def _add_timing(result: RunResult, start: float) -> None:
-    """Fill in what a run took since `start` (of time.perf_counter)."""
+def _add_timing(result: RunResult, start: float) -> None:  # of time.perf_counter
     wall = time.perf_counter() - start
     simulated = float(result.samples["t"][-1]) if len(result.samples) else 0.0
     result.timing.update(
         simulated_s=simulated, wall_s=wall, real_time_factor=simulated / wall,
-        plan_s=result.plan.plan_s,
+        plan_s=result.plan.plan_s, started_unix_s=round(time.time() - wall, 3),
     )  # fmt: skip
 
 
@@ -319,12 +322,10 @@ def _fly(
 
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
-        on_measurement, operator, rules,
-        lambda: setup.clearance_aloft, on_acted,
+        on_measurement, operator, rules, lambda: setup.clearance_aloft, on_acted,
     )  # fmt: skip
 
-    def on_stuck(says: str) -> None:
-        """Keep what was flown and end the process: compiled code cannot be interrupted."""
+    def on_stuck(says: str) -> None:  # ends the process: compiled code cannot be interrupted
         flush()
         if writer is not None and partial is not None:
             writer.event(vehicle.t, f"diverged: {says}")
@@ -361,7 +362,6 @@ def _fly(
 
 
 def _describe(error: BaseException) -> str:
-    """Say what was raised; of a defect its line, too."""
     if isinstance(error, KeyboardInterrupt):
         return "interrupted by the user"
     return str(error) if isinstance(error, SkywrightError | OSError) else explain(error)
@@ -369,13 +369,13 @@ def _describe(error: BaseException) -> str:
 
 def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -> RunResult[T, P]:
     description, plan = run.setup.description, run.plan
-    kind = load_kind(description.mission.kind)
+    kind, arm = load_kind(description.mission.kind), description.robot.arm
     metrics, reason, broken = dict[str, float](), flight.reason, ""
     verdicts, waived, details, found = list[Verdict](), dict[str, str](), None, dict[str, Any]()
     try:
         if len(run.samples):
             metrics = compute_common_metrics(
-                run.samples, run.phases, hanging=description.robot.pendulum is not None
+                run.samples, run.phases, hanging=arm is not None and arm.sides == 2
             )
             with blame(type(kind), "metrics"):
                 metrics.update(kind.metrics(run))

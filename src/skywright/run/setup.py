@@ -85,8 +85,10 @@ class Setup(Nominal, Generic[T]):
     @cached_property
     def limits(self) -> Limits:
         """The limits of motion that the robot's file sets."""
-        c = self.robot.control
+        c, mission = self.robot.control, self.description.mission
         return Limits(
+            margin=mission.surface_clearance_m,
+            margin_transit=mission.clearance_m,
             speed=c.speed_max_mps,
             acceleration=c.acceleration_max_mps2,
             tilt=math.radians(c.tilt_max_deg),

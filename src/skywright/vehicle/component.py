@@ -325,11 +325,13 @@ class Law(Component):
         """Raise InputError where a robot lacks what the law needs besides its rotors."""
 
     def get_attitude_loop(self, robot: Robot) -> AttitudeGains | None:
-        """Return the attitude loop that a link's delay may make unstable.
-
-        None: the gains account for the delay, or nothing is known of them.
-        """
+        """Return the loop that a link's delay may make unstable; None: none that is known."""
         return None
+
+    def compute_rate_torque(self, nominal: Nominal, I_C: Array) -> Array | None:
+        """Return N m (3, 2) for 1 rad/s of roll and pitch, of inertia `I_C` (3, 3), or None."""
+        loop = self.get_attitude_loop(nominal.robot)
+        return None if loop is None else I_C[:, :2] * (2.0 * loop.damping * loop.bandwidth)
 
     def observe_wrench(self, context: Context) -> Array | None:
         """Return the bandwidths (3,) rad/s, forward, left, up, of the external force that the law

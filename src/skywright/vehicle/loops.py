@@ -20,6 +20,7 @@ from skywright.core.spec import Bandwidth, NonNegative, Positive, Spec
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.spec import Control
 from skywright.description.world.spec import World
+from skywright.models.nominal import Nominal
 from skywright.models.rotor_reaction import compute_reaction_times, limit_bandwidth
 from skywright.vehicle.component import AttitudeGains, Context, helper
 
@@ -88,7 +89,7 @@ class ArmLoop(Record):
     motor_speed_max: Annotated[Array, MAX_JOINTS]  # rad/s
 
 
-def choose_bandwidths(table: Spec, context: Context) -> Control:
+def choose_bandwidths(table: Spec, context: Context | Nominal) -> Control:
     """Return [robot.control] with what the law's own table tells in its place."""
     own = {k: v for k, v in table if k in Control.model_fields and v is not None}
     return context.robot.control.model_copy(update=own)

@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import from_dtype, njit, types
+from numba import from_dtype, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
 from skywright.core.compiled import COMPILE, Helper
+from skywright.core.user_code import njit
 
 MAX_PORTS = 12
 """Most ports of a step."""

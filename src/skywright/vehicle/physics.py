@@ -13,9 +13,9 @@ from typing import Any
 
 import llvmlite.binding as llvm
 import mujoco
-from numba import njit, types
+from numba import types
 
-import skywright.core.user_code  # noqa: F401  (before compiled code is loaded)
+from skywright.core.user_code import njit
 
 
 def load_library() -> str:

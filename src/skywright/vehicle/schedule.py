@@ -7,9 +7,10 @@ move on: their address is the base plus the clock's row of the block times a str
 from __future__ import annotations
 
 import numpy as np
-from numba import carray, njit
+from numba import carray
 
 from skywright.core.pointers import as_pointer
+from skywright.core.user_code import njit
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.native import MAX_PORTS, call_step
 from skywright.vehicle.physics import step_physics

@@ -10,12 +10,12 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from skywright.core.streams import build_stream
+from skywright.core.user_code import njit
 from skywright.models.localisation.trajectory import Trajectory
 from skywright.models.total_station import (
     STATION_BLOCK,

@@ -143,7 +143,9 @@ class EstimatorRun(Stepped):
             imu.n = k
             imu.gyro[:k], imu.accel[:k] = gyro[last - k : last], accel[last - k : last]
             target.fresh = 0.0
-            if nxt < len(t_fix) and t_fix[nxt] <= now + 0.5 * h:
+            due = int(np.searchsorted(t_fix, now + 0.5 * h, "right"))
+            if due > nxt:
+                nxt = due - 1  # the newest, where fixes come faster than control ticks
                 target.fresh, target.t = 1.0, float(t_fix[nxt])
                 if mocap is not None and R_fix is not None:
                     self._set_pose(mocap, p_fix[nxt], R_fix[nxt])

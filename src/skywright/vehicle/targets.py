@@ -90,7 +90,7 @@ def take_sample(target: Any, p: Any, R: Any, memory: float) -> None:
 
 def list_tracked(robot: Robot, world: World) -> list[str]:
     """List what motion capture tracks: the pipe (PIPE) and things; a camera sees markers itself."""
-    if world.localisation != "mocap":
+    if not world.tracks_markers:
         return []
     pipe = [PIPE] if world.pipe is not None and world.pipe.tracked else []
     return pipe + [

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array
-from skywright.core.bounded import LARGEST_TOML, parse_toml, read_text
+from skywright.core.toml_files import load_layer
 from skywright.run.results import Run
 
 
@@ -69,20 +69,15 @@ def compare_runs(a: Run, b: Run) -> Overlay:
 
 
 def _list_settings(a: Run, b: Run) -> list[tuple[str, Any, Any]]:
-    one, other = (dict(_iterate_leaves(_load(run), "")) for run in (a, b))
+    one, other = (
+        dict(_iterate_leaves(load_layer(run.directory / "mission.toml").tree)) for run in (a, b)
+    )
     keys = [*one, *(k for k in other if k not in one)]
     return [(k, one.get(k), other.get(k)) for k in keys if one.get(k) != other.get(k)]
 
 
-def _load(run: Run) -> dict[str, Any]:
-    path = run.directory / "mission.toml"
-    return parse_toml(read_text(path, LARGEST_TOML), str(path))
-
-
-def _iterate_leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
-    """Yield dotted keys with their values; a value with its source is the value."""
-    if isinstance(value, dict) and "value" in value and "source" in value:
-        value = value["value"]
+def _iterate_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted keys of a tree of tables with their values."""
     if not isinstance(value, dict):
         yield key, value
         return

@@ -19,6 +19,7 @@ def write_overlay_page(found: Overlay, path: Path) -> None:
         picture = found.series and build_picture(
             "Over time", draw_overlay(found.series, names),
             "Both runs from their start; A is the solid line, B the dashed one.",
+            zoom=True,
         )  # fmt: skip
     write_page(path, render_page(
         "compare_runs.html.j2", found=found, names=names, picture=picture or None,

@@ -9,10 +9,9 @@ The camera's drift is not in the state: the filter follows whoever reports more 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-import skywright.core.user_code  # noqa: F401  (before compiled code is loaded)
 from skywright.core.arrays import Array, Ints
+from skywright.core.user_code import njit
 
 CAMERA, STATION = 0, 1
 

@@ -65,6 +65,9 @@ class Mission(Spec, Generic[T]):
     start_x_m: Coordinate = 0.0
     start_y_m: Coordinate = 0.0
     start_yaw_deg: float = 0.0
+    clearance_m: float = Field(default=0.05, ge=0.01, le=1)  # kept in free flight, at least
+    # kept from the surface that is worked on, by all but the probe's tip
+    surface_clearance_m: float = Field(default=0.03, ge=0.005, le=1)
     wind_fraction: Fraction = 0.7  # of the computed wind limit that a mission may use
     # standard deviations that gusts count with: 3 is the expected largest of the tens that pass
     # during a scan (peak factor, Davenport 1964)

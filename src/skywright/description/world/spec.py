@@ -251,6 +251,11 @@ class World(Spec):
         check_things(self.things)
         return self
 
+    @property
+    def tracks_markers(self) -> bool:
+        """Whether the poses of markers on platform, probe and things are measured, or a place."""
+        return self.localisation == "mocap"
+
     def find_thing(self, name: str, cls: type[T]) -> T:
         """Return the thing of that name and class, or raise InputError with those there are."""
         return find_thing(self.things, name, cls, self.name)

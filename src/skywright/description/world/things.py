@@ -25,11 +25,6 @@ def find_first(things: Things, cls: type[T]) -> T | None:
     return next((thing for thing in things.values() if isinstance(thing, cls)), None)
 
 
-def find_name(things: Things, cls: type[Thing]) -> str:
-    """Return the name of the first thing of a class, or ""."""
-    return next((name for name, thing in things.items() if isinstance(thing, cls)), "")
-
-
 def find_marker(things: Things) -> str:
     """Return the name of the first marker, or ""."""
     return next((name for name, thing in things.items() if thing.is_marker), "")

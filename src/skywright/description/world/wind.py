@@ -10,10 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from skywright.core.compiled import helper
+from skywright.core.user_code import njit
 from skywright.description.world.spec import Dryden, Wind
 
 Array = NDArray[np.float64]

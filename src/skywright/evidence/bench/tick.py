@@ -6,8 +6,7 @@ compiled code, on the records as they are; the state is put back after each row.
 
 from functools import partial
 
-from numba import njit
-
+from skywright.core.user_code import njit
 from skywright.evidence.bench.flights import (
     count_ticks,
     fly_into_contact,

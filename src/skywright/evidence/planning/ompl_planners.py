@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.user_code import njit
 from skywright.planning.motion.cost import path_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free
 from skywright.planning.motion.space import Scratch, Space, build_scratch

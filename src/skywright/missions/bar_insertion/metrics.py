@@ -16,7 +16,7 @@ from skywright.models.things._build import find_offsets
 from skywright.models.things.peg import Peg
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
-from skywright.run.metrics import in_phases
+from skywright.run.where import Where
 
 MEASURES: Measures = {
     "insert.done": ("", "1 if the peg is in the hole after the hands have withdrawn, otherwise 0"),
@@ -38,8 +38,18 @@ MEASURES: Measures = {
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
+END, TRIES = Where(("return",), "at its end"), Where(("lower", "insert"))
+INSERTING = Where((*TRIES.phases, "draw out", "set free"))
+WHERE = {
+    "insert.done": END,
+    "insert.depth_mm": END,
+    "insert.force_max_n": INSERTING,
+    "insert.tries": TRIES,
+    "insert.time_s": Where(("align", *TRIES.phases)),
+    "insert.aim": Where(("lower",), "at the start of the last one"),
+}
+
 SEATED = 0.95  # of the peg's length in the hole: it is in
-BELOW_FLIGHT = ("start", "take_off", "land")
 
 
 class PegWay(NamedTuple):
@@ -74,21 +84,18 @@ def compute_metrics(run: Flown[BarInsertion, InsertionPlan]) -> dict[str, float]
     peg = description.world.find_thing(run.task.bar, Peg)
     out = {"insert.tries": float(sum(p.name == "lower" for p in phases))}
     out["insert.done"] = 0.0
-    flown = ~in_phases(samples, phases, *BELOW_FLIGHT)
-    hits = (samples["f_collision"] > 0.0) & flown
-    out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
     way = compute_peg_way(samples, description)
-    last = np.flatnonzero(in_phases(samples, phases, "return"))
+    last = np.flatnonzero(END.select(samples, phases))
     if len(last):
         depth = -float(way.tip_S[last[-1], 2])
         aside = float(np.max(np.abs(way.tip_S[last[-1], :2])))
         out["insert.depth_mm"] = 1e3 * depth
         out["insert.done"] = float(depth > SEATED * peg.length_m and aside < 0.5 * peg.flange_m)
-    inserting = in_phases(samples, phases, "lower", "insert", "draw out", "set free")
+    inserting = INSERTING.select(samples, phases)
     if np.any(inserting):
         pressed = np.linalg.norm(way.f_W[inserting], axis=1)
         out["insert.force_max_n"] = float(np.max(pressed))
-    tries = [p for p in phases if p.name in ("lower", "insert")]
+    tries = [phases[i] for i in TRIES.find(phases)]
     if tries:
         begins = [p.start_s for p in tries if p.name == "lower"][-1]
         at = min(int(np.searchsorted(samples["t"], begins)), len(samples) - 1)

@@ -1,5 +1,6 @@
 """What a report shows of a carried bar: snapshots and time histories, as in Caballero 2018."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -26,13 +27,12 @@ from skywright.reports.figures.style import (
     ORANGE,
     PURPLE,
     WIDTH,
-    draw_limit,
     draw_line,
+    draw_requirement,
     new_figure,
 )
 from skywright.reports.outlines import outline_robot
 from skywright.run.kind import Chart, Figures
-from skywright.run.metrics import in_phases
 from skywright.run.run import RunResult
 from skywright.run.setup import Setup
 
@@ -143,9 +143,11 @@ def draw_histories(result: RunResult[BarTransport, None]) -> Figure | None:
     axes[3, 1].set(title="Clearance of robot and bar", ylabel="m")
     d = result.description
     draw_line(axes[3, 1], t, compute_clearances(s, Setup(d)), color=BLUE)
-    limit = d.mission.requirements.get("transport.clearance_min_m")
-    if limit is not None:
-        draw_limit(axes[3, 1], limit.limit, f"limit {limit.limit:g} m")
+    begun = float(s["t"][0] - t[0])
+    draw_requirement(
+        axes[3, 1], result, "transport.clearance_share", "limit {:g} m", origin=begun,
+        scale=getattr(d.mission.task, "margin_m", math.nan),  # a plan file alone has none
+    )  # fmt: skip
     axes[3, 1].set_ylim(bottom=0.0)
     for ax in axes[3]:
         ax.set_xlabel("time since the start of the transport (s)")
@@ -154,7 +156,7 @@ def draw_histories(result: RunResult[BarTransport, None]) -> Figure | None:
 
 def _carry(result: RunResult[BarTransport, None]) -> Samples:
     s = result.samples
-    found: Samples = s[in_phases(s, result.phases, *CARRYING)][::2]
+    found: Samples = s[CARRYING.select(s, result.phases)][::2]
     return found
 
 

@@ -13,8 +13,8 @@ from skywright.models.geometry import compute_area_clearance, compute_clearance
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
-from skywright.run.metrics import in_phases
 from skywright.run.setup import Setup
+from skywright.run.where import Where
 
 MEASURES: Measures = {
     "transport.contacts": ("", "contacts of robot, hands or bar during the transport"),
@@ -27,20 +27,25 @@ MEASURES: Measures = {
     "transport.duration_s": ("s", "duration of the transport, without take-off and landing"),
     "transport.energy_wh": ("Wh", "electrical energy used during the transport"),
     "tip.tracking_max_m": ("m", "largest distance of the bar's centre from the plan"),
-    "tip.tracking_rms_m": ("m", "rms of that distance"),
-    "platform.tracking_max_m": ("m", "largest distance of the platform from the plan"),
+    "tip.tracking_rms_m": ("m", "rms distance of the bar's centre from the plan"),
+    "platform.tracking_max_m": (
+        "m",
+        "largest distance of the platform from its reference: the plan, led by the lag of what "
+        "hangs below it",
+    ),
     "swing.max_deg": ("deg", "largest deviation of the passive link's angle from the plan"),
-    "swing.rms_deg": ("deg", "rms of that deviation"),
+    "swing.rms_deg": ("deg", "rms deviation of the passive link's angle from the plan"),
 }
 """Metric -> unit and meaning."""
-CARRYING = ("transport", "plan", "settle")
+CARRYING = Where(("transport", "plan", "settle"))
+WHERE = dict.fromkeys(("transport.", "tip.", "platform.tracking_max_m", "swing."), CARRYING)
 
 
 def compute_metrics(run: Flown[Any, None]) -> dict[str, float]:
     """Judge the phases in which the plan is followed."""
     samples, robot = run.samples, run.setup.robot
     out = run.plan.metrics
-    mask = in_phases(samples, run.phases, *CARRYING)
+    mask = CARRYING.select(samples, run.phases)
     if not np.any(mask):
         return out
     s = samples[mask]

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.description.world.things import list_movers
-from skywright.missions.bimanual_bench.metrics import compute_bar_errors, compute_drift
+from skywright.missions.bimanual_bench.metrics import DRIFT, compute_bar_errors, compute_drift
 from skywright.missions.bimanual_bench.plan import BenchPlan
 from skywright.missions.bimanual_bench.task import BimanualBench
 from skywright.reports.figures.style import (
@@ -18,10 +18,10 @@ from skywright.reports.figures.style import (
     draw_limit,
     draw_line,
     draw_panels,
+    draw_requirement,
     fit_y,
 )
 from skywright.run.kind import Chart, Figures
-from skywright.run.metrics import in_phases
 from skywright.run.run import RunResult
 
 SIDES = (("left", BLUE), ("right", ORANGE))
@@ -120,15 +120,13 @@ def draw_bar(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
         return None
     figure, axes, s = begun
     near = np.isin(result.samples["t"], s["t"])
-    limits = result.description.mission.requirements
     for ax, values, name in (
         (axes[0], 1e3 * found.position[near], "bench.bar_position_mm"),
         (axes[1], np.degrees(found.direction[near]), "bench.bar_direction_deg"),
     ):
         draw_line(ax, s["t"], values, color=BLUE)
-        if name in limits:
-            draw_limit(ax, limits[name].limit, "limit at the end of each pose")
-        fit_y(ax, float(np.max(values)), limits[name].limit if name in limits else 0.0, low=0.0)
+        limit = draw_requirement(ax, result, name, "limit {:g}")
+        fit_y(ax, float(np.max(values)), limit or 0.0, low=0.0)
     return figure
 
 
@@ -141,7 +139,7 @@ def draw_drift(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
     if begun is None or found is None:
         return None
     figure, axes, _ = begun
-    t = result.samples["t"][in_phases(result.samples, result.phases, "drift")]
+    t = result.samples["t"][DRIFT.select(result.samples, result.phases)]
     for ax, axis in zip(axes, (0, 2), strict=True):
         draw_line(ax, t, 1e3 * found.true[:, axis], color=GREEN, lw=2.5, label="of the base")
         draw_line(

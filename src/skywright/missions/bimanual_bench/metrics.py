@@ -15,6 +15,7 @@ from skywright.models.things.bench import Bench
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import in_phases
+from skywright.run.where import Where
 
 MEASURES: Measures = {
     "bench.box_lift_m": ("m", "smallest lift of the box while it is held"),
@@ -43,6 +44,17 @@ MEASURES: Measures = {
 """Metric -> unit and meaning, of those that only this kind has."""
 
 LAST_S = 1.0  # s at the end of a phase over which a pose is judged
+BOX, DRIFT = Where(("hold box",)), Where(("drift",))
+PULL, UNPLUGGED = Where(("pull",)), Where(("unplugged",))
+POSES = Where(("lift bar", "turn bar", "bar forward"), f"the last {LAST_S:g} s of each")
+WHERE = {
+    "bench.box": BOX,
+    "bench.squeeze": BOX,
+    "bench.unplug_delay_s": Where((*PULL.phases, *UNPLUGGED.phases)),
+    "bench.plug_slip_mm": UNPLUGGED,
+    "bench.bar": POSES,
+    "bench.drift": DRIFT,
+}
 
 
 def compute_metrics(run: Flown[BimanualBench, BenchPlan]) -> dict[str, float]:
@@ -64,7 +76,7 @@ def _judge_box(
     s: Samples, phases: list[PhaseRecord], i: int, d: Description[BimanualBench]
 ) -> dict[str, float]:
     """How high the box was held, how far it slipped between the hands, how hard they pressed."""
-    hold = in_phases(s, phases, "hold box")
+    hold = BOX.select(s, phases)
     if not np.any(hold):
         return {}
     stood = locate_thing(d.world.things, d.mission.task.box).p
@@ -90,14 +102,14 @@ def _judge_plug(
     s: Samples, phases: list[PhaseRecord], i: int, d: Description[BimanualBench]
 ) -> dict[str, float]:
     """When the plug's having come free was noticed, and whether the hands kept it."""
-    pull = in_phases(s, phases, "pull")
+    pull = PULL.select(s, phases)
     if not np.any(pull):
         return {}
     was = locate_thing(d.world.things, d.mission.task.plug).p
     way = np.linalg.norm(s[f"object{i}_p_WO"] - was, axis=1)
     free = np.flatnonzero((s["t"] >= s["t"][pull][0]) & (way > d.mission.task.unplug_threshold_m))
     noticed = next((p.start_s for p in phases if p.name == "unplugged"), None)
-    out = in_phases(s, phases, "unplugged")
+    out = UNPLUGGED.select(s, phases)
     if noticed is None or not len(free) or s["t"][free[0]] > s["t"][out][-1]:
         return {}  # or noticed what did not happen: hands that slip off
     return {
@@ -141,9 +153,9 @@ def _judge_bar(
 ) -> dict[str, float]:
     """Worst errors of the bar's true centre and direction at the end of each pose."""
     found = compute_bar_errors(s, phases, d)
-    late = np.zeros(len(s), dtype=bool)
+    late, poses = np.zeros(len(s), dtype=bool), POSES.find(phases)
     for k, phase in enumerate(phases):
-        if phase.name in ("lift bar", "turn bar", "bar forward"):
+        if k in poses:
             late |= (s["phase"] == k) & (s["t"] > phase.end_s - LAST_S)
     if found is None or not np.any(late):
         return {}
@@ -168,7 +180,7 @@ def compute_drift(
     What the hands hold does not move, so the base has moved by minus the hands' estimated motion
     in its own frame. The estimate in W contains the estimated base: it is taken out again.
     """
-    moving = in_phases(s, phases, "drift")
+    moving = DRIFT.select(s, phases)
     if not np.any(moving) or find_first(d.world.things, Bench) is None:
         return None
     in_base = 0.5 * (s["left_est_p_WH"] + s["right_est_p_WH"])[moving] - s["est_p_WB"][moving]

@@ -1,13 +1,11 @@
 """What a report shows of contact inspection: the flight, the forces, where the feet stood."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.description.world.spec import World
 from skywright.description.world.things import find_first
-from skywright.missions.bridge_contact.metrics import compute_press, select_phases
+from skywright.missions.bridge_contact.metrics import FREE, HOLD, compute_press
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.models.things.bench import Bench
@@ -21,12 +19,11 @@ from skywright.reports.figures.style import (
     ORANGE,
     WIDTH,
     draw_line,
+    draw_panels,
     new_figure,
 )
 from skywright.run.kind import Chart, Figures
 from skywright.run.run import RunResult
-
-SHADE = "#eef3f8"
 
 
 def _is_clamped(world: World) -> bool:
@@ -42,11 +39,12 @@ def draw_approach(result: RunResult[BridgeContact, ContactPlan]) -> Figure | Non
         or _is_clamped(result.description.world)
     ):
         return None
-    figure = new_figure(WIDTH, 5.6)
-    axes = figure.subplots(4, 1, sharex=True)
-    figure.subplots_adjust(left=0.075, right=0.985, top=0.955, bottom=0.085, hspace=0.45)
-    for i, name in enumerate("xyz"):
-        axes[i].set(title=f"Position {name} of the platform", ylabel=f"{name} (m)")
+    figure, axes = draw_panels(
+        6.4, result.phases, s["t"],
+        *((f"Position {name} of the platform", f"{name} (m)") for name in "xyz"),
+        ("Tilt from level", "tilt (deg)"),
+    )  # fmt: skip
+    for i in range(3):
         draw_line(axes[i], s["t"], s["p_WB"][:, i], color=BLUE, label="flown")
         draw_line(axes[i], s["t"], s["ref_p_WB"][:, i], color=BLACK, ls="--", label="reference")
         if np.ptp(s["p_WB"][:, i]) < 0.2:
@@ -54,11 +52,7 @@ def draw_approach(result: RunResult[BridgeContact, ContactPlan]) -> Figure | Non
     axes[0].legend(loc="lower right", ncols=2)
     q = s["q_WB"]
     up = 1.0 - 2.0 * (q[:, 1] ** 2 + q[:, 2] ** 2)
-    axes[3].set(title="Tilt from level", ylabel="tilt (deg)")
     draw_line(axes[3], s["t"], np.degrees(np.arccos(np.clip(up, -1.0, 1.0))), color=GREEN)
-    axes[3].set_xlabel("time (s)")
-    for ax in axes:
-        _shade(ax, result)
     return figure
 
 
@@ -69,45 +63,30 @@ def draw_force(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
     if not np.any(on):
         return None
     docks = bool(np.any(s["docked"] > 0.5)) and not _is_clamped(result.description.world)
-    figure = new_figure(WIDTH, 5.4 if docks else 3.8)
-    axes = figure.subplots(3 if docks else 2, 1, sharex=True)
-    figure.subplots_adjust(left=0.075, right=0.985, top=0.95, bottom=0.1, hspace=0.4)
     t0, t1 = float(s["t"][on][0]) - 2.0, float(s["t"][on][-1]) + 2.0
     part = s[(s["t"] >= t0) & (s["t"] <= t1)]
-    axes[0].set(title="Force of the tip on the structure", ylabel="force (N)")
+    load = ("Total load of the docking feet on the deck", "force (N)")
+    figure, axes = draw_panels(
+        5.8 if docks else 4.4, result.phases, part["t"],
+        ("Force of the tip on the structure", "force (N)"), *([load] if docks else []),
+        ("Displacement of the platform since the first hold", "distance (mm)"),
+    )  # fmt: skip
     asked = np.where(part["pressing"] > 0.5, part["ref_force"], np.nan)
     draw_line(axes[0], part["t"], compute_press(part), color=BLUE, label="true")
     draw_line(axes[0], part["t"], part["force_meas"], color=ORANGE, lw=0.7, label="measured")
     draw_line(axes[0], part["t"], asked, color=BLACK, ls="--", label="asked for")
     axes[0].legend(loc="upper right", ncols=3)
     if docks:
-        axes[1].set(title="Total load of the docking feet on the deck", ylabel="force (N)")
-        load = np.linalg.norm(part["f_docking_W"], axis=1)
-        draw_line(axes[1], part["t"], load, color=GREEN)
-    axes[-1].set(title="Displacement of the platform since the first hold", ylabel="distance (mm)")
-    for start, color, label in (("hold ", BLUE, "docked"), ("free hold ", ORANGE, "in flight")):
-        held = select_phases(part, result.phases, start)
+        feet = np.linalg.norm(part["f_docking_W"], axis=1)
+        draw_line(axes[1], part["t"], feet, color=GREEN)
+    for where, color, label in ((HOLD, BLUE, "docked"), (FREE, ORANGE, "in flight")):
+        held = where.select(part, result.phases)
         if np.any(held):
             p = part["p_WB"]
             away = 1e3 * np.linalg.norm(p - p[held][0], axis=1)
             draw_line(axes[-1], part["t"], np.where(held, away, np.nan), color=color, label=label)
     axes[-1].legend(loc="upper left")
-    axes[-1].set_xlabel("time (s)")
-    for ax in axes:
-        _shade(ax, result, t0, t1)
     return figure
-
-
-def _shade(
-    ax: Any,
-    result: RunResult[BridgeContact, ContactPlan],
-    start: float = -np.inf,
-    end: float = np.inf,
-) -> None:
-    """Grey where a force is held: a measurement."""
-    for phase in result.phases:
-        if "hold " in phase.name and phase.end_s > start and phase.start_s < end:
-            ax.axvspan(phase.start_s, phase.end_s, color=SHADE, zorder=0, lw=0)
 
 
 def draw_measurements(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
@@ -193,8 +172,8 @@ FIGURES = Figures(
     charts={
         "contact-force": Chart(
             "The forces",
-            "Measured and requested force of the tip. Each grey band is one measurement "
-            "with a held force. A docked robot rests against the deck with a small load "
+            "Measured and requested force of the tip. The phases that hold a force are "
+            "measurements. A docked robot rests against the deck with a small load "
             "on its feet, and only the arm moves. In flight every motion of the platform "
             "changes the force.",
             draw_force,
@@ -209,7 +188,7 @@ FIGURES = Figures(
         "contact-flight": Chart(
             "The flight",
             "Position and attitude follow separate references: the platform moves without "
-            "tilting and tilts without moving. Grey bands: measurements.",
+            "tilting and tilts without moving.",
             draw_approach,
         ),
     },

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from skywright.core.arrays import Array, Mask, Samples
+from skywright.core.arrays import Array, Samples
 from skywright.description.world.structure import Surface, locate_point
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.survey import read_survey
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.missions.skills.survey import PHASE
+from skywright.missions.skills.surveyed import SURVEY_WHERE
 from skywright.missions.skills.surveyed_structure import (
     STRUCTURE_MEASURES,
     fit_structure,
@@ -22,7 +23,8 @@ from skywright.models.drawing import rotate_vectors
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
-from skywright.run.metrics import OFF_SURFACE, in_phases
+from skywright.run.metrics import OFF_SURFACE
+from skywright.run.where import Where
 
 MEASURES: Measures = {
     "dock.touch_speed_mps": ("m/s", "largest approach speed of a docking foot at contact"),
@@ -56,14 +58,21 @@ MEASURES: Measures = {
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
+HOLD, FREE, SLIDE = Where(("hold *",)), Where(("free hold *",)), Where(("slide*",))
+DOCKING = Where(("dock", "seat", PHASE), "just before the feet touch")
+WHERE = {
+    **SURVEY_WHERE,
+    "force.": HOLD,
+    "dock.": HOLD,
+    "dock.touch_speed_mps": DOCKING,
+    "press.": Where(note="the request, against the capability analysis"),
+    "press.place_error_mm": Where((*HOLD.phases, *FREE.phases)),
+    "free.": FREE,
+    "slide.": SLIDE,
+}
+
 TOUCHING = 0.05  # N on the docking feet that counts as contact
 BEFORE_S = 0.05
-
-
-def select_phases(samples: Samples, phases: list[PhaseRecord], start: str) -> Mask:
-    """Mask (n,) of samples in phases whose name begins with `start`."""
-    wanted = [i for i, p in enumerate(phases) if p.name.startswith(start)]
-    return np.isin(samples["phase"], wanted)
 
 
 def compute_press(samples: Samples) -> Array:
@@ -79,23 +88,23 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     deck = run.setup.true.surface
     assert deck is not None
     normal = locate_point(deck, way.stations[0].place)[1][:, 2]
-    held = select_phases(samples, phases, "hold ")
+    held = HOLD.select(samples, phases)
     if np.any(held):
-        out.update(_judge_holds(samples, phases, "hold ", "force"))
-        out["dock.wander_mm"] = 1e3 * _find_wander(samples, phases, "hold ")
+        out.update(_judge_holds(samples, phases, HOLD, "force"))
+        out["dock.wander_mm"] = 1e3 * _find_wander(samples, phases, HOLD)
         out["dock.turn_deg"] = _find_turn(samples, phases, normal)
         out["press.fraction"] = way.largest / way.limit_n
         out["press.limit_n"] = way.limit_n
-    if way.stations and (np.any(held) or np.any(select_phases(samples, phases, "free hold "))):
+    if way.stations and (np.any(held) or np.any(FREE.select(samples, phases))):
         out["press.place_error_mm"] = 1e3 * _find_place_error(run, deck)
     speeds = _find_touches(samples, phases, normal)
     if len(speeds):
         out["dock.touch_speed_mps"] = float(np.max(speeds))
-    flying = select_phases(samples, phases, "free hold ")
+    flying = FREE.select(samples, phases)
     if np.any(flying):
-        out.update(_judge_holds(samples, phases, "free hold ", "free"))
-        out["free.wander_mm"] = 1e3 * _find_wander(samples, phases, "free hold ")
-    sliding = select_phases(samples, phases, "slide")
+        out.update(_judge_holds(samples, phases, FREE, "free"))
+        out["free.wander_mm"] = 1e3 * _find_wander(samples, phases, FREE)
+    sliding = SLIDE.select(samples, phases)
     if np.any(sliding):
         s = samples[sliding]
         out["slide.rms_error_n"] = _judge_force(s, "force")["force.rms_error_n"]
@@ -112,8 +121,7 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
 def _find_place_error(run: Flown[BridgeContact, ContactPlan], deck: Surface) -> float:
     """Farthest (m) of the tip from the spot that it presses on, across the true surface."""
     samples, phases, task = run.samples, run.phases, run.task
-    start = "hold " if task.dock else "free hold "
-    holds = [i for i, p in enumerate(phases) if p.name.startswith(start)]
+    holds = (HOLD if task.dock else FREE).find(phases)
     worst, n = 0.0, len(task.forces_n)
     for k, i in enumerate(holds):
         spot = task.spots[min(k // n, len(task.spots) - 1)]
@@ -137,14 +145,14 @@ def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
 
 def compute_bench_metrics(run: Flown[Any, Any]) -> dict[str, float]:
     """Force of the clamped arm while each step of the staircase is held."""
-    return _judge_holds(run.samples, run.phases, "hold ", "force")
+    return _judge_holds(run.samples, run.phases, HOLD, "force")
 
 
 def _judge_holds(
-    samples: Samples, phases: list[PhaseRecord], start: str, name: str
+    samples: Samples, phases: list[PhaseRecord], where: Where, name: str
 ) -> dict[str, float]:
     """Judge the force of each hold; the worst of all."""
-    held = [samples["phase"] == i for i, p in enumerate(phases) if p.name.startswith(start)]
+    held = [samples["phase"] == i for i in where.find(phases)]
     each = [_judge_force(samples[h], name) for h in held if np.any(h)]
     return {key: max(one[key] for one in each) for key in each[0]} if each else {}
 
@@ -159,11 +167,11 @@ def _judge_force(s: Samples, name: str) -> dict[str, float]:
     }
 
 
-def _find_wander(samples: Samples, phases: list[PhaseRecord], start: str) -> float:
+def _find_wander(samples: Samples, phases: list[PhaseRecord], where: Where) -> float:
     """Farthest (m) that the platform is from where it was at a station's first hold."""
-    worst, first = 0.0, None
+    worst, first, held = 0.0, None, where.find(phases)
     for i, phase in enumerate(phases):
-        if phase.name.startswith(start):
+        if i in held:
             p = samples["p_WB"][samples["phase"] == i]
             if len(p):
                 first = p[0] if first is None else first
@@ -175,14 +183,14 @@ def _find_wander(samples: Samples, phases: list[PhaseRecord], start: str) -> flo
 
 def _find_turn(samples: Samples, phases: list[PhaseRecord], normal: Array) -> float:
     """Largest angle (deg) of the platform from a deck with this normal while pressing."""
-    s = samples[select_phases(samples, phases, "hold ")]
+    s = samples[HOLD.select(samples, phases)]
     up = rotate_vectors(s["q_WB"], np.tile([0.0, 0.0, 1.0], (len(s), 1)))
     return float(np.degrees(np.max(np.arccos(np.clip(-up @ normal, -1.0, 1.0)))))
 
 
 def _find_touches(samples: Samples, phases: list[PhaseRecord], normal: Array) -> Array:
     """Speeds (m/s) towards the deck just before the feet touch, each time they do."""
-    docking = in_phases(samples, phases, "dock", "seat", PHASE)
+    docking = DOCKING.select(samples, phases)
     on = docking & (np.linalg.norm(samples["f_docking_W"], axis=1) > TOUCHING)
     starts = np.flatnonzero(on[1:] & ~on[:-1]) + 1
     out = []

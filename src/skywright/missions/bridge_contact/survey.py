@@ -72,7 +72,7 @@ def plan_survey(
         stations = [stand(place, f"touch {i + 1}") for i, place in enumerate(places)]
     reach = max(compute_structure_reach(structure, error, place) for place in places)
     reach += lever * math.tan(math.sqrt(2.0) * error.turn)
-    reach += 0.0 if setup.world.localisation == "mocap" else LOCALISED_STD
+    reach += 0.0 if setup.world.tracks_markers else LOCALISED_STD
     stiffness = compute_body(setup.model, q)[0] * control.position_bandwidth_rad_s**2
     lasts = len(stations) * TIP_S if stations else len(spots) * FEET_S
     return SurveyWay(setup, feet, stations, reach + CLEAR, reach, stiffness, lasts)
@@ -103,7 +103,7 @@ def get_ball(setup: Setup[Any], feet: bool, pose_std: float) -> Ball:
     Feet touch at the same time, so that it is common to them; touches of the tip are half a minute
     apart.
     """
-    if setup.world.localisation == "mocap" or not math.isfinite(pose_std):
+    if setup.world.tracks_markers or not math.isfinite(pose_std):
         return Ball(0.0, setup.world.mocap.calibration_m, FOOT_STD) if feet else get_tip(setup)
     assert setup.robot.probe is not None
     if feet:

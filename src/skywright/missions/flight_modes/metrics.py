@@ -10,7 +10,7 @@ from skywright.missions.flight_modes.task import ModesTask
 from skywright.models.drawing import rotate_vectors
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
-from skywright.run.metrics import in_phases
+from skywright.run.where import Where
 
 MEASURES: Measures = {
     "modes.tilt_deg": ("deg", "smallest tilt held in a hold that also holds the position"),
@@ -30,6 +30,18 @@ MEASURES: Measures = {
     "modes.standard_drift_m": ("m", "drift in standard stabilisation"),
 }
 """Metric -> unit and meaning, of those that only this kind has."""
+
+HOLD, ANGLE = Where(("hold angle",)), Where(("command angle", "hold angle"))
+MOVE, STANDARD = Where(("command position",)), Where(("standard stabilisation",))
+WHERE = {
+    "modes.tilt": HOLD,
+    "modes.tilt_fraction": Where(note="the request, against the capability analysis"),
+    "modes.position_error_mm": ANGLE,
+    "modes.angle_coupling": ANGLE,
+    "modes.translate_tilt_deg": MOVE,
+    "modes.track_error_mm": MOVE,
+    "modes.standard": STANDARD,
+}
 
 
 def compute_tilt(samples: Samples) -> Array:
@@ -57,19 +69,19 @@ def compute_metrics(run: Flown[ModesTask, ModesPlan]) -> dict[str, float]:
     out = {"modes.tilt_fraction": way.due / way.limit}
     tilt = compute_tilt(samples)
     off = np.linalg.norm(samples["p_WB"] - samples["ref_p_WB"], axis=1)
-    held = [i for i, p in enumerate(phases) if p.name == "hold angle"]
+    held = HOLD.find(phases)
     if held:
         mean = [float(np.mean(tilt[samples["phase"] == i])) for i in held]
         out["modes.tilt_deg"] = math.degrees(min(mean))
         out["modes.tilt_held"] = min(mean) / way.due
-        angle = in_phases(samples, phases, "command angle", "hold angle")
+        angle = ANGLE.select(samples, phases)
         out["modes.position_error_mm"] = 1e3 * float(np.max(off[angle]))
         out["modes.angle_coupling"] = compute_coupling(samples[angle], gravity)
-    move = in_phases(samples, phases, "command position")
+    move = MOVE.select(samples, phases)
     if np.any(move):
         out["modes.translate_tilt_deg"] = math.degrees(float(np.max(tilt[move])))
         out["modes.track_error_mm"] = 1e3 * float(np.max(off[move]))
-    free = in_phases(samples, phases, "standard stabilisation")
+    free = STANDARD.select(samples, phases)
     if np.any(free):
         level = samples["p_WB"][free, :2]
         out["modes.standard_coupling"] = compute_coupling(samples[free], gravity)

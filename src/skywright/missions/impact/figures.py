@@ -1,11 +1,12 @@
 """What a report shows of a collision: force on the pad, load on the platform, recoil."""
 
+import math
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.missions.impact.metrics import compute_tilt, compute_turn, find_contact
+from skywright.missions.impact.metrics import NEAR, compute_tilt, compute_turn, find_contact
 from skywright.missions.impact.plan import RECOIL_S, ImpactPlan
 from skywright.missions.impact.task import Impact
 from skywright.recordings.columns import has_columns
@@ -16,13 +17,12 @@ from skywright.reports.figures.style import (
     GREY,
     ORANGE,
     WIDTH,
-    draw_limit,
     draw_line,
+    draw_requirement,
     fit_y,
     new_figure,
 )
 from skywright.run.kind import Chart, Figures
-from skywright.run.metrics import in_phases
 from skywright.run.run import RunResult
 
 BEFORE_S = 0.1
@@ -31,7 +31,7 @@ BEFORE_S = 0.1
 def draw_impact(result: RunResult[Impact, ImpactPlan]) -> Figure | None:
     """Loads and recoil around the contact; peaks at 1 kHz."""
     s = result.samples
-    near = in_phases(s, result.phases, "impact", "retreat")
+    near = NEAR.select(s, result.phases)
     first = find_contact(s, near)
     if first is None:
         return None
@@ -52,12 +52,17 @@ def draw_impact(result: RunResult[Impact, ImpactPlan]) -> Figure | None:
     axes[2].set(title="Torque about the platform's centre", ylabel="torque (N m)")
     draw_line(axes[2], t, s["load_t_peak"], color=BLUE, label="largest in each 10 ms")
     draw_line(axes[2], t, s["load_t_B"][:, 1], color=ORANGE, lw=0.8, label="about pitch")
-    limit = result.description.mission.requirements.get("impact.peak_torque_nm")
+    limit = draw_requirement(
+        axes[2],
+        result,
+        "impact.torque_share",
+        "limit {:g} N m",
+        spans=[(0.0, float(t[-1]))],
+        scale=result.metrics.get("impact.peak_torque_nm", math.nan)
+        / (result.metrics.get("impact.torque_share") or math.nan),
+    )
     if limit is not None:
-        draw_limit(axes[2], limit.limit, f"limit {limit.limit:g} N m")
-        fit_y(
-            axes[2], 0.0, float(np.max(s["load_t_peak"])), float(np.min(s["load_t_B"])), limit.limit
-        )
+        fit_y(axes[2], 0.0, float(np.max(s["load_t_peak"])), float(np.min(s["load_t_B"])), limit)
     axes[2].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)
     axes[3].set(title="Recoil", ylabel="angle (deg)")
     _draw_recoil(axes[3], t, s, before, result)

@@ -15,8 +15,8 @@ from skywright.models.statics import UP, build_layout, compute_ray, wrench_at
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
-from skywright.run.metrics import in_phases
 from skywright.run.setup import Setup
+from skywright.run.where import Where
 
 MEASURES: Measures = {
     "impact.speed_mps": ("m/s", "speed of the impacting part just before contact"),
@@ -59,15 +59,28 @@ MEASURES: Measures = {
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
+NEAR = Where(("impact", "retreat"), "from contact on")
+BEFORE_S = 0.05  # s over which the speed before the contact is taken
+WHERE = {
+    "impact.": NEAR,
+    "impact.speed": NEAR._replace(note=f"the last {BEFORE_S:g} s before contact"),
+    **dict.fromkeys(
+        ("impact.contact", "impact.impulse_ns"), NEAR._replace(note="during the contact")
+    ),
+    **dict.fromkeys(
+        ("impact.recoil", "impact.yaw", "impact.swing", "impact.deflection", "impact.overrun"),
+        NEAR._replace(note=f"within {RECOIL_S:g} s after contact"),
+    ),
+}
+
 FELT = 0.5  # N on the pad that counts as contact
 OPEN_S = 0.05  # s without a force after which a contact counts as over
-BEFORE_S = 0.05  # s over which the speed before the contact is taken
 
 
 def compute_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
     """Judge the collision; without one there is nothing to tell."""
     samples, phases, task, way = run.samples, run.phases, run.task, run.way
-    near = in_phases(samples, phases, "impact", "retreat")
+    near = NEAR.select(samples, phases)
     first = find_contact(samples, near)
     if first is None:
         return {}

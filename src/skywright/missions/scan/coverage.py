@@ -16,7 +16,7 @@ from skywright.models.eddy_current import Coil
 from skywright.planning.patterns import SIDES
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
-from skywright.run.metrics import in_phases
+from skywright.run.where import PLANNING, Where
 
 STEP = 0.001
 """m, of the path."""
@@ -41,6 +41,8 @@ COVERAGE_MEASURES: Measures = {
     ),
 }
 """Metrics of `judge_coverage`."""
+SCAN = Where(("scan",))
+COVERAGE_WHERE = {"coverage.": SCAN, "coverage.pitch": PLANNING}
 
 
 class Coverage(NamedTuple):
@@ -82,7 +84,7 @@ def _unwrap(c: Array, near: Array | float, radius: float) -> Array:
 
 def compute_scan_coverage(run: Flown[Scan, ScanWay], known: Cylinder) -> Coverage:
     """Compare the scan with what was asked for."""
-    s, true = run.samples[in_phases(run.samples, run.phases, "scan")], run.setup.true.cylinder
+    s, true = run.samples[SCAN.select(run.samples, run.phases)], run.setup.true.cylinder
     assert true is not None
     path = find_asked_path(run.way, known, true)
     along, around, _ = unroll_points(true, s["p_WT"])

@@ -286,6 +286,11 @@ def list_notes(result: RunResult[Scan, ScanWay]) -> list[str]:
         more = f" ({result.reason})" if result.reason else ""
         return [*survey, f"No map: {why}{more}."]
     notes = survey + [f"Note: {note}" for note in weld.notes]
+    if metrics.get("weld.unresolved"):
+        notes.append(
+            f"Not resolved: {metrics['weld.unresolved']:.0f} weld(s), too close to another one "
+            "(least distance: both half-widths and the coil's 3.5 mm) or too faint."
+        )
     if weld.line is not None:
         return notes
     where = "The pattern crosses none."

@@ -14,13 +14,14 @@ from skywright.description.world.surface import Cylinder
 from skywright.inspection.calibration import (
     Calibration,
     build_calibration,
-    compute_components,
-    to_complex,
+    measure_lift_off,
 )
 from skywright.inspection.recorded_scan import CALIBRATING, SCANNING
 from skywright.inspection.weld import WeldResult, process_scan
 from skywright.missions.scan.coverage import (
     COVERAGE_MEASURES,
+    COVERAGE_WHERE,
+    SCAN,
     Coverage,
     compute_scan_coverage,
     judge_coverage,
@@ -31,6 +32,7 @@ from skywright.missions.scan.welds import WELD_MEASURES, judge_welds
 from skywright.missions.skills.survey import PHASE, read_touches
 from skywright.missions.skills.surveyed import (
     SURVEY_MEASURES,
+    SURVEY_WHERE,
     Surveyed,
     fit_touches,
     get_tip,
@@ -39,7 +41,8 @@ from skywright.missions.skills.surveyed import (
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
-from skywright.run.metrics import OFF_SURFACE, in_phases, quat_angle
+from skywright.run.metrics import OFF_SURFACE, quat_angle
+from skywright.run.where import WHOLE, Where
 
 LIFT_OFF_THRESHOLD = 15.0  # instrument units, Tognon 2018 section VII
 WELD_THRESHOLD = 1.4
@@ -71,7 +74,10 @@ MEASURES: Measures = {
         "mm",
         "rms distance of the tip from its path, measured along the surface",
     ),
-    "tip.tangential_max_mm": ("mm", "largest such distance"),
+    "tip.tangential_max_mm": (
+        "mm",
+        "largest distance of the tip from its path, measured along the surface",
+    ),
     "platform.attitude_error_max_deg": ("deg", "largest attitude error during the scan"),
     "platform.offset_rms_mm": ("mm", "rms distance of the platform from its nominal pose"),
     "touch.attitude_error_max_deg": ("deg", "largest attitude error during touch-down"),
@@ -86,6 +92,16 @@ MEASURES: Measures = {
 """Metric -> unit and meaning, of those that only this kind has."""
 
 
+TOUCH = Where(("touch", "settle"))
+WHERE = {
+    **dict.fromkeys(("contact.", "force.", "tip.", "platform.", "rotors.", "weld."), SCAN),
+    **COVERAGE_WHERE,
+    **SURVEY_WHERE,
+    "touch.": TOUCH,
+    "contact.retries": WHOLE,
+}
+
+
 def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     """Contact, tracking, weld and coverage of a scan."""
     samples, phases, description = run.samples, run.phases, run.setup.description
@@ -93,12 +109,12 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     surveyed = run.once(find_survey)
     if surveyed is not None and run.way.survey is not None:
         out |= judge_survey(run.setup, surveyed, run.way.survey.points, get_tip(run.setup))
-    scan = in_phases(samples, phases, "scan")
+    scan = SCAN.select(samples, phases)
     if not np.any(scan):
         return out
     s = samples[scan]
     dt = float(np.median(np.diff(s["t"]))) if len(s) > 1 else 0.0
-    lift = np.abs(compute_components(to_complex(s["ec"]), run.once(calibrate_on_touch))[0])
+    lift = measure_lift_off(s["ec"], run.once(calibrate_on_touch))
     away = find_lifts(s["gap_max"], dt)
     hops = [a for a in away if a.duration_s < HOP_S]
     out["contact.hops"] = float(len(hops))
@@ -128,7 +144,7 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     out["platform.attitude_error_max_deg"] = math.degrees(float(np.max(attitude)))
     offset = s["p_WB"] - s["ref_p_WB"]
     out["platform.offset_rms_mm"] = 1e3 * float(np.sqrt(np.mean(np.sum(offset**2, axis=1))))
-    touch = in_phases(samples, phases, "touch", "settle")
+    touch = TOUCH.select(samples, phases)
     if np.any(touch):
         a = quat_angle(samples["q_WB"][touch], samples["ref_q_WB"][touch])
         out["touch.attitude_error_max_deg"] = math.degrees(float(np.max(a)))
@@ -183,7 +199,7 @@ def get_surface(run: Flown[Scan, ScanWay]) -> Cylinder | None:
 def find_coverage(run: Flown[Scan, ScanWay]) -> Coverage | None:
     """Compare the scan with the pattern; None where it never came to scanning."""
     known = get_surface(run)
-    if known is None or not np.any(in_phases(run.samples, run.phases, "scan")):
+    if known is None or not np.any(SCAN.select(run.samples, run.phases)):
         return None
     return compute_scan_coverage(run, known)
 
@@ -194,7 +210,7 @@ def process_weld(run: Flown[Scan, ScanWay]) -> WeldResult | None:
     None where it never came to scanning. Raises InputError where the approach tells too little.
     """
     cylinder = get_surface(run)
-    s = run.samples[in_phases(run.samples, run.phases, "scan")]
+    s = run.samples[SCAN.select(run.samples, run.phases)]
     if cylinder is None or not len(s):
         return None
     calibration = run.once(calibrate_on_touch)

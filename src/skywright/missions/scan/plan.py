@@ -70,7 +70,7 @@ def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
         raise InputError(
             f"robot {robot.name!r} has no probe: a scan requires [robot.arm] and [robot.probe]"
         )
-    if is_surveyed(setup) and world.localisation != "mocap":
+    if is_surveyed(setup) and not world.tracks_markers:
         raise InputError(
             "mission.task.survey requires motion capture of the probe; world.localisation "
             f"is {world.localisation!r}: set mission.task.survey=false"

@@ -24,6 +24,7 @@ from skywright.inspection.weld import LONG_LENGTH, WeldResult
 from skywright.inspection.weld_line import compute_line_error
 from skywright.missions.scan.carried_weld import carry_weld
 from skywright.missions.scan.plan import ScanWay
+from skywright.missions.scan.resolution import is_faint, is_merged
 from skywright.missions.scan.task import Scan
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
@@ -55,7 +56,14 @@ WELD_MEASURES: Measures = {
     "weld.lines": ("", "number of detected weld lines"),
     "weld.lines_missed": (
         "",
-        "number of welds without a line, of those with two expected crossings at least 20 mm apart",
+        "number of welds without a line, of those with two expected crossings at least 20 mm apart "
+        "that the probe can resolve",
+    ),
+    "weld.unresolved": (
+        "",
+        "number of welds without a line that the probe cannot resolve: closer to another weld "
+        "than both half-widths and the coil's 3.5 mm, or with a signal below the threshold and "
+        "twice the texture's deviation",
     ),
     "weld.false_alarms": (
         "",
@@ -132,7 +140,21 @@ def judge_welds(
     ]
     s, c, _ = unroll_points(true, np.array([x.p_W for x in weld.crossings]).reshape(-1, 3))
     places = np.column_stack([s, c])
-    due = _list_due(true, [x for e in expected for x in (*e.crossings, *e.along)])
+    owners, errors = [], []
+    for k in range(len(weld.lines)):
+        off = [_find_line_distance(weld, k, true, e.curve) for e in expected]
+        owners.append(int(np.argmin(off)) if off and min(off) < APART else -1)
+        if owners[-1] >= 0:
+            errors.append((min(off), *_find_line_errors(run, weld, k, owners[-1])))
+    found = {i for i in owners if i >= 0}
+    lacking = {i for i, e in enumerate(expected) if e.shows_line and i not in found}
+    faint = {i for i in lacking if world.pipe and is_faint(world.pipe, welds[i], weld)}
+    merged = {
+        i for i in lacking
+        if is_merged(i, welds, [e.crossings for e in expected], true.radius)
+    }  # fmt: skip
+    shown = [e for i, e in enumerate(expected) if i not in faint | merged]
+    due = _list_due(true, [x for e in shown for x in (*e.crossings, *e.along)])
     away = [_find_distances(true, places, x) for x in due]
     out = {
         "weld.contact_fraction": weld.contact_fraction,
@@ -140,6 +162,8 @@ def judge_welds(
         "weld.expected": float(len(away)),
         "weld.missed": float(len(away) - _count_matches(away)),
         "weld.lines": float(len(weld.lines)),
+        "weld.lines_missed": float(len(lacking - faint - merged)),
+        "weld.unresolved": float(len(faint | merged)),
     }
     far = np.array([np.abs(e.curve.measure_distance(s, c)) for e in expected])
     far = far.reshape(len(expected), len(s))
@@ -151,16 +175,6 @@ def judge_welds(
     ]  # fmt: skip
     if beside:
         out["weld.crossing_error_mm"] = 1e3 * float(np.max(beside))
-    owners, errors = [], []
-    for k in range(len(weld.lines)):
-        off = [_find_line_distance(weld, k, true, e.curve) for e in expected]
-        owners.append(int(np.argmin(off)) if off and min(off) < APART else -1)
-        if owners[-1] >= 0:
-            errors.append((min(off), *_find_line_errors(run, weld, k, owners[-1])))
-    found = {i for i in owners if i >= 0}
-    out["weld.lines_missed"] = float(
-        sum(e.shows_line and i not in found for i, e in enumerate(expected))
-    )
     out["weld.false_alarms"] = float(np.sum(nearest > NEAR) + len(owners) - len(found))
     if errors:
         worst, offset, angle = np.max(np.abs(errors), axis=0).tolist()
@@ -174,7 +188,8 @@ def judge_welds(
 
 def list_waived(metrics: dict[str, float]) -> dict[str, str]:
     """Return the requirements that say nothing where nothing was to be found, and why."""
-    if "weld.lines" not in metrics or metrics["weld.missed"] or metrics["weld.false_alarms"]:
+    unclear = ("weld.missed", "weld.false_alarms", "weld.unresolved")
+    if "weld.lines" not in metrics or any(metrics[name] for name in unclear):
         return {}
     out = dict[str, str]()
     if not metrics["weld.lines"] and not metrics["weld.lines_missed"]:

@@ -14,14 +14,20 @@ from skywright.description.world.things import find_first
 from skywright.missions.sensor_install.plan import SWING_DECAYED, InstallPlan
 from skywright.missions.sensor_install.surveyed import BOTTOM
 from skywright.missions.sensor_install.task import SensorInstall
-from skywright.missions.skills.survey import get_hand_columns, read_touches
-from skywright.missions.skills.surveyed import SURVEY_MEASURES, Surveyed, fit_touches, judge_survey
+from skywright.missions.skills.survey import PHASE, get_hand_columns, read_touches
+from skywright.missions.skills.surveyed import (
+    SURVEY_MEASURES,
+    SURVEY_WHERE,
+    Surveyed,
+    fit_touches,
+    judge_survey,
+)
 from skywright.models.rigid_body import compute_kinematics
 from skywright.models.things.tape import Tape
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
-from skywright.run.metrics import in_phases
 from skywright.run.setup import Setup
+from skywright.run.where import ALOFT, Where
 
 MEASURES: Measures = {
     "force.estimate_error_n": ("N", "rms error of the estimated force"),
@@ -49,7 +55,23 @@ MEASURES: Measures = {
 """Metric -> unit and meaning, of those that only this kind has."""
 
 BEFORE_S = 2.0  # s before the touch: where the platform stood
-PRESSED = ("press", "leave singularity", "force")
+HOLD, HOVER, SWING = Where(("force",)), Where(("hover check",)), Where(("swing check",))
+PRESSED = Where(("press", "leave singularity", "force"))
+FELT = Where((PHASE, "touch", *PRESSED.phases))
+WHERE = {
+    **SURVEY_WHERE,
+    "force.": HOLD,
+    "contact.lost_s": HOLD,
+    "tip.hover": HOVER,
+    "platform.hover": HOVER,
+    "platform.excursion_m": PRESSED,
+    "swing.": SWING,
+    "sensor.": ALOFT,
+    "sensor.around_mm": HOLD,
+    "sensor.along_mm": HOLD,
+    "arm.lever_min": ALOFT,
+    "arm.lever_felt_min": FELT,
+}
 PRESSING = 0.02  # N
 AROUND_M, ALONG_M = 0.02, 0.03
 """How far from its place a sensor may be; along the pipe the map's error comes on top."""
@@ -67,7 +89,7 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     surveyed = run.once(find_survey)
     if surveyed is not None and way.survey is not None:
         out |= judge_survey(run.setup, surveyed, np.array([[0.0, BOTTOM]]), way.survey.ball)
-    hold = in_phases(samples, phases, "force")
+    hold = HOLD.select(samples, phases)
     if np.any(hold):
         force = normal[hold]
         out["force.mean_n"] = float(np.mean(force))
@@ -77,17 +99,17 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
         estimate = samples["left_est_f_W"][hold] @ up
         out["force.estimate_error_n"] = float(np.sqrt(np.mean((estimate - force) ** 2)))
         out["contact.lost_s"] = _duration(samples, hold & (normal <= 0.0))
-    hover = in_phases(samples, phases, "hover check")
+    hover = HOVER.select(samples, phases)
     if np.any(hover):
         error = samples["left_p_WH"][hover] - samples["left_ref_p_WH"][hover]
         out["tip.hover_rms_mm"] = 1e3 * _rms(error)
         out["tip.hover_max_mm"] = 1e3 * float(np.max(np.linalg.norm(error, axis=1)))
         drift = samples["p_WB"][hover] - samples["ref_p_WB"][hover]
         out["platform.hover_rms_mm"] = 1e3 * _rms(drift)
-    swing = in_phases(samples, phases, "swing check")
+    swing = SWING.select(samples, phases)
     if np.any(swing):
         out.update(_judge_swing(samples["t"][swing], samples["q"][swing, 0]))
-    pressed = in_phases(samples, phases, *PRESSED)
+    pressed = PRESSED.select(samples, phases)
     if np.any(pressed):
         first = int(np.argmax(pressed))
         before = (samples["t"] < samples["t"][first]) & (
@@ -98,7 +120,7 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
         out["platform.excursion_m"] = float(
             np.max(np.linalg.norm(way_off[pressed] - steady, axis=1))
         )
-    flown = ~in_phases(samples, phases, "start", "take_off", "land")
+    flown = ALOFT.select(samples, phases)
     out.update(_judge_tape(samples[flown], normal[flown], up, run.setup.world))
     if np.any(hold):
         around, along = find_place(samples["left_p_WH"][hold], true)
@@ -108,11 +130,9 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
             out["sensor.installed"] = 0.0
     if np.any(flown):
         out["arm.lever_min"] = _find_least_lever(run.setup, samples["q"][flown])
-    felt = in_phases(samples, phases, "survey_touch", "touch", *PRESSED)
+    felt = FELT.select(samples, phases)
     if np.any(felt):
         out["arm.lever_felt_min"] = _find_least_lever(run.setup, samples["q"][felt])
-    hits = (samples["f_collision"] > 0.0) & flown
-    out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
     return out
 
 

@@ -25,9 +25,10 @@ from skywright.inspection.touches import (
     compute_normal_std,
     fit_cylinder_touches,
 )
-from skywright.missions.skills.survey import Touch
+from skywright.missions.skills.survey import PHASE, Touch
 from skywright.run.kind import Measures
 from skywright.run.setup import Setup
+from skywright.run.where import Where
 
 TIP_STD = 0.5e-3
 """m, of a touch beside the localisation's noise: the surface's roughness, the tip's last motion."""
@@ -56,6 +57,7 @@ TOUCH_MEASURES: Measures = {
     ),
 }
 """Metrics of any survey."""
+SURVEY_WHERE = {"survey.": Where((PHASE,))}
 SURVEY_MEASURES: Measures = {
     **TOUCH_MEASURES,
     "survey.turn_up_deg": ("deg", "rotation of the fitted pipe relative to the map, +y end up"),

@@ -5,7 +5,12 @@ from matplotlib.figure import Figure
 
 from skywright.description.world.things import list_movers
 from skywright.missions.skills.tool_handling import LOW
-from skywright.missions.tool_install.metrics import compute_grasp_errors, compute_operated
+from skywright.missions.tool_install.metrics import (
+    HOVER,
+    INSTALL,
+    compute_grasp_errors,
+    compute_operated,
+)
 from skywright.missions.tool_install.plan import ToolPlan, find_places
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.recordings.columns import has_columns
@@ -16,16 +21,13 @@ from skywright.reports.figures.style import (
     GREY,
     ORANGE,
     PURPLE,
-    draw_limit,
     draw_line,
     draw_panels,
+    draw_requirement,
     fit_y,
 )
 from skywright.run.kind import Chart, Figures
-from skywright.run.metrics import in_phases
 from skywright.run.run import RunResult
-
-HOVER_MM = 15.0  # requirement of the mission
 
 
 def _find_index(result: RunResult[ToolInstall, ToolPlan]) -> int:
@@ -67,7 +69,7 @@ def draw_phases(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
 def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """Error of both tips at the grasp points, and the platform's way: figures 23 and 24."""
     s = result.samples
-    hover = in_phases(s, result.phases, "hover check")
+    hover = HOVER.select(s, result.phases)
     if not np.any(hover):
         return None
     s = s[hover]
@@ -85,9 +87,9 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
         for a, color in ((0, BLUE), (1, ORANGE), (2, GREEN)):
             draw_line(axes[h], t, error[:, h, a], color=color, lw=0.8, label="xyz"[a])
         draw_line(axes[h], t, size, color=BLACK, lw=1.0, label="distance")
-        draw_limit(axes[h], HOVER_MM, "rms required, 15 mm")
+        limit = draw_requirement(axes[h], result, "tip.hover_rms_mm", "limit {:g} mm on the rms")
         axes[h].legend(loc="upper left", ncols=4)
-        fit_y(axes[h], HOVER_MM, float(np.max(size)), float(np.min(error[:, h])))
+        fit_y(axes[h], limit or 0.0, float(np.max(size)), float(np.min(error[:, h])))
     drift = 1e3 * (s["p_WB"] - s["p_WB"][0])
     for a, color in ((0, BLUE), (1, ORANGE), (2, GREEN)):
         draw_line(axes[2], t, drift[:, a], color=color, lw=0.8, label="xyz"[a])
@@ -97,7 +99,7 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
 
 def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """What the operator's stick asked for, and what hands and tool made of it."""
-    s = result.samples[in_phases(result.samples, result.phases, "install")]
+    s = result.samples[INSTALL.select(result.samples, result.phases)]
     if not len(s) or not has_columns(s, "operator_stick") or not np.any(s["operator_stick"]):
         return None
     t, world = s["t"], result.description.true_world

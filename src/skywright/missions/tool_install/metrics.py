@@ -14,7 +14,7 @@ from skywright.missions.tool_install.task import ToolInstall
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
-from skywright.run.metrics import in_phases
+from skywright.run.where import WHOLE, Where
 
 MEASURES: Measures = {
     "tool.seat_error_mm": (
@@ -47,10 +47,22 @@ MEASURES: Measures = {
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
+WAIT, RETURN, INSTALL, HOVER = (
+    Where(("wait",), "at its end"), Where(("return",), "at its end"), Where(("install",)),
+    Where(("hover check",)),
+)  # fmt: skip
+WHERE = {
+    "tool.seat": WAIT,
+    "tool.return": RETURN,
+    "tool.retries": WHOLE,
+    "operator.": INSTALL,
+    "tip.": HOVER,
+    "platform.": HOVER,
+}
+
 RETURNED_M = 0.05
 """m, from where it stood at first: so near, and turned less, a tool counts as back on the bench."""
 RETURNED_ANGLE = math.radians(9.0)
-BELOW_FLIGHT = ("start", "take_off", "land")
 
 
 class Stance(NamedTuple):
@@ -75,12 +87,12 @@ def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
     bench, seat = find_places(world, run.task)  # not as the map has it
     pipe = run.setup.true.cylinder
     assert pipe is not None
-    wait = np.flatnonzero(in_phases(samples, phases, "wait"))
+    wait = np.flatnonzero(WAIT.select(samples, phases))
     if len(wait):
         stance = compute_stance(samples, int(wait[-1]), i, seat.p_WO, pipe.R_WP)
         out["tool.seat_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
         out["tool.seat_angle_deg"] = math.degrees(stance.angle)
-    back = np.flatnonzero(in_phases(samples, phases, "return"))
+    back = np.flatnonzero(RETURN.select(samples, phases))
     out["tool.returned"] = 0.0
     if len(back):
         stance = compute_stance(samples, int(back[-1]), i, bench.p_WO, rot_z(bench.yaw))
@@ -88,13 +100,10 @@ def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
         near = float(np.linalg.norm(stance.error)) < RETURNED_M and stance.angle < RETURNED_ANGLE
         out["tool.returned"] = float(near)
     out["tool.retries"] = float(sum(p.outcome == "retry" for p in phases))
-    out |= _judge_operator(samples[in_phases(samples, phases, "install")])
-    hover = in_phases(samples, phases, "hover check")
+    out |= _judge_operator(samples[INSTALL.select(samples, phases)])
+    hover = HOVER.select(samples, phases)
     if np.any(hover):
         out |= _judge_hover(samples[hover], i, way)
-    flown = ~in_phases(samples, phases, *BELOW_FLIGHT)
-    hits = (samples["f_collision"] > 0.0) & flown
-    out["contact.collisions"] = float(np.count_nonzero(hits[1:] & ~hits[:-1]))
     return out
 
 

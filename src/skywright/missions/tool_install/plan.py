@@ -151,7 +151,7 @@ def _plan_ways(d: Description, found: ToolPlan, name: str) -> tuple[ToolPlan, st
             Configuration(b, yaw_b, q), rng, MARGIN, wanted=WIDE, low_z=low_z,
         )  # fmt: skip
         if way.blocked_by is not None:
-            return found, f"{leg}: {way.blocked_by}", math.nan
+            return found, f"{leg}: {way.blocked_by} (fixed: what a flight strays)", math.nan
         least = min(least, way.clearance)
         ways.append(np.column_stack([way.p_WB, way.yaw]))
     found = found._replace(to_bench=ways[0], to_pipe=ways[1])
@@ -162,7 +162,7 @@ def _plan_ways(d: Description, found: ToolPlan, name: str) -> tuple[ToolPlan, st
     if distance < TOOL_MARGIN:
         return found, (
             f"to the pipe: the carried tool and {what} come within {max(distance, 0.0):.3f} "
-                f"m; required clearance: {TOOL_MARGIN:.2f} m"
+                f"m; required clearance: {TOOL_MARGIN:.2f} m (fixed: the tool swings)"
         ), least  # fmt: skip
     return found, None, min(least, distance)
 
@@ -253,17 +253,18 @@ def _find_strong_wind(setup: Setup[ToolInstall], way: ToolPlan) -> str | None:
     wind = setup.world.wind
     if compute_speed(wind) == 0.0:
         return None
-    query = build_clearance(build_scene(setup.robot, setup.world), with_ground=True)
+    query = build_clearance(setup.scene)
 
     def judge(share: float) -> tuple[float, str]:
         air = wind.model_copy(update={
             "mean_mps": share * wind.mean_mps, "vertical_mps": share * wind.vertical_mps
         })  # fmt: skip
-        there = setup.description._replace(world=setup.world.model_copy(update={"wind": air}))
+        world = setup.world.model_copy(update={"wind": air})
+        there = Setup(setup.description._replace(world=world))
         least, what = math.inf, ""
         at, bench = find_platform(way.grip, way.bench), rot_z(way.bench.yaw)
         for place in (way.bench, way.seat):  # the robot meets the tool alike at both
-            for R, shift in find_stances(Setup(there), place.yaw, way.grip.q_low, ACCELERATION):
+            for R, shift in find_stances(there, place.yaw, way.grip.q_low, ACCELERATION):
                 here = bench @ rot_z(-place.yaw)
                 for back in COMES:
                     p = at + here @ shift - [0.0, 0.0, DROP] - back * bench[:, 0]
@@ -307,6 +308,6 @@ def _find_blocked_work(robot: Robot, world: World, way: ToolPlan) -> str | None:
                 pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
                 return (
                     f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m; "
-                    f"required clearance: {NEAR_MARGIN:.2f} m"
+                    f"required clearance: {NEAR_MARGIN:.2f} m (fixed: what a hover drifts)"
                 )
     return None

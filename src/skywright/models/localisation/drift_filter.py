@@ -12,12 +12,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.spatial.transform import Rotation
 
 from skywright.core.arrays import Array, Ints, Mask
 from skywright.core.compiled import helper
 from skywright.core.rotations import exp_so3, mat_mat, orthonormalise
+from skywright.core.user_code import njit
 
 CAMERA, STATION = 0, 1
 P, V, B, TURN, SCALE, SIZE = 0, 3, 6, 9, 12, 13

@@ -11,11 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.optimize import minimize
 
-import skywright.core.user_code  # noqa: F401  (before compiled code is loaded)
 from skywright.core.arrays import Array
+from skywright.core.user_code import njit
 
 GATE = 21.1
 """Squared normalised innovation of three axes that a good one exceeds once in 10,000."""

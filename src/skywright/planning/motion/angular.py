@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array, Ints
+from skywright.core.user_code import njit
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.edges import place_shapes
 from skywright.planning.motion.space import ScratchRecord, Space, SpaceRecord

@@ -16,10 +16,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
+from skywright.core.user_code import njit
 from skywright.errors import InputError
 from skywright.planning.motion.edges import pair_distance, place_shapes
 from skywright.planning.motion.pairs import PAIR_SELF

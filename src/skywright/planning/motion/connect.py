@@ -1,10 +1,10 @@
 """A fast first path: RRT-Connect with certified edges (Kuffner and LaValle, ICRA 2000)."""
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array, Ints
 from skywright.core.compiled import helper
+from skywright.core.user_code import njit
 from skywright.planning.motion.cost import displacement_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free
 from skywright.planning.motion.rng import State, uniform

@@ -6,10 +6,9 @@ the sums and once in the maxima.
 
 import math
 
-from numba import njit
-
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
+from skywright.core.user_code import njit
 from skywright.planning.motion.space import SpaceRecord
 
 

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.user_code import njit
 from skywright.planning.motion.cost import path_cost
 from skywright.planning.motion.planner import plan_path
 from skywright.planning.motion.space import Space

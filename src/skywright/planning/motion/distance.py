@@ -8,10 +8,10 @@ are subtracted by the caller. Cores that meet have distance 0 and n = 0.
 import math
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
+from skywright.core.user_code import njit
 
 Vector = tuple[float, float, float]
 

@@ -12,11 +12,10 @@ blocked one is blocked or closer than a fraction of a millimetre to it.
 
 import math
 
-from numba import njit
-
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.core.rotations import cross, mat_mat, mat_vec
+from skywright.core.user_code import njit
 from skywright.models.kinematic_tree import BOX
 from skywright.planning.motion.distance import box_box, segment_box, segment_segment
 from skywright.planning.motion.kinematics import compute_pose

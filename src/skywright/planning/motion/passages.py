@@ -8,10 +8,10 @@ bar, plus the margin on both sides.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
+from skywright.core.user_code import njit
 from skywright.description.world.scenario import Structures, get_structures
 from skywright.description.world.spec import Tube, World
 from skywright.models.kinematic_tree import BOX

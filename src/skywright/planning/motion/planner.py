@@ -9,10 +9,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array, Ints
 from skywright.core.compiled import helper
+from skywright.core.user_code import njit
 from skywright.planning.motion.connect import TREE_SIZE, connect
 from skywright.planning.motion.cost import displacement_cost, path_cost
 from skywright.planning.motion.edges import is_edge_free, is_state_free, state_clearance

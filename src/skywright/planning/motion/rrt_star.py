@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array, Ints
+from skywright.core.user_code import njit
 from skywright.planning.motion.angular import AngularMap, is_edge_free_angular
 from skywright.planning.motion.connect import draw_coordinates
 from skywright.planning.motion.cost import displacement_cost, rho_arms, rho_uav, time_cost

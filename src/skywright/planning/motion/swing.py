@@ -8,9 +8,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.user_code import njit
 from skywright.models.planar import PlanarLrm, fill_equations, fill_terms
 
 STEP = 0.004  # s, of the integration

@@ -16,10 +16,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array, Mask
 from skywright.core.compiled import helper
+from skywright.core.user_code import njit
 from skywright.errors import InfeasibleError
 from skywright.planning.motion.edges import is_edge_free
 from skywright.planning.motion.space import Scratch, Space, build_scratch

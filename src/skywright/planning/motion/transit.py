@@ -11,9 +11,9 @@ import time
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
+from skywright.core.user_code import njit
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.motion.cost import path_cost
 from skywright.planning.motion.edges import pair_distance, place_shapes
@@ -96,9 +96,11 @@ def plan_transit(
         path = plan_path(space, ends[0], ends[1], rng, slices=slices)
     blocked_by: str | None = None
     if path.blocked >= 0:
-        at_start = not check_state(space, ends[0], build_scratch(space))
-        what = describe_pair(space, scene, path.blocked)
-        blocked_by = f"{'start' if at_start else 'goal'}: {what}"
+        k = int(check_state(space, ends[0], build_scratch(space)))  # the end that is not free
+        blocked_by = f"{('start', 'goal')[k]}: {describe_pair(space, scene, path.blocked)}"
+        near = _finish(space, path._replace(rows=ends[[k, k]]), margin)[2]
+        if near < margin:
+            blocked_by += f", {near:.3f} m"
     elif not len(path.rows):
         often = describe_pair(space, scene, int(np.argmax(path.hits)))
         blocked_by = f"no path found; most frequent obstacle: {often}"
@@ -220,4 +222,4 @@ def describe_pair(space: Space, scene: PlanningScene, pair: int) -> str:
         other = "the ground" if b == 4 else f"the area's limit in {'xyz'[b // 2]}"
     else:
         other = names[b]
-    return f"{names[a].removesuffix(' shell')} and {other} come closer than {margin:g} m"
+    return f"{names[a].removesuffix(' shell')} and {other} come closer than {margin:.3g} m"

@@ -4,10 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
+from skywright.core.user_code import njit
 from skywright.description.robot.spec import Robot
 from skywright.errors import InfeasibleError, InputError
 from skywright.models.planar import PlanarLrm, build_planar_lrm

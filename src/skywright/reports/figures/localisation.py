@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.recordings.columns import has_columns
-from skywright.reports.figures.style import BLUE, WIDTH, draw_line, new_figure
+from skywright.reports.figures.style import BLUE, draw_line, draw_panels
 from skywright.run.metrics import OUTAGE
 from skywright.run.run import RunResult
 
@@ -20,7 +20,7 @@ CAPTION = (
 def draw_localisation(result: RunResult) -> Figure | None:
     """Error of the position, an axis each; None with motion capture."""
     s = result.samples
-    if result.description.world.localisation == "mocap":
+    if result.description.world.tracks_markers:
         return None
     if not has_columns(s, "pose_std") or not np.any(s["pose_std"] > 0.0):
         return None
@@ -34,15 +34,17 @@ def draw_localisation(result: RunResult) -> Figure | None:
     error = 1e3 * (part["est_p_WB"] - part["p_WB"])
     away = np.concatenate([[0], (part["fix_age"] > OUTAGE).astype(int), [0]])
     starts, stops = np.flatnonzero(np.diff(away) > 0), np.flatnonzero(np.diff(away) < 0) - 1
-    figure = new_figure(WIDTH, 4.6)
-    axes = figure.subplots(3, 1, sharex=True)
-    figure.subplots_adjust(left=0.075, right=0.985, top=0.94, bottom=0.1, hspace=0.4)
+    figure, axes = draw_panels(
+        5.2, result.phases, t,
+        *((f"Error of the estimated position along {name}", "error (mm)") for name in "xyz"),
+    )  # fmt: skip
     for i, ax in enumerate(axes):
-        ax.set(title=f"Error of the estimated position along {'xyz'[i]}", ylabel="error (mm)")
         for a, b in zip(starts, stops, strict=True):
             ax.axvspan(t[a] - OUTAGE, t[b], color=SHADE, lw=0)
-        draw_line(ax, t, error[:, i], color=BLUE)
+        draw_line(ax, t, error[:, i], color=BLUE, label="error")
         for sign in (2.0, -2.0):
-            draw_line(ax, t, sign * std[:, i], color="#8a8a8a", lw=0.8)
-    axes[-1].set_xlabel("time (s)")
+            draw_line(
+                ax, t, sign * std[:, i], color="#8a8a8a", lw=0.8,
+                label=f"{sign:+g} standard deviations",
+            )  # fmt: skip
     return figure

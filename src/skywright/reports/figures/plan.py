@@ -60,13 +60,13 @@ def _join(
     segments: Mapping[str, NDArray[Any]], traces: Mapping[str, NDArray[Any]]
 ) -> tuple[Array, Array, Array, list[Span]]:
     """Put the segments one after the other; times from the start of the first."""
-    times, clearances, margins, spans = [], [], [], []
+    times, clearances, margins, spans = [], [], [], list[Span]()
     start = 0.0
     for name, trace in traces.items():
         if name not in segments or len(trace) == 0 or len(trace) != len(segments[name]):
             continue
         t = start + segments[name]["t"]
-        spans.append(Span(name.replace("_", " "), start, float(t[-1])))
+        spans.append(Span(name.replace("_", " "), start, float(t[-1]), len(spans) + 1))
         times.append(t)
         clearances.append(trace["clearance"])
         margins.append(trace["rotor_margin"])

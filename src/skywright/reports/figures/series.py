@@ -19,6 +19,7 @@ from skywright.reports.figures.style import (
     clip_phases,
     draw_limit,
     draw_line,
+    draw_requirement,
     fit_y,
     new_figure,
     shade_phases,
@@ -60,11 +61,6 @@ def compute_tilt(q_WB: Array) -> Array:
     return np.asarray(np.arccos(np.clip(1.0 - 2.0 * (q_WB[:, 1] ** 2 + q_WB[:, 2] ** 2), -1, 1)))
 
 
-def find_limit(result: RunResult, name: str) -> float | None:
-    """Return the limit that the mission sets on a metric."""
-    return next((r.limit for r in result.requirements if r.name == name), None)
-
-
 def draw_contact_series(result: RunResult, push: float, depth: float) -> Figure | None:
     """Tip error, gap, tilt, force, attitude and rotor loads while the probe is at the surface.
 
@@ -85,11 +81,11 @@ def draw_contact_series(result: RunResult, push: float, depth: float) -> Figure 
     _draw_tangential(axes[0], t, along, result)
     _draw_normal(axes[1], t, out, 1e3 * depth)
     _draw_gap(axes[2], t, s, result)
-    limit = find_limit(result, "contact.tilt_max_deg")
     touching = s["gap"] < 5e-3
     tilt = np.where(touching, np.degrees(s["tilt"]), np.nan)
     _draw_single(axes[3], t, tilt, "Probe tilt from the surface's normal", "tilt (deg)", BLUE)
-    _limit_above(axes[3], tilt, limit, "limit {:g} deg")
+    limit = draw_requirement(axes[3], result, "contact.tilt_max_deg", "limit {:g} deg")
+    _fit_limit(axes[3], tilt, limit)
     _draw_single(axes[4], t, s["f_normal"], "Force of the probe on the surface", "force (N)", BLUE)
     axes[4].axhline(push, color=GREEN, lw=1.1, ls=":", label=f"planned push {push:.2g} N")
     axes[4].legend(loc="lower right")
@@ -114,19 +110,15 @@ def draw_flight_series(result: RunResult) -> Figure | None:
     _draw_single(
         axes[0], t, distance, "Platform: distance from its reference", "distance (m)", BLUE
     )
-    limit = find_limit(result, "position.rms_m")
-    if limit is not None:
-        rms = float(np.sqrt(np.nanmean(distance**2))) if flying.any() else math.nan
-        _limit_above(axes[0], distance, limit, "limit {:g} m on the rms of the way-point legs")
-        if not math.isfinite(rms):
-            axes[0].set_ylim(0, 1.2 * limit)
-    elif flying.any():
-        fit_y(axes[0], float(np.nanmax(distance)), low=0.0)
+    limit = draw_requirement(axes[0], result, "position.rms_m", "limit {:g} m on the rms")
+    if limit is not None or flying.any():
+        _fit_limit(axes[0], distance, limit)
     _draw_attitude(axes[1], t, s, flying)
     tilt = np.where(flying, np.degrees(compute_tilt(s["q_WB"])), np.nan)
     _draw_single(axes[2], t, tilt, "Platform tilt from level", "tilt (deg)", BLUE)
     tilt_max = result.description.robot.control.tilt_max_deg
-    _limit_above(axes[2], tilt, tilt_max, "largest tilt of the controller {:g} deg")
+    draw_limit(axes[2], tilt_max, f"largest tilt of the controller {tilt_max:g} deg")
+    _fit_limit(axes[2], tilt, tilt_max)
     error = 1e3 * np.linalg.norm(s["est_p_WB"] - s["p_WB"], axis=1)
     error[~flying] = np.nan
     _draw_single(
@@ -146,15 +138,10 @@ def _draw_single(ax: Axes, t: Array, y: Array, title: str, label: str, color: st
     ax.set(title=title, ylabel=label)
 
 
-def _limit_above(ax: Axes, y: Array, limit: float | None, label: str) -> None:
-    """Show a limit that lies far above the values without squashing them."""
+def _fit_limit(ax: Axes, y: Array, limit: float | None) -> None:
+    """Show all values from 0 on, and the limit."""
     known = y[np.isfinite(y)]
-    top = float(known.max()) if known.size else 0.0
-    if limit is None:
-        fit_y(ax, top, low=0.0)
-        return
-    draw_limit(ax, limit, label.format(limit))
-    fit_y(ax, top, limit, low=0.0)
+    fit_y(ax, float(known.max()) if known.size else 0.0, limit or 0.0, low=0.0)
 
 
 def _draw_tangential(ax: Axes, t: Array, along: Array, result: RunResult) -> None:
@@ -162,13 +149,11 @@ def _draw_tangential(ax: Axes, t: Array, along: Array, result: RunResult) -> Non
         ax, t, 1e3 * along, "Tip error along the surface (to the desired tip)", "error (mm)", BLUE
     )
     rms = result.metrics.get("tip.tangential_rms_mm", math.nan)
-    limit = find_limit(result, "tip.tangential_rms_mm")
     if math.isfinite(rms):
         ax.axhline(rms, color=GREEN, lw=1.1, ls=":", label=f"rms while scanning {rms:.2f} mm")
         ax.legend(loc="upper left")
     top = 1e3 * float(np.nanmax(along)) if np.isfinite(along).any() else 0.0
-    if limit is not None:
-        draw_limit(ax, limit, f"limit on the rms {limit:g} mm")
+    limit = draw_requirement(ax, result, "tip.tangential_rms_mm", "limit on the rms {:g} mm")
     fit_y(ax, top, limit or 0.0, low=0.0)
 
 
@@ -189,13 +174,11 @@ def _draw_normal(ax: Axes, t: Array, out: Array, depth: float) -> None:
 def _draw_gap(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
     gap = 1e3 * s["gap_max"]
     ax.axhspan(-10.0, 0.0, color="#e8f3ee", lw=0, zorder=0.5)
-    limit = find_limit(result, "contact.gap_max_mm")
     _draw_single(
         ax, t, np.clip(gap, -2.0, 2 * GAP_SHOWN), "Air gap under the probe (green: touching)",
         "gap (mm)", BLUE,
     )  # fmt: skip
-    if limit is not None:
-        draw_limit(ax, limit, f"limit {limit:g} mm")
+    draw_requirement(ax, result, "contact.gap_max_mm", "limit {:g} mm")
     ax.set_ylim(-0.5, GAP_SHOWN)
     lost = s["f_normal"] <= 0.0
     scanning = np.isin(s["phase"], [i for i, p in enumerate(result.phases) if p.name == "scan"])
@@ -225,7 +208,9 @@ def _draw_rotors(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
     full, usable = rotors.thrust_max_n, rotors.thrust_max_n * rotors.thrust_fraction
     draw_limit(ax, full, f"rotor's limit {full:.3g} N")
     if usable < 0.995 * full:
-        ax.axhline(usable, color=ORANGE, lw=1.0, ls=(0, (2, 2)))
+        ax.axhline(
+            usable, color=ORANGE, lw=1.0, ls=(0, (2, 2)), label=f"_planned up to {usable:.3g} N"
+        )
         ax.annotate(
             f"planned up to {usable:.3g} N", (0.0, usable), (3, -2),
             xycoords=ax.get_yaxis_transform(), textcoords="offset points", va="top", fontsize=7.5,
@@ -253,5 +238,4 @@ __all__ = [
     "draw_contact_series",
     "draw_flight_series",
     "find_contact_window",
-    "find_limit",
 ]

@@ -4,23 +4,28 @@ Colours are those of Okabe and Ito (2008), which colour-blind readers can tell a
 """
 
 import io
+import math
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.run.flight import PhaseRecord
+from skywright.run.kind import load_kind
 from skywright.run.run import RunResult
+from skywright.run.where import WHOLE, find_where
 
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#222222", "#8a8f98"
@@ -34,10 +39,15 @@ WIDTH = 9.6
 MAX_COLUMNS = 500
 """Time bins a line is thinned to; each keeps its smallest and largest value."""
 
-NAME_WIDTH = 16
-"""Letters of a slanted phase name on one line."""
+LETTER, KEY_WIDTH = 0.0078, 150
+"""Width of a letter of a phase's name, as a share of the panels' width; letters on a line."""
 MANY = 300
 """Points from which a cloud is drawn as a picture."""
+
+SPANS: WeakKeyDictionary[Figure, Sequence["Span"]] = WeakKeyDictionary()
+"""The phases that a figure shows."""
+WHOLE_LINES: WeakKeyDictionary[Line2D, tuple[Array, Array]] = WeakKeyDictionary()
+"""Times and values of lines that are drawn thinned."""
 
 _STYLE: Any = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
@@ -148,24 +158,31 @@ class Span(NamedTuple):
     name: str
     start: float
     end: float
+    number: int  # in the order of the run, from 1
 
 
 def clip_phases(phases: Sequence[PhaseRecord], start: float, end: float) -> list[Span]:
     """Phases inside a time window, with readable names."""
-    spans = []
-    for p in phases:
-        a, b = max(p.start_s, start), min(p.end_s, end)
-        if b > a:
-            spans.append(Span(p.name.replace("_", " "), a, b))
-    return spans
+    return [
+        Span(p.name.replace("_", " "), max(p.start_s, start), min(p.end_s, end), i)
+        for i, p in enumerate(phases, 1)
+        if min(p.end_s, end) > max(p.start_s, start)
+    ]
 
 
 def shade_phases(strip: Axes, axes: Sequence[Axes], spans: Sequence[Span]) -> None:
-    """Shade every other phase on all axes; the strip on top carries the names."""
+    """Shade every other phase on all axes; the strip on top names those that are long enough.
+
+    Where a name does not fit, all phases are numbered, and a key below the panels names them.
+    """
     strip.set_axis_off()
     if not spans:
         return
+    figure = strip.figure
+    assert isinstance(figure, Figure)
+    SPANS[figure] = spans
     start, end = spans[0].start, spans[-1].end
+    length = end - start
     bands = [(s.start, s.end - s.start) for s in spans]
     for ax in axes:
         ax.set_xlim(start, end)
@@ -175,43 +192,103 @@ def shade_phases(strip: Axes, axes: Sequence[Axes], spans: Sequence[Span]) -> No
     strip.set(xlim=(start, end), ylim=(0, 1))
     strip.broken_barh(bands[::2], (0, 1), color="#aab6c4", lw=0)
     strip.broken_barh(bands[1::2], (0, 1), color="#d9e0e8", lw=0)
-    least = 0.022 * (end - start)  # so that slanted names do not touch
-    at = [0.5 * (s.start + s.end) for s in spans]
-    for i in range(1, len(at)):
-        at[i] = max(at[i], at[i - 1] + least)
-    limit = end
-    for i in range(len(at) - 1, -1, -1):
-        at[i] = min(at[i], limit)
-        limit = at[i] - least
-    for span, x in zip(spans, at, strict=True):
-        wide = (span.end - span.start) > 0.014 * (end - start) * len(span.name)
-        x = 0.5 * (span.start + span.end) if wide else x
-        # a long slanted name on two lines, or its end would be cut off
-        name = (
-            span.name
-            if wide
-            else "\n".join(textwrap.wrap(span.name, NAME_WIDTH, break_long_words=False))
-        )
-        strip.text(
-            x, 1.35, name, fontsize=7.5, color="#444444", rotation=0 if wide else 40,
-            ha="center" if wide else "left", va="bottom", rotation_mode="anchor",
-        )  # fmt: skip
+    style: Any = {"fontsize": 7.5, "color": "#444444", "ha": "center", "va": "bottom"}
+    wide = [s.end - s.start > LETTER * length * (len(s.name) + 1) for s in spans]
+    middles = [0.5 * (s.start + s.end) for s in spans]
+    for span, middle, fits in zip(spans, middles, wide, strict=True):
+        if fits:
+            strip.text(middle, 1.35 if all(wide) else 3.5, span.name, **style)
+    if all(wide):
+        return
+    least = min(2.2 * LETTER, 1.0 / len(spans)) * length  # so that numbers do not touch
+    for span, middle, x in zip(spans, middles, _spread(middles, least, end), strict=True):
+        strip.plot([middle, x], [1.0, 1.9], color=GREY, lw=0.5, clip_on=False)
+        strip.text(x, 1.9, f"{span.number}", **{**style, "fontsize": 7.0})
+    _write_key(figure, spans)
+
+
+def _spread(at: Sequence[float], least: float, end: float) -> list[float]:
+    """Move what lies closer than `least` apart, none beyond `end`."""
+    steps = least * np.arange(len(at))
+    apart = np.maximum.accumulate(np.asarray(at) - steps) + steps
+    return list(np.minimum(apart, end - steps[::-1]))
+
+
+def _write_key(figure: Figure, spans: Sequence[Span]) -> None:
+    """Write the phases' numbers and names below the panels; the figure grows by the lines."""
+    numbers: dict[str, list[str]] = {}
+    for span in spans:
+        numbers.setdefault(span.name, []).append(str(span.number))
+    entries = [f"{', '.join(n)} {name}".replace(" ", "\u00a0") for name, n in numbers.items()]
+    text = textwrap.wrap("Phases: " + " · ".join(entries), KEY_WIDTH, break_long_words=False)
+    width, height = figure.get_size_inches()
+    more = 0.16 * len(text) + 0.06
+    for ax in figure.axes:
+        x, y, w, h = ax.get_position().bounds
+        ax.set_position((x, (y * height + more) / (height + more), w, h * height / (height + more)))
+    figure.set_size_inches(width, height + more)
+    figure.text(
+        0.02, 0.06 / (height + more), "\n".join(text), fontsize=7.5, color="#444444", va="bottom"
+    )
 
 
 def draw_line(ax: Axes, t: Array, y: Array, **style: Any) -> None:
-    """Draw a thinned time series."""
-    ax.plot(*thin(t, y), **style)
+    """Draw a thinned time series; figures/interactive.py takes the whole one."""
+    WHOLE_LINES[ax.plot(*thin(t, y), **style)[0]] = (t, y)
 
 
-def draw_limit(ax: Axes, value: float, label: str, *, below: bool = False) -> None:
-    """Draw a limit with its name at the right end of the line."""
-    ax.axhline(value, color=LIMIT, lw=1.1, ls=(0, (5, 3)), zorder=4)
+def draw_limit(
+    ax: Axes,
+    value: float,
+    label: str,
+    *,
+    below: bool = False,
+    spans: Sequence[tuple[float, float]] | None = None,
+) -> None:
+    """Draw a limit with its name at the right end of the line.
+
+    `spans` are the times (s) in which it applies; None: everywhere.
+    """
+    style: Any = {"color": LIMIT, "lw": 1.1, "ls": (0, (5, 3)), "zorder": 4, "label": f"_{label}"}
+    if spans is None:
+        ax.axhline(value, **style)
+    else:
+        ax.plot([t for a, b in spans for t in (a, b, b)],
+                [y for _ in spans for y in (value, value, math.nan)], **style)  # fmt: skip
     ax.annotate(
         label, (1.0, value), (-3, -2 if below else 2), xycoords=ax.get_yaxis_transform(),
         textcoords="offset points", ha="right", va="top" if below else "bottom", fontsize=7.5,
         color=LIMIT, zorder=6,
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.6},
     )  # fmt: skip
+
+
+def draw_requirement(
+    ax: Axes,
+    result: RunResult,
+    name: str,
+    label: str,
+    *,
+    spans: Sequence[tuple[float, float]] | None = None,
+    origin: float = 0.0,
+    scale: float = 1.0,
+) -> float | None:
+    """Draw the limit on a metric over the phases in which it is measured, and name them.
+
+    `label` has the limit at {:g}; `spans` replace the phases, `origin` (s) is where the time of
+    the axes begins; a limit on a share is drawn times `scale`. Returns the limit, or None where
+    nothing is required.
+    """
+    limit = next((scale * r.limit for r in result.requirements if r.name == name), None)
+    if limit is None or math.isnan(limit):
+        return None
+    where = find_where(name, load_kind(result.description.mission.kind).where)
+    phases = [result.phases[i] for i in where.find(result.phases, result.plan.segments)]
+    if where.text and where.phases != WHOLE.phases:
+        label = f"{label}: {where.text}"
+    spans = [(p.start_s - origin, p.end_s - origin) for p in phases] if spans is None else spans
+    draw_limit(ax, limit, label.replace("{:g}", f"{limit:.4g}"), spans=spans)
+    return limit
 
 
 def fit_y(ax: Axes, *values: float, low: float | None = None) -> None:
@@ -240,7 +317,7 @@ def draw_panels(
 def stack_panels(figure: Figure, count: int, *, bottom: float = 0.5) -> tuple[Axes, list[Axes]]:
     """Axes of equal height, one above the other, sharing the time, and a strip for the phases."""
     width, height = figure.get_size_inches()
-    left, right, gap, names, band = 0.72, 0.15, 0.36, 0.62, 0.1
+    left, right, gap, names, band = 0.72, 0.15, 0.36, 0.52, 0.1
     top = names + band + 0.36
     across = (left / width, (width - left - right) / width)
     strip = figure.add_axes((across[0], (height - names - band) / height, across[1], band / height))

@@ -15,10 +15,17 @@ if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
 
 
+PATIENCE = 0.25
+"""Of the distance that counts while another rule's response is flown: a push may be recovered."""
+
+
 class LostControl(Rule):
     """Distance from the reference, as estimated."""
 
-    watches = "distance of the estimated from the commanded position"
+    watches = (
+        "distance of the estimated from the commanded position; a quarter of it while another "
+        "rule's response is flown"
+    )
     unit = "m"
     source = "as the guard of the tick (vehicle/guard.py): no built-in flight strays so far"
     from_take_off = True
@@ -34,13 +41,12 @@ class LostControl(Rule):
         self._R_WB, self._p_WB = v.place(Estimate, "R_WB"), v.place(Estimate, "p_WB")
 
     def look(self, v: Senses) -> float:
-        if v.responding:  # what was pushed may come back; `out_of_control` watches the rest
-            return math.nan
         held = 2 if v.told("mode") == MODE_STANDARD else 0  # the height alone
-        return math.dist(self._p_WB.tolist()[held:], v.told("p_WB")[held:])
+        self._error = math.dist(self._p_WB.tolist()[held:], v.told("p_WB")[held:])
+        return PATIENCE * self._error if v.responding else self._error
 
     def explain(self, value: float) -> str:
         """Say how far off it is."""
         up = min(max(self._R_WB[2, 2], -1.0), 1.0)
         tilt = math.degrees(math.acos(up))
-        return f"control was lost: {value:.2f} m from the reference, tilted {tilt:.0f} deg"
+        return f"control was lost: {self._error:.2f} m from the reference, tilted {tilt:.0f} deg"

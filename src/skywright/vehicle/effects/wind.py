@@ -124,6 +124,9 @@ class WindField(Effect):
             blow_jet(me, wind, gusts.w, clock.t, clock.dt, truth.p_WB, truth.R_WB)
         elif me.kind == DRYDEN:
             blow_gusts(me, wind, gusts.w)
+        else:
+            for i in range(3):
+                wind.body_W[i] = me.still_W[i]
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

@@ -35,15 +35,12 @@ class Squall(Fault):
         end: float  # s
         rise: float  # s
         v_W: Vec3  # m/s, the squall's full wind
-        share: float  # of it that blows now
-        fresh: int  # 1: the world's wind is written anew at every tick
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the times and the direction."""
         me.start, me.end = table.start_s, table.start_s + table.for_s
         me.rise, toward = table.rise_s, math.radians(table.toward_deg)
         me.v_W[:] = [table.speed_mps * math.cos(toward), table.speed_mps * math.sin(toward), 0.0]
-        me.fresh = int(context.world.wind.kind in ("dryden", "fan"))
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
@@ -58,10 +55,8 @@ class Squall(Fault):
     def step(me: Me, clock: Clock, wind: InOut[Wind]) -> None:
         share = min(max((clock.t - me.start) / me.rise, 0.0), 1.0)
         share = min(share, max((me.end - clock.t) / me.rise, 0.0))
-        more = share if me.fresh == 1 else share - me.share
-        me.share = share
-        for i in range(3):
-            wind.body_W[i] += more * me.v_W[i]
+        for i in range(3):  # on what the world's wind has written for this tick
+            wind.body_W[i] += share * me.v_W[i]
             if wind.varies == 1:
                 for k in range(len(wind.rotor_W)):
-                    wind.rotor_W[k, i] += more * me.v_W[i]
+                    wind.rotor_W[k, i] += share * me.v_W[i]

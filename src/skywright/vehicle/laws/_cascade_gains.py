@@ -205,7 +205,7 @@ def compute_cascade_gains(
     a free link, and which adds the link's pull: in this model a gain of -b^2 g / (m J) on psi.
     Raises InputError where a loop has no phase margin, or no poles of the swing exist.
     """
-    body, floating = _compute_bodies(robot, model)
+    body, floating = compute_bodies(robot, model)
     inertia = np.diag(floating["I_eff"])
     free = compute_free_inertia(robot, world, posture(robot, "working"))
     lead, tau, scale = _scale_rate_loop(c, robot, world, inertia, free)
@@ -255,7 +255,7 @@ def compute_cascade_gains(
     return found._replace(k_swing=gains.swing)
 
 
-def _compute_bodies(robot: Robot, model: Any) -> tuple[Any, Any]:
+def compute_bodies(robot: Robot, model: Any) -> tuple[Any, Any]:
     """Return the records Body and Floating of the working posture."""
     q = posture(robot, "working")
     floating, body = np.zeros(1, Floating.dtype)[0], np.zeros(1, Body.dtype)[0]
@@ -274,7 +274,7 @@ def _compute_bodies(robot: Robot, model: Any) -> tuple[Any, Any]:
 def build_gust_model(c: Control, g: CascadeGains, nominal: Nominal, yaw: float) -> GustModel | None:
     """Return how a platform moves in gusts; see Law.build_gust_model. None: hands hold its link."""
     robot, world = nominal.robot, nominal.world
-    body, floating = _compute_bodies(robot, nominal.model[0])
+    body, floating = compute_bodies(robot, nominal.model[0])
     q, delay = posture(robot, "working"), compute_delay(c, world)
     if robot.pendulum is None:
         mass, g_0 = float(body["mass"]), float(body["gravity"])

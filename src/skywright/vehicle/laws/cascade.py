@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from skywright.core.record import Array, Vec2, Vec3
 from skywright.core.rotations import cross, log_so3, mat_t_mat, mat_t_vec, mat_vec, norm
 from skywright.core.scratch import local
 from skywright.core.spec import Positive
-from skywright.description.robot.spec import Control
 from skywright.errors import InputError
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import compute_body, posture
@@ -30,6 +30,7 @@ from skywright.vehicle.gusts import GustModel
 from skywright.vehicle.laws._cascade_gains import (
     CascadeGains,
     build_gust_model,
+    compute_bodies,
     compute_cascade_gains,
 )
 from skywright.vehicle.laws._thrust import Thrust, ThrustTable, aim_thrust, fill_thrust
@@ -90,7 +91,7 @@ class Cascade(Law):
 
         Raises InputError where these give no stable loops, or cannot take off along a link's arc.
         """
-        gains = self._compute_gains(context)
+        gains = self._compute_gains(context, context.model)
         for name in gains._fields:
             if name not in ("wrench", "pose"):
                 me[name] = getattr(gains, name)
@@ -104,19 +105,22 @@ class Cascade(Law):
 
     def observe_wrench(self, context: Context) -> Array:
         """Return the bandwidths (3,) rad/s of the external force that is cancelled."""
-        return self._compute_gains(context).wrench
+        return self._compute_gains(context, context.model).wrench
 
     def build_gust_model(self, nominal: Nominal, yaw: float) -> GustModel | None:
         """Return how gusts move a platform with a hanging link; None without one."""
-        robot = nominal.robot
-        own = {k: v for k, v in self.table if k in Control.model_fields and v is not None}
-        c = robot.control.model_copy(update=own)
-        gains = compute_cascade_gains(c, robot, nominal.world, nominal.model[0], self.inverted)
-        return build_gust_model(c, gains, nominal, yaw)
+        c = choose_bandwidths(self.table, nominal)
+        return build_gust_model(c, self._compute_gains(nominal, nominal.model[0]), nominal, yaw)
 
-    def _compute_gains(self, context: Context) -> CascadeGains:
+    def compute_rate_torque(self, nominal: Nominal, I_C: Array) -> Array:
+        """Return that of the rate loop; its lead enlarges fast errors, a link swings freely."""
+        gains = self._compute_gains(nominal, nominal.model[0])
+        I_eff = compute_bodies(nominal.robot, nominal.model[0])[1]["I_eff"]
+        return np.asarray(I_eff[:, :2] * gains.k_rate[:2] * (gains.rotor_tau / gains.lead))
+
+    def _compute_gains(self, context: Context | Nominal, model: Any) -> CascadeGains:
         c = choose_bandwidths(self.table, context)
-        return compute_cascade_gains(c, context.robot, context.world, context.model, self.inverted)
+        return compute_cascade_gains(c, context.robot, context.world, model, self.inverted)
 
     @staticmethod
     def step(
