@@ -30,6 +30,6 @@ def main() -> None:
 for command in (
     fly.run, fly.plan, fly.campaign, evidence.reproduce, evidence.bench, describe.capability,
     runs.compare, describe.list_, describe.show, data.weld, data.locate, data.identify,
-    data.records_, fly.replay, runs.report, runs.export, describe.new, describe.check,
+    data.records_, data.gateway, fly.replay, runs.report, runs.export, describe.new, describe.check,
 ):  # fmt: skip
     main.add_command(command)

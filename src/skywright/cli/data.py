@@ -234,3 +234,12 @@ def records_(
         from skywright.reports.terminal_records import print_records
 
         print_records(found, file)
+
+
+@click.command()
+@click.argument("what", type=click.Choice(["header", "matlab"]))
+def gateway(what: str) -> None:
+    """Print the packets of the UDP gateway as a C header or a MATLAB function."""
+    from skywright.links.udp.generate import build_c_header, build_matlab
+
+    click.echo(build_c_header() if what == "header" else build_matlab(), nl=False)

@@ -1,0 +1,1 @@
+"""Edges to the outside, one folder or file each."""

@@ -1,0 +1,1 @@
+"""The UDP gateway: packets, their reception, both ends of a connection."""
