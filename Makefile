@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test wheel lint bench docs lock pictures claims evidence clean
+.PHONY: help demo check test durations wheel lint bench docs lock pictures claims evidence clean
 
 help:  ## list these targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -21,8 +21,17 @@ $(STAMP): requirements.lock pyproject.toml scripts/make_venv.sh
 demo: $(STAMP)  ## fly the pipe inspection: plan, scan, weld map, report
 	$(BIN)/skywright run pipe-weld-scan
 
+check: $(STAMP)  ## style, types, import contracts and the quick tests: before each commit
+	@$(MAKE) --no-print-directory lint
+	$(BIN)/pytest -n 2 --quick -q
+
 test: $(STAMP)  ## the whole test suite
 	$(BIN)/pytest -n 2 --dist loadfile
+
+durations: $(STAMP)  ## run the suite and list anew which tests `make check` leaves out
+	rm -f .durations
+	$(BIN)/pytest -n 2 --dist loadfile -q --measure .durations
+	$(BIN)/python scripts/list_slow_tests.py .durations
 
 wheel: $(STAMP)  ## build the wheel, install it into a clean environment and fly with it
 	@sh scripts/try_wheel.sh $(VENV)

@@ -29,7 +29,7 @@ from oracle_flight import (
 from oracle_hands import judge_bimanual, judge_insertion, judge_install, judge_tool
 from oracle_press import judge_bench, judge_contact
 from oracle_scan import judge_scan
-from oracle_truth import tell_saturation
+from oracle_truth import tell_saturation, tell_stall
 
 from skywright.description.loader import Description, load_description
 from skywright.recordings.recording import read_recording
@@ -81,6 +81,8 @@ def judge(folder: Path) -> Verdict:
         why = JUDGES[d.mission.kind](d, told, samples)
         if "flight.saturated_max_s" in d.mission.requirements:
             why += tell_saturation(told, samples)
+        if "arm.saturated_max_s" in d.mission.requirements:
+            why += tell_stall(samples)
     failed = [r["name"] for r in told["requirements"] if not r["passed"]]
     right = (told["outcome"] == "succeeded") == (not why)
     if told["outcome"] != "succeeded" and not (told["reason"] or failed):

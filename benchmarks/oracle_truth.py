@@ -77,3 +77,11 @@ def tell_saturation(told: dict[str, Any], s: Any) -> list[str]:
     dt = float(np.median(np.diff(s["t"])))
     spell = find_longest((s["saturated"] > 0.0) & ~standing, dt)
     return [f"saturated for {spell:.2f} s"] if spell > SATURATED_S else []
+
+
+def tell_stall(s: Any) -> list[str]:
+    """Return that a servo made its stall torque for longer than that."""
+    if "servo_load" not in s.dtype.names:  # recorded before servos' torques were
+        return []
+    spell = find_longest(s["servo_load"] > 0.995, float(np.median(np.diff(s["t"]))))
+    return [f"a servo stalled for {spell:.2f} s"] if spell > SATURATED_S else []

@@ -1,4 +1,8 @@
-"""Rules for the whole suite: no display, reproducible hypothesis, skips that CI does not allow."""
+"""Rules for the whole suite: no display, reproducible hypothesis, skips that CI does not allow.
+
+`pytest --quick` leaves out the tests that tests/slow.txt lists; `pytest --measure FILE` appends the
+processor time (s) of every test to FILE, from which `scripts/list_slow_tests.py` makes that list.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +22,39 @@ NO_SKIP = os.environ.get("SKYWRIGHT_NO_SKIP", "") not in ("", "0")
 settings.register_profile("default", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if NO_SKIP or os.environ.get("CI") else "default")
+
+
+SLOW = Path(__file__).with_name("slow.txt")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--quick", action="store_true", help=f"leave out the tests of {SLOW.name}")
+    parser.addoption("--measure", metavar="FILE", help="append each test's processor time (s)")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not config.getoption("--quick"):
+        return
+    slow = set(SLOW.read_text(encoding="utf-8").splitlines())
+    left_out = [i for i in items if i.nodeid.partition("[")[0] in slow]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [i for i in items if i not in set(left_out)]
+
+
+def _read_processor_time() -> float:
+    """Processor time (s) of this process and of those that it has waited for."""
+    t = os.times()
+    return t.user + t.system + t.children_user + t.children_system
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
+    before = _read_processor_time()
+    ran = yield
+    if file := item.config.getoption("--measure"):
+        with open(file, "a", encoding="utf-8") as out:
+            out.write(f"{_read_processor_time() - before:.2f}\t{item.nodeid}\n")
+    return ran
 
 
 def _refuse_skip(report: pytest.TestReport | pytest.CollectReport) -> None:

@@ -265,7 +265,6 @@ def test_a_file_with_one_part_twice_is_refused(tmp_path: Path) -> None:
 LATE = ("if clock.t > 0.1:", "    raise ValueError('too late')")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fast", "interactive"])
 @pytest.mark.parametrize("group", COMPONENTS)
 def test_a_step_that_raises_ends_the_run_and_leaves_its_recording(
@@ -282,7 +281,6 @@ def test_a_step_that_raises_ends_the_run_and_leaves_its_recording(
     assert not (tmp_path / "out").exists() and 5 < len(stored.samples) < 20
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("group", ["sensor", "estimator", "effect"])  # a law: test_parts.py
 def test_a_step_that_never_returns_ends_the_run_and_leaves_its_recording(
@@ -308,7 +306,6 @@ def test_a_step_that_never_returns_ends_the_run_and_leaves_its_recording(
     assert stored.outcome == "diverged" and says in stored.reason and len(stored.samples) > 5
 
 
-@pytest.mark.slow
 def test_a_kind_that_raises_in_flight_ends_the_run_and_leaves_its_recording(tmp_path: Path) -> None:
     text = IMPORTS + KIND.replace("        return Flight(", "        1 / 0\n        return Flight(")
     (tmp_path / "mine.py").write_text(text)

@@ -189,7 +189,6 @@ def _call(*args: str):
     return CliRunner().invoke(cli.main, ["bench", *args])
 
 
-@pytest.mark.slow
 def test_bench_measures_prints_and_writes(_in_empty_folder):
     result = _call("contacts", "tick", "robots", "--quick", "--out", "kept", "--json")
     assert result.exit_code == 0, result.stderr
@@ -299,7 +298,6 @@ def test_help_lists_the_benchmarks():
         assert f"\n  {name} " in text
 
 
-@pytest.mark.slow
 def test_a_killed_measurement_leaves_no_half_file(tmp_path):
     command = [sys.executable, "-m", "skywright", "bench", "memory", "--out", "kept"]
     process = subprocess.Popen(

@@ -481,7 +481,6 @@ def test_workers_default_to_all_cores_and_never_exceed_runs() -> None:
 # -- Ray ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_ray_gives_the_same_rows_and_survives_a_killed_worker(
     flown: tuple[Path, list[Row]], hop: Path
 ) -> None:

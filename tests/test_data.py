@@ -199,6 +199,7 @@ def test_scan_asks_what_the_paper_asks() -> None:
         "weld.line_error_mm": ("<=", 5.0),
         "coverage.fraction": (">=", 0.98),
         "flight.saturated_max_s": ("<=", 0.5),
+        "arm.saturated_max_s": ("<=", 0.5),
     }
 
 

@@ -167,7 +167,6 @@ def test_reference_names_every_command_and_option() -> None:
     assert not missing, f"not in docs/reference/command-line.md: {missing}"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda c: c.line.removeprefix("skywright "))
 def test_command_of_the_docs(command: Command, folder: Path) -> None:
     words = shlex.split(command.line)

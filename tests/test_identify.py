@@ -642,7 +642,6 @@ def test_bad_task(sets: tuple[str, ...], said: str) -> None:
     assert result.exit_code == 2 and said in result.stderr, result.stderr
 
 
-@pytest.mark.slow
 def test_a_flight_gives_back_the_plant_s_deviations(tmp_path: Path) -> None:
     """run and identify: the perturbed plant's gains, mass distribution and lag."""
     import skywright

@@ -48,6 +48,17 @@ def test_energy_duration_saturation_and_estimate_of_any_flight() -> None:
     assert m["estimate.position_rms_mm"] == pytest.approx(5.0 / math.sqrt(1000.0))
 
 
+def test_a_servo_at_its_stall_torque_is_counted() -> None:
+    n = np.arange(400)
+    load = np.where(n < 2, 1.0, 0.3) + 0.7 * ((n >= 100) & (n < 160))  # a jerk at the start
+    s, phases = build_samples([("take_off", 2.0), ("hold", 2.0)], **FLYING | {"servo_load": load})
+    m = compute_common_metrics(s, phases)
+    assert m["arm.saturated_s"] == pytest.approx(0.61)  # the first sample lasts no time
+    assert m["arm.saturated_max_s"] == pytest.approx(0.6)
+    bare, phases = build_samples([("take_off", 2.0), ("hold", 2.0)], **FLYING)
+    assert "arm.saturated_s" not in compute_common_metrics(bare, phases)
+
+
 def test_saturation_counts_where_a_robot_flies_and_not_where_it_stands_on_its_arms() -> None:
     n = np.arange(400)
     s, phases = build_samples(

@@ -80,7 +80,6 @@ def test_parts_of_a_package_are_listed_with_where_they_come_from(site: Path) -> 
         assert places[name] == f"my-parts ({value})" and "built in" in places.values()
 
 
-@pytest.mark.slow
 def test_parts_of_a_package_fly_by_their_names(site: Path, tmp_path: Path) -> None:
     text = re.sub(r"\w+\.py:\w+", "NAME", MISSION.format(estimator="filter"))
     for name in ("my-hop", "springs", "heights", "tug", "post"):  # in the order of the file

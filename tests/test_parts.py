@@ -242,7 +242,6 @@ def step(ref: Reference, est: Estimate, cmd: Out[WrenchCommand]) -> None:
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [True, False])
 def test_a_law_that_never_returns_ends_the_run_and_leaves_its_recording(tmp_path, compiled):
     kind = write_law(tmp_path, f"compiled = {compiled}\n{ENDLESS}")

@@ -48,7 +48,6 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
     )
 
 
-@pytest.mark.slow
 def test_it_flies_from_its_file_and_says_what_it_did(flown: RunResult) -> None:
     assert flown.outcome == "succeeded", (flown.reason, flown.metrics)
     assert flown.metrics["button.presses"] == 1.0
@@ -59,7 +58,6 @@ def test_it_flies_from_its_file_and_says_what_it_did(flown: RunResult) -> None:
     assert figure is not None and figure.axes
 
 
-@pytest.mark.slow
 def test_the_run_repeats_from_its_directory_alone(flown: RunResult) -> None:
     again = load_description(flown.directory)
     assert again.mission.kind == f"{flown.directory / 'press_a_button.py'}:PressAButton"
@@ -67,7 +65,6 @@ def test_the_run_repeats_from_its_directory_alone(flown: RunResult) -> None:
     assert repeated.samples.tobytes() == flown.samples.tobytes()
 
 
-@pytest.mark.slow
 def test_it_flies_as_an_installed_package(flown: RunResult, installed: None) -> None:
     d = load_description(MISSION, sets=[*SHORT, "mission.kind=press-a-button"])
     assert d.mission.kind == "press-a-button" and "press-a-button" in find.list_kinds("kind")

@@ -415,7 +415,6 @@ def measured(tmp_path_factory):
     return report, (folder / "claims.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
 def test_real_flights_give_verdicts(measured):
     report, _ = measured
     by_id = {c.claim.id: c for c in report.claims}
@@ -427,7 +426,6 @@ def test_real_flights_give_verdicts(measured):
     assert by_id["displaced-reduced"].values["limit"] == pytest.approx(1.0, abs=1e-3)
 
 
-@pytest.mark.slow
 def test_the_page_is_complete_in_itself(measured):
     report, page = measured
     assert page.count("data:image/svg+xml;base64,") == len(report.claims)

@@ -30,7 +30,6 @@ def record(path: Path, **sets: Any) -> Path:
     return path
 
 
-@pytest.mark.slow
 def test_raw_samples_come_at_the_rates_of_their_sensors(tmp_path: Path) -> None:
     near = read_recording(record(tmp_path / "near.mcap"), streams=NAMES)
     assert near.complete
@@ -59,7 +58,6 @@ def test_raw_samples_come_at_the_rates_of_their_sensors(tmp_path: Path) -> None:
     np.testing.assert_allclose(seen, mocap["p_WB"], atol=2e-4)
 
 
-@pytest.mark.slow
 def test_raw_samples_may_be_left_out(tmp_path: Path) -> None:
     path = record(tmp_path / "r.mcap", mission__record_raw=False)
     with pytest.raises(InputError, match="has no stream"):

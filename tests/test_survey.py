@@ -284,7 +284,6 @@ SHORT = {
 }  # fmt: skip
 
 
-@pytest.mark.slow
 def test_without_a_survey_the_push_is_off_by_stiffness_times_offset() -> None:
     """Law (4): K (d - x), K = m wn^2, for a surface that stands x further away."""
     d = load_description("pipe-weld-scan", sets={**SHORT, "mission.task.survey": False}, seed=1)
@@ -301,7 +300,6 @@ def test_without_a_survey_the_push_is_off_by_stiffness_times_offset() -> None:
     assert float(np.mean(scan["f_normal"])) == pytest.approx(wanted, abs=0.25)
 
 
-@pytest.mark.slow
 def test_a_scan_finds_the_pipe_before_it_presses() -> None:
     run = fly_and_evaluate(load_description("pipe-weld-scan", sets=SHORT, seed=1))
     m = run.metrics
@@ -315,7 +313,6 @@ def test_a_scan_finds_the_pipe_before_it_presses() -> None:
     assert names.index("survey_leave") < names.index("face") < names.index("scan")
 
 
-@pytest.mark.slow
 def test_a_pipe_beyond_the_bounds_sends_the_robot_home() -> None:
     """The plant's pipe is 4 cm further than the stated bounds: no touch, no press, home again."""
     d = load_description("pipe-weld-scan", sets=SHORT, seed=1)

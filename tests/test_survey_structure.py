@@ -160,7 +160,6 @@ def test_the_papers_claims_are_flown_with_known_structures() -> None:
         assert case.mission != "bridge-contact" or not is_surveyed(Setup(d))
 
 
-@pytest.mark.slow
 def test_the_feet_find_the_deck_before_the_robot_docks() -> None:
     run = fly_and_evaluate(load_description("bridge-contact", sets=SHORT, seed=2))
     m = run.metrics
@@ -172,7 +171,6 @@ def test_the_feet_find_the_deck_before_the_robot_docks() -> None:
     assert names.index("survey_touch") < names.index("dock") < names.index("hold 2 N")
 
 
-@pytest.mark.slow
 def test_a_deck_that_is_not_there_sends_the_robot_home() -> None:
     d = load_description("bridge-contact", sets=SHORT, seed=1)
     setup = Setup(d)
@@ -188,7 +186,6 @@ def test_a_deck_that_is_not_there_sends_the_robot_home() -> None:
     assert [p.name for p in s.phases][-2:] == ["return", "land"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("world", ["pillar", "tunnel"])
 def test_the_tip_finds_a_wall_before_it_presses(world: str) -> None:
     slippery = {"world.structure.friction": 0.4} if world == "pillar" else {}  # 0.6 is refused
@@ -202,7 +199,6 @@ def test_the_tip_finds_a_wall_before_it_presses(world: str) -> None:
     assert m["survey.normal_error_deg"] < 0.6 * m["survey.map_normal_error_deg"] + 0.3
 
 
-@pytest.mark.slow
 def test_the_platform_follows_an_arm_that_reaches_its_stop_while_it_touches() -> None:
     """A link 3.7 mm short, before flat staves: the elbow is at its stop before the tip touches."""
     sets = KNOWN | {

@@ -71,7 +71,6 @@ def test_check_accepts_a_template_as_a_folder_and_file_by_file(
         write_template(what, folder)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("what", TEMPLATES)
 def test_a_template_flies_as_it_is(what: str, tmp_path: Path) -> None:
     write_template(what, tmp_path / "mine")

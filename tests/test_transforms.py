@@ -67,7 +67,6 @@ def chain(transforms: dict[str, tuple[str, Array]], frame: str) -> Array:
     return out
 
 
-@pytest.mark.slow
 def test_transforms_are_the_forward_kinematics_of_the_urdf(
     messages: dict[str, list[tuple[int, Any]]],
 ) -> None:
@@ -109,7 +108,6 @@ def test_transforms_are_the_forward_kinematics_of_the_urdf(
     assert np.sort(swept[7:])[-2] > 0.05, "the joints of the flight hardly moved"
 
 
-@pytest.mark.slow
 def test_every_frame_that_a_topic_names_is_in_the_tree(
     messages: dict[str, list[tuple[int, Any]]],
 ) -> None:

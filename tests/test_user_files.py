@@ -93,7 +93,6 @@ def test_sources_of_two_folders_stay_together(tmp_path: Path) -> None:
 # --- a run directory repeats the run ----------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_a_run_directory_repeats_the_run_without_the_files(tmp_path: Path) -> None:
     """Kind, law, sensor, estimator, effect and thing are users', and import other files."""
     mission = write_parts(tmp_path / "mine", "complementary.py:Complementary")
@@ -182,7 +181,6 @@ def test_a_file_that_is_only_wrong_is_imported_here(tmp_path: Path) -> None:
         load_file(tmp_path / "mine.py")
 
 
-@pytest.mark.slow
 def test_a_campaign_survives_a_file_that_ends_python(tmp_path: Path) -> None:
     mission = write_parts(tmp_path / "mine")
     bad = tmp_path / "bad.py"

@@ -21,6 +21,8 @@ Samples = NDArray[Any]
 
 OFF_SURFACE = 1e-4
 """m, gap above which the tip counts as off the surface; below lies the soft contact model."""
+STALLED = 0.999
+"""Share of its stall torque at which a servo makes all that it can."""
 OUTAGE = 0.6
 """s without a sample of the localisation that count as an outage."""
 
@@ -63,6 +65,10 @@ def compute_common_metrics(
         "flight.saturated_max_s": _find_longest(saturated, dt),
         "contact.collisions": float(np.count_nonzero(hits[1:] & ~hits[:-1]) + int(hits[:1].any())),
     }
+    if has_columns(samples, "servo_load"):
+        stalled = samples["servo_load"] >= STALLED
+        out["arm.saturated_s"] = float(np.sum(dt[stalled]))
+        out["arm.saturated_max_s"] = _find_longest(stalled, dt)
     if len(error):
         out["estimate.position_rms_mm"] = 1e3 * float(np.sqrt(np.mean(error**2)))
         out["estimate.position_max_mm"] = 1e3 * float(np.max(error))

@@ -17,6 +17,8 @@ COMMON: Measures = {
         "with arms below its gear stands on them",
     ),
     "flight.saturated_max_s": ("s", "longest uninterrupted part of flight.saturated_s"),
+    "arm.saturated_s": ("s", "time in which a servo of the arm is at its stall torque"),
+    "arm.saturated_max_s": ("s", "longest uninterrupted part of arm.saturated_s"),
     "estimate.position_rms_mm": ("mm", "rms distance of the estimated from the true position"),
     "estimate.position_max_mm": (
         "mm",

@@ -60,6 +60,7 @@ PLANNING = Where(note="the plan, before the flight")
 
 COMMON_WHERE: Mapping[str, Where] = {
     "flight.": WHOLE,
+    "arm.saturated": WHOLE,
     "estimate.": FLYING,
     "estimate.outage": FLYING._replace(note="during outages of the localisation"),
     **dict.fromkeys(

@@ -52,6 +52,7 @@ class MuJoCo(Record):
     nu: int
     act: int
     na: int
+    actuator_force: int
     pair_friction: int
     npair: int
 

@@ -53,7 +53,7 @@ class Simulation:
             "qpos": d.qpos, "qvel": d.qvel, "sensordata": d.sensordata, "site_xpos": d.site_xpos,
             "site_xmat": d.site_xmat, "body_xpos": d.xpos, "body_xmat": d.xmat,
             "xfrc": d.xfrc_applied, "ctrl": d.ctrl, "act": d.act,
-            "pair_friction": self.scene.model.pair_friction,
+            "actuator_force": d.actuator_force, "pair_friction": self.scene.model.pair_friction,
         }  # fmt: skip
 
     def save(self) -> tuple[mujoco.MjData, Array]:
