@@ -378,6 +378,10 @@ def test_a_sensor_that_is_pressed_on() -> None:
     s["q"][500:600, elbows] = 0.0  # both arms stretched, after the press
     m = judge_install(build_flown("sensor-install", s, phases, {"survey": None}, sets=sets))
     assert m["arm.lever_min"] < 0.01 and m["arm.lever_felt_min"] == pytest.approx(bent)
+    for elbow, counts in ((elbows[1], False), (elbows[0], True)):  # only the left hand presses
+        s["q"][150:160, elbow] = 0.0
+        m = judge_install(build_flown("sensor-install", s, phases, {"survey": None}, sets=sets))
+        assert (m["arm.lever_felt_min"] < 0.01) == counts
 
 
 def test_a_tool_on_pipe_and_bench() -> None:

@@ -77,10 +77,7 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
         _tare(s)
     touched = _touch(s, task, way)
     held = touched and _press(s, task, way)
-    s.begin("retract")
-    s.body.track(_hold_hand(s, way.contact - task.approach_below_m * way.normal, task))
-    s.wait(2.0)
-    _move_with_hand(s, way.p_below, way.contact - task.approach_below_m * way.normal)
+    _retract(s, task, way)
     _go_back(s, way)
     if not touched:
         return Flight(False, "the hand met no surface")
@@ -93,7 +90,7 @@ def _survey(s: Supervisor[SensorInstall], way: InstallPlan) -> tuple[InstallPlan
     if survey is None:
         return way, ""
     s.begin("survey_move")
-    s.arms.move_to(way.q_good)
+    s.arms.move_to(way.q_survey)
     s.until_arrived()
     hand, row = survey.hand, s.vehicle.reference
     planned = np.array(row["p_WB"]) + rot_z(way.yaw) @ survey.p_BH[hand]
@@ -247,6 +244,20 @@ def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
         return False
     s.begin("force")
     return _keep(s, task.hold_s, way)
+
+
+def _retract(s: Supervisor, task: SensorInstall, way: InstallPlan) -> None:
+    """Take the hand down from the pipe, and the platform to where the way back begins."""
+    s.begin("retract")
+    down = -task.approach_below_m * way.normal
+    if task.leave_singularity:  # with the elbow as bent as it is: straight, it feels what is not
+        here = np.array(s.vehicle.read(Hands).p_WH[0])
+        s.body.track(_hold_hand(s, here, task))
+        _move_with_hand(s, np.array(s.vehicle.reference["p_WB"]) + down, here + down)
+        return
+    s.body.track(_hold_hand(s, way.contact + down, task))
+    s.wait(2.0)
+    _move_with_hand(s, way.p_below, way.contact + down)
 
 
 def _tare(s: Supervisor) -> None:

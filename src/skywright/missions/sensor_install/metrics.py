@@ -1,6 +1,7 @@
 """Metrics of the kind "sensor-install": force, hand, swing, platform, and what the tape did."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ MEASURES: Measures = {
         "",
         "smallest ratio of a hand's lever arm to the arm's reach in flight, worst direction",
     ),
-    "arm.lever_felt_min": ("", "arm.lever_min while the hand measures a force"),
+    "arm.lever_felt_min": ("", "arm.lever_min of the hand that measures a force, while it does"),
     "sensor.bond_n": ("N", "bond strength of the tape after the press"),
     "sensor.around_mm": (
         "mm",
@@ -57,7 +58,7 @@ MEASURES: Measures = {
 BEFORE_S = 2.0  # s before the touch: where the platform stood
 HOLD, HOVER, SWING = Where(("force",)), Where(("hover check",)), Where(("swing check",))
 PRESSED = Where(("press", "leave singularity", "force"))
-FELT = Where((PHASE, "touch", *PRESSED.phases))
+FELT, TOUCHED = Where(("touch", *PRESSED.phases)), Where((PHASE,))
 WHERE = {
     **SURVEY_WHERE,
     "force.": HOLD,
@@ -70,7 +71,7 @@ WHERE = {
     "sensor.around_mm": HOLD,
     "sensor.along_mm": HOLD,
     "arm.lever_min": ALOFT,
-    "arm.lever_felt_min": FELT,
+    "arm.lever_felt_min": Where((PHASE, *FELT.phases)),
 }
 PRESSING = 0.02  # N
 AROUND_M, ALONG_M = 0.02, 0.03
@@ -130,9 +131,14 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
             out["sensor.installed"] = 0.0
     if np.any(flown):
         out["arm.lever_min"] = _find_least_lever(run.setup, samples["q"][flown])
-    felt = FELT.select(samples, phases)
-    if np.any(felt):
-        out["arm.lever_felt_min"] = _find_least_lever(run.setup, samples["q"][felt])
+    survey = run.way.survey
+    levers = [
+        _find_least_lever(run.setup, samples["q"][feels], [hand])
+        for hand, where in ((0, FELT), *([] if survey is None else [(survey.hand, TOUCHED)]))
+        if np.any(feels := where.select(samples, phases))
+    ]
+    if levers:
+        out["arm.lever_felt_min"] = min(levers)
     return out
 
 
@@ -154,8 +160,12 @@ def find_survey(run: Flown[SensorInstall, InstallPlan]) -> Surveyed | None:
     return fit_touches(run.setup, touches, survey.ball)
 
 
-def _find_least_lever(setup: Setup[SensorInstall], q: Array) -> float:
+def _find_least_lever(
+    setup: Setup[SensorInstall], q: Array, hands: Sequence[int] | None = None
+) -> float:
     """Least singular value of an arm's Jacobian over its reach, of joints q (n, n_joints) rad.
+
+    `hands` are those that count, both by default.
 
     Zero where the arm is stretched: no motion of its joints moves the hand along it, and no torque
     of theirs shows a force there (vehicle/arms/singularity.py).
@@ -166,7 +176,8 @@ def _find_least_lever(setup: Setup[SensorInstall], q: Array) -> float:
     reach = sum(sorted(joints[j].link.length_m for j in mine[0])[-2:])  # upper and forearm
     for row in q[::LEVER_EVERY]:
         J = compute_kinematics(setup.model, row[: len(joints)])["J_BH"]
-        for h, own in enumerate(mine):
+        for h in range(len(mine)) if hands is None else hands:
+            own = mine[h]
             least = min(least, float(np.linalg.svd(J[h][:, own], compute_uv=False)[-1]))
     return least / reach
 

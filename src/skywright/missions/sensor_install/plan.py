@@ -55,6 +55,7 @@ class InstallPlan(NamedTuple):
     normal: Array  # (3,) direction of pressing
     q: Array  # (n_joints,) rad, operation pose, swing in equilibrium
     q_good: Array  # the same in the L pose
+    q_survey: Array  # and while the other hand finds the pipe
     p_far: Array  # (3,) m, platform behind and below
     p_below: Array  # below the pipe
     p_near: Array  # hand at the stand-off
@@ -89,6 +90,9 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
     around = build_surroundings(setup, MARGIN)
     q = _choose_pose(setup, around.query, contact, R, up, cylinder.radius)
     q_good = find_swing(model, build_pose(robot, "L", cylinder.radius))
+    q_survey, survey = q_good, None
+    if is_surveyed(setup):
+        q_survey, survey = _choose_survey(setup, around.query, yaw)
 
     def place(hand: Array) -> Array:
         return hand - R @ find_hands(model, q)[0]
@@ -103,7 +107,7 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
     far, below = Configuration(p_far, yaw, q), Configuration(p_below, yaw, q)
     to_below, room_below, no_below = plan_way(around, far, below, rng)
     found = InstallPlan(
-        contact, yaw, up, q, q_good,
+        contact, yaw, up, q, q_good, q_survey,
         p_far=p_far,
         p_below=p_below,
         p_near=place(contact - task.stand_off_m * up),
@@ -113,7 +117,7 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
         swing_rad_s=compute_swing_frequency(model, q, world.gravity_mps2),
         to_far=to_far,
         to_below=to_below,
-        survey=plan_survey(setup, q_good, yaw) if is_surveyed(setup) else None,
+        survey=survey,
     )  # fmt: skip
     legs = list_legs(found)
     least, blocked = min(room_far, room_below), None
@@ -189,10 +193,30 @@ def _choose_pose(
     return q
 
 
-def build_pose(robot: Robot, pose: str, radius: float, lower: float = 0.0) -> Array:
-    """Return q (n_joints,) rad of the operation pose, the right arm held as the left.
+def _choose_survey(
+    setup: Setup[SensorInstall], query: ClearanceQuery, yaw: float
+) -> tuple[Array, InstallSurvey]:
+    """Return the pose (n_joints,) rad in which the right hand touches the pipe, and how it does.
 
-    `lower` (rad) turns the right forearm down from there.
+    The left hand is the idle one: where the pipe may come down to it, it is held lower.
+    """
+    cylinder, R = setup.cylinder, rot_z(yaw)
+    assert cylinder is not None
+    for lower in np.radians(IDLE_DEG):
+        pose = build_pose(setup.robot, "L", cylinder.radius, lower, idle=0)
+        q = find_swing(setup.model, pose)
+        survey = plan_survey(setup, q, yaw)
+        ends = [survey.start(i) for i in range(len(survey.travels))]
+        room = min(check_line(query, p, p, R, q)[0] for p, _ in ends)
+        if room >= NEAR_MARGIN + survey.error:
+            break
+    return q, survey
+
+
+def build_pose(robot: Robot, pose: str, radius: float, lower: float = 0.0, idle: int = 1) -> Array:
+    """Return q (n_joints,) rad of the operation pose, both arms held alike.
+
+    `lower` (rad) turns the forearm of the arm `idle` (0 left, 1 right) down from there.
 
     L: the forearm rises a little towards the hand. The upper arm hangs, or leans forward as far as
     the pipe's radius asks, so that what carries the arms stays clear of the pipe.
@@ -214,5 +238,5 @@ def build_pose(robot: Robot, pose: str, radius: float, lower: float = 0.0) -> Ar
                 "requires 4: shoulder pitch, roll, yaw and elbow"
             )
         q[mine] = angles
-        q[mine[-1]] += lower if side == 1 else 0.0
+        q[mine[-1]] += lower if side == idle else 0.0
     return q

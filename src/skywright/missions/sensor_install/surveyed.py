@@ -50,6 +50,16 @@ class InstallSurvey(NamedTuple):
     yaw: float
     stand_off: float  # m, of the hand below the map's pipe
     travels: list[float]  # m, each
+    error: float  # m, by which the pipe may be nearer at the idle hand
+
+    def start(self, i: int, cylinder: Cylinder | None = None) -> tuple[Array, Array]:
+        """Where platform and hand (3,) m are before touch `i`; the pipe is the map's or given."""
+        known = self.setup.cylinder
+        assert known is not None
+        R_WS = np.empty((3, 3))
+        surface_frame(known, BOTTOM, R_WS)
+        end = lead_to(self, cylinder or known, *PLACES[i]) + self.stand_off * R_WS[:, 2]
+        return place_platform(self, end, self.hand), end
 
 
 def plan_survey(setup: Setup[SensorInstall], q: Array, yaw: float) -> InstallSurvey:
@@ -64,10 +74,13 @@ def plan_survey(setup: Setup[SensorInstall], q: Array, yaw: float) -> InstallSur
     stand_off = max(setup.task.stand_off_m, reach + CLEAR)
     r = cylinder.radius
     aside = [min(abs(share) * r + error.place, 0.9 * r) for _, share in PLACES]
+    apart = abs(float(hands["p_BH"][0, 1] - hands["p_BH"][n - 1, 1]))
+    far = np.array([np.max(np.abs(PLACES[:, 0])) + apart, BOTTOM])
     travels = [stand_off + reach + r - math.sqrt(r * r - x * x) + ROOM for x in aside]
     return InstallSurvey(
         setup, n - 1, Ball(arm.hand.radius_m, BIAS, TOUCH_STD), np.array(hands["p_BH"][:n]),
         rot_z(yaw) @ np.array(hands["R_BH"][n - 1])[:, 2], yaw, stand_off, travels,
+        compute_reach(cylinder, error, far),
     )  # fmt: skip
 
 
@@ -97,9 +110,8 @@ def find_pipe(
     def come(i: int, touches: list[Touch]) -> None:
         made = any(not t.reason for t in touches)
         at = fit_touches(setup, touches, survey.ball).found.cylinder if made else known
-        end = lead_to(survey, at, *PLACES[i]) + survey.stand_off * R_WS[:, 2]
         s.begin("survey_move")
-        move(place_platform(survey, end, survey.hand), end)
+        move(*survey.start(i, at))
 
     hand = Hand(s, survey.hand, s.task.hand_speed_mps)
     touches = survey_surface(
