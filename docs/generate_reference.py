@@ -50,6 +50,7 @@ UNITS = {
     "_rad_s": "rad/s",
     "_mps2": "m/s²",
     "_mps": "m/s",
+    "_kbps": "kbit/s",
     "_deg": "deg",
     "_rad": "rad",
     "_nm": "N m",

@@ -3,15 +3,17 @@
     python examples/joystick_to_udp.py /dev/input/js0 9870
 
 Linux only: it reads the kernel's joystick device (Documentation/input/joydev/joystick-api.rst),
-which gamepads and, as a rule, a Space Navigator have; nothing has to be installed. Right, back and
-down are positive there. A gamepad's right stick often is axis 4: --axes 1,0,4.
+which gamepads and, as a rule, a Space Navigator have. Right, back and down are positive there. A
+gamepad's right stick often is axis 4: --axes 1,0,4. A key is taken from SKYWRIGHT_GATEWAY_KEY.
 """
 
 import argparse
-import socket
 import struct
 import threading
 import time
+
+from skywright.links.udp.address import load_key
+from skywright.links.udp.client import ArmsClient
 
 EVENT = struct.Struct("<IhBB")  # ms, value, type, number
 BUTTON, AXIS, AT_START = 1, 2, 0x80
@@ -33,12 +35,12 @@ def main() -> None:
     gone = threading.Event()
 
     def send() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        with ArmsClient(arguments.host, arguments.port, load_key(None), timeout_s=300.0) as arms:
             while not gone.is_set():
                 values = [-axes.get(number, 0.0) for number in ahead_left_up]
                 values = [x if abs(x) > DEAD else 0.0 for x in values]
-                text = ",".join(f"{x:.3f}" for x in values) + f",{int(bool(pressed))}"
-                out.sendto(text.encode(), (arguments.host, arguments.port))
+                arms.send_stick(values, int(bool(pressed)))
+                arms.poll()
                 time.sleep(PERIOD)
 
     sender = threading.Thread(target=send)

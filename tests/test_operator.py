@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-import socket
 import struct
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,13 +25,16 @@ from skywright import cli
 from skywright.core.rotations import rot_x, rot_z
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.ground.gateway_operator import GatewayOperator
 from skywright.ground.operator_model import (
     MANNERS,
     REMNANT,
     TREMOR,
     ModelOperator,
 )
-from skywright.ground.operators import HOLD_HZ, Person, UdpOperator, ViewOperator, parse_datagram
+from skywright.ground.operators import HOLD_HZ, Person, ViewOperator
+from skywright.links.udp.client import ArmsClient
+from skywright.links.udp.flight import FlightGateway, open_gateway
 from skywright.missions.tool_install.operated_install import (
     FENCE,
     compute_hands_velocity,
@@ -216,9 +220,13 @@ def test_the_packaged_recordings_are_found_by_name() -> None:
     [
         (["tool-install", "--set", "mission.task.operator=nobody"], "packaged: careful, hasty"),
         (["tool-install", "--operator", "ghost"], "valid: view, udp:PORT"),
-        (["tool-install", "--operator", "udp:99999"], "valid: view, udp:PORT"),
-        (["tool-install", "--operator", "udp:no.such.host.invalid:99"], "cannot listen"),
+        (["tool-install", "--operator", "udp:99999"], "valid: udp:PORT"),
+        (["tool-install", "--operator", "udp:0.0.0.0:0"], "requires a key"),
         (["tool-install", "--operator", f"udp:{'ä' * 80}:99"], "cannot listen"),
+        (["waypoints", "--gateway", "tcp:1"], "valid: udp:PORT"),
+        (["waypoints", "--gateway-key", "key"], "requires --gateway"),
+        (["waypoints", "--gateway", "udp:0", "--gateway-key", "none"], "none: cannot be read"),
+        (["tool-install", "--gateway", "udp:0", "--operator", "udp:0"], "the second one only"),
         (["waypoints", "--operator", "view"], "kinds with an operator: tool-install"),
         (
             ["tool-install", "--operator", "view", "--set", "mission.task.operator=careful"],
@@ -239,103 +247,78 @@ def test_wrong_operators_are_input_errors(
 # --- live sources --------------------------------------------------------------------------------
 
 
-@given(st.binary(max_size=300))
-def test_a_datagram_is_a_stick_or_nothing(data: bytes) -> None:
-    stick = parse_datagram(data)
-    assert stick is None or bool(np.all(np.abs(stick.axes) <= 1.0))
-
-
-@pytest.mark.parametrize(
-    "data",
-    [b"", b"0,0,0", b"0,0,0,0,0", b"nan,0,0,0", b"0,0,1.1,0", b"0,0,0,2", b"a,b,c,d", b"0" * 500,
-     "0,0,0,²".encode()],
-)  # fmt: skip
-def test_a_malformed_datagram_is_nothing(data: bytes) -> None:
-    assert parse_datagram(data) is None
-
-
-@given(AXIS, AXIS, AXIS, st.booleans())
-def test_a_datagram_says_what_the_stick_does(x: float, y: float, z: float, button: bool) -> None:
-    stick = parse_datagram(f"{x!r},{y!r},{z!r},{int(button)}\n".encode())
-    assert stick is not None and stick.button == button
-    assert tuple(stick.axes) == (x, y, z)
-
-
 @pytest.fixture
-def udp() -> Iterator[tuple[UdpOperator, socket.socket]]:
-    operator = UdpOperator("127.0.0.1", 0)
-    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    sender.connect(("127.0.0.1", operator.port))
-    yield operator, sender
-    operator.close()
-    sender.close()
+def gateway() -> Iterator[FlightGateway]:
+    opened = open_gateway(None, "udp:0", None, load_description("tool-install"))
+    assert opened is not None
+    yield opened
+    opened.close()
 
 
-def test_datagrams_move_the_stick_until_they_stop(
-    udp: tuple[UdpOperator, socket.socket], monkeypatch: pytest.MonkeyPatch
+def test_a_stick_of_the_gateway_counts_until_it_is_old(
+    gateway: FlightGateway, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    operator, sender = udp
-    sender.send(b"1,1,1,1")  # before it took over: forgotten
-    send = iter([b"0.5,0,-1,0"])
-    clock = Clock(lambda t: t > 0.2 and sender.send(next(send)))
+    """Its age is that of its stamp: what comes late in a burst moves nothing."""
+    operator, clock, now = GatewayOperator(gateway), Clock(), [1000.0]
     monkeypatch.setattr("skywright.ground.operators.time", clock)
-    first = operator.read(0.0, NOWHERE)  # waits
-    clock.then = lambda t: None
-    assert clock.t == pytest.approx(0.2, abs=0.02)
-    assert first is not None and tuple(first.axes) == (0.5, 0.0, -1.0) and not first.button
-    for data in (b"rubbish", b"0,0,9,0", b"0,1,0,1"):
-        sender.send(data)
-    wait_for(lambda: (operator.listen(), operator.received == 3)[1])
-    second = operator.read(0.02, NOWHERE)
-    assert second is not None and tuple(second.axes) == (0.0, 1.0, 0.0) and second.button
-    assert operator.malformed == 2
-    late = operator.read(0.62, NOWHERE)  # half a second without a datagram: let go
-    assert late is not None and not late.button and np.all(late.axes == 0.0)
+    monkeypatch.setattr("skywright.ground.gateway_operator.time", clock)
+    monkeypatch.setattr(
+        FlightGateway, "measure_age", staticmethod(lambda a: a.age + clock.perf_counter() - now[0])
+    )
+    stop = threading.Event()
+
+    def answer() -> None:
+        while not stop.is_set():
+            gateway.poll()
+            time.sleep(0.005)
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    try:
+        with ArmsClient("127.0.0.1", gateway.server.port, timeout_s=300.0) as arms:
+            arms.send_stick([0.5, 0.0, -1.0], 0)
+            wait_for(lambda: gateway.stick is not None)
+    finally:
+        stop.set()
+        thread.join()
+    stick = operator.read(0.02, NOWHERE)
+    assert stick is not None and tuple(stick.axes) == (0.5, 0.0, -1.0) and not stick.button
+    clock.t += 0.2
+    assert np.any(operator.read(0.22, NOWHERE).axes)  # type: ignore[union-attr]
+    clock.t += 0.1  # 0.3 s old
+    assert np.all(operator.read(0.32, NOWHERE).axes == 0.0)  # type: ignore[union-attr]
     monkeypatch.setattr("skywright.ground.operators.PATIENCE_S", 0.5)
-    assert operator.read(0.64, NOWHERE) is None  # and in the end nobody is there
+    clock.t += 0.5
+    assert operator.read(0.82, NOWHERE) is None  # and in the end nobody is there
 
 
-def test_a_joystick_of_linux_arrives(
-    udp: tuple[UdpOperator, socket.socket], tmp_path: Path
-) -> None:
+def test_a_joystick_of_linux_arrives(gateway: FlightGateway, tmp_path: Path) -> None:
     """The example reads events as the kernel writes them: ms, value, type, number."""
-    operator, _ = udp
     device = tmp_path / "js0"
     os.mkfifo(device)
     example = Path(__file__).parent.parent / "examples" / "joystick_to_udp.py"
-    sender = subprocess.Popen([sys.executable, example, device, str(operator.port)])
+    sender = subprocess.Popen([sys.executable, example, device, str(gateway.server.port)])
+
+    def read_stick() -> tuple[float, ...]:
+        gateway.poll()
+        values = {} if gateway.stick is None else gateway.stick.packet.values
+        return (*values.get("axes", ())[:3], values.get("buttons"))
+
     try:
         with device.open("wb", buffering=0) as kernel:
             for value, kind, number in ((0, 0x81, 0), (-32767, 2, 1), (16384, 2, 2), (1, 1, 0)):
                 kernel.write(struct.pack("<IhBB", 5, value, kind, number))
-            wait_for(lambda: (operator.listen(), operator._stick.button)[1])
-            axes = operator._stick.axes
-            assert tuple(axes) == (1.0, 0.0, -0.5)  # forward, and half down
+            wait_for(lambda: read_stick()[-1] == 1)
+            assert read_stick() == pytest.approx((1.0, 0.0, -0.5, 1), abs=1e-3)
         assert sender.wait(300.0) == 0  # unplugged
     finally:
         sender.kill()
-    assert operator.malformed == 0
+    assert set(gateway.server.counts) == {"accepted"}
 
 
-def test_a_flood_of_datagrams_does_not_stop_the_flight(
-    udp: tuple[UdpOperator, socket.socket], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    operator, sender = udp
-    monkeypatch.setattr("skywright.ground.operators.AT_ONCE", 5)
-    for _ in range(12):
-        sender.send(b"0,0,1,0")
-    operator.listen()
-    assert 0 < operator.received <= 5
-    wait_for(lambda: (operator.listen(), operator.received == 12)[1])
-
-
-def test_a_port_in_use_is_refused() -> None:
-    first = UdpOperator("127.0.0.1", 0)
-    try:
-        with pytest.raises(InputError, match="cannot listen"):
-            UdpOperator("127.0.0.1", first.port)
-    finally:
-        first.close()
+def test_a_port_in_use_is_refused(gateway: FlightGateway) -> None:
+    with pytest.raises(InputError, match="cannot listen"):
+        open_gateway(f"udp:{gateway.server.port}", None, None, load_description("tool-install"))
 
 
 def test_time_waits_for_a_person(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -159,6 +159,8 @@ def run(
     report: bool = True,
     records: str | os.PathLike[str] | None = None,
     operator: str | None = None,
+    gateway: str | None = None,
+    gateway_key: str | os.PathLike[str] | None = None,
     command: str = "",
 ) -> RunResult:
     """Plan, fly and evaluate a mission; writes the run's directory (`result.directory`).
@@ -167,6 +169,8 @@ def run(
     the browser, `progress` a bar on stderr, `report` writes `report.html` and `replay.html`;
     `records` is an SQLite file to which contact measurements are added. `operator` says who is at
     the stick, in missions that have one ("view", "udp:PORT", "model:careful"; ground/operators.py).
+    `gateway` ("udp:PORT") publishes the arms' state to others; `gateway_key` is a file with the key
+    that its packets are sealed with.
     `command` is the command line that the report states.
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
@@ -186,12 +190,25 @@ def run(
         check_can_fly(description.robot, description.world.gravity_mps2)  # before any waiting
         announce_compilation()
         observers.append(Progress())
-    person = None
+    person: Any = None
+    link = None
     if operator is not None:
-        from skywright.ground.operators import open_operator
         from skywright.run.operated import check_operator
 
         check_operator(description)
+    if gateway is not None or gateway_key is not None or (operator or "").startswith("udp"):
+        from skywright.links.udp.flight import open_gateway
+
+        link = open_gateway(gateway, operator, gateway_key, description)
+        if link is not None:
+            observers.append(link)
+    if link is not None and operator is not None and gateway is None:
+        from skywright.ground.gateway_operator import GatewayOperator
+
+        person = GatewayOperator(link)
+    elif operator is not None:
+        from skywright.ground.operators import open_operator
+
         person = open_operator(operator, description)
     if view or operator == "view":
         from skywright.ground.live import LiveView
@@ -205,12 +222,26 @@ def run(
             observers=observers,
             write_report=_write_pages if report else None,
             records=None if records is None else Path(records),
-            operator=person,
+            operator=_reach(person, description),
             command=command,
         )
     finally:
         if person is not None:
             person.close()
+        if link is not None:
+            link.close()
+
+
+def _reach(person: Any, description: Description) -> Any:
+    """Return the operator as the robot hears it: behind the world's radio, if there is one.
+
+    The gateway has the radio itself: its packets are what it delays.
+    """
+    if person is None or getattr(person, "gateway", None) is not None:
+        return person
+    from skywright.ground.radio_operator import add_radio
+
+    return add_radio(person, description.world.radio, description.mission.seed)
 
 
 def _write_pages(result: RunResult) -> None:

@@ -26,6 +26,17 @@ from skywright.errors import InputError
     "model:careful, model:hasty. The input is recorded in the run directory.",
 )
 @click.option(
+    "--gateway",
+    metavar="udp:[HOST:]PORT",
+    help="Publish the arms' state to others by UDP, at the pace of the wall clock.",
+)
+@click.option(
+    "--gateway-key",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Key of the gateway's packets; needed unless HOST is this computer.",
+)
+@click.option(
     "--records",
     metavar="FILE",
     type=click.Path(path_type=Path),
@@ -34,7 +45,7 @@ from skywright.errors import InputError
 def run(
     mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
     seed: int | None, plan_file: str | None, out: Path | None, as_json: bool, view: bool,
-    operator: str | None, records: Path | None,
+    operator: str | None, gateway: str | None, gateway_key: Path | None, records: Path | None,
 ) -> int:  # fmt: skip
     """Plan, fly and evaluate a mission.
 
@@ -54,6 +65,7 @@ def run(
         description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
     result = skywright.run(
         description, out=out, view=view, progress=not as_json, records=records, operator=operator,
+        gateway=gateway, gateway_key=gateway_key,
         command=shlex.join(["skywright", *click.get_current_context().obj]),
     )  # fmt: skip
     if as_json:

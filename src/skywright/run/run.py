@@ -136,9 +136,8 @@ def run_mission(
     start = time.perf_counter()
     if operator is not None:
         check_operator(description)
-    setup = Setup(description)
-    rules = build_rules(description)
-    plan, vehicle = _prepare(setup)  # a bad part is told before anything is written
+    setup, rules = Setup(description), build_rules(description)
+    plan, vehicle = _prepare(setup, observers)  # a bad part is told before anything is written
     store = None if records is None else RecordStore(records, create=True)
     final, partial = open_directory(out, description.mission.name)
     write_mission(partial, description, plan)
@@ -183,8 +182,7 @@ def fly_and_evaluate(description: Description, observers: Sequence[Observer] = (
     KeyboardInterrupt. Of the `observers` only `on_tick` is called.
     """
     start = time.perf_counter()
-    setup = Setup(description)
-    rules = build_rules(description)
+    setup, rules = Setup(description), build_rules(description)
     plan, vehicle = _prepare(setup)
     samples, phases, flight, outcome = _fly(setup, plan, vehicle, rules, None, observers)
     result = _evaluate(Flown(setup, plan, samples, phases), flight, outcome, Path())
@@ -199,8 +197,7 @@ def evaluate_directory(directory: Path) -> RunResult:
     A killed run is evaluated as interrupted, its phases taken from the recording's events.
     Raises InputError when files are missing or damaged.
     """
-    stored = load_run(directory)
-    description = load_description(directory)
+    stored, description = load_run(directory), load_description(directory)
     setup = Setup(description)
     plan = plan_mission(description, setup)
     outcome = stored.outcome if stored.outcome in ("interrupted", "diverged") else ""
@@ -214,15 +211,16 @@ def build_vehicle(
     description: Description,
     on_samples: Callable[[NDArray[Any]], None] | None = None,
     setup: Setup[Any] | None = None,
+    observers: Sequence[Observer] = (),
 ) -> SimulatedVehicle:
-    """Build the physics back end of a description; `setup` is what has been built of it."""
+    """Build the physics back end; `setup` is built already, `parts` are those of `observers`."""
     d, mission = description, description.mission
     setup = setup or Setup(description)
     world = setup.true.world
     if load_kind(mission.kind).held:  # in the air, where the flight begins
         place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
         world = world.add_thing("clamp", place)
-    parts = build_named(d)
+    parts = build_named(d) + [part for o in observers for part in getattr(o, "parts", ())]
     if mission.record_raw:
         parts.append(StreamRecorder("raw samples"))
     if load_kind(mission.kind).operated:
@@ -243,7 +241,9 @@ def build_vehicle(
     )
 
 
-def _prepare(setup: Setup[Any]) -> tuple[MissionPlan[Any], SimulatedVehicle]:
+def _prepare(
+    setup: Setup[Any], observers: Sequence[Observer] = ()
+) -> tuple[MissionPlan[Any], SimulatedVehicle]:
     """Plan the mission and build its vehicle; compiles both at once where that is needed."""
     description = setup.description
     check_can_fly(description.robot, description.world.gravity_mps2)
@@ -261,7 +261,7 @@ def _prepare(setup: Setup[Any]) -> tuple[MissionPlan[Any], SimulatedVehicle]:
         if warm_up is not None:
             warm_up.terminate()  # what it compiled so far is kept
         raise
-    return plan, build_vehicle(description, setup=setup)
+    return plan, build_vehicle(description, setup=setup, observers=observers)
 
 
 def _add_timing(result: RunResult, start: float) -> None:  # of time.perf_counter

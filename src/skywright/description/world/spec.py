@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 from skywright.description.world.gnss import Gnss
 from skywright.description.world.localisation import TotalStation
+from skywright.description.world.radio import Radio
 from skywright.description.world.structure import Structure
 from skywright.description.world.thing import Thing
 from skywright.description.world.things import T, check_things, drop_things, find_thing
@@ -228,6 +229,7 @@ class World(Spec):
     gnss: Gnss = Gnss()
     total_station: TotalStation = TotalStation()
     link: Link = Link()
+    radio: Radio = Radio()
     effects: Effects = Effects()
 
     @model_validator(mode="after")

@@ -79,7 +79,7 @@ def encode(
 def _list_numbers(name: str, f: Field, value: Any) -> list[Any]:
     if f.type == "char":
         return [value[: f.length] if isinstance(value, bytes) else str(value).encode()[: f.length]]
-    given = [value] if f.length == 1 else list(value) if value != 0 else []
+    given = [value] if f.length == 1 else [] if isinstance(value, int) else list(value)
     if len(given) > f.length:
         raise ValueError(f"{name}.{f.name}: {len(given)} values; at most {f.length}")
     numbers = [float(x) if f.type[0] == "f" else int(x) for x in given]

@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
+from skywright.links.radio import COMMAND, STATE
 from skywright.links.udp.codec import Packet, encode
 from skywright.links.udp.packets import CODES, MAX_SIZE, RESULTS
 from skywright.links.udp.receiver import Arrived, Receiver, read_packet
@@ -29,8 +30,6 @@ AT_ONCE = 1000  # datagrams read in one go: a flood of them must not stop the fl
 KIND_BYTE = 5  # of a packet
 
 Address = tuple[str, int]
-COMMAND, STATE = 0, 1
-"""Priorities on the radio link."""
 
 
 class Carrier(Protocol):

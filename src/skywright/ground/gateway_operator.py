@@ -1,0 +1,49 @@
+"""An operator who is connected by the UDP gateway (`--operator udp:PORT`; links/udp)."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+
+from skywright.core.interrupt import check_interrupt
+from skywright.ground.operators import PATIENCE_S, Person
+from skywright.links.udp.flight import FlightGateway
+from skywright.links.udp.packets import find_kind
+from skywright.run.operator import Stick
+
+
+class GatewayOperator(Person):
+    """The stick of whoever is in control of the gateway. Its age comes from the sender's stamps."""
+
+    stale_s = find_kind("stick").old_s
+
+    def __init__(self, gateway: FlightGateway) -> None:
+        super().__init__()
+        self.gateway = gateway
+
+    def begin(self) -> bool:
+        """Forget what came before; wait for the first stick."""
+        print(
+            f"operator: waiting for a stick on port {self.gateway.server.port}",
+            file=sys.stderr, flush=True,
+        )  # fmt: skip
+        self.gateway.poll()
+        self.gateway.stick, ends = None, time.perf_counter() + PATIENCE_S
+        while self.gateway.stick is None and time.perf_counter() < ends:
+            check_interrupt()
+            time.sleep(0.01)
+            self.gateway.poll()
+        self.listen()
+        return self.gateway.stick is not None
+
+    def listen(self) -> None:
+        """Take over the newest stick, as old as it is."""
+        self.gateway.poll()
+        arrived = self.gateway.stick
+        if arrived is None:
+            return
+        values = arrived.packet.values
+        self._stick = Stick(np.array(values["axes"][:3], float), bool(values["buttons"] & 1))
+        self._heard = time.perf_counter() - self.gateway.measure_age(arrived)
