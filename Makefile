@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test durations wheel lint bench docs lock pictures claims evidence clean
+.PHONY: help demo check test durations wheel lint bench docs page lock pictures claims evidence clean
 
 help:  ## list these targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -50,6 +50,9 @@ docs: $(STAMP)  ## build the documentation into site/ (opens from disk: site/ind
 	$(BIN)/python docs/generate_reference.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "Open site/index.html"
+
+page:  ## build the ground station's page from page/ (needs Node.js; the result is committed)
+	cd page && npm ci --ignore-scripts && node build.mjs
 
 pictures: $(STAMP)  ## remake the pictures of README and docs
 	$(BIN)/python -m skywright.evidence.pictures

@@ -57,6 +57,8 @@ def open_page(
                 while True:
                     answer = json.loads(ws.recv(timeout=PATIENCE_S))
                     if answer.get("id") == 1:
+                        if "result" not in answer:  # the page was left just now
+                            return None
                         raised = answer["result"].get("exceptionDetails")
                         assert raised is None, f"{expression}: {raised}"
                         return answer["result"]["result"].get("value")

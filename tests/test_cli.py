@@ -34,7 +34,17 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_importing_the_command_line_is_cheap() -> None:
-    heavy = ["numpy", "numba", "mujoco", "scipy", "pydantic", "matplotlib", "rich", "viser"]
+    heavy = [
+        "numpy",
+        "numba",
+        "mujoco",
+        "scipy",
+        "pydantic",
+        "matplotlib",
+        "rich",
+        "starlette",
+        "uvicorn",
+    ]
     code = f"import sys, skywright, skywright.cli; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -12,27 +12,28 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from websockets.sync.client import connect
 
 import skywright.missions.tool_install
 from skywright import cli
 from skywright.core.rotations import rot_x, rot_z
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.ground.feed import Feed
 from skywright.ground.gateway_operator import GatewayOperator
+from skywright.ground.link import build_pair, say
 from skywright.ground.operator_model import (
     MANNERS,
     REMNANT,
     TREMOR,
     ModelOperator,
 )
-from skywright.ground.operators import HOLD_HZ, Person, ViewOperator
+from skywright.ground.page_operator import PageOperator
+from skywright.ground.person import Person
 from skywright.links.udp.client import ArmsClient
 from skywright.links.udp.flight import FlightGateway, open_gateway
 from skywright.missions.tool_install.operated_install import (
@@ -260,7 +261,7 @@ def test_a_stick_of_the_gateway_counts_until_it_is_old(
 ) -> None:
     """Its age is that of its stamp: what comes late in a burst moves nothing."""
     operator, clock, now = GatewayOperator(gateway), Clock(), [1000.0]
-    monkeypatch.setattr("skywright.ground.operators.time", clock)
+    monkeypatch.setattr("skywright.ground.person.time", clock)
     monkeypatch.setattr("skywright.ground.gateway_operator.time", clock)
     monkeypatch.setattr(
         FlightGateway, "measure_age", staticmethod(lambda a: a.age + clock.perf_counter() - now[0])
@@ -287,7 +288,7 @@ def test_a_stick_of_the_gateway_counts_until_it_is_old(
     assert np.any(operator.read(0.22, NOWHERE).axes)  # type: ignore[union-attr]
     clock.t += 0.1  # 0.3 s old
     assert np.all(operator.read(0.32, NOWHERE).axes == 0.0)  # type: ignore[union-attr]
-    monkeypatch.setattr("skywright.ground.operators.PATIENCE_S", 0.5)
+    monkeypatch.setattr("skywright.ground.person.PATIENCE_S", 0.5)
     clock.t += 0.5
     assert operator.read(0.82, NOWHERE) is None  # and in the end nobody is there
 
@@ -323,50 +324,48 @@ def test_a_port_in_use_is_refused(gateway: FlightGateway) -> None:
 
 def test_time_waits_for_a_person(monkeypatch: pytest.MonkeyPatch) -> None:
     person, clock = Person(), Clock()
-    monkeypatch.setattr("skywright.ground.operators.time", clock)
+    monkeypatch.setattr("skywright.ground.person.time", clock)
     for k in range(11):
         assert person.read(k * MISSION_TICK, NOWHERE) is not None
         assert clock.t == pytest.approx(k * MISSION_TICK)
         clock.t += 0.005  # the tick itself
 
 
-def test_a_button_of_the_view_pushes_the_stick_while_it_is_held() -> None:
-    import viser
+def test_a_stick_of_the_page_moves_until_it_is_old(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the station passes on is judged again: sequence, age, dead-man, finite axes."""
+    clock = Clock()
+    clock.monotonic = clock.perf_counter  # type: ignore[attr-defined]
+    for module in ("feed", "page_operator", "person"):
+        monkeypatch.setattr(f"skywright.ground.{module}.time", clock)
+    ours, theirs = build_pair()
+    operator = PageOperator()
+    operator.feed = Feed(ours, tmp_path)
 
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-    operator = ViewOperator()
-    operator.build_panel(server.gui)
-    uuid = next(
-        key
-        for key, handle in server.gui._gui_input_handle_from_uuid.items()
-        if getattr(handle, "label", "") == "down"
-    )
-    protocol = f"viser-v{viser.__version__}"
-    try:
-        with connect(
-            f"ws://127.0.0.1:{server.get_port()}",
-            subprotocols=[protocol],
-            max_size=None,
-            open_timeout=120.0,
-            ping_interval=None,
-        ) as ws:
-            zero = [0.0, 0.0, 0.0]
-            ws.send(msgspec.msgpack.encode({
-                "type": "ViewerCameraMessage", "wxyz": [1.0, *zero], "position": zero, "fov": 1.0,
-                "near": 0.1, "far": 100.0, "image_height": 6, "image_width": 9, "look_at": zero,
-                "up_direction": [0.0, 0.0, 1.0],
-            }))  # fmt: skip
-            hold = {"type": "GuiButtonHoldMessage", "uuid": uuid, "frequency": HOLD_HZ}
+    def push(seq: int, age: float = 0.0, held: bool = True, axes: tuple = (0, 0, -0.5)) -> list:
+        say(theirs, "stick", s=seq, at=clock.perf_counter() - age, v=[*axes], d=held, b=False)
+        operator.listen()
+        return operator._stick.axes.tolist()
 
-            def pushed() -> bool:
-                ws.send(msgspec.msgpack.encode(hold))
-                operator.listen()
-                return operator.read(0.0, NOWHERE).axes[2] == -0.5  # type: ignore[union-attr]
-
-            wait_for(pushed)
-            wait_for(lambda: (operator.listen(), np.all(operator._stick.axes == 0.0))[1])  # let go
-    finally:
-        server.stop()
+    assert push(1) == [0, 0, -0.5]
+    clock.t += 0.2
+    operator.listen()
+    assert operator._stick.axes[2] == -0.5
+    clock.t += 0.1
+    operator.listen()
+    assert operator._stick.axes[2] == 0.0  # too old now: let go
+    assert push(2) == [0, 0, -0.5]
+    assert push(3, held=False) == [0, 0, 0]
+    assert push(4) == [0, 0, -0.5]
+    clock.t += 0.3
+    bad = [push(4), push(5, age=0.3), push(6, axes=(0, 0, -1.5)), push(7, axes=(0, True, 0))]
+    assert bad == [[0, 0, 0]] * 4
+    assert operator.feed.dropped + operator.feed.stick.dropped == 4
+    say(theirs, "control")  # another page: its sequence begins anew
+    assert push(1) == [0, 0, -0.5]
+    ours.close()
+    theirs.close()
 
 
 # --- the computed operator -----------------------------------------------------------------------

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import time
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -29,26 +31,21 @@ from skywright.models.drawing import (
 )
 from skywright.models.rigid_body import build_body_model, compute_tip, joint_names, posture
 from skywright.reports.first_person import find_mount
+from skywright.reports.frames import FrameBuilder, list_columns
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon
-from skywright.reports.replay import build_overlay_data, build_replay, write_replay
-from skywright.reports.scene3d import (
-    FOV,
-    Scene3d,
-    _list_edges,
-    build_views,
-    start_server,
-    stop_server,
-    weld_curve,
-)
+from skywright.reports.replay import build_replay, build_replay_data, pack_frames, write_replay
+from skywright.reports.scene3d import Scene3d, _list_edges, weld_curve
 from skywright.reports.trace3d import (
+    COLOURS,
     FREE,
     GOOD,
     LIFTED,
     TILTED,
     build_legend,
-    build_trace,
+    judge_trace,
     list_judged,
 )
+from skywright.reports.views3d import FOV, build_views
 from skywright.run.run import RunResult, run_mission
 from waiting import wait_for
 
@@ -135,16 +132,15 @@ def test_probe_is_drawn_from_the_true_tip() -> None:
     samples["p_WT"] = [[1.0, 2.0, 3.0], [1.0, 2.0, 3.1]]
     samples["q_WT"][1] = quat_from_rot(rot_z(0.7) @ rot_from_quat([0.8, 0.0, 0.6, 0.0]))
     samples["spring"] = [0.0, 0.004]
-    server = start_server()
-    try:
-        scene = Scene3d(server, description.robot, description.world)
-        poses = scene.compute_poses(samples).nodes
-    finally:
-        stop_server(server)
+    scene = Scene3d(description.robot, description.world)
+    names = [part.name for part in scene.drawing.parts]
+    poses = dict(zip(names, scene.compute_poses(samples), strict=True))
+    assert scene.parents[names.index("holder")] == -1
+    assert scene.parents[names.index("slider")] == names.index("holder")
     assert description.robot.probe is not None
     length = description.robot.probe.length_m
     for i in range(2):
-        holder, slider = poses["/holder"], poses["/holder/slider"]
+        holder, slider = poses["holder"], poses["slider"]
         R = rot_from_quat(holder[1][i])
         tip = holder[0][i] + R @ (slider[0][i] + [length, 0.0, 0.0])
         np.testing.assert_allclose(tip, samples["p_WT"][i], atol=1e-12)
@@ -222,10 +218,25 @@ def test_trace_is_coloured_by_contact_quality() -> None:
     samples["gap_max"][4] = 0.0015  # lifted between two samples
     samples["tilt"] = np.radians([50.0, 3.0, 12.0, 12.0, 0.0])
     judged = np.array([False, True, True, True, True])
-    _, colours = build_trace(samples, judged, arm=True)
-    assert [tuple(c) for c in colours] == [FREE, GOOD, TILTED, LIFTED, LIFTED]
-    points, colours = build_trace(samples, judged, arm=False)
-    assert np.all(colours == FREE) and np.all(points == samples["p_WB"])
+    _, quality = judge_trace(samples, judged, arm=True)
+    assert quality.tolist() == [FREE, GOOD, TILTED, LIFTED, LIFTED]
+    points, quality = judge_trace(samples, judged, arm=False)
+    assert np.all(quality == FREE) and np.all(points == samples["p_WB"])
+
+
+def test_colours_of_the_trace_differ_for_colour_blind_eyes() -> None:
+    """As deuteranopes and protanopes see them (Vienot, Brettel and Mollon 1999)."""
+    rgb = np.array(COLOURS) / 255.0
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    to_lms = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714],
+                       [0.0299566, 0.184309, 1.46709]])  # fmt: skip
+    deutan = np.array([[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]])
+    protan = np.array([[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]])
+    for seen in (np.eye(3), deutan, protan):
+        look = linear @ (np.linalg.inv(to_lms) @ seen @ to_lms).T
+        look = np.clip(look, 0.0, 1.0) ** (1 / 2.2)
+        apart = np.linalg.norm(look[:, None] - look[None], axis=2)
+        assert apart[~np.eye(len(look), dtype=bool)].min() > 0.2
 
 
 def test_first_view_sees_everything_that_was_flown(scan: RunResult) -> None:
@@ -250,35 +261,86 @@ def test_replay_is_small_quick_and_complete(scan: RunResult) -> None:
     assert path == scan.directory / "replay.html" and path.stat().st_size < 5_000_000
     page = path.read_text(encoding="utf-8")
     assert "<title>pipe-weld-scan: replay</title>" in page
-    assert "__DATA__" not in page and "__VISER_EMBED_DATA__" in page
+    assert 'src="station.js"' not in page and 'href="station.css"' not in page
 
 
-def test_numbers_of_the_overlay_are_those_of_the_recording(scan: RunResult) -> None:
-    data = build_overlay_data(scan, scan.samples)
+def _unpack(packed: dict, size: int) -> np.ndarray:
+    """Read frames as the page does: four planes of bytes, column after column."""
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["body"])), np.uint8)
+    numbers = np.ascontiguousarray(planes.reshape(4, -1).T).view("<f4").ravel()
+    return numbers.reshape(size, packed["n"]).T
+
+
+@given(st.integers(0, 40), st.integers(1, 30), st.integers(0, 2**32 - 1))
+def test_packed_frames_come_back_bit_for_bit(n: int, size: int, seed: int) -> None:
+    frames = np.random.default_rng(seed).standard_normal((n, size)).astype("<f4")
+    frames[np.random.default_rng(seed + 1).random((n, size)) < 0.2] = np.nan
+    packed = pack_frames(np.arange(n, dtype=float), frames)
+    assert packed["n"] == n
+    if n:
+        np.testing.assert_array_equal(_unpack(packed, size), frames)
+
+
+def test_numbers_of_the_page_are_those_of_the_recording(scan: RunResult) -> None:
+    data = build_replay_data(scan)
     json.dumps(data, allow_nan=False)
     assert [p["name"] for p in data["phases"]] == [p.name.replace("_", " ") for p in scan.phases]
-    numbers = {n["name"]: n for n in data["numbers"]}
-    assert numbers["air gap"]["limit"] == 1.0 and numbers["probe tilt"]["limit"] == 10.0
-    i = len(scan.samples) // 2
-    shown = numbers["height"]["values"][i // round(100 * data["period"])]
-    rows = scan.samples[:: round(100 * data["period"])]
-    assert shown == pytest.approx(rows["p_WB"][i // round(100 * data["period"]), 2], abs=0.006)
-    assert numbers["air gap"]["values"][0] is None  # far away a gap means nothing
+    layout = data["layout"]
+    channels = {c["name"]: c for c in layout["channels"]}
+    assert channels["air gap"]["limit"] == 1.0 and channels["probe tilt"]["limit"] == 10.0
+    frames = _unpack(data["frames"], layout["size"])
+    first = layout["size"] - len(channels)
+    column = {name: frames[:, first + i] for i, name in enumerate(channels)}
+    t = np.frombuffer(base64.b64decode(data["frames"]["t"]), "<f4") + scan.samples["t"][0]
+    rows = scan.samples[np.searchsorted(scan.samples["t"], t - 1e-4)]
+    np.testing.assert_allclose(column["height"], rows["p_WB"][:, 2], atol=1e-6)
+    assert np.isnan(column["air gap"][0])  # far away a gap means nothing
+    sliding = rows["gap"] < 0.001
+    assert np.count_nonzero(sliding) > 20
+    np.testing.assert_allclose(
+        column["push on the pipe"][sliding], rows["f_normal"][sliding], rtol=1e-6
+    )
     assert ["#d628aa", "detected weld"] in data["legend"]
+    since = [m["since"] for m in data["meshes"] if "since" in m]
+    assert len(since) == len(scan.details.crossings) + len(scan.details.lines)
+    shown = frames[:, first - 3 : first]  # of the map: s, c, value
+    on = np.isfinite(shown[:, 2])
+    assert 20 < np.count_nonzero(on) < len(on) / 2  # on the surface only
+    assert np.ptp(shown[on, 0]) > 0.02
 
 
 def test_robot_without_arm_has_its_own_numbers(flight: RunResult) -> None:
-    data = build_overlay_data(flight, flight.samples)
-    assert {"off the path", "speed", "platform tilt"} <= {n["name"] for n in data["numbers"]}
+    data = build_replay_data(flight)
+    names = {c["name"] for c in data["layout"]["channels"]}
+    assert {"off the path", "speed", "platform tilt"} <= names
     assert not any("weld" in text for _, text in data["legend"])
+    assert data["layout"]["map"] is None
+
+
+def test_force_arrows_are_the_forces_of_the_recording(scan: RunResult) -> None:
+    d, rows = scan.description, scan.samples[::97]
+    scene = Scene3d(d.robot, d.true_world)
+    builder = FrameBuilder(scene, list_columns(rows), ())
+    frames = builder.build(rows, np.zeros(len(rows), bool))
+    k = 7 * len(scene.drawing.parts) + 6 * [a.name for a in builder.arrows].index("tip")
+    strong = np.linalg.norm(rows["f_contact"], axis=1) > 0.1
+    assert np.any(strong) and not np.all(strong)
+    np.testing.assert_allclose(frames[strong, k : k + 3], rows["p_WT"][strong], atol=1e-6)
+    np.testing.assert_allclose(frames[strong, k + 3 : k + 6], rows["f_contact"][strong], rtol=1e-5)
+    weak = np.linalg.norm(rows["f_contact"], axis=1) < 1e-3
+    assert np.isnan(frames[weak, k + 3]).all()  # no arrow
 
 
 def test_diverged_and_empty_runs_still_give_a_page(flight: RunResult) -> None:
     broken = flight.samples[:400].copy()
     broken["p_WB"][300:] = np.nan
-    assert "sky-panel" in build_replay(flight._replace(samples=broken, outcome="diverged"))
+    data = build_replay_data(flight._replace(samples=broken, outcome="diverged"))
+    size = data["layout"]["size"] - len(data["layout"]["channels"])
+    assert np.isfinite(_unpack(data["frames"], data["layout"]["size"])[:, : size - 14]).all()
+    assert data["duration"] == pytest.approx(2.99)
     empty = flight._replace(samples=flight.samples[:0], phases=[], outcome="interrupted")
-    assert "sky-panel" in build_replay(empty)
+    assert build_replay_data(empty)["frames"]["n"] == 0
+    assert "<canvas" in build_replay(empty)
 
 
 def test_hostile_names_stay_text(flight: RunResult) -> None:
@@ -334,40 +396,47 @@ def test_browser_plays_the_page_without_network(
         def read(selector: str) -> str:
             return str(evaluate(f"(document.querySelector({selector!r}) || {{}}).innerText"))
 
-        wait_for(lambda: f"{t:.1f} / " in read("#sky-panel .now"))
-        assert read("#sky-panel .now").startswith("scan")
-        assert re.search(r"push on the pipe\s+\d\.\d\d N", read("#sky-panel table"))
-        assert read("#sky-phases .on") == "scan"
-        held = """(() => {
-            const canvas = document.querySelector("#root canvas");
-            const key = canvas && Object.keys(canvas).find((k) => k.startsWith("__reactFiber$"));
-            let f = key ? canvas[key] : null;
-            while (f && !f.memoizedProps?.value?.mutable?.current?.cameraControl) f = f.return;
-            return f?.memoizedProps.value.mutable.current;
-        })()"""
+        wait_for(lambda: f"{t:.1f} / " in read("#clock"))
+        wait_for(lambda: read("#phase") == "scan")
+        assert re.search(r"push on the pipe\s+\d\.\d\d N", read("table.numbers"))
+        assert read("#phases .on") == "scan"
 
         def stands_at(place: np.ndarray) -> bool:
-            """Whether the camera is there (in W; three.js has y up); no before it is known."""
-            at = evaluate(f"{held}?.camera?.matrixWorld.elements.slice(12, 15)")
-            root = evaluate(f"{held}?.nodePoseData?.['']?.wxyz")
-            if at is None or root is None:
-                return False
-            root = np.array(root, float)
-            to_world = rot_from_quat(root / np.linalg.norm(root)).T
-            return np.allclose(to_world @ np.array(at), place, atol=0.02)
+            at = evaluate("window.skywright?.view.camera.position.toArray()")
+            return at is not None and np.allclose(np.array(at), place, atol=0.02)
 
-        click = "[...document.querySelectorAll('#sky-panel .views a')].at({}).click()"
+        def look(name: str) -> None:
+            evaluate(
+                "[...document.querySelectorAll('#views button')]"
+                f".find((b) => b.textContent === {name!r}).click()"
+            )
+
         d = scan.description
         first = build_views(d.robot, d.world, scan.samples["p_WB"][::50])[0].position
         wait_for(lambda: stands_at(first))
-        evaluate(click.format(-1))  # the first person
+        look("first person")
         mount = find_mount(d.robot, build_drawing(d.robot, d.world))
         row = scan.samples[np.searchsorted(scan.samples["t"], t + scan.samples["t"][0])]
         aboard = row["p_WB"] + rot_from_quat(row["q_WB"]) @ mount.position
         wait_for(lambda: stands_at(aboard))
-        evaluate(click.format(0))
+        look("from below")
+        wait_for(lambda: stands_at(row["p_WB"] + [-0.9, -1.1, -0.9]))
+        look("overview")
         wait_for(lambda: stands_at(first))
-        evaluate("[...document.querySelectorAll('#sky-phases div')].at(-1).click()")  # back and on
-        wait_for(lambda: read("#sky-panel .now").startswith("land"))
+        shown = "window.skywright.player.layout.trace, window.skywright.player.frames.find({})"
+        assert evaluate(shown.format(0.0)) == 0
+        evaluate("[...document.querySelectorAll('#phases button')].at(-1).click()")
+        wait_for(lambda: read("#phase") == "land")
+        evaluate("document.getElementById('play').click()")
+        before = float(read("#clock").split(" ")[0])
+        wait_for(lambda: float(read("#clock").split(" ")[0]) > before)
+        # by keyboard: space pauses, an arrow steps
+        key = "dispatchEvent(new KeyboardEvent('keydown', {code: %r, bubbles: true}))"
+        evaluate(key % "Space")
+        wait_for(lambda: "play" in read("#play"))
+        at = float(read("#clock").split(" ")[0])
+        evaluate(key % "ArrowLeft")
+        assert float(read("#clock").split(" ")[0]) == pytest.approx(at - 1.0, abs=0.06)
         loaded = evaluate("performance.getEntriesByType('resource').map((e) => e.name).join(' ')")
         assert not re.search(r"https?:", str(loaded))
+        assert evaluate("document.getElementById('banner').hidden") is True

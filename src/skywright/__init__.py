@@ -161,6 +161,7 @@ def run(
     operator: str | None = None,
     gateway: str | None = None,
     gateway_key: str | os.PathLike[str] | None = None,
+    station: str | None = None,
     command: str = "",
 ) -> RunResult:
     """Plan, fly and evaluate a mission; writes the run's directory (`result.directory`).
@@ -170,8 +171,8 @@ def run(
     `records` is an SQLite file to which contact measurements are added. `operator` says who is at
     the stick, in missions that have one ("view", "udp:PORT", "model:careful"; ground/operators.py).
     `gateway` ("udp:PORT") publishes the arms' state to others; `gateway_key` is a file with the key
-    that its packets are sealed with.
-    `command` is the command line that the report states.
+    that its packets are sealed with. `station` (FD:FOLDER) is how a ground station that started
+    this process is reached. `command` is the command line that the report states.
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
     """
@@ -210,11 +211,12 @@ def run(
         from skywright.ground.operators import open_operator
 
         person = open_operator(operator, description)
-    if view or operator == "view":
-        from skywright.ground.live import LiveView
-        from skywright.ground.operators import ViewOperator
+    watching = None
+    if view or operator in ("view", "page") or station is not None:
+        from skywright.ground.watch import Watching
 
-        observers.append(LiveView(stick=person if isinstance(person, ViewOperator) else None))
+        watching = Watching(person, station)
+        observers.append(watching.feed)
     try:
         return run_mission(
             description,
@@ -230,6 +232,8 @@ def run(
             person.close()
         if link is not None:
             link.close()
+        if watching is not None:
+            watching.close()
 
 
 def _reach(person: Any, description: Description) -> Any:

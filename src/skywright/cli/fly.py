@@ -25,6 +25,7 @@ from skywright.errors import InputError
     help="Source of operator input, in missions with an operator: view, udp:PORT, "
     "model:careful, model:hasty. The input is recorded in the run directory.",
 )
+@click.option("--station", hidden=True, help="FD:FOLDER of the ground station that started this.")
 @click.option(
     "--gateway",
     metavar="udp:[HOST:]PORT",
@@ -45,7 +46,8 @@ from skywright.errors import InputError
 def run(
     mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
     seed: int | None, plan_file: str | None, out: Path | None, as_json: bool, view: bool,
-    operator: str | None, gateway: str | None, gateway_key: Path | None, records: Path | None,
+    operator: str | None, station: str | None, gateway: str | None, gateway_key: Path | None,
+    records: Path | None,
 ) -> int:  # fmt: skip
     """Plan, fly and evaluate a mission.
 
@@ -65,7 +67,7 @@ def run(
         description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
     result = skywright.run(
         description, out=out, view=view, progress=not as_json, records=records, operator=operator,
-        gateway=gateway, gateway_key=gateway_key,
+        gateway=gateway, gateway_key=gateway_key, station=station,
         command=shlex.join(["skywright", *click.get_current_context().obj]),
     )  # fmt: skip
     if as_json:

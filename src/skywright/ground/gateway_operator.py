@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from skywright.core.interrupt import check_interrupt
-from skywright.ground.operators import PATIENCE_S, Person
+from skywright.ground.person import PATIENCE_S, Person
 from skywright.links.udp.flight import FlightGateway
 from skywright.links.udp.packets import find_kind
 from skywright.run.operator import Stick

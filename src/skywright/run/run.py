@@ -51,7 +51,7 @@ FLUSH_S = 1.0  # simulated seconds between writes of the recording
 
 
 class Observer(Protocol):
-    """Something that watches a run: a progress bar, the live view."""
+    """Something that watches a run; `on_acted(acted)`, where it has one, hears of rules."""
 
     def on_plan(self, plan: MissionPlan[Any], description: Description) -> None:
         """The mission is planned and about to fly."""
@@ -288,8 +288,7 @@ def _fly(
     Without a directory `partial` nothing is recorded.
     """
     description, robot = setup.description, setup.robot
-    blocks: list[NDArray[Any]] = []
-    written, next_flush = 0, FLUSH_S
+    written, next_flush, blocks = 0, FLUSH_S, list[NDArray[Any]]()
     writer: FlightRecording | None = None
     if partial is not None:
         writer = FlightRecording(partial, robot, vehicle.recorded)
@@ -317,8 +316,9 @@ def _fly(
             writer.phase(vehicle.t, name)
 
     def on_acted(acted: Acted) -> None:
-        if writer is not None:
-            writer.acted(acted)
+        hearing = [getattr(o, "on_acted", None) for o in observers]
+        for hear in filter(None, [writer and writer.acted, *hearing]):
+            hear(acted)
 
     supervisor = Supervisor(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,

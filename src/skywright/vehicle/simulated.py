@@ -156,7 +156,7 @@ class SimulatedVehicle:
         self._after = [c for c in components if overrides(c, "after_tick")]
         self._follower, self._recorder = self.find(Follower), self.find(Recorder)
         self._raw = [c for c in components if isinstance(c, StreamRecorder)]
-        self.on_samples = on_samples
+        self.on_samples, self.order = on_samples, ""  # by an operator: "abort" or "land"
         self.on_stream: Callable[[str, NDArray[Any]], None] | None = None
         self.track(build_home_row(nominal, world, home, start[2]))
 

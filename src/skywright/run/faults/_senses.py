@@ -69,6 +69,11 @@ class Senses:
         return read()
 
     @property
+    def order(self) -> str:
+        """What an operator on the ground has ordered: "abort", "land", or "" (nothing)."""
+        return str(getattr(self.vehicle, "order", ""))
+
+    @property
     def fix_age(self) -> float:
         """Time (s) since the robot was last told where it is."""
         if self._heard is None:

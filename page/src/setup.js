@@ -1,0 +1,78 @@
+// Choosing and starting a flight, and the logbook of those that were flown.
+import { button, make } from './dom.js';
+
+export class Setup {
+  constructor(parent, choices, start) {
+    this.choices = choices;
+    this.mission = this.choose(choices.missions, null);
+    if (choices.proposed) this.mission.value = choices.proposed;
+    else if (choices.missions['pipe-weld-scan']) this.mission.value = 'pipe-weld-scan';
+    this.robot = this.choose(choices.robots, 'as the mission says');
+    this.world = this.choose(choices.worlds, 'as the mission says');
+    this.seed = make('input', { type: 'number', min: 0, step: 1, placeholder: 'as the mission says' });
+    this.sets = make('textarea', { spellcheck: false, placeholder: 'world.wind.kind=steady\nworld.wind.mean_mps=3' });
+    this.about = make('p', { class: 'hint' });
+    const tell = () => { this.about.textContent = choices.missions[this.mission.value] ?? ''; };
+    this.mission.addEventListener('change', tell);
+    tell();
+    const field = (name, element) => make('label', {}, make('span', { text: name }), element);
+    this.go = make('button', { type: 'submit', text: 'Start the flight', class: 'primary', id: 'start' });
+    const form = make('form', {}, field('Mission', this.mission), this.about, field('Robot', this.robot),
+      field('World', this.world), field('Seed', this.seed),
+      field('Other values, one KEY=VALUE a line', this.sets), this.go);
+    form.addEventListener('submit', (e) => {
+      e.preventDefault();
+      start(this.read());
+    });
+    parent.append(form);
+  }
+
+  choose(options, none) {
+    const select = make('select');
+    if (none !== null) select.append(make('option', { value: '', text: none }));
+    for (const [name, what] of Object.entries(options)) select.append(make('option', { value: name, text: name, title: what }));
+    return select;
+  }
+
+  read() {
+    const seed = this.seed.value.trim();
+    return {
+      mission: this.mission.value, robot: this.robot.value || null, world: this.world.value || null,
+      seed: seed === '' ? null : Number(seed),
+      sets: this.sets.value.split('\n').map((s) => s.trim()).filter(Boolean),
+    };
+  }
+
+  // Fill in what the logbook says of a flight.
+  fill(entry) {
+    this.mission.value = entry.mission;
+    [this.robot.value, this.world.value] = (entry.asked ?? []).map((x) => x ?? '');
+    this.seed.value = entry.seed ?? '';
+    this.sets.value = (entry.sets ?? []).join('\n');
+  }
+}
+
+export function showLogbook(parent, entries, known, repeat) {
+  if (!entries.length) {
+    parent.replaceChildren(make('p', { class: 'hint', text: 'No flight yet.' }));
+    return;
+  }
+  const table = make('table', { class: 'log' }, make('tr', {}, make('th', { text: 'when (UTC)' }), make('th', { text: 'flight' }), make('th', { text: '' })));
+  entries.forEach((e, i) => {
+    const acts = make('td');
+    if (e.directory && e.outcome !== 'killed') {
+      for (const page of ['report', 'replay']) {
+        if (page === 'report' && !['succeeded', 'failed', 'aborted'].includes(e.outcome)) continue;
+        if (page === 'replay' && !['succeeded', 'failed', 'aborted'].includes(e.outcome)) continue;
+        acts.append(make('a', { href: `flights/${i}/${page}.html`, target: '_blank', rel: 'noopener', text: page }), ' ');
+      }
+    }
+    if (e.mission in known) acts.append(button('repeat', () => repeat(e), { title: 'Fill in the same flight, disturbances included' }));
+    table.firstChild.after(make('tr', {},
+      make('td', { text: e.when }),
+      make('td', {}, make('b', { text: `${e.mission}: ${e.outcome}` }), make('div', { text: `${e.robot ?? ''} in ${e.world ?? ''}, seed ${e.seed ?? '–'}` }),
+        e.reason ? make('div', { class: 'hint', text: e.reason }) : null),
+      acts));
+  });
+  parent.replaceChildren(table);
+}

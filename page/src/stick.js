@@ -1,0 +1,45 @@
+// The operator's stick: keyboard and gamepad, with a dead-man. Axes are ahead, left, up in -1 .. 1.
+import { typing } from './dom.js';
+
+const KEYS = {
+  KeyW: [0, 1], KeyS: [0, -1], KeyA: [1, 1], KeyD: [1, -1], KeyR: [2, 1], KeyF: [2, -1],
+};
+const DEAD_ZONE = 0.08;
+const clamp = (x) => Math.max(-1, Math.min(1, x));
+
+export class Stick {
+  constructor() {
+    this.down = new Set();
+    this.size = 0.5; // of full deflection, for keys
+    this.active = false; // keys belong to the stick
+    addEventListener('keydown', (e) => {
+      if (!this.active || typing(e) || e.ctrlKey || e.metaKey || e.altKey) return;
+      if (!(e.code in KEYS) && e.code !== 'Space' && e.code !== 'Enter') return;
+      if (e.target instanceof HTMLButtonElement && e.code === 'Enter') return; // presses that button
+      e.preventDefault(); // the page must not scroll, and no button be pressed
+      this.down.add(e.code);
+    });
+    addEventListener('keyup', (e) => {
+      if (this.down.delete(e.code)) e.preventDefault();
+    });
+    // keys whose release is not seen must not stay pressed
+    for (const event of ['blur', 'pagehide']) addEventListener(event, () => this.down.clear());
+    document.addEventListener('visibilitychange', () => this.down.clear());
+  }
+
+  read() {
+    const v = [0, 0, 0];
+    for (const code of this.down) if (code in KEYS) v[KEYS[code][0]] += this.size * KEYS[code][1];
+    let held = this.down.has('Space'), stands = this.down.has('Enter');
+    const pad = Array.from(navigator.getGamepads?.() ?? []).find((p) => p?.connected);
+    if (pad) {
+      const dead = (x) => (Number.isFinite(x) && Math.abs(x) > DEAD_ZONE ? -x : 0);
+      v[0] += dead(pad.axes[1]);
+      v[1] += dead(pad.axes[0]);
+      v[2] += dead(pad.axes[3]);
+      held ||= Boolean(pad.buttons[4]?.pressed || pad.buttons[5]?.pressed);
+      stands ||= Boolean(pad.buttons[0]?.pressed);
+    }
+    return { v: v.map(clamp), held, stands: held && stands, pad: pad?.id ?? '' };
+  }
+}

@@ -1,0 +1,64 @@
+"""Disturbances that an operator switches on in flight, for training.
+
+They are the plant's own faults, put into the mission before take-off with a start beyond its end.
+Switching one on moves its start to now; the same flight is repeated by giving that start to the
+fault (`list_repeats`).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+NEVER_S = 100_000.0
+"""s, the latest start that a description takes; no flight lasts so long."""
+
+
+class Disturbance(NamedTuple):
+    """One that can be switched on."""
+
+    name: str  # of the fault in plant.faults
+    label: str
+    sets: tuple[str, ...]  # of the fault, without its name and start
+    for_s: float
+
+
+DISTURBANCES = {
+    d.name: d
+    for d in (
+        Disturbance("station_gust", "gust of 5 m/s for 4 s",
+                    ('kind="squall"', "speed_mps=5.0", "rise_s=0.5", "for_s=4.0"), 4.0),
+        Disturbance("station_push", "push of 8 N sideways for 0.5 s",
+                    ('kind="bump"', "force_y_n=8.0", "for_s=0.5"), 0.5),
+        Disturbance("station_blind", "no localisation for 2 s",
+                    ('kind="localisation"', "for_s=2.0"), 2.0),
+    )
+}  # fmt: skip
+
+
+def list_sets(starts: dict[str, float] | None = None) -> list[str]:
+    """Return the `--set` texts that put all of them into a mission, each at its start (s)."""
+    starts = starts or {}
+    return [
+        f"plant.faults.{d.name}.{text}"
+        for d in DISTURBANCES.values()
+        for text in (*d.sets, f"start_s={starts.get(d.name, NEVER_S)!r}")
+    ]
+
+
+def list_repeats(starts: dict[str, float]) -> list[str]:
+    """Return the `--set` texts that repeat those that were switched on."""
+    return [
+        f"plant.faults.{name}.{text}"
+        for name, start in starts.items()
+        for text in (*DISTURBANCES[name].sets, f"start_s={start!r}")
+    ]
+
+
+def switch_on(vehicle: Any, name: str, t: float) -> bool:
+    """Start a disturbance at `t` (s); False where the mission does not hold it."""
+    names = {c.name for c in vehicle.assembly.components}
+    if name not in DISTURBANCES or name not in names:
+        return False
+    memory = vehicle.get_memory(name)
+    memory.start, memory.end = t, t + DISTURBANCES[name].for_s
+    return True

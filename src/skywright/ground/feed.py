@@ -1,0 +1,323 @@
+"""The simulating process's side of the ground station: an observer of `run_mission`.
+
+It sends one frame a mission tick, and builds none when nobody watches. It paces the flight (real
+time, faster, slower, paused) as long as somebody watches. What the operator commands is judged
+here again: the station can stall as well.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.interrupt import check_interrupt
+from skywright.ground.control import HOLD_S, StickJudge, Told
+from skywright.ground.disturb import DISTURBANCES, list_repeats, switch_on
+from skywright.ground.link import (
+    ASKED,
+    PAUSED,
+    SILENT_S,
+    STICK,
+    pack_frame,
+    parse,
+    read_number,
+    receive,
+    say,
+    send,
+)
+from skywright.models.deviation import build_socket_error
+from skywright.reports.frames import FrameBuilder
+from skywright.reports.phases import explain_phase
+from skywright.reports.replay import describe
+from skywright.reports.scene3d import Scene3d
+from skywright.reports.trace3d import list_judged
+from skywright.reports.views3d import build_views
+from skywright.run.kind import load_kind
+from skywright.run.operator import Stick
+
+if TYPE_CHECKING:
+    from skywright.description.loader import Description
+    from skywright.run.faults._rule import Acted
+    from skywright.run.planning import MissionPlan
+    from skywright.vehicle.simulated import SimulatedVehicle
+
+FRAME_PERIOD = 0.018  # s of wall time between frames, a little less than a tick in real time
+STATUS_PERIOD = 0.5  # s of wall time between words
+GRACE_S = 3.0  # s for which a flight is still paced after the last page has left: it may be loading
+SPEEDS = (0.1, 20.0)
+SPEED_FASTEST = 0.0
+"""Speed that stands for "as fast as it goes"."""
+ORDERS = {"abort": "come_home", "land": "land_here"}
+"""What an operator can order, and what the rules then fly."""
+SCENE = "scene.json"
+
+
+class Feed:
+    """Tells the station of a flight, and hears it."""
+
+    def __init__(
+        self, end: socket.socket, folder: Path, *, wait_s: float = 0.0, stay_s: float = 0.0
+    ) -> None:
+        """`end` is this side's socket; the scene is written into `folder`.
+
+        The flight waits up to `wait_s` (s of wall time) for the first page, and keeps its last
+        picture for `stay_s` (s).
+        """
+        self.end, self.folder = end, folder
+        self.wait_s, self.stay_s = wait_s, stay_s
+        self.watchers, self.speed, self.paused = 0, 1.0, False
+        self.order = ""
+        self.starts: dict[str, float] = {}  # of disturbances, s
+        self.stick = StickJudge()
+        self.asked = ""  # what the mission asks the operator to do now
+        self.dropped = 0  # messages that were no commands
+        self.costs: list[float] = []  # s of the last ticks, for the status
+        self._heard = self._left = -math.inf  # wall time: the station, the last watcher
+        self._seq, self._late = 0, 0.0
+        self._phases: list[tuple[str, float]] = []
+        self._next_frame = self._next_status = 0.0
+        self._anchor: tuple[float, float, float] | None = None  # wall time, mission time, speed
+        self._builder: FrameBuilder | None = None
+        self._row: NDArray[np.float32] = np.zeros(0, np.float32)
+        self._t, self._said = 0.0, ""
+        self._alarms: list[dict[str, Any]] = []
+
+    # --- Observer ------------------------------------------------------------------------------
+
+    def on_plan(self, plan: MissionPlan[Any], description: Description) -> None:
+        """Keep what the scene is made of; frames begin with the first tick."""
+        self._plan, self._d = plan, description
+        self._flies = load_kind(description.mission.kind).flies
+
+    def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
+        """Tell of the tick, hear the operator, and hold the flight back to its pace."""
+        began = time.perf_counter()
+        if self._builder is None:
+            self._begin(vehicle)
+        self._t = t
+        if not self._phases or self._phases[-1][0] != phase:
+            self._phases.append((phase, t))
+            self._next_status = 0.0
+        self.poll()
+        self._carry_out(t, vehicle)
+        if self.watched and began >= self._next_frame:
+            self._next_frame = began + FRAME_PERIOD
+            self._send_frame(t, phase, vehicle)
+        if began >= self._next_status:
+            self._tell()
+        self.costs = [*self.costs[-499:], time.perf_counter() - began]
+        self._pace(t)
+
+    def on_acted(self, acted: Acted) -> None:
+        """Keep what a rule says."""
+        self._alarms.append({"t": acted.t_s, "text": acted.says, "rule": acted.rule})
+        self._next_status = 0.0
+
+    def close(self) -> None:
+        """Say that the flight is over; keep the last picture for a moment."""
+        self._tell(over=True)
+        end = time.perf_counter() + self.stay_s
+        while self._heard > 0.0 and self.watched and time.perf_counter() < end:
+            self.poll()
+            time.sleep(0.05)
+
+    # --- hearing -------------------------------------------------------------------------------
+
+    @property
+    def watched(self) -> bool:
+        """Whether somebody watches, or did a moment ago."""
+        now = time.perf_counter()
+        if now - self._heard > SILENT_S:  # the station is gone
+            return False
+        return self.watchers > 0 or now - self._left < GRACE_S
+
+    def poll(self) -> None:
+        """Take in what the station has said."""
+        for data in receive(self.end):
+            message = parse(data)
+            if message is None or not self._hear(message):
+                self.dropped += 1
+            self._heard = time.perf_counter()
+        if self.paused and not self.watched:
+            self.paused = False
+
+    def _hear(self, message: dict[str, Any]) -> bool:
+        """Follow a message; returns whether it is one."""
+        kind = message["k"]
+        if kind == "watch":
+            count = read_number(message.get("n"), 0, 1000)
+            if count is None:
+                return False
+            if self.watchers and not count:
+                self._left = time.perf_counter()
+            self.watchers = int(count)
+        elif kind == "pause":
+            self.paused = message.get("on") is True
+        elif kind == "speed":
+            speed = read_number(message.get("x"), 0.0, SPEEDS[1])
+            if speed is None or 0.0 < speed < SPEEDS[0]:
+                return False
+            self.speed = math.inf if speed == SPEED_FASTEST else speed
+        elif kind == "order" and message.get("what") in ORDERS:
+            self.order, self.paused = str(message["what"]), False
+        elif kind == "disturb" and message.get("what") in DISTURBANCES:
+            self.starts.setdefault(str(message["what"]), math.nan)
+        elif kind == "control":
+            self.stick.forget()
+        elif kind == "stick":
+            return self._hear_stick(message)
+        else:
+            return False
+        self._next_status = 0.0
+        return True
+
+    def _hear_stick(self, message: dict[str, Any]) -> bool:
+        axes, now = message.get("v"), time.monotonic()
+        at, seq = read_number(message.get("at"), 0.0, 1e12), read_number(message.get("s"), 0, 2**53)
+        if at is None or seq is None or not isinstance(axes, list) or len(axes) != 3:
+            return False
+        values = [read_number(x, -1.0, 1.0) for x in axes]
+        if any(x is None for x in values):
+            return False
+        stick = Stick(np.array(values, float), message.get("b") is True)
+        if message.get("d") is not True:  # the dead-man is let go: nothing moves
+            stick = Stick(np.zeros(3), False)
+        self._held = message.get("d") is True
+        self.stick.hear(Told(int(seq), at, stick), now)  # counts what it drops
+        return True
+
+    _held = False
+
+    # --- carrying out ----------------------------------------------------------------------------
+
+    def _carry_out(self, t: float, vehicle: SimulatedVehicle) -> None:
+        for name, start in self.starts.items():
+            if math.isnan(start):
+                self.starts[name] = t
+                if not switch_on(vehicle, name, t):
+                    self._said = f"this flight was started without {DISTURBANCES[name].label!r}"
+                    self.starts.pop(name)
+                    break
+        if self.order:
+            if not self._flies or not any(
+                p == "take_off" or p == "release" for p, _ in self._phases
+            ):
+                raise KeyboardInterrupt  # it stands: there is nothing to fly home
+            vehicle.order = self.order
+
+    def _pace(self, t: float) -> None:
+        """Sleep until the wall clock has caught up; nobody watching: do not wait."""
+        while self.paused and self.watched:
+            check_interrupt()
+            self._anchor = None
+            self.wait_a_moment()
+        if math.isinf(self.speed) or not self.watched:
+            self._anchor, self._late = None, 0.0
+            return
+        now = time.perf_counter()
+        if self._anchor is None or self._anchor[2] != self.speed:
+            self._anchor = (now, t, self.speed)
+        start, t_start, speed = self._anchor
+        ahead = start + (t - t_start) / speed - now
+        self._late = max(-1e3 * ahead, 0.0)
+        if ahead > 0.0:
+            time.sleep(min(ahead, 0.5))
+        elif ahead < -0.5:  # the computer is slower than that: physics is never dropped
+            self._anchor = (now, t, speed)
+
+    def wait_a_moment(self) -> None:
+        """Stand still for a moment, hearing and telling."""
+        self.poll()
+        if time.perf_counter() >= self._next_status:
+            self._tell()
+            if self._row.size:
+                self._send_row(self._t)
+        time.sleep(0.02)
+
+    # --- telling -------------------------------------------------------------------------------
+
+    def _begin(self, vehicle: SimulatedVehicle) -> None:
+        """Write the scene and wait for the first page."""
+        d, plan = self._d, self._plan
+        scene = Scene3d(d.robot, d.true_world, build_socket_error(d.plant))
+        columns = frozenset(c.name for c in vehicle.recorded.columns)
+        self._judged = list_judged(d.robot, d.world)
+        self._builder = FrameBuilder(scene, columns, self._judged)
+        start = np.array([d.mission.start_x_m, d.mission.start_y_m, 0.0])
+        planned = [table["p_WB"][::25] for table in plan.segments.values() if len(table)]
+        views = build_views(d.robot, d.true_world, np.concatenate([start[None], *planned]))
+        data = describe(d, scene, self._builder, views, plan.way)
+        names = {c.name for c in vehicle.assembly.components}
+        data |= {
+            "mode": "live",
+            "duration": float(plan.duration_s),
+            "operated": load_kind(d.mission.kind).operated,
+            "disturbances": [
+                {"name": x.name, "label": x.label} for x in DISTURBANCES.values() if x.name in names
+            ],
+        }
+        fresh = self.folder / f"{SCENE}.new"
+        fresh.write_text(json.dumps(data, allow_nan=False), encoding="utf-8")
+        fresh.replace(self.folder / SCENE)
+        self._tell()
+        end = time.perf_counter() + self.wait_s
+        while not self.watchers and time.perf_counter() < end:
+            check_interrupt()
+            self.wait_a_moment()
+
+    def _send_frame(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
+        assert self._builder is not None
+        row = vehicle.last_sample
+        if not np.isfinite(row["p_WB"]).all():
+            return
+        judged = np.array([phase in self._judged])
+        self._row = self._builder.build(row, judged, self._read_signal(vehicle, row))[0]
+        self._send_row(t)
+
+    def _send_row(self, t: float) -> None:
+        self._seq += 1
+        moving = self._held and self.stick.age(time.monotonic()) < HOLD_S
+        flags = PAUSED * self.paused + STICK * moving + ASKED * bool(self.asked)
+        send(self.end, pack_frame(
+            self._seq, t, time.time(), len(self._phases) - 1, flags, self._late, self._row
+        ))  # fmt: skip
+
+    def _read_signal(self, vehicle: SimulatedVehicle, row: Any) -> NDArray[np.float64] | None:
+        """The weld component of the probe's signal, NaN without contact."""
+        assert self._builder is not None
+        if self._builder.pipe is None:
+            return None
+        if not vehicle.in_contact():
+            return np.array([np.nan])
+        probe = vehicle.read_memory("eddy current")
+        off = row["ec"][0] - probe["null"]
+        along = probe["lift_axis"]
+        return np.array([abs(float(along[0] * off[1] - along[1] * off[0]))])
+
+    def _tell(self, over: bool = False) -> None:
+        """Send everything that is not in a frame."""
+        self._next_status = time.perf_counter() + STATUS_PERIOD
+        kind = self._d.mission.kind
+        age = self.stick.age(time.monotonic())
+        say(
+            self.end, "status", over=over, t=self._t, paused=self.paused, order=self.order,
+            speed=SPEED_FASTEST if math.isinf(self.speed) else self.speed,
+            scene=self._builder is not None,
+            phases=[[name, start] for name, start in self._phases[-40:]],
+            first=max(len(self._phases) - 40, 0),
+            what=explain_phase(kind, self._phases[-1][0]) if self._phases else "",
+            asked=self.asked, said=self._said, alarms=self._alarms[-10:],
+            age_s=round(age, 3) if age < 1e6 else None,
+            holding=bool(self.asked) and age > HOLD_S,
+            disturbed={k: round(v, 2) for k, v in self.starts.items() if math.isfinite(v)},
+            repeats=list_repeats({k: v for k, v in self.starts.items() if math.isfinite(v)}),
+            cost_ms=round(1e3 * float(np.median(self.costs)), 3) if self.costs else None,
+            dropped=self.dropped + self.stick.dropped,
+        )  # fmt: skip

@@ -1,0 +1,202 @@
+"""Flights that the station starts, each in a process of its own, and the logbook of all of them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import socket
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from skywright.core.bounded import parse_json, read_text
+from skywright.errors import InputError
+from skywright.ground.disturb import list_sets
+from skywright.ground.link import build_pair
+from skywright.ground.orders import names_code
+
+LOGBOOK = "logbook.jsonl"
+KEPT = 50
+"""Entries of the logbook that a page shows."""
+PATIENCE_S = 15.0
+"""s that a flight is given to end its recording when the station is stopped."""
+LARGEST_LOG = 4_000_000  # bytes of a logbook that are read
+
+
+class Asked(NamedTuple):
+    """What is to be flown."""
+
+    mission: str
+    robot: str | None = None
+    world: str | None = None
+    seed: int | None = None
+    sets: tuple[str, ...] = ()
+
+    def check(self) -> None:
+        """Raise InputError where it would load code."""
+        for text in self.sets:
+            if names_code(text):
+                raise InputError(
+                    f"{text[:80]!r} names a Python file; the page loads no code: use "
+                    "`skywright run` with --view"
+                )
+
+    def list_arguments(self) -> list[str]:
+        """Return the arguments of `skywright run`."""
+        out = [self.mission]
+        for name in ("robot", "world", "seed"):
+            value = getattr(self, name)
+            if value is not None:
+                out += [f"--{name}", str(value)]
+        for text in self.sets:
+            out += ["--set", text]
+        return out
+
+
+class Logbook:
+    """One line of JSON a flight, in the folder of the runs."""
+
+    def __init__(self, folder: Path) -> None:
+        """`folder` holds the runs."""
+        self.path = folder / LOGBOOK
+        self.entries: list[dict[str, Any]] = []
+        if self.path.is_file():
+            lines = read_text(self.path, LARGEST_LOG).splitlines()[-KEPT:]
+            for line in lines:
+                with suppress(ValueError, InputError):
+                    entry = json.loads(line)
+                    if isinstance(entry, dict):
+                        self.entries.append(entry)
+
+    def add(self, entry: dict[str, Any]) -> None:
+        """Write a flight down; a full disk is told by InputError."""
+        self.entries = [*self.entries, entry][-KEPT:]
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(entry, allow_nan=False) + "\n")
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
+
+
+class Process:
+    """A flight under way."""
+
+    def __init__(self, asked: Asked, out: Path, folder: Path) -> None:
+        """`out` is the run's directory, `folder` where the scene and the output go."""
+        self.asked, self.out, self.folder = asked, out, folder
+        self.end: socket.socket | None = None
+        self.started = time.time()
+        self._process: asyncio.subprocess.Process | None = None
+
+    async def start(self) -> None:
+        """Start it; raises InputError where no process can be started."""
+        self.asked.check()
+        ours, theirs = build_pair()
+        operator = (
+            ["--operator", "page"] if await asyncio.to_thread(_is_operated, self.asked) else []
+        )
+        disturbing = [x for text in self._list_disturbances() for x in ("--set", text)]
+        command = [
+            sys.executable, "-m", "skywright", "run", *self.asked.list_arguments(), *disturbing,
+            *operator, "--out", str(self.out), "--station", f"{theirs.fileno()}:{self.folder}",
+        ]  # fmt: skip
+        log = (self.folder / "output.txt").open("wb")
+        try:
+            # a session of its own: Ctrl-C reaches the station alone, which ends the flight orderly
+            self._process = await asyncio.create_subprocess_exec(
+                *command, stdin=asyncio.subprocess.DEVNULL, stdout=log, stderr=log,
+                pass_fds=[theirs.fileno()], start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            ours.close()
+            raise InputError(f"the flight cannot be started: {error.strerror or error}") from None
+        finally:
+            log.close()
+            theirs.close()
+        self.end = ours
+
+    def _list_disturbances(self) -> list[str]:
+        given = " ".join(self.asked.sets)
+        starts = [text for text in list_sets() if text.split("=")[0] not in given]
+        return starts
+
+    async def wait(self) -> int:
+        """Return the exit code when the flight has ended."""
+        assert self._process is not None
+        return await self._process.wait()
+
+    async def stop(self) -> None:
+        """Interrupt the flight; its recording is ended, or it is killed after PATIENCE_S."""
+        process = self._process
+        if process is None or process.returncode is not None:
+            return
+        with suppress(ProcessLookupError):
+            process.send_signal(signal.SIGINT)
+        try:
+            await asyncio.wait_for(process.wait(), PATIENCE_S)
+        except TimeoutError:
+            with suppress(ProcessLookupError):
+                process.kill()
+
+    def tell_error(self) -> str:
+        """Return the last line that the process printed as an error, or ""."""
+        try:
+            text = (self.folder / "output.txt").read_bytes()[-8000:].decode("utf-8", "replace")
+        except OSError:
+            return ""
+        lines = [line for line in text.splitlines() if line.startswith(("skywright: ", "error: "))]
+        return lines[-1].split(": ", 1)[1] if lines else ""
+
+    def read_result(self) -> dict[str, Any]:
+        """Return what metrics.json says, and where the run lies."""
+        for directory in (self.out, self.out.with_name(self.out.name + ".partial")):
+            try:
+                found = parse_json(read_text(directory / "metrics.json", LARGEST_LOG), "metrics")
+            except (OSError, InputError, ValueError):
+                continue
+            if isinstance(found, dict):
+                return {**found, "directory": str(directory)}
+        return {}
+
+
+def _is_operated(asked: Asked) -> bool:
+    """Whether the mission has an operator, and none is recorded for it."""
+    from skywright.description.loader import load_description
+    from skywright.run.kind import load_kind
+
+    d = load_description(asked.mission, asked.robot, asked.world, asked.sets, asked.seed)
+    mission: Any = d.mission
+    return load_kind(mission.kind).operated and mission.task.operator is None
+
+
+def choose_out(folder: Path, mission: str) -> Path:
+    """Return a free directory for a run of a mission."""
+    number = 1
+    while True:
+        out = folder / f"{mission}-{number}"
+        if not out.exists() and not out.with_name(out.name + ".partial").exists():
+            return out
+        number += 1
+
+
+def write_down(process: Process, code: int, repeats: list[str]) -> dict[str, Any]:
+    """Return the logbook's entry of a flight that has ended."""
+    found, asked = process.read_result(), process.asked
+    timing = found.get("timing") or {}
+    return {
+        "when": time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(process.started)),
+        **asked._asdict(),
+        "seed": found.get("seed", asked.seed),
+        "robot": found.get("robot", asked.robot),
+        "world": found.get("world", asked.world),
+        "asked": [asked.robot, asked.world],
+        "sets": [*asked.sets, *repeats],
+        "outcome": str(found.get("outcome") or ("wrong input" if code == 2 else "killed")),
+        "reason": str(found.get("reason") or process.tell_error())[:400],
+        "simulated_s": timing.get("simulated_s"),
+        "directory": found.get("directory", ""),
+    }

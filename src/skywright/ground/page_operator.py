@@ -1,0 +1,54 @@
+"""An operator at the ground station's page: keyboard or gamepad, heard through the station."""
+
+from __future__ import annotations
+
+import time
+
+from skywright.core.interrupt import check_interrupt
+from skywright.ground.feed import Feed
+from skywright.ground.person import PATIENCE_S, Person
+from skywright.run.operator import STILL, Sight, Stick
+
+INVITE = "Take control, hold Space (or a shoulder button) and move the tool with the stick."
+WORK = "Move the tool over its seat and lower it; press Enter when it stands."
+
+
+class PageOperator(Person):
+    """The stick of whoever has control; the page's stick is judged again in `Feed`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.feed: Feed | None = None
+
+    def begin(self) -> bool:
+        """Wait for a stick; returns whether one came within PATIENCE_S."""
+        assert self.feed is not None
+        self.feed.asked = INVITE
+        ends = time.perf_counter() + PATIENCE_S
+        while time.perf_counter() < ends:
+            check_interrupt()
+            self.feed.wait_a_moment()
+            if self.feed.order:
+                break  # the rules answer it in the next tick
+            if self.feed.stick.age(time.monotonic()) < 1.0:
+                self.feed.asked = WORK
+                return True
+        return bool(self.feed.order)
+
+    def read(self, t: float, sight: Sight) -> Stick | None:
+        """Return the stick; None, and no more asking, where nobody is there."""
+        stick = super().read(t, sight)
+        if stick is None and self.feed is not None:
+            self.feed.asked = ""
+        return stick
+
+    def listen(self) -> None:
+        """Take over the newest stick; one that is too old is at rest."""
+        assert self.feed is not None
+        self.feed.poll()
+        now = time.monotonic()
+        stick = self.feed.stick.read(now)
+        if stick is not STILL:
+            self.hear(stick)
+        else:
+            self._stick = STILL

@@ -1,0 +1,55 @@
+"""A person at a stick: simulated time is held to the wall clock."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from skywright.run.operator import STILL, Sight, Stick
+
+STALE_S = 0.5  # s of wall time after which a stick that is not heard of counts as let go
+PATIENCE_S = 60.0  # s of wall time without a sign of the operator: nobody is there
+
+
+class Person:
+    """Someone at a stick: simulated time waits for the wall clock."""
+
+    stale_s = STALE_S
+
+    def __init__(self) -> None:
+        self._start = 0.0  # wall time at which the operator took over
+        self._heard = -np.inf  # wall time
+        self._stick = STILL
+
+    def read(self, t: float, sight: Sight) -> Stick | None:
+        """Wait until `t` is now; return the stick, at rest where it was let go or lost."""
+        now = time.perf_counter()
+        if t == 0.0:
+            if not self.begin():
+                return None
+            self._start = now = time.perf_counter()
+        late = now - self._start - t
+        if late > STALE_S:  # the computer is slower, or the view was paused
+            self._start += late
+        elif late < 0.0:
+            time.sleep(-late)
+        self.listen()
+        silent = time.perf_counter() - max(self._heard, self._start)
+        if silent > PATIENCE_S:
+            return None
+        return self._stick if silent < self.stale_s else STILL
+
+    def hear(self, stick: Stick) -> None:
+        """Take over what the stick does now."""
+        self._stick, self._heard = stick, time.perf_counter()
+
+    def begin(self) -> bool:
+        """Ask the operator to take over; returns whether somebody is there."""
+        return True
+
+    def listen(self) -> None:
+        """Take over what has come since."""
+
+    def close(self) -> None:
+        """Stop listening."""

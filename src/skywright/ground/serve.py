@@ -1,0 +1,165 @@
+"""Starting the ground station: `skywright serve`, and beside a run (`skywright run --view`)."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import webbrowser
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from skywright.errors import InputError
+from skywright.ground.guard import Guard
+from skywright.ground.link import build_pair, prepare
+from skywright.ground.server import Address, run_server
+from skywright.ground.station import Station
+
+
+def serve(
+    target: str | None, address: Address, runs: Path, *, open_browser: bool | None = None
+) -> None:
+    """Run the station until it is interrupted.
+
+    `target` is None, a mission (name or file) that the page then proposes, or a run's directory,
+    which is replayed. Raises InputError where it is neither, or the address cannot be had.
+    """
+    address.check()
+    data, proposed, files = None, "", dict[str, str]()
+    if target is not None and _is_run(target):
+        data = load_replay(Path(target))
+    elif target is not None:
+        from skywright.description.loader import load_description
+
+        load_description(target)  # told now, not in the page
+        proposed = target
+        if target.endswith(".toml") or os.sep in target:
+            proposed = Path(target).stem
+            files[proposed] = str(Path(target).resolve())
+    choices = list_choices(proposed, files)
+
+    async def run() -> None:
+        async def opened(url: str, guard: Guard) -> None:
+            print(f"ground station: {url}", file=sys.stderr, flush=True)
+            print("(for one browser; Ctrl-C ends the station)", file=sys.stderr, flush=True)
+            if has_display() if open_browser is None else open_browser:
+                webbrowser.open(url)
+
+        await run_server(Station(runs, choices, files), address, data, opened)
+
+    with suppress(KeyboardInterrupt):
+        asyncio.run(run())
+
+
+def load_replay(directory: Path) -> str:
+    """Return the page's data of a run's directory as JSON; raises InputError where it is none."""
+    import json
+
+    from skywright.reports.replay import build_replay_data
+    from skywright.run.run import evaluate_directory
+
+    return json.dumps(build_replay_data(evaluate_directory(directory)), allow_nan=False)
+
+
+def list_choices(proposed: str, files: dict[str, str]) -> dict[str, Any]:
+    """Return what a page may choose from."""
+    from skywright.description.loader import list_missions
+    from skywright.description.robot.loader import list_robots
+    from skywright.description.world.loader import list_worlds
+
+    missions = {e.name: e.description for e in list_missions()}
+    missions |= {name: f"file {Path(file).name}" for name, file in files.items()}
+    return {
+        "proposed": proposed,
+        "missions": missions,
+        "robots": {e.name: e.description for e in list_robots()},
+        "worlds": {e.name: e.description for e in list_worlds()},
+    }
+
+
+def _is_run(target: str) -> bool:
+    try:
+        return (Path(target) / "recording.mcap").is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def has_display() -> bool:
+    """Whether a browser would have a screen to open on."""
+    if sys.platform == "darwin":
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+class Beside:
+    """A station in a process of its own beside a run: `end` and `folder` are for its `Feed`."""
+
+    def __init__(self, address: Address, *, open_browser: bool | None = None) -> None:
+        """Start it; it prints its address on standard error."""
+        address.check()
+        self._temporary = tempfile.TemporaryDirectory(prefix="skywright-")
+        self.folder = Path(self._temporary.name)
+        self.end, theirs = build_pair()
+        show = has_display() if open_browser is None else open_browser
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "skywright.ground.serve", str(theirs.fileno()),
+             str(self.folder), address.host, str(address.port), str(int(show))],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, pass_fds=[theirs.fileno()],
+            start_new_session=True,
+        )  # fmt: skip
+        theirs.close()
+
+    def close(self) -> None:
+        """End the station."""
+        self.end.close()
+        self._process.terminate()
+        try:
+            self._process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._temporary.cleanup()
+
+
+def _serve_beside(number: int, folder: Path, address: Address, show: bool) -> None:
+    """Show the flight at the other end of socket `number`; what `Beside` starts."""
+    end = socket.socket(fileno=number)
+    prepare(end)
+
+    async def run() -> None:
+        station = Station(folder, {"proposed": "", "missions": {}, "robots": {}, "worlds": {}}, {})
+
+        async def opened(url: str, guard: Guard) -> None:
+            station.host(end, folder)
+            print(f"live view: {url}", file=sys.stderr, flush=True)
+            if show:
+                webbrowser.open(url)
+
+        parent = os.getppid()
+
+        async def follow_parent() -> None:  # a run that was killed leaves no station behind
+            while os.getppid() == parent:
+                await asyncio.sleep(1.0)
+            station.done.set()
+
+        watching = asyncio.create_task(follow_parent())
+        try:
+            await run_server(station, address, None, opened)
+        finally:
+            watching.cancel()
+
+    with suppress(KeyboardInterrupt):
+        asyncio.run(run())
+
+
+if __name__ == "__main__":
+    number, folder, host, port, show = sys.argv[1:]
+    try:
+        _serve_beside(int(number), Path(folder), Address(host, int(port)), show == "1")
+    except InputError as error:
+        print(f"skywright: {error}", file=sys.stderr)
+        sys.exit(2)

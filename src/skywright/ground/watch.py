@@ -1,0 +1,51 @@
+"""A run that a ground station shows: one that started it, or one that is started beside it."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+from skywright.errors import InputError
+from skywright.ground.feed import Feed
+from skywright.ground.link import prepare
+from skywright.ground.page_operator import PageOperator
+from skywright.ground.serve import Beside
+from skywright.ground.server import Address
+
+WAIT_S, STAY_S = 20.0, 3.0
+"""s for which a watched run waits for the first page, and keeps its last picture."""
+
+
+class Watching:
+    """The feed of a run and, where it is ours, the station."""
+
+    def __init__(self, person: object, station: str | None, address: Address | None = None) -> None:
+        """`person` is at the stick, or None; `station` is FD:FOLDER of one that waits already."""
+        self._beside: Beside | None = None
+        if station is None:
+            self._beside = Beside(address or Address())
+            self.feed = Feed(self._beside.end, self._beside.folder, wait_s=WAIT_S, stay_s=STAY_S)
+        else:
+            self.feed = Feed(*_find_station(station), wait_s=WAIT_S)
+        if isinstance(person, PageOperator):
+            person.feed = self.feed
+
+    def close(self) -> None:
+        """Let the station go."""
+        if self._beside is not None:
+            self._beside.close()
+        else:
+            self.feed.end.close()
+
+
+def _find_station(text: str) -> tuple[socket.socket, Path]:
+    number, _, folder = text.partition(":")
+    try:
+        end = socket.socket(fileno=int(number))
+    except (ValueError, OSError):
+        raise InputError(
+            f"--station {text[:80]!r}: no such socket; this option is for `skywright serve`, which "
+            "starts runs by itself"
+        ) from None
+    prepare(end)
+    return end, Path(folder)

@@ -1,0 +1,33 @@
+"""An operator on the ground who ends the mission."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from skywright.core.spec import NonNegative
+from skywright.run.faults._rule import Response, Rule
+
+if TYPE_CHECKING:
+    from skywright.run.faults._senses import Senses
+
+
+class OperatorAbort(Rule):
+    """The ground station's button "abort"."""
+
+    watches = "1 once the operator has ordered an abort at the ground station"
+    unit = ""
+    source = "the operator's order"
+    from_take_off = True
+
+    class Table(Rule.Table):
+        """Any order counts."""
+
+        limit: NonNegative = 0.5
+        response: Response = "come_home"
+
+    def look(self, v: Senses) -> float:
+        return float(v.order == "abort")
+
+    def explain(self, value: float) -> str:
+        """Say who ended the mission."""
+        return "the operator ordered an abort"

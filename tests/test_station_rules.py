@@ -1,0 +1,177 @@
+"""The ground station's rules: what pages may ask, who controls, how old a stick is, frames."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skywright.errors import InputError
+from skywright.ground.control import LEASE_S, LET_GO_S, Age, Control, StickJudge, Told
+from skywright.ground.flights import Asked, Logbook
+from skywright.ground.link import HEADER, MAGIC, build_pair, is_frame, pack_frame, receive, say
+from skywright.ground.orders import LARGEST, parse_order
+from skywright.ground.server import Address
+from skywright.run.operator import Stick
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+    lambda inside: st.lists(inside, max_size=4) | st.dictionaries(st.text(max_size=4), inside),
+)
+KINDS = st.sampled_from(
+    ["ping", "pause", "speed", "order", "disturb", "stick", "start", "take", "nothing"]
+)
+KEYS = st.sampled_from(["w", "on", "x", "what", "s", "v", "d", "b", "mission", "seed", "sets"])
+
+
+@given(st.text(max_size=300) | st.binary(max_size=300).map(lambda b: b.decode("latin-1")))
+def test_any_text_is_an_order_or_nothing(text: str) -> None:
+    order = parse_order(text)
+    assert order is None or isinstance(json.loads(text), dict)
+
+
+@given(KINDS, st.dictionaries(KEYS, JSON, max_size=8))
+def test_whatever_an_order_holds_is_finite_and_within_limits(kind: str, content: dict) -> None:
+    order = parse_order(json.dumps({"k": kind, **content}))
+    if order is None:
+        return
+    json.dumps(order.content, allow_nan=False)
+    if kind == "stick":
+        assert len(order.content["v"]) == 3 and all(abs(x) <= 1.0 for x in order.content["v"])
+    if kind == "speed":
+        assert order.content["x"] == 0.0 or 0.1 <= order.content["x"] <= 20.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"k":"stick","s":1,"w":1,"v":[NaN,0,0],"d":true,"b":false}',
+        '{"k":"stick","s":1,"w":1,"v":[1e400,0,0],"d":true,"b":false}',
+        '{"k":"stick","s":1,"w":1,"v":[1.01,0,0],"d":true,"b":false}',
+        '{"k":"stick","s":1,"w":1,"v":[0,0],"d":true,"b":false}',
+        '{"k":"stick","s":1,"w":1,"v":[0,0,0],"d":1,"b":false}',
+        '{"k":"order","what":"explode"}',
+        '{"k":"start","mission":"../../etc/passwd"}',
+        '{"k":"start","mission":"waypoints","sets":"x"}',
+        '{"k":"start","mission":"waypoints","seed":-1}',
+        '{"k":"start","mission":"waypoints","robot":"a/b.toml"}',
+        '{"k":"speed","x":0.01}',
+        "[" * 3000,
+        '{"k":"take"}' + " " * LARGEST,
+    ],
+)
+def test_orders_out_of_order_are_refused(text: str) -> None:
+    assert parse_order(text) is None
+
+
+def test_a_page_cannot_load_code() -> None:
+    for text in ("mission.law.kind=evil.py:Law", 'mission.kind="x.PY:Kind"'):
+        with pytest.raises(InputError, match="Python file"):
+            Asked("waypoints", sets=(text,)).check()
+    Asked("waypoints", sets=("world.wind.kind=steady",)).check()
+
+
+def test_control_is_taken_explicitly_and_falls_free() -> None:
+    control = Control()
+    assert not control.hear("a", 0.0) and control.judge("a", 1, 0.0, 0.0) is None
+    control.take("a", 0.0)
+    assert control.hear("a", 1.0) and not control.hear("b", 1.0)
+    assert not control.expire(1.0 + LEASE_S) and control.expire(1.01 + LEASE_S)
+    assert control.who is None and not control.hear("a", 4.0)
+    control.take("a", 5.0)
+    control.forgive(3.0)  # the station stood for 3 s: the page may have spoken
+    assert not control.expire(9.0) and control.expire(10.1)
+    control.take("a", 5.0)
+    control.take("b", 5.1)  # takes over
+    assert control.judge("a", 1, 5.1, 5.1) is None and control.judge("b", 1, 5.1, 5.1) == 0.0
+    assert not control.release("a") and control.release("b")
+
+
+@given(st.lists(st.tuples(st.integers(0, 20), st.floats(0.0, 1.0)), max_size=40))
+def test_followed_sticks_have_a_growing_sequence_and_are_young(
+    sent: list[tuple[int, float]],
+) -> None:
+    control, followed = Control(), []
+    control.take("a", 0.0)
+    for k, (seq, delay) in enumerate(sent):
+        stamp = 100.0 + 0.1 * k  # another clock
+        age = control.judge("a", seq, stamp, 0.1 * k + delay)
+        if age is not None:
+            assert 0.0 <= age < LET_GO_S
+            followed.append(seq)
+    assert followed == sorted(set(followed))
+
+
+def test_a_burst_after_a_stall_is_old() -> None:
+    """Ten messages of 1 s arrive at once: the time since the last one would call them fresh."""
+    age = Age()
+    assert age.take(50.0, 7.0) == 0.0
+    burst = [age.take(50.1 + 0.1 * k, 8.1) for k in range(10)]
+    assert burst == pytest.approx([1.0 - 0.1 * k for k in range(10)], abs=1e-9)
+
+
+def test_the_smallest_delay_is_forgotten_when_clocks_drift() -> None:
+    """The page's clock is slow by 0.5 %: after minutes its messages are still young."""
+    age = Age()
+    ages = [age.take(0.995 * t, t) for t in np.arange(0.0, 600.0, 0.5)]
+    assert max(ages) < 0.16  # 0.5 % of the 30 s that count
+
+
+def test_the_robots_side_judges_a_stick_again() -> None:
+    judge, push = StickJudge(), Stick(np.array([0.5, 0.0, 0.0]), False)
+    assert np.all(judge.read(0.0).axes == 0.0) and math.isinf(judge.age(0.0))
+    assert judge.hear(Told(1, 10.0, push), 10.1) and judge.read(10.2).axes[0] == 0.5
+    assert np.all(judge.read(10.0 + LET_GO_S).axes == 0.0)
+    assert not judge.hear(Told(1, 10.4, push), 10.4)  # repeated
+    assert not judge.hear(Told(2, 10.0, push), 10.4)  # the station had stalled
+    assert not judge.hear(Told(3, 11.0, push), 10.4)  # from the future
+    assert judge.dropped == 3
+
+
+@given(st.integers(0, 2**40), st.floats(0, 1e5), st.integers(0, 65535), st.integers(0, 7))
+def test_a_frame_says_what_was_put_in(seq: int, t: float, phase: int, flags: int) -> None:
+    row = np.array([1.5, np.nan, -2.0], "<f4")
+    data = pack_frame(seq, t, 1.7e9, phase, flags, 3.5, row)
+    assert is_frame(data) and len(data) == HEADER.size + 12 and HEADER.size == 36
+    magic, number, time, _, at, bits, late, _ = HEADER.unpack_from(data)
+    assert (magic, number, time, at, bits, late) == (MAGIC, seq % 2**32, t, phase, flags, 3.5)
+    np.testing.assert_array_equal(np.frombuffer(data[36:], "<f4"), row)
+    assert struct.unpack_from("<I", data)[0] == 0x31594B53  # as the page reads it
+
+
+def test_sending_never_waits() -> None:
+    a, b = build_pair()
+    taken = sum(say(a, "status", text="x" * 2000) for _ in range(5000))
+    assert 10 < taken < 5000  # full: the rest was dropped
+    assert 10 < sum(1 for _ in receive(b)) <= taken
+    b.close()
+    assert not say(a, "status")  # nobody there
+    a.close()
+
+
+def test_the_logbook_survives_a_damaged_line(tmp_path: Path) -> None:
+    book = Logbook(tmp_path / "runs")
+    book.add({"mission": "a"})
+    with book.path.open("a") as file:
+        file.write('{"mission": \n[1]\n')
+    book.add({"mission": "b"})
+    assert [e["mission"] for e in Logbook(tmp_path / "runs").entries] == ["a", "b"]
+
+
+def test_other_computers_need_a_certificate_or_a_flag(tmp_path: Path) -> None:
+    Address().check()
+    Address("0.0.0.0", unencrypted=True).check()
+    with pytest.raises(InputError, match="--certificate and --key, or --unencrypted"):
+        Address("0.0.0.0").check()
+    with pytest.raises(InputError, match="give both"):
+        Address(certificate=tmp_path / "x").check()
+    (tmp_path / "x").write_text("no certificate")
+    with pytest.raises(InputError, match="--certificate"):
+        Address("0.0.0.0", certificate=tmp_path / "x", key=tmp_path / "x").check()
+    assert "0.0.0.0" not in Address("0.0.0.0", names=("gs.example",)).list_names()
