@@ -75,6 +75,12 @@ def test_example_file_gives_its_weld(maker: ModuleType) -> None:
     assert out["lines"] == [out["line"]] and out["line"]["crossings"] == 5
     assert set(out["thresholds"]) == {"lift_off", "weld"}
     check_line(out, maker)
+    # the line is told from its first to its last crossing
+    seen = np.array([x["p_m"] for x in out["crossings"]])
+    ends = np.array(out["line"]["points_m"])[[0, -1]]
+    assert np.max(np.min(np.linalg.norm(seen - ends[:, None], axis=2), axis=1)) < 5e-3
+    along = np.linalg.norm(seen - seen[0], axis=1).max()
+    assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(along, abs=5e-3)
     std = out["surface"]["std"]
     assert abs(out["surface"]["radius_m"] - maker.RADIUS) < 3 * std["radius_m"] + 1e-4
     text = " | ".join(out["notes"])
