@@ -294,6 +294,12 @@ def test_the_oracle_page_has_the_table_of_todays_files():
     assert text == module.build_page(text), "run: python docs/generate_oracle.py"
 
 
+def test_the_page_of_benchmarks_has_the_campaigns_of_todays_files():
+    module = _load_file(ROOT / "docs" / "generate_campaigns.py")
+    text = module.PAGE.read_text(encoding="utf-8")
+    assert text == module.build_page(text), "run: python docs/generate_campaigns.py"
+
+
 def test_the_page_of_mutants_has_the_tables_of_todays_file():
     module = _load_file(ROOT / "docs" / "generate_mutants.py")
     text = module.PAGE.read_text(encoding="utf-8")
