@@ -1,4 +1,4 @@
-"""Write the table of campaigns in docs/reference/benchmarks.md: `python docs/generate_campaigns.py`.
+"""Write the campaigns of docs/reference/benchmarks.md: `python docs/generate_campaigns.py`.
 
 Rows come from benchmarks/campaigns: campaigns.toml says what is flown, NAME.json how it went.
 """
@@ -35,7 +35,10 @@ def tell_result(name: str, campaign: dict[str, Any]) -> tuple[str, str]:
 
 def build_table() -> str:
     """One line a campaign."""
-    lines = ["| task | met every requirement | target | commit | command |", "|---|---|---|---|---|"]
+    lines = [
+        "| task | met every requirement | target | commit | command |",
+        "|---|---|---|---|---|",
+    ]
     campaigns = tomllib.loads((KEPT / "campaigns.toml").read_text(encoding="utf-8"))
     for name, campaign in campaigns.items():
         told, commit = tell_result(name, campaign)
