@@ -14,9 +14,12 @@ from skywright.description.loader import load_description
 from skywright.ground.gateway_operator import GatewayOperator
 from skywright.links.udp.client import ArmsClient
 from skywright.links.udp.flight import FlightGateway, open_gateway
+from skywright.links.udp.packets import CODES
 from skywright.run.operator import FILE, load_recording
 from skywright.run.run import build_vehicle, run_mission
 from skywright.vehicle.arms_interface import Arms
+
+ROOT = Path(__file__).parent.parent
 
 
 class Pilot(threading.Thread):
@@ -112,3 +115,92 @@ def test_a_stick_by_udp_moves_the_hands_and_the_state_comes_back(
     )
     assert set(gateway.server.counts) == {"accepted"} and set(pilot.counts) == {"accepted"}
     assert gateway.skipped == 0
+
+
+class Program(threading.Thread):
+    """Leads the arms as an operator's program does: references, a pause, a stick, a landing."""
+
+    def __init__(self, gateway: FlightGateway) -> None:
+        super().__init__(daemon=True)
+        self.gateway = gateway
+        self.states: dict[str, list[dict[str, Any]]] = {}
+        self.results: list[str] = []
+
+    def run(self) -> None:
+        while not self.gateway.server.offered:  # the robot takes off
+            time.sleep(0.01)
+        with ArmsClient("127.0.0.1", self.gateway.server.port, timeout_s=300.0) as arms:
+            self.results.append(arms.operate("visual", 60.0))
+            self.results.append(arms.operate("joints", 60.0))
+            start = time.monotonic()
+            while arms.state.get("task") != CODES["joints"][0]:
+                arms.poll()
+            q = np.array(arms.state["q_ref"][:8])
+            while (t := time.monotonic() - start) < 2.0:
+                shift = 0.15 * np.sin(2.0 * t) if t < 1.5 else 0.6  # a jump at the end
+                arms.send_joints(q + [shift, 0, 0, 0, shift, 0, 0, 0])
+                self._hear(arms, "joints", 0.02)
+            self._hear(arms, "silent", 2.0)
+            self.results.append(arms.operate("stick", 60.0))
+            start = time.monotonic()
+            while time.monotonic() - start < 1.5:
+                arms.send_stick([0.0, 0.0, 0.6])
+                self._hear(arms, "stick", 0.02)
+            self.results.append(arms.operate("land", 60.0))
+
+    def _hear(self, arms: ArmsClient, name: str, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            if arms.poll():
+                self.states.setdefault(name, []).append(arms.state)
+            time.sleep(0.005)
+
+
+def test_joint_references_and_a_stick_lead_the_arms_and_stale_ones_stop(tmp_path: Path) -> None:
+    d = load_description(ROOT / "examples" / "gateway" / "external-arms.toml")
+    gateway = open_gateway(None, "udp:0", None, d)
+    assert gateway is not None
+    program = Program(gateway)
+    program.start()
+    result = run_mission(
+        d, out=tmp_path / "a", observers=[gateway], operator=GatewayOperator(gateway)
+    )
+    program.join(60.0)
+    assert program.results == ["unavailable", "accepted", "accepted", "accepted"]
+    assert result.outcome == "succeeded", (result.reason, result.metrics)
+    names = [p.name for p in result.phases]
+    assert names[names.index("hold") :] == [
+        "hold", "joints", "hold", "stick", "hold", "fold", "land"
+    ]  # fmt: skip
+    s, first = result.samples, names.index("hold")
+
+    def select(k: int) -> Any:
+        return s[s["phase"] == first + k]
+
+    # the references were followed, no faster than the joints may go
+    led = select(1)
+    rate = np.diff(led["ref_q"], axis=0) / 0.01
+    limit = 0.8
+    assert np.max(np.abs(rate)) < 1.01 * limit + 1e-6
+    moved = led["ref_q"] - led["ref_q"][0]
+    assert np.ptp(moved[:, 0]) > 0.2 and np.all(np.abs(moved[:, [1, 2, 3, 5, 6, 7]]) < 1e-6)
+    assert result.metrics["arms.tracking_rms_deg"] < 6.0
+    # after the last one they held, and after a second the task was over
+    silent = program.states["silent"]
+    held = [x["q_ref"] for x in silent if x["input_age"] > 0.4]
+    assert np.ptp(np.array(held), axis=0).max() < 1e-6
+    tasks = [(x["input_age"], x["task"]) for x in silent]
+    assert all(task == CODES["joints"][0] for age, task in tasks if 0.0 <= age < 0.95)
+    assert tasks[-1][1] == CODES["hold"][0]
+    # (24): the hands rise at the stick's share of v_max
+    stick = select(3)
+    rise = stick["left_ref_p_WH"][-1] - stick["left_ref_p_WH"][10]
+    seconds = stick["t"][-1] - stick["t"][10]
+    assert rise[2] / seconds == pytest.approx(0.05 * 0.6, rel=0.35)
+    assert np.all(np.abs(rise[:2]) < 0.01)
+
+
+def test_without_a_gateway_the_example_says_what_it_needs(tmp_path: Path) -> None:
+    d = load_description(ROOT / "examples" / "gateway" / "external-arms.toml")
+    result = run_mission(d, out=tmp_path / "a")
+    assert result.outcome == "aborted" and "run with --operator udp:PORT" in result.reason

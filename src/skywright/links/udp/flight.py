@@ -66,7 +66,7 @@ class FlightGateway:
     """An observer of a run that is its arms program for others; see docs/howto/gateway.md."""
 
     def __init__(self, server: Server, description: Description) -> None:
-        self.server = server
+        self.server, self.robot = server, description.robot
         self.task = 0
         """Code of the task that runs, for the state packet."""
         self.stick: Arrived | None = None
