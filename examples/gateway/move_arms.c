@@ -39,10 +39,14 @@ static void send_packet(uint8_t *packet, size_t n) {
     if (send(sock, packet, n, 0) < 0) perror("send");
 }
 
-static void stamp(void) {
+static uint64_t now_us(clockid_t clock) {
     struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
-    header.time_us = (uint64_t)now.tv_sec * 1000000u + (uint64_t)now.tv_nsec / 1000u;
+    clock_gettime(clock, &now);
+    return (uint64_t)now.tv_sec * 1000000u + (uint64_t)now.tv_nsec / 1000u;
+}
+
+static void stamp(void) {
+    header.time_us = now_us(CLOCK_REALTIME);
     header.sequence++;
 }
 
@@ -106,6 +110,7 @@ int main(int argc, char **argv) {
     float start[SKW_MAX_JOINTS];
     memcpy(start, state.q, sizeof start);
     int cycles = (int)(50.0 * atof(argv[3])), heard = 0;
+    uint64_t next = now_us(CLOCK_MONOTONIC);
     for (int k = 0; k < cycles; k++) {
         skw_joints joints = {.n = state.n};
         skw_acknowledgement answer;
@@ -114,7 +119,8 @@ int main(int argc, char **argv) {
             joints.q_ref[j] = start[j] + (j % 4 == 0 ? 0.2f * (float)sin(0.02 * k) : 0.0f);
         stamp();
         send_packet(packet, skw_encode_joints(packet, &header, &joints));
-        for (int i = 0; i < 2; i++) heard += receive(10, &answer) == SKW_STATE;
+        for (next += 20000; now_us(CLOCK_MONOTONIC) < next;)
+            heard += receive(1, &answer) == SKW_STATE;
     }
     printf("states %d, phase %.24s\n", heard, state.phase);
     printf("land: result %d\n", operate(SKW_CODE_LAND));
