@@ -70,7 +70,7 @@ def test_a_gateway_that_nobody_uses_changes_no_bit() -> None:
 def test_a_stick_by_udp_moves_the_hands_and_the_state_comes_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("skywright.ground.operators.PATIENCE_S", 2.0)
+    monkeypatch.setattr("skywright.ground.person.PATIENCE_S", 2.0)
     sets = ["mission.task.hover_s=0", "mission.task.wait_s=1"]
     d = load_description("tool-install", sets=sets)
     gateway = open_gateway(None, "udp:0", None, d)
