@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from skywright.description.loader import load_description
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 from skywright.vehicle.arms.ports import HandState
 from skywright.vehicle.arms.truth import ServoState
 from skywright.vehicle.arms.view import ArmsMemory

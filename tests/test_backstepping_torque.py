@@ -22,7 +22,8 @@ from skywright.models.link_motion import compute_joint_inertia
 from skywright.models.rigid_body import build_body_model, fill_body, fill_kinematics
 from skywright.models.scene import build_scene, set_pose
 from skywright.recordings.columns import Column
-from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.backends import build_vehicle
+from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.bus import Estimate, Reference, WrenchCommand
 from skywright.vehicle.follower import Press
 from skywright.vehicle.laws.backstepping import DAMPING

@@ -11,8 +11,9 @@ from cut_flights import check_cuts
 from skywright.core.types import TASK_SQUEEZE
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
-from skywright.run.run import RunResult, build_vehicle, fly_and_evaluate
+from skywright.run.run import RunResult, fly_and_evaluate
 from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.arms_interface import Arms
 

@@ -22,7 +22,7 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.models.scene import build_scene
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 from skywright.vehicle.arms.ports import Floating, Wrench
 from skywright.vehicle.bus import Body, Estimate
 from skywright.vehicle.effects.limb_drag import downwash

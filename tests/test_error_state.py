@@ -19,9 +19,9 @@ from skywright.evidence.consistency import (
     compute_whiteness,
     fly_traces,
 )
+from skywright.run.backends import build_vehicle
 from skywright.run.parts import build_rules
 from skywright.run.planning import plan_mission
-from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.estimators._strapdown import integrate, propagate_covariance
 from skywright.vehicle.estimators.filter import Filter, fuse

@@ -6,7 +6,8 @@ import pytest
 
 from exact_map import EXACT
 from skywright.description.loader import load_description
-from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.backends import build_vehicle
+from skywright.run.run import fly_and_evaluate
 
 
 @pytest.mark.parametrize("sets", [(), ("world.pipe.diameter_m=0.3", "world.wind.mean_mps=2")])

@@ -15,8 +15,9 @@ from skywright.ground.gateway_operator import GatewayOperator
 from skywright.links.udp.client import ArmsClient
 from skywright.links.udp.flight import FlightGateway, open_gateway
 from skywright.links.udp.packets import CODES
+from skywright.run.backends import build_vehicle
 from skywright.run.operator import FILE, load_recording
-from skywright.run.run import build_vehicle, run_mission
+from skywright.run.run import run_mission
 from skywright.vehicle.arms_interface import Arms
 
 ROOT = Path(__file__).parent.parent
@@ -51,7 +52,7 @@ def test_a_gateway_that_nobody_uses_changes_no_bit() -> None:
     flown = []
     for observers in ([], [gateway]):
         samples: list[Any] = []
-        vehicle = build_vehicle(d, samples.append, observers=observers)
+        vehicle = build_vehicle(d, samples.append, parts=[p for o in observers for p in o.parts])
         arms = Arms(vehicle)
         arms.hands_velocity({"left": [0.02, 0.0, 0.01], "right": [0.0, -0.02, 0.01]})
         for _ in range(100):

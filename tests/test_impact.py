@@ -26,8 +26,9 @@ from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import Scene, build_scene
 from skywright.models.things.box import Box
 from skywright.models.things.pad import Pad
+from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
-from skywright.run.run import RunResult, build_vehicle, fly_and_evaluate
+from skywright.run.run import RunResult, fly_and_evaluate
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.observers.gauges import Gauges, Loads
 

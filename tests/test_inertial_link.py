@@ -8,8 +8,8 @@ import pytest
 from exact_map import EXACT
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
-from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.sensors.inertial import Inertial
 from skywright.vehicle.sensors.mocap import MotionCapture

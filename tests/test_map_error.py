@@ -15,8 +15,8 @@ from skywright.description.world.structure import build_surface
 from skywright.errors import InputError
 from skywright.evidence.reproduce.load import load_claims
 from skywright.missions.skills.surveyed import is_surveyed
+from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
-from skywright.run.run import build_vehicle
 from skywright.run.setup import Setup
 from skywright.vehicle.assembly import NEAR, Assembly
 from skywright.vehicle.bus import Truth

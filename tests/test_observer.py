@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from skywright.description.loader import load_description
+from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
-from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.estimators.observer import Observer
 from skywright.vehicle.sensors.inertial import Inertial

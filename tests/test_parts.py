@@ -13,9 +13,10 @@ import pytest
 from skywright.description.dump import dump_description, list_sources
 from skywright.description.loader import list_layer_problems, load_description
 from skywright.errors import InputError, SimulationError
+from skywright.run.backends import build_vehicle
 from skywright.run.directory import load_run
 from skywright.run.parts import build_estimator, build_law, build_named
-from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.run import fly_and_evaluate
 from skywright.run.setup import Setup
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

@@ -8,10 +8,10 @@ import pytest
 
 from plant_parts import build_context, build_plant
 from skywright.description.loader import load_description
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 from skywright.vehicle.bus import Truth
 from skywright.vehicle.given_forces import GivenForces
-from skywright.vehicle.interface import Uav
+from skywright.vehicle.moves import Moves
 from skywright.vehicle.plant import AirForce
 
 PUSH = np.array([40.0, 0.0, 0.0])  # N
@@ -44,7 +44,7 @@ def test_a_robot_without_control_flies_off():
 def test_a_controlled_robot_moves_by_all_forces_on_it(robot: str):
     d = load_description("waypoints", robot, sets=["mission.estimator=truth"])
     v = build_vehicle(d)
-    uav = Uav(v)
+    uav = Moves(v)
     uav.take_off(1.5)
     while not v.tick().arrived:
         pass

@@ -29,8 +29,9 @@ from skywright.models.geometry import build_clearance
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
 from skywright.models.things.box import Box
+from skywright.run.backends import build_vehicle
 from skywright.run.metrics import in_phases
-from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.run import fly_and_evaluate
 from skywright.run.setup import Setup
 
 DESCRIPTION = load_description("sensor-install")

@@ -12,7 +12,7 @@ from skywright.description.world.spec import Mocap
 from skywright.errors import InputError
 from skywright.models.deviated_sensors import draw_noise_factors
 from skywright.reports.explain import list_plant
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 from skywright.vehicle.estimators.filter import Filter
 from skywright.vehicle.estimators.station_camera import StationCamera
 from skywright.vehicle.sensor_tables import get_table

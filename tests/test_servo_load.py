@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skywright.description.loader import load_description
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 from skywright.vehicle.observers.servos import ServoLoad
 
 

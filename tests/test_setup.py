@@ -16,8 +16,8 @@ from skywright.models.allocation import build_allocator
 from skywright.models.rigid_body import build_body_model
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import build_scene
+from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
-from skywright.run.run import build_vehicle
 from skywright.run.setup import Setup
 
 BUILDERS = (

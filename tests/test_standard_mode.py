@@ -14,7 +14,8 @@ from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.missions.flight_modes.metrics import compute_coupling, compute_tilt
 from skywright.models.rotors import build_rotors
-from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.backends import build_vehicle
+from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.bus import Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.laws._standard_mode import compute_coplanar_mix, follow_trim, stabilise
 from skywright.vehicle.laws.backstepping import Backstepping

@@ -14,7 +14,7 @@ from skywright.core.record import View
 from skywright.core.types import IMU_HISTORY
 from skywright.description.loader import load_description
 from skywright.errors import InputError
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 from skywright.vehicle.estimators import _fusion as fusion
 from skywright.vehicle.estimators._fusion import N_FUSION
 from skywright.vehicle.estimators._kalman import correct

@@ -12,7 +12,7 @@ from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.recordings.recording import read_recording
 from skywright.recordings.writer import RecordingWriter
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 
 TICKS = 30  # mission ticks, 20 ms each: the robot stands on the ground
 NAMES = ["/sensors/inertial", "/sensors/mocap/platform", "/sensors/mocap/tip", "/sensors/laser"]

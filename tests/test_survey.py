@@ -45,9 +45,10 @@ from skywright.missions.skills.surveyed import (
 from skywright.models.geometry import FAR, describe_pair, leave_out, query_clearance
 from skywright.planning.patterns import build_pattern
 from skywright.planning.survey import choose_points
+from skywright.run.backends import build_vehicle
 from skywright.run.metrics import in_phases
 from skywright.run.planning import plan_mission
-from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.run import fly_and_evaluate
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 

@@ -24,8 +24,9 @@ from skywright.missions.skills.surveyed_structure import (
     judge_structure,
     move_structure,
 )
+from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
-from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.run import fly_and_evaluate
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 

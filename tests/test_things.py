@@ -16,7 +16,7 @@ from skywright.errors import InputError
 from skywright.models.compliant_arms import compute_gravity_torque, find_swing
 from skywright.models.drawing import build_drawing, compute_part_poses, list_object_poses
 from skywright.models.rigid_body import build_body_model, posture
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 from skywright.vehicle.arms.truth import HandTruth, TapePull
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.effects.tape import Tape

@@ -15,8 +15,8 @@ from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
 from skywright.models.arm_body import Deviation
 from skywright.models.scene import build_scene
+from skywright.run.backends import build_vehicle
 from skywright.run.check import check_file
-from skywright.run.run import build_vehicle
 
 WHEEL = Path(__file__).parent.parent / "examples" / "hand_wheel.py"
 WORLD = """

@@ -31,6 +31,7 @@ from skywright.description.world.wind import (
 )
 from skywright.errors import InputError
 from skywright.missions.scan.metrics import find_lifts
+from skywright.run.backends import build_vehicle
 from skywright.run.limits import (
     compute_equivalent_wind,
     compute_wind_allowance,
@@ -38,7 +39,6 @@ from skywright.run.limits import (
     find_exceeded_wind,
 )
 from skywright.run.planning import plan_mission
-from skywright.run.run import build_vehicle
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.bus import Clock, MuJoCo, Truth

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         build_vehicle,
         campaign,
         compute_capability,
+        fly,
         identify,
         load_robot,
         load_world,
@@ -48,20 +49,20 @@ if TYPE_CHECKING:
     from skywright.run.planning import MissionPlan
     from skywright.run.results import Run, open_run
     from skywright.run.run import RunResult
-    from skywright.vehicle.interface import Uav
+    from skywright.vehicle.uav import Uav
 
     __version__: str
 
 _PARTS = {
     "skywright.parts": (
         "build_law", "build_mjcf", "build_model", "build_urdf", "build_vehicle", "campaign",
-        "compute_capability", "identify", "load_robot", "load_world", "locate", "plan_motion",
-        "run_estimator", "weld",
+        "compute_capability", "fly", "identify", "load_robot", "load_world", "locate",
+        "plan_motion", "run_estimator", "weld",
     ),
     "skywright.planning.motion.transit": ("Configuration",),
     "skywright.planning.shapes": ("Box", "Cylinder", "Sphere"),
     "skywright.run.results": ("Run", "open_run"),
-    "skywright.vehicle.interface": ("Uav",),
+    "skywright.vehicle.uav": ("Uav",),
 }  # fmt: skip
 """Parts by the module that they are imported from when they are first asked for."""
 
@@ -84,6 +85,7 @@ __all__ = [
     "campaign",
     "compute_capability",
     "evaluate",
+    "fly",
     "identify",
     "load",
     "load_robot",
@@ -163,6 +165,7 @@ def run(
     gateway_key: str | os.PathLike[str] | None = None,
     station: str | None = None,
     command: str = "",
+    backend: str = "physics",
 ) -> RunResult:
     """Plan, fly and evaluate a mission; writes the run's directory (`result.directory`).
 
@@ -173,6 +176,7 @@ def run(
     `gateway` ("udp:PORT") publishes the arms' state to others; `gateway_key` is a file with the key
     that its packets are sealed with. `station` (FD:FOLDER) is how a ground station that started
     this process is reached. `command` is the command line that the report states.
+    `backend` is "physics", or "kinematic": references are followed exactly, without forces.
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
     """
@@ -226,6 +230,7 @@ def run(
             records=None if records is None else Path(records),
             operator=_reach(person, description),
             command=command,
+            backend=backend,
         )
     finally:
         if person is not None:

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from skywright.models.capability import Capability
     from skywright.planning.motion.transit import Configuration, Transit
     from skywright.planning.shapes import Shape
+    from skywright.run.session import Vehicle
+    from skywright.vehicle.motions import Arrival
     from skywright.vehicle.simulated import SimulatedVehicle
     from skywright.vehicle.stepped import LawStep
 
@@ -103,9 +105,36 @@ def build_vehicle(description: Description | Path_) -> SimulatedVehicle:
     state, bit for bit, or with other noise. `vehicle.last_sample` (1,) holds the columns of a
     recording, `vehicle.estimate` what the controllers see.
     """
-    from skywright.run.run import build_vehicle as build
+    from skywright.run.backends import build_vehicle as build
 
     return build(as_description(description))
+
+
+def fly(
+    robot: Path_ | None = None,
+    *,
+    world: Path_ | None = None,
+    mission: Path_ = "waypoints",
+    backend: str = "physics",
+    seed: int | None = None,
+    sets: Sets = (),
+    arrival: Arrival | None = None,
+    checklist: bool = True,
+) -> Vehicle:
+    """Return a vehicle that a script flies, on the ground with its motors off.
+
+    Robot and world are those of `mission` where they are not given; its phases are not flown.
+    Commands wait until they have ended. `backend` is "physics", "kinematic" (references are
+    followed exactly), or "recording": `mission` is then a run's directory, which is played.
+    `checklist` says whether `[mission.checklist]` and the spin check are passed before the motors
+    turn. Raises InputError on anything that is wrong.
+    """
+    from skywright.run.session import open_recording, open_vehicle
+
+    if backend == "recording":
+        return open_recording(Path(mission))
+    description = load_description(mission, robot, world, sets, seed)
+    return open_vehicle(description, backend, arrival, checklist)
 
 
 def build_law(description: Description | Path_) -> LawStep:

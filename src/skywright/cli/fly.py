@@ -43,11 +43,17 @@ from skywright.errors import InputError
     type=click.Path(path_type=Path),
     help="Add contact measurements to this SQLite file.",
 )
+@click.option(
+    "--backend",
+    default="physics",
+    show_default=True,
+    help="physics, or kinematic: references are followed exactly, without forces.",
+)
 def run(
     mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
     seed: int | None, plan_file: str | None, out: Path | None, as_json: bool, view: bool,
     operator: str | None, station: str | None, gateway: str | None, gateway_key: Path | None,
-    records: Path | None,
+    records: Path | None, backend: str,
 ) -> int:  # fmt: skip
     """Plan, fly and evaluate a mission.
 
@@ -67,7 +73,7 @@ def run(
         description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
     result = skywright.run(
         description, out=out, view=view, progress=not as_json, records=records, operator=operator,
-        gateway=gateway, gateway_key=gateway_key, station=station,
+        gateway=gateway, gateway_key=gateway_key, station=station, backend=backend,
         command=shlex.join(["skywright", *click.get_current_context().obj]),
     )  # fmt: skip
     if as_json:

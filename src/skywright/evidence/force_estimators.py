@@ -18,7 +18,7 @@ from skywright.models.compliant_arms import find_hands
 from skywright.models.rigid_body import build_body_model
 from skywright.models.things.bench import Bench
 from skywright.models.things.box import Box
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 from skywright.vehicle.arms.ports import HandState
 from skywright.vehicle.arms_interface import Arms
 

@@ -3,7 +3,7 @@
 import pickle
 import sys
 
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 
 if __name__ == "__main__":
     build_vehicle(pickle.load(sys.stdin.buffer)).tick()

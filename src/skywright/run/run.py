@@ -23,9 +23,9 @@ from skywright.description.loader import Description, load_description
 from skywright.description.mission.spec import T
 from skywright.errors import InfeasibleError, InputError, SimulationError, SkywrightError
 from skywright.models.capability import check_can_fly
-from skywright.models.things.bench import Bench
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.recordings.columns import build_dtype
+from skywright.run.backends import PHYSICS, build_vehicle, choose_backend
 from skywright.run.directory import load_run, open_directory, write_json, write_unfinished
 from skywright.run.faults._rule import Acted, Rule
 from skywright.run.flight import Flight, Flown, PhaseRecord
@@ -34,7 +34,7 @@ from skywright.run.kind import P, load_kind
 from skywright.run.metrics import compute_common_metrics
 from skywright.run.operated import check_operator, keep_operator, write_mission
 from skywright.run.operator import Operator
-from skywright.run.parts import build_estimator, build_law, build_named, build_rules
+from skywright.run.parts import build_rules
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.records import Measurement, RecordStore, start_records
 from skywright.run.requirements import Verdict, check_requirement_names, describe_outcome, judge_run
@@ -42,9 +42,8 @@ from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.run.versions import collect_versions
 from skywright.run.warm_up import is_compiled, start_warm_up
-from skywright.vehicle.observers.operator import Operator as OperatorStick
+from skywright.vehicle.interface import require
 from skywright.vehicle.simulated import SimulatedVehicle
-from skywright.vehicle.streams import StreamRecorder
 from skywright.vehicle.time_limit import watch
 
 FLUSH_S = 1.0  # simulated seconds between writes of the recording
@@ -85,6 +84,7 @@ class RunResult(NamedTuple, Generic[T, P]):
     waived: dict[str, str] = {}
     """Requirements that have no meaning for what was asked, each with the reason."""
     command: str = ""  # that started the run; "" where no command line did
+    backend: str = PHYSICS  # that flew it
 
     @property
     def exit_code(self) -> int:
@@ -99,6 +99,7 @@ class RunResult(NamedTuple, Generic[T, P]):
             "robot": d.robot.name,
             "world": d.world.name,
             "seed": d.mission.seed,
+            "backend": self.backend,
             "command": self.command,
             "outcome": self.outcome,
             "reason": self.reason,
@@ -123,13 +124,15 @@ def run_mission(
     records: Path | None = None,
     operator: Operator | None = None,
     command: str = "",
+    backend: str = PHYSICS,
 ) -> RunResult:
     """Plan, fly and evaluate a mission, and write its run directory.
 
     `write_report` is called with the result while the directory is still NAME.partial. `records`
     is the file (SQLite) in which contact measurements are stored as soon as they are finished.
-    `operator` is at the stick in person, in missions that have one; what it did is written beside
-    the recording (operator.csv), and mission.toml names it. `command` is noted in metrics.json.
+    `backend` flies it (run/backends.py). `operator` is at the stick in person, in missions that
+    have one; what it did is written beside the recording (operator.csv), and mission.toml names it.
+    `command` is noted in metrics.json.
     Raises InputError (nothing was started), InfeasibleError (no plan exists). A diverged or
     interrupted run is returned with that outcome; its directory stays NAME.partial.
     """
@@ -137,7 +140,8 @@ def run_mission(
     if operator is not None:
         check_operator(description)
     setup, rules = Setup(description), build_rules(description)
-    plan, vehicle = _prepare(setup, observers)  # a bad part is told before anything is written
+    choose_backend(backend)  # one that does not exist is told before anything is planned
+    plan, vehicle = _prepare(setup, backend, observers)  # a bad part is told before all else
     store = None if records is None else RecordStore(records, create=True)
     final, partial = open_directory(out, description.mission.name)
     write_mission(partial, description, plan)
@@ -157,7 +161,7 @@ def run_mission(
         for observer in observers:
             observer.close()
     result = _evaluate(Flown(setup, plan, samples, phases), flight, outcome, partial)
-    result = result._replace(command=command)
+    result = result._replace(command=command, backend=backend)
     _add_timing(result, start)
     write_json(partial / "metrics.json", result.to_json())
     if outcome in ("interrupted", "diverged"):
@@ -204,45 +208,14 @@ def evaluate_directory(directory: Path) -> RunResult:
     flight = Flight(stored.outcome in ("succeeded", "failed"), stored.reason, stored.acted)
     flown = Flown(setup, plan, stored.samples, stored.phases)
     result = _evaluate(flown, flight, outcome, directory)
-    return result._replace(timing=stored.timing, command=str(stored.written.get("command", "")))
-
-
-def build_vehicle(
-    description: Description,
-    on_samples: Callable[[NDArray[Any]], None] | None = None,
-    setup: Setup[Any] | None = None,
-    observers: Sequence[Observer] = (),
-) -> SimulatedVehicle:
-    """Build the physics back end; `setup` is built already, `parts` are those of `observers`."""
-    d, mission = description, description.mission
-    setup = setup or Setup(description)
-    world = setup.true.world
-    if load_kind(mission.kind).held:  # in the air, where the flight begins
-        place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
-        world = world.add_thing("clamp", place)
-    parts = build_named(d) + [part for o in observers for part in getattr(o, "parts", ())]
-    if mission.record_raw:
-        parts.append(StreamRecorder("raw samples"))
-    if load_kind(mission.kind).operated:
-        parts.append(OperatorStick("operator"))
-    return SimulatedVehicle(
-        setup,
-        build_law(d, setup),
-        build_estimator(d),
-        world=world,
-        seed=mission.seed,
-        deviation=setup.deviation,
-        start=(mission.start_x_m, mission.start_y_m, float(np.radians(mission.start_yaw_deg))),
-        interactive=mission.mode == "interactive",
-        timestep=1e-3 * mission.timestep_ms,
-        calibrated=mission.calibrate_springs,
-        parts=parts,
-        on_samples=on_samples,
-    )
+    return result._replace(
+        timing=stored.timing, command=str(stored.written.get("command", "")),
+        backend=str(stored.written.get("backend", PHYSICS)),
+    )  # fmt: skip
 
 
 def _prepare(
-    setup: Setup[Any], observers: Sequence[Observer] = ()
+    setup: Setup[Any], backend: str = PHYSICS, observers: Sequence[Observer] = ()
 ) -> tuple[MissionPlan[Any], SimulatedVehicle]:
     """Plan the mission and build its vehicle; compiles both at once where that is needed."""
     description = setup.description
@@ -261,7 +234,10 @@ def _prepare(
         if warm_up is not None:
             warm_up.terminate()  # what it compiled so far is kept
         raise
-    return plan, build_vehicle(description, setup=setup, observers=observers)
+    parts = [part for o in observers for part in getattr(o, "parts", ())]
+    vehicle = build_vehicle(description, setup=setup, backend=backend, parts=parts)
+    require(vehicle, load_kind(description.mission.kind).needs, description.mission.name)
+    return plan, vehicle
 
 
 def _add_timing(result: RunResult, start: float) -> None:  # of time.perf_counter

@@ -23,7 +23,10 @@ from skywright.run.parts import build_default_rules
 from skywright.run.planning import MissionPlan
 from skywright.run.records import Measurement
 from skywright.vehicle.arms_interface import Arms
-from skywright.vehicle.interface import Backend, Probe, Ticked, Uav, WholeBody, require
+from skywright.vehicle.interface import Backend, Probe, Ticked, WholeBody, require
+from skywright.vehicle.motions import SPIN_S
+from skywright.vehicle.moves import Moves
+from skywright.vehicle.preflight import Checked, check_rotors, run_checklist
 from skywright.vehicle.ticker import StepFailed
 
 Table = NDArray[Any]
@@ -71,13 +74,18 @@ class Supervisor(Generic[T]):
         self.watch: Callable[[], None] | None = None  # called each tick; may raise to stop a move
         self.operator = operator or plan.operator
         self.sticks: list[tuple[float, Stick]] = []  # s since it took over, and what it did
+        self.checked: list[Checked] = []  # the pre-flight checks
         self.way: Any = plan.way
         self.turns = False  # the rotors that are left do not hold the heading
         self._open: tuple[str, float] | None = None
-        self.senses, self.trail, self.surroundings = Senses(vehicle), Trail(), surroundings
+        self.senses, self.trail, self.surroundings = (
+            Senses(vehicle, mission.fence),
+            Trail(),
+            surroundings,
+        )
         rules = build_default_rules() if rules is None else rules
         self.faults = Watch(rules, self.senses, on_acted)
-        self.uav, self.arms = Uav(vehicle), Arms(vehicle)
+        self.uav, self.arms = Moves(vehicle), Arms(vehicle)
         self.body, self.probe = WholeBody(vehicle), Probe(vehicle)
 
     def fly(self) -> Flight:
@@ -88,7 +96,7 @@ class Supervisor(Generic[T]):
             self.end("failed")
             return Flight(False, str(error))
         except RuleActed as first:
-            self._respond(first)
+            self.respond(first)
             return self.conclude()
 
     def conclude(self, says: str = "") -> Flight:
@@ -97,7 +105,7 @@ class Supervisor(Generic[T]):
         reasons = [*(a.says for a in acted), *([says] if says else [])]
         return Flight(False, "; then ".join(reasons), acted)
 
-    def _respond(self, acted: RuleActed) -> None:
+    def respond(self, acted: RuleActed) -> None:
         """Fly the response of the rule that acted, and of stronger ones that act meanwhile."""
         self.watch = None
         while True:
@@ -124,6 +132,10 @@ class Supervisor(Generic[T]):
         self.begin("start")
         self.wait(SPIN_UP)
         self.wait_for_estimate()
+        failed = [c.says for c in self.check_before_flight() if not c.passed]
+        if failed:
+            self.end("failed")
+            return Flight(False, f"no take-off: {'; '.join(failed)} (mission.checklist)")
         self.uav.motors(True)
         self.faults.begin(airborne=False)
         if kind.held:
@@ -179,6 +191,18 @@ class Supervisor(Generic[T]):
                     "s on the ground (check world.localisation and its sensors)"
                 )
             self.wait(0.1)
+
+    def check_before_flight(self) -> list[Checked]:
+        """Run the mission's checklist; where it says so the motors turn for the spin check."""
+        checklist, vehicle = self.mission.checklist, self.vehicle
+        self.checked = run_checklist(checklist, vehicle, self.mission.fence)
+        if checklist.spin and all(c.passed for c in self.checked):
+            self.uav.motors(True)
+            self.wait(SPIN_S)
+            self.checked.append(check_rotors(checklist, vehicle))
+            if not self.checked[-1].passed:
+                self.uav.motors(False)
+        return self.checked
 
     def tick(self, guards: int = 0) -> Any:
         """Run one mission tick; raises RuleActed where a rule ends the mission."""

@@ -1,12 +1,12 @@
-"""What a mission may command over any back end: Uav, WholeBody, Probe (and arms_interface.Arms).
+"""What a mission may command over any back end: WholeBody and Probe.
 
-A back end (physics simulation here; kinematic animation and autopilots later) tracks tables of
-REFERENCE rows and says which of the four it offers. The four classes turn commands into tables.
+Moves (vehicle/moves.py) and Arms (vehicle/arms_interface.py) are beside them. A back end (physics,
+kinematic animation, a recording; an autopilot) tracks tables of REFERENCE rows and says which of
+the four it offers. The four classes turn commands into tables.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from skywright.core.record import Record
 from skywright.core.types import REFERENCE
+from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.rotors import RotorSet
-from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
-from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration
+from skywright.vehicle.link_arc import LinkArc
+from skywright.vehicle.rest_to_rest import ROW_PERIOD
 from skywright.vehicle.ticker import StepFailed
 
 Array = NDArray[np.float64]
@@ -46,6 +47,8 @@ class Backend(Protocol):
     """What the mission needs of a vehicle."""
 
     offers: frozenset[str]
+    refuses: str  # why it takes no commands, "" where it does
+    robot: Robot
     limits: Limits
     n_joints: int
     rotors: RotorSet  # as believed
@@ -150,117 +153,6 @@ def require(backend: Backend, needs: frozenset[str], mission: str) -> None:
             f"mission {mission!r} requires {', '.join(missing)}; the vehicle offers "
             f"{', '.join(sorted(backend.offers)) or 'nothing'}"
         )
-
-
-class Uav:
-    """The platform: take off, go to, hold, land."""
-
-    def __init__(self, backend: Backend) -> None:
-        self.backend = backend
-
-    def _move(self, p: Array, yaw_change: float, least: float = 0.0) -> None:
-        b, limits = self.backend, self.backend.limits
-        start = np.array(b.reference)
-        delta = np.asarray(p, dtype=float) - start["p_WB"]
-        total = max(
-            duration(float(np.linalg.norm(delta)), limits.speed, limits.acceleration),
-            duration(abs(yaw_change), 0.8, 1.0),
-            least,
-        )
-        table, _, s, ds, dds = build_straight(start, start, delta, total)
-        yaw = s * yaw_change
-        c, sn, z, o = np.cos(yaw), np.sin(yaw), np.zeros(len(s)), np.ones(len(s))
-        turn = np.stack([c, -sn, z, sn, c, z, z, z, o], axis=1).reshape(-1, 3, 3)
-        table["R_WB"] = turn @ start["R_WB"]
-        table["w_WB_B"] = 0.0
-        table["wd_WB_B"] = 0.0
-        table["w_WB_B"][:, 2] = ds * yaw_change
-        table["wd_WB_B"][:, 2] = dds * yaw_change
-        table["qd"] = 0.0
-        table["track_tip"] = 0.0
-        table["dead_zone"] = 0.0
-        table["R_WS"] = np.eye(3)
-        table["active"] = 1.0
-        fill_tips(b, table)
-        b.track(table)
-
-    def take_off(self, height: float) -> None:
-        """Rise to `height` (m) above the ground: straight up, or first along the link's arc.
-
-        Raises InputError for a height at which a swinging link would not hang free.
-        """
-        arc = self.arc
-        if arc is None:
-            p = self.backend.reference["p_WB"].copy()
-            p[2] = height
-            self._move(p, 0.0, least=2.0)
-            return
-        if height < arc.top:
-            raise InputError(
-                f"take-off to {height:g} m is too low: the link hangs freely only above "
-                f"{arc.top:.2f} m"
-            )
-        self._follow_arc(arc, up=True, height=height)
-
-    def go_to(self, p: Array, yaw: float) -> None:
-        """Fly straight to p (3,) in W with heading `yaw` (rad), the short way round."""
-        R = self.backend.reference["R_WB"]
-        now = math.atan2(R[1, 0], R[0, 0])
-        self._move(p, (yaw - now + math.pi) % (2 * math.pi) - math.pi)
-
-    def hold(self) -> None:
-        """Stay at the reference."""
-        self._move(self.backend.reference["p_WB"].copy(), 0.0)
-
-    def land(self, ground_height: float, here: bool = False) -> None:
-        """Sink to the height of the platform's origin on the ground, a little into it.
-
-        With a swinging link: forward, down until its end touches, then backward along its arc to
-        where it began; `here` leaves the way forward out, where room there is not known.
-        """
-        if self.arc is not None:
-            self._follow_arc(self.arc, up=False, height=0.0, here=here)
-            return
-        p = self.backend.reference["p_WB"].copy()
-        p[2] = ground_height - 0.05
-        distance = self.backend.reference["p_WB"][2] - p[2]
-        self._move(p, 0.0, least=distance / 0.15)
-
-    @property
-    def arc(self) -> LinkArc | None:
-        """The arc of a link that lies on the ground, None without one."""
-        return self.backend.arc
-
-    def _follow_arc(self, arc: LinkArc, up: bool, height: float, here: bool = False) -> None:
-        """Track arc and vertical as one table; see `vehicle.link_arc`."""
-        b, limits = self.backend, self.backend.limits
-        start = np.array(b.reference)
-        speed, acceleration = limits.speed, limits.acceleration
-        path = plan_take_off(arc, height, speed, acceleration, ROW_PERIOD) if up else plan_landing(
-            arc, float(start["p_WB"][2]), speed, acceleration, ROW_PERIOD, here
-        )  # fmt: skip
-        ahead = start["R_WB"][:2, 0] / np.linalg.norm(start["R_WB"][:2, 0])
-        table = np.repeat(start[None], len(path.forward), axis=0)
-        table["t"] = ROW_PERIOD * np.arange(len(table))
-        for name in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd"):
-            table[name] = 0.0
-        table["p_WB"][:, :2] += (path.forward - path.forward[0])[:, None] * ahead
-        table["p_WB"][:, 2] = path.height
-        table["q"][:, arc.swing] = path.swing
-        for position, velocity in (("p_WB", "v_WB"), ("v_WB", "a_WB")):
-            table[velocity] = np.gradient(table[position], ROW_PERIOD, axis=0)
-        table["qd"][:, arc.swing] = np.gradient(path.swing, ROW_PERIOD)
-        table["track_tip"], table["dead_zone"] = 0.0, 0.0
-        table["R_WS"], table["active"] = np.eye(3), 1.0
-        fill_tips(b, table)
-        b.track(table)
-
-    def motors(self, on: bool) -> None:
-        """Switch the rotors on at the present reference, or off."""
-        row = np.array(self.backend.reference)
-        row["t"], row["active"] = 0.0, float(on)
-        row["v_WB"] = row["a_WB"] = row["w_WB_B"] = row["wd_WB_B"] = row["qd"] = 0.0
-        self.backend.track(row[None])
 
 
 class WholeBody:

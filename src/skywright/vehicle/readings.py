@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from skywright.core.record import Array, Mat3, Vec3
-from skywright.core.types import IMU_BATCH, MAX_JOINTS
+from skywright.core.types import IMU_BATCH, MAX_JOINTS, MAX_ROTORS
 from skywright.vehicle.component import Output
 
 
@@ -88,3 +88,10 @@ class TipForce(Output):
     """The force sensor of a probe."""
 
     force: float  # N
+
+
+class Telemetry(Output):
+    """What the battery's and the motors' own electronics tell."""
+
+    charge: float  # share of the battery's energy that is left
+    speed: Annotated[Array, MAX_ROTORS]  # rad/s, of each rotor

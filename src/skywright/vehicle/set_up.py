@@ -61,7 +61,7 @@ def build_home_row(
 def list_offers(robot: Robot) -> frozenset[str]:
     """Return what a mission may command of a robot (vehicle/interface.py)."""
     return frozenset(
-        ["uav"]
+        ["uav", "dynamics"]
         + (["arms", "whole_body"] if robot.arm else [])
         + (["hands"] if is_compliant(robot) else [])
         + (["probe"] if robot.probe else [])

@@ -82,6 +82,7 @@ class SimulatedVehicle:
     """A back end (vehicle.interface.Backend) that flies the plant."""
 
     offers: frozenset[str]
+    refuses = ""
 
     def __init__(
         self,

@@ -17,11 +17,13 @@ from skywright.errors import SkywrightError
 from skywright.models.compliant_arms import find_hands
 from skywright.models.rigid_body import build_body_model
 from skywright.recordings.columns import has_columns
+from skywright.run.backends import build_vehicle
 from skywright.run.metrics import in_phases
-from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.arms_interface import Arms
 from skywright.vehicle.guard import LOST_CONTROL
-from skywright.vehicle.interface import Uav, WholeBody
+from skywright.vehicle.interface import WholeBody
+from skywright.vehicle.moves import Moves
 from skywright.vehicle.simulated import SimulatedVehicle
 
 Step = Callable[[str], None]
@@ -130,7 +132,7 @@ def hover_in(robot: str, q: Array, wind: float, seed: int, sets: dict[str, objec
 
 def _settle(vehicle: SimulatedVehicle, q: Array) -> tuple[Array, Array]:
     """Take off, bring the arms to q; returns where tip and platform shall stay (3,) m."""
-    uav, arms = Uav(vehicle), Arms(vehicle)
+    uav, arms = Moves(vehicle), Arms(vehicle)
     _wait(vehicle, 1.0)
     uav.motors(True)
     uav.take_off(HEIGHT)

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from skywright.core.find import find
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
+from skywright.description.mission.safety import Checklist, Fence
 from skywright.description.parts import Part, type_parts
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
@@ -83,6 +84,8 @@ class Mission(Spec, Generic[T]):
     task: T
     requirements: dict[str, Requirement] = {}
     faults: Rules = Rules()
+    fence: Fence = Fence()
+    checklist: Checklist = Checklist()
 
     @model_validator(mode="before")
     @classmethod

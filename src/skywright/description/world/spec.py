@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from skywright.core.spec import Coordinate, Fraction, Name, NonNegative, Positive, Spec
 from skywright.description.world.gnss import Gnss
 from skywright.description.world.localisation import TotalStation
+from skywright.description.world.origin import Origin
 from skywright.description.world.radio import Radio
 from skywright.description.world.structure import Structure
 from skywright.description.world.thing import Thing
@@ -211,6 +212,7 @@ class World(Spec):
 
     name: Name
     description: str = ""
+    origin: Origin | None = None  # where on the earth W lies, for `go_to_geo`
     gravity_mps2: Positive = 9.81
     air_density_kg_m3: Positive = 1.2
     pipe: Pipe | None = None

@@ -13,7 +13,7 @@ from skywright.evidence.bench.flights import (
 )
 from skywright.evidence.bench.rows import Row, Session, build_row
 from skywright.evidence.bench.timing import compute_ratios, interleave
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 
 NOTES = {"air": "hovering", "tip": "the probe's tip on the pipe", "feet": "standing"}
 

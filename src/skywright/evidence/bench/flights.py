@@ -11,12 +11,13 @@ from skywright.description.robot.limbs import SIDES
 from skywright.errors import InfeasibleError, SimulationError
 from skywright.evidence.bench.timing import read_clock
 from skywright.models.rigid_body import posture
+from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
-from skywright.run.run import build_vehicle
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.arms_interface import Arms
-from skywright.vehicle.interface import Uav, WholeBody
+from skywright.vehicle.interface import WholeBody
+from skywright.vehicle.moves import Moves
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.simulation import Snapshot
@@ -76,7 +77,7 @@ def fly_to_hover(description: Description) -> SimulatedVehicle:
     """Take off and hover."""
     vehicle = build_vehicle(description)
     run_ticks(vehicle, count_ticks(1.0))
-    uav = Uav(vehicle)
+    uav = Moves(vehicle)
     uav.motors(True)
     uav.take_off(description.mission.hover_height_m)
     while not vehicle.tick().arrived:
@@ -101,7 +102,7 @@ def fly_with_bar() -> SimulatedVehicle:
     description = load_description("bar-transport", sets={"mission.task.planner_slices": 50})
     plan, vehicle = plan_mission(description), build_vehicle(description)
     run_ticks(vehicle, count_ticks(1.0))
-    Uav(vehicle).motors(True)
+    Moves(vehicle).motors(True)
     vehicle.release()
     run_ticks(vehicle, count_ticks(3.0))
     WholeBody(vehicle).track(plan.segments["transport"])

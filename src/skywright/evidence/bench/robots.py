@@ -21,7 +21,7 @@ from skywright.evidence.bench.rows import Row, Session, build_row
 from skywright.evidence.bench.timing import compute_ratios, interleave, read_clock
 from skywright.models.crowd import Crowd, build_crowd, repeat_controls, set_crowd, step_crowd
 from skywright.models.deviation import build_deviation
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 from skywright.vehicle.simulated import SimulatedVehicle
 
 COUNTS = (1, 2, 4, 8)

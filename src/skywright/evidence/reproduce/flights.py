@@ -28,10 +28,12 @@ from skywright.missions.tool_install.metrics import compute_grasp_errors
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.models.compliant_arms import is_compliant
 from skywright.recordings.columns import build_dtype, has_columns
+from skywright.run.backends import build_vehicle
 from skywright.run.planning import MissionPlan, plan_mission
-from skywright.run.run import build_vehicle, fly_and_evaluate
+from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.bus import Body
-from skywright.vehicle.interface import Uav, WholeBody
+from skywright.vehicle.interface import WholeBody
+from skywright.vehicle.moves import Moves
 from skywright.vehicle.simulated import SimulatedVehicle
 
 FIELDS = (
@@ -144,7 +146,7 @@ def _fly_to_stand_off(
     """Fly to the stand-off before the surface, tip loop closed, and hold."""
     plan = plan_mission(description)
     vehicle = build_vehicle(description, blocks.append)
-    uav, body = Uav(vehicle), WholeBody(vehicle)
+    uav, body = Moves(vehicle), WholeBody(vehicle)
     for _ in range(50):
         vehicle.tick()
     uav.motors(True)

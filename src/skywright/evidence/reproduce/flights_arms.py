@@ -20,7 +20,7 @@ from skywright.missions.sensor_install.plan import build_pose
 from skywright.models.compliant_arms import find_swing
 from skywright.models.rigid_body import build_body_model
 from skywright.models.tip_force import Loaded
-from skywright.run.run import build_vehicle
+from skywright.run.backends import build_vehicle
 from skywright.vehicle.arms_interface import Arms
 from skywright.vehicle.rest_to_rest import quintic
 

@@ -8,4 +8,4 @@ class ExcitationKind(FolderKind[ExcitationTask]):
     """Shake the robot, so that its parameters can be identified."""
 
     task = ExcitationTask
-    needs = frozenset({"uav"})
+    needs = frozenset({"uav", "dynamics"})

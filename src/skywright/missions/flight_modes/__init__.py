@@ -8,4 +8,4 @@ class FlightModesKind(FolderKind[ModesTask]):
     """Fly the three modes of a platform with tilted rotors."""
 
     task = ModesTask
-    needs = frozenset({"uav", "whole_body"})
+    needs = frozenset({"uav", "whole_body", "dynamics"})

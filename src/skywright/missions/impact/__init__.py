@@ -8,4 +8,4 @@ class ImpactKind(FolderKind[Impact]):
     """Fly into something padded with hand or link."""
 
     task = Impact
-    needs = frozenset({"uav"})
+    needs = frozenset({"uav", "dynamics"})

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from skywright.core.record import find_place
 from skywright.core.types import TASK_FORCE, TASK_FORCE_POSITION, TASK_JOINTS, TASK_SQUEEZE
+from skywright.description.mission.safety import Fence
 from skywright.errors import InputError
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands
 from skywright.vehicle.bus import Estimate
@@ -26,8 +27,8 @@ FELT_N = 0.5
 class Senses:
     """The vehicle now. Records are those of the vehicle: copy what shall be kept."""
 
-    def __init__(self, vehicle: Backend) -> None:
-        self.vehicle = vehicle
+    def __init__(self, vehicle: Backend, fence: Fence | None = None) -> None:
+        self.vehicle, self.fence = vehicle, Fence() if fence is None else fence
         self.reference: Any = vehicle.reference_now  # the REFERENCE row that is tracked
         self.t = vehicle.t  # s, mission time
         self._records: dict[Any, Any] = {}

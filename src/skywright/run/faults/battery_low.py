@@ -29,7 +29,7 @@ class BatteryLow(Rule):
         response: Response = "come_home"
 
     def begin(self, v: Senses) -> None:
-        from skywright.vehicle.sensors.fuel_gauge import Telemetry
+        from skywright.vehicle.readings import Telemetry
 
         self._charge = v.place(Telemetry, "charge")
 

@@ -39,7 +39,7 @@ class RotorLost(Rule):
 
     def begin(self, v: Senses) -> None:
         from skywright.vehicle.bus import RotorDrive
-        from skywright.vehicle.sensors.fuel_gauge import Telemetry
+        from skywright.vehicle.readings import Telemetry
 
         n = len(v.vehicle.rotors.axis)
         asked, made = v.place(RotorDrive, "speed"), v.place(Telemetry, "speed")

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any
+from typing import Any
 
-from skywright.core.record import Array, Record
+from skywright.core.record import Record
 from skywright.core.types import MAX_ROTORS
 from skywright.models.rotors import compute_power, compute_watt_per_n15
-from skywright.vehicle.component import Component, Out, Output, Sensor
+from skywright.vehicle.component import Component, Out, Sensor
 from skywright.vehicle.plant import RotorState
+from skywright.vehicle.readings import Telemetry
 
 PERIOD = 0.01
 """s, between readings."""
-
-
-class Telemetry(Output):
-    """What the battery's and the motors' own electronics tell."""
-
-    charge: float  # share of the battery's energy that is left
-    speed: Annotated[Array, MAX_ROTORS]  # rad/s, of each rotor
 
 
 class FuelGauge(Sensor):

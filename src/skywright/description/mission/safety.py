@@ -1,0 +1,64 @@
+"""Where a robot may fly, and what is checked before its motors turn: data of a mission."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from pydantic import Field, model_validator
+
+from skywright.core.spec import Coordinate, Fraction, Positive, Spec
+
+
+class Fence(Spec):
+    """The geofence: `[mission.fence]`. What is not given does not limit."""
+
+    x_min_m: Coordinate | None = None  # in W, of the platform's origin
+    x_max_m: Coordinate | None = None
+    y_min_m: Coordinate | None = None
+    y_max_m: Coordinate | None = None
+    height_max_m: Positive | None = None  # above the ground
+    radius_m: Positive | None = None  # level, around the origin of W
+
+    @model_validator(mode="after")
+    def _limits_leave_room(self) -> Fence:
+        for axis in ("x", "y"):
+            low, high = getattr(self, f"{axis}_min_m"), getattr(self, f"{axis}_max_m")
+            if low is not None and high is not None and not low < high:
+                raise ValueError(f"{axis}_min_m = {low:g} is not below {axis}_max_m = {high:g}")
+        return self
+
+    def list_excess(self, p: Sequence[float]) -> list[tuple[str, float, float, float]]:
+        """Return (key, value, limit, m beyond it) of every limit; beyond is negative inside."""
+        values = {
+            "x_min_m": (p[0], -1.0), "x_max_m": (p[0], 1.0), "y_min_m": (p[1], -1.0),
+            "y_max_m": (p[1], 1.0), "height_max_m": (p[2], 1.0),
+            "radius_m": (math.hypot(p[0], p[1]), 1.0),
+        }  # fmt: skip
+        limits = [(key, *values[key], getattr(self, key)) for key in values]
+        return [(k, x, limit, s * (x - limit)) for k, x, s, limit in limits if limit is not None]
+
+    def compute_excess(self, p: Sequence[float]) -> float:
+        """Return how far (m) the place p (3,) m lies outside; negative inside, -inf: no limit."""
+        return max((excess for *_, excess in self.list_excess(p)), default=-math.inf)
+
+    def explain(self, p: Sequence[float]) -> str:
+        """Return which limit the place p (3,) m is beyond, "" where it lies inside."""
+        for key, value, limit, excess in self.list_excess(p):
+            if excess > 0.0:
+                return (
+                    f"the goal is {excess:.2f} m outside the geofence: mission.fence.{key} = "
+                    f"{limit:g}, goal {value:.2f}"
+                )
+        return ""
+
+
+class Checklist(Spec):
+    """What is checked before the motors turn: `[mission.checklist]`."""
+
+    battery_min_fraction: Fraction = 0.3  # charge, of the full battery
+    fix_age_max_s: Positive = 0.5  # since the robot was last localised
+    tilt_max_deg: float = Field(default=10.0, gt=0, le=90)  # of the platform on the ground
+    speed_max_mps: Positive = 0.2  # of the platform on the ground, as estimated
+    spin: bool = False  # turn the motors at low thrust for 1 s, and compare their speeds
+    spin_spread_fraction: Fraction = 0.25  # of a rotor's speed from the median, at most

@@ -1,0 +1,224 @@
+"""A vehicle that a script flies: platform, arms, streams, and the rules that watch it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.loader import Description, load_description
+from skywright.description.mission.safety import Checklist
+from skywright.errors import InputError
+from skywright.recordings.columns import build_dtype
+from skywright.run.backends import build_vehicle
+from skywright.run.directory import load_run
+from skywright.run.faults._watch import RuleActed
+from skywright.run.parts import build_rules
+from skywright.run.planning import MissionPlan
+from skywright.run.setup import Setup
+from skywright.run.supervisor import Supervisor
+from skywright.vehicle.arms_interface import Arms
+from skywright.vehicle.commands import State
+from skywright.vehicle.interface import Backend, Probe, Ticked
+from skywright.vehicle.motions import Arrival
+from skywright.vehicle.recorded import Phase, RecordedVehicle
+from skywright.vehicle.telemetry import (
+    HandStates,
+    JointState,
+    Odometry,
+    Pose,
+    read_battery,
+    read_hands,
+    read_joints,
+    read_odometry,
+    read_reference,
+    read_transforms,
+)
+from skywright.vehicle.uav import Uav
+
+STREAMS: dict[str, Callable[[Any], Any]] = {
+    "pose": lambda v: v.pose, "velocity": lambda v: v.odometry[1:],
+    "odometry": lambda v: v.odometry,
+    "transforms": lambda v: v.transforms, "reference": lambda v: v.reference,
+    "state": lambda v: v.state, "mode": lambda v: v.mode, "battery": lambda v: v.battery,
+    "joints": lambda v: v.joints, "hands": lambda v: v.hands,
+}  # fmt: skip
+"""What `Vehicle.subscribe` delivers, by name."""
+RATE_MAX = 50.0  # Hz: a mission tick
+
+
+class Subscriber(NamedTuple):
+    """Someone who is told of a stream."""
+
+    read: Callable[[Any], Any]
+    tell: Callable[[float, Any], None]
+    every: int  # mission ticks
+
+
+class Vehicle(Uav):
+    """What `skywright.fly` returns: commands of `Uav`, which wait, and everything beside them."""
+
+    def __init__(
+        self, backend: Backend, supervisor: Supervisor[Any] | None, arrival: Arrival | None,
+        checklist: Checklist | None,
+    ) -> None:  # fmt: skip
+        """`supervisor` watches the rules; None: a recording is played."""
+        self._supervisor = supervisor
+        self._subscribers: list[Subscriber] = []
+        self._ticks = 0
+        self.acted: list[str] = []
+        """What rules that acted said: each ended the flight with its response."""
+        fence = None if supervisor is None else supervisor.mission.fence
+        super().__init__(
+            backend, arrival=arrival, checklist=checklist, fence=fence, tick=self._fly_tick,
+            waits=True,
+        )  # fmt: skip
+        self.arms, self.probe = Arms(backend), Probe(backend)
+        self._blocks: list[NDArray[Any]] = []
+        if supervisor is not None:
+            supervisor.vehicle.on_samples = self._blocks.append  # type: ignore[attr-defined]
+
+    # --- streams -----------------------------------------------------------------------------
+
+    @property
+    def t(self) -> float:
+        """Mission time (s)."""
+        return self.backend.t
+
+    @property
+    def pose(self) -> Pose:
+        """Pose of the platform in W as estimated."""
+        return self.odometry.pose
+
+    @property
+    def odometry(self) -> Odometry:
+        """Pose and speeds of the platform as estimated."""
+        return read_odometry(self.backend)
+
+    @property
+    def reference(self) -> Odometry:
+        """Pose and speeds that the platform shall have."""
+        return read_reference(self.backend)
+
+    @property
+    def transforms(self) -> dict[tuple[str, str], Pose]:
+        """Poses by (parent, child)."""
+        return read_transforms(self.backend)
+
+    @property
+    def battery(self) -> float:
+        """Share of the battery's energy that is left; NaN where nothing measures it."""
+        return read_battery(self.backend)
+
+    @property
+    def joints(self) -> JointState:
+        """Joints of the arms."""
+        return read_joints(self.backend)
+
+    @property
+    def hands(self) -> HandStates:
+        """Hands, forces, deflections and torques of compliant arms."""
+        return read_hands(self.backend)
+
+    @property
+    def samples(self) -> NDArray[Any]:
+        """Everything recorded so far, (n,): the columns of a recording, 100 Hz."""
+        if self._supervisor is None:
+            raise InputError("a recording is read by skywright.open_run")
+        vehicle: Any = self.backend
+        vehicle.flush()
+        return np.concatenate([np.zeros(0, build_dtype(vehicle.recorded.columns)), *self._blocks])
+
+    def subscribe(
+        self, stream: str, tell: Callable[[float, Any], None], rate_hz: float = RATE_MAX
+    ) -> None:
+        """Call `tell(t, value)` with a stream of STREAMS at `rate_hz` (up to 50).
+
+        Raises InputError for another name or rate.
+        """
+        if stream not in STREAMS:
+            raise InputError(f"stream {stream!r} is unknown; valid: {', '.join(STREAMS)}")
+        if not 0.0 < rate_hz <= RATE_MAX:
+            raise InputError(f"rate_hz = {rate_hz!r}; valid: above 0, up to {RATE_MAX:g}")
+        every = max(round(RATE_MAX / rate_hz), 1)
+        self._subscribers.append(Subscriber(STREAMS[stream], tell, every))
+
+    def subscribe_samples(self, tell: Callable[[str, NDArray[Any]], None]) -> None:
+        """Call `tell(topic, rows)` with every sample of sensors at their own rates.
+
+        Deflections of compliant arms come at 200 Hz; rows of one topic hold about a second.
+        """
+        if self._supervisor is None:
+            raise InputError("a recording is read by skywright.open_run")
+        vehicle: Any = self.backend
+        vehicle.on_stream = tell
+
+    # --- ticks -------------------------------------------------------------------------------
+
+    def _fly_tick(self) -> Ticked:
+        s = self._supervisor
+        if s is None:
+            ticked = self.backend.tick()
+        else:
+            try:
+                ticked = s.tick()
+            except RuleActed as acted:
+                ticked = self._answer(s, acted)
+        self._ticks += 1
+        for subscriber in self._subscribers:
+            if self._ticks % subscriber.every == 0:
+                subscriber.tell(self.backend.t, subscriber.read(self))
+        return ticked
+
+    def _answer(self, s: Supervisor[Any], acted: RuleActed) -> Ticked:
+        """Fly what the rules say; the vehicle is down afterwards, and its commands have failed."""
+        s.respond(acted)
+        self.acted += [a.says for a in s.faults.acted[len(self.acted) :]]
+        s.faults.rank = -1
+        self.end("; then ".join(self.acted))
+        return Ticked(self.backend.t, 0, True)
+
+    def _enter(self, state: State | None) -> None:
+        before = self._state
+        super()._enter(state)
+        s = self._supervisor
+        if s is None or state is None or state == before:
+            return
+        if state == State.TAKING_OFF:
+            s.trail.crumbs.clear()  # a way back ends over the start
+        if state in (State.LANDED_ARMED, State.TAKING_OFF):
+            s.faults.begin(airborne=False)
+        elif state in (State.FLYING_AUTO, State.FLYING_MANUAL):
+            s.faults.begin(airborne=True)
+        elif state == State.LANDING:
+            s.faults.land()
+
+
+def open_vehicle(
+    description: Description[Any], backend: str, arrival: Arrival | None, checklist: bool
+) -> Vehicle:
+    """Build a vehicle and wait until it knows where it is; see `skywright.fly`."""
+    setup = Setup(description)
+    vehicle = build_vehicle(description, setup=setup, backend=backend)
+    plan: MissionPlan[Any] = MissionPlan(True, None, 0.0, 0.0, 0.0, 0.0, {})
+    supervisor: Supervisor[Any] = Supervisor(
+        vehicle, description.mission, plan, description.robot.platform.gear_height_m,
+        rules=build_rules(description), surroundings=lambda: setup.clearance_aloft,
+    )  # fmt: skip
+    checks = description.mission.checklist.model_copy(update={"spin": True}) if checklist else None
+    out = Vehicle(vehicle, supervisor, arrival, checks)
+    supervisor.wait_for_estimate()
+    while out.state == State.UNINITIALIZED:
+        out.tick()
+    return out
+
+
+def open_recording(directory: Path) -> Vehicle:
+    """Play a run through the interface of a vehicle; raises InputError where there is none."""
+    run = load_run(directory)
+    phases = [Phase(p.name, p.start_s, p.end_s) for p in run.phases]
+    recorded = RecordedVehicle(Setup(load_description(directory)), run.samples, phases)
+    return Vehicle(recorded, None, None, None)

@@ -1,0 +1,35 @@
+"""Arguments of commands: numbers that are finite, or one clear line."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skywright.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def check_number(name: str, value: Any) -> float:
+    """Return a finite number; raises InputError naming the argument."""
+    try:
+        out = float(value)
+    except (TypeError, ValueError):
+        out = math.nan
+    if not math.isfinite(out):
+        raise InputError(f"{name} = {value!r}; valid: a finite number")
+    return out
+
+
+def check_vector(name: str, value: ArrayLike, n: int = 3) -> Array:
+    """Return n finite numbers (n,); raises InputError naming the argument."""
+    try:
+        out = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        out = np.zeros(0)
+    if out.shape != (n,) or not np.all(np.isfinite(out)):
+        raise InputError(f"{name} = {value!r}; valid: {n} finite numbers")
+    return out

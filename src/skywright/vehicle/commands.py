@@ -1,0 +1,176 @@
+"""The vocabulary of a vehicle: states, commands, and one table of what is allowed when.
+
+States and commands are those of UAL (Real, Torres-Gonzalez, Ramon-Soria, Capitan and Ollero 2018;
+Suarez 2020, section III-A), with `arm`, `disarm`, `hold`, `go_home` and the pilot's switch beside
+them. `TABLE` is read by `vehicle.uav.Uav`, by the documentation (docs/generate_commands.py) and by
+the tests. Gateways and ground stations import names from here.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple
+
+
+class State(StrEnum):
+    """Where a vehicle is between the ground and free flight."""
+
+    UNINITIALIZED = "uninitialized"  # no estimate yet
+    LANDED_DISARMED = "landed_disarmed"  # motors off
+    LANDED_ARMED = "landed_armed"  # motors turn, the feet stand
+    TAKING_OFF = "taking_off"
+    FLYING_AUTO = "flying_auto"  # commands are followed
+    FLYING_MANUAL = "flying_manual"  # the pilot's stick is followed
+    LANDING = "landing"
+
+
+class Command(StrEnum):
+    """What may be asked of a vehicle."""
+
+    ARM = "arm"
+    DISARM = "disarm"
+    TAKE_OFF = "take_off"
+    GO_TO = "go_to"
+    GO_TO_GEO = "go_to_geo"
+    GO_HOME = "go_home"
+    SET_POSE = "set_pose"
+    SET_VELOCITY = "set_velocity"
+    SET_JOINTS = "set_joints"
+    HOLD = "hold"
+    LAND = "land"
+    SET_HOME = "set_home"
+    TAKE_OVER = "take_over"
+    STICK = "stick"
+    RECOVER_FROM_MANUAL = "recover_from_manual"
+    STOP_MOTORS = "stop_motors"
+
+
+class ControlMode(StrEnum):
+    """What the references are made of now."""
+
+    OFF = "off"  # motors off
+    MOTION = "motion"  # a motion with an end: take-off, go_to, land
+    HOLD = "hold"
+    POSE = "pose"  # a stream of poses
+    VELOCITY = "velocity"  # a stream of velocities
+    ATTITUDE = "attitude"  # the pilot's stick
+    EXTERNAL = "external"  # tables of a mission or a plan
+
+
+class Need(StrEnum):
+    """What a command requires beyond a state."""
+
+    CHECKLIST = "checklist"  # the pre-flight checks pass
+    FENCE = "fence"  # the goal lies within the geofence
+    ORIGIN = "origin"  # the world has a geodetic origin
+    HOME = "home"  # a home is set
+    ESTIMATE = "estimate"  # the robot knows where it is, now
+    HOLDABLE = "holdable"  # attitude and speed are such that the position loops can take over
+    FREE_LINK = "free_link"  # no link of the robot lies on the ground
+    CONFIRMED = "confirmed"  # `confirm = True` is given
+
+
+NEEDS: dict[Need, str] = {
+    Need.CHECKLIST: "every check of the pre-flight checklist passes",
+    Need.FENCE: "the goal lies within the geofence",
+    Need.ORIGIN: "the world has `[world.origin]`",
+    Need.HOME: "a home is set (the place of the first take-off, or `set_home`)",
+    Need.ESTIMATE: "the estimator has a position, and its last fix is fresh",
+    Need.HOLDABLE: "tilt and speed are within what the position loops take over",
+    Need.FREE_LINK: "a link that swings below the platform hangs free of the ground",
+    Need.CONFIRMED: "`confirm=True` is given",
+}
+"""What each requirement means, for messages and the documentation."""
+
+
+class Entry(NamedTuple):
+    """When a command is accepted, and what follows."""
+
+    states: tuple[State, ...]  # in which it is accepted
+    during: State | None  # state while it is carried out; None: unchanged
+    after: State | None  # state when it has succeeded; None: unchanged
+    interrupts: bool  # whether it ends the motion that is under way
+    needs: tuple[Need, ...] = ()
+    says: str = ""
+
+
+S, C = State, Command
+LANDED = (S.LANDED_DISARMED, S.LANDED_ARMED)
+AUTO = (S.FLYING_AUTO,)
+IN_AIR = (S.TAKING_OFF, S.FLYING_AUTO, S.FLYING_MANUAL, S.LANDING)
+
+TABLE: dict[Command, Entry] = {
+    C.ARM: Entry(
+        (S.LANDED_DISARMED,), S.LANDED_DISARMED, S.LANDED_ARMED, False,
+        (Need.ESTIMATE, Need.CHECKLIST), "turn the motors, at the reference on the ground",
+    ),
+    C.DISARM: Entry(
+        (S.LANDED_ARMED, S.LANDED_DISARMED), None, S.LANDED_DISARMED, True, (), "motors off",
+    ),
+    C.TAKE_OFF: Entry(
+        LANDED, S.TAKING_OFF, S.FLYING_AUTO, False,
+        (Need.ESTIMATE, Need.CHECKLIST, Need.FENCE),
+        "rise to a height; arms first where the vehicle is disarmed",
+    ),
+    C.GO_TO: Entry(
+        AUTO, S.FLYING_AUTO, S.FLYING_AUTO, True, (Need.FENCE,),
+        "fly straight to a position and a heading",
+    ),
+    C.GO_TO_GEO: Entry(
+        AUTO, S.FLYING_AUTO, S.FLYING_AUTO, True, (Need.ORIGIN, Need.FENCE),
+        "the same by latitude, longitude and altitude",
+    ),
+    C.GO_HOME: Entry(
+        AUTO, S.FLYING_AUTO, S.FLYING_AUTO, True, (Need.HOME, Need.FENCE),
+        "fly over the home, at the height of now",
+    ),
+    C.SET_POSE: Entry(
+        AUTO, None, None, True, (Need.FENCE,),
+        "follow a stream of poses; without news it stays at the last one",
+    ),
+    C.SET_VELOCITY: Entry(
+        AUTO, None, None, True, (), "follow a stream of velocities; without news it holds",
+    ),
+    C.SET_JOINTS: Entry(
+        AUTO, None, None, True, (),
+        "follow a stream of joint angles beside that of poses; without news the arms stay",
+    ),
+    C.HOLD: Entry(
+        (S.TAKING_OFF, S.FLYING_AUTO, S.LANDING), S.FLYING_AUTO, S.FLYING_AUTO, True,
+        (Need.FREE_LINK,), "brake and stay",
+    ),
+    C.LAND: Entry(
+        (S.TAKING_OFF, S.FLYING_AUTO), S.LANDING, S.LANDED_DISARMED, True, (),
+        "sink to the ground and stop the motors",
+    ),
+    C.SET_HOME: Entry(
+        (*LANDED, S.TAKING_OFF, S.FLYING_AUTO, S.FLYING_MANUAL, S.LANDING), None, None, False,
+        (Need.ESTIMATE,), "the home is the place of now",
+    ),
+    C.TAKE_OVER: Entry(
+        (S.LANDED_ARMED, *IN_AIR), None, S.FLYING_MANUAL, True, (),
+        "the pilot's switch: the stick is followed from now on",
+    ),
+    C.STICK: Entry(
+        (S.FLYING_MANUAL,), None, None, False, (),
+        "the pilot's stick; without news it is level and holds its height",
+    ),
+    C.RECOVER_FROM_MANUAL: Entry(
+        (S.FLYING_MANUAL,), S.FLYING_AUTO, S.FLYING_AUTO, True,
+        (Need.ESTIMATE, Need.HOLDABLE, Need.FREE_LINK),
+        "take over from the pilot: brake and stay",
+    ),
+    C.STOP_MOTORS: Entry(
+        tuple(S), None, S.LANDED_DISARMED, True, (Need.CONFIRMED,),
+        "motors off at once, in the air as well: the robot falls",
+    ),
+}  # fmt: skip
+"""Every command: where it is accepted, what it makes of the state, whether it interrupts."""
+
+
+def explain_refusal(command: Command, state: State) -> str:
+    """Return why a command is not accepted in a state, "" where it is."""
+    states = TABLE[command].states
+    if state in states:
+        return ""
+    return f"{command} refused: the state is {state}; accepted in {', '.join(states)}"

@@ -1,0 +1,49 @@
+"""What a command requires beyond a state, looked at when it is given."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.mission.safety import Fence
+from skywright.vehicle.commands import Need
+from skywright.vehicle.interface import Backend
+
+Array = NDArray[np.float64]
+
+FRESH_S = 0.5  # s, age of the newest fix with which a robot counts as localised
+TILT_MAX, SPEED_SHARE, ROOM = math.radians(40.0), 2.0, 0.2
+"""What `recover_from_manual` takes over: tilt (rad), speed over the limit, room below (m)."""
+
+
+def find_lack(need: Need, b: Backend, fence: Fence | None, goal: Array | None) -> str:
+    """Return why a need is not met, "" where it is; `goal` (3,) m is where the command leads."""
+    if need == Need.ESTIMATE and not (b.localised and b.fix_age <= FRESH_S):
+        age = f"the last position is {b.fix_age:.2f} s old, limit {FRESH_S:g} s"
+        return age if b.localised else "the estimator has no position"
+    if need == Need.FENCE and fence is not None and goal is not None:
+        return fence.explain(goal.tolist())
+    if need == Need.FREE_LINK and b.arc is not None and b.estimate["p_WB"][2] < b.arc.top:
+        return f"the link is not free of the ground below {b.arc.top:.2f} m"
+    return find_unholdable(b) if need == Need.HOLDABLE else ""
+
+
+def find_unholdable(b: Backend) -> str:
+    """Return why the position loops cannot take over from a pilot now, "" where they can."""
+    est = b.estimate
+    tilt, v = math.acos(min(max(est["R_WB"][2, 2], -1.0), 1.0)), est["v_WB"]
+    speed, limit = float(np.linalg.norm(v)), SPEED_SHARE * b.limits.speed
+    if tilt > TILT_MAX:
+        return f"tilt {math.degrees(tilt):.0f} deg, limit {math.degrees(TILT_MAX):.0f} deg"
+    if speed > limit:
+        return f"speed {speed:.1f} m/s, limit {limit:.1f} m/s"
+    height = float(est["p_WB"][2]) - b.robot.platform.gear_height_m
+    braked = 0.5 * speed * max(-float(v[2]), 0.0) / b.limits.acceleration
+    if height - braked < ROOM:
+        return (
+            f"the robot is {height:.2f} m above the ground and needs {braked + ROOM:.2f} m to "
+            "brake: land by hand"
+        )
+    return ""

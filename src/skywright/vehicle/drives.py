@@ -1,0 +1,269 @@
+"""References that are made tick by tick: streams of poses and velocities, and a pilot's stick.
+
+A drive is stepped before each mission tick (20 ms) and returns two rows: where the platform is to
+be now, and at the end of the tick. What it is told ages: what is older than its limit counts as
+"stay". Speeds and accelerations stay within the limits of the back end.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import exp_so3, rot_z
+from skywright.vehicle.interface import Backend, Table, fill_tips
+from skywright.vehicle.moves import TURN_ACCELERATION, level
+
+Array = NDArray[np.float64]
+
+TICK = 0.02  # s, of a mission tick
+LEASH = 0.3  # m, by which a reference may run ahead of the robot: it is held up, or blown away
+TURN_MAX = 0.8  # rad/s
+APPROACH = 2.0  # 1/s, speed towards a pose for a metre of distance
+CLIMB_ACCELERATION = 2.0  # m/s^2
+DOWN_M, DOWN_S = 0.08, 0.3  # m above its reference, and s: what sinks stands on something
+LIGHT = 0.9  # thrust over weight, below which a robot that does not fall stands on something
+ASKED = 0.03  # m/s of sinking, below which a touch-down is not looked for
+
+
+class Stick(NamedTuple):
+    """A pilot's stick: tilt of the platform, turn, and climb or thrust."""
+
+    roll: float = 0.0  # rad, about x of B: positive moves to the right
+    pitch: float = 0.0  # rad, about y of B: positive moves ahead
+    yaw_rate: float = 0.0  # rad/s, counter-clockwise from above
+    climb: float = 0.0  # m/s, held where `thrust` is None
+    thrust: float | None = None  # in place of it: thrust over weight
+
+
+LET_GO = Stick()
+"""Level, and the height of now."""
+
+
+class Drive:
+    """Base: a platform that starts at the reference of now, and is led tick by tick."""
+
+    stale_s = 0.5
+
+    def __init__(self, backend: Backend) -> None:
+        self.backend = backend
+        row = backend.reference
+        self.p, self.v = np.array(row["p_WB"]), np.array(row["v_WB"])
+        self.yaw = math.atan2(row["R_WB"][1, 0], row["R_WB"][0, 0])
+        self.rate = float(row["w_WB_B"][2])
+        self.heard = backend.t  # s, when it was last told something
+        self._held_up = 0.0  # s
+        self._q: Array | None = None  # rad, of a stream of joint angles
+        self._q_to: Array | None = None
+        self._q_heard = 0.0
+
+    def tell_joints(self, q: Array) -> None:
+        """Lead the joints to q (n_joints,) rad within their speed; stale, they stay."""
+        if self._q is None:
+            self._q = np.array(self.backend.reference["q"])
+        self._q_to, self._q_heard = q, self.backend.t
+
+    def _step_joints(self, table: Table) -> None:
+        """Fill the joints of two rows."""
+        if self._q is None or self._q_to is None:
+            return
+        n, most = self.backend.n_joints, self.backend.limits.joint_speed * TICK
+        way = np.zeros(n)
+        if self.backend.t - self._q_heard <= self.stale_s + 1e-9:
+            way = np.clip(self._q_to - self._q[:n], -most, most)
+        table["q"] = self._q
+        self._q[:n] += way
+        table["q"][1], table["qd"][:, :n] = self._q, way / TICK
+
+    @property
+    def age(self) -> float:
+        """Time (s) since it was last told something."""
+        return self.backend.t - self.heard
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether what it was told is too old to be followed."""
+        return self.age > self.stale_s + 1e-9
+
+    @property
+    def has_touched_down(self) -> bool:
+        """Whether the robot was asked to sink, and stood on something instead."""
+        return self._held_up >= DOWN_S - 1e-9
+
+    def step(self) -> Table:
+        """Return the reference of now and that of the end of the tick, (2,) REFERENCE rows."""
+        p, v, yaw = self.p.copy(), self.v.copy(), self.yaw
+        a, turn = self.lead(), self.turn()
+        change = float(
+            np.clip(turn - self.rate, -TURN_ACCELERATION * TICK, TURN_ACCELERATION * TICK)
+        )
+        self.rate += change
+        self.yaw += self.rate * TICK
+        self.p = p + TICK * v + 0.5 * TICK**2 * a
+        self.v = v + TICK * a
+        est = self.backend.estimate
+        ahead = self.p - est["p_WB"]
+        far = float(np.linalg.norm(ahead))
+        if far > LEASH:
+            self.p = est["p_WB"] + ahead * (LEASH / far)
+        sinks = self.v[2] < -ASKED and est["v_WB"][2] > 0.3 * self.v[2]
+        above = float(est["p_WB"][2] - self.p[2])
+        self._held_up = self._held_up + TICK if sinks and above > DOWN_M else 0.0
+        return self._build(p, v, a, yaw)
+
+    def lead(self) -> Array:
+        """Return the acceleration (3,) m/s^2 of this tick."""
+        raise NotImplementedError
+
+    def turn(self) -> float:
+        """Return the rate of the heading (rad/s) that is asked for."""
+        return 0.0
+
+    def tilt(self, yaw: float) -> Array:
+        """Return the attitude (3, 3) of the reference at a heading (rad)."""
+        return rot_z(yaw)
+
+    def _towards(self, v: Array) -> Array:
+        """Return the acceleration that leads to the velocity v within the limit."""
+        a = (v - self.v) / TICK
+        size, limit = float(np.linalg.norm(a)), self.backend.limits.acceleration
+        return a if size <= limit else a * (limit / size)
+
+    def _build(self, p: Array, v: Array, a: Array, yaw: float) -> Table:
+        row = np.array(self.backend.reference)
+        for name in ("t", "qd", "w_WB_B", "wd_WB_B", "track_tip", "dead_zone"):
+            row[name] = 0.0
+        row["R_WS"], row["active"] = np.eye(3), 1.0
+        table = np.repeat(row[None], 2)
+        table["t"][1] = TICK
+        table["p_WB"], table["v_WB"] = [p, self.p], [v, self.v]
+        table["a_WB"], table["w_WB_B"][:, 2] = a, self.rate
+        table["R_WB"] = [self.tilt(yaw), self.tilt(self.yaw)]
+        self._step_joints(table)
+        fill_tips(self.backend, table)
+        return table
+
+
+class VelocityDrive(Drive):
+    """Follows a velocity (m/s in W) and a rate of the heading (rad/s); stale, it brakes."""
+
+    def __init__(self, backend: Backend) -> None:
+        super().__init__(backend)
+        self._v, self._rate = np.zeros(3), 0.0
+
+    def tell(self, v: Array, yaw_rate: float) -> None:
+        """Take a new reference, cut to the limits of the vehicle."""
+        size, limit = float(np.linalg.norm(v)), self.backend.limits.speed
+        self._v = v if size <= limit else v * (limit / size)
+        self._rate, self.heard = float(np.clip(yaw_rate, -TURN_MAX, TURN_MAX)), self.backend.t
+
+    def lead(self) -> Array:
+        """Towards the velocity that was told, or to rest."""
+        return self._towards(np.zeros(3) if self.is_stale else self._v)
+
+    def turn(self) -> float:
+        """As told."""
+        return 0.0 if self.is_stale else self._rate
+
+
+class PoseDrive(Drive):
+    """Follows places (m in W) and headings (rad); where none comes it stays at the last one."""
+
+    def __init__(self, backend: Backend) -> None:
+        super().__init__(backend)
+        self._p, self._yaw = self.p.copy(), self.yaw
+
+    def tell(self, p: Array, yaw: float) -> None:
+        """Take a new reference."""
+        self._p, self._yaw, self.heard = p, yaw, self.backend.t
+
+    def lead(self) -> Array:
+        """Towards the pose, no faster than it can brake."""
+        way, limits = self._p - self.p, self.backend.limits
+        far = float(np.linalg.norm(way))
+        if far < 1e-9:
+            return self._towards(np.zeros(3))
+        speed = min(limits.speed, APPROACH * far, math.sqrt(limits.acceleration * far))
+        return self._towards(way * (speed / far))
+
+    def turn(self) -> float:
+        """The short way round."""
+        off = (self._yaw - self.yaw + math.pi) % (2.0 * math.pi) - math.pi
+        size = min(TURN_MAX, APPROACH * abs(off), math.sqrt(TURN_ACCELERATION * abs(off)))
+        return math.copysign(size, off)
+
+
+class StickDrive(Drive):
+    """Attitude mode: the stick tilts the platform; nothing holds its place.
+
+    Place and speed of the reference follow the estimate, so that the position loops add nothing to
+    the acceleration g tan(tilt) that is asked for: laws of coplanar rotors tilt by as much, laws of
+    tilted ones take the attitude and the force. What the loops' integrals have learnt (wind, trim)
+    stays in effect.
+    """
+
+    def __init__(self, backend: Backend) -> None:
+        super().__init__(backend)
+        self.stick = LET_GO
+        row, est = backend.reference, backend.estimate
+        self.v[2] = 0.0 if row["active"] > 0.5 else est["v_WB"][2]
+        self._gravity = float(backend.world.gravity_mps2)
+        self._tilt_max = math.radians(backend.robot.control.tilt_max_deg)
+        self._floor = float(est["p_WB"][2])  # m, where it took over
+        self._flew, self._stands = False, 0.0
+
+    def tell(self, stick: Stick) -> None:
+        """Take the stick, its tilt cut to the limit of the robot."""
+        size = math.hypot(stick.roll, stick.pitch)
+        cut = 1.0 if size <= self._tilt_max else self._tilt_max / size
+        climb = float(np.clip(stick.climb, -self.backend.limits.speed, self.backend.limits.speed))
+        self.stick = stick._replace(roll=cut * stick.roll, pitch=cut * stick.pitch, climb=climb)
+        self.heard = self.backend.t
+
+    @property
+    def has_touched_down(self) -> bool:
+        """Likewise, once the robot has left the ground."""
+        stands = self._stands >= DOWN_S - 1e-9 or super().has_touched_down
+        return self._flew and stands
+
+    def lead(self) -> Array:
+        """Follow the estimate, and ask for the acceleration of the tilt."""
+        stick = LET_GO if self.is_stale else self.stick
+        est = self.backend.estimate
+        self._flew = self._flew or float(est["p_WB"][2]) > self._floor + 0.15
+        low = stick.thrust is not None and stick.thrust < LIGHT and abs(est["v_WB"][2]) < ASKED
+        self._stands = self._stands + TICK if low else 0.0
+        self.p[:2], self.v[:2] = est["p_WB"][:2], est["v_WB"][:2]
+        z = self.tilt(self.yaw)[:, 2]
+        a = self._gravity * z / z[2]
+        if stick.thrust is None:
+            change = (stick.climb - self.v[2]) / TICK
+            a[2] = float(np.clip(change, -CLIMB_ACCELERATION, CLIMB_ACCELERATION))
+        else:
+            self.p[2], self.v[2] = est["p_WB"][2], est["v_WB"][2]
+            a[2] = (stick.thrust - 1.0) * self._gravity
+        return np.asarray(a)
+
+    def turn(self) -> float:
+        """As the stick says."""
+        return 0.0 if self.is_stale else float(np.clip(self.stick.yaw_rate, -TURN_MAX, TURN_MAX))
+
+    def tilt(self, yaw: float) -> Array:
+        """Heading, then pitch and roll."""
+        stick = LET_GO if self.is_stale else self.stick
+        R, turn = np.empty((3, 3)), np.array([stick.roll, stick.pitch, 0.0])
+        exp_so3(turn, R)
+        return np.asarray(rot_z(yaw) @ R)
+
+
+def build_row_here(backend: Backend) -> Any:
+    """Return a REFERENCE row, level, where the robot is and moves by its estimate."""
+    row, est = np.array(backend.reference), backend.estimate
+    for name in ("t", "a_WB", "w_WB_B", "wd_WB_B", "qd", "track_tip", "dead_zone"):
+        row[name] = 0.0
+    row["p_WB"], row["v_WB"], row["R_WB"] = est["p_WB"], est["v_WB"], level(est["R_WB"])
+    row["R_WS"], row["active"] = np.eye(3), 1.0
+    return row

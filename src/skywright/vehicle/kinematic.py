@@ -1,0 +1,131 @@
+"""The kinematic back end: the robot is where its reference says, without mass, force or contact.
+
+Sensors, estimator, law and plant are built as for a flight, so that records and recordings have the
+same names; of the schedule only what follows references, observes and records runs. The estimate is
+the truth. The ground holds the feet up; nothing else is touched.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from skywright.core.record import fill
+from skywright.core.rotations import rot_to_quat
+from skywright.description.world.thing import Fixture
+from skywright.description.world.things import find_first
+from skywright.errors import InputError
+from skywright.models.rigid_body import compute_tip
+from skywright.vehicle.bus import Body, Clock, Estimate, Reference, Truth
+from skywright.vehicle.estimates import EstimatorState
+from skywright.vehicle.interface import R, Ticked
+from skywright.vehicle.ports import FILL
+from skywright.vehicle.readings import ImuBatch, Telemetry
+from skywright.vehicle.schedule import end_control, run_rows
+from skywright.vehicle.simulated import SimulatedVehicle
+from skywright.vehicle.ticker import list_stretches
+
+OFFERS = frozenset({"uav", "arms", "whole_body"})
+"""What it can show: it has neither contacts nor hands that follow a force, nor a probe's signal."""
+KEPT = (Body, Estimate, EstimatorState, Reference, ImuBatch, Telemetry)
+"""Records that mean something; what sensors, laws and observers of a flight fill does not exist."""
+SLOTS = ("observe", "derive", "record")
+"""Rows of the plant's side that run, besides those that follow references."""
+
+
+class KinematicVehicle(SimulatedVehicle):
+    """A back end (vehicle.interface.Backend) that is moved along its references."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        """Take what SimulatedVehicle takes."""
+        super().__init__(*args, **kwargs)
+        self.offers = self.offers & OFFERS
+        a = self.assembly
+        told = [i for i, s in enumerate(a.steps) if s.slot == "reference"]
+        seen = [i for i, s in enumerate(a.steps) if s.slot in SLOTS and s.component.side == "plant"]
+        body = [
+            i for i, s in enumerate(a.steps)
+            if any(port.record is Body and port.use == FILL for port in s.ports)
+        ]  # fmt: skip
+        self._told, self._seen = _list_runs(told), _list_runs(sorted([*body, *seen]))
+        self._python = set(a.list_python_rows())
+        self._clock, self._ref, self._truth = a.get(Clock), a.get(Reference), a.get(Truth)
+        self._est, self._state = a.get(Estimate), a.get(EstimatorState)
+        self._imu = a.records.get((ImuBatch, ""))
+        self._state["ready"], self._state["pose_std"] = 1.0, math.nan
+        if (Telemetry, "") in a.records:
+            told = a.get(Telemetry)
+            told["charge"] = told["speed"] = math.nan  # no rotor turns, no power is drawn
+        self._bench = find_first(self.world.things, Fixture)
+        self._floor = self.robot.platform.gear_height_m
+
+    def look(self, record: type[R], name: str = "") -> R:
+        """Return a record of KEPT itself; raises InputError for every other one."""
+        if record not in KEPT:
+            raise InputError(f"the kinematic back end fills no {record.__name__}")
+        return super().look(record, name)
+
+    @property
+    def saturated(self) -> bool:
+        """Nothing saturates."""
+        return False
+
+    def tick(self, guards: int = 0) -> Ticked:
+        """Move the robot along its reference for a mission tick; guards never fire."""
+        a, clock = self.assembly, self._clock
+        a.refill(self.n_ticks, self.n_steps)
+        at, clock_at = int(a.rows.ctypes.data), a.address(Clock)
+        for _ in range(self.n_ticks):
+            self._run(self._told, at, clock_at)
+            self._move()
+            self._run(self._seen, at, clock_at)
+            end_control(clock_at)
+            clock["fast"] += self.n_steps
+        if self._recorder.is_full or any(c.is_full for c in self._raw):
+            self.flush()
+        return Ticked(self.t, 0, self.t - self._table_start >= self._table_end - 1e-9)
+
+    def _run(self, runs: list[tuple[int, int]], at: int, clock_at: int) -> None:
+        for first, last in runs:
+            for i, j in list_stretches(first, last, sorted(self._python)):
+                if j < 0:
+                    self.assembly.run_python(i)
+                else:
+                    run_rows(at, i, j, clock_at)
+
+    def _move(self) -> None:
+        """Take the pose of the reference, on or above the ground."""
+        ref, truth, est, d = self._ref, self._truth, self._est, self.sim.data
+        if self._bench is None:
+            p, v = np.array(ref["p_WB"]), np.array(ref["v_WB"])
+            if p[2] <= self._floor:
+                p[2], v[2] = self._floor, max(v[2], 0.0)
+            d.qpos[:3], d.qvel[:3], d.qvel[3:6] = p, v, ref["w_WB_B"]
+            rot_to_quat(ref["R_WB"], d.qpos[3:7])
+        places = self.scene.places
+        n = self.n_joints
+        d.qpos[places.joint_qpos], d.qvel[places.joint_dof] = ref["q"][:n], ref["qd"][:n]
+        mujoco.mj_kinematics(self.scene.model, d)
+        fill(est, truth)
+        est["t"] = self._state["heard"] = self.t
+        if self._imu is not None:
+            self._imu["t"][0] = self.t  # the link is not silent
+        est["p_WB"], est["v_WB"], est["w_WB_B"] = d.qpos[:3], d.qvel[:3], d.qvel[3:6]
+        est["R_WB"] = ref["R_WB"]
+        est["q"], est["qd"] = ref["q"], ref["qd"]
+        p_BT, R_BT = compute_tip(self.model, est["q"])
+        est["p_WT"], est["R_WT"] = est["p_WB"] + est["R_WB"] @ p_BT, est["R_WB"] @ R_BT
+
+
+def _list_runs(rows: list[int]) -> list[tuple[int, int]]:
+    """Return neighbours among row numbers as (first, last + 1)."""
+    out: list[tuple[int, int]] = []
+    for i in rows:
+        if out and out[-1][1] == i:
+            out[-1] = (out[-1][0], i + 1)
+        else:
+            out.append((i, i + 1))
+    return out

@@ -1,0 +1,160 @@
+"""Motions of the platform from their beginning to their result: each yields once a mission tick."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.mission.safety import Checklist
+from skywright.vehicle.drives import VelocityDrive, build_row_here
+from skywright.vehicle.interface import Backend
+from skywright.vehicle.moves import Brake, Moves
+from skywright.vehicle.preflight import Checked, check_rotors
+from skywright.vehicle.results import Result
+
+Array = NDArray[np.float64]
+Motion = Generator[None, None, Result]
+
+TICK = 0.02  # s
+STANDS_M, STANDS_S, STANDS_MPS = 0.15, 0.3, 0.1  # above its reference, still: it stands
+SINK = 0.15  # m/s, at which it goes on down where the ground is lower than believed
+SINK_MAX = 5.0  # m, of that
+SPIN_S = 0.5  # s, of the spin check
+IN_GROUND = 0.025  # m above a reference that ends 0.05 m in the ground: it stands
+PRESSED = 0.02  # m, by which the reference lies in the ground during it
+
+
+class Arrival(NamedTuple):
+    """When a motion counts as arrived."""
+
+    tolerance_m: float = 0.05  # of the estimate from the goal
+    dwell_s: float = 1.0  # for which it is that near
+    yaw_rad: float = 0.1
+    patience_s: float = 10.0  # after the end of the reference
+
+
+class Motions:
+    """What `Uav` begins; `checked` grows by the spin check."""
+
+    def __init__(self, backend: Backend, arrival: Arrival, checklist: Checklist | None) -> None:
+        self.backend, self.arrival, self.checklist = backend, arrival, checklist
+        self.moves = Moves(backend, blend=True)
+        self.checked: list[Checked] = []
+        self.home: Array | None = None
+
+    @property
+    def is_turning(self) -> bool:
+        """Whether the motors are on."""
+        return bool(self.backend.reference_now["active"] > 0.5)
+
+    def arm(self) -> Motion:
+        says = yield from self._spin()
+        if says:
+            return Result(False, f"arm refused: {says}")
+        if not self.is_turning:
+            self.moves.motors(True)
+        return Result(True)
+
+    def _spin(self) -> Generator[None, None, str]:
+        """Turn the motors with the reference a little in the ground; returns what is wrong."""
+        if self.checklist is None or not self.checklist.spin or self.is_turning:
+            return ""
+        row = build_row_here(self.backend)
+        row["p_WB"][2] -= PRESSED
+        row["v_WB"] = 0.0
+        self.backend.track(row[None])
+        yield from self._pause(SPIN_S)
+        found = check_rotors(self.checklist, self.backend)
+        self.checked = [*self.checked, found]
+        if found.passed:
+            return ""
+        self.moves.motors(False)
+        return found.says
+
+    def take_off(self, height: float) -> Motion:
+        says = yield from self._spin()
+        if says:
+            return Result(False, f"take_off refused: {says}")
+        if self.home is None:
+            self.home = np.array(self.backend.estimate["p_WB"])
+        self.moves.take_off(height)
+        return (yield from self._arrive())
+
+    def go_to(self, p: Array, yaw: float) -> Motion:
+        self.moves.go_to(p, yaw)
+        return (yield from self._arrive())
+
+    def hold(self) -> Motion:
+        row = self.backend.reference
+        brake = Brake(row, self.backend.limits.acceleration)
+        yaw = math.atan2(row["R_WB"][1, 0], row["R_WB"][0, 0])
+        self.moves.go_to(row["p_WB"] + brake.way, yaw + brake.turn)
+        return (yield from self._arrive())
+
+    def land(self, ground: float, here: bool) -> Motion:
+        self.moves.land(ground, here)
+        stood = 0.0
+        while True:
+            yield
+            ref, est = self.backend.reference_now, self.backend.estimate
+            above = float(est["p_WB"][2] - ref["p_WB"][2])
+            still = float(np.linalg.norm(est["v_WB"])) < STANDS_MPS
+            stood = stood + TICK if still and above > STANDS_M else 0.0
+            if stood >= STANDS_S:
+                break
+            if self.backend.t >= self.moves.ends - 1e-9:
+                if self.backend.arc is not None or above > IN_GROUND:
+                    yield from self._pause(0.3)
+                    break
+                return (yield from self._sink())
+        self.moves.motors(False)
+        return Result(True)
+
+    def _sink(self) -> Motion:
+        """Go on down: the ground is lower than believed."""
+        drive = VelocityDrive(self.backend)
+        lowest = float(self.backend.reference_now["p_WB"][2]) - SINK_MAX
+        while not drive.has_touched_down:
+            drive.tell(np.array([0.0, 0.0, -SINK]), 0.0)
+            self.backend.track(drive.step())
+            yield
+            if drive.p[2] < lowest:
+                return Result(False, f"no ground was met within {SINK_MAX:g} m below the expected")
+        self.moves.motors(False)
+        return Result(True)
+
+    def _pause(self, seconds: float) -> Generator[None, None, None]:
+        end = self.backend.t + seconds
+        while self.backend.t < end - 1e-9:
+            yield
+
+    def _arrive(self) -> Motion:
+        """Wait until the estimate has been near the end of the reference for a while."""
+        a, goal = self.arrival, self.moves.goal
+        near = 0.0
+        while True:
+            yield
+            est, t = self.backend.estimate, self.backend.t
+            off = float(np.linalg.norm(est["p_WB"] - goal["p_WB"]))
+            turn = _turn(est["R_WB"], goal["R_WB"])
+            near = near + TICK if off <= a.tolerance_m and turn <= a.yaw_rad else 0.0
+            ended = t >= self.moves.ends - 1e-9
+            if ended and near >= a.dwell_s - 1e-9:
+                return Result(True)
+            if t > self.moves.ends + a.patience_s:
+                return Result(
+                    False,
+                    f"not arrived {a.patience_s:g} s after the end of the motion: {off:.3f} m from "
+                    f"the goal (tolerance {a.tolerance_m:g} m), heading {math.degrees(turn):.1f} "
+                    f"deg off (tolerance {math.degrees(a.yaw_rad):.1f} deg)",
+                )
+
+
+def _turn(R: Array, R_goal: Array) -> float:
+    """Return the angle (rad) between two headings."""
+    off = math.atan2(R[1, 0], R[0, 0]) - math.atan2(R_goal[1, 0], R_goal[0, 0])
+    return abs((off + math.pi) % (2.0 * math.pi) - math.pi)

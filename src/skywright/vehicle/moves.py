@@ -1,0 +1,188 @@
+"""Motions of the platform as tables of references: take off, go to, hold, land.
+
+Missions, scripts and operators fly the same tables: missions call these, `vehicle.uav.Uav` adds
+states, refusals and arrival.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_z
+from skywright.errors import InputError
+from skywright.vehicle.interface import Backend, fill_tips
+from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
+from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration
+
+Array = NDArray[np.float64]
+
+TURN_ACCELERATION = 1.0
+"""rad/s^2, of the heading."""
+
+
+class Brake:
+    """What is left of the motion that a new one interrupts: its speeds, brought to zero."""
+
+    def __init__(self, start: Any, acceleration: float) -> None:
+        """`start` is the REFERENCE row of now; `acceleration` in m/s^2."""
+        self.v, self.rate = np.array(start["v_WB"]), float(start["w_WB_B"][2])
+        self.t = float(np.linalg.norm(self.v)) / acceleration  # s
+        self.t_turn = abs(self.rate) / TURN_ACCELERATION
+        self.way, self.turn = 0.5 * self.v * self.t, 0.5 * self.rate * self.t_turn  # m, rad
+        self.seconds = max(self.t, self.t_turn)
+
+    def add(self, table: NDArray[Any]) -> None:
+        """Add it to the rows of the motion that follows, which begins at rest."""
+        way, v, a = _slow_down(table["t"], self.t)
+        table["p_WB"] += way[:, None] * self.v
+        table["v_WB"] += v[:, None] * self.v
+        table["a_WB"] += a[:, None] * self.v
+        angle, rate, change = _slow_down(table["t"], self.t_turn)
+        for row, turned in zip(table, angle * self.rate, strict=True):
+            row["R_WB"] = rot_z(float(turned)) @ row["R_WB"]
+        table["w_WB_B"][:, 2] += rate * self.rate
+        table["wd_WB_B"][:, 2] += change * self.rate
+
+
+def _slow_down(t: Array, total: float) -> tuple[Array, Array, Array]:
+    """Return way, speed and acceleration of 1 m/s that ends after `total` s."""
+    if total <= 0.0:
+        return np.zeros_like(t), np.zeros_like(t), np.zeros_like(t)
+    u = np.minimum(t, total)
+    return u - 0.5 * u**2 / total, 1.0 - u / total, np.where(t < total, -1.0 / total, 0.0)
+
+
+def level(R: Array) -> Array:
+    """Return the level attitude (3, 3) with the heading of R."""
+    return rot_z(math.atan2(R[1, 0], R[0, 0]))
+
+
+class Moves:
+    """Motions of the platform; each starts at the reference of now, and the next ticks fly it."""
+
+    def __init__(self, backend: Backend, blend: bool = False) -> None:
+        """`blend`: a motion that interrupts another one begins at its speed and brakes it."""
+        self.backend, self.blend = backend, blend
+        self.goal: Any = None
+        """The last row of the motion that was begun last."""
+        self.ends = 0.0
+        """Mission time (s) at which its reference ends."""
+
+    def _move(self, p: Array, yaw_change: float, least: float = 0.0) -> None:
+        b, limits = self.backend, self.backend.limits
+        start = np.array(b.reference)
+        delta = np.asarray(p, dtype=float) - start["p_WB"]
+        brake = Brake(start, limits.acceleration) if self.blend else None
+        if brake is not None:
+            start["R_WB"] = level(start["R_WB"])
+            delta, yaw_change = delta - brake.way, yaw_change - brake.turn
+            least = max(least, brake.seconds)
+        total = max(
+            duration(float(np.linalg.norm(delta)), limits.speed, limits.acceleration),
+            duration(abs(yaw_change), 0.8, TURN_ACCELERATION),
+            least,
+        )
+        table, _, s, ds, dds = build_straight(start, start, delta, total)
+        yaw = s * yaw_change
+        c, sn, z, o = np.cos(yaw), np.sin(yaw), np.zeros(len(s)), np.ones(len(s))
+        turn = np.stack([c, -sn, z, sn, c, z, z, z, o], axis=1).reshape(-1, 3, 3)
+        table["R_WB"] = turn @ start["R_WB"]
+        table["w_WB_B"] = 0.0
+        table["wd_WB_B"] = 0.0
+        table["w_WB_B"][:, 2] = ds * yaw_change
+        table["wd_WB_B"][:, 2] = dds * yaw_change
+        table["qd"] = 0.0
+        table["track_tip"] = 0.0
+        table["dead_zone"] = 0.0
+        table["R_WS"] = np.eye(3)
+        table["active"] = 1.0
+        if brake is not None:
+            brake.add(table)
+        fill_tips(b, table)
+        self._track(table)
+
+    def take_off(self, height: float) -> None:
+        """Rise to `height` (m) above the ground: straight up, or first along the link's arc.
+
+        Raises InputError for a height at which a swinging link would not hang free.
+        """
+        arc = self.arc
+        if arc is None:
+            p = self.backend.reference["p_WB"].copy()
+            p[2] = height
+            self._move(p, 0.0, least=2.0)
+            return
+        if height < arc.top:
+            raise InputError(
+                f"take-off to {height:g} m is too low: the link hangs freely only above "
+                f"{arc.top:.2f} m"
+            )
+        self._follow_arc(arc, up=True, height=height)
+
+    def go_to(self, p: Array, yaw: float) -> None:
+        """Fly straight to p (3,) in W with heading `yaw` (rad), the short way round."""
+        R = self.backend.reference["R_WB"]
+        now = math.atan2(R[1, 0], R[0, 0])
+        self._move(p, (yaw - now + math.pi) % (2 * math.pi) - math.pi)
+
+    def hold(self) -> None:
+        """Stay at the reference."""
+        self._move(self.backend.reference["p_WB"].copy(), 0.0)
+
+    def land(self, ground_height: float, here: bool = False) -> None:
+        """Sink to the height of the platform's origin on the ground, a little into it.
+
+        With a swinging link: forward, down until its end touches, then backward along its arc to
+        where it began; `here` leaves the way forward out, where room there is not known.
+        """
+        if self.arc is not None:
+            self._follow_arc(self.arc, up=False, height=0.0, here=here)
+            return
+        p = self.backend.reference["p_WB"].copy()
+        p[2] = ground_height - 0.05
+        distance = self.backend.reference["p_WB"][2] - p[2]
+        self._move(p, 0.0, least=distance / 0.15)
+
+    @property
+    def arc(self) -> LinkArc | None:
+        """The arc of a link that lies on the ground, None without one."""
+        return self.backend.arc
+
+    def _follow_arc(self, arc: LinkArc, up: bool, height: float, here: bool = False) -> None:
+        """Track arc and vertical as one table; see `vehicle.link_arc`."""
+        b, limits = self.backend, self.backend.limits
+        start = np.array(b.reference)
+        speed, acceleration = limits.speed, limits.acceleration
+        path = plan_take_off(arc, height, speed, acceleration, ROW_PERIOD) if up else plan_landing(
+            arc, float(start["p_WB"][2]), speed, acceleration, ROW_PERIOD, here
+        )  # fmt: skip
+        ahead = start["R_WB"][:2, 0] / np.linalg.norm(start["R_WB"][:2, 0])
+        table = np.repeat(start[None], len(path.forward), axis=0)
+        table["t"] = ROW_PERIOD * np.arange(len(table))
+        for name in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd"):
+            table[name] = 0.0
+        table["p_WB"][:, :2] += (path.forward - path.forward[0])[:, None] * ahead
+        table["p_WB"][:, 2] = path.height
+        table["q"][:, arc.swing] = path.swing
+        for position, velocity in (("p_WB", "v_WB"), ("v_WB", "a_WB")):
+            table[velocity] = np.gradient(table[position], ROW_PERIOD, axis=0)
+        table["qd"][:, arc.swing] = np.gradient(path.swing, ROW_PERIOD)
+        table["track_tip"], table["dead_zone"] = 0.0, 0.0
+        table["R_WS"], table["active"] = np.eye(3), 1.0
+        fill_tips(b, table)
+        self._track(table)
+
+    def _track(self, table: NDArray[Any]) -> None:
+        self.goal, self.ends = table[-1], self.backend.t + float(table[-1]["t"])
+        self.backend.track(table)
+
+    def motors(self, on: bool) -> None:
+        """Switch the rotors on at the present reference, or off."""
+        row = np.array(self.backend.reference)
+        row["t"], row["active"] = 0.0, float(on)
+        row["v_WB"] = row["a_WB"] = row["w_WB_B"] = row["wd_WB_B"] = row["qd"] = 0.0
+        self._track(row[None])

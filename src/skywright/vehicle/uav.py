@@ -1,0 +1,196 @@
+"""The platform as UAL has it: states, commands that are refused with a reason, and arrival.
+
+A command returns a `Handle` at once, or with `wait=True` when it has ended. `tick()` flies one
+mission tick (20 ms). `vehicle/commands.py` has the table of what is accepted in which state.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skywright.errors import InputError
+from skywright.vehicle.arguments import check_number, check_vector
+from skywright.vehicle.commanded import Commanded
+from skywright.vehicle.commands import (
+    Command,
+    ControlMode,
+    Need,
+    State,
+)
+from skywright.vehicle.drives import (
+    PoseDrive,
+    Stick,
+    StickDrive,
+    VelocityDrive,
+    build_row_here,
+)
+from skywright.vehicle.geodesy import Geodetic, to_local
+from skywright.vehicle.motions import Motion
+from skywright.vehicle.results import Handle
+
+Array = NDArray[np.float64]
+
+
+class Uav(Commanded):
+    """The platform of a vehicle, and what may be commanded of it."""
+
+    def arm(self, *, wait: bool | None = None) -> Handle:
+        """Turn the motors on the ground; the checklist, and its spin check, come first."""
+        return self._start(Command.ARM, self._fly.arm, wait)
+
+    def disarm(self) -> Handle:
+        """Stop the motors on the ground."""
+        return self._do(Command.DISARM, self._stop)
+
+    def take_off(self, height: float, *, wait: bool | None = None) -> Handle:
+        """Rise to `height` (m) of the platform's origin above the ground.
+
+        Raises InputError for a height at which a link that swings would not hang free.
+        """
+        height = check_number("height", height)
+        p = np.array(self.backend.estimate["p_WB"])
+        p[2] = height
+        if self.backend.arc is not None and height < self.backend.arc.top:
+            raise InputError(
+                f"height = {height:g} m is too low: the link hangs freely only above "
+                f"{self.backend.arc.top:.2f} m"
+            )
+        return self._start(Command.TAKE_OFF, lambda: self._fly.take_off(height), wait, p)
+
+    def go_to(self, p: ArrayLike, yaw: float | None = None, *, wait: bool | None = None) -> Handle:
+        """Fly straight to p (3,) m in W with the heading `yaw` (rad; default: as it is)."""
+        goal, heading = check_vector("p", p), self._heading(yaw)
+        return self._start(Command.GO_TO, lambda: self._fly.go_to(goal, heading), wait, goal)
+
+    def go_to_geo(
+        self, latitude: float, longitude: float, altitude: float, yaw: float | None = None,
+        *, wait: bool | None = None,
+    ) -> Handle:  # fmt: skip
+        """Fly straight to a place in WGS 84: degrees, and m above the ellipsoid as the origin."""
+        origin, heading = self.backend.world.origin, self._heading(yaw)
+        if origin is None:
+            return self._refuse(Command.GO_TO_GEO, Need.ORIGIN)
+        goal = to_local(origin, Geodetic.check(latitude, longitude, altitude))
+        return self._start(Command.GO_TO_GEO, lambda: self._fly.go_to(goal, heading), wait, goal)
+
+    def go_home(self, *, wait: bool | None = None) -> Handle:
+        """Fly over the home, at the height of now."""
+        if self.home is None:
+            return self._refuse(Command.GO_HOME, Need.HOME)
+        goal = np.array([*self.home[:2], self.backend.reference_now["p_WB"][2]])
+        heading = self._heading(None)
+        return self._start(Command.GO_HOME, lambda: self._fly.go_to(goal, heading), wait, goal)
+
+    def hold(self, *, wait: bool | None = None) -> Handle:
+        """Brake and stay."""
+        return self._start(Command.HOLD, self._fly.hold, wait)
+
+    def land(
+        self, ground_height: float | None = None, here: bool = False, *, wait: bool | None = None
+    ) -> Handle:
+        """Sink to the ground and stop the motors, also where it is higher or lower than believed.
+
+        `ground_height` (m) is that of the platform's origin on its feet (default: on z = 0). A link
+        that swings is laid down along its arc; `here` leaves out the way forward before that.
+        """
+        ground = (
+            self._ground if ground_height is None else check_number("ground_height", ground_height)
+        )
+        return self._start(Command.LAND, lambda: self._fly.land(ground, here), wait)
+
+    def set_pose(self, p: ArrayLike, yaw: float | None = None) -> Handle:
+        """Lead the platform to p (3,) m in W and `yaw` (rad); called again and again, a stream."""
+        goal, heading = check_vector("p", p), self._heading(yaw)
+
+        def tell() -> None:
+            self._take(PoseDrive, ControlMode.POSE).tell(goal, heading)
+
+        return self._do(Command.SET_POSE, tell, goal)
+
+    def set_velocity(self, v: ArrayLike, yaw_rate: float = 0.0) -> Handle:
+        """Move at v (3,) m/s in W and turn at `yaw_rate` (rad/s), cut to the limits.
+
+        A reference counts for 0.5 s; then the platform brakes and holds. What it meets on the way
+        down it lands on: the motors stop.
+        """
+        velocity, rate = check_vector("v", v), check_number("yaw_rate", yaw_rate)
+
+        def tell() -> None:
+            self._take(VelocityDrive, ControlMode.VELOCITY).tell(velocity, rate)
+
+        return self._do(Command.SET_VELOCITY, tell)
+
+    def set_joints(self, q: ArrayLike) -> Handle:
+        """Lead the arms' joints to q (n_joints,) rad; called at up to 50 Hz, a stream.
+
+        It goes beside `set_pose` and `set_velocity`; without them the platform holds.
+        """
+        goal = check_vector("q", q, self.backend.n_joints)
+
+        def tell() -> None:
+            drive = self._drive
+            if drive is None:
+                drive = self._take(PoseDrive, ControlMode.POSE)
+            drive.tell_joints(goal)
+
+        return self._do(Command.SET_JOINTS, tell)
+
+    def set_home(self) -> Handle:
+        """Take the place of now as the home."""
+
+        def note() -> None:
+            self._fly.home = np.array(self.backend.estimate["p_WB"])
+
+        return self._do(Command.SET_HOME, note)
+
+    def take_over(self) -> Handle:
+        """Give the platform to the pilot: the stick is followed in attitude mode from now on."""
+
+        def give() -> None:
+            row = build_row_here(self.backend)
+            if self.state != State.LANDED_ARMED:
+                row["v_WB"][2] = min(max(row["v_WB"][2], -1.0), 1.0)
+            self.backend.track(row[None])
+            self._take(StickDrive, ControlMode.ATTITUDE)
+            self._enter(State.FLYING_MANUAL)
+
+        return self._do(Command.TAKE_OVER, give)
+
+    def stick(
+        self, roll: float = 0.0, pitch: float = 0.0, yaw_rate: float = 0.0, climb: float = 0.0,
+        thrust: float | None = None,
+    ) -> Handle:  # fmt: skip
+        """Take the pilot's stick: tilt (rad), turn (rad/s), climb (m/s) or thrust over weight.
+
+        Positive roll moves to the right, positive pitch ahead. It counts for 0.5 s; then the
+        platform is held level at its height, and drifts.
+        """
+        told = Stick(
+            check_number("roll", roll),
+            check_number("pitch", pitch),
+            check_number("yaw_rate", yaw_rate),
+            check_number("climb", climb),
+            None if thrust is None else min(max(check_number("thrust", thrust), 0.0), 2.0),
+        )
+
+        def tell() -> None:
+            if isinstance(self._drive, StickDrive):
+                self._drive.tell(told)
+
+        return self._do(Command.STICK, tell)
+
+    def recover_from_manual(self, *, wait: bool | None = None) -> Handle:
+        """Take over from the pilot: brake from the speed of now, and stay."""
+
+        def recover() -> Motion:
+            self.backend.track(build_row_here(self.backend)[None])
+            return self._fly.hold()
+
+        return self._start(Command.RECOVER_FROM_MANUAL, recover, wait)
+
+    def stop_motors(self, confirm: bool = False) -> Handle:
+        """Stop the motors at once, in the air as well; only with `confirm=True`."""
+        if not confirm:
+            return self._refuse(Command.STOP_MOTORS, Need.CONFIRMED)
+        return self._do(Command.STOP_MOTORS, self._stop)

@@ -1,0 +1,246 @@
+"""The platform's commands: states, refusals, arrival, streams, and a pilot's stick."""
+
+from __future__ import annotations
+
+import math
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymap3d import geodetic2enu
+
+import skywright
+from skywright.description.mission.safety import Checklist, Fence
+from skywright.description.world.origin import Origin
+from skywright.errors import InputError
+from skywright.vehicle.commands import NEEDS, TABLE, Command, ControlMode, Need, State
+from skywright.vehicle.geodesy import Geodetic, to_geodetic, to_local
+from skywright.vehicle.motions import Arrival
+from skywright.vehicle.preflight import run_checklist
+from skywright.vehicle.uav import Uav
+
+QUICK = Arrival(tolerance_m=0.3, dwell_s=0.1, yaw_rad=0.3)
+
+
+@pytest.fixture(scope="module")
+def hovering():
+    """A vehicle in the air, its saved state, and the state on the ground."""
+    sets = {"world.origin.latitude_deg": 37.41, "world.origin.longitude_deg": -6.0}
+    description = skywright.load("waypoints", sets=sets)
+    vehicle = skywright.build_vehicle(description)
+    uav = Uav(vehicle, arrival=QUICK)
+    while uav.state == State.UNINITIALIZED:
+        uav.tick()
+    ground = vehicle.save()
+    assert uav.take_off(1.2, wait=True).result
+    return vehicle, vehicle.save(), ground
+
+
+@pytest.fixture
+def uav(hovering):
+    vehicle, air, _ = hovering
+    vehicle.restore(air)
+    return Uav(vehicle, arrival=QUICK)
+
+
+@pytest.fixture
+def landed(hovering):
+    vehicle, _, ground = hovering
+    vehicle.restore(ground)
+    return vehicle
+
+
+def test_the_table_names_every_command_and_need():
+    assert set(TABLE) == set(Command) and set(NEEDS) == set(Need)
+    for command, entry in TABLE.items():
+        assert entry.states and entry.says, command
+        # from every state something leads back to the ground
+    assert all(State.LANDED_DISARMED in (TABLE[Command.STOP_MOTORS].after,) for _ in State)
+    assert set(TABLE[Command.STOP_MOTORS].states) == set(State)
+    in_air = {State.TAKING_OFF, State.FLYING_AUTO, State.FLYING_MANUAL, State.LANDING}
+    assert in_air <= set(TABLE[Command.TAKE_OVER].states)  # the pilot's switch always wins
+
+
+def test_the_page_has_todays_commands():
+    path = Path(__file__).parent.parent / "docs" / "generate_commands.py"
+    module = runpy.run_path(str(path))
+    text = module["PAGE"].read_text(encoding="utf-8")
+    assert text == module["build_page"](text), "run: python docs/generate_commands.py"
+
+
+def test_a_flight_from_the_ground_to_the_ground(landed):
+    seen = []
+    uav = Uav(landed, checklist=Checklist(spin=True))
+    uav.on_state = seen.append
+    refused = uav.go_to((1.0, 0.0, 1.0))
+    assert refused.done and not refused and "the state is landed_disarmed" in refused.result.reason
+    up = uav.take_off(1.0)
+    assert up and not up.done and uav.state == State.TAKING_OFF
+    assert up.wait()
+    assert abs(landed.estimate["p_WB"][2] - 1.0) <= 0.05  # arrival: 5 cm
+    assert {c.name for c in uav.checked} >= {"battery", "localisation", "spin"}
+    down = uav.land(wait=True)
+    assert down and not uav.is_turning and uav.mode == ControlMode.OFF
+    assert seen == [State.TAKING_OFF, State.FLYING_AUTO, State.LANDING, State.LANDED_DISARMED]
+
+
+def test_an_interrupted_motion_says_by_what_and_the_next_goes_on_smoothly(uav):
+    b = uav.backend
+    first = uav.go_to((2.0, 0.0, 1.2))
+    uav.wait(1.5)
+    v = np.array(b.reference["v_WB"])
+    assert v[0] > 0.3
+    second = uav.go_to((0.0, 1.0, 1.2))
+    assert first.result.reason == "interrupted by go_to"
+    speeds = [v]
+    while not second.done:
+        uav.tick()
+        speeds.append(np.array(b.reference["v_WB"]))
+    steps = np.linalg.norm(np.diff(speeds, axis=0), axis=1)
+    assert steps.max() <= 2.5 * b.limits.acceleration * 0.02  # no jump of the reference
+    np.testing.assert_allclose(b.reference["p_WB"], [0.0, 1.0, 1.2], atol=1e-5)
+
+
+def test_a_velocity_is_followed_goes_stale_and_lands_on_what_it_meets(uav):
+    b = uav.backend
+    for _ in range(100):
+        assert uav.set_velocity((0.4, 0.0, 0.0), 0.3)
+        uav.tick()
+    assert b.reference["v_WB"][0] == pytest.approx(0.4)
+    assert b.reference["w_WB_B"][2] == pytest.approx(0.3)
+    uav.wait(0.45)
+    assert b.reference["v_WB"][0] == pytest.approx(0.4)  # for half a second
+    uav.wait(1.5)
+    assert abs(b.reference["v_WB"][0]) < 1e-9 and uav.state == State.FLYING_AUTO
+    for _ in range(600):
+        uav.set_velocity((0.0, 0.0, -0.3))
+        uav.tick()
+        if uav.state == State.LANDED_DISARMED:
+            break
+    assert uav.state == State.LANDED_DISARMED and not uav.is_turning
+    assert b.estimate["p_WB"][2] == pytest.approx(b.robot.platform.gear_height_m, abs=0.03)
+    assert not uav.set_velocity((0.0, 0.0, 0.3))  # and it stays there
+
+
+def test_poses_are_approached_within_the_limits(uav):
+    b, fastest = uav.backend, 0.0
+    for _ in range(300):
+        uav.set_pose((1.5, 0.0, 1.5), 1.0)
+        uav.tick()
+        fastest = max(fastest, float(np.linalg.norm(b.reference["v_WB"])))
+    np.testing.assert_allclose(b.reference["p_WB"], [1.5, 0.0, 1.5], atol=0.02)
+    assert fastest <= b.limits.speed + 1e-9
+    R = b.reference["R_WB"]
+    assert math.atan2(R[1, 0], R[0, 0]) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("axis", "stick", "sign"), [(0, {"pitch": 0.08}, 1.0), (1, {"roll": 0.08}, -1.0)]
+)
+def test_a_stick_tilts_and_accelerates_by_g_tan_of_it(uav, axis, stick, sign):
+    b = uav.backend
+    uav.take_over()
+    v0 = float(b.estimate["v_WB"][axis])
+    for _ in range(30):
+        uav.stick(**stick)
+        uav.tick()
+    v1 = float(b.estimate["v_WB"][axis])
+    gained = sign * (v1 - v0)
+    assert gained == pytest.approx(9.81 * math.tan(0.08) * 0.6, rel=0.25)
+    assert uav.go_to((0.0, 0.0, 1.0)).result.reason.startswith("go_to refused: the state is flying")
+    back = uav.recover_from_manual(wait=True)
+    assert back and uav.state == State.FLYING_AUTO
+    uav.wait(1.0)
+    assert np.linalg.norm(b.estimate["v_WB"]) < 0.15
+
+
+def test_a_pilot_takes_off_and_lands(landed):
+    uav = Uav(landed)
+    assert uav.arm(wait=True) and uav.take_over()
+    while landed.estimate["p_WB"][2] < 1.0:
+        uav.stick(climb=0.4)
+        uav.tick()
+    assert uav.state == State.FLYING_MANUAL
+    for _ in range(1000):
+        uav.stick(climb=-0.3)
+        uav.tick()
+        if uav.state == State.LANDED_DISARMED:
+            break
+    assert uav.state == State.LANDED_DISARMED
+    assert landed.estimate["p_WB"][2] == pytest.approx(
+        landed.robot.platform.gear_height_m, abs=0.03
+    )
+
+
+def test_recovery_is_refused_where_it_cannot_hold(uav):
+    uav.take_over()
+    b = uav.backend
+    while b.estimate["p_WB"][2] > b.robot.platform.gear_height_m + 0.15:
+        uav.stick(climb=-0.5)
+        uav.tick()
+    says = uav.recover_from_manual().result.reason
+    assert "above the ground" in says and "land by hand" in says
+    assert uav.state == State.FLYING_MANUAL
+
+
+def test_goals_outside_the_fence_are_refused_with_the_key(uav):
+    fenced = Uav(uav.backend, fence=Fence(x_max_m=1.0, height_max_m=2.0))
+    says = fenced.go_to((1.5, 0.0, 1.0)).result.reason
+    assert says == (
+        "go_to refused: the goal is 0.50 m outside the geofence: mission.fence.x_max_m = 1, "
+        "goal 1.50"
+    )
+    assert not fenced.set_pose((0.0, 0.0, 3.0)) and fenced.go_to((0.5, 0.0, 1.0))
+
+
+def test_a_flat_battery_and_a_dead_rotor_stay_on_the_ground():
+    sets = {"plant.faults.flat.kind": "battery", "plant.faults.flat.charge_fraction": 0.1,
+            "plant.faults.flat.start_s": 0.0}  # fmt: skip
+    vehicle = skywright.build_vehicle(skywright.load("waypoints", sets=sets))
+    uav = Uav(vehicle, checklist=Checklist())
+    uav.wait(1.1)
+    assert uav.take_off(1.0).result.reason == "take_off refused: battery 0.1, at least 0.3"
+    sets = {"plant.faults.dead.kind": "rotor", "plant.faults.dead.efficiency": 0.0,
+            "plant.faults.dead.start_s": 0.0}  # fmt: skip
+    vehicle = skywright.build_vehicle(skywright.load("waypoints", sets=sets))
+    uav = Uav(vehicle, checklist=Checklist(spin=True))
+    uav.wait(1.1)
+    up = uav.take_off(1.0, wait=True)
+    assert "spin check: rotor 1 turns at 0 rad/s" in up.result.reason
+    assert uav.state == State.LANDED_DISARMED and not uav.is_turning
+    assert all(c.passed for c in run_checklist(Checklist(), vehicle, None))
+
+
+def test_a_geodetic_goal_is_the_place_that_the_library_says(uav):
+    origin = uav.backend.world.origin
+    p = np.array(geodetic2enu(37.41001, -5.99999, 2.0, 37.41, -6.0, 0.0))
+    handle = uav.go_to_geo(37.41001, -5.99999, 2.0, wait=True)
+    assert handle, handle
+    np.testing.assert_allclose(uav.backend.reference["p_WB"], p, atol=1e-6)
+    place = to_geodetic(origin, p)
+    np.testing.assert_allclose(to_local(origin, place), p, atol=1e-6)
+    # a second of latitude is 30.8 m on every ellipsoid
+    north = to_local(origin, Geodetic(37.41 + 1.0 / 3600.0, -6.0, 0.0))
+    assert north[1] == pytest.approx(30.83, abs=0.05) and abs(north[0]) < 0.01
+
+
+def test_numbers_that_are_none_are_told_by_their_name(uav):
+    for call, words in (
+        (lambda: uav.go_to((1.0, math.nan, 0.0)), "p = "),
+        (lambda: uav.set_velocity((1.0, 2.0)), "v = "),
+        (lambda: uav.take_off(math.inf), "height = inf"),
+        (lambda: uav.stick(roll="a"), "roll = 'a'"),
+        (lambda: uav.go_to_geo(91.0, 0.0, 0.0), "latitude = 91 deg; valid: -90 to 90"),
+    ):
+        with pytest.raises(InputError, match=words):
+            call()
+
+
+def test_without_an_origin_or_a_home_the_reason_is_told(hovering):
+    vehicle = skywright.build_vehicle("waypoints")
+    uav = Uav(vehicle)
+    assert vehicle.world.origin is None and Origin(latitude_deg=1.0, longitude_deg=2.0)
+    for handle in (uav.go_to_geo(1.0, 2.0, 3.0), uav.go_home(), uav.stop_motors()):
+        assert handle.done and not handle and "refused" in handle.result.reason
+    assert "`confirm=True`" in uav.stop_motors().result.reason
