@@ -39,7 +39,7 @@ NAMED = {
     ("description/mission/spec.py", "filter"): "the default of mission.estimator",
     ("core/streams.py", "range_finder"): "a stream of draws, older than streams of one's own",
     ("core/find.py", "sensor"): "the group of sensors, not the fault of one",
-    ("run/run.py", "bench"): "what holds the robot where a flight begins in the air",
+    ("run/backends.py", "bench"): "what holds the robot where a flight begins in the air",
 }
 """Where generic code may name a part: defaults, with the reason."""
 OLD = "description/world/old_tables.py"
