@@ -29,6 +29,7 @@ UNITS: dict[str, tuple[float, float]] = {
     "_kg": (1e-6, 1000.0),
     "_wh": (1e-3, 1e5),
     "_hz": (1e-3, 1e5),
+    "_kbps": (1e-3, 1e9),
     "_ms": (1e-3, 1e5),
     "_mm": (1e-6, 1e6),
     "_n": (1e-6, 1e5),
