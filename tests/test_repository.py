@@ -229,7 +229,7 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
         "gamma", "p1", "p2",
         # counts
         "adc_bits", "encoder_counts", "feet", "seed", "scenario_seed", "passes", "retries",
-        "grasp_retries", "tries", "planner_slices",
+        "grasp_retries", "tries", "planner_slices", "random_pits", "pit_seed",
         # in the unit that `unit` names
         "limit",
     }  # fmt: skip
@@ -318,7 +318,7 @@ def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
 # -- size and imports of the code ---------------------------------------------------------------
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
-STATEMENTS = 51_411
+STATEMENTS = 51_830
 CORE_LINES = 2_500
 
 
