@@ -4,9 +4,14 @@ Whoever steers an integrator, as (24) is one, acts near crossover like a gain wi
 Y = w_c e^(-s tau) / s open loop (McRuer and Jex 1967, A review of quasi-linear pilot models, (6)).
 So the lateral stick here is w_c e(t - tau) / v_max: e is what is seen of the tool's error, tau the
 delay of eye and mind, followed by the lag of the arm. The phase margin, pi/2 - w_c (tau + lag),
-tells the manners apart: 68 deg for the careful one, 21 deg for the hasty one, who zigzags. Beside
-it the model sees no error below a threshold, sees what it sees with a slow noise (the remnant), and
-its hand trembles at 8 to 12 Hz. It lowers the tool while it is near enough to its place.
+is 73 deg for the practised manner, 75 deg for the careful and 67 deg for the hasty one, who moves
+the stick to its end; a radio between operator and robot takes w_c times its delay off. Beside it the model sees no error below a threshold,
+sees what it sees with a slow noise (the remnant), and its hand trembles at 8 to 12 Hz. It moves
+into the contact while it is near enough to the place. There a force is steered as an integrator
+again: a hand that moves on at v into a stiffness k raises the force by k v.
+
+The numbers of the manners are assumptions. They stay as they are: studies that compare the levels
+of assistance (docs/howto/assistance.md) were flown with them.
 """
 
 import math
@@ -29,6 +34,9 @@ TREMOR_HZ = 10.0
 TREMOR_DAMPING = 0.1  # a band of 8 to 12 Hz
 STICK_DECIMALS = 3  # a device of some hundred steps each way
 PRESS_S = 0.5  # s, from seeing that the hooks are free to pressing the button
+STIFFNESS = 150.0  # N/m, of a contact as the operator believes it
+FELT = 0.15  # of the force that is asked for: so much is seen as a contact
+GOOD = 0.4  # of it, up to which a force that is off counts as right
 
 
 class Manner(NamedTuple):
@@ -42,6 +50,7 @@ class Manner(NamedTuple):
 
 
 MANNERS = {
+    "practised": Manner(crossover=1.0, delay=0.2, size=0.8, near=0.005, sink=0.4),
     "careful": Manner(crossover=0.7, delay=0.28, size=0.6, near=0.005, sink=0.4),
     "hasty": Manner(crossover=1.0, delay=0.3, size=1.0, near=0.008, sink=0.6),
 }
@@ -58,6 +67,7 @@ class ModelOperator:
         self._stick, self._noise = np.zeros(3), np.zeros(3)
         self._shake, self._shaking = np.zeros(3), np.zeros(3)
         self._light = 0.0  # s for which it has been seen that no weight is left
+        self._held = 0.0  # s for which the force has been seen to be right
 
     def read(self, t: float, sight: Sight) -> Stick | None:
         """Return the stick for what was seen a delay ago."""
@@ -68,14 +78,26 @@ class ModelOperator:
         self._noise = keep * self._noise + fresh * self._rng.standard_normal(3)
         error = -seen.off - self._noise
         wanted = np.where(np.abs(error) > THRESHOLD, m.crossover * error / self.v_max, 0.0)
-        wanted[2] = -m.sink if float(np.hypot(*error[:2])) < m.near else 0.0
+        axis = int(np.argmax(np.abs(seen.towards)))
+        across = float(np.linalg.norm(np.delete(error, axis)))
+        wanted[axis] = seen.towards[axis] * self._go_on(seen, across)
         if seen.light:  # it stands, the hooks hang free
             self._light += MISSION_TICK
             wanted[:] = 0.0
         wanted = np.clip(wanted, -m.size, m.size)
         self._stick += (1.0 - math.exp(-MISSION_TICK / ARM_S)) * (wanted - self._stick)
         axes = np.clip(self._stick + self._tremble(), -1.0, 1.0)
-        return Stick(np.round(axes, STICK_DECIMALS), self._light > PRESS_S)
+        done = self._light > PRESS_S or (seen.asked > 0.0 and self._held > seen.hold_s)
+        return Stick(np.round(axes, STICK_DECIMALS), done)
+
+    def _go_on(self, seen: Sight, across: float) -> float:
+        """Return the stick (1) into the contact; `across` (m) is how far beside its place it is."""
+        m = self.manner
+        if seen.asked > 0.0 and seen.force > FELT * seen.asked:
+            off = seen.asked - seen.force
+            self._held += MISSION_TICK * (abs(off) < GOOD * seen.asked)
+            return m.crossover * off / (STIFFNESS * self.v_max)
+        return m.sink if across < m.near else 0.0
 
     def close(self) -> None:
         """There is nothing to close."""

@@ -43,8 +43,12 @@ STILL = Stick(np.zeros(3), False)
 class Sight(NamedTuple):
     """What the operator sees of the work."""
 
-    off: Array  # (3,) m, the tool from its place: ahead, left, up
+    off: Array  # (3,) m, what is led from its place: ahead, left, up
     light: bool  # whether no weight is left on the hands: they move without the tool
+    towards: tuple[float, float, float] = (0.0, 0.0, -1.0)  # unit, into the contact
+    force: float = 0.0  # N, felt along it
+    asked: float = 0.0  # N, to be held; 0: nothing is pressed
+    hold_s: float = 0.0  # s, for which it is to be held
 
 
 class Operator(Protocol):

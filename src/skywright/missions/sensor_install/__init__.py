@@ -17,6 +17,7 @@ class SensorInstallKind(FolderKind[SensorInstall]):
 
     task = SensorInstall
     needs = frozenset({"uav", "hands"})
+    operated = True
 
     def requirements(self, setup: Setup[SensorInstall], way: Any) -> dict[str, Requirement]:
         """Ask nothing of checks that are left out, nor, in a pose that is at the singularity, for a
@@ -28,3 +29,11 @@ class SensorInstallKind(FolderKind[SensorInstall]):
             "swing.": task.swing_deg == 0.0 or pendulum is None,
         }
         return self.leave_out(super().requirements(setup, way), left_out)
+
+    def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
+        """Ask nothing of the force control where an operator's hand led the force."""
+        waived = super().list_waived(metrics)
+        if "operator.time_s" in metrics:
+            why = "an operator led the force"
+            waived |= dict.fromkeys(("force.mean_error_n", "force.rms_error_n"), why)
+        return waived

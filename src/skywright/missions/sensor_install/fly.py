@@ -12,6 +12,7 @@ import numpy as np
 from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE, TASK_POSITION
+from skywright.missions.sensor_install.operated_press import HAND_OVER, press_by_operator
 from skywright.missions.sensor_install.plan import InstallPlan
 from skywright.missions.sensor_install.surveyed import find_pipe, lead_to, place_platform
 from skywright.missions.sensor_install.task import SensorInstall
@@ -71,10 +72,18 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     correction = _limit(way.contact - task.approach_below_m * way.normal - here, CORRECTION_MAX)
     s.begin("approach")
     s.body.track(_hold_hand(s, here, task))
-    _move_with_hand(s, way.p_near + correction, way.contact - task.stand_off_m * way.normal)
+    ready = way.contact - task.stand_off_m * way.normal
+    if s.operator is not None:  # beside the place: to find it is part of the work
+        ready = ready + rot_z(way.yaw) @ HAND_OVER
+    _move_with_hand(s, way.p_near + correction, ready)
     s.wait(PARK_S)
     if task.pose == "L":
         _tare(s)
+    if s.operator is not None:
+        reason = press_by_operator(s, s.operator, way)
+        _retract(s, task, way)
+        _go_back(s, way)
+        return Flight(not reason, reason)
     touched = _touch(s, task, way)
     held = touched and _press(s, task, way)
     _retract(s, task, way)

@@ -15,6 +15,7 @@ from skywright.description.world.things import find_first
 from skywright.missions.sensor_install.plan import SWING_DECAYED, InstallPlan
 from skywright.missions.sensor_install.surveyed import BOTTOM
 from skywright.missions.sensor_install.task import SensorInstall
+from skywright.missions.skills.operated import OPERATED_MEASURES, measure_operated
 from skywright.missions.skills.survey import PHASE, get_hand_columns, read_touches
 from skywright.missions.skills.surveyed import (
     SURVEY_MEASURES,
@@ -36,6 +37,7 @@ MEASURES: Measures = {
     "swing.start_deg": ("deg", "angle at which the passive link was released"),
     "swing.decay_s": ("s", "time until the link stays within 1 deg of rest"),
     **SURVEY_MEASURES,
+    **OPERATED_MEASURES,
     "arm.lever_min": (
         "",
         "smallest ratio of a hand's lever arm to the arm's reach in flight, worst direction",
@@ -70,6 +72,7 @@ WHERE = {
     "sensor.": ALOFT,
     "sensor.around_mm": HOLD,
     "sensor.along_mm": HOLD,
+    "operator.": FELT,
     "arm.lever_min": ALOFT,
     "arm.lever_felt_min": Where((PHASE, *FELT.phases)),
 }
@@ -121,6 +124,9 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
         out["platform.excursion_m"] = float(
             np.max(np.linalg.norm(way_off[pressed] - steady, axis=1))
         )
+    felt = FELT.select(samples, phases)
+    if np.any(felt):
+        out |= measure_operated(samples[felt], np.linalg.norm(samples["left_f_W"][felt], axis=1))
     flown = ALOFT.select(samples, phases)
     out.update(_judge_tape(samples[flown], normal[flown], up, run.setup.world))
     if np.any(hold):

@@ -19,6 +19,7 @@ from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.missions.sensor_install.surveyed import InstallSurvey, plan_survey
 from skywright.missions.sensor_install.task import SensorInstall
+from skywright.missions.skills.operated import load_operator
 from skywright.missions.skills.surveyed import is_surveyed
 from skywright.missions.skills.ways import (
     Way,
@@ -143,6 +144,7 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began,
         2.0 * 1.875 * length / speed + task.hold_s + task.hover_s, least, way=found,
+        operator=load_operator(task),
     )  # fmt: skip
 
 

@@ -4,10 +4,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from skywright.description.mission.spec import Task
+from skywright.missions.skills.operated import OperatedTask
 
 
-class SensorInstall(Task):
+class SensorInstall(OperatedTask):
     """Press a sensor on a pipe from below with the left hand (Suarez 2020, section VI-B).
 
     `pose` is that of the pressing arm: "L" (upper arm down, forearm level: first trial) or
@@ -17,6 +17,8 @@ class SensorInstall(Task):
     force_n: float = Field(default=2.0, gt=0, le=10)  # pressing force
     hold_s: float = Field(default=5.0, gt=0, le=600)  # time for which the force is held
     pose: Literal["L", "stretched"] = "L"  # pose of the pressing arm
+    # what an operator's stick leads in contact: the hand, or the force that it exerts
+    control: Literal["position", "force"] = "position"
     leave_singularity: bool = False  # the platform moves so that the arm leaves a singular pose
     # distance of the hand below the pipe before contact
     stand_off_m: float = Field(default=0.05, gt=0, le=0.3)

@@ -75,9 +75,7 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
         return Flight(False, "the tool was lost on the way to the pipe")
     seat = _measure_seat(s, task)
     if s.operator is not None:
-        reason = install_by_operator(
-            s, s.operator, way.grip, seat, weight, task.stick_speed_mps, speeds
-        )
+        reason = install_by_operator(s, s.operator, way.grip, seat, weight, speeds)
     else:
         stands = put_down(s, way.grip, seat, weight, speeds, "install")
         reason = "" if stands else "the pipe did not take the tool's weight"

@@ -8,10 +8,10 @@ import numpy as np
 from skywright.core.arrays import Array, Samples
 from skywright.core.rotations import rot_from_quat, rot_z
 from skywright.description.world.things import list_movers
+from skywright.missions.skills.operated import OPERATED_MEASURES, measure_operated
 from skywright.missions.skills.tool_handling import LOW, Place
 from skywright.missions.tool_install.plan import ToolPlan, find_places
 from skywright.missions.tool_install.task import ToolInstall
-from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.where import WHOLE, Where
@@ -35,7 +35,7 @@ MEASURES: Measures = {
         "1 if the returned tool stands upright within 5 cm of its initial position, otherwise 0",
     ),
     "tool.retries": ("", "grasps that missed"),
-    "operator.time_s": ("s", "time under operator control"),
+    **OPERATED_MEASURES,
     "operator.hand_error_mm": (
         "mm",
         "rms distance of the hands' midpoint from the goal set by the operator's stick, (24)",
@@ -125,13 +125,14 @@ def compute_operated(samples: Samples, index: int, seat: Place) -> dict[str, Arr
 
 def _judge_operator(samples: Samples) -> dict[str, float]:
     """How long somebody was at the stick, and how well the hands followed (24)."""
-    if not has_columns(samples, "operator_stick") or not np.any(samples["operator_stick"]):
+    force = np.maximum(*(np.linalg.norm(samples[f"{x}_f_W"], axis=1) for x in ("left", "right")))
+    out = measure_operated(samples, force)
+    if not out:
         return {}
     error = np.zeros((len(samples), 3))
     for side in ("left", "right"):
         error += 0.5 * (samples[f"{side}_p_WH"] - samples[f"{side}_ref_p_WH"])
-    return {
-        "operator.time_s": float(samples["t"][-1] - samples["t"][0]),
+    return out | {
         "operator.hand_error_mm": 1e3 * float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
     }
 

@@ -15,6 +15,8 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
+from skywright.missions.skills.assistance import Assistance
+from skywright.missions.skills.operated import Lead, OperatorGone, compute_velocity
 from skywright.missions.skills.tool_handling import (
     LIGHT_N,
     TILT_MAX,
@@ -27,7 +29,8 @@ from skywright.missions.skills.tool_handling import (
     let_go,
     measure_tool,
 )
-from skywright.run.operator import STILL, Operator, Sight, Stick
+from skywright.missions.tool_install.task import ToolInstall
+from skywright.run.operator import STILL, Operator, Sight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
@@ -37,18 +40,16 @@ HAND_OVER = np.array([-0.03, 0.03, 0.0])
 FENCE = np.array([[-0.08, -0.08, -0.06], [0.08, 0.08, 0.13]])
 """m, from the seat: lowest and highest place that the stick can ask for."""
 SEATED_M = 0.015  # m, in height, within which a tool that is light counts as standing on the pipe
-GRACE_S = 3.0  # s, that a button held at a recording's end stays held: the weight is felt late
-LONGEST_S = 180.0  # s, that an operator is given
 FOLLOW_RATE = 1.0  # 1/s, of the platform: it is 3 cm behind hands that move at 3 cm/s
 
 
 def install_by_operator(
-    s: Supervisor, operator: Operator, grip: Grip, seat: Place, weight_n: float, v_max: float,
+    s: Supervisor[ToolInstall], operator: Operator, grip: Grip, seat: Place, weight_n: float,
     speeds: tuple[float, float],
 ) -> str:  # fmt: skip
     """Fly the phases "install" and, where it failed, "take up again".
 
-    `v_max` (m/s) is that of (24), `speeds` (m/s) those of hands and platform. Returns "" with the
+    `speeds` (m/s) are those of hands and platform. Returns "" with the
     tool standing on the pipe and the hooks drawn out, else why not, the tool lifted again where it
     still hangs on the hooks.
     """
@@ -57,69 +58,47 @@ def install_by_operator(
     align_tool(s, weight, Place(seat.p_WO + R @ HAND_OVER, seat.yaw), 1.5 * weight_n)
     s.begin("install")
     q, height = np.array(s.vehicle.read(HandState).q_goal), _measure_height(s)
-    reason = _operate(s, operator, grip, weight, weight_n, seat, v_max)
+    reason = _operate(s, operator, grip, weight, weight_n, seat, s.task)
     s.vehicle.set_stick(STILL.axes, False)
     if reason == "":
         let_go(s, grip, speeds[0])
         return ""
     s.begin("take up again")
-    _raise_hands(s, weight, 1.5 * weight_n, height, v_max)
+    _raise_hands(s, weight, 1.5 * weight_n, height, s.task.stick_speed_mps)
     s.arms.move_to(q[: s.vehicle.n_joints])
     s.until_arrived()
     return reason
 
 
 def _operate(
-    s: Supervisor,
-    operator: Operator,
-    grip: Grip,
-    weight: Weight,
-    weight_n: float,
-    seat: Place,
-    v_max: float,
-) -> str:
+    s: Supervisor, operator: Operator, grip: Grip, weight: Weight, weight_n: float, seat: Place,
+    task: ToolInstall,
+) -> str:  # fmt: skip
     """Let the operator move the hands until the tool stands; returns why it does not, or ""."""
     R = rot_z(seat.yaw)
     goal = R.T @ (measure_tool(s)[0] - seat.p_WO)
     led, platform = np.zeros(3), np.array(s.vehicle.reference["p_WB"])
-    last, ended = STILL, 0.0
-    for k in range(round(LONGEST_S / MISSION_TICK)):
+    lead, help_ = Lead(s, operator), Assistance(task.assistance, weight_n)
+    while True:
         p, R_WO = measure_tool(s)
         off = R.T @ (p - seat.p_WO)
-        light = weight.carried < LIGHT_N
         if not is_at_hand(s, grip):
             return explain_loss(R_WO)
-        stick = operator.read(k * MISSION_TICK, Sight(off, light))
-        if stick is None:
-            ended += MISSION_TICK
-            if not last.button or ended > GRACE_S:
-                return _explain(off, weight.carried)
-            stick = Stick(np.zeros(3), True)
-        else:
-            s.sticks.append((k * MISSION_TICK, stick))
-        last = stick
-        s.vehicle.set_stick(stick.axes, stick.button)
+        try:
+            stick = lead.read(Sight(off, weight.carried < LIGHT_N))
+        except OperatorGone as gone:
+            return _explain(str(gone), off, weight.carried)
         upright = R_WO[2, 2] > math.cos(TILT_MAX)
-        if stick.button and light and upright and abs(off[2]) < SEATED_M:
+        if stick.button and weight.carried < LIGHT_N and upright and abs(off[2]) < SEATED_M:
             return ""
-        v = compute_hands_velocity(stick.axes, v_max, goal)
+        axes, v_max, stands = np.array(stick.axes), task.stick_speed_mps, weight_n - weight.carried
+        sink = help_.step(-axes[2], v_max, float(off[2]), max(stands, 0.0))
+        axes[2] = -sink / v_max
+        v = compute_velocity(axes, v_max, goal, FENCE)
         goal, led = goal + MISSION_TICK * v, led + MISSION_TICK * (R @ v)
         s.arms.hands_velocity({"left": R @ v, "right": R @ v})
         behind = platform + led - s.vehicle.reference["p_WB"]
         weight.step(s, FOLLOW_RATE * behind, 1.5 * weight_n)
-    return f"the operator took more than {LONGEST_S:g} s"
-
-
-def compute_hands_velocity(axes: Array, v_max: float, goal: Array) -> Array:
-    """Return the velocity (3,) m/s of (24), v_max [dx, dy, dz], inside the fence.
-
-    `goal` (3,) m is where the hands have been led so far, from the seat. An axis that would lead it
-    out of the fence is left out.
-    """
-    v = v_max * axes
-    ahead = goal + MISSION_TICK * v
-    out = ((ahead < FENCE[0]) & (v < 0.0)) | ((ahead > FENCE[1]) & (v > 0.0))
-    return np.where(out, 0.0, v)
 
 
 def explain_loss(R_WO: Array) -> str:
@@ -130,10 +109,10 @@ def explain_loss(R_WO: Array) -> str:
     return f"the tool was tilted by {tilt:.0f} deg: operator control was stopped"
 
 
-def _explain(off: Array, weight: float) -> str:
+def _explain(what: str, off: Array, weight: float) -> str:
     mm = ", ".join(f"{1e3 * x:.0f}" for x in off)
     return (
-        f"the operator's input ended before the tool was seated: the tool was {mm} mm "
+        f"{what} before the tool was seated: the tool was {mm} mm "
         f"(ahead, left, up) from its target, and the hands carried {weight:.1f} N"
     )
 

@@ -7,7 +7,6 @@ the landing gear, which the handle has to clear, the platform's places from the 
 
 import math
 import time
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from skywright.description.world.things import locate_thing
 from skywright.description.world.wind import compute_speed
 from skywright.errors import InputError
 from skywright.missions.skills.hook_grip import build_grip, check_hooks
+from skywright.missions.skills.operated import load_operator
 from skywright.missions.skills.tool_handling import (
     ACCELERATION,
     DROP,
@@ -42,7 +42,6 @@ from skywright.models.things._build import find_carried_clearance
 from skywright.models.things.tool import Tool, compute_diameters, compute_seat
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.run.gust_limits import find_stances
-from skywright.run.operator import Recording, load_recording
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
@@ -89,7 +88,7 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
         grip, posture(robot, "folded"), bench, seat, hover, empty, empty,
         ROOM * task.payload_max_kg * world.gravity_mps2,
     )  # fmt: skip
-    operator = _load_operator(task)
+    operator = load_operator(task)
     blocked = _find_misfit(robot, world, task) or _find_blocked_work(
         robot, world.drop_things(task.tool), found
     )
@@ -106,20 +105,6 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
         HANDLING_S + task.wait_s + task.hover_s + 2.0 * 1.875 * length / CALM_SPEED, least,
         way=found, operator=operator,
     )  # fmt: skip
-
-
-def _load_operator(task: ToolInstall) -> Recording | None:
-    """Read the operator's recording; it must have been made at the task's speed."""
-    if task.operator is None:
-        return None
-    recording = load_recording(Path(task.operator))
-    v_max = recording.v_max
-    if v_max is not None and abs(v_max - task.stick_speed_mps) > 1e-9:
-        raise InputError(
-            f"{task.operator}: recorded with v_max_mps = {v_max:g}, but "
-            f"mission.task.stick_speed_mps is {task.stick_speed_mps:g}; set it to {v_max:g}"
-        )
-    return recording
 
 
 def _plan_ways(d: Description, found: ToolPlan, name: str) -> tuple[ToolPlan, str | None, float]:

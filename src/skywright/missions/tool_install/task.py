@@ -1,16 +1,12 @@
 """What a mission of the kind "tool-install" may say."""
 
-from pathlib import Path
-from typing import Self
-
 from pydantic import Field
 
 from skywright.core.spec import Coordinate, NonNegative, Positive
-from skywright.description.mission.spec import Task
-from skywright.run.operator import find_recording
+from skywright.missions.skills.operated import OperatedTask
 
 
-class ToolInstall(Task):
+class ToolInstall(OperatedTask):
     """Put the inspection tool onto the pipe, wait, take it back (Suarez 2020, section VI-A)."""
 
     tool: str = "tool"  # name of the thing that is installed
@@ -26,14 +22,3 @@ class ToolInstall(Task):
     hand_speed_mps: float = Field(default=0.05, ge=0.01, le=0.2)  # speed limit of the hands
     # speed of the platform while the load passes to or from the hands
     lift_speed_mps: float = Field(default=0.03, ge=0.01, le=0.1)
-    # recorded operator who installs the tool: a packaged name or a CSV file
-    operator: str | None = None
-    # speed of the hands at full deflection of the stick, v_max of (24)
-    stick_speed_mps: float = Field(default=0.03, gt=0, le=0.2)
-
-    def find_files(self, folder: Path) -> Self:
-        """Name the operator's recording by its path."""
-        if self.operator is None:
-            return self
-        path = find_recording(self.operator, Path(__file__).parent, folder)
-        return self.model_copy(update={"operator": path})
