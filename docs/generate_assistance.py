@@ -1,0 +1,60 @@
+"""Write the table of docs/howto/assistance.md: `python docs/generate_assistance.py`.
+
+Its numbers come from benchmarks/assistance.csv, which benchmarks/fly_assistance.py flies.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from statistics import median
+
+DOCS = Path(__file__).parent
+PAGE = DOCS / "howto" / "assistance.md"
+KEPT = DOCS.parent / "benchmarks" / "assistance.csv"
+BEGIN = "<!-- assistance: begin, made by docs/generate_assistance.py, do not edit -->"
+END = "<!-- assistance: end -->"
+LEVELS = ("none", "slow", "guard", "hold")
+
+
+def _quote(rows: list[dict[str, str]], column: str, digits: int) -> str:
+    values = sorted(float(r[column]) for r in rows if r[column])
+    return f"{median(values):.{digits}f} ({values[-1]:.{digits}f})" if values else "–"
+
+
+def build_table() -> str:
+    """One line for each control, operator, delay and level."""
+    with KEPT.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    lines = [
+        "| control | operator | delay | assistance | succeeded | peak force, N | time, s "
+        "| rms error of the held force, N |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    cases = dict.fromkeys((r["control"], r["operator"], int(r["delay_ms"])) for r in rows)
+    for control, operator, delay in cases:
+        for level in LEVELS:
+            mine = [
+                r for r in rows
+                if (r["control"], r["operator"], int(r["delay_ms"]), r["assistance"])
+                == (control, operator, delay, level)
+            ]  # fmt: skip
+            if not mine:
+                continue
+            good = sum(r["outcome"] == "succeeded" for r in mine)
+            lines.append(
+                f"| {control} | {operator} | {delay} ms | {level} | {good} of {len(mine)} "
+                f"| {_quote(mine, 'force_max_n', 2)} | {_quote(mine, 'time_s', 1)} "
+                f"| {_quote(mine, 'force_rms_error_n', 2)} |"
+            )
+    return "\n".join(lines)
+
+
+def build_page(text: str) -> str:
+    """Return the page with its table made anew."""
+    head, rest = text.split(BEGIN)
+    return f"{head}{BEGIN}\n\n{build_table()}\n\n{END}{rest.split(END)[1]}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(build_page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
