@@ -12,12 +12,17 @@ export class Setup {
     this.seed = make('input', { type: 'number', min: 0, step: 1, placeholder: 'as the mission says' });
     this.sets = make('textarea', { spellcheck: false, placeholder: 'world.wind.kind=steady\nworld.wind.mean_mps=3' });
     this.about = make('p', { class: 'hint' });
-    const tell = () => { this.about.textContent = choices.missions[this.mission.value] ?? ''; };
+    this.hands = make('input', { type: 'checkbox', id: 'byhand' });
+    const byHand = make('label', { class: 'check' }, this.hands, make('span', { text: 'I do the work by hand: the mission asks me for the stick' }));
+    const tell = () => {
+      this.about.textContent = choices.missions[this.mission.value] ?? '';
+      byHand.hidden = !choices.operated.includes(this.mission.value);
+    };
     this.mission.addEventListener('change', tell);
     tell();
     const field = (name, element) => make('label', {}, make('span', { text: name }), element);
     this.go = make('button', { type: 'submit', text: 'Start the flight', class: 'primary', id: 'start' });
-    const form = make('form', {}, field('Mission', this.mission), this.about, field('Robot', this.robot),
+    const form = make('form', {}, field('Mission', this.mission), this.about, byHand, field('Robot', this.robot),
       field('World', this.world), field('Seed', this.seed),
       field('Other values, one KEY=VALUE a line', this.sets), this.go);
     form.addEventListener('submit', (e) => {
@@ -38,6 +43,7 @@ export class Setup {
     const seed = this.seed.value.trim();
     return {
       mission: this.mission.value, robot: this.robot.value || null, world: this.world.value || null,
+      operated: this.hands.checked && this.choices.operated.includes(this.mission.value),
       seed: seed === '' ? null : Number(seed),
       sets: this.sets.value.split('\n').map((s) => s.trim()).filter(Boolean),
     };
@@ -49,6 +55,8 @@ export class Setup {
     [this.robot.value, this.world.value] = (entry.asked ?? []).map((x) => x ?? '');
     this.seed.value = entry.seed ?? '';
     this.sets.value = (entry.sets ?? []).join('\n');
+    this.hands.checked = Boolean(entry.operated);
+    this.mission.dispatchEvent(new Event('change'));
   }
 }
 

@@ -34,6 +34,7 @@ class Asked(NamedTuple):
     world: str | None = None
     seed: int | None = None
     sets: tuple[str, ...] = ()
+    operated: bool = False  # by whoever controls the page
 
     def check(self) -> None:
         """Raise InputError where it would load code."""
@@ -96,9 +97,7 @@ class Process:
         """Start it; raises InputError where no process can be started."""
         self.asked.check()
         ours, theirs = build_pair()
-        operator = (
-            ["--operator", "page"] if await asyncio.to_thread(_is_operated, self.asked) else []
-        )
+        operator = ["--operator", "page"] if self.asked.operated else []
         disturbing = [x for text in self._list_disturbances() for x in ("--set", text)]
         command = [
             sys.executable, "-m", "skywright", "run", *self.asked.list_arguments(), *disturbing,
@@ -161,16 +160,6 @@ class Process:
             if isinstance(found, dict):
                 return {**found, "directory": str(directory)}
         return {}
-
-
-def _is_operated(asked: Asked) -> bool:
-    """Whether the mission has an operator, and none is recorded for it."""
-    from skywright.description.loader import load_description
-    from skywright.run.kind import load_kind
-
-    d = load_description(asked.mission, asked.robot, asked.world, asked.sets, asked.seed)
-    mission: Any = d.mission
-    return load_kind(mission.kind).operated and mission.task.operator is None
 
 
 def choose_out(folder: Path, mission: str) -> Path:

@@ -3,12 +3,13 @@
 Whoever steers an integrator, as (24) is one, acts near crossover like a gain with a delay,
 Y = w_c e^(-s tau) / s open loop (McRuer and Jex 1967, A review of quasi-linear pilot models, (6)).
 So the lateral stick here is w_c e(t - tau) / v_max: e is what is seen of the tool's error, tau the
-delay of eye and mind, followed by the lag of the arm. The phase margin, pi/2 - w_c (tau + lag),
-is 73 deg for the practised manner, 75 deg for the careful and 67 deg for the hasty one, who moves
-the stick to its end; a radio between operator and robot takes w_c times its delay off. Beside it the model sees no error below a threshold,
-sees what it sees with a slow noise (the remnant), and its hand trembles at 8 to 12 Hz. It moves
-into the contact while it is near enough to the place. There a force is steered as an integrator
-again: a hand that moves on at v into a stiffness k raises the force by k v.
+delay of eye and mind, followed by the lag of the arm. The phase margin, pi/2 - w_c (tau + lag), is
+73 deg for the practised manner, 75 deg for the careful and 67 deg for the hasty one, who moves the
+stick to its end; a radio between operator and robot takes w_c times its delay off. Beside it the
+model sees no error below a threshold, sees what it sees with a slow noise (the remnant), and its
+hand trembles at 8 to 12 Hz. It moves into the contact while it is near enough to the place. There a
+force is steered as an integrator again: a hand that moves on at v into a stiffness k raises the
+force by k v.
 
 The numbers of the manners are assumptions. They stay as they are: studies that compare the levels
 of assistance (docs/howto/assistance.md) were flown with them.

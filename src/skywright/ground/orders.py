@@ -97,7 +97,10 @@ def _read_start(found: dict[str, Any]) -> dict[str, Any] | None:
         return None
     if not all(isinstance(s, str) and 0 < len(s) <= LONGEST_SET for s in sets):
         return None
-    return {**out, "seed": seed, "sets": sets}
+    operated = found.get("operated", False)
+    if not isinstance(operated, bool):
+        return None
+    return {**out, "seed": seed, "sets": sets, "operated": operated}
 
 
 def names_code(text: str) -> bool:

@@ -76,9 +76,24 @@ def list_choices(proposed: str, files: dict[str, str]) -> dict[str, Any]:
     return {
         "proposed": proposed,
         "missions": missions,
+        "operated": [name for name in missions if _is_operated(files.get(name, name))],
         "robots": {e.name: e.description for e in list_robots()},
         "worlds": {e.name: e.description for e in list_worlds()},
     }
+
+
+def _is_operated(mission: str) -> bool:
+    """Whether somebody can do the work of a mission by hand, by its file's kind alone."""
+    import tomllib
+
+    from skywright.description.loader import find_mission
+    from skywright.run.kind import load_kind
+
+    try:
+        tree = tomllib.loads(find_mission(mission).path.read_text(encoding="utf-8"))
+        return load_kind(tree["mission"]["kind"]).operated
+    except (InputError, OSError, ValueError, KeyError, TypeError):  # told when it is started
+        return False
 
 
 def _is_run(target: str) -> bool:

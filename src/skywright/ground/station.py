@@ -221,7 +221,7 @@ class Station:
                 return
         asked = Asked(
             self.files.get(mission, mission), content["robot"], content["world"], content["seed"],
-            tuple(content["sets"]),
+            tuple(content["sets"]), content["operated"],
         )  # fmt: skip
         self.note = f"Preparing {mission} ..."
         self.tell_all()

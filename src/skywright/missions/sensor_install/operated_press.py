@@ -7,8 +7,9 @@ contact, too, where the springs of the arm turn the way beyond the surface into 
 from the first touch on; pulled back to nothing the hand is moved again.
 
 In free air the hand is led in W: the arm makes up for the platform's motion. In contact it is led
-by its shafts, relative to what carries the arms. A hand that friction holds and that makes up for the platform's motion
-pushes the platform away by its servos' lag: at 2 N the platform swung by 6 cm (measured).
+by its shafts, relative to what carries the arms. A hand that friction holds and that makes up for
+the platform's motion pushes the platform away by its servos' lag: at 2 N the platform swung by 6 cm
+(measured).
 """
 
 import numpy as np
@@ -60,9 +61,7 @@ def press_by_operator(s: Supervisor[SensorInstall], operator: Operator, way: Ins
 class _Press:
     """The state of an operated press; each step is one tick."""
 
-    def __init__(
-        self, s: Supervisor[SensorInstall], operator: Operator, way: InstallPlan
-    ) -> None:
+    def __init__(self, s: Supervisor[SensorInstall], operator: Operator, way: InstallPlan) -> None:
         self.s, self.task = s, s.task
         self.lead = Lead(s, operator)
         x = rot_z(way.yaw)[:, 0]
@@ -100,7 +99,11 @@ class _Press:
     def _lead_joints(self, v: Array) -> None:
         """Lead the hand's shafts so that a free hand would move at v (3,) m/s to the platform."""
         vehicle = self.s.vehicle
-        arm, state, row = vehicle.read(ArmModel), vehicle.read(HandState), set_rest(vehicle.reference)
+        arm, state, row = (
+            vehicle.read(ArmModel),
+            vehicle.read(HandState),
+            set_rest(vehicle.reference),
+        )
         mine = slice(arm.first[0], arm.first[0] + arm.n)
         if row["task"][0] != TASK_JOINTS:
             row["q"][mine] = state.q_goal[mine]
