@@ -1,0 +1,66 @@
+"""Groups of inspections side by side: robots, laws, winds, inspectors."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from skywright.analysis.pod.method import Method
+from skywright.analysis.pod.pod import Pod, compute_pod
+from skywright.analysis.pod.table import Inspections
+from skywright.errors import InputError
+
+
+class Compared(NamedTuple):
+    """Curves of groups, and whether one curve would do."""
+
+    column: str
+    groups: dict[str, Pod | str]  # a text where a group gives no curve
+    p_same: float
+    """Probability of such a difference if all groups had one curve (likelihood-ratio test)."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what `skywright pod --group --json` prints of the groups."""
+        groups = {k: v.to_json() if isinstance(v, Pod) else v for k, v in self.groups.items()}
+        return {"column": self.column, "p_same": self.p_same, "curves": groups}
+
+
+def compare_groups(table: Inspections, column: str, method: Method | None = None) -> Compared:
+    """Fit a curve to each group of rows with one value of `column`, with the axes of the whole.
+
+    Raises InputError where there is no such column, or fewer than two groups give a curve.
+    """
+    if column not in table.others:
+        names = ", ".join(table.others) or "-"
+        raise InputError(f"--group {column!r}: no such column; valid: {names}")
+    whole = compute_pod(table, method)
+    c = whole.curve
+    fixed = (method or Method())._replace(
+        size_axis=c.size_axis, signal_axis=c.signal_axis or None, model=c.model
+    )
+    cells = np.array(table.others[column])
+    groups: dict[str, Pod | str] = {}
+    gained, fitted, used = 0.0, 0, np.zeros(len(cells), bool)
+    for value in sorted(set(cells.tolist())):
+        try:
+            one = compute_pod(table.select(cells == value), fixed)
+        except InputError as error:
+            groups[value] = str(error)
+            continue
+        groups[value] = one
+        gained, fitted, used = (
+            gained + one.curve.log_likelihood,
+            fitted + 1,
+            used | (cells == value),
+        )
+    if fitted < 2:
+        raise InputError(
+            f"--group {column}: {fitted} of {len(groups)} groups give a curve; at least 2 are "
+            "needed" + "".join(f"; {k}: {v}" for k, v in groups.items() if isinstance(v, str))[:300]
+        )
+    common = compute_pod(table.select(used), fixed).curve
+    degrees = (2 if c.model == "hit-miss" else 3) * (fitted - 1)
+    p = float(stats.chi2.sf(max(2.0 * (gained - common.log_likelihood), 0.0), degrees))
+    return Compared(column, groups, p)
