@@ -40,7 +40,8 @@ def main() -> None:
 
     depths = np.exp(r.uniform(np.log(0.15), np.log(3.0), 60))
     signals = 80.0 * depths**0.8 * np.exp(0.22 * r.normal(size=60))
-    rows = [(f"{d:.3f}", f"{min(max(s, 5.0), 150.0):.1f}") for d, s in zip(depths, signals, strict=True)]
+    pairs = zip(depths, np.clip(signals, 5.0, 150.0), strict=True)
+    rows = [(f"{d:.3f}", f"{s:.1f}") for d, s in pairs]
     write("a_hat.csv", "depth_mm,ahat", rows)
 
 
