@@ -42,7 +42,7 @@ class Silence:
     def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
         """Silence the sensor; compare the stated deviations with the covariance brought to now."""
         if self.silent:
-            quiet = t % 5.0 < 1.5 and phase not in ("take_off", "land")
+            quiet = t % 5.0 < 1.5 and phase not in ("start", "take_off", "land")
             vehicle.assembly.get(MotionCapture.Me, "mocap")["dropout"] = 1.0 if quiet else 0.01
         flt = vehicle.read_memory("estimator")
         if t > 3.0 and round(50 * t) % 10 == 0:
