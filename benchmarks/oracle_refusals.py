@@ -33,6 +33,7 @@ def fly_refused(folder: Path, mission: str, row: dict[str, str]) -> tuple[str, s
     keys = [k for k in row if k.split(".")[0] in ("mission", "world", "plant", "robot")]
     robot = row.get("mission.robot") or None
     sets = {k: row[k] for k in keys if k != "mission.robot" and row[k]}
+    sets = {k: v.lower() if v in ("True", "False") else v for k, v in sets.items()}  # as in TOML
     reason = row["reason"]
     for _ in range(MOST_TRIES):
         named = NAMED.search(reason)

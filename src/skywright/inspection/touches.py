@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from skywright.core.arrays import Array, Mask
 from skywright.core.rotations import exp_so3
@@ -121,14 +121,14 @@ def _fit(off: Callable[[Array], Array], prior: Array, n: int, std: float) -> Tou
     """Fit all touches, or all but the one that contradicts the others."""
     used = np.ones(n, bool)
     x, covariance, cost = _solve(off, prior, used, std)
-    consistent = cost <= chi2.ppf(CONFIDENCE, max(n, 1))
+    consistent = cost <= chdtri(max(n, 1), 1.0 - CONFIDENCE)
     if not consistent and n > 2:
         fits = []
         for i in range(n):
             keep = np.arange(n) != i
             fits.append((*_solve(off, prior, keep, std), keep))
         x, covariance, cost, used = min(fits, key=lambda f: f[2])
-        consistent = cost <= chi2.ppf(CONFIDENCE, n - 1)
+        consistent = cost <= chdtri(n - 1, 1.0 - CONFIDENCE)
     return TouchFit(x, covariance, off(x), used, bool(consistent))
 
 

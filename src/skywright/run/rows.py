@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads scipy.stats (1 s) at its first use
 from numpy.typing import NDArray
-from scipy import stats
 
 from skywright.description.mission.spec import Requirement
 
@@ -95,7 +95,7 @@ class FailureGroup(NamedTuple):
 
 def compute_interval(succeeded: int, runs: int, confidence: float = CONFIDENCE) -> Array:
     """Wilson score interval (2,) of a success rate (Wilson, J. Am. Stat. Assoc. 22, 1927)."""
-    found = stats.binomtest(succeeded, runs).proportion_ci(confidence, method="wilson")
+    found = scipy.stats.binomtest(succeeded, runs).proportion_ci(confidence, method="wilson")
     return np.array([found.low, found.high])
 
 
@@ -152,14 +152,14 @@ def compute_sensitivities(
             numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in x)
             rho, p_rho = math.nan, 1.0
             if numeric:
-                test = stats.spearmanr(np.array(x, float), y)
+                test = scipy.stats.spearmanr(np.array(x, float), y)
                 rho, p_rho = float(test.statistic), float(test.pvalue)
             share, p_share = _compute_share(_bin(x, numeric), y)
             p = min(2.0 * min(p_rho, p_share), 1.0)
             found.append(Sensitivity(metric, key, rho, share, p, False))
     if not found:
         return []
-    adjusted = stats.false_discovery_control([s.p for s in found], method="bh")
+    adjusted = scipy.stats.false_discovery_control([s.p for s in found], method="bh")
     return [
         s._replace(significant=bool(a <= 1.0 - CONFIDENCE))
         for s, a in zip(found, adjusted, strict=True)
@@ -182,7 +182,7 @@ def _compute_share(group: NDArray[np.int64], y: Array) -> tuple[float, float]:
     k, n = len(members), len(y)
     if k < 2 or n <= k:
         return 0.0, 1.0
-    h, p = stats.kruskal(*members)
+    h, p = scipy.stats.kruskal(*members)
     return float(np.clip((h - k + 1) / (n - k), 0.0, 1.0)), float(p)
 
 
@@ -203,7 +203,7 @@ def group_failures(rows: Sequence[Row], keys: Sequence[str]) -> list[FailureGrou
             b = np.array([row.varied[key] for row in others], float)
             if len(a) < 2 or len(b) < 2:
                 continue
-            p = float(stats.mannwhitneyu(a, b).pvalue) * len(numeric)
+            p = float(scipy.stats.mannwhitneyu(a, b).pvalue) * len(numeric)
             if p < min(best.p, 1.0 - CONFIDENCE):
                 both = np.concatenate([a, b])
                 best = best._replace(

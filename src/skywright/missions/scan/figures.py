@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.collections import PatchCollection
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
@@ -82,13 +81,9 @@ def draw_coverage(result: RunResult[Scan, ScanWay]) -> Figure | None:
         (~inside, "#eceef1", "sector, not under the coil"),
         (inside, "#9cc5a1", f"under the coil ({np.mean(inside):.0%} of the sector's area)"),
     ):
-        squares = [
-            ((x - size, y - size), 2 * size, 2 * size)
-            for x, y in zip(s[keep], c[keep], strict=True)
-        ]
-        ax.add_collection(PatchCollection(
-            [Rectangle(*q) for q in squares], facecolor=colour, lw=0, rasterized=True
-        ))  # fmt: skip
+        centres = np.column_stack([s[keep], c[keep]])
+        squares = centres[:, None] + size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        ax.add_collection(PolyCollection([*squares], facecolor=colour, lw=0, rasterized=True))
         ax.plot([], [], "s", color=colour, label=label)
     path = 1e3 * found.path
     for keep, colour, label in (
