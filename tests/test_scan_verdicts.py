@@ -23,11 +23,14 @@ from skywright.inspection.weld import process_scan
 from skywright.inspection.weld_data import process_file
 from skywright.missions.scan.coverage import compute_scan_coverage, judge_coverage, list_missed
 from skywright.missions.scan.fly import _calibrate as calibrate_touch
+from skywright.missions.scan.inspected import find_inspected
+from skywright.missions.scan.metrics import find_coverage, process_weld
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.welds import ERRORS, find_expected, judge_welds, list_waived
 from skywright.models.eddy_current import build_probe_signal, ec_signal
 from skywright.planning.patterns import build_pattern
 from skywright.run.flight import PhaseRecord
+from skywright.run.inspected import Inspected, read_inspected
 from skywright.run.run import run_mission
 from skywright.run.setup import Setup
 
@@ -149,8 +152,8 @@ def test_false_crossings_make_no_second_line() -> None:
     assert count_passes(lines[0], s, c, np.ones(len(s), bool)) == 6
 
 
-def read_signal(run: Any, cylinder: Any, blobs: tuple[float, ...] = ()) -> dict[str, float]:
-    """Judge what is found in the instrument's signal along a perfect scan at 10 mm/s.
+def process_signal(run: Any, cylinder: Any, blobs: tuple[float, ...] = ()) -> Any:
+    """Process the instrument's signal along a perfect scan at 10 mm/s.
 
     `blobs` are distances (m) along the path with a false weld signal.
     """
@@ -172,7 +175,12 @@ def read_signal(run: Any, cylinder: Any, blobs: tuple[float, ...] = ()) -> dict[
         ec += np.exp(-0.5 * ((way - blob) / 0.003) ** 2)[:, None] * np.array(weld)
     calibration = build_calibration(touch, lift_off_threshold=15.0, weld_threshold=1.4)
     measured = s["p_WT"] + 1e-4 * rng.standard_normal((len(s), 3))
-    found = process_scan(100.0 * way, ec, measured, cylinder, calibration)
+    return process_scan(100.0 * way, ec, measured, cylinder, calibration)
+
+
+def read_signal(run: Any, cylinder: Any, blobs: tuple[float, ...] = ()) -> dict[str, float]:
+    """Judge what is found in the signal of a perfect scan."""
+    found = process_signal(run, cylinder, blobs)
     path = compute_scan_coverage(run, cylinder).path
     return judge_welds(run, found, (path[:, 0], path[:, 1]))
 
@@ -238,6 +246,49 @@ def test_welds_that_the_probe_cannot_tell_are_unresolved(
     assert (found["weld.lines"], found["weld.unresolved"]) == (lines, unresolved)
     assert found["weld.lines_missed"] == found["weld.missed"] == found["weld.false_alarms"] == 0.0
     assert bool(list_waived(found)) == (not unresolved and not lines)
+
+
+def inspect(run: Any, cylinder: Any, blobs: tuple[float, ...] = ()) -> Inspected:
+    """What a scan of the constructed run says about the welds as flaws."""
+    known = {
+        find_coverage: compute_scan_coverage(run, cylinder),
+        process_weld: process_signal(run, cylinder, blobs),
+    }
+    run.once = known.get
+    return find_inspected(run)
+
+
+def test_welds_are_flaws_with_their_contrast() -> None:
+    """Strong and weak welds in one pipe; crossings of one weld are one datum."""
+    weak = "b={offset_m=0.06,permeability_change=-0.03,conductivity_change=0.0}"
+    found = inspect(*build_run(0.0, sets=add_welds(weak)))
+    strong, faint = found.flaws
+    assert strong.hit and strong.contact and strong.signal is not None and strong.signal > 4.0
+    assert not faint.hit and faint.contact and faint.signal is not None and faint.signal < 2.0
+    assert strong.sizes["contrast_units"] > 5 * faint.sizes["contrast_units"] > 0
+    assert strong.sizes["width_mm"] == pytest.approx(10.0)
+    assert strong.conditions["crossings"] == 4.0 and found.calls == 0
+    # 4 passes of 0.2 m and the steps between, less 6 cm around each weld in each pass
+    assert 8 <= found.sites <= 20
+    assert read_inspected(json.loads(json.dumps(found.to_json()))) == found
+
+
+def test_a_false_signal_is_a_call_and_no_hit() -> None:
+    found = inspect(*build_run(0.0), blobs=(0.03,))
+    assert found.calls == 1 and found.flaws[0].hit and len(found.flaws) == 1
+    found = inspect(*build_run(0.0, sets=["world.weld.present=false"]))
+    assert found.flaws == () and found.calls == 0 and found.sites > 20
+
+
+def test_a_weld_where_the_probe_never_was_is_missed_without_contact() -> None:
+    """The robot left out everything beyond s = 30 mm, where a second weld lies."""
+    sets = add_welds("b.offset_m=0.06")
+    run, cylinder = build_run(0.0, keep=lambda s, c: s < 0.03, sets=sets)
+    first, second = inspect(run, cylinder).flaws
+    assert first.hit and first.contact
+    assert not second.hit and not second.contact and second.signal is None
+    run.once = {}.get  # it never came to scanning
+    assert [(f.hit, f.contact) for f in find_inspected(run).flaws] == [(False, False)] * 2
 
 
 def test_a_pass_that_lies_on_a_seam_is_missed_not_waived() -> None:

@@ -23,6 +23,7 @@ from skywright.errors import InputError
 if TYPE_CHECKING:
     from skywright.description.loader import Description
     from skywright.run.flight import Flight, Flown
+    from skywright.run.inspected import Inspected
     from skywright.run.planning import MissionPlan
     from skywright.run.run import RunResult
     from skywright.run.setup import Setup
@@ -147,6 +148,13 @@ class MissionKind(ABC, Generic[T, P]):
     def describe(self, run: Flown[T, P]) -> dict[str, Any]:
         """Return what was found as plain JSON: `result` in metrics.json."""
         return {}
+
+    def inspected(self, run: Flown[T, P]) -> Inspected | None:
+        """Return what the flight said about the flaws of the true world; None: it looked for none.
+
+        Also where the flight was cut short: a flaw that was not reached was not found.
+        """
+        return None
 
     def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
         """Return the requirements that have no meaning for what was asked, each with the reason.

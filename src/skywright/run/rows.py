@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy  # loads scipy.stats (1 s) at its first use
@@ -41,6 +41,8 @@ class Row(NamedTuple):
     attempts: int
     command: str
     """Repeats this run alone."""
+    inspected: dict[str, Any] | None = None
+    """What was said about the flaws of the true world, as run/inspected.py writes it."""
 
     @property
     def succeeded(self) -> bool:

@@ -30,6 +30,7 @@ from skywright.run.directory import load_run, open_directory, write_json, write_
 from skywright.run.faults._rule import Acted, Rule
 from skywright.run.flight import Flight, Flown, PhaseRecord
 from skywright.run.flight_recording import FlightRecording
+from skywright.run.inspected import Inspected
 from skywright.run.kind import P, load_kind
 from skywright.run.metrics import compute_common_metrics
 from skywright.run.operated import check_operator, keep_operator, write_mission
@@ -85,6 +86,8 @@ class RunResult(NamedTuple, Generic[T, P]):
     """Requirements that have no meaning for what was asked, each with the reason."""
     command: str = ""  # that started the run; "" where no command line did
     backend: str = PHYSICS  # that flew it
+    inspected: Inspected | None = None
+    """What was said about the flaws of the true world; None: the kind looks for none."""
 
     @property
     def exit_code(self) -> int:
@@ -106,6 +109,7 @@ class RunResult(NamedTuple, Generic[T, P]):
             "requirements": [r._asdict() for r in self.requirements],
             "waived": self.waived,
             "result": self.found,
+            "inspected": None if self.inspected is None else self.inspected.to_json(),
             "metrics": {k: v if np.isfinite(v) else None for k, v in self.metrics.items()},
             "phases": [p._asdict() for p in self.phases],
             "faults": [a._asdict() for a in self.acted],
@@ -365,6 +369,13 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
         verdicts, waived = judge_run(kind, run, metrics)
     except Exception as error:
         broken = broken or f"evaluation: {_describe(error)}"
+    inspected: Inspected | None = None
+    try:
+        if len(run.samples):
+            with blame(type(kind), "inspected"):
+                inspected = kind.inspected(run)
+    except Exception as error:
+        broken = broken or f"evaluation: {_describe(error)}"
     reason = reason or broken
     if not outcome:
         met = not broken and all(v.passed for v in verdicts)
@@ -372,5 +383,5 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
     reason = reason or describe_outcome(outcome, verdicts)
     return RunResult(
         description, plan, run.samples, run.phases, outcome, reason, metrics, verdicts, {}, details,
-        directory, flight.acted, found, waived,
+        directory, flight.acted, found, waived, inspected=inspected,
     )  # fmt: skip

@@ -117,4 +117,5 @@ def _build_row(task: Task, result: RunResult) -> Row:
     return Row(
         d.run, d.seed, result.outcome, requirement, failed, " ".join(result.reason.split()),
         d.varied, metrics, dict(result.timing), 1, task.command,
+        None if result.inspected is None else result.inspected.to_json(),
     )  # fmt: skip

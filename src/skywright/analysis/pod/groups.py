@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from skywright.analysis.pod.method import Method
 from skywright.analysis.pod.pod import Pod, compute_pod
 from skywright.analysis.pod.table import Inspections
 from skywright.errors import InputError
+from skywright.recordings.text_table import read_number
 
 
 class Compared(NamedTuple):
@@ -27,6 +30,30 @@ class Compared(NamedTuple):
         return {"column": self.column, "p_same": self.p_same, "curves": groups}
 
 
+PARTS, MANY = 3, 6
+"""Groups of a column of numbers, and the different numbers from which it is divided."""
+
+
+def divide(cells: tuple[str, ...]) -> NDArray[np.str_]:
+    """Return the group (n,) of each row: its cell, or of many different numbers the range."""
+    numbers = np.array([read_number(cell) for cell in cells])
+    known = np.unique(numbers[np.isfinite(numbers)])
+    if len(known) < MANY or not all(np.isfinite(numbers) | (np.array(cells) == "")):
+        return np.array(cells)
+    edges = np.quantile(numbers[np.isfinite(numbers)], np.linspace(0.0, 1.0, PARTS + 1))
+    names = [f"{a:.3g} to {b:.3g}" for a, b in pairwise(edges)]
+    part = np.clip(np.searchsorted(edges[1:-1], numbers, side="right"), 0, PARTS - 1)
+    return np.array(
+        [names[k] if np.isfinite(x) else "" for k, x in zip(part, numbers, strict=True)]
+    )
+
+
+def _sort_key(name: str) -> tuple[float, str]:
+    """Numbers and ranges by their value, before names."""
+    number = read_number(name.partition(" ")[0])
+    return number if np.isfinite(number) else np.inf, name
+
+
 def compare_groups(table: Inspections, column: str, method: Method | None = None) -> Compared:
     """Fit a curve to each group of rows with one value of `column`, with the axes of the whole.
 
@@ -40,21 +67,18 @@ def compare_groups(table: Inspections, column: str, method: Method | None = None
     fixed = (method or Method())._replace(
         size_axis=c.size_axis, signal_axis=c.signal_axis or None, model=c.model
     )
-    cells = np.array(table.others[column])
+    cells = divide(table.others[column])
     groups: dict[str, Pod | str] = {}
     gained, fitted, used = 0.0, 0, np.zeros(len(cells), bool)
-    for value in sorted(set(cells.tolist())):
+    for value in sorted(set(cells.tolist()) - {""}, key=_sort_key):
         try:
             one = compute_pod(table.select(cells == value), fixed)
         except InputError as error:
             groups[value] = str(error)
             continue
         groups[value] = one
-        gained, fitted, used = (
-            gained + one.curve.log_likelihood,
-            fitted + 1,
-            used | (cells == value),
-        )
+        gained, fitted = gained + one.curve.log_likelihood, fitted + 1
+        used |= cells == value
     if fitted < 2:
         raise InputError(
             f"--group {column}: {fitted} of {len(groups)} groups give a curve; at least 2 are "

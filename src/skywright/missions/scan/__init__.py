@@ -5,6 +5,7 @@ from typing import Any
 from skywright.missions.scan.task import Scan
 from skywright.run.flight import Flown
 from skywright.run.folder_kind import FolderKind
+from skywright.run.inspected import Inspected
 
 
 class ScanKind(FolderKind[Scan]):
@@ -26,6 +27,11 @@ class ScanKind(FolderKind[Scan]):
         weld, coverage = run.once(process_weld), run.once(find_coverage)
         welds = describe_welds(weld) if weld is not None else {}
         return welds | (describe_coverage(coverage) if coverage is not None else {})
+
+    def inspected(self, run: Flown[Scan, Any]) -> Inspected:
+        from skywright.missions.scan.inspected import find_inspected
+
+        return find_inspected(run)
 
     def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
         from skywright.missions.scan.welds import list_waived
