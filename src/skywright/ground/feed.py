@@ -27,6 +27,7 @@ from skywright.ground.link import (
     STICK,
     pack_frame,
     parse,
+    read_flight,
     read_number,
     receive,
     say,
@@ -45,7 +46,9 @@ from skywright.run.operator import Stick
 if TYPE_CHECKING:
     from skywright.description.loader import Description
     from skywright.run.faults._rule import Acted
+    from skywright.run.pilot import Pilot
     from skywright.run.planning import MissionPlan
+    from skywright.run.supervisor import Supervisor
     from skywright.vehicle.simulated import SimulatedVehicle
 
 FRAME_PERIOD = 0.018  # s of wall time between frames, a little less than a tick in real time
@@ -56,6 +59,8 @@ SPEED_FASTEST = 0.0
 """Speed that stands for "as fast as it goes"."""
 ORDERS = {"abort": "come_home", "land": "land_here"}
 """What an operator can order, and what the rules then fly."""
+PILOT_ORDERS = {"take_over": "manual", "give_back": "rejoin"}
+"""What an operator can order of the pilot's switch, and the phase that follows."""
 SCENE = "scene.json"
 
 
@@ -74,6 +79,8 @@ class Feed:
         self.wait_s, self.stay_s = wait_s, stay_s
         self.watchers, self.speed, self.paused = 0, 1.0, False
         self.order = ""
+        self.pilot: Pilot | None = None
+        self._switch = ""  # an order of PILOT_ORDERS that is to be carried out
         self.starts: dict[str, float] = {}  # of disturbances, s
         self.stick = StickJudge()
         self.asked = ""  # what the mission asks the operator to do now
@@ -95,6 +102,10 @@ class Feed:
         """Keep what the scene is made of; frames begin with the first tick."""
         self._plan, self._d = plan, description
         self._flies = load_kind(description.mission.kind).flies
+
+    def on_supervisor(self, supervisor: Supervisor[Any]) -> None:
+        """Keep whom the pilot's orders go to."""
+        self._supervisor, self.pilot = supervisor, supervisor.pilot
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
         """Tell of the tick, hear the operator, and hold the flight back to its pace."""
@@ -167,6 +178,8 @@ class Feed:
             self.speed = math.inf if speed == SPEED_FASTEST else speed
         elif kind == "order" and message.get("what") in ORDERS:
             self.order, self.paused = str(message["what"]), False
+        elif kind == "order" and message.get("what") in PILOT_ORDERS:
+            self._switch, self.paused = str(message["what"]), False
         elif kind == "disturb" and message.get("what") in DISTURBANCES:
             self.starts.setdefault(str(message["what"]), math.nan)
         elif kind == "control":
@@ -184,9 +197,10 @@ class Feed:
         if at is None or seq is None or not isinstance(axes, list) or len(axes) != 3:
             return False
         values = [read_number(x, -1.0, 1.0) for x in axes]
-        if any(x is None for x in values):
+        flight = read_flight(message.get("f"))
+        if flight is None or any(x is None for x in values):
             return False
-        stick = Stick(np.array(values, float), message.get("b") is True)
+        stick = Stick(np.array(values, float), message.get("b") is True, tuple(flight))
         if message.get("d") is not True:  # the dead-man is let go: nothing moves
             stick = Stick(np.zeros(3), False)
         self._held = message.get("d") is True
@@ -205,6 +219,13 @@ class Feed:
                     self._said = f"this flight was started without {DISTURBANCES[name].label!r}"
                     self.starts.pop(name)
                     break
+        if self.pilot is not None:
+            if self._switch:
+                give = {"take_over": self.pilot.take_over, "give_back": self.pilot.give_back}
+                self._said, self._switch = give[self._switch]().reason, ""
+            now = time.monotonic()
+            if self.pilot.flies and self.stick.age(now) < HOLD_S:
+                self._supervisor.move_stick(list(self.stick.read(now).flight))
         if self.order:
             if not self._flies or not any(
                 p == "take_off" or p == "release" for p, _ in self._phases
@@ -314,10 +335,17 @@ class Feed:
             first=max(len(self._phases) - 40, 0),
             what=explain_phase(kind, self._phases[-1][0]) if self._phases else "",
             asked=self.asked, said=self._said, alarms=self._alarms[-10:],
-            age_s=round(age, 3) if age < 1e6 else None,
+            pilot=_tell_pilot(self.pilot), age_s=round(age, 3) if age < 1e6 else None,
             holding=bool(self.asked) and age > HOLD_S,
             disturbed={k: round(v, 2) for k, v in self.starts.items() if math.isfinite(v)},
             repeats=list_repeats({k: v for k, v in self.starts.items() if math.isfinite(v)}),
             cost_ms=round(1e3 * float(np.median(self.costs)), 3) if self.costs else None,
             dropped=self.dropped + self.stick.dropped,
         )  # fmt: skip
+
+
+def _tell_pilot(pilot: Pilot | None) -> dict[str, Any]:
+    """Return what a page shows of the pilot's switch."""
+    if pilot is None:
+        return {"switch": False, "flies": False, "says": ""}
+    return {"switch": pilot.switch, "flies": pilot.flies, "says": pilot.says}

@@ -95,6 +95,16 @@ def read_number(value: Any, low: float, high: float) -> float | None:
     return number if math.isfinite(number) and low <= number <= high else None
 
 
+def read_flight(value: Any) -> list[float] | None:
+    """Return a pilot's four axes from -1 to 1, at rest where none are given; None: no such."""
+    if value is None:
+        return [0.0, 0.0, 0.0, 0.0]
+    if not isinstance(value, list) or len(value) != 4:
+        return None
+    axes = [read_number(x, -1.0, 1.0) for x in value]
+    return None if None in axes else [x for x in axes if x is not None]
+
+
 def pack_frame(
     seq: int, t: float, wall: float, phase: int, flags: int, late_ms: float,
     row: NDArray[np.float32],

@@ -9,8 +9,8 @@ import re
 from typing import Any, NamedTuple
 
 from skywright.ground.disturb import DISTURBANCES
-from skywright.ground.feed import ORDERS, SPEED_FASTEST, SPEEDS
-from skywright.ground.link import parse, read_number
+from skywright.ground.feed import ORDERS, PILOT_ORDERS, SPEED_FASTEST, SPEEDS
+from skywright.ground.link import parse, read_flight, read_number
 
 LARGEST = 4096  # bytes of a message
 PLAIN = ("take", "release", "here", "invite", "stop")
@@ -48,7 +48,7 @@ def _read(kind: str, found: dict[str, Any]) -> dict[str, Any] | None:
         x = read_number(found.get("x"), 0.0, SPEEDS[1])
         return None if x is None or SPEED_FASTEST < x < SPEEDS[0] else {"x": x}
     if kind == "order":
-        return _choose(found, ORDERS)
+        return _choose(found, ORDERS | PILOT_ORDERS)
     if kind == "disturb":
         return _choose(found, DISTURBANCES)
     if kind == "stick":
@@ -74,7 +74,10 @@ def _read_stick(found: dict[str, Any]) -> dict[str, Any] | None:
     held, button = found.get("d"), found.get("b")
     if not isinstance(held, bool) or not isinstance(button, bool):
         return None
-    return {"s": int(seq), "w": stamp, "v": values, "d": held, "b": button}
+    flight = read_flight(found.get("f"))
+    if flight is None:
+        return None
+    return {"s": int(seq), "w": stamp, "v": values, "d": held, "b": button, "f": flight}
 
 
 def _read_start(found: dict[str, Any]) -> dict[str, Any] | None:

@@ -25,7 +25,7 @@ class PhaseRecord(NamedTuple):
     name: str
     start_s: float
     end_s: float
-    outcome: str  # "done", "retry", "failed"
+    outcome: str  # "done", "retry", "taken over" (by a pilot), "failed"
 
 
 class Flight(NamedTuple):

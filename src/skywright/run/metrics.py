@@ -114,7 +114,8 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     held = [samples["phase"] == i for i in holds]
     passed = list[tuple[float, float]]()
     for i, phase in enumerate(phases[:-1]):  # what is not held is passed
-        if phase.name in run.plan.segments and not phases[i + 1].name.startswith("hold"):
+        whole = phase.outcome != "taken over"
+        if phase.name in run.plan.segments and whole and not phases[i + 1].name.startswith("hold"):
             passed.append(_judge_passage(samples, np.flatnonzero(samples["phase"] == i)))
     passed += [_judge_hold(samples, h) for h in held if np.any(h)]
     if passed:

@@ -35,6 +35,7 @@ class Stick(NamedTuple):
 
     axes: Array  # (3,) each from -1 to 1: ahead, left, up
     button: bool  # says: it stands
+    flight: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)  # of a pilot: right, ahead, turn, climb
 
 
 STILL = Stick(np.zeros(3), False)

@@ -51,7 +51,11 @@ FLUSH_S = 1.0  # simulated seconds between writes of the recording
 
 
 class Observer(Protocol):
-    """Something that watches a run; `on_acted(acted)`, where it has one, hears of rules."""
+    """Something that watches a run.
+
+    Where it has one, `on_acted(acted)` hears of rules, and `on_supervisor(supervisor)` is called
+    once, before the flight: it may `take_over` and `give_back` (run/supervisor.py).
+    """
 
     def on_plan(self, plan: MissionPlan[Any], description: Description) -> None:
         """The mission is planned and about to fly."""
@@ -304,6 +308,11 @@ def _fly(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
         on_measurement, operator, rules, lambda: setup.clearance_aloft, on_acted,
     )  # fmt: skip
+
+    for observer in observers:
+        hear = getattr(observer, "on_supervisor", None)
+        if hear is not None:
+            hear(supervisor)
 
     def on_stuck(says: str) -> None:  # ends the process: compiled code cannot be interrupted
         flush()

@@ -164,7 +164,7 @@ class Vehicle(Uav):
             ticked = self.backend.tick()
         else:
             try:
-                ticked = s.tick()
+                ticked = s.tick_by_hand() if self._state == State.FLYING_MANUAL else s.tick()
             except RuleActed as acted:
                 ticked = self._answer(s, acted)
         self._ticks += 1

@@ -13,13 +13,14 @@ from skywright.description.mission.spec import Mission, T
 from skywright.errors import SimulationError
 from skywright.models.geometry import ClearanceQuery
 from skywright.run.faults._response import Trail, respond
-from skywright.run.faults._rule import Acted, Rule
+from skywright.run.faults._rule import Acted, Response, Rule
 from skywright.run.faults._senses import Senses
 from skywright.run.faults._watch import RuleActed, Watch
 from skywright.run.flight import Flight, PhaseRecord
 from skywright.run.kind import load_kind
 from skywright.run.operator import Operator, Stick
 from skywright.run.parts import build_default_rules
+from skywright.run.pilot import GivenBack, Pilot, PilotLanded, scale_stick
 from skywright.run.planning import MissionPlan
 from skywright.run.records import Measurement
 from skywright.vehicle.arms_interface import Arms
@@ -27,6 +28,7 @@ from skywright.vehicle.interface import Backend, Probe, Ticked, WholeBody, requi
 from skywright.vehicle.motions import SPIN_S
 from skywright.vehicle.moves import Moves
 from skywright.vehicle.preflight import Checked, check_rotors, run_checklist
+from skywright.vehicle.results import Result
 from skywright.vehicle.ticker import StepFailed
 
 Table = NDArray[Any]
@@ -85,6 +87,7 @@ class Supervisor(Generic[T]):
         )
         rules = build_default_rules() if rules is None else rules
         self.faults = Watch(rules, self.senses, on_acted)
+        self.pilot = Pilot(self)
         self.uav, self.arms = Moves(vehicle), Arms(vehicle)
         self.body, self.probe = WholeBody(vehicle), Probe(vehicle)
 
@@ -95,9 +98,12 @@ class Supervisor(Generic[T]):
         except NoEstimate as error:
             self.end("failed")
             return Flight(False, str(error))
-        except RuleActed as first:
-            self.respond(first)
-            return self.conclude()
+        except PilotLanded as landed:
+            self.wait(1.0)
+            self.end("done")
+            return self.conclude(str(landed))
+        except (RuleActed, GivenBack) as first:
+            return self.conclude(self.respond(first))
 
     def conclude(self, says: str = "") -> Flight:
         """Return a flight that rules ended, or what `says` that it ended early."""
@@ -105,18 +111,50 @@ class Supervisor(Generic[T]):
         reasons = [*(a.says for a in acted), *([says] if says else [])]
         return Flight(False, "; then ".join(reasons), acted)
 
-    def respond(self, acted: RuleActed) -> None:
-        """Fly the response of the rule that acted, and of stronger ones that act meanwhile."""
-        self.watch = None
+    def respond(self, acted: RuleActed | GivenBack) -> str:
+        """Fly the response of the rule that acted, and of stronger ones that act meanwhile.
+
+        A mission that a pilot gave back where it does not go on comes home. Returns what is to be
+        said of pilots.
+        """
+        self.watch, says = None, ""
+        response: Response | None = None
         while True:
             self.end("failed")
             try:
-                respond(self, self.faults.answer(acted.rule, self))
-            except RuleActed as stronger:
-                acted = stronger
+                if isinstance(acted, RuleActed):
+                    response = self.faults.answer(acted.rule, self)
+                else:
+                    says = says or str(acted)
+                    response = self.faults.rise("come_home", response)
+                respond(self, response)
+            except (RuleActed, GivenBack) as other:
+                acted = other
                 continue
+            except PilotLanded as landed:
+                says = str(landed)
             self.end("done")
-            return
+            return says
+
+    # --- the pilot ---------------------------------------------------------------------------
+
+    def take_over(self) -> Result:
+        """Give the platform to a pilot from the next tick on; the arms stay.
+
+        Accepted at any time while the motors turn; the result has the reason of a refusal.
+        """
+        return self.pilot.take_over()
+
+    def give_back(self) -> Result:
+        """Take the platform back from the pilot: brake, and go on where that is possible.
+
+        Refused, with the reason, where tilt, speed or height do not allow it.
+        """
+        return self.pilot.give_back()
+
+    def move_stick(self, axes: list[float]) -> None:
+        """Take the pilot's stick: right, ahead, turn to the left, climb, each from -1 to 1."""
+        self.pilot.move(scale_stick(self, axes))
 
     def _fly_kind(self, way: Any) -> Flight:
         with blame(type(self.kind), "mission.kind: fly", SimulationError):
@@ -177,9 +215,9 @@ class Supervisor(Generic[T]):
             pass
 
     def wait(self, seconds: float) -> None:
-        """Tick for a time (s)."""
-        end = self.vehicle.t + seconds
-        while self.vehicle.t < end - 1e-9:
+        """Tick for a time (s), in which no pilot flies."""
+        end = self.vehicle.t - self.pilot.away_s + seconds
+        while self.vehicle.t - self.pilot.away_s < end - 1e-9:
             self.tick()
 
     def wait_for_estimate(self) -> None:
@@ -205,7 +243,29 @@ class Supervisor(Generic[T]):
         return self.checked
 
     def tick(self, guards: int = 0) -> Any:
-        """Run one mission tick; raises RuleActed where a rule ends the mission."""
+        """Run one mission tick, and what a pilot who takes over flies after it.
+
+        Raises RuleActed where a rule ends the mission, GivenBack where a pilot does.
+        """
+        ticked = self._tick(guards)
+        if self.kind.flies:
+            if self.pilot.switch:
+                self.pilot.fly()
+                return self.tick(guards)
+            self.trail.drop(self.senses)
+            self.faults.look(self.phase)
+        if self.watch is not None:
+            self.watch()
+        return ticked
+
+    def tick_by_hand(self) -> Ticked:
+        """Run one mission tick while a pilot flies: rules only tell."""
+        ticked = self._tick(0)
+        self.trail.drop(self.senses)
+        self.faults.tell(self.phase)
+        return ticked
+
+    def _tick(self, guards: int) -> Ticked:
         check_interrupt()
         try:
             ticked = self.vehicle.tick(guards)
@@ -215,15 +275,14 @@ class Supervisor(Generic[T]):
             self.vehicle.stop_computer(failed)
             ticked = Ticked(self.vehicle.t, 0, False)
         self.senses.refresh()
-        phase = self._open[0] if self._open else ""
         if self._on_tick is not None:
-            self._on_tick(ticked.t, phase)
-        if self.kind.flies:
-            self.trail.drop(self.senses)
-            self.faults.look(phase)
-        if self.watch is not None:
-            self.watch()
+            self._on_tick(ticked.t, self.phase)
         return ticked
+
+    @property
+    def phase(self) -> str:
+        """Name of the open phase, "" without one."""
+        return self._open[0] if self._open else ""
 
     def report(self, measurement: Measurement) -> None:
         """Keep a finished measurement and hand it on."""
@@ -239,7 +298,7 @@ class Supervisor(Generic[T]):
             self._on_phase(len(self.phases), name)
 
     def end(self, outcome: str) -> None:
-        """End the open phase as "done", "retry" or "failed"."""
+        """End the open phase as "done", "retry", "taken over" or "failed"."""
         if self._open is not None:
             name, start = self._open
             self.phases.append(PhaseRecord(name, start, self.vehicle.t, outcome))

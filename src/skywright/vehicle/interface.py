@@ -105,6 +105,10 @@ class Backend(Protocol):
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""
 
+    @property
+    def tracking(self) -> tuple[Table, float]:
+        """The table that is tracked, and the time (s) along it."""
+
     def tick(self, guards: int = 0) -> Ticked:
         """Run one mission tick (20 ms) or less when a guard in `guards` fires.
 

@@ -95,6 +95,11 @@ class RecordedVehicle:
         return row
 
     @property
+    def tracking(self) -> tuple[NDArray[Any], float]:
+        """The row of the sample alone: a recording has no table."""
+        return self.reference[None], 0.0
+
+    @property
     def reference_now(self) -> Any:
         """The same."""
         return self.reference

@@ -22,12 +22,7 @@ from skywright.description.world.things import find_first
 from skywright.errors import InputError, SimulationError
 from skywright.models.arm_body import Deviation
 from skywright.models.nominal import Nominal
-from skywright.models.rigid_body import (
-    compute_body,
-    compute_tip,
-    joint_names,
-    posture,
-)
+from skywright.models.rigid_body import compute_body, compute_tip, joint_names, posture
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.spring_bench import find_springs
 from skywright.recordings.columns import Column, Stream, Topic
@@ -161,8 +156,6 @@ class SimulatedVehicle:
         self.on_stream: Callable[[str, NDArray[Any]], None] | None = None
         self.track(build_home_row(nominal, world, home, start[2]))
 
-    # --- Backend ---------------------------------------------------------------------------------
-
     def find(self, kind: type[C]) -> C:
         """Return the component of a class; raises InputError where the vehicle has none."""
         found = next((c for c in self.assembly.components if isinstance(c, kind)), None)
@@ -237,6 +230,11 @@ class SimulatedVehicle:
         self._table = np.ascontiguousarray(table)
         self._table_start, self._table_end = self.t, float(self._table[-1]["t"])
         self._follower.track(self._table, self.t)
+
+    @property
+    def tracking(self) -> tuple[Table, float]:
+        """The table that is tracked, and the time (s) along it."""
+        return self._table, self.t - self._table_start
 
     def tick(self, guards: int = 0) -> Ticked:
         """Run one mission tick; raises StepFailed (a step of the robot) or SimulationError."""

@@ -13,6 +13,7 @@ from skywright.missions.skills.survey import Tip, Touch, survey_surface
 from skywright.missions.skills.surveyed import fit_touches, get_tip
 from skywright.missions.skills.tables import build_retreat, cut_table, lift_table, reverse_table
 from skywright.run.flight import Flight
+from skywright.run.pilot import GivenBack
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.guard import CONTACT_LOST
 from skywright.vehicle.instruments.eddy_current import LIFT_OFF_THRESHOLD, EddyProbe
@@ -40,24 +41,35 @@ def fly(s: Supervisor[Scan], way: ScanWay) -> Flight:
     table, done = segments["scan"], 0.0
     touch: Table = segments["touch"]
     away: Table | None = None  # from the present surface place back to the stand-off
-    for attempt in range(retries + 1):
-        _trim(s)
-        if not _touch(s, touch):
-            away = reverse_table(touch)
-            s.follow("back_off", away)
+    attempt = -1
+    while attempt < retries:
+        attempt += 1
+        distance = float(np.linalg.norm(touch["p_WT"][0] - touch["p_WT"][-1]))
+        try:
+            _trim(s)
+            if not _touch(s, touch):
+                away = reverse_table(touch)
+                s.follow("back_off", away)
+                continue
+            lost_at = _slide(s, cut_table(table, done) if done else table)
+        except GivenBack as back:  # by a pilot, in contact: touch again where the scan was left
+            if not back.repeats:
+                raise
+            attempt -= 1
+            if back.taken.phase == "scan":
+                done += back.taken.along
+                touch = build_retreat(back.taken.row, distance, 8.0, back=True)
+            s.watch = None
+            back.rejoin(s, touch[0])
             continue
-        lost_at = _slide(s, cut_table(table, done) if done else table)
         if lost_at is None:
             for name in ("leave", "fold", "return"):
                 s.follow(name, segments[name])
             return Flight(True, "")
         done += lost_at
         row = np.array(s.vehicle.reference)
-        distance = float(np.linalg.norm(touch["p_WT"][0] - touch["p_WT"][-1]))
         s.follow("back_off", build_retreat(row, distance, 4.0))
         touch = build_retreat(row, distance, 8.0, back=True)
-        if attempt == retries:
-            break
     _go_home(s, segments, done, way_back)
     where = f"after {done:.1f} s of the scan" if done else "at the first touch"
     return Flight(False, f"no lasting contact {where}, {retries} retries used")

@@ -63,11 +63,13 @@ class Trail:
         if v.t < self._next or v.reference["active"] < 0.5:
             return
         self._next = v.t + self.PERIOD
-        away = v.away if v.touching else np.zeros(3)
-        ref = v.reference
-        self.crumbs.append(
-            Crumb(np.array(ref["p_WB"]), np.array(ref["R_WB"]), goal_joints(v), away)
-        )
+        self.crumbs.append(build_crumb(v))
+
+
+def build_crumb(v: Senses) -> Crumb:
+    """Return where the robot is commanded to be now."""
+    ref, away = v.reference, v.away if v.touching else np.zeros(3)
+    return Crumb(np.array(ref["p_WB"]), np.array(ref["R_WB"]), goal_joints(v), away)
 
 
 def goal_joints(v: Senses) -> Array:
@@ -104,7 +106,7 @@ def respond(s: Supervisor, response: Response) -> None:
         _find_room(s)
     else:
         s.begin("come home")
-        _come_home(s)
+        fly_back(s, s.trail.crumbs)
     _descend(s, here=response == "land_here")
     s.uav.motors(False)
     s.wait(1.0)
@@ -201,12 +203,12 @@ def _is_way_free(s: Supervisor, query: ClearanceQuery | None, a: Crumb, b: Crumb
     return True
 
 
-def _come_home(s: Supervisor) -> None:
-    """Fly back the way that was flown, as one move."""
+def fly_back(s: Supervisor, trail: list[Crumb]) -> None:
+    """Fly back over crumbs to the first of them, as one move."""
     row = build_rest(s)
     here = Crumb(np.array(row["p_WB"]), np.array(row["R_WB"]), np.array(row["q"]), np.zeros(3))
     query = s.surroundings() if s.surroundings is not None else None
-    way = list_way_back(s.trail.crumbs, here, partial(_is_way_free, s, query))
+    way = list_way_back(trail, here, partial(_is_way_free, s, query))
     if len(way) < 2:
         return
     p, q = np.array([c.p_WB for c in way]), np.array([c.q for c in way])

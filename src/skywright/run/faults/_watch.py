@@ -39,6 +39,8 @@ class Watch:
         self.acted: list[Acted] = []
         self.rank = -1  # of the response that is flown now
         self._begun: list[Rule] = []
+        self.told: set[str] = set()  # rules that have spoken to the pilot who flies
+        self._before = -1  # of the rank, when a rule acted last
         self._ticks = 0
 
     def begin(self, airborne: bool) -> None:
@@ -97,12 +99,36 @@ class Watch:
             except Exception as error:
                 self._note(rule, error)
                 acts = True
-            if acts and RANK[rule.table.response] > self.rank:
+            if acts and RANK[rule.table.response] > self.rank and rule.name not in self.told:
                 over.append(rule)
         if over:
             self._act(max(over, key=lambda r: RANK[r.table.response]), phase)
 
+    def tell(self, phase: str) -> None:
+        """Look at all rules while a pilot flies: each tells once, and none ends the mission.
+
+        A failed computer is the exception: no stick is followed any more.
+        """
+        try:
+            self.look(phase)
+        except RuleActed as acted:
+            if acted.rule.answers_failed_computer:
+                raise
+            self.rank, self.senses.responding = self._before, self._before >= 0
+            self.acted.pop()
+            self.told.add(acted.rule.name)
+            if self._on_acted is not None:
+                self._on_acted(acted.acted._replace(response="told"))
+
+    def rise(self, response: Response, flown: Response | None) -> Response:
+        """Return the stronger of two responses, which is flown from now on."""
+        if flown is not None and RANK[flown] > RANK[response]:
+            response = flown
+        self.rank, self.senses.responding = RANK[response], True
+        return response
+
     def _act(self, rule: Rule, phase: str) -> None:
+        self._before = self.rank
         self.rank, self.senses.responding = RANK[rule.table.response], True
         value = min(rule.value, MOST) if math.isfinite(rule.value) or rule.value > 0.0 else 0.0
         try:
