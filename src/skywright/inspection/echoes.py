@@ -1,0 +1,125 @@
+"""Echoes in an A-scan: where they are, how high, and how far apart."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import hilbert
+
+from skywright.core.arrays import Array
+from skywright.errors import InputError
+
+SIDE = 1.5
+"""Pulse lengths to each side of an echo that its correlation looks at."""
+
+
+class Pulse(NamedTuple):
+    """What the processing knows of probe and instrument."""
+
+    frequency: float  # Hz
+    bandwidth: float  # -6 dB, over the frequency
+    rate: float  # Hz, samples
+    gate_start: float  # s, behind the transmitter's pulse
+    full_scale: float  # FSH at which the converter is at its end
+
+    @property
+    def width(self) -> float:
+        """Standard deviation (s) of the pulse's envelope."""
+        return 2.355 / (2 * math.pi * self.bandwidth * self.frequency)
+
+    @property
+    def rms_frequency(self) -> float:
+        """Rms frequency (Hz), which timing goes by."""
+        return math.hypot(self.frequency, self.bandwidth * self.frequency / 2.355)
+
+
+class FoundEchoes(NamedTuple):
+    """Echoes in one A-scan, in their order."""
+
+    times: tuple[float, ...]  # s, of the envelope's peaks
+    amplitudes: tuple[float, ...]  # FSH
+    noise: float  # FSH, rms of what lies between them
+    saturated: bool  # one of them is at the converter's end
+
+
+def find_echoes(ascan: Array, pulse: Pulse, threshold: float, most: int = 4) -> FoundEchoes:
+    """Return the peaks of the envelope that are at least `threshold` (FSH), from the gate on.
+
+    Raises InputError for an A-scan that is shorter than its gate or not finite.
+    """
+    x = np.asarray(ascan, float)
+    first = math.ceil(pulse.gate_start * pulse.rate)
+    if x.ndim != 1 or x.size <= first + 8 or not np.all(np.isfinite(x)):
+        raise InputError(
+            f"A-scan: {x.size} samples; valid: finite ones, more than the {first} before the gate"
+        )
+    envelope = np.abs(hilbert(x))
+    reach = max(int(2.0 * pulse.width * pulse.rate), 1)
+    left = envelope.copy()
+    left[:first] = 0.0
+    times, heights, taken = [], [], np.zeros(x.size, bool)
+    taken[:first] = True
+    for _ in range(2 * most):
+        i = int(np.argmax(left))
+        if left[i] < threshold:
+            break
+        a, b = max(i - 2 * reach, 0), min(i + 2 * reach + 1, x.size)
+        left[a:b] = 0.0
+        taken[a:b] = True
+        inside = 0 < i < x.size - 1
+        # a side of a larger echo, or the transmitter's tail, is no peak
+        if not inside or envelope[i] < envelope[i - 1] or envelope[i] < envelope[i + 1]:
+            continue
+        times.append((i + _find_vertex(envelope, i)) / pulse.rate)
+        heights.append(float(envelope[i]))
+    order = np.argsort(times)[:most]
+    rest = x[~taken]
+    noise = float(1.4826 * np.median(np.abs(rest - np.median(rest)))) if rest.size > 8 else 0.0
+    return FoundEchoes(
+        tuple(times[i] for i in order), tuple(heights[i] for i in order), noise,
+        bool(np.any(np.abs(x[first:]) >= 0.995 * pulse.full_scale)),
+    )  # fmt: skip
+
+
+def measure_delay(ascan: Array, pulse: Pulse, first: float, second: float) -> float:
+    """Return how long (s) after the echo at `first` (s) the one at `second` follows.
+
+    By correlation of both, to a fraction of a sample. The correlation of a pulse with itself has
+    its next maximum, one period aside, at half height: only the largest counts.
+    """
+    half = max(round(SIDE * 2.0 * pulse.width * pulse.rate), 4)
+    a, b = round(first * pulse.rate), round(second * pulse.rate)
+    lag = math.ceil(0.75 * pulse.rate / pulse.frequency)
+    x = np.asarray(ascan, float)
+    one = _cut(x, a - half, a + half + 1)
+    two = _cut(x, b - half - lag, b + half + 1 + lag)
+    correlation = np.correlate(two, one, "valid")
+    i = int(np.argmax(correlation))
+    return (b - a + i - lag + _find_vertex(correlation, i)) / pulse.rate
+
+
+def compute_timing_std(pulse: Pulse, amplitude: float, noise: float) -> float:
+    """Return the deviation (s) of one echo's time in white noise: the Cramer-Rao bound.
+
+    sigma = 1 / (2 pi f_rms sqrt(E / s^2)), E the sum of the pulse's squares.
+    """
+    energy = 0.5 * amplitude**2 * math.sqrt(math.pi) * pulse.width * pulse.rate
+    return noise / (2 * math.pi * pulse.rms_frequency * math.sqrt(max(energy, 1e-30)))
+
+
+def _cut(x: Array, a: int, b: int) -> Array:
+    """Return x[a:b], zeros where it does not reach."""
+    out = np.zeros(b - a)
+    low, high = max(a, 0), min(b, x.size)
+    if low < high:
+        out[low - a : high - a] = x[low:high]
+    return out
+
+
+def _find_vertex(x: Array, i: int) -> float:
+    """Offset of the parabola's vertex through three points, -0.5 to 0.5 samples."""
+    if not 0 < i < x.size - 1:
+        return 0.0
+    a, b, c = float(x[i - 1]), float(x[i]), float(x[i + 1])
+    bend = a - 2 * b + c
+    return 0.0 if bend >= 0 else min(max(0.5 * (a - c) / bend, -0.5), 0.5)

@@ -1,0 +1,180 @@
+"""The set-up of an eddy-current inspection on a notch block, and the check that it still holds.
+
+As in weld inspection (EN 1711, ISO 17643; recalled): null on sound metal, turn the lift-off
+horizontal, set the gain so that the 1 mm notch reaches 80 % of full screen height, upwards. The
+same is looked at after the inspection. What lies between two checks counts only if both hold.
+"""
+
+import cmath
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.arrays import Array
+from skywright.errors import InputError
+from skywright.inspection.calibration import robust_std, to_complex
+from skywright.models.block_scan import BlockScan
+from skywright.models.crack_signal import Metal
+
+TARGET = 80.0
+"""% of full screen height that the reference notch reaches."""
+LIFT_ANGLE = 5.0
+"""deg, that the lift-off may lie off the horizontal (one firm's procedure)."""
+PHASE_CHANGE = 5.0
+"""deg, that the notch may turn between two checks (likewise)."""
+GAIN_CHANGE = 10.0
+"""% of TARGET, that the notch may change between two checks (own rule)."""
+LEAST_SNR = 10.0
+"""Height of the notch over the noise, from which a set-up is possible."""
+LEAST_ANGLE = 20.0
+"""deg, between lift-off and notch, below which no rotation parts them."""
+SAME_MATERIAL = 0.02
+"""Largest relative difference of conductivity and permeability of block and part."""
+
+
+class NotchSetup(NamedTuple):
+    """Null, rotation and gain of a display: `show` turns a signal into % of full screen height."""
+
+    null: complex  # display units, on sound metal
+    factor: complex  # % FSH per unit, rotation included
+    noise: float  # % FSH, standard deviation across the lift-off, at rest
+    notch_depth: float  # m, of the reference notch
+    notch_angle: float  # deg, of the notch from the lift-off, 0 to 180
+    lift_off: float  # % FSH along the horizontal, at the end of the lift
+
+    def show(self, z: NDArray[Any]) -> NDArray[np.complex128]:
+        """Return a signal (n,) or (n, k) in % FSH: lift-off to the right, notches upwards."""
+        return np.asarray((np.asarray(z, np.complex128) - self.null) * self.factor)
+
+
+class SetupCheck(NamedTuple):
+    """What a second visit of the block shows; `reasons` is empty where the set-up holds."""
+
+    height: float  # % FSH of the reference notch
+    phase_change: float  # deg, of the notch
+    lift_angle: float  # deg, of the lift-off from the horizontal
+    reasons: tuple[str, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing drifted beyond its limit."""
+        return not self.reasons
+
+
+def check_block(block: Metal, part: Metal) -> None:
+    """Raise InputError where block and part are not of the same material."""
+    names = ("conductivity_s_per_m", "relative_permeability")
+    for name, a, b in zip(names, block, part, strict=True):
+        if abs(a - b) > SAME_MATERIAL * abs(b):
+            raise InputError(
+                f"reference block: {name} {a:g} is not that of the part, {b:g}; valid: within "
+                f"{SAME_MATERIAL:.0%}; use a block of the part's material"
+            )
+
+
+def set_up(scan: BlockScan) -> NotchSetup:
+    """Null, turn and scale the display by a visit of the block.
+
+    Raises InputError where the notch does not stand out of the noise, or lies along the lift-off.
+    """
+    sound = _check(scan.sound, "sound metal")
+    null = complex(np.median(sound.real), np.median(sound.imag))
+    lift = _find_direction(_check(scan.lift, "lift-off") - null)
+    notch = _find_peak(_check(scan.notch, "notch") - null)
+    noise = math.hypot(robust_std(sound.real), robust_std(sound.imag)) / math.sqrt(2.0)
+    if abs(notch) < LEAST_SNR * noise or not abs(notch) > 0:
+        raise InputError(
+            f"set-up: the notch of {1e3 * scan.notch_depth:g} mm reads {abs(notch):.3g} units over "
+            f"{noise:.3g} of noise; valid: {LEAST_SNR:g} times; slide over the notch, raise the "
+            "gain or lower the noise"
+        )
+    angle = math.degrees(cmath.phase(notch / lift))
+    if not LEAST_ANGLE < abs(angle) < 180.0 - LEAST_ANGLE:
+        raise InputError(
+            f"set-up: the notch lies {abs(angle):.0f} deg from the lift-off; valid: "
+            f"{LEAST_ANGLE:g} to {180 - LEAST_ANGLE:g}; choose another frequency"
+        )
+    # the notch points upwards: where it would point down, the lift-off points left
+    turn = lift.conjugate() / abs(lift) * (1.0 if angle > 0 else -1.0)
+    factor = turn * TARGET / (notch * turn).imag
+    end = complex(np.median((scan.lift[-5:] - null).real), np.median((scan.lift[-5:] - null).imag))
+    across = robust_std(((sound - null) * factor).imag)
+    return NotchSetup(
+        null, factor, across, scan.notch_depth, abs(angle), abs((end * factor).real)
+    )  # fmt: skip
+
+
+def check_setup(setup: NotchSetup, scan: BlockScan) -> SetupCheck:
+    """Compare a later visit of the block with the set-up.
+
+    The probe is nulled anew, as inspectors do: a null that moved is no drift of the sensitivity.
+    Raises InputError for a visit of another notch, or without samples.
+    """
+    if abs(scan.notch_depth - setup.notch_depth) > 1e-9:
+        raise InputError(
+            f"check: the notch has {1e3 * scan.notch_depth:g} mm, that of the set-up "
+            f"{1e3 * setup.notch_depth:g} mm; valid: the same notch"
+        )
+    sound = _check(scan.sound, "sound metal")
+    null = complex(np.median(sound.real), np.median(sound.imag))
+    notch = _find_peak(_check(scan.notch, "notch") - null) * setup.factor
+    lift = _find_direction(_check(scan.lift, "lift-off") - null) * setup.factor
+    lift_angle = math.degrees(math.atan(lift.imag / lift.real)) if lift.real else 90.0
+    # where it was set up the notch stood at its angle from a horizontal lift-off
+    was = setup.notch_angle
+    now = math.degrees(cmath.phase(notch))
+    change = min(abs(now - was), abs(now - (180.0 - was)))
+    height = notch.imag
+    reasons = []
+    if abs(height - TARGET) > GAIN_CHANGE / 100.0 * TARGET:
+        reasons.append(
+            f"the reference notch reads {height:.1f} % FSH; valid: {TARGET:g} within "
+            f"{GAIN_CHANGE:g} % of it"
+        )
+    if change > PHASE_CHANGE:
+        reasons.append(f"the notch turned by {change:.1f} deg; valid: {PHASE_CHANGE:g}")
+    if abs(lift_angle) > LIFT_ANGLE:
+        reasons.append(f"the lift-off lies {lift_angle:.1f} deg off the horizontal; valid: "
+                       f"{LIFT_ANGLE:g}")  # fmt: skip
+    return SetupCheck(height, change, lift_angle, tuple(reasons))
+
+
+def estimate_coating(setup: NotchSetup, z: NDArray[Any], shims: Array, lifted: Array) -> Array:
+    """Return the thickness (n,) m of the coating under the probe from its lift-off.
+
+    `shims` (k,) m and the signals `lifted` (k,) over them calibrate |signal - null|, which grows
+    with the distance; what lies beyond the thickest shim is NaN. A permeability that is 2 % off
+    moves the result by 4 to 6 um. Raises InputError for shims that do not grow.
+    """
+    size = np.abs(np.asarray(lifted, np.complex128) - setup.null)
+    if len(shims) < 2 or np.any(np.diff(shims) <= 0) or np.any(np.diff(size) <= 0):
+        raise InputError(
+            f"coating: shims of {np.round(1e3 * np.asarray(shims), 3).tolist()} mm with signals of "
+            f"{np.round(size, 2).tolist()} units; valid: two or more, both growing"
+        )
+    found = np.interp(np.abs(np.asarray(z) - setup.null), size, shims)
+    beyond = np.abs(np.asarray(z) - setup.null) > size[-1]
+    return np.where(beyond, np.nan, found)
+
+
+def _find_direction(lift: NDArray[np.complex128]) -> complex:
+    """Direction in which the lift-off leaves contact: its first quarter, as it bends after that."""
+    size = np.abs(lift)
+    near = lift[(size < 0.5 * np.max(size)) & (np.arange(lift.size) < lift.size // 2)]
+    near = near if near.size >= 3 else lift
+    return complex(np.sum(near * np.abs(near)))
+
+
+def _find_peak(notch: NDArray[np.complex128]) -> complex:
+    """Signal where the notch reads most: the mean of the five largest samples."""
+    order = np.argsort(np.abs(notch))[-5:]
+    return complex(np.mean(notch[order]))
+
+
+def _check(z: NDArray[Any], what: str) -> NDArray[np.complex128]:
+    w = to_complex(z)
+    if w.size < 5 or not np.all(np.isfinite(w)):
+        raise InputError(f"set-up: {w.size} samples of the {what}; valid: 5 or more finite ones")
+    return w
