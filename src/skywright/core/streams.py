@@ -12,7 +12,7 @@ STREAMS = (
     "deflection", "scenario",
     "station", "camera", "range_finder", "force",
     "gnss", "pipe", "map", "operator", "survey", "faults", "springs",
-    "sensor_noise", "radio",
+    "sensor_noise", "radio", "block",
 )  # fmt: skip
 """Append only: a stream's place in this list is part of what a seed means."""
 

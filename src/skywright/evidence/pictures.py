@@ -63,6 +63,7 @@ SHOTS = {
     "pipe-weld-scan": Shot("scan", 0.98, (-0.75, -0.75, 0.35), 3.0, (0.5, 0.0, 0.0)),
     "sensor-install": Shot("force", 0.8, (-1.0, -0.7, 0.2), 3.8, (0.0, 0.0, -0.45)),
     "tool-install": Shot("install", 0.9, offset=(0.1, 0.0, 0.0)),
+    "thickness-survey": Shot("free press to 3 N", 0.9, distance=3.0),
     "wall-contact": Shot("slide", distance=3.4),
     "waypoints": Shot("waypoint 2", distance=2.8, side=(-0.8, -1.0, 0.4)),
 }

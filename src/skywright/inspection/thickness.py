@@ -184,6 +184,10 @@ class ThicknessGauge:
             self._sites.append(float(np.median(good)))
         self._last.clear()
 
+    def restart(self) -> None:
+        """Forget the readings that must agree: the probe touches the same place anew."""
+        self._last.clear()
+
     def _judge(self, t: float, ascan: Array) -> Reading:
         """Apply the rules, each reading's own first, then those of several."""
         reading = self._read(t, ascan)

@@ -1,0 +1,109 @@
+"""The probe and the gauge of a survey: set up on the block before, checked on it after."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.core.streams import build_stream
+from skywright.description.loader import Description
+from skywright.errors import InputError
+from skywright.inspection.echoes import Pulse
+from skywright.inspection.thickness import (
+    GaugeCheck,
+    GaugeSetup,
+    Rules,
+    ThicknessGauge,
+    check_gauge,
+    set_up_gauge,
+)
+from skywright.missions.skills.procedure import ThicknessProcedure
+from skywright.models.deviated_sensors import deviate_noise
+from skywright.models.ultrasonic import (
+    CLIP,
+    SAMPLE_RATE,
+    Coupling,
+    Transducer,
+    compute_ascan,
+    compute_echoes,
+)
+from skywright.run.parts import build_named
+from skywright.run.setup import Setup
+from skywright.vehicle.sensors.ultrasonic import Ultrasonic
+
+
+class Probe(NamedTuple):
+    """The ultrasonic probe that the robot carries."""
+
+    name: str  # of its table [robot.sensors.NAME]
+    table: Ultrasonic.Table  # as its data sheet says
+    true: Ultrasonic.Table  # as it is
+
+
+def find_probe(setup: Setup[Any]) -> Probe:
+    """Return the robot's ultrasonic probe; raises InputError where it has none."""
+    d: Description[Any] = setup.description
+    for part in build_named(d):
+        if isinstance(part, Ultrasonic):
+            error = setup.deviation.sensor_noise_error
+            true = deviate_noise(part.table, part.name, error, d.mission.seed)
+            return Probe(part.name, part.table, true)
+    raise InputError(
+        f"robot {d.robot.name!r} has no ultrasonic probe: add a table [robot.sensors.NAME] with "
+        'kind = "ultrasonic"'
+    )
+
+
+def set_up(setup: Setup[Any], probe: Probe, procedure: ThicknessProcedure) -> GaugeSetup:
+    """Set the gauge up on the procedure's block, before the flight.
+
+    Raises InputError for a block that does not show its steps, or of another material.
+    """
+    transducer = probe.table.build_transducer()
+    pulse = Pulse(
+        transducer.frequency, transducer.bandwidth, SAMPLE_RATE, transducer.ready, CLIP
+    )  # fmt: skip
+    steps = (procedure.block_thin_m, procedure.block_thick_m)
+    return set_up_gauge(
+        _visit(setup, probe, procedure, "block before"), steps, pulse,
+        expected=procedure.velocity_m_per_s, separation=transducer.separation,
+    )  # fmt: skip
+
+
+def check(
+    setup: Setup[Any], probe: Probe, procedure: ThicknessProcedure, done: GaugeSetup
+) -> GaugeCheck:
+    """Read the block once more, after the flight."""
+    return check_gauge(done, _visit(setup, probe, procedure, "block after"))
+
+
+def build_gauge(procedure: ThicknessProcedure, done: GaugeSetup) -> ThicknessGauge:
+    """Return a gauge with the procedure's rules; raises InputError where it cannot measure that."""
+    rules = Rules(
+        snr_db=procedure.snr_db, least_fsh=procedure.least_height_fraction,
+        steady_m=procedure.steady_m, steady_count=procedure.steady_count,
+        steady_s=procedure.steady_s,
+    )  # fmt: skip
+    return ThicknessGauge(
+        done, procedure.nominal_m, mode="single" if done.separation else "echo-to-echo",
+        velocity_fraction=procedure.velocity_fraction, rules=rules,
+    )  # fmt: skip
+
+
+def _visit(
+    setup: Setup[Any], probe: Probe, procedure: ThicknessProcedure, when: str
+) -> tuple[Array, Array]:
+    """A-scans on both steps, by hand on the ground: coupled well, upright, bare."""
+    rng = build_stream(setup.description.mission.seed, "block", when)
+    transducer: Transducer = probe.true.build_transducer()
+    coupling = Coupling(velocity=procedure.velocity_m_per_s)
+    thin, thick = (
+        compute_ascan(
+            transducer, compute_echoes(transducer, coupling, np.array([step])), rng,
+            place_seed=int(rng.integers(2**31)),
+        )
+        for step in (procedure.block_thin_m, procedure.block_thick_m)
+    )  # fmt: skip
+    return thin, thick
