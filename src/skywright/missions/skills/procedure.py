@@ -10,10 +10,10 @@ from skywright.core.spec import Fraction, Spec
 class ThicknessProcedure(Spec):
     """How wall thickness is measured: block, acceptance, what is wanted."""
 
-    name: str = "contact thickness, echo to echo"
-    revision: str = "0"
-    block_thin_m: float = Field(default=0.005, ge=0.0005, le=0.5)  # steps of the reference block
-    block_thick_m: float = Field(default=0.0125, ge=0.0005, le=0.5)
+    name: str = "contact thickness, echo to echo"  # title in the report
+    revision: str = "0"  # of the procedure, in the report
+    block_thin_m: float = Field(default=0.005, ge=0.0005, le=0.5)  # thin step of the block
+    block_thick_m: float = Field(default=0.0125, ge=0.0005, le=0.5)  # thick step of the block
     velocity_m_per_s: float = Field(default=5920.0, ge=500, le=15000)  # of the block's steel
     nominal_m: float = Field(default=0.01, ge=0.0005, le=0.5)  # wall as drawn
     # standard deviation of the wall's velocity from the block's
@@ -21,5 +21,6 @@ class ThicknessProcedure(Spec):
     snr_db: float = Field(default=12.0, ge=0, le=60)  # of each echo over the noise
     least_height_fraction: Fraction = 0.2  # of full screen, first echo
     steady_m: float = Field(default=5e-5, ge=1e-6, le=0.01)  # range of the readings that agree
+    # number of readings that agree
     steady_count: int = Field(default=5, ge=2, le=100)
-    steady_s: float = Field(default=0.3, ge=0, le=60)
+    steady_s: float = Field(default=0.3, ge=0, le=60)  # time that they take at least
