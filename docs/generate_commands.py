@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from skywright.vehicle.arm_commands import ARM_STREAMS, ARM_TABLE
 from skywright.vehicle.commands import NEEDS, TABLE, State
 
 PAGE = Path(__file__).parent / "reference" / "vehicle.md"
-TABLES = ("commands", "needs")
+TABLES = ("commands", "arm commands", "needs")
 
 
 def list_commands() -> list[str]:
@@ -29,6 +30,15 @@ def list_commands() -> list[str]:
     return rows
 
 
+def list_arm_commands() -> list[str]:
+    """One row a command of the arms."""
+    rows = ["| command | does | a stream | requires |", "|---|---|---|---|"]
+    for command, entry in ARM_TABLE.items():
+        stream = "yes" if command in ARM_STREAMS else "no"
+        rows.append(f"| `{command}` | {entry.says} | {stream} | {', '.join(entry.needs)} |")
+    return rows
+
+
 def list_needs() -> list[str]:
     """One row a requirement."""
     return ["| requirement | means |", "|---|---|"] + [
@@ -38,7 +48,7 @@ def list_needs() -> list[str]:
 
 def build_page(text: str) -> str:
     """Return the page with its tables made anew."""
-    for name, make in zip(TABLES, (list_commands, list_needs), strict=True):
+    for name, make in zip(TABLES, (list_commands, list_arm_commands, list_needs), strict=True):
         begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
         head, rest = text.split(begin)
         text = head + begin + "\n" + "\n".join(make()) + "\n\n" + end + rest.split(end)[1]

@@ -20,7 +20,7 @@ from skywright.run.parts import build_rules
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
-from skywright.vehicle.arms_interface import Arms
+from skywright.vehicle.commanded_arms import CommandedArms
 from skywright.vehicle.commands import State
 from skywright.vehicle.interface import Backend, Probe, Ticked
 from skywright.vehicle.motions import Arrival
@@ -44,7 +44,9 @@ STREAMS: dict[str, Callable[[Any], Any]] = {
     "odometry": lambda v: v.odometry,
     "transforms": lambda v: v.transforms, "reference": lambda v: v.reference,
     "state": lambda v: v.state, "mode": lambda v: v.mode, "battery": lambda v: v.battery,
-    "joints": lambda v: v.joints, "hands": lambda v: v.hands,
+    "joints": lambda v: v.joints, "hands": lambda v: v.hands, "tips": lambda v: v.hands.tips,
+    "forces": lambda v: v.hands.forces, "deflections": lambda v: v.hands.deflections,
+    "torques": lambda v: v.hands.torques,
 }  # fmt: skip
 """What `Vehicle.subscribe` delivers, by name."""
 RATE_MAX = 50.0  # Hz: a mission tick
@@ -76,7 +78,7 @@ class Vehicle(Uav):
             backend, arrival=arrival, checklist=checklist, fence=fence, tick=self._fly_tick,
             waits=True,
         )  # fmt: skip
-        self.arms, self.probe = Arms(backend), Probe(backend)
+        self.arms, self.probe = CommandedArms(self), Probe(backend)
         self._blocks: list[NDArray[Any]] = []
         if supervisor is not None:
             supervisor.vehicle.on_samples = self._blocks.append  # type: ignore[attr-defined]

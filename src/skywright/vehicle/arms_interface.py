@@ -39,13 +39,16 @@ class Arms:
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
 
-    def move_to(self, q: Array) -> None:
-        """Move all joints to q (n_joints,) rad, platform held; a passive joint's entry is free."""
+    def move_to(self, q: Array, seconds: float = 0.0) -> float:
+        """Move all joints to q (n_joints,) rad, platform held; a passive joint's entry is free.
+
+        It lasts at least `seconds` (s); returns for how long.
+        """
         b = self.backend
         start = self._start()
         delta = np.asarray(q, dtype=float) - start["q"][: b.n_joints]
         total = duration(float(np.max(np.abs(delta), initial=0.0)), b.limits.joint_speed, 2.0)
-        n = max(math.ceil(total / ROW_PERIOD), 1)
+        n = max(math.ceil(max(total, seconds) / ROW_PERIOD), 1)
         u = np.linspace(0.0, 1.0, n + 1)
         s, ds, _ = quintic(u)
         table = np.repeat(start[None], n + 1)
@@ -55,6 +58,15 @@ class Arms:
         table["task"] = TASK_JOINTS
         fill_tips(b, table)
         b.track(table)
+        return n * ROW_PERIOD
+
+    def hold_joints(self, hand: str) -> None:
+        """Hold an arm's joints at the angles that its links have now."""
+        row = self._start()
+        (h, _), arm = self._hands({hand: np.zeros(3)})[0], self.backend.read(ArmModel)
+        mine = slice(arm.first[h], arm.first[h] + arm.n)
+        row["task"][h], row["q"][mine] = TASK_JOINTS, self.backend.estimate["q"][mine]
+        self.backend.track(row[None])
 
     def hands_to(
         self, goals: dict[str, Array], speed: float | None = None, roll: float | None = None
@@ -184,12 +196,7 @@ class Arms:
         row["t"] = row["tare"] = 0.0
         for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd"):
             row[field] = 0.0
-        if "hands" in b.offers:
-            arm, goal = b.read(ArmModel), b.read(HandState).q_goal
-            for h in range(arm.n_hands):
-                if row["task"][h] != TASK_JOINTS:
-                    mine = slice(arm.first[h], arm.first[h] + arm.n)
-                    row["q"][mine] = goal[mine]
+        row["q"] = find_led_joints(b)
         return row
 
     def _hands(self, values: dict[str, Array], size: int = 3) -> list[tuple[int, Array]]:
@@ -246,3 +253,16 @@ class Arms:
             grown = np.minimum(t / max(ramp_s, ROW_PERIOD), 1.0)
             table["f_WH"][:, h] *= (f[h] + (1.0 - f[h]) * grown)[:, None]
         self.backend.track(table)
+
+
+def find_led_joints(b: Backend) -> Array:
+    """Return where the servos lead the joints now, in the layout of a row's `q`."""
+    row = b.reference
+    q = np.array(row["q"])
+    if "hands" in b.offers:
+        arm, goal = b.read(ArmModel), b.read(HandState).q_goal
+        for h in range(arm.n_hands):
+            if row["task"][h] != TASK_JOINTS:
+                mine = slice(arm.first[h], arm.first[h] + arm.n)
+                q[mine] = goal[mine]
+    return q

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from skywright.description.mission.safety import Checklist, Fence
 from skywright.vehicle.arguments import check_number
+from skywright.vehicle.arm_commands import ARM_STREAMS, ArmCommand, get_entry
 from skywright.vehicle.commands import (
     NEEDS,
-    TABLE,
     Command,
     ControlMode,
     Need,
@@ -32,7 +32,7 @@ from skywright.vehicle.results import Handle, Result
 
 Array = NDArray[np.float64]
 
-STREAMS = (Command.SET_POSE, Command.SET_VELOCITY, Command.SET_JOINTS)
+STREAMS = (Command.SET_POSE, Command.SET_VELOCITY, Command.SET_JOINTS, *ARM_STREAMS)
 SETTLE_S = 1.0  # s, on the ground while the estimator settles
 
 
@@ -147,7 +147,9 @@ class Commanded:
 
     # --- how commands are given --------------------------------------------------------------
 
-    def find_refusal(self, command: Command, goal: Array | None = None) -> str:
+    def find_refusal(
+        self, command: Command | ArmCommand, goal: Array | None = None, hand: int = 0
+    ) -> str:
         """Return why a command would be refused now, "" where it is accepted.
 
         `goal` (3,) m is where it leads.
@@ -155,14 +157,14 @@ class Commanded:
         says = self.backend.refuses
         if says:
             return f"{command} refused: {says}"
-        says = explain_refusal(command, self._state)
+        says = explain_refusal(command, get_entry(command), self._state)
         if says:
             return says
-        for need in TABLE[command].needs:
+        for need in get_entry(command).needs:
             if need == Need.CHECKLIST:
                 says = self._check()
             else:
-                says = find_lack(need, self.backend, self.fence, goal)
+                says = find_lack(need, self.backend, self.fence, goal, hand)
             if says:
                 return f"{command} refused: {says}"
         return ""
@@ -174,29 +176,31 @@ class Commanded:
         self._fly.checked = run_checklist(self.checklist, self.backend, self.fence)
         return "; ".join(c.says for c in self.checked if not c.passed)
 
-    def _refuse(self, command: Command, need: Need) -> Handle:
+    def _refuse(self, command: Command | ArmCommand, need: Need) -> Handle:
         says = self.find_refusal(command) or f"{command} refused: it requires that {NEEDS[need]}"
         return self._ended(command, Result(False, says, self.backend.t))
 
-    def _ended(self, command: Command, result: Result) -> Handle:
+    def _ended(self, command: Command | ArmCommand, result: Result) -> Handle:
         handle = Handle(command, self.tick)
         handle.end(result)
         return handle
 
-    def _do(self, command: Command, what: Callable[[], None], goal: Array | None = None) -> Handle:
+    def _do(
+        self, command: Command | ArmCommand, what: Callable[[], None], goal: Array | None = None
+    ) -> Handle:
         """Carry out a command that ends at once, unless it is refused."""
         says = self.find_refusal(command, goal)
         if says:
             return self._ended(command, Result(False, says, self.backend.t))
         streams = command in STREAMS
-        if TABLE[command].interrupts and not (streams and self._motion is None):
+        if get_entry(command).interrupts and not (streams and self._motion is None):
             self._interrupt(f"interrupted by {command}")
         what()
         return self._ended(command, Result(True, "", self.backend.t))
 
     def _start(
         self,
-        command: Command,
+        command: Command | ArmCommand,
         fly: Callable[[], Motion],
         wait: bool | None,
         goal: Array | None = None,
@@ -208,7 +212,7 @@ class Commanded:
         self._interrupt(f"interrupted by {command}")
         self._handle = handle = Handle(command, self.tick)
         self.mode = ControlMode.MOTION
-        self._enter(TABLE[command].during)
+        self._enter(get_entry(command).during)
         self._motion = fly()
         try:
             next(self._motion)
@@ -231,7 +235,7 @@ class Commanded:
         handle, self._handle = self._handle, None
         if handle is None:
             return
-        after = TABLE[handle.command].after
+        after = get_entry(handle.command).after
         if result.ok or self._state == State.TAKING_OFF:
             self._enter(after if self.is_turning or result.ok else State.LANDED_DISARMED)
         elif self._state == State.LANDING:
@@ -242,7 +246,9 @@ class Commanded:
     def _take(self, cls: type[Any], mode: ControlMode) -> Any:
         """Return the drive of a stream, begun if it is not under way."""
         if not isinstance(self._drive, cls):
-            self._drive = cls(self.backend)
+            before, self._drive = self._drive, cls(self.backend)
+            if before is not None:
+                self._drive.adopt(before)
         self.mode = mode
         return self._drive
 

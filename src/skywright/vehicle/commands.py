@@ -68,6 +68,11 @@ class Need(StrEnum):
     HOLDABLE = "holdable"  # attitude and speed are such that the position loops can take over
     FREE_LINK = "free_link"  # no link of the robot lies on the ground
     CONFIRMED = "confirmed"  # `confirm = True` is given
+    ARMS = "arms"
+    HANDS = "hands"
+    FORCE_SENSING = "force_sensing"
+    MARKER = "marker"
+    TOUCH = "touch"
 
 
 NEEDS: dict[Need, str] = {
@@ -79,6 +84,11 @@ NEEDS: dict[Need, str] = {
     Need.HOLDABLE: "tilt and speed are within what the position loops take over",
     Need.FREE_LINK: "a link that swings below the platform hangs free of the ground",
     Need.CONFIRMED: "`confirm=True` is given",
+    Need.ARMS: "the back end offers arms",
+    Need.HANDS: "the back end offers hands: compliant arms with the joints pitch, roll, yaw, elbow",
+    Need.FORCE_SENSING: "joints of the arms measure their deflection",
+    Need.MARKER: "the robot sees a marker, by its camera or by motion capture",
+    Need.TOUCH: "the hand feels at least 0.3 N",
 }
 """What each requirement means, for messages and the documentation."""
 
@@ -168,9 +178,9 @@ TABLE: dict[Command, Entry] = {
 """Every command: where it is accepted, what it makes of the state, whether it interrupts."""
 
 
-def explain_refusal(command: Command, state: State) -> str:
+def explain_refusal(command: str, entry: Entry, state: State) -> str:
     """Return why a command is not accepted in a state, "" where it is."""
-    states = TABLE[command].states
+    states = entry.states
     if state in states:
         return ""
     return f"{command} refused: the state is {state}; accepted in {', '.join(states)}"

@@ -8,17 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.mission.safety import Fence
+from skywright.description.robot.limbs import SIDES
+from skywright.errors import InputError
+from skywright.vehicle.arms.ports import ArmModel, HandForce, Marker
 from skywright.vehicle.commands import Need
 from skywright.vehicle.interface import Backend
 
 Array = NDArray[np.float64]
 
+ARM_NEEDS = (Need.ARMS, Need.HANDS, Need.FORCE_SENSING, Need.MARKER, Need.TOUCH)
+FELT_N = 0.3  # N, of a hand that rests on something
 FRESH_S = 0.5  # s, age of the newest fix with which a robot counts as localised
 TILT_MAX, SPEED_SHARE, ROOM = math.radians(40.0), 2.0, 0.2
 """What `recover_from_manual` takes over: tilt (rad), speed over the limit, room below (m)."""
 
 
-def find_lack(need: Need, b: Backend, fence: Fence | None, goal: Array | None) -> str:
+def find_lack(
+    need: Need, b: Backend, fence: Fence | None, goal: Array | None, hand: int = 0
+) -> str:
     """Return why a need is not met, "" where it is; `goal` (3,) m is where the command leads."""
     if need == Need.ESTIMATE and not (b.localised and b.fix_age <= FRESH_S):
         age = f"the last position is {b.fix_age:.2f} s old, limit {FRESH_S:g} s"
@@ -27,7 +34,29 @@ def find_lack(need: Need, b: Backend, fence: Fence | None, goal: Array | None) -
         return fence.explain(goal.tolist())
     if need == Need.FREE_LINK and b.arc is not None and b.estimate["p_WB"][2] < b.arc.top:
         return f"the link is not free of the ground below {b.arc.top:.2f} m"
+    if need in ARM_NEEDS:
+        return find_arms_lack(need, b, hand)
     return find_unholdable(b) if need == Need.HOLDABLE else ""
+
+
+def find_arms_lack(need: Need, b: Backend, hand: int = 0) -> str:
+    """Return why a need of the arms is not met, "" where it is."""
+    if need == Need.ARMS:
+        return "" if "arms" in b.offers else "the vehicle offers no arms"
+    if "hands" not in b.offers or not b.look(ArmModel).chain:
+        return "the vehicle offers no hands: compliant arms with pitch, roll, yaw and elbow"
+    if need == Need.FORCE_SENSING and not np.any(b.look(ArmModel).sensed[: b.n_joints]):
+        return "no joint measures its deflection (deflection_encoder = true)"
+    if need == Need.MARKER:
+        try:
+            b.look(Marker)
+        except InputError:
+            return "nothing measures a marker: a camera or motion capture of one is needed"
+    if need == Need.TOUCH:
+        felt = float(np.linalg.norm(b.look(HandForce).f_WH[hand]))
+        if felt < FELT_N:
+            return f"the {SIDES[hand]} hand feels {felt:.2f} N, at least {FELT_N:g} N required"
+    return ""
 
 
 def find_unholdable(b: Backend) -> str:

@@ -14,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import exp_so3, rot_z
+from skywright.core.types import TASK_JOINTS
+from skywright.vehicle.arms_interface import find_led_joints
+from skywright.vehicle.hand_stream import HandStream, Told
 from skywright.vehicle.interface import Backend, Table, fill_tips
 from skywright.vehicle.moves import TURN_ACCELERATION, level
 
@@ -59,17 +62,31 @@ class Drive:
         self._q: Array | None = None  # rad, of a stream of joint angles
         self._q_to: Array | None = None
         self._q_heard = 0.0
+        self._hands = HandStream(backend)
+
+    def adopt(self, other: Drive) -> None:
+        """Go on with the joints and hands of another drive."""
+        self._q, self._q_to, self._q_heard = other._q, other._q_to, other._q_heard
+        self._hands = other._hands
+
+    def tell_hand(self, hand: int, told: Told) -> None:
+        """Take a reference of a hand; its arm's joints follow no other stream from now on."""
+        self._q = self._q_to = None
+        self._hands.tell(hand, told)
 
     def tell_joints(self, q: Array) -> None:
         """Lead the joints to q (n_joints,) rad within their speed; stale, they stay."""
         if self._q is None:
-            self._q = np.array(self.backend.reference["q"])
+            self._q = find_led_joints(self.backend)
+            self._hands = HandStream(self.backend)
         self._q_to, self._q_heard = q, self.backend.t
 
     def _step_joints(self, table: Table) -> None:
         """Fill the joints of two rows."""
+        self._hands.fill(table)
         if self._q is None or self._q_to is None:
             return
+        table["task"] = TASK_JOINTS
         n, most = self.backend.n_joints, self.backend.limits.joint_speed * TICK
         way = np.zeros(n)
         if self.backend.t - self._q_heard <= self.stale_s + 1e-9:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.mission.safety import Checklist
+from skywright.models.rigid_body import posture
+from skywright.vehicle.arms_interface import Arms, find_led_joints
 from skywright.vehicle.drives import VelocityDrive, build_row_here
 from skywright.vehicle.interface import Backend
 from skywright.vehicle.moves import Brake, Moves
@@ -25,6 +27,8 @@ SINK = 0.15  # m/s, at which it goes on down where the ground is lower than beli
 SINK_MAX = 5.0  # m, of that
 SPIN_S = 0.5  # s, of the spin check
 IN_GROUND = 0.025  # m above a reference that ends 0.05 m in the ground: it stands
+AT_REST = 1e-3  # m/s and rad/s of a reference
+FOLDED, JOINT_RAD, JOINT_PATIENCE = 0.02, 0.1, 5.0  # rad, rad, s
 PRESSED = 0.02  # m, by which the reference lies in the ground during it
 
 
@@ -83,6 +87,52 @@ class Motions:
             self.home = np.array(self.backend.estimate["p_WB"])
         self.moves.take_off(height)
         return (yield from self._arrive())
+
+    def brake_then(self, fly: Callable[[], Motion]) -> Motion:
+        """Bring the reference to rest where it moves, then begin what `fly` returns."""
+        row = self.backend.reference_now
+        if max(np.abs(row["v_WB"]).max(), abs(row["w_WB_B"][2])) > AT_REST:
+            self.moves.hold()
+            while self.backend.t < self.moves.ends - 1e-9:
+                yield
+        return (yield from fly())
+
+    def rest_then(self, fly: Callable[[], Motion]) -> Motion:
+        """Fold arms that carry nothing where they are not, as for take-off and landing."""
+        b = self.backend
+        if "arms" in b.offers and not np.any(b.reference["load"] > 0.0):
+            folded = posture(b.robot, "folded")
+            if self._find_off(folded, find_led_joints(b)) > FOLDED:
+                result = yield from self.brake_then(lambda: self.move_joints(folded, None))
+                if not result:
+                    return Result(False, f"the arms do not fold: {result.reason}")
+        return (yield from fly())
+
+    def move_joints(self, q: Array, seconds: float | None) -> Motion:
+        """Move the joints, and wait until they are where the servos can tell that they are."""
+        b = self.backend
+        yield from self._pause(Arms(b).move_to(q, seconds or 0.0))
+        ends = b.t + JOINT_PATIENCE
+        while (off := self._find_off(q, self._find_joints())) > JOINT_RAD:
+            if b.t > ends:
+                return Result(
+                    False,
+                    f"a joint is {math.degrees(off):.1f} deg from its goal (tolerance "
+                    f"{math.degrees(JOINT_RAD):.1f} deg)",
+                )
+            yield
+        return Result(True)
+
+    def _find_joints(self) -> Array:
+        """Return the joints' angles; of compliant arms the servos', less what they lift."""
+        b = self.backend
+        return find_led_joints(b) if "hands" in b.offers else np.array(b.estimate["q"])
+
+    def _find_off(self, q: Array, now: Array) -> float:
+        """Return how far (rad) the worst joint is, of those that have a servo."""
+        first = 1 if self.backend.robot.pendulum is not None else 0
+        n = self.backend.n_joints
+        return float(np.max(np.abs(now[first:n] - q[first:n]), initial=0.0))
 
     def go_to(self, p: Array, yaw: float) -> Motion:
         self.moves.go_to(p, yaw)

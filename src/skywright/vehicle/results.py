@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from skywright.vehicle.arm_commands import ArmCommand
 from skywright.vehicle.commands import Command
 
 
@@ -22,7 +23,7 @@ class Result(NamedTuple):
 class Handle:
     """A command that was given: `done`, `result`, `wait()`. It is true unless it failed."""
 
-    def __init__(self, command: Command, tick: Callable[[], object]) -> None:
+    def __init__(self, command: Command | ArmCommand, tick: Callable[[], object]) -> None:
         self.command, self._tick = command, tick
         self.result: Result | None = None
         """None while it is under way."""

@@ -6,11 +6,14 @@ mission tick (20 ms). `vehicle/commands.py` has the table of what is accepted in
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skywright.errors import InputError
 from skywright.vehicle.arguments import check_number, check_vector
+from skywright.vehicle.arm_commands import ArmCommand
 from skywright.vehicle.commanded import Commanded
 from skywright.vehicle.commands import (
     Command,
@@ -19,6 +22,7 @@ from skywright.vehicle.commands import (
     State,
 )
 from skywright.vehicle.drives import (
+    Drive,
     PoseDrive,
     Stick,
     StickDrive,
@@ -56,7 +60,12 @@ class Uav(Commanded):
                 f"height = {height:g} m is too low: the link hangs freely only above "
                 f"{self.backend.arc.top:.2f} m"
             )
-        return self._start(Command.TAKE_OFF, lambda: self._fly.take_off(height), wait, p)
+        return self._start(
+            Command.TAKE_OFF,
+            lambda: self._fly.rest_then(lambda: self._fly.take_off(height)),
+            wait,
+            p,
+        )
 
     def go_to(self, p: ArrayLike, yaw: float | None = None, *, wait: bool | None = None) -> Handle:
         """Fly straight to p (3,) m in W with the heading `yaw` (rad; default: as it is)."""
@@ -97,7 +106,9 @@ class Uav(Commanded):
         ground = (
             self._ground if ground_height is None else check_number("ground_height", ground_height)
         )
-        return self._start(Command.LAND, lambda: self._fly.land(ground, here), wait)
+        return self._start(
+            Command.LAND, lambda: self._fly.rest_then(lambda: self._fly.land(ground, here)), wait
+        )
 
     def set_pose(self, p: ArrayLike, yaw: float | None = None) -> Handle:
         """Lead the platform to p (3,) m in W and `yaw` (rad); called again and again, a stream."""
@@ -129,12 +140,25 @@ class Uav(Commanded):
         goal = check_vector("q", q, self.backend.n_joints)
 
         def tell() -> None:
-            drive = self._drive
-            if drive is None:
-                drive = self._take(PoseDrive, ControlMode.POSE)
-            drive.tell_joints(goal)
+            (self._drive or self._take(PoseDrive, ControlMode.POSE)).tell_joints(goal)
 
         return self._do(Command.SET_JOINTS, tell)
+
+    def start_arms(
+        self, command: ArmCommand, fly: Callable[[], Motion], wait: bool | None
+    ) -> Handle:
+        """Begin a command of the arms (vehicle/commanded_arms.py): the platform brakes, holds."""
+        return self._start(command, lambda: self._fly.brake_then(fly), wait)
+
+    def stream_arms(self, command: ArmCommand, tell: Callable[[Drive], None]) -> Handle:
+        """Take a reference of a stream to the arms, beside that of the platform."""
+        return self._do(
+            command, lambda: tell(self._drive or self._take(PoseDrive, ControlMode.POSE))
+        )
+
+    def move_joints(self, q: Array, seconds: float | None) -> Motion:
+        """Move the joints to q (n_joints,) rad; ends when they are there."""
+        return self._fly.move_joints(q, seconds)
 
     def set_home(self) -> Handle:
         """Take the place of now as the home."""
