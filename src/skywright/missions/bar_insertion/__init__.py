@@ -9,3 +9,4 @@ class BarInsertionKind(FolderKind[BarInsertion]):
 
     task = BarInsertion
     needs = frozenset({"uav", "hands"})
+    operated = True

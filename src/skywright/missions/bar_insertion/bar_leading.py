@@ -103,12 +103,14 @@ class BarLeader:
         return BarPose(bar.p + self._dp - R @ self.grip.handle, R)
 
     def lead(
-        self, p: Array, n: Array, point_O: Array, sink: float = 0.0, let_go: bool = False
-    ) -> BarPose:
+        self, p: Array, n: Array, point_O: Array, sink: float = 0.0, let_go: bool = False,
+        along: Array | None = None,
+    ) -> BarPose:  # fmt: skip
         """Lead the bar for one tick, joints at rest but for its direction; returns its pose.
 
         `p` (3,) m is where the bar's point `point_O` (3,) m shall be, n (3,) its direction, in W.
         With `sink` (m/s, negative to rise) the platform moves so down, and `p` counts across only.
+        `along` (3,) m/s is how fast p moves: the bar is moved with it.
         The bar's weight is fed forward to springs and platform: all of it, so that a bar that
         touches something stays in the hooks, or with `let_go` what the hands feel of it, so that it
         passes to what it stands on.
@@ -119,6 +121,8 @@ class BarLeader:
             self._pressed = False
         v = LEAD_RATE * self._error
         v *= min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9))
+        if along is not None:
+            v = v + along
         if sink != 0.0:
             v[2] = -sink
         self._n += MISSION_TICK * LEAD_RATE * (self._heading().T @ self._turn)

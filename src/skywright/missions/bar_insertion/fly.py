@@ -12,6 +12,7 @@ from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.missions.bar_insertion.bar_leading import BarLeader
 from skywright.missions.bar_insertion.insertion import build_hole, find_offset, insert, survey
+from skywright.missions.bar_insertion.operated_insertion import insert_by_operator
 from skywright.missions.bar_insertion.plan import BACK, InsertionPlan
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.tool_handling import (
@@ -65,7 +66,9 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
     leader = BarLeader(s, way.grip, way.chains, weight)
     leader.correct = task.bar_pose == "marker"
     opening, missed, found = build_hole(s, hole.p_WO, R_WS, way.grip, s.task), 0, ""
-    for _ in range(task.tries):
+    if s.operator is not None:
+        found = insert_by_operator(s, s.operator, leader, opening)
+    for _ in range(task.tries if s.operator is None else 0):
         found = insert(s, leader, opening, find_offset(missed, opening.capture), task)
         if found == "in" or leader.lost:
             break
@@ -77,7 +80,8 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
         laid_down = _lay_down(s, way, above, hole.yaw, weight, speeds)
         _return(s, way, way.rack)
         where = "is back in the rack" if laid_down else "did not reach the rack either"
-        return Flight(False, f"the peg was not inserted in {task.tries} tries: the bar {where}")
+        told = found if s.operator else f"the peg was not inserted in {task.tries} tries"
+        return Flight(False, f"{told}: the bar {where}")
     _set_free(s, leader)
     let_go(s, way.grip, speeds[0])
     _return(s, way, hole)

@@ -10,6 +10,7 @@ from skywright.description.loader import Description
 from skywright.description.world.things import list_movers, locate_thing
 from skywright.missions.bar_insertion.plan import InsertionPlan
 from skywright.missions.bar_insertion.task import BarInsertion
+from skywright.missions.skills.operated import OPERATED_MEASURES, measure_operated
 from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import rotate_vectors
 from skywright.models.things._build import find_offsets
@@ -19,6 +20,7 @@ from skywright.run.kind import Measures
 from skywright.run.where import Where
 
 MEASURES: Measures = {
+    **OPERATED_MEASURES,
     "insert.done": ("", "1 if the peg is in the hole after the hands have withdrawn, otherwise 0"),
     "insert.depth_mm": ("mm", "depth of the peg's end below the socket's face at the end"),
     "insert.force_max_n": (
@@ -40,12 +42,14 @@ MEASURES: Measures = {
 
 END, TRIES = Where(("return",), "at its end"), Where(("lower", "insert"))
 INSERTING = Where((*TRIES.phases, "draw out", "set free"))
+OPERATED = Where(("align", *TRIES.phases))
 WHERE = {
     "insert.done": END,
     "insert.depth_mm": END,
     "insert.force_max_n": INSERTING,
     "insert.tries": TRIES,
-    "insert.time_s": Where(("align", *TRIES.phases)),
+    "insert.time_s": OPERATED,
+    "operator.": OPERATED,
     "insert.aim": Where(("lower",), "at the start of the last one"),
 }
 
@@ -95,6 +99,10 @@ def compute_metrics(run: Flown[BarInsertion, InsertionPlan]) -> dict[str, float]
     if np.any(inserting):
         pressed = np.linalg.norm(way.f_W[inserting], axis=1)
         out["insert.force_max_n"] = float(np.max(pressed))
+    operated = OPERATED.select(samples, phases)
+    if np.any(operated):
+        pressed = np.linalg.norm(way.f_W[operated], axis=1)
+        out |= measure_operated(samples[operated], pressed)
     tries = [phases[i] for i in TRIES.find(phases)]
     if tries:
         begins = [p.start_s for p in tries if p.name == "lower"][-1]

@@ -20,6 +20,7 @@ from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.hook_grip import build_grip, check_hooks
+from skywright.missions.skills.operated import load_operator
 from skywright.missions.skills.tool_handling import (
     DROP,
     LIFT,
@@ -77,6 +78,7 @@ def plan(setup: Setup[BarInsertion]) -> MissionPlan[InsertionPlan]:
         least, blocked = _find_blocked_way(robot, world.drop_things(task.bar), found)
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began, HANDLING_S, least, way=found,
+        operator=load_operator(setup.task),
     )  # fmt: skip
 
 

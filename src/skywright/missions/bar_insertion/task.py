@@ -5,10 +5,10 @@ from typing import Literal
 from pydantic import Field
 
 from skywright.core.spec import Positive
-from skywright.description.mission.spec import Task
+from skywright.missions.skills.operated import OperatedTask
 
 
-class BarInsertion(Task):
+class BarInsertion(OperatedTask):
     """Put the peg below a bar into the socket: (29) to (31) of Suarez 2020."""
 
     bar: str = "peg"  # name of the thing that is the bar with its peg

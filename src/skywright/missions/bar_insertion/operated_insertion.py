@@ -1,0 +1,126 @@
+"""An operator brings the peg of a bar into the hole with the stick, the bar in both hooks.
+
+The robot brings the peg over the hole, beside it by `HAND_OVER`, and hands over. The stick leads
+the peg's end, as both hands and the platform carry the bar (bar_leading.py). In the hole the walls
+lead it: the stick's way down lowers the bar, and where it meets resistance its deflection says
+how firmly the hands press by (31). The button is believed when the peg is
+in and the seat takes the weight.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.missions.bar_insertion.bar_leading import BarLeader
+from skywright.missions.bar_insertion.insertion import FELT, FULL, READY, SINK_S, Hole, Progress
+from skywright.missions.bar_insertion.task import BarInsertion
+from skywright.missions.skills.assistance import Assistance
+from skywright.missions.skills.operated import Lead, OperatorGone, compute_velocity
+from skywright.models.things.peg import Peg
+from skywright.run.operator import Operator, Sight
+from skywright.run.supervisor import Supervisor
+from skywright.vehicle.plant import MISSION_TICK
+
+HAND_OVER = np.array([-0.015, 0.015, 0.02])  # m, in the hole's frame, beyond READY above it
+FENCE = np.array([[-0.06, -0.06, -0.02], [0.06, 0.06, 0.1]])
+"""m, of the peg's end from the hole: lowest and highest place that the stick can ask for."""
+FACE = -0.003  # m: lower than the socket's face only a peg over the hole is led
+PUSHED, FIRM = 0.05, 0.4
+"""Of the stick: from there on the hands press; with so much of it they press with `press_share`."""
+
+
+def insert_by_operator(
+    s: Supervisor[BarInsertion], operator: Operator, leader: BarLeader, hole: Hole
+) -> str:
+    """Fly "align", "lower" and "insert" with the operator; returns "in", or why the peg is not."""
+    work = _Insertion(s, operator, leader, hole)
+    s.begin("align")
+    try:
+        while not work.step():
+            if leader.lost:
+                return "the bar was lost at the socket"
+    except OperatorGone as gone:
+        return f"{gone} before the peg was in: its end was {1e3 * work.depth:.0f} mm deep"
+    finally:
+        work.lead.end()
+    return "in"
+
+
+class _Insertion:
+    """The state of an operated insertion; each step is one tick."""
+
+    def __init__(
+        self, s: Supervisor[BarInsertion], operator: Operator, leader: BarLeader, hole: Hole
+    ) -> None:
+        self.s, self.task, self.leader, self.hole = s, s.task, leader, hole
+        self.lead = Lead(s, operator)
+        self.goal = HAND_OVER + [0.0, 0.0, READY]
+        self.pressed = s.task.press_share * leader.weight  # N, at most
+        self.help = Assistance(s.task.assistance, self.pressed)
+        self.length = s.vehicle.world.find_thing(s.task.bar, Peg).length_m
+        self.watch = Progress(s, hole)
+        self.phase, self.depth = "align", -READY
+
+    def step(self) -> bool:
+        """Read the stick and fly a tick; returns whether the peg is in."""
+        leader, hole = self.leader, self.hole
+        off = self._measure()
+        felt = max(leader.weight - leader.carried, 0.0)
+        seated = felt > FELT * self.pressed and self.depth > FULL * self.length
+        stick = self.lead.read(Sight(off, seated))
+        if stick.button and seated:
+            return True
+        axes, v_max = np.array(stick.axes), self.task.stick_speed_mps
+        axes[2] = -self.help.step(-float(axes[2]), v_max, float(off[2]), felt) / v_max
+        self._watch(off)
+        if self.phase == "insert":
+            self._insert(float(axes[2]))
+        else:
+            fence = FENCE if self._is_over(off) else np.maximum(FENCE, [[-1.0, -1.0, FACE]])
+            v = compute_velocity(axes, v_max, self.goal, fence)
+            self.goal = self.goal + MISSION_TICK * v
+            goal, along = hole.p + hole.R @ self.goal, hole.R @ v
+            pose = leader.lead(goal, hole.R[:, 1], hole.tip, along=along)
+            self.depth = hole.depth_of(pose)
+        return False
+
+    def _watch(self, off: Array) -> None:
+        """Follow the peg by the phases; `off` (3,) m is where its end is from the hole."""
+        if self.phase == "align" and off[2] < 0.5 * READY:
+            self._begin("lower")
+        elif self.phase == "lower" and self.depth > self.hole.entered and self._is_over(off):
+            self.watch = Progress(self.s, self.hole)
+            self._begin("insert")
+        elif self.phase != "align" and off[2] > READY:
+            self.goal = off
+            self.s.end("retry")
+            self._begin("align")
+
+    def _is_over(self, off: Array) -> bool:
+        """Whether a peg's end at `off` (3,) m is over the hole, not beside the socket."""
+        return float(np.hypot(off[0], off[1])) < 2.0 * self.hole.capture
+
+    def _begin(self, phase: str) -> None:
+        self.phase = phase
+        self.s.begin(phase)
+
+    def _measure(self) -> Array:
+        """Where the peg's end is from the hole, (3,) m in the hole's frame."""
+        pose = self.leader.measure()
+        return self.hole.R.T @ (pose.p + pose.R @ self.hole.tip - self.hole.p)
+
+    def _insert(self, up: float) -> None:
+        """Lower, press or raise the bar in the hole for a tick."""
+        leader, hole, n = self.leader, self.hole, self.hole.R[:, 1]
+        over = hole.p + hole.R[:, 2] * float(hole.bar[2] - hole.tip[2])
+        stuck = self.watch.stalled > SINK_S or self.depth > FULL * self.length
+        if up < -PUSHED and stuck:
+            pose = leader.press(
+                over, n, hole.bar, min(-up / FIRM, 1.0) * self.pressed, self.task.gamma
+            )
+        else:
+            sink = max(-up, -1.0) * self.task.stick_speed_mps
+            pose = leader.lead(over, n, hole.bar, sink=sink or 1e-9, let_go=True)
+        self.watch.step(pose)
+        self.depth = self.watch.depth

@@ -1,0 +1,76 @@
+"""An operator brings a peg into a hole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import skywright
+from skywright.missions.skills.operated import LONGEST_S, Lead, OperatorGone
+from skywright.run.operator import Sight, Stick
+from skywright.vehicle.plant import MISSION_TICK
+
+SIGHT = Sight(np.zeros(3), False)
+
+
+def test_an_operator_brings_the_peg_into_the_hole(tmp_path: Path) -> None:
+    d = skywright.load("bar-insertion")
+    result = skywright.run(d, operator="model:careful", report=False, out=tmp_path / "run")
+    assert result.outcome == "succeeded", result.reason
+    names = [p.name for p in result.phases]
+    assert names[names.index("align") :][:4] == ["align", "lower", "insert", "set free"]
+    assert result.metrics["operator.force_max_n"] < 8.0
+
+
+class _Sticks:
+    """Plays back what it is given; then nobody is there."""
+
+    def __init__(self, sticks: list[Stick]) -> None:
+        self.sticks = sticks
+
+    def read(self, t: float, sight: Sight) -> Stick | None:
+        k = round(t / MISSION_TICK)
+        return self.sticks[k] if k < len(self.sticks) else None
+
+
+def _build_lead(sticks: list[Stick]) -> tuple[Lead, list[Any]]:
+    shown: list[Any] = []
+    vehicle = SimpleNamespace(set_stick=lambda axes, button: shown.append((tuple(axes), button)))
+    s: Any = SimpleNamespace(sticks=[], vehicle=vehicle)
+    return Lead(s, _Sticks(sticks)), shown
+
+
+def test_an_operator_who_leaves_is_told_of_at_once() -> None:
+    lead, _ = _build_lead([Stick(np.ones(3), False)] * 3)
+    for _ in range(3):
+        lead.read(SIGHT)
+    with pytest.raises(OperatorGone, match="input ended"):
+        lead.read(SIGHT)
+    assert [t for t, _ in lead.s.sticks] == pytest.approx([0.0, MISSION_TICK, 2 * MISSION_TICK])
+
+
+def test_a_button_held_at_the_end_of_a_recording_stays_held_for_a_while() -> None:
+    lead, shown = _build_lead([Stick(np.ones(3), True)])
+    for _ in range(100):
+        assert lead.read(SIGHT).button
+    assert shown[0] == ((1.0, 1.0, 1.0), True) and shown[-1] == ((0.0, 0.0, 0.0), True)
+    with pytest.raises(OperatorGone):
+        for _ in range(200):
+            lead.read(SIGHT)
+
+
+def test_a_stretch_of_work_has_an_end_and_the_next_one_its_own() -> None:
+    lead, _ = _build_lead([Stick(np.zeros(3), False)] * 30_000)
+    n = round(LONGEST_S / MISSION_TICK)
+    for _ in range(n - 10):
+        lead.read(SIGHT)
+    lead.begin()
+    for _ in range(n):
+        lead.read(SIGHT)
+    with pytest.raises(OperatorGone, match="more than 180 s"):
+        for _ in range(5):
+            lead.read(SIGHT)
