@@ -4,6 +4,7 @@ import { Layout, readLive } from './frames.js';
 import { InspectionMap } from './map.js';
 import { Plots } from './plots.js';
 import { Setup, showLogbook } from './setup.js';
+import { Sight } from './sight.js';
 import { Stick } from './stick.js';
 
 const PLOT_PERIOD = 200, MAP_PERIOD = 500, STICK_PERIOD = 33, HERE_PERIOD = 500; // ms
@@ -59,11 +60,12 @@ export class Live {
     this.stickText = make('p', { id: 'sticktext', role: 'status' });
     this.stickBox.append(make('p', {}, make('kbd', { text: 'Space' }), ' held: the stick counts. ',
       make('kbd', { text: 'W' }), make('kbd', { text: 'S' }), ' ahead, back; ', make('kbd', { text: 'A' }), make('kbd', { text: 'D' }), ' left, right; ',
-      make('kbd', { text: 'R' }), make('kbd', { text: 'F' }), ' up, down; ', make('kbd', { text: 'Enter' }), ' it stands, release. ',
+      make('kbd', { text: 'R' }), make('kbd', { text: 'F' }), ' up, down; ', make('kbd', { text: 'Enter' }), ' it is done. ',
       'Gamepad: both sticks, a shoulder button held, button A.'), this.stickText);
     const size = make('input', { type: 'range', min: 0.1, max: 1, step: 0.1, value: 0.5, 'aria-label': 'Deflection of the keys' });
     size.addEventListener('input', () => { this.stick.size = Number(size.value); });
     this.stickBox.append(make('label', {}, make('span', { text: 'Deflection of the keys' }), size));
+    this.sight = new Sight(this.stickBox);
     this.trainBox = section(side, 'Training: disturb the flight', false, 'training');
     this.numbersBox = section(side, 'Numbers and plots', true, 'numbers');
     this.mapBox = section(side, 'Inspection map', true, 'map');
@@ -102,6 +104,7 @@ export class Live {
   hear(m) {
     if (m.k === 'you') this.name = m.name;
     else if (m.k === 'told') this.told.textContent = m.text;
+    else if (m.k === 'sight') this.sight.take(m);
     else if (m.k === 'pong') this.delay = performance.now() - m.w;
     else if (m.k === 'invited') $('invitation').textContent = `For one browser, within 10 minutes: ${m.address}`;
     else if (m.k === 'logbook') showLogbook(this.logBox, m.entries, this.choices.missions, (e) => { this.setup?.fill(e); $('setup').open = true; $('start')?.focus(); });
@@ -185,9 +188,11 @@ export class Live {
     const asked = Boolean(status.asked) && going;
     this.stick.active = asked && mine;
     this.stickBox.parentElement.hidden = !(this.data?.operated && going);
+    if (!asked) this.sight.hide();
     this.aboutText.textContent = !s ? '' : `${s.watchers} page${s.watchers === 1 ? '' : 's'} here; you are ${this.name}. ${this.count} frames came, ${s.skipped} were skipped. `
       + `${s.refused} messages refused. Way there and back ${format(this.delay ?? NaN, 0, 'ms')}. `
-      + `Cost in the simulation ${format(status.cost_ms ?? NaN, 2, 'ms')} a tick.`;
+      + `Cost in the simulation ${format(status.cost_ms ?? NaN, 2, 'ms')} a tick. `
+      + `A stick is ${format(status.stick_ms ?? NaN, 0, 'ms')} old when it comes (median).`;
   }
 
   listAlarms(status, going) {
@@ -215,8 +220,9 @@ export class Live {
     this.view.show(row, this.layout, t);
     $('clock').textContent = `${t.toFixed(1)} s${flags & PAUSED ? ', paused' : ''}, ${late.toFixed(0)} ms late`;
     if (flags & ASKED) {
+      this.sight.draw();
       const age = this.state?.status?.age_s;
-      this.stickText.textContent = `${flags & HELD ? 'The stick moves the tool.' : 'Let go: the tool stands.'} Input age ${age == null ? '–' : `${(1e3 * age).toFixed(0)} ms`}.`;
+      this.stickText.textContent = `${flags & HELD ? 'The stick counts.' : 'Let go: nothing is moved.'} Input age ${age == null ? '–' : `${(1e3 * age).toFixed(0)} ms`}.`;
     }
   }
 

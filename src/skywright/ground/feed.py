@@ -41,7 +41,7 @@ from skywright.reports.scene3d import Scene3d
 from skywright.reports.trace3d import list_judged
 from skywright.reports.views3d import build_views
 from skywright.run.kind import load_kind
-from skywright.run.operator import Stick
+from skywright.run.operator import Sight, Stick
 
 if TYPE_CHECKING:
     from skywright.description.loader import Description
@@ -86,6 +86,7 @@ class Feed:
         self.asked = ""  # what the mission asks the operator to do now
         self.dropped = 0  # messages that were no commands
         self.costs: list[float] = []  # s of the last ticks, for the status
+        self.sticks: list[float] = []  # s, how old the last sticks were when they came
         self._heard = self._left = -math.inf  # wall time: the station, the last watcher
         self._seq, self._late = 0, 0.0
         self._phases: list[tuple[str, float]] = []
@@ -204,7 +205,8 @@ class Feed:
         if message.get("d") is not True:  # the dead-man is let go: nothing moves
             stick = Stick(np.zeros(3), False)
         self._held = message.get("d") is True
-        self.stick.hear(Told(int(seq), at, stick), now)  # counts what it drops
+        if self.stick.hear(Told(int(seq), at, stick), now):  # counts what it drops
+            self.sticks = [*self.sticks[-499:], now - at]
         return True
 
     _held = False
@@ -263,6 +265,16 @@ class Feed:
         time.sleep(0.02)
 
     # --- telling -------------------------------------------------------------------------------
+
+    def tell_sight(self, t: float, sight: Sight) -> None:
+        """Tell what the operator sees of the work, `t` (s) after the work began."""
+        if self.watched and np.isfinite(sight.off).all() and math.isfinite(sight.force):
+            say(
+                self.end, "sight", t=round(t, 3), off=[round(float(x), 5) for x in sight.off],
+                light=bool(sight.light), towards=list(sight.towards),
+                force=round(float(sight.force), 3), asked=float(sight.asked),
+                hold_s=float(sight.hold_s),
+            )  # fmt: skip
 
     def _begin(self, vehicle: SimulatedVehicle) -> None:
         """Write the scene and wait for the first page."""
@@ -339,6 +351,7 @@ class Feed:
             holding=bool(self.asked) and age > HOLD_S,
             disturbed={k: round(v, 2) for k, v in self.starts.items() if math.isfinite(v)},
             repeats=list_repeats({k: v for k, v in self.starts.items() if math.isfinite(v)}),
+            stick_ms=round(1e3 * float(np.median(self.sticks)), 1) if self.sticks else None,
             cost_ms=round(1e3 * float(np.median(self.costs)), 3) if self.costs else None,
             dropped=self.dropped + self.stick.dropped,
         )  # fmt: skip

@@ -9,8 +9,8 @@ from skywright.ground.feed import Feed
 from skywright.ground.person import PATIENCE_S, Person
 from skywright.run.operator import STILL, Sight, Stick
 
-INVITE = "Take control, hold Space (or a shoulder button) and move the tool with the stick."
-WORK = "Move the tool over its seat and lower it; press Enter when it stands."
+INVITE = "Take control, hold Space (or a shoulder button) and move the stick."
+WORK = "Lead it to its place by the marks under Stick; press Enter with Space when it is done."
 
 
 class PageOperator(Person):
@@ -37,6 +37,8 @@ class PageOperator(Person):
 
     def read(self, t: float, sight: Sight) -> Stick | None:
         """Return the stick; None, and no more asking, where nobody is there."""
+        if self.feed is not None:
+            self.feed.tell_sight(t, sight)
         stick = super().read(t, sight)
         if stick is None and self.feed is not None:
             self.feed.asked = ""

@@ -196,6 +196,11 @@ class Station:
                     watcher.show(data)
                 continue
             message = parse(data)
+            if message is not None and message["k"] == "sight":
+                del message["k"]
+                for watcher in self.watchers.values():
+                    watcher.tell("sight", **message)
+                continue
             if message is None or message["k"] != "status":
                 self.counts["bad word of a flight"] += 1
                 continue

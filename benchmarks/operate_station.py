@@ -1,0 +1,99 @@
+"""Scripted operators do a mission's work by hand through the ground station's own web socket.
+
+    python benchmarks/operate_station.py [MISSION] [--runs 20] [--delay-ms 150] [--operator careful]
+
+Each run starts a station, enters with its one-time address, takes control, starts the flight and
+moves the stick by what the page is told. The operator sees and is heard late. One row a run is kept
+in benchmarks/operated-MISSION.csv: outcome, frames a second, median age of the sticks when they
+reach the flight, median cost of a tick, and how late the flight was. Real time: minutes a run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from station_client import Page, Pilot, start_station
+
+from skywright.ground.operator_model import ModelOperator
+
+KEPT = Path(__file__).resolve().parent
+COLUMNS = (
+    "run", "operator", "delay_ms", "outcome", "frames_per_s", "stick_ms", "cost_ms", "time_s",
+    "reason",
+)  # fmt: skip
+SETS = {
+    "tool-install": ["mission.task.hover_s=0", "mission.task.wait_s=1"],
+    "sensor-install": [
+        "mission.task.hover_s=0", "mission.task.swing_deg=0", "mission.task.survey=false",
+    ],
+}  # fmt: skip
+
+
+def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]:
+    """Do one; returns its row."""
+    with tempfile.TemporaryDirectory() as folder:
+        process, address = start_station(Path(folder), mission)
+        try:
+            page = Page(address)
+            page.send("take")
+            page.send(
+                "start", mission=mission, seed=run, sets=SETS.get(mission, []), operated=True
+            )
+            began_wait = page.wait(lambda: bool(page.status.get("asked")), 600.0)
+            if not began_wait:
+                raise RuntimeError(f"the mission did not ask: {page.state.get('note')}")
+            began, frames = time.monotonic(), page.frames
+            pilot = Pilot(page, ModelOperator(operator, run, 0.03), 1e-3 * delay_ms)
+            costs, ages = [], []
+            while page.status.get("asked") and page.state.get("flying"):
+                page.poll(0.02)
+                pilot.step()
+                costs.append(page.status.get("cost_ms") or np.nan)
+                ages.append(page.status.get("stick_ms") or np.nan)
+                if time.monotonic() - began > 240.0:
+                    break
+            took = time.monotonic() - began
+            rate = (page.frames - frames) / took
+            page.send("speed", x=0)
+            page.wait(lambda: page.state.get("flying") is False, 600.0)
+            entry = page.words["logbook"]["entries"][-1]
+            page.close()
+        finally:
+            process.terminate()
+            process.wait(60)
+    numbers = [rate, np.nanmedian(ages), np.nanmedian(costs), took]
+    told = [f"{x:.3g}" for x in numbers]
+    return [str(run), operator, f"{delay_ms:g}", entry["outcome"], *told, entry["reason"]]
+
+
+def main() -> None:
+    """Do what is asked."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("mission", nargs="?", default="tool-install")
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--delay-ms", type=float, default=150.0)
+    parser.add_argument("--operator", default="careful")
+    args = parser.parse_args()
+    path = KEPT / f"operated-{args.mission}.csv"
+    done = set()
+    if path.is_file():
+        with path.open(newline="", encoding="utf-8") as file:
+            done = {(r["run"], r["operator"], r["delay_ms"]) for r in csv.DictReader(file)}
+    else:
+        path.write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
+    for run in range(1, args.runs + 1):
+        if (str(run), args.operator, f"{args.delay_ms:g}") in done:
+            continue
+        row = operate(args.mission, run, args.operator, args.delay_ms)
+        with path.open("a", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerow(row)
+        print(*row, flush=True)
+
+
+if __name__ == "__main__":
+    main()
