@@ -41,12 +41,12 @@ def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]
         try:
             page = Page(address)
             page.send("take")
-            page.send(
-                "start", mission=mission, seed=run, sets=SETS.get(mission, []), operated=True
-            )
-            began_wait = page.wait(lambda: bool(page.status.get("asked")), 600.0)
-            if not began_wait:
+            page.send("start", mission=mission, seed=run, sets=SETS.get(mission, []), operated=True)
+            page.wait(lambda: page.status.get("over") is False, 300.0)
+            page.send("speed", x=0)  # fast up to where the operator is asked
+            if not page.wait(lambda: bool(page.status.get("asked")), 600.0):
                 raise RuntimeError(f"the mission did not ask: {page.state.get('note')}")
+            page.send("speed", x=1)
             began, frames = time.monotonic(), page.frames
             pilot = Pilot(page, ModelOperator(operator, run, 0.03), 1e-3 * delay_ms)
             costs, ages = [], []

@@ -176,6 +176,9 @@ def write_down(process: Process, code: int, repeats: list[str]) -> dict[str, Any
     """Return the logbook's entry of a flight that has ended."""
     found, asked = process.read_result(), process.asked
     timing = found.get("timing") or {}
+    if code < 0:  # what it wrote at its start says that it was interrupted
+        name = signal.Signals(-code).name
+        found |= {"outcome": "killed", "reason": f"the flight was killed ({name})"}
     return {
         "when": time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(process.started)),
         **asked._asdict(),
