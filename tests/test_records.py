@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from skywright.cli import main
 from skywright.errors import InputError
-from skywright.run import records
+from skywright.inspection.history import database
 from skywright.run.records import Measurement, RecordStore
 from skywright.run.records_export import (
     Origin,
@@ -119,7 +119,7 @@ def test_many_threads_make_the_file_once(tmp_path: Path) -> None:
     path = tmp_path / "r.db"
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(lambda _: RecordStore(path, create=True).close(), range(8)))
-    assert sqlite3.connect(path).execute("PRAGMA user_version").fetchone()[0] == 1
+    assert sqlite3.connect(path).execute("PRAGMA user_version").fetchone()[0] == 2
 
 
 def test_bad_files_are_told(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_another_version_is_told(tmp_path: Path) -> None:
 
 
 def test_a_locked_file_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(records, "BUSY_S", 0.2)
+    monkeypatch.setattr(database, "BUSY_S", 0.2)
     path = tmp_path / "r.db"
     store, flight, now = start(path)
     other = sqlite3.connect(path, isolation_level=None)

@@ -1,6 +1,5 @@
 """Commands that read what instruments and flights recorded."""
 
-import math
 from pathlib import Path
 
 import click
@@ -172,68 +171,6 @@ def identify(
         print_json({**found.to_json(), "page": str(page), "robot_file": str(robot_file)})
     else:
         print_identification(found, page, robot_file)
-
-
-@click.command("records")
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("--structure", metavar="NAME", help="Only this structure (world).")
-@click.option("--spot", metavar="NAME", help="Only this spot.")
-@click.option("--at", metavar="X,Y", help="History of a point (m in the structure's frame).")
-@click.option(
-    "--radius",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=0.05,
-    show_default=True,
-    metavar="M",
-    help="Radius around that point.",
-)
-@click.option("--csv", "table", type=click.Path(path_type=Path), help="Export as CSV.")
-@click.option("--geojson", type=click.Path(path_type=Path), help="Export as GeoJSON.")
-@click.option(
-    "--origin", metavar="LON,LAT[,HEIGHT]", help="Geographic position of the world's origin."
-)
-@as_json_option
-def records_(
-    file: Path, structure: str | None, spot: str | None, at: str | None, radius: float,
-    table: Path | None, geojson: Path | None, origin: str | None, as_json: bool,
-) -> None:  # fmt: skip
-    """List contact measurements of many flights, and export them.
-
-    FILE is what `skywright run --records FILE` wrote.
-    """
-    from skywright.models.docked_map import parse_condition
-    from skywright.run.records import RecordStore
-    from skywright.run.records_export import parse_origin, write_csv, write_geojson
-
-    point = parse_condition(contact=at, named="at").contact
-    if not math.isfinite(radius):
-        raise InputError(f"--radius {radius:g}; valid: a finite number of metres above 0")
-    if geojson is not None and origin is None:
-        raise InputError(
-            "--geojson requires --origin LON,LAT, the geographic position of the world's origin"
-        )
-    place = None if origin is None else parse_origin(origin)
-    store = RecordStore(file)
-    try:
-        for name, value in (("structure", structure), ("spot", spot)):
-            known = store.list_names(name)
-            if value is not None and value not in known:
-                raise InputError(
-                    f"{file}: no {name} {value!r}; there are: {', '.join(known) or '-'}"
-                )
-        found = store.find(structure=structure, spot=spot, at=point, radius=radius)
-    finally:
-        store.close()
-    if table is not None:
-        write_csv(found, check_writable(table, (".csv",)))
-    if geojson is not None and place is not None:
-        write_geojson(found, place, check_writable(geojson, (".geojson", ".json")))
-    if as_json:
-        print_json({"records": [r._asdict() for r in found]})
-    else:
-        from skywright.reports.terminal_records import print_records
-
-        print_records(found, file)
 
 
 @click.command()

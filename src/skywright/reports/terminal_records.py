@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from skywright.reports.terminal import new_console, new_table
+from skywright.inspection.history.corrosion import Location, Rate
+from skywright.inspection.history.entries import StoredIndication
+from skywright.reports.terminal import format_number, new_console, new_table
 from skywright.run.records import Record
 
 
@@ -27,5 +29,61 @@ def print_records(records: Sequence[Record], path: Path) -> None:
             r.time_utc[5:19].replace("T", " "), r.flight, r.structure, r.spot, r.how,
             f"{r.x_m:.3f}, {r.y_m:.3f}", f"{r.force_des_n:g}",
             f"{r.force_n:.2f} ± {r.force_std_n:.2f}", known,
+        )  # fmt: skip
+    console.print(table)
+
+
+def print_history(places: Sequence[Location], path: Path) -> None:
+    """Print thickness, rates and remaining life of each location, and what to note of it."""
+    console = new_console()
+    console.print(f"{len(places)} locations in {path}", style="bold", markup=False)
+    if not places:
+        return
+    simulated = any(one.simulated for p in places for one in p.inspections)
+    table = new_table(
+        "SIMULATED" if simulated else "", "location", "times", "thickness (mm)", "long term (mm/a)",
+        "short term (mm/a)", "life (a)", "at least", "interval",
+    )  # fmt: skip
+    for p in places:
+        last = p.inspections[-1]
+        lows = [r.life_low_years for r in (p.long_term, p.short_term) if r is not None]
+        low = min((v for v in lows if v is not None), default=None)
+        table.add_row(
+            f"{p.component} {p.name}".strip(), str(len(p.inspections)),
+            f"{last.thickness_mm:.2f} ± {last.std_mm:.2f}",
+            _write_rate(p.long_term), _write_rate(p.short_term), format_number(p.life_years),
+            format_number(low), format_number(p.interval_years),
+        )  # fmt: skip
+    console.print(table)
+    console.print("± is one standard deviation; “at least” takes the rate's upper 95 % bound")
+    for p in places:
+        for note in p.notes:
+            console.print(f"{p.name}: {note}", markup=False)
+
+
+def _write_rate(rate: Rate | None) -> str:
+    return "-" if rate is None else f"{rate.mm_per_year:.3f} ± {rate.std_mm_per_year:.3f}"
+
+
+def print_indications(found: Sequence[StoredIndication], path: Path) -> None:
+    """Print the indications with size, place and disposition."""
+    console = new_console()
+    console.print(f"{len(found)} indications in {path}", style="bold", markup=False)
+    if not found:
+        return
+    table = new_table(
+        "SIMULATED" if any(i.simulated for i in found) else "", "id", "UTC", "flight", "component",
+        "kind", "x, y, z (m)", "± mm", "length (mm)", "depth (mm)", "disposition",
+    )  # fmt: skip
+    for i in found:
+        one = i.indication
+        place = "-" if one.place_u95_m is None else f"{1e3 * one.place_u95_m:.1f}"
+        depth = format_number(one.depth_mm)
+        if one.depth_mm is not None and one.depth_u95_mm is not None:
+            depth += f" ± {one.depth_u95_mm:.2f}"
+        table.add_row(
+            str(i.id), i.time_utc[:19].replace("T", " "), i.flight, i.component or "-", one.kind,
+            f"{one.x_m:.3f}, {one.y_m:.3f}, {one.z_m:.3f}", place, format_number(one.length_mm),
+            depth, i.disposition + (f" ({i.decided})" if i.decided else ""),
         )  # fmt: skip
     console.print(table)

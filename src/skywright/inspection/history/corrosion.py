@@ -1,0 +1,241 @@
+"""How a wall shrinks: change of thickness, rates and remaining life, each with its deviation.
+
+    LT = (t_initial - t_actual) / dt      long-term rate, from the first inspection
+    ST = (t_previous - t_actual) / dt     short-term rate, from the last but one
+    life = (t_actual - t_required) / rate
+
+API 570, section 7.1 (and API 510, 7.1): the rate that gives the shorter life governs, and the
+interval to the next inspection is at most half of the remaining life. Deviations follow by
+propagation; the two readings of a difference are independent, and the actual one also stands in the
+numerator of the life.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.errors import InputError
+from skywright.inspection.history.database import parse_stamp, stamp
+from skywright.inspection.history.entries import StoredReading
+
+YEAR_S = 365.25 * 86400.0
+COVERAGE = 2.0
+"""u95 over the standard deviation."""
+ONE_SIDED = 1.645
+
+
+class Inspected(NamedTuple):
+    """One location in one flight: the mean of its accepted readings."""
+
+    flight: str
+    time: datetime
+    thickness_mm: float
+    std_mm: float
+    readings: int
+    x_m: float
+    y_m: float
+    z_m: float
+    simulated: bool
+
+
+class Rate(NamedTuple):
+    """A loss per year between two inspections; negative where the wall reads thicker."""
+
+    loss_mm: float
+    loss_std_mm: float
+    years: float
+    mm_per_year: float
+    std_mm_per_year: float
+    life_years: float | None  # None: no loss, so no end
+    life_std_years: float | None
+    life_low_years: float | None
+    """Life at the rate's one-sided upper 95 % bound and the thickness as read; None: the bound is 0
+    or less, or no thickness is required."""
+
+    @property
+    def significant(self) -> bool:
+        """Whether the loss exceeds what the deviations explain (one-sided, 95 %)."""
+        return self.loss_mm > ONE_SIDED * self.loss_std_mm
+
+
+class Location(NamedTuple):
+    """One place of a component over all its inspections."""
+
+    name: str
+    component: str
+    x_m: float  # mean place in the frame of the asset
+    y_m: float
+    z_m: float
+    place_std_m: float | None
+    """Of one inspection's place in the asset: registration and place in the flight; the worst."""
+    inspections: list[Inspected]  # in the order of time
+    long_term: Rate | None  # None: one inspection
+    short_term: Rate | None
+    required_mm: float | None
+    life_years: float | None  # the shorter of both
+    interval_years: float | None
+    """Half of the life, by the rates as read; None where neither shows a loss."""
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON."""
+        rates = {
+            name: None if rate is None else rate._asdict() | {"significant": rate.significant}
+            for name, rate in (("long_term", self.long_term), ("short_term", self.short_term))
+        }
+        each = [one._asdict() | {"time": stamp(one.time)} for one in self.inspections]
+        return self._asdict() | {"inspections": each, "actual_mm": self.actual_mm, **rates}
+
+    @property
+    def actual_mm(self) -> float:
+        """Thickness at the last inspection."""
+        return self.inspections[-1].thickness_mm
+
+
+def compute_rate(first: Inspected, last: Inspected, required_mm: float | None) -> Rate:
+    """Return loss, rate and life between two inspections, with their deviations."""
+    years = (last.time - first.time).total_seconds() / YEAR_S
+    if years <= 0:
+        raise InputError(f"flights {first.flight} and {last.flight}: no time lies between them")
+    loss = first.thickness_mm - last.thickness_mm
+    loss_std = math.hypot(first.std_mm, last.std_mm)
+    rate, rate_std = loss / years, loss_std / years
+    life = life_std = low = None
+    if required_mm is not None:
+        margin = last.thickness_mm - required_mm
+        if rate > 0:
+            life = max(margin, 0.0) / rate
+            # life = m / r; the actual thickness moves m by 1 and r by -1 / years
+            by_actual = 1.0 / rate + margin / (rate**2 * years)
+            by_first = -margin / (rate**2 * years)
+            life_std = math.hypot(by_actual * last.std_mm, by_first * first.std_mm)
+        upper = rate + ONE_SIDED * rate_std
+        low = max(margin, 0.0) / upper if upper > 0 else None
+    return Rate(loss, loss_std, years, rate, rate_std, life, life_std, low)
+
+
+def group_places(
+    readings: Sequence[StoredReading], radius: float
+) -> list[tuple[str, list[StoredReading]]]:
+    """Return readings by location: of one name, else within `radius` (m) of one place.
+
+    A reading without a name belongs to the nearest location of its component within `radius`, and
+    begins a new one where there is none. Readings of a flight stay together in the order of time.
+    """
+    groups: list[tuple[str, list[StoredReading]]] = []
+    centres: list[Array] = []
+    for r in readings:
+        p = np.array([r.reading.x_m, r.reading.y_m, r.reading.z_m])
+        fits = [
+            k for k, (name, members) in enumerate(groups)
+            if members[0].component == r.component and members[0].asset == r.asset
+            and (
+                name == r.reading.spot if r.reading.spot and name
+                else not (r.reading.spot or name) and np.linalg.norm(centres[k] - p) <= radius
+            )
+        ]  # fmt: skip
+        if not fits:
+            groups.append((r.reading.spot, [r]))
+            centres.append(p)
+            continue
+        k = min(fits, key=lambda k: float(np.linalg.norm(centres[k] - p)))
+        groups[k][1].append(r)
+        centres[k] += (p - centres[k]) / len(groups[k][1])
+    return groups
+
+
+def merge_flight(members: Sequence[StoredReading]) -> Inspected:
+    """Return the mean of a flight's readings at one location.
+
+    Its deviation is the largest of theirs, or their scatter where that is larger: readings of one
+    flight share calibration and velocity, so more of them do not make the mean surer.
+    """
+    values = [m.reading.value for m in members if m.reading.value is not None]
+    n = len(values)
+    mean = sum(values) / n
+    scatter = math.sqrt(sum((v - mean) ** 2 for v in values) / (n - 1)) if n > 1 else 0.0
+    stated = max((m.reading.u95 or 0.0) / COVERAGE for m in members)
+    times = [parse_stamp(m.time_utc, m.flight) for m in members]
+    places = [(m.reading.x_m, m.reading.y_m, m.reading.z_m) for m in members]
+    x, y, z = (sum(p[i] for p in places) / n for i in range(3))
+    return Inspected(
+        members[0].flight, min(times), mean, max(stated, scatter), n, x, y, z,
+        any(m.simulated for m in members),
+    )  # fmt: skip
+
+
+def build_history(
+    readings: Sequence[StoredReading], required: dict[str, float | None], radius: float = 0.05
+) -> list[Location]:
+    """Return the history of every location of accepted thickness readings.
+
+    `required` is the required thickness (mm) by component. Raises InputError for readings in
+    another unit than mm, or without u95: no deviation of a rate follows from them.
+    """
+    usable = [r for r in readings if r.reading.accepted and r.reading.quantity == "thickness"]
+    for r in usable:
+        if r.reading.unit != "mm":
+            raise InputError(f"reading {r.id}: thickness in {r.reading.unit!r}; valid: mm")
+        if r.reading.u95 is None:
+            raise InputError(
+                f"reading {r.id} of flight {r.flight} has no u95; a rate without a deviation is "
+                "not computed"
+            )
+    out = []
+    for number, (name, members) in enumerate(group_places(usable, radius), 1):
+        flights = list(dict.fromkeys(m.flight for m in members))
+        each = [merge_flight([m for m in members if m.flight == f]) for f in flights]
+        each.sort(key=lambda one: one.time)
+        component = members[0].component or ""
+        wanted = required.get(component)
+        out.append(_judge(name or f"place {number}", component, members, each, wanted))
+    return out
+
+
+def _judge(
+    name: str,
+    component: str,
+    members: Sequence[StoredReading],
+    each: list[Inspected],
+    required_mm: float | None,
+) -> Location:
+    notes = []
+    long_term = short_term = None
+    if len(each) > 1:
+        long_term = compute_rate(each[0], each[-1], required_mm)
+        short_term = compute_rate(each[-2], each[-1], required_mm)
+        if not (long_term.significant or short_term.significant):
+            notes.append("no loss beyond the deviations: the bound of the life counts")
+        grown = -short_term.loss_mm
+        if grown > COVERAGE * short_term.loss_std_mm:
+            notes.append(
+                f"the wall reads {grown:.2f} mm thicker than before, beyond the deviations: check "
+                "calibration, couplant and place"
+            )
+    if required_mm is not None and each[-1].thickness_mm < required_mm:
+        notes.append("below the required thickness")
+    elif required_mm is not None and each[-1].thickness_mm - ONE_SIDED * each[-1].std_mm < (
+        required_mm
+    ):
+        notes.append("within the deviation of the required thickness")
+    known = [
+        math.hypot(m.registration_std_m or 0.0, (m.reading.place_u95_m or 0.0) / COVERAGE)
+        for m in members
+        if m.registration_std_m is not None or m.reading.place_u95_m is not None
+    ]
+    lives = [r.life_years for r in (long_term, short_term) if r and r.life_years is not None]
+    life = min(lives, default=None)
+    if any(m.registration_std_m is None for m in members) and len(each) > 1:
+        notes.append("a flight states no registration error: places may differ by more than shown")
+    n = len(each)
+    x, y, z = (sum(getattr(one, axis) for one in each) / n for axis in ("x_m", "y_m", "z_m"))
+    return Location(
+        name, component, x, y, z, max(known, default=None), each, long_term, short_term,
+        required_mm, life, None if life is None else 0.5 * life, tuple(notes),
+    )  # fmt: skip

@@ -1,0 +1,178 @@
+"""The file of all measurements: opened, migrated, written by several at once, never half.
+
+Each entry is a transaction of its own, committed as soon as it is finished and synced to the disk,
+so a crash loses none. The file is in write-ahead mode: two flights may write while others read. A
+file of an older version is brought to the present one when it is opened, whole or not at all.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, TypeVar
+
+from skywright.errors import InputError
+from skywright.inspection.history.schema import APPLICATION_ID, STEPS, VERSION
+
+T = TypeVar("T")
+BUSY_S = 10.0  # s, that a writer waits for another
+
+
+class DatabaseFile:
+    """An open file. Every method raises InputError on what goes wrong with the file."""
+
+    def __init__(self, path: Path, *, create: bool = False) -> None:
+        """Open `path`, or with `create` make it; a file of an older version is migrated.
+
+        Raises InputError for a file that is none of ours, damaged, of a newer version, locked by
+        another program, or that cannot be written.
+        """
+        self.path = path
+        if not create and not path.is_file():
+            what = "is a folder" if path.is_dir() else "no such file"
+            raise InputError(f"{path}: {what}; records are written by skywright run --records")
+        if create and path.is_dir():
+            raise InputError(f"{path}: is a folder; give a file for the records")
+        if create and not path.parent.is_dir():
+            raise InputError(f"{path}: the folder does not exist")
+        self._db = self._try(
+            lambda: sqlite3.connect(path, timeout=BUSY_S, isolation_level=None), "opened"
+        )
+        try:
+            self._try(lambda: self._open(create), "opened")
+        except BaseException:
+            self._db.close()
+            raise
+
+    def _open(self, create: bool) -> None:
+        db = self._db
+        if create:
+            # where the file system has none: a rollback log
+            db.execute("PRAGMA journal_mode = WAL")
+        db.execute("PRAGMA synchronous = FULL")
+        db.execute("PRAGMA foreign_keys = ON")
+        owner, version = self._read_mark()
+        empty = int(db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]) == 0
+        if not (create and empty and owner == 0 and version == 0) and owner != APPLICATION_ID:
+            raise InputError(f"{self.path}: is a database without inspection records")
+        if version > VERSION:
+            raise InputError(
+                f"{self.path}: records of version {version}; this version of Skywright reads "
+                f"versions 1 to {VERSION}: install a newer one"
+            )
+        if version < VERSION:
+            self._migrate()
+
+    def _read_mark(self) -> tuple[int, int]:
+        db = self._db
+        return (
+            int(db.execute("PRAGMA application_id").fetchone()[0]),
+            int(db.execute("PRAGMA user_version").fetchone()[0]),
+        )
+
+    def _migrate(self) -> None:
+        """Bring the file to the present version in one transaction."""
+        self._db.execute("BEGIN IMMEDIATE")
+        _, version = self._read_mark()  # another program may have done it meanwhile
+        for step in STEPS[version:]:
+            for statement in step:
+                self._db.execute(statement)
+        self._db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        self._db.execute(f"PRAGMA user_version = {max(version, VERSION)}")
+        self._db.execute("COMMIT")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+    def write(self, *statements: tuple[str, Sequence[object]]) -> int:
+        """Execute statements in one transaction; returns the row of the last one.
+
+        `:last` in the values of a statement stands for the row of the one before.
+        """
+
+        def work() -> int:
+            self._db.execute("BEGIN IMMEDIATE")
+            last = 0
+            for sql, values in statements:
+                given = [last if v == ":last" else v for v in values]
+                last = self._db.execute(sql, given).lastrowid or 0
+            self._db.execute("COMMIT")
+            return last
+
+        return self._try(work, "written")
+
+    def read(self, sql: str, values: Sequence[object] = ()) -> list[tuple[Any, ...]]:
+        """Return the rows of a query."""
+        return self._try(lambda: self._db.execute(sql, values).fetchall(), "read")
+
+    def keep(self, table: str, keys: Mapping[str, object], more: Mapping[str, object]) -> int:
+        """Return the row of an entry by its `keys`; it is made, or given what `more` says newly.
+
+        A value of None in `more` leaves what is stored.
+        """
+        given = {k: v for k, v in more.items() if v is not None}
+        names = [*keys, *given]
+        update = ", ".join(f"{k} = excluded.{k}" for k in given) or f"{names[0]} = {names[0]}"
+        sql = (
+            f"INSERT INTO {table} ({', '.join(names)}) VALUES ({', '.join('?' * len(names))})"
+            f" ON CONFLICT ({', '.join(keys)}) DO UPDATE SET {update} RETURNING rowid"
+        )
+
+        def work() -> int:
+            self._db.execute("BEGIN IMMEDIATE")
+            row = int(self._db.execute(sql, [*keys.values(), *given.values()]).fetchone()[0])
+            self._db.execute("COMMIT")
+            return row
+
+        return self._try(work, "written")
+
+    def _try(self, action: Callable[[], T], what: str) -> T:
+        """Do it; an error of SQLite becomes an InputError that says what to do about it."""
+        try:
+            return action()
+        except sqlite3.Error as error:
+            text = str(error)
+            if "locked" in text:
+                text = f"another program has locked it for {BUSY_S:g} s"
+            elif "not a database" in text:
+                text = "it is not a SQLite database"
+            elif "malformed" in text:
+                text = "it is damaged; sqlite3 FILE .recover may save what is left"
+            elif "full" in text:
+                text = "the disk is full"
+            elif "readonly" in text:
+                text = "it cannot be written, which a file of an older version requires"
+            raise InputError(f"{self.path}: records cannot be {what}: {text}") from None
+        finally:
+            if hasattr(self, "_db"):
+                self._end_transaction()
+
+    def _end_transaction(self) -> None:
+        """Undo what was begun and not committed."""
+        try:
+            if self._db.in_transaction:
+                self._db.rollback()
+        except sqlite3.ProgrammingError:  # it is closed
+            pass
+
+
+def stamp(t: datetime) -> str:
+    """Return a time in UTC as ISO 8601 with milliseconds and Z."""
+    return t.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def parse_stamp(text: str, what: str) -> datetime:
+    """Return a time; a date alone is its midnight, a time without a zone is in UTC.
+
+    Raises InputError for anything else; `what` names it.
+    """
+    try:
+        t = datetime.fromisoformat(text.strip())
+    except ValueError:
+        raise InputError(
+            f"{what}: {text[:40]!r} is no time; valid: ISO 8601, such as 2026-03-01T12:00:00Z"
+        ) from None
+    return t.replace(tzinfo=UTC) if t.tzinfo is None else t.astimezone(UTC)

@@ -1,0 +1,128 @@
+"""What the database holds, one record a kind of entry. Places lie in the frame of the asset."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+DISPOSITIONS = ("open", "accept", "monitor", "repair", "false call")
+STAGES = ("before", "after")
+
+
+class Reading(NamedTuple):
+    """One reading of an instrument at a place, accepted or refused with the reason."""
+
+    quantity: str  # "thickness", "coating", "force"
+    value: float | None  # None: nothing could be read
+    unit: str
+    u95: float | None  # expanded uncertainty, 95 %, of the value
+    x_m: float  # place in the frame of the asset
+    y_m: float
+    z_m: float
+    place_u95_m: float | None = None  # within the flight; the registration comes on top
+    accepted: bool = True
+    reason: str = ""  # of the acceptance or refusal
+    spot: str = ""  # name of the location, where it has one
+    data: str = ""  # file and path of the A-scan or the signal
+
+
+class Indication(NamedTuple):
+    """One indication of a flaw. Sizes that are not known are None."""
+
+    kind: str  # "crack", "pit", "weld"
+    x_m: float
+    y_m: float
+    z_m: float
+    place_u95_m: float | None = None
+    length_mm: float | None = None
+    depth_mm: float | None = None
+    depth_u95_mm: float | None = None
+    amplitude: float | None = None
+    amplitude_unit: str = ""
+    data: str = ""
+
+
+class Calibrated(NamedTuple):
+    """A calibration or its check, before or after a flight."""
+
+    method: str  # "UT" or "ET"
+    model: str
+    serial: str
+    stage: str  # "before" or "after"
+    block: str
+    settings: dict[str, float | str]  # velocity_mps, zero_us, gain_db, phase_deg, ...
+    passed: bool
+    note: str = ""
+
+
+class StoredFlight(NamedTuple):
+    """A flight as it is stored."""
+
+    id: str
+    started_utc: str
+    asset: str
+    mission: str
+    robot: str
+    seed: int
+    run: str
+    simulated: bool
+    procedure: int | None
+    registration_std_m: float | None  # of the flight's frame in that of the asset; None: unknown
+
+
+class StoredReading(NamedTuple):
+    """A reading with its flight and component."""
+
+    id: int
+    flight: str
+    asset: str
+    component: str | None
+    calibration: int | None
+    time_utc: str
+    simulated: bool
+    registration_std_m: float | None
+    reading: Reading
+
+
+class StoredIndication(NamedTuple):
+    """An indication with its flight, component, and the last disposition."""
+
+    id: int
+    flight: str
+    asset: str
+    component: str | None
+    time_utc: str
+    simulated: bool
+    registration_std_m: float | None
+    indication: Indication
+    disposition: str  # "open" until somebody decides
+    decided: str  # who, when and why, "" while it is open
+
+
+class StoredComponent(NamedTuple):
+    """A component with the walls that its life depends on."""
+
+    id: int
+    asset: str
+    name: str
+    material: str
+    nominal_mm: float | None
+    required_mm: float | None
+
+
+class StoredProcedure(NamedTuple):
+    """A procedure in one revision."""
+
+    id: int
+    name: str
+    revision: str
+    text: str
+    sha256: str
+
+
+class StoredCalibration(NamedTuple):
+    """A calibration with its instrument."""
+
+    id: int
+    flight: str | None
+    time_utc: str
+    calibrated: Calibrated
