@@ -385,7 +385,7 @@ def test_the_command_shows_history_and_decides(tmp_path: Path) -> None:
     told = json.loads(out)["locations"][0]
     assert told["life_years"] == pytest.approx(4.0) and told["long_term"]["significant"]
     code, out = call("--decide", "1=monitor:look again", "--who", "A. Inspector")
-    assert code == 0 and "monitor (A. Inspector" in out and "look again" in out
+    assert code == 0 and "monitor: A. Inspector" in out and "look again" in out
     code, out = call("--indications", "--json")
     assert json.loads(out)["indications"][0]["disposition"] == "monitor"
     for args, says in (

@@ -72,8 +72,8 @@ def print_indications(found: Sequence[StoredIndication], path: Path) -> None:
     if not found:
         return
     table = new_table(
-        "SIMULATED" if any(i.simulated for i in found) else "", "id", "UTC", "flight", "component",
-        "kind", "x, y, z (m)", "± mm", "length (mm)", "depth (mm)", "disposition",
+        "SIMULATED" if any(i.simulated for i in found) else "", "id", "kind", "x, y, z (m)",
+        "± mm", "length (mm)", "depth (mm)", "disposition",
     )  # fmt: skip
     for i in found:
         one = i.indication
@@ -82,8 +82,11 @@ def print_indications(found: Sequence[StoredIndication], path: Path) -> None:
         if one.depth_mm is not None and one.depth_u95_mm is not None:
             depth += f" ± {one.depth_u95_mm:.2f}"
         table.add_row(
-            str(i.id), i.time_utc[:19].replace("T", " "), i.flight, i.component or "-", one.kind,
+            str(i.id), f"{i.component or ''} {one.kind}".strip(),
             f"{one.x_m:.3f}, {one.y_m:.3f}, {one.z_m:.3f}", place, format_number(one.length_mm),
-            depth, i.disposition + (f" ({i.decided})" if i.decided else ""),
+            depth, i.disposition,
         )  # fmt: skip
     console.print(table)
+    for i in found:
+        decided = f"; {i.disposition}: {i.decided}" if i.decided else ""
+        console.print(f"{i.id}: flight {i.flight}, {i.time_utc}{decided}", markup=False)
