@@ -31,19 +31,25 @@ from skywright.errors import InputError
 @click.option("--lift-off", type=float, help="Contact threshold in the instrument's units.")
 @click.option("--weld", "weld_threshold", type=float, help="Weld threshold, instrument's units.")
 @click.option("--out", type=click.Path(path_type=Path), help="Map (.png or .svg).")
+@click.option(
+    "--nde", type=click.Path(path_type=Path), help="Impedance and places of a RUN (extra 'nde')."
+)
 @as_json_option
 def weld(
     data: Path, columns: str | None, calibrate: str | None, calibration: Path | None,
     surface: Path | None, lift_off: float | None, weld_threshold: float | None, out: Path | None,
-    as_json: bool,
+    nde: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Find a weld in an instrument's data.
 
     DATA.csv has the columns t_s, re, im, x_m, y_m, z_m in any order. RUN is the directory or the
     recording of a scan that Skywright flew.
     """
+    from skywright.inspection.recorded_scan import is_recording
     from skywright.inspection.weld_data import process_file
 
+    if nde is not None and not is_recording(data):
+        raise InputError("--nde: valid for a RUN; a table names no frequency of its instrument")
     report = process_file(
         data,
         calibrate=calibrate,
@@ -53,6 +59,11 @@ def weld(
         surface_file=surface,
         columns=columns,
     )
+    if nde is not None:
+        from skywright.inspection.files.nde import write_nde
+        from skywright.inspection.files.weld_scan import build_eddy_scan
+
+        write_nde(check_writable(nde, (".nde",)), build_eddy_scan(report))
     if out is not None or not as_json:
         from skywright.reports.weld_map import write_weld_map
 

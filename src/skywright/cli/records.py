@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 )
 @click.option("--component", metavar="NAME", help="Only this component.")
 @click.option("--flight", metavar="ID", help="Only this flight.")
+@click.option("--readings", is_flag=True, help="Readings of all quantities, with place and reason.")
 @click.option("--thickness", is_flag=True, help="Thickness, corrosion rates and remaining life.")
 @click.option("--indications", is_flag=True, help="Indications with their dispositions.")
 @click.option(
@@ -38,17 +39,54 @@ if TYPE_CHECKING:
     help="Disposition of an indication: open, accept, monitor, repair, false call.",
 )
 @click.option("--who", metavar="NAME", help="Who decides (with --decide).")
+@click.option(
+    "--import",
+    "source",
+    metavar="DATA",
+    type=click.Path(path_type=Path),
+    help="Add thickness readings of a table (.csv, .parquet); with --structure and --component.",
+)
+@click.option(
+    "--columns", metavar="SPEC", help="Its own names: value=Wall[mm],t=Time[ms],x=X[m],..."
+)
+@click.option(
+    "--lag", type=float, default=0.0, metavar="S", help="Time that its values lag its places by."
+)
+@click.option("--measured", metavar="UTC", help="When it was measured; its times count from here.")
+@click.option("--required", type=float, metavar="MM", help="Required thickness of the component.")
+@click.option("--registration", type=float, metavar="M", help="Standard deviation of its frame.")
 @click.option("--csv", "table", type=click.Path(path_type=Path), help="Export as CSV.")
 @click.option("--geojson", type=click.Path(path_type=Path), help="Export as GeoJSON.")
+@click.option("--parquet", type=click.Path(path_type=Path), help="Export --readings as Parquet.")
+@click.option(
+    "--local",
+    type=click.Path(path_type=Path),
+    help="Export readings and indications as JSON points in the asset's frame.",
+)
+@click.option(
+    "--dicom",
+    type=click.Path(path_type=Path),
+    help="DICONDE-style result of one --flight and --component (extra 'dicom').",
+)
+@click.option(
+    "--report",
+    type=click.Path(path_type=Path),
+    help="Page of one --flight that is handed over (.html); print it for a PDF.",
+)
+@click.option(
+    "--deviation", "deviations", multiple=True, metavar="TEXT", help="To be stated in --report."
+)
 @click.option(
     "--origin", metavar="LON,LAT[,HEIGHT]", help="Geographic position of the world's origin."
 )
 @as_json_option
 def records_(
     file: Path, structure: str | None, spot: str | None, at: str | None, radius: float,
-    component: str | None, flight: str | None, thickness: bool, indications: bool,
-    decide: str | None, who: str | None, table: Path | None, geojson: Path | None,
-    origin: str | None, as_json: bool,
+    component: str | None, flight: str | None, readings: bool, thickness: bool, indications: bool,
+    decide: str | None, who: str | None, source: Path | None, columns: str | None, lag: float,
+    measured: str | None, required: float | None, registration: float | None, table: Path | None,
+    geojson: Path | None, parquet: Path | None, local: Path | None, dicom: Path | None,
+    report: Path | None, deviations: tuple[str, ...], origin: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """List measurements of many flights, and export them.
 
@@ -59,16 +97,40 @@ def records_(
 
     if who is not None and decide is None:
         raise InputError("--who: valid with --decide")
-    if sum((thickness, indications, decide is not None)) > 1:
-        raise InputError("--thickness, --indications and --decide: choose one")
-    store = RecordStore(file)
+    if sum((readings, thickness, indications, decide is not None, source is not None)) > 1:
+        raise InputError(
+            "--readings, --thickness, --indications, --decide and --import: choose one"
+        )
+    given = (columns, lag or None, measured, required, registration)
+    if source is None and any(v is not None for v in given):
+        raise InputError(
+            "--columns, --lag, --measured, --required and --registration: valid with --import"
+        )
+    if deviations and report is None:
+        raise InputError("--deviation: valid with --report")
+    store = RecordStore(file, create=source is not None)
     try:
+        if source is not None:
+            flight = _import(
+                store, source, structure, component, columns, lag, measured, required, registration
+            )
         _check_names(store, structure=structure, spot=spot, component=component, flight=flight)
         if decide is not None:
             _decide(store, decide, who)
+        if local is not None or dicom is not None or parquet is not None:
+            _export(store, structure, component, flight, parquet, local, dicom)
+        if report is not None:
+            _report(store, flight, deviations, report)
         if thickness:
             _show_history(store, structure, component, radius, as_json)
-        elif indications or decide is not None:
+        elif readings or source is not None or parquet is not None:
+            _show_readings(store, structure, component, flight, spot, table, as_json)
+        elif report is not None:
+            if as_json:
+                print_json({"report": str(report)})
+            else:
+                click.echo(str(report))
+        elif indications or decide is not None or local is not None or dicom is not None:
             _show_indications(store, structure, component, flight, as_json)
         else:
             _show_contacts(
@@ -107,6 +169,94 @@ def _decide(store: RecordStore, text: str, who: str | None) -> None:
     if not who:
         raise InputError("--decide requires --who NAME: a disposition is somebody's")
     store.decide(int(number), word.strip(), who, note.strip())
+
+
+def _import(
+    store: RecordStore, source: Path, asset: str | None, component: str | None,
+    columns: str | None, lag: float, measured: str | None, required: float | None,
+    registration: float | None,
+) -> str:  # fmt: skip
+    """Add a table as a flight of its own; returns the flight."""
+    from skywright.inspection.files.readings import load_readings
+    from skywright.inspection.history.database import parse_stamp
+
+    if asset is None or component is None:
+        raise InputError("--import requires --structure ASSET and --component NAME")
+    if measured is None:
+        raise InputError("--import requires --measured UTC, such as 2026-03-01T12:00:00Z")
+    if registration is not None and not (math.isfinite(registration) and registration >= 0):
+        raise InputError(f"--registration {registration:g}; valid: metres, 0 or more")
+    start = parse_stamp(measured, "--measured")
+    rows = load_readings(source, start, columns, lag)
+    part = store.add_component(asset, component, required_mm=required)
+    flight, _ = store.add_flight(
+        structure=asset, mission=f"import of {source.name}", robot="", seed=0, run="",
+        simulated=False, started=start, registration_std_m=registration,
+    )  # fmt: skip
+    store.add_readings(flight, [(row.time, row.reading) for row in rows], component=part)
+    return flight
+
+
+def _report(
+    store: RecordStore, flight: str | None, deviations: tuple[str, ...], page: Path
+) -> None:
+    from skywright.reports.inspection_report import (
+        build_inspection_report,
+        write_inspection_report,
+    )
+
+    if flight is None:
+        raise InputError("--report requires --flight ID")
+    built = build_inspection_report(store, flight, deviations)
+    write_inspection_report(built, check_writable(page, (".html",)), store.path.parent)
+
+
+def _show_readings(
+    store: RecordStore, asset: str | None, component: str | None, flight: str | None,
+    spot: str | None, table: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from skywright.inspection.files.readings import flatten_reading, write_readings_csv
+
+    found = store.find_readings(asset=asset, component=component, flight=flight)
+    found = [r for r in found if spot is None or r.reading.spot == spot]
+    if table is not None:
+        write_readings_csv(found, check_writable(table, (".csv",)))
+    if as_json:
+        print_json({"readings": [flatten_reading(r) for r in found]})
+    else:
+        from skywright.reports.terminal_records import print_readings
+
+        print_readings(found, store.path)
+
+
+def _export(
+    store: RecordStore, asset: str | None, component: str | None, flight: str | None,
+    parquet: Path | None, local: Path | None, dicom: Path | None,
+) -> None:  # fmt: skip
+    """Write the files of others that were asked for."""
+    from skywright.inspection.files import readings as tables
+
+    found = store.find_readings(asset=asset, component=component, flight=flight)
+    indications = store.find_indications(asset=asset, component=component, flight=flight)
+    if parquet is not None:
+        tables.write_readings_parquet(found, check_writable(parquet, (".parquet",)))
+    if local is not None:
+        frames = store.read("SELECT frame FROM assets WHERE name = ?", (asset or "",))
+        data = tables.build_local_json(found, indications, frames[0][0] if frames else "")
+        tables.write_local_json(data, check_writable(local, (".json",)))
+    if dicom is not None:
+        from skywright.inspection.files.diconde import Result, write_diconde
+
+        if flight is None or component is None:
+            raise InputError("--dicom requires --flight ID and --component NAME")
+        one = next(f for f in store.list_flights() if f.id == flight)
+        part = next((c for c in store.list_components(one.asset) if c.name == component), None)
+        if part is None:
+            raise InputError(f"{store.path}: flight {flight} has no component {component!r}")
+        write_diconde(
+            Result(one.asset, part, one, store.list_calibrations(flight), found, indications),
+            check_writable(dicom, (".dcm",)),
+        )
 
 
 def _show_history(

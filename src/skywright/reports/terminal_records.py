@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skywright.inspection.history.corrosion import Location, Rate
-from skywright.inspection.history.entries import StoredIndication
+from skywright.inspection.history.entries import StoredIndication, StoredReading
 from skywright.reports.terminal import format_number, new_console, new_table
 from skywright.run.records import Record
 
@@ -90,3 +90,27 @@ def print_indications(found: Sequence[StoredIndication], path: Path) -> None:
     for i in found:
         decided = f"; {i.disposition}: {i.decided}" if i.decided else ""
         console.print(f"{i.id}: flight {i.flight}, {i.time_utc}{decided}", markup=False)
+
+
+def print_readings(found: Sequence[StoredReading], path: Path) -> None:
+    """Print the readings with uncertainty, place and acceptance."""
+    console = new_console()
+    accepted = sum(r.reading.accepted for r in found)
+    console.print(
+        f"{len(found)} readings in {path}, {accepted} accepted", style="bold", markup=False
+    )
+    if not found:
+        return
+    table = new_table(
+        "SIMULATED" if any(r.simulated for r in found) else "", "UTC", "component", "spot",
+        "reading", "u95", "x, y, z (m)", "accepted",
+    )  # fmt: skip
+    for r in found:
+        one = r.reading
+        table.add_row(
+            r.time_utc[:19].replace("T", " "), r.component or "-", one.spot or "-",
+            f"{one.quantity} {format_number(one.value, one.unit)}", format_number(one.u95),
+            f"{one.x_m:.3f}, {one.y_m:.3f}, {one.z_m:.3f}",
+            "yes" if one.accepted else f"no: {one.reason}",
+        )  # fmt: skip
+    console.print(table)

@@ -53,6 +53,8 @@ class DatabaseFile:
             db.execute("PRAGMA journal_mode = WAL")
         db.execute("PRAGMA synchronous = FULL")
         db.execute("PRAGMA foreign_keys = ON")
+        # one transaction, so that another program that makes the file is seen whole or not at all
+        db.execute("BEGIN IMMEDIATE" if create else "BEGIN")
         owner, version = self._read_mark()
         empty = int(db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]) == 0
         if not (create and empty and owner == 0 and version == 0) and owner != APPLICATION_ID:
@@ -62,7 +64,10 @@ class DatabaseFile:
                 f"{self.path}: records of version {version}; this version of Skywright reads "
                 f"versions 1 to {VERSION}: install a newer one"
             )
-        if version < VERSION:
+        if create:
+            self._apply(version)
+        db.execute("COMMIT")
+        if version < VERSION and not create:
             self._migrate()
 
     def _read_mark(self) -> tuple[int, int]:
@@ -75,13 +80,18 @@ class DatabaseFile:
     def _migrate(self) -> None:
         """Bring the file to the present version in one transaction."""
         self._db.execute("BEGIN IMMEDIATE")
-        _, version = self._read_mark()  # another program may have done it meanwhile
+        self._apply(self._read_mark()[1])  # another program may have done it meanwhile
+        self._db.execute("COMMIT")
+
+    def _apply(self, version: int) -> None:
+        """Take the steps from a version to the present one."""
+        if version >= VERSION:
+            return
         for step in STEPS[version:]:
             for statement in step:
                 self._db.execute(statement)
         self._db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        self._db.execute(f"PRAGMA user_version = {max(version, VERSION)}")
-        self._db.execute("COMMIT")
+        self._db.execute(f"PRAGMA user_version = {VERSION}")
 
     def close(self) -> None:
         """Close the file."""

@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import uuid
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -121,17 +122,32 @@ class InspectionStore(DatabaseFile):
 
         Raises InputError for an accepted reading without a value, or numbers that are not finite.
         """
-        _check_numbers("reading", r._asdict())
-        if r.accepted and r.value is None:
-            raise InputError("reading: accepted without a value; refuse it with the reason")
-        if not r.accepted and not r.reason:
-            raise InputError("reading: refused without a reason")
-        return self.write((
-            "INSERT INTO readings (flight, component, calibration, time_utc, quantity, value, unit,"
-            " u95, x_m, y_m, z_m, place_u95_m, accepted, reason, spot, data)"
-            " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-            (flight, component, calibration, stamp(t), *r),
-        ))  # fmt: skip
+        return self.add_readings(flight, [(t, r)], component=component, calibration=calibration)
+
+    def add_readings(
+        self,
+        flight: str,
+        readings: Sequence[tuple[datetime, Reading]],
+        *,
+        component: int | None = None,
+        calibration: int | None = None,
+    ) -> int:
+        """Store readings, all of them or none; returns the row of the last."""
+        for _, r in readings:
+            _check_numbers("reading", r._asdict())
+            if r.accepted and r.value is None:
+                raise InputError("reading: accepted without a value; refuse it with the reason")
+            if not r.accepted and not r.reason:
+                raise InputError("reading: refused without a reason")
+        columns = ", ".join(Reading._fields)
+        marks = ", ".join("?" * (4 + len(Reading._fields)))
+        sql = (
+            f"INSERT INTO readings (flight, component, calibration, time_utc, {columns})"
+            f" VALUES ({marks})"
+        )
+        return self.write(
+            *((sql, (flight, component, calibration, stamp(t), *r)) for t, r in readings)
+        )
 
     def add_indication(
         self,

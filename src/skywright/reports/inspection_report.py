@@ -1,0 +1,227 @@
+"""The report of an inspection flight that is handed over: one page, from the database.
+
+It states what the database and the run's directory hold, marks what is missing, and leaves name,
+level and signature empty: the page is a draft for a person to judge and sign.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skywright.core.bounded import LARGEST_TOML, parse_json, read_text
+from skywright.errors import InputError
+from skywright.inspection.files.nde import UltrasonicScan, read_nde
+from skywright.inspection.history.entries import (
+    StoredCalibration,
+    StoredComponent,
+    StoredFlight,
+    StoredIndication,
+    StoredProcedure,
+    StoredReading,
+)
+from skywright.inspection.history.store import InspectionStore
+from skywright.reports.figures.style import house_style
+from skywright.reports.inspection_figures import choose_axes, draw_ascans, draw_places
+from skywright.reports.page import build_picture, render_page, write_page
+
+MOST_ASCANS = 6
+HASHED = ("mission.toml", "metrics.json", "recording.mcap")
+"""Files of a run's directory whose hash the page states."""
+
+
+class InspectionReport(NamedTuple):
+    """What the page shows."""
+
+    asset: str
+    description: str
+    frame: str
+    flight: StoredFlight
+    components: list[StoredComponent]
+    procedure: StoredProcedure | None
+    calibrations: list[StoredCalibration]
+    readings: list[StoredReading]
+    indications: list[StoredIndication]
+    coverage: dict[str, Any]
+    """Of the run: sector_m2, inspected_m2 and missed; empty where it has none."""
+    outcome: str
+    deviations: list[str]
+    hashes: list[tuple[str, str]]  # (what, SHA-256)
+
+
+def build_inspection_report(
+    store: InspectionStore, flight: str, stated: Sequence[str] = ()
+) -> InspectionReport:
+    """Collect what the page shows of a flight; `stated` are deviations that a person adds.
+
+    Raises InputError for an unknown flight, or one that neither read nor found anything.
+    """
+    known = {f.id: f for f in store.list_flights()}
+    if flight not in known:
+        raise InputError(
+            f"{store.path}: no flight {flight!r}; there are: {', '.join(known) or '-'}"
+        )
+    one = known[flight]
+    readings, found = store.find_readings(flight=flight), store.find_indications(flight=flight)
+    if not readings and not found:
+        raise InputError(f"{store.path}: flight {flight} has no readings and no indications")
+    names = {r.component for r in readings} | {i.component for i in found}
+    parts = [c for c in store.list_components(one.asset) if c.name in names]
+    procedure = None if one.procedure is None else store.get_procedure(one.procedure)
+    calibrations = store.list_calibrations(flight)
+    run = _read_run(Path(one.run)) if one.run else {}
+    rows = store.read("SELECT description, frame FROM assets WHERE name = ?", (one.asset,))
+    about, frame = rows[0]
+    deviations = [*stated, *_list_deviations(one, procedure, calibrations, readings, found, run)]
+    text = json.dumps(
+        [one._asdict(), [r._asdict() for r in readings], [i._asdict() for i in found],
+         [c._asdict() for c in calibrations]], sort_keys=True, default=str,
+    )  # fmt: skip
+    hashes = [("entries of this flight in the database", hashlib.sha256(text.encode()).hexdigest())]
+    if procedure is not None:
+        hashes.append((f"procedure {procedure.name} {procedure.revision}", procedure.sha256))
+    hashes += [(str(p), _hash(p)) for p in _list_files(one, readings, found, store.path.parent)]
+    result = run.get("result") or {}
+    coverage = {k: result[k] for k in ("sector_m2", "inspected_m2", "missed") if k in result}
+    return InspectionReport(
+        one.asset, about, frame, one, parts, procedure, calibrations, readings, found, coverage,
+        str(run.get("outcome", "")), deviations, hashes,
+    )  # fmt: skip
+
+
+def write_inspection_report(report: InspectionReport, path: Path, folder: Path) -> None:
+    """Write the page; `folder` is that of the database, beside which files of A-scans may lie."""
+    places = [(r.reading.x_m, r.reading.y_m, r.reading.z_m) for r in report.readings]
+    places += [(i.indication.x_m, i.indication.y_m, i.indication.z_m) for i in report.indications]
+    points = np.array(places)
+    scans = _load_ascans(report.readings, folder)
+    with house_style():
+        figure = draw_places(
+            report.readings, report.indications, _list_missed(report), choose_axes(points)
+        )
+        pictures = [
+            build_picture(
+                "Coverage", figure,
+                "Places in the frame of the asset. Crosses and red lines are gaps: they were asked "
+                "for and hold no accepted reading.",
+            ),
+            build_picture(
+                "A-scans", draw_ascans(scans),
+                f"The first {len(scans)} readings with a stored A-scan; red: the gated echo.",
+            ),
+        ]  # fmt: skip
+    accepted = [r for r in report.readings if r.reading.accepted]
+    page = render_page(
+        "inspection.html.j2", report=report, pictures=[p for p in pictures if p],
+        accepted=len(accepted), simulated=report.flight.simulated,
+    )  # fmt: skip
+    write_page(path, page)
+
+
+def _read_run(directory: Path) -> dict[str, Any]:
+    """metrics.json of the run; empty where the directory is elsewhere by now."""
+    file = directory / "metrics.json"
+    if not file.is_file():
+        return {}
+    data = parse_json(read_text(file, LARGEST_TOML), str(file))
+    return data if isinstance(data, dict) else {}
+
+
+def _list_deviations(
+    flight: StoredFlight, procedure: StoredProcedure | None,
+    calibrations: Sequence[StoredCalibration], readings: Sequence[StoredReading],
+    indications: Sequence[StoredIndication], run: dict[str, Any],
+) -> list[str]:  # fmt: skip
+    """What the entries themselves show to deviate, or to be missing."""
+    out = []
+    if procedure is None:
+        out.append("no procedure is stored with the flight")
+    for stage in ("before", "after"):
+        some = [c for c in calibrations if c.calibrated.stage == stage]
+        if not some:
+            out.append(f"no calibration {stage} the flight is stored")
+        out += [
+            f"the calibration {stage} the flight failed ({c.calibrated.block})"
+            + (f": {c.calibrated.note}" if c.calibrated.note else "")
+            for c in some if not c.calibrated.passed
+        ]  # fmt: skip
+    refused = [r for r in readings if not r.reading.accepted]
+    if refused:
+        reasons = dict.fromkeys(r.reading.reason for r in refused)
+        out.append(f"{len(refused)} of {len(readings)} readings refused: {'; '.join(reasons)}")
+    without = sum(r.reading.u95 is None for r in readings if r.reading.accepted)
+    if without:
+        out.append(f"{without} accepted readings state no uncertainty")
+    if any(i.indication.place_u95_m is None for i in indications):
+        out.append("indications without an uncertainty of their place")
+    if flight.registration_std_m is None:
+        out.append("the registration of the flight in the frame of the asset is not stated")
+    if flight.run and not run:
+        out.append(f"the run directory {flight.run} was not found: coverage is not known")
+    out += [
+        f"requirement {r['name']} not met: {r['value']} {r.get('unit', '')} ({r['sense']} "
+        f"{r['limit']})"
+        for r in run.get("requirements", []) if not r.get("passed", True)
+    ]  # fmt: skip
+    return out
+
+
+def _split_data(text: str, folder: Path) -> tuple[Path, str]:
+    """File and place in it of a reading's `data`: FILE#U,V."""
+    name, _, place = text.partition("#")
+    file = Path(name)
+    return (file if file.is_absolute() else folder / file), place
+
+
+def _list_files(
+    flight: StoredFlight, readings: Sequence[StoredReading],
+    indications: Sequence[StoredIndication], folder: Path,
+) -> list[Path]:  # fmt: skip
+    files = [Path(flight.run) / name for name in HASHED] if flight.run else []
+    files += [_split_data(r.reading.data, folder)[0] for r in readings if r.reading.data]
+    files += [_split_data(i.indication.data, folder)[0] for i in indications if i.indication.data]
+    return [f for f in dict.fromkeys(files) if f.is_file()]
+
+
+def _hash(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _load_ascans(
+    readings: Sequence[StoredReading], folder: Path
+) -> list[tuple[str, UltrasonicScan, tuple[int, int]]]:
+    out: list[tuple[str, UltrasonicScan, tuple[int, int]]] = []
+    loaded: dict[Path, Any] = {}
+    for r in readings:
+        file, place = _split_data(r.reading.data, folder)
+        if file.suffix != ".nde" or not file.is_file() or len(out) == MOST_ASCANS:
+            continue
+        if file not in loaded:
+            loaded[file] = read_nde(file)
+        scan = loaded[file]
+        u, _, v = (place or "0,0").partition(",")
+        if not isinstance(scan, UltrasonicScan) or not (u + (v or "0")).isdecimal():
+            continue
+        i, j = int(u), int(v or 0)
+        if i < scan.ascan.shape[0] and j < scan.ascan.shape[1]:
+            one = r.reading
+            name = one.spot or f"reading {r.id}"
+            value = "no value" if one.value is None else f"{one.value:.2f} {one.unit}"
+            out.append((f"{name}: {value}", scan, (i, j)))
+    return out
+
+
+def _list_missed(
+    report: InspectionReport,
+) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    """Pieces of the pattern of a scan that were missed, (s, c) m each; not of point surveys."""
+    return [
+        ((m["from_m"][0], m["from_m"][1]), (m["to_m"][0], m["to_m"][1]))
+        for m in report.coverage.get("missed", [])
+    ]
