@@ -37,7 +37,7 @@ def draw_places(
     if taken:
         places = _list_places([r.reading for r in taken], axes)
         values = [r.reading.value or 0.0 for r in taken]
-        dots = ax.scatter(*places.T, c=values, cmap="viridis", s=46, edgecolor=BLACK, lw=0.4,
+        dots = ax.scatter(places[:, 0], places[:, 1], c=values, cmap="viridis", s=46, edgecolor=BLACK, lw=0.4,
                           label="reading accepted")  # fmt: skip
         unit = taken[0].reading.unit
         figure.colorbar(dots, label=f"{taken[0].reading.quantity} ({unit})")
