@@ -12,7 +12,6 @@ from skywright.inspection.files.nde import UltrasonicScan
 from skywright.inspection.history.entries import StoredIndication, StoredReading
 from skywright.reports.figures.style import BLACK, LIMIT, RED, new_figure
 
-Missed = Sequence[tuple[tuple[float, float], tuple[float, float]]]
 FEW = 40
 """Readings up to which each is labelled with its value."""
 
@@ -20,15 +19,14 @@ FEW = 40
 def draw_places(
     readings: Sequence[StoredReading],
     indications: Sequence[StoredIndication],
-    missed: Missed,
     axes: tuple[int, int],
 ) -> Figure | None:
     """Draw the places in the frame of the asset along two of its axes; None where there are none.
 
-    Accepted readings are coloured by their value, refused ones crossed out, indications are
-    triangles. `missed` are ends (m) of pieces that were asked for and not inspected.
+    Accepted readings are coloured by their value, refused ones are crosses, indications
+    triangles.
     """
-    if not readings and not indications and not missed:
+    if not readings and not indications:
         return None
     names = "xyz"
     figure = new_figure(7.6, 5.0)
@@ -37,8 +35,10 @@ def draw_places(
     if taken:
         places = _list_places([r.reading for r in taken], axes)
         values = [r.reading.value or 0.0 for r in taken]
-        dots = ax.scatter(places[:, 0], places[:, 1], c=values, cmap="viridis", s=46, edgecolor=BLACK, lw=0.4,
-                          label="reading accepted")  # fmt: skip
+        dots = ax.scatter(
+            places[:, 0], places[:, 1], c=values, cmap="viridis", s=46, edgecolor=BLACK, lw=0.4,
+            label="reading accepted",
+        )  # fmt: skip
         unit = taken[0].reading.unit
         figure.colorbar(dots, label=f"{taken[0].reading.quantity} ({unit})")
         if len(taken) <= FEW:
@@ -52,9 +52,6 @@ def draw_places(
         ax.plot(*places.T, "^", color=LIMIT, ms=8, label="indication")
         for (x, y), i in zip(places, indications, strict=True):
             ax.annotate(str(i.id), (x, y), (6, -10), textcoords="offset points", size=8)
-    for k, (a, b) in enumerate(missed):
-        ax.plot([a[0], b[0]], [a[1], b[1]], color=RED, lw=2.5,
-                label="asked for, not inspected" if k == 0 else "")  # fmt: skip
     ax.set(xlabel=f"{names[axes[0]]} (m)", ylabel=f"{names[axes[1]]} (m)")
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.12)

@@ -101,14 +101,12 @@ def write_inspection_report(report: InspectionReport, path: Path, folder: Path) 
     points = np.array(places)
     scans = _load_ascans(report.readings, folder)
     with house_style():
-        figure = draw_places(
-            report.readings, report.indications, _list_missed(report), choose_axes(points)
-        )
+        figure = draw_places(report.readings, report.indications, choose_axes(points))
         pictures = [
             build_picture(
                 "Coverage", figure,
-                "Places in the frame of the asset. Crosses and red lines are gaps: they were asked "
-                "for and hold no accepted reading.",
+                "Places in the frame of the asset. Crosses are gaps: they were asked for and hold "
+                "no accepted reading.",
             ),
             build_picture(
                 "A-scans", draw_ascans(scans),
@@ -215,13 +213,3 @@ def _load_ascans(
             value = "no value" if one.value is None else f"{one.value:.2f} {one.unit}"
             out.append((f"{name}: {value}", scan, (i, j)))
     return out
-
-
-def _list_missed(
-    report: InspectionReport,
-) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    """Pieces of the pattern of a scan that were missed, (s, c) m each; not of point surveys."""
-    return [
-        ((m["from_m"][0], m["from_m"][1]), (m["to_m"][0], m["to_m"][1]))
-        for m in report.coverage.get("missed", [])
-    ]
