@@ -22,6 +22,7 @@ from skywright.inspection.crossings import Crossing, count_passes, separate_line
 from skywright.inspection.weld import process_scan
 from skywright.inspection.weld_data import process_file
 from skywright.missions.scan.coverage import compute_scan_coverage, judge_coverage, list_missed
+from skywright.missions.scan.entries import build_entries
 from skywright.missions.scan.fly import _calibrate as calibrate_touch
 from skywright.missions.scan.inspected import find_inspected
 from skywright.missions.scan.metrics import find_coverage, process_weld
@@ -31,6 +32,7 @@ from skywright.models.eddy_current import build_probe_signal, ec_signal
 from skywright.planning.patterns import build_pattern
 from skywright.run.flight import PhaseRecord
 from skywright.run.inspected import Inspected, read_inspected
+from skywright.run.records import FlightRecords, RecordStore
 from skywright.run.run import run_mission
 from skywright.run.setup import Setup
 
@@ -278,6 +280,28 @@ def test_a_false_signal_is_a_call_and_no_hit() -> None:
     assert found.calls == 1 and found.flaws[0].hit and len(found.flaws) == 1
     found = inspect(*build_run(0.0, sets=["world.weld.present=false"]))
     assert found.flaws == () and found.calls == 0 and found.sites > 20
+
+
+def test_what_a_scan_found_goes_into_the_database(tmp_path: Path) -> None:
+    """Crossings as indications: near the weld by their own u95, from what the robot knows."""
+    run, cylinder = build_run(0.0)
+    inspect(run, cylinder)
+    found = build_entries(run)
+    curve = build_weld_curve(run.setup.true.world.list_welds()[0], cylinder.radius)
+    places = np.array([(i.x_m, i.y_m, i.z_m) for _, i in found.indications])
+    s, c, _ = unroll_points(cylinder, places)
+    off = np.abs(curve.measure_distance(s, c))
+    u95 = [i.place_u95_m for _, i in found.indications]
+    assert len(places) == 4 and max(off) < 1e-3 and min(u95) > 0 and max(u95) < 0.01
+    records = FlightRecords(tmp_path / "r.db", run.setup.description)
+    records.start(tmp_path / "run")
+    records.close()
+    records.add(found)
+    store = RecordStore(tmp_path / "r.db")
+    stored = store.find_indications(component="pipe")
+    assert [i.indication for i in stored] == [i for _, i in found.indications]
+    assert {i.disposition for i in stored} == {"open"} and all(i.simulated for i in stored)
+    store.close()
 
 
 def test_a_weld_where_the_probe_never_was_is_missed_without_contact() -> None:

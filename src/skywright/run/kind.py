@@ -22,6 +22,7 @@ from skywright.errors import InputError
 
 if TYPE_CHECKING:
     from skywright.description.loader import Description
+    from skywright.inspection.history.entries import Entries
     from skywright.run.flight import Flight, Flown
     from skywright.run.inspected import Inspected
     from skywright.run.planning import MissionPlan
@@ -155,6 +156,15 @@ class MissionKind(ABC, Generic[T, P]):
         Also where the flight was cut short: a flaw that was not reached was not found.
         """
         return None
+
+    def entries(self, run: Flown[T, P]) -> Entries:
+        """Return the readings and indications of a flight, for the database (`--records`).
+
+        They rest on what the robot knows, never on truth. None by default.
+        """
+        from skywright.inspection.history.entries import Entries
+
+        return Entries()
 
     def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
         """Return the requirements that have no meaning for what was asked, each with the reason.

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from skywright.description.loader import Description
 from skywright.inspection.history.database import stamp
+from skywright.inspection.history.entries import Entries
 from skywright.inspection.history.store import InspectionStore
 
 
@@ -120,12 +121,46 @@ class RecordStore(InspectionStore):
         return [row[0] for row in self.read(f"SELECT DISTINCT {column} FROM {table} ORDER BY 1")]
 
 
-def start_records(
-    store: RecordStore, d: Description[Any], directory: Path
-) -> Callable[[Measurement], None]:
-    """Store the flight; returns what stores a measurement of it."""
-    flight, started = store.add_flight(
-        structure=d.world.name, mission=d.mission.name, robot=d.robot.name, seed=d.mission.seed,
-        run=str(directory),
-    )  # fmt: skip
-    return lambda m: store.add(flight, started, m)
+class FlightRecords:
+    """The database as one flight writes to it: contacts at once, what it found at its end."""
+
+    def __init__(self, path: Path, d: Description[Any]) -> None:
+        """Open or make the file; raises InputError as `DatabaseFile` does."""
+        self._path, self._description = path, d
+        self._store = RecordStore(path, create=True)
+        self._flight, self._started = "", datetime.now(UTC)
+
+    def start(self, directory: Path) -> Callable[[Measurement], None]:
+        """Store the flight, which begins now; returns what stores a contact of it."""
+        d = self._description
+        self._flight, self._started = self._store.add_flight(
+            structure=d.world.name, mission=d.mission.name, robot=d.robot.name,
+            seed=d.mission.seed, run=str(directory),
+        )  # fmt: skip
+        return lambda measurement: self._store.add(self._flight, self._started, measurement)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._store.close()
+
+    def add(self, found: Entries) -> None:
+        """Store what the flight found; the file is opened for it."""
+        if not (found.readings or found.indications or found.calibrations):
+            return
+        store = RecordStore(self._path, create=True)
+        try:
+            part = None
+            if found.component:
+                part = store.add_component(self._description.world.name, found.component)
+
+            def at(seconds: float) -> datetime:
+                return self._started + timedelta(seconds=seconds)
+
+            for t, calibrated in found.calibrations:
+                store.add_calibration(self._flight, at(t), calibrated)
+            store.add_readings(self._flight, [(at(t), r) for t, r in found.readings],
+                               component=part)  # fmt: skip
+            for t, indication in found.indications:
+                store.add_indication(self._flight, at(t), indication, component=part)
+        finally:
+            store.close()

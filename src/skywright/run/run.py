@@ -37,7 +37,7 @@ from skywright.run.operated import check_operator, keep_operator, write_mission
 from skywright.run.operator import Operator
 from skywright.run.parts import build_rules
 from skywright.run.planning import MissionPlan, plan_mission
-from skywright.run.records import Measurement, RecordStore, start_records
+from skywright.run.records import FlightRecords, Measurement
 from skywright.run.requirements import Verdict, check_requirement_names, describe_outcome, judge_run
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
@@ -150,7 +150,7 @@ def run_mission(
     setup, rules = Setup(description), build_rules(description)
     choose_backend(backend)  # one that does not exist is told before anything is planned
     plan, vehicle = _prepare(setup, backend, observers)  # a bad part is told before all else
-    store = None if records is None else RecordStore(records, create=True)
+    store = None if records is None else FlightRecords(records, description)
     final, partial = open_directory(out, description.mission.name)
     write_mission(partial, description, plan)
     write_unfinished(partial)
@@ -159,7 +159,7 @@ def run_mission(
     try:
         for observer in observers:
             observer.on_plan(plan, description)
-        keep = None if store is None else start_records(store, description, final)
+        keep = None if store is None else store.start(final)
         samples, phases, flight, outcome = _fly(
             setup, plan, vehicle, rules, partial, observers, keep, operator
         )
@@ -168,7 +168,8 @@ def run_mission(
             store.close()
         for observer in observers:
             observer.close()
-    result = _evaluate(Flown(setup, plan, samples, phases), flight, outcome, partial)
+    flown = Flown(setup, plan, samples, phases)
+    result = _evaluate(flown, flight, outcome, partial)
     result = result._replace(command=command, backend=backend)
     _add_timing(result, start)
     write_json(partial / "metrics.json", result.to_json())
@@ -183,6 +184,8 @@ def run_mission(
         write_json(partial / "metrics.json", result.to_json())
         return result
     partial.rename(final)
+    if store is not None and result.outcome in ("succeeded", "failed"):
+        store.add(load_kind(description.mission.kind).entries(flown))
     return result._replace(directory=final)
 
 

@@ -22,11 +22,9 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.inspection.history.database import parse_stamp, stamp
-from skywright.inspection.history.entries import StoredReading
+from skywright.inspection.history.entries import COVERAGE, StoredReading
 
 YEAR_S = 365.25 * 86400.0
-COVERAGE = 2.0
-"""u95 over the standard deviation."""
 ONE_SIDED = 1.645
 
 

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 DISPOSITIONS = ("open", "accept", "monitor", "repair", "false call")
 STAGES = ("before", "after")
+COVERAGE = 2.0
+"""u95 over the standard deviation."""
 
 
 class Reading(NamedTuple):
@@ -52,6 +54,15 @@ class Calibrated(NamedTuple):
     settings: dict[str, float | str]  # velocity_mps, zero_us, gain_db, phase_deg, ...
     passed: bool
     note: str = ""
+
+
+class Entries(NamedTuple):
+    """What one flight adds, with the time of each in seconds after its start."""
+
+    component: str = ""
+    readings: tuple[tuple[float, Reading], ...] = ()
+    indications: tuple[tuple[float, Indication], ...] = ()
+    calibrations: tuple[tuple[float, Calibrated], ...] = ()
 
 
 class StoredFlight(NamedTuple):

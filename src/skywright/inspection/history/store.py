@@ -139,6 +139,8 @@ class InspectionStore(DatabaseFile):
                 raise InputError("reading: accepted without a value; refuse it with the reason")
             if not r.accepted and not r.reason:
                 raise InputError("reading: refused without a reason")
+        if not readings:
+            return 0
         columns = ", ".join(Reading._fields)
         marks = ", ".join("?" * (4 + len(Reading._fields)))
         sql = (

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from skywright.inspection.history.entries import Entries
 from skywright.missions.scan.task import Scan
 from skywright.run.flight import Flown
 from skywright.run.folder_kind import FolderKind
@@ -32,6 +33,11 @@ class ScanKind(FolderKind[Scan]):
         from skywright.missions.scan.inspected import find_inspected
 
         return find_inspected(run)
+
+    def entries(self, run: Flown[Scan, Any]) -> Entries:
+        from skywright.missions.scan.entries import build_entries
+
+        return build_entries(run)
 
     def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
         from skywright.missions.scan.welds import list_waived
