@@ -16,10 +16,12 @@ from hypothesis import strategies as st
 
 from skywright.cli import main
 from skywright.errors import InputError
-from skywright.inspection.files.nde import write_nde
+from skywright.inspection.files.nde import EddyScan, read_nde, write_nde
 from skywright.inspection.files.readings import load_readings
+from skywright.inspection.files.weld_scan import build_eddy_scan
 from skywright.inspection.history.entries import Calibrated, Indication, Reading
 from skywright.inspection.history.store import InspectionStore
+from skywright.inspection.weld_data import process_file
 
 START = datetime(2026, 3, 1, tzinfo=UTC)
 HEAD = "t_s,x_m,y_m,z_m,thickness_mm,u95_mm\n"
@@ -204,3 +206,16 @@ def test_an_export_without_its_package_says_which(
     assert code == 2 and "skywright[dicom]" in out
     with pytest.raises(InputError, match=r"skywright\[nde\]"):
         write_nde(tmp_path / "x.nde", None)  # type: ignore[arg-type]
+
+
+def test_a_scan_s_impedance_lies_where_the_weld_map_has_it(tmp_path: Path) -> None:
+    path = Path(__file__).resolve().parent.parent / "examples" / "weld_data" / "pipe_scan.csv"
+    report = process_file(path, calibrate="0:7")
+    write_nde(tmp_path / "s.nde", build_eddy_scan(report))
+    scan = read_nde(tmp_path / "s.nde")
+    assert isinstance(scan, EddyScan)
+    placed = np.isfinite(report.result.s + report.result.c)
+    assert np.array_equal(scan.impedance[0].real, report.scan.ec[placed, 0])
+    assert np.array_equal(scan.position[:, 1], report.result.c[placed])
+    done = CliRunner().invoke(main, ["weld", str(path), "--nde", str(tmp_path / "x.nde")])
+    assert done.exit_code == 2 and "--nde: valid for a RUN" in done.output
