@@ -57,6 +57,7 @@ SHOTS = {
     "bar-transport": Shot("transport", 0.55, (-0.3, -1.0, 0.3), 8.0, (0.3, 0.0, -0.2)),
     "bimanual-bench": Shot("hold box", distance=2.6, offset=(0.2, 0.0, -0.1)),
     "bridge-contact": Shot("hold 5 N", side=(-0.8, -1.0, -0.15), distance=3.6),
+    "crack-scan": Shot("scan", 0.6, (-0.75, -0.75, 0.35), 3.0, (0.5, 0.0, 0.0)),
     "excitation": Shot("excite working", 0.3, distance=2.6),
     "flight-modes": Shot("hold angle", side=(-0.3, -1.0, 0.2), distance=2.8),
     "impact": Shot("impact", 0.1, (-0.6, -1.0, 0.2), 3.8, (0.2, 0.0, -0.45)),

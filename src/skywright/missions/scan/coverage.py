@@ -32,12 +32,13 @@ COVERAGE_MEASURES: Measures = {
     "coverage.area_fraction": (
         "",
         "fraction of the sector's area under the coil's footprint with a gap up to 1 mm "
-        "and a tilt up to 10 deg",
+        "(crack-scan: as its procedure says) and a tilt up to 10 deg",
     ),
     "coverage.pitch_mm": ("mm", "distance between neighbouring passes of a raster"),
     "coverage.pitch_full_mm": (
         "mm",
-        "largest pass distance that inspects the whole area: the coil's footprint",
+        "largest pass distance that inspects the whole area: the coil's footprint; crack-scan: the "
+        "swath less the lateral error",
     ),
 }
 """Metrics of `judge_coverage`."""

@@ -124,7 +124,7 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
     pattern = build_pattern(
         scan.pattern, cylinder.radius, cylinder.half_length, math.radians(centre),
         math.radians(scan.arc_deg), scan.passes, scan.pass_length_m, scan.centre_s_m,
-        2.0 * robot.probe.tip_radius_m,
+        scan.get_least_pitch(robot),
     )  # fmt: skip
     way, stand_off, survey = None, scan.stand_off_m, None
     if is_surveyed(setup) and begin is None and pattern.blocked_by is None:

@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from skywright.core.spec import Positive
 from skywright.description.mission.spec import Task
+from skywright.description.robot.spec import Robot
 
 
 class Scan(Task):
@@ -29,6 +30,10 @@ class Scan(Task):
     # touch the pipe at six places first and plan again; default: if plant.map_error_* is not 0
     survey: bool | None = None
     retries: int = Field(default=2, ge=0, le=10)  # how often a lost contact is established again
+
+    def get_least_pitch(self, robot: Robot) -> float:
+        """Return the least distance (m) of passes: the width of the probe's tip."""
+        return 0.0 if robot.probe is None else 2.0 * robot.probe.tip_radius_m
 
     @model_validator(mode="after")
     def _is_one_push(self) -> Self:

@@ -24,3 +24,16 @@ class ThicknessProcedure(Spec):
     # number of readings that agree
     steady_count: int = Field(default=5, ge=2, le=100)
     steady_s: float = Field(default=0.3, ge=0, le=60)  # time that they take at least
+
+
+class CrackProcedure(Spec):
+    """How a surface is searched for cracks: block, threshold, what is wanted."""
+
+    name: str = "eddy-current surface scan"  # title in the report
+    revision: str = "0"  # of the procedure, in the report
+    notch_m: float = Field(default=0.001, ge=1e-5, le=0.05)  # depth of the reference notch
+    threshold_percent: float = Field(default=15.0, ge=1, le=100)  # of full screen height
+    gap_max_m: float = Field(default=0.0005, ge=1e-5, le=0.002)  # largest gap that counts
+    overlap_fraction: Fraction = 0.1  # of a coil's width, between passes
+    lateral_std_m: float = Field(default=0.0005, ge=0, le=0.02)  # of a pass, across it
+    track_std_m: float = Field(default=0.0015, ge=1e-5, le=0.1)  # of a place from the datum

@@ -1,0 +1,177 @@
+"""Indications of an eddy-current flaw scan: where the display leaves its null, and what that is.
+
+The same finder takes a file in one block or a live stream in many. It works in % of full screen of
+a set-up display (notch_setup.py), where the lift-off lies to the right and notches point upwards.
+What is slow along the path (temperature, texture, a wide weld) is taken out by a running median.
+
+Crack and permeability turn the display alike, as both act through the surface impedance: phase does
+not separate them. Width does: a coil shows a crack about as wide as itself, a weld wider. What is
+neither is ambiguous, and so is a crack beside or in a weld.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from skywright.core.arrays import Array
+from skywright.errors import InputError
+
+Kind = Literal["crack", "weld", "ambiguous"]
+LINK = 0.0035
+"""m; samples above the threshold this close are one indication: a coil's width."""
+NARROW = 0.0055
+"""m; an indication narrower than this is a crack: a coil of 3.4 mm, and its way over the crack."""
+WIDE = 0.0075
+"""m; wider ones are a weld or a change of the metal."""
+LAG = 0.5
+"""s, over which the probe's way is measured."""
+BESIDE = 0.004
+"""m; within this of a weld a crack is ambiguous."""
+
+
+class Indication(NamedTuple):
+    """One place where the display left its null."""
+
+    s: float  # m, along the axis
+    c: float  # m, around it
+    height: float  # % FSH, signed: upwards as the notch
+    length: float  # m, at the threshold
+    width: float  # m, at half height, across it
+    angle: float  # rad, of its length from the circumferential direction towards +s
+    kind: Kind
+    u95: float  # m, of its place
+    t: float  # s, of its highest sample
+    samples: int
+
+
+class FlawFinder:
+    """Collects a scan of one or more coils, block by block, and finds its indications."""
+
+    def __init__(
+        self, *, threshold: float = 15.0, window_m: float = 0.04, coil_width_m: float = 0.00344,
+        track_std: float = 0.001,
+    ) -> None:  # fmt: skip
+        """`threshold` in % FSH; `window_m`: way of the running median; `track_std` (m): of a place.
+
+        Raises InputError where one of them is not above 0.
+        """
+        for name, value in (("threshold", threshold), ("window_m", window_m),
+                            ("coil_width_m", coil_width_m), ("track_std", track_std)):  # fmt: skip
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"flaw scan: {name} {value}; valid: above 0")
+        self.threshold, self.window_m = threshold, window_m
+        self.coil_width_m, self.track_std = coil_width_m, track_std
+        self._blocks: list[tuple[Array, NDArray[np.complex128], Array, Array]] = []
+
+    def add(
+        self, t: Iterable[float], display: NDArray[np.complex128], s: Array, c: Array
+    ) -> int:  # fmt: skip
+        """Take `display` (n, k) in % FSH of k coils at `s`, `c` (n, k) m and `t` (n,) s.
+
+        NaN marks samples that do not count (no contact). Returns how many samples of the block are
+        above the threshold as they are: what a live display would ring for. Raises InputError for
+        arrays that do not fit together.
+        """
+        times = np.asarray(list(t), float)
+        z = np.atleast_2d(np.asarray(display, np.complex128))
+        if not z.shape == np.shape(s) == np.shape(c) or len(times) != len(z):
+            raise InputError(
+                f"flaw scan: {len(times)} times, signals {z.shape}, places {np.shape(s)} and "
+                f"{np.shape(c)}; valid: (n,) and three times (n, k)"
+            )
+        if self._blocks and self._blocks[0][1].shape[1] != z.shape[1]:
+            raise InputError(
+                f"flaw scan: a block of {z.shape[1]} coils after one of "
+                f"{self._blocks[0][1].shape[1]}; valid: the same number"
+            )
+        self._blocks.append((times, z, np.asarray(s, float), np.asarray(c, float)))
+        return int(np.count_nonzero(np.abs(z.imag) > self.threshold))
+
+    def compute_heights(self) -> tuple[Array, Array, Array, Array]:
+        """Return times (n,), vertical parts (n, k) in % FSH less what is slow, places (n, k)."""
+        if not self._blocks:
+            none = np.zeros((0, 1))
+            return np.zeros(0), none, none, none
+        t, z, s, c = (np.concatenate(x) for x in zip(*self._blocks, strict=True))
+        up = np.full(z.shape, np.nan)
+        for k in range(z.shape[1]):
+            ok = np.flatnonzero(np.isfinite(z[:, k]) & np.isfinite(s[:, k]) & np.isfinite(c[:, k]))
+            if ok.size < 3:
+                continue
+            mean = _measure_step(t[ok], s[ok, k], c[ok, k])
+            size = ok.size if mean <= 0 else min(round(self.window_m / mean), ok.size)
+            values = z[ok, k].imag
+            up[ok, k] = values - median_filter(values, size=max(size, 3) | 1, mode="nearest")
+        return t, up, s, c
+
+    def find(self) -> list[Indication]:
+        """Return the indications of all that was added, the highest first."""
+        t, up, s, c = self.compute_heights()
+        row, coil = np.nonzero(np.abs(np.nan_to_num(up)) > self.threshold)
+        if not row.size:
+            return []
+        height, place = up[row, coil], np.column_stack([s[row, coil], c[row, coil]])
+        labels = np.zeros(row.size, int)
+        for sign in (1.0, -1.0):  # a weld's flank is no part of a crack
+            mine = np.flatnonzero(np.sign(height) == sign)
+            labels[mine] = _link(place[mine]) + (0 if sign > 0 else row.size)
+        found = [
+            self._describe(t[row[mine]], height[mine], place[mine])
+            for mine in (np.flatnonzero(labels == k) for k in np.unique(labels))
+        ]
+        welds = [x for x in found if x.kind == "weld"]
+        out = []
+        for x in found:
+            near = [w for w in welds if math.hypot(x.s - w.s, x.c - w.c)
+                    < 0.5 * (w.length + w.width) + BESIDE]  # fmt: skip
+            out.append(x._replace(kind="ambiguous") if x.kind == "crack" and near else x)
+        return sorted(out, key=lambda x: -abs(x.height))
+
+    def _describe(self, t: Array, height: Array, place: Array) -> Indication:
+        weight = np.abs(height)
+        peak = int(np.argmax(weight))
+        middle = weight @ place / weight.sum()
+        d = place - middle
+        spread = (d * weight[:, None]).T @ d / weight.sum()
+        values, axes = np.linalg.eigh(spread)
+        along, across = d @ axes[:, 1], d @ axes[:, 0]
+        high = weight >= 0.5 * weight[peak]
+        # one coil sees a place no narrower than itself
+        width = max(float(np.ptp(across[high])), 0.0)
+        length = float(np.ptp(along))
+        if len(height) < 3 or values[1] <= 0:
+            width, length = 0.0, 0.0
+        kind: Kind = "ambiguous"
+        if height[peak] > 0 and width <= NARROW:
+            kind = "crack"
+        elif width >= WIDE:
+            kind = "weld"
+        angle = math.atan2(float(axes[0, 1]), float(axes[1, 1]))
+        angle -= math.pi * round(angle / math.pi)
+        u95 = 2 * math.hypot(self.track_std, 0.25 * self.coil_width_m)
+        return Indication(
+            float(middle[0]), float(middle[1]), float(height[peak]), length, width, angle, kind,
+            u95, float(t[peak]), len(height),
+        )  # fmt: skip
+
+
+def _measure_step(t: Array, s: Array, c: Array) -> float:
+    """Way (m) between two samples, over LAG: that of neighbours is mostly the tracker's noise."""
+    dt = float(np.median(np.diff(t)))
+    lag = min(max(round(LAG / dt), 1) if dt > 0 else 1, t.size - 1)
+    return float(np.median(np.hypot(s[lag:] - s[:-lag], c[lag:] - c[:-lag]))) / lag
+
+
+def _link(place: Array) -> NDArray[np.intp]:
+    """Label (n,) places that hang together in steps of LINK."""
+    n = len(place)
+    pairs = cKDTree(place).query_pairs(LINK, output_type="ndarray") if n else np.zeros((0, 2), int)
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], np.intp)

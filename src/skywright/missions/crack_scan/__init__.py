@@ -1,0 +1,35 @@
+"""The mission kind "crack-scan"."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from skywright.missions.crack_scan.task import CrackScan
+from skywright.run.folder_kind import FolderKind
+from skywright.run.inspected import Inspected
+
+if TYPE_CHECKING:
+    from skywright.run.flight import Flown
+
+
+class CrackScanKind(FolderKind[CrackScan]):
+    """Slide an eddy-current array over a pipe and report cracks."""
+
+    task = CrackScan
+    needs = frozenset({"uav", "whole_body", "probe"})
+
+    def result(self, run: Flown[CrackScan, Any]) -> object:
+        from skywright.missions.crack_scan.search import find_search
+
+        return run.once(find_search)
+
+    def describe(self, run: Flown[CrackScan, Any]) -> dict[str, Any]:
+        from skywright.missions.crack_scan.search import describe_search, find_search
+
+        found = run.once(find_search)
+        return {} if found is None else describe_search(run, found)
+
+    def inspected(self, run: Flown[CrackScan, Any]) -> Inspected:
+        from skywright.missions.crack_scan.judge import find_inspected
+
+        return find_inspected(run)

@@ -1,0 +1,110 @@
+"""The array of a search for cracks, and its display: set up before the flight, checked after."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skywright.core.streams import build_stream
+from skywright.errors import InputError
+from skywright.inspection.notch_setup import (
+    NotchSetup,
+    SetupCheck,
+    check_block,
+    check_setup,
+    set_up,
+)
+from skywright.models.block_scan import BlockScan, compute_true_gain, simulate_block_scan
+from skywright.models.crack_signal import Metal
+from skywright.models.deviated_sensors import deviate_noise
+from skywright.models.things.notch_block import NotchBlock
+from skywright.run.parts import build_named
+from skywright.run.setup import Setup
+from skywright.vehicle.sensors.eddy_array import EddyArray
+
+
+class Array(NamedTuple):
+    """The eddy-current array that the robot carries."""
+
+    name: str  # of its table [robot.sensors.NAME]
+    table: EddyArray.Table  # as its data sheet says
+    true: EddyArray.Table  # as it is
+
+
+def find_array(setup: Setup[Any]) -> Array:
+    """Return the robot's array; raises InputError where it has none."""
+    d = setup.description
+    for part in build_named(d):
+        if isinstance(part, EddyArray):
+            if part.table.layout == "differential":
+                raise InputError(
+                    f"robot.sensors.{part.name}.layout: a search for cracks takes absolute coils; "
+                    "valid: 'absolute'"
+                )
+            error = setup.deviation.sensor_noise_error
+            return Array(
+                part.name, part.table, deviate_noise(part.table, part.name, error, d.mission.seed)
+            )
+    raise InputError(
+        f"robot {d.robot.name!r} has no eddy-current array: add a table [robot.sensors.NAME] with "
+        'kind = "eddy_array"'
+    )
+
+
+def set_up_display(setup: Setup[Any], array: Array) -> NotchSetup:
+    """Set the display up on the block before the flight.
+
+    The block is the world's (`kind = "notch_block"`), or one of the pipe's material. Raises
+    InputError for a block of another material, or without the procedure's notch.
+    """
+    return set_up(_visit(setup, array, 0.0))
+
+
+def check_display(setup: Setup[Any], array: Array, done: NotchSetup, seconds: float) -> SetupCheck:
+    """Look at the block again, `seconds` after the set-up."""
+    return check_setup(done, _visit(setup, array, seconds))
+
+
+def _visit(setup: Setup[Any], array: Array, seconds: float) -> BlockScan:
+    pipe, notch = setup.world.pipe, setup.task.procedure.notch_m
+    assert pipe is not None
+    metal = part = Metal(pipe.conductivity_s_per_m, pipe.relative_permeability)
+    for thing in setup.world.things.values():
+        if isinstance(thing, NotchBlock):
+            metal = Metal(thing.conductivity_s_per_m, thing.relative_permeability)
+            check_block(metal, part)
+            if not any(abs(notch - depth) < 1e-6 for depth in thing.notches_m):
+                raise InputError(
+                    f"mission.task.procedure.notch_m: {notch:g}; the reference block has notches "
+                    f"of {', '.join(f'{x:g}' for x in thing.notches_m)} m"
+                )
+    t = array.true
+    when = "after" if seconds else "before"
+    gain = compute_true_gain(
+        t.gain_db, t.phase_deg, t.gain_drift_db, t.phase_drift_deg, seconds
+    )  # fmt: skip
+    return simulate_block_scan(
+        metal, t.build_coil(), t.build_instrument(),
+        build_stream(setup.description.mission.seed, "block", when),
+        notch_depth=notch, gain=gain,
+    )  # fmt: skip
+
+
+def place_coils(
+    array: Array, s: Any, c: Any, R_WT: Any, R_WP: Any, phi: Any
+) -> tuple[Any, Any]:  # fmt: skip
+    """Return the places (n, k) m of the coils on the unrolled surface, from those of the tip.
+
+    `s`, `c` (n,) m of the tip; `R_WT` (n, 3, 3) its attitude; `R_WP` (3, 3) of the pipe; `phi` (n,)
+    rad around it.
+    """
+    table = array.table
+    turn = np.radians(table.axis_deg)
+    along = np.cos(turn) * R_WT[:, :, 0] + np.sin(turn) * R_WT[:, :, 1]
+    around = np.sin(phi)[:, None] * R_WP[:, 0] + np.cos(phi)[:, None] * R_WP[:, 2]
+    offset = np.zeros(1)
+    if table.coils > 1:
+        offset = np.linspace(-0.5, 0.5, table.coils) * table.width_m
+    ds, dc = along @ R_WP[:, 1], np.sum(along * around, axis=1)
+    return s[:, None] + ds[:, None] * offset, c[:, None] + dc[:, None] * offset

@@ -1,0 +1,110 @@
+"""What a report shows of a search for cracks: the map of the display, area, contact."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skywright.description.loader import Description
+from skywright.missions.crack_scan.judge import list_flaws
+from skywright.missions.crack_scan.plan import CrackWay
+from skywright.missions.crack_scan.task import CrackScan
+from skywright.missions.scan.figures import FIGURES as SCAN
+from skywright.reports.figures.style import BLACK, LIMIT, new_map
+from skywright.run.flight import Flown
+from skywright.run.kind import Chart, Figures, Sketch
+from skywright.run.run import RunResult
+from skywright.run.setup import Setup
+
+
+def draw_map(result: RunResult[CrackScan, CrackWay]) -> Figure | None:
+    """Height of the display over the unrolled surface, indications, and the true cracks."""
+    found = result.details
+    if found is None or not np.isfinite(found.height).any():
+        return None
+    seen = np.isfinite(found.height)
+    s, c, up = found.s[seen], found.c[seen], found.height[seen]
+    figure, ax = new_map(found.cells[:, 0], found.cells[:, 1], 0.2, below=0.85, right=0.65)
+    order = np.argsort(np.abs(up))
+    shown = ax.scatter(1e3 * s[order], 1e3 * c[order], c=up[order], s=3, cmap="RdBu_r", vmin=-60,
+                       vmax=60, lw=0, rasterized=True)  # fmt: skip
+    gaps = found.cells[~found.covered]
+    ax.plot(1e3 * gaps[:, 0], 1e3 * gaps[:, 1], "s", color="#c9ced6", ms=1.5, label="not covered")
+    for x in found.indications:
+        ax.plot(1e3 * x.s, 1e3 * x.c, "o", mfc="none", color=LIMIT, ms=11)
+        ax.annotate(x.kind, (1e3 * x.s, 1e3 * x.c), xytext=(7, 5), textcoords="offset points",
+                    fontsize=8, color=LIMIT)  # fmt: skip
+    run = Flown(Setup(result.description), result.plan, result.samples, result.phases)
+    for f in list_flaws(run):
+        turn, half = np.radians(f.crack.angle_deg), 0.5e3 * f.crack.length_m
+        ds, dc = half * np.sin(turn), half * np.cos(turn)
+        ax.plot([1e3 * f.s - ds, 1e3 * f.s + ds], [1e3 * f.c - dc, 1e3 * f.c + dc], color=BLACK)
+    ax.plot([], [], color=BLACK, label="true crack")
+    ax.plot([], [], "o", mfc="none", color=LIMIT, label="indication")
+    ax.set_aspect("equal")
+    ax.set(xlabel="s, along the pipe's axis (mm)", ylabel="c, around the pipe (mm)")
+    ax.grid(False)
+    figure.colorbar(shown, ax=ax, label="% of full screen")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.1, ncols=3, fontsize=8,
+              frameon=False)  # fmt: skip
+    return figure
+
+
+def describe(result: RunResult[CrackScan, CrackWay]) -> str:
+    """Say what was found."""
+    m, d = result.metrics, result.description
+    did = f"{d.robot.name} in world {d.world.name} "
+    if "crack.expected" not in m:
+        return did + "searched nothing"
+    return did + (
+        f"covered {m['coverage.area_fraction']:.0%} of the sector and reported "
+        f"{m['crack.expected'] - m['crack.missed']:.0f} of {m['crack.expected']:.0f} cracks"
+    )
+
+
+def list_notes(result: RunResult[CrackScan, CrackWay]) -> list[str]:
+    """Procedure, block, and each indication."""
+    p, found = result.description.mission.task.procedure, result.details
+    out = [
+        f"Procedure: {p.name}, revision {p.revision}. The display was set up on a notch of "
+        f"{1e3 * p.notch_m:g} mm at 80 % of full screen; what exceeds {p.threshold_percent:g} % is "
+        f"an indication; readings count up to a gap of {1e3 * p.gap_max_m:g} mm. The readings are "
+        "simulated."
+    ]
+    if found is None:
+        return [*out, "The run did not reach the scan."]
+    held = "; ".join(found.check.reasons) or "the set-up holds"
+    out.append(f"On the block after the flight: {held}.")
+    return out + [
+        f"Indication at s = {1e3 * x.s:.1f} mm, c = {1e3 * x.c:.1f} mm (u95 {1e3 * x.u95:.1f} mm): "
+        f"{x.kind}, {x.height:.0f} %, {1e3 * x.length:.0f} mm long."
+        for x in found.indications
+    ]
+
+
+def sketch(description: Description[CrackScan], way: CrackWay | None) -> Sketch:
+    """The passes, as of a scan."""
+    if way is None:
+        return Sketch()
+    shown: Any = SCAN.sketch(cast(Any, description), way.scan)
+    return cast(Sketch, shown)
+
+
+FIGURES = Figures(
+    describe,
+    notes=list_notes,
+    phases=SCAN.phases,
+    title="Search for cracks",
+    charts={
+        "crack-map": Chart(
+            "Map of the display",
+            "Vertical part of the display over the unrolled surface, in % of full screen. Red: "
+            "upwards, as the notch. Circles are indications; black lines are the true cracks, "
+            "which only a simulation knows. Grey: not covered.",
+            draw_map,
+        ),
+    },
+    sketch=sketch,
+)

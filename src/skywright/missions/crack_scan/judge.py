@@ -1,0 +1,128 @@
+"""Judge the indications of a search against the true cracks of the sector."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.description.world.surface import Cylinder, roll_points, unroll_points
+from skywright.inspection.indications import Indication
+from skywright.missions.crack_scan.plan import CrackWay
+from skywright.missions.crack_scan.search import Search, as_scan, find_search
+from skywright.missions.crack_scan.task import CrackScan
+from skywright.missions.scan.coverage import SCAN
+from skywright.missions.scan.metrics import get_surface
+from skywright.models.things.crack import Crack
+from skywright.planning.patterns import SIDES
+from skywright.run.flight import Flown
+from skywright.run.inspected import Inspected, InspectedFlaw
+
+NEAR = 0.008
+"""m: an indication this near to a crack's mouth is that crack's."""
+SITE = 0.02
+"""m: edge of a square of surface that counts as one place without a crack."""
+
+
+class Flaw(NamedTuple):
+    """A true crack of the sector, in places of the surface that the inspection knows."""
+
+    name: str
+    crack: Crack
+    s: float
+    c: float
+
+    def measure(self, s: Array, c: Array) -> Array:
+        """Distance (n,) m of places from its mouth."""
+        turn, half = math.radians(self.crack.angle_deg), self.crack.length_m / 2
+        ds, dc = np.asarray(s) - self.s, np.asarray(c) - self.c
+        along = ds * math.sin(turn) + dc * math.cos(turn)
+        across = ds * math.cos(turn) - dc * math.sin(turn)
+        return np.asarray(np.hypot(np.maximum(np.abs(along) - half, 0.0), across))
+
+
+def list_flaws(run: Flown[CrackScan, CrackWay]) -> list[Flaw]:
+    """Return the cracks in the sector that was asked for.
+
+    Their places are carried to the pipe that the survey found, as it counts s and c.
+    """
+    true, task = run.setup.true.cylinder, run.task
+    known = get_surface(as_scan(run)) or run.setup.cylinder
+    if true is None or known is None:
+        return []
+    middle = math.radians(SIDES.get(task.side, task.centre_angle_deg))
+    out = []
+    for name, thing in run.setup.true.world.things.items():
+        if isinstance(thing, Crack):
+            s, c = carry(true, known, thing)
+            around = abs(math.remainder(c / known.radius - middle, 2 * math.pi))
+            inside = abs(s - task.centre_s_m) <= task.pass_length_m / 2
+            if inside and around <= math.radians(task.arc_deg) / 2:
+                out.append(Flaw(name, thing, s, c))
+    return out
+
+
+def carry(true: Cylinder, known: Cylinder, crack: Crack) -> tuple[float, float]:
+    """Return (s, c) m of a crack's middle on the known pipe."""
+    p, _ = roll_points(true, crack.s_m, true.radius * math.radians(crack.around_deg))
+    s, c, _ = unroll_points(known, p)
+    return float(s[0]), float(c[0])
+
+
+def match(found: list[Indication], flaws: list[Flaw]) -> tuple[list[float | None], int]:
+    """Return the distance (m) of the nearest report of each flaw, or None; and the false calls.
+
+    Reports are cracks and ambiguous indications that point upwards; each belongs to a flaw within
+    NEAR, or is a false call.
+    """
+    reports = [x for x in found if x.kind == "crack" or (x.kind == "ambiguous" and x.height > 0)]
+    s, c = np.array([x.s for x in reports]), np.array([x.c for x in reports])
+    off = np.array([f.measure(s, c) for f in flaws]).reshape(len(flaws), len(reports))
+    errors: list[float | None] = []
+    for f, row in zip(flaws, off, strict=True):
+        mine = np.flatnonzero(row <= NEAR)
+        errors.append(
+            float(np.min(np.hypot(s[mine] - f.s, c[mine] - f.c))) if mine.size else None
+        )  # fmt: skip
+    false = int(np.count_nonzero(np.min(off, axis=0, initial=math.inf) > NEAR))
+    return errors, false
+
+
+def find_inspected(run: Flown[CrackScan, CrackWay]) -> Inspected:
+    """Return the cracks of the sector, found or not, and its places without a crack."""
+    flaws, found = list_flaws(run), run.once(find_search)
+    if found is None:
+        return Inspected(tuple(
+            InspectedFlaw(f.name, _measure(f), False, False) for f in flaws
+        ))  # fmt: skip
+    errors, false = match(found.indications, flaws)
+    samples = run.samples[SCAN.select(run.samples, run.phases)]
+    out = []
+    for f, error in zip(flaws, errors, strict=True):
+        near = f.measure(found.s, found.c) < 0.002
+        seen = near & np.isfinite(found.height)
+        rows = near.any(axis=1)
+        gap = float(np.max(samples["gap_max"][rows])) if rows.any() else math.nan
+        signal = float(np.max(found.height[seen])) if seen.any() else None
+        out.append(InspectedFlaw(
+            f.name, _measure(f), error is not None, bool(seen.any()), signal, {"gap_mm": 1e3 * gap}
+        ))  # fmt: skip
+    return Inspected(tuple(out), *_count_sites(found, flaws, false), f"{1e3 * SITE:.0f} mm square")
+
+
+def _measure(flaw: Flaw) -> dict[str, float]:
+    return {"depth_mm": 1e3 * flaw.crack.depth_m, "length_mm": 1e3 * flaw.crack.length_m}
+
+
+def _count_sites(found: Search, flaws: list[Flaw], false: int) -> tuple[int, int]:
+    """Return the covered squares without a crack, and how many of them were called."""
+    cells = found.cells[found.covered]
+    if not len(cells):
+        return 0, 0
+    clear = np.ones(len(cells), bool)
+    for f in flaws:
+        clear &= f.measure(*cells.T) > NEAR + SITE / 2
+    sites = len(np.unique(np.floor(cells[clear] / SITE), axis=0))
+    return sites, min(false, sites)

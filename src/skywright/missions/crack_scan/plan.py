@@ -1,0 +1,93 @@
+"""Plan a search for cracks: passes as close as swath and lateral error need."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, cast
+
+from skywright.errors import InputError
+from skywright.inspection.notch_setup import NotchSetup
+from skywright.missions.crack_scan.display import Array, find_array, set_up_display
+from skywright.missions.crack_scan.task import CrackScan
+from skywright.missions.scan.plan import ScanWay
+from skywright.missions.scan.plan import plan as plan_scan
+from skywright.missions.skills.procedure import CrackProcedure
+from skywright.run.planning import MissionPlan
+from skywright.run.setup import Setup
+
+COIL_WIDTH = 0.00344
+"""m, at half height, of the default coil over a crack (models/crack_signal.py)."""
+OUTER_RADIUS = 0.0025
+"""m, of that coil: the width of others is in proportion."""
+
+
+class CrackWay(NamedTuple):
+    """What the mission will do."""
+
+    scan: ScanWay
+    display: NotchSetup  # on the block, before the flight
+    swath_m: float  # of one pass
+    pitch_m: float  # largest distance of passes
+    passes: int
+
+
+def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
+    """Set up the display, choose the passes, and plan their scan.
+
+    Raises InputError for a robot without an array, a sector narrower than the swath, and a block
+    that cannot be set up on.
+    """
+    array, task = find_array(setup), setup.task
+    pipe = setup.world.pipe
+    if pipe is None:
+        raise InputError(f"world {setup.world.name!r} has no pipe to search for cracks")
+    display = set_up_display(setup, array)
+    swath = compute_swath(array)
+    arc = math.radians(task.arc_deg) * pipe.diameter_m / 2
+    if swath > arc:
+        raise InputError(
+            f"mission.task.arc_deg: a sector of {1e3 * arc:.0f} mm is narrower than the swath of "
+            f"{1e3 * swath:.0f} mm; valid: {math.degrees(2 * swath / pipe.diameter_m):.0f} deg or "
+            "more, or fewer coils"
+        )
+    pitch = compute_pitch(swath, array, task.procedure)
+    passes = task.passes or 1 + math.ceil((arc - swath) / pitch - 1e-9)
+    # the outer passes lie half a swath inside the sector, less what they may be off
+    inside = arc - swath + (swath - pitch)
+    narrow = math.degrees(2 * max(inside, 1e-4) / pipe.diameter_m)
+    d = setup.description
+    asked = task.model_copy(update={
+        "arc_deg": narrow, "passes": max(passes, 1), "pattern": "raster" if passes > 1 else "line"
+    })  # fmt: skip
+    mission = d.mission.model_copy(update={"task": asked})
+    found = plan_scan(cast(Any, Setup(d._replace(mission=mission))))
+    way = None if found.way is None else CrackWay(found.way, display, swath, pitch, passes)
+    return cast(MissionPlan[CrackWay], found._replace(way=cast(Any, way)))
+
+
+def compute_coil_width(array: Array) -> float:
+    """Return the width (m) of a coil's footprint, at half height over a crack."""
+    return COIL_WIDTH * array.table.outer_radius_m / OUTER_RADIUS
+
+
+def compute_swath(array: Array) -> float:
+    """Return the width (m) that one pass covers."""
+    table = array.table
+    return (table.width_m if table.coils > 1 else 0.0) + compute_coil_width(array)
+
+
+def compute_pitch(swath: float, array: Array, procedure: CrackProcedure) -> float:
+    """Return the largest distance (m) of passes that leaves gaps on 1 % of their length.
+
+    Both passes are off by `lateral_std_m`: p = w - 2.33 sqrt(2) s, and at most w less the overlap.
+    Raises InputError where the lateral error leaves nothing.
+    """
+    overlap = procedure.overlap_fraction * compute_coil_width(array)
+    pitch = swath - max(2.33 * math.sqrt(2.0) * procedure.lateral_std_m, overlap)
+    if pitch < 0.001:
+        raise InputError(
+            f"mission.task.procedure.lateral_std_m: {1e3 * procedure.lateral_std_m:g} mm leaves a "
+            f"pitch of {1e3 * pitch:.1f} mm of a swath of {1e3 * swath:.1f} mm; valid: 1 mm or "
+            "more; use an array, or lower the lateral error"
+        )
+    return pitch

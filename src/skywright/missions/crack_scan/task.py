@@ -1,0 +1,23 @@
+"""What a mission of the kind "crack-scan" may say."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from skywright.description.robot.spec import Robot
+from skywright.missions.scan.task import Scan
+from skywright.missions.skills.procedure import CrackProcedure
+
+
+class CrackScan(Scan):
+    """Search a sector of the pipe's surface for cracks, with passes as close as the swath needs."""
+
+    pattern: Literal["raster"] = "raster"  # axial passes, joined by steps
+    passes: int = Field(default=0, ge=0, le=100)  # axial passes; 0: as many as the swath needs
+    procedure: CrackProcedure = CrackProcedure()
+
+    def get_least_pitch(self, robot: Robot) -> float:
+        """Passes overlap: they may be as close as 1 mm."""
+        return 0.001

@@ -1,0 +1,208 @@
+"""Indications of a flaw scan on synthetic arrays, and one search for cracks in flight."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from skywright.description.loader import load_description
+from skywright.errors import InputError
+from skywright.inspection.indications import FlawFinder
+from skywright.inspection.notch_setup import set_up
+from skywright.missions.crack_scan.display import find_array
+from skywright.missions.crack_scan.judge import Flaw, match
+from skywright.missions.crack_scan.plan import compute_pitch, compute_swath, plan
+from skywright.models.block_scan import simulate_block_scan
+from skywright.models.crack_signal import CELL, Metal, build_crack_table
+from skywright.models.eddy_current import Coil, Instrument
+from skywright.models.things.crack import Crack
+from skywright.run.run import run_mission
+from skywright.run.setup import Setup
+
+STEEL = Metal(5e6, 100.0)
+COILS = np.linspace(-0.02, 0.02, 16)
+DISPLAY = set_up(simulate_block_scan(STEEL, Coil(), Instrument(), np.random.default_rng(0)))
+
+
+def scan(crack: Crack | None, rng: np.random.Generator, *, weld: bool = False, noise: float = 0.05):
+    """One pass of 16 coils over 120 mm, in contact: t, signals in units, places."""
+    s1 = np.linspace(-0.06, 0.06, 1200)
+    s, c = np.meshgrid(s1, COILS, indexing="ij")
+    z = noise * (rng.standard_normal(s.shape) + 1j * rng.standard_normal(s.shape))
+    null = DISPLAY.null
+    if crack is not None:
+        table = build_crack_table(crack.length_m, crack.depth_m, STEEL, Coil(), Instrument()).signal
+        turn = math.radians(crack.angle_deg)
+        ds, dc = s - crack.s_m, c
+        y = np.abs(ds * math.sin(turn) + dc * math.cos(turn)) / CELL
+        x = np.abs(ds * math.cos(turn) - dc * math.sin(turn)) / CELL
+        near = (x < table.shape[1] - 1) & (y < table.shape[2] - 1)
+        z[near] += table[0][x[near].astype(int), y[near].astype(int)]
+    if weld:  # across the path, 10 mm wide, 7.4 units against the crack
+        z += (
+            7.4
+            * np.exp(1j * np.angle(-1.0 / DISPLAY.factor * 1j))
+            * np.exp(-0.5 * ((s - 0.03) / 0.005) ** 2)
+        )
+    return 0.01 * np.arange(1200), z + null, s, c
+
+
+def search(t, z, s, c, **kw):
+    finder = FlawFinder(**kw)
+    finder.add(t, DISPLAY.show(z), s, c)
+    return finder.find()
+
+
+@pytest.mark.parametrize("angle", [0.0, 45.0, 90.0])
+def test_a_crack_is_found_where_it_is_whatever_its_direction(angle: float) -> None:
+    crack = Crack(s_m=0.01, length_m=0.006, depth_m=0.001, angle_deg=angle)
+    found = search(*scan(crack, np.random.default_rng(1)))
+    assert [x.kind for x in found] == ["crack"]
+    assert math.hypot(found[0].s - 0.01, found[0].c) < 0.0015 < found[0].u95
+    assert 25.0 < found[0].height < 80.0
+
+
+def test_heights_grow_with_depth_and_nothing_is_found_on_sound_metal() -> None:
+    rng = np.random.default_rng(2)
+    heights = [
+        search(*scan(Crack(depth_m=d), rng), threshold=5.0)[0].height
+        for d in (0.0003, 0.0006, 0.001, 0.002)
+    ]
+    assert np.all(np.diff(heights) > 3.0)
+    assert not any(search(*scan(None, rng)) for _ in range(50))
+
+
+def test_a_weld_is_wide_and_a_crack_beside_it_ambiguous() -> None:
+    rng = np.random.default_rng(3)
+    weld = search(*scan(None, rng, weld=True))
+    assert {x.kind for x in weld if x.height < 0} == {"weld"}
+    assert not [x for x in weld if x.kind == "crack"]
+    far = search(*scan(Crack(s_m=-0.03), rng, weld=True))
+    assert [x.kind for x in far if x.s < 0] == ["crack"]
+    beside = search(*scan(Crack(s_m=0.018), rng, weld=True))
+    assert [x.kind for x in beside if x.height > 0] == ["ambiguous"]
+
+
+def test_noise_of_the_tracker_does_not_shorten_the_window() -> None:
+    """A crack along the path lasts for 9 mm; measured places scatter by three samples' way."""
+    rng = np.random.default_rng(8)
+    t, z, s, c = scan(Crack(s_m=0.01, angle_deg=90.0), rng)
+    quiet = search(t, z, s, c)
+    noise = rng.normal(0.0, 0.0003, (2, len(t), 1))
+    found = search(t, z, s + noise[0], c + noise[1])
+    assert [x.kind for x in found] == ["crack"]
+    assert found[0].height == pytest.approx(quiet[0].height, abs=2.0)
+
+
+def test_blocks_of_a_stream_give_what_the_file_gives() -> None:
+    t, z, s, c = scan(Crack(s_m=0.01), np.random.default_rng(4))
+    whole = search(t, z, s, c)
+    live = FlawFinder()
+    rings = [
+        live.add(t[i : i + 100], DISPLAY.show(z[i : i + 100]), s[i : i + 100], c[i : i + 100])
+        for i in range(0, 1200, 100)
+    ]
+    assert live.find() == whole
+    assert np.argmax(rings) in (6, 7)  # the crack lies at 0.58 of the way
+    assert sum(rings) > 0
+
+
+def test_lost_contact_is_no_indication() -> None:
+    t, z, s, c = scan(Crack(s_m=0.01), np.random.default_rng(5))
+    display = DISPLAY.show(z)
+    display[600:800] = np.nan
+    finder = FlawFinder()
+    finder.add(t, display, s, c)
+    assert finder.find() == []
+
+
+def test_wrong_blocks_are_told() -> None:
+    t, z, s, c = scan(None, np.random.default_rng(6))
+    with pytest.raises(InputError, match="valid: above 0"):
+        FlawFinder(threshold=0.0)
+    with pytest.raises(InputError, match=r"three times \(n, k\)"):
+        FlawFinder().add(t[:5], z, s, c)
+    finder = FlawFinder()
+    finder.add(t, z, s, c)
+    with pytest.raises(InputError, match="a block of 4 coils after one of 16"):
+        finder.add(t, z[:, :4], s[:, :4], c[:, :4])
+    assert FlawFinder().find() == []
+
+
+def test_each_report_is_a_flaw_or_a_false_call() -> None:
+    t, z, s, c = scan(Crack(s_m=0.01), np.random.default_rng(7))
+    found = search(t, z, s, c)
+    here = Flaw("a", Crack(), 0.01, 0.0)
+    assert match(found, [here])[1] == 0
+    assert match(found, [here])[0][0] == pytest.approx(0.0, abs=0.0015)
+    assert match(found, [here._replace(s=0.05)]) == ([None], 1)
+    long = Flaw("b", Crack(length_m=0.04, angle_deg=90.0), -0.01, 0.0)
+    assert float(long.measure(np.array([0.01]), np.array([0.003]))[0]) == pytest.approx(0.003)
+
+
+# -- in flight -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory):
+    """The mission as it is, but of two passes."""
+    sets = ["mission.task.arc_deg=20", "mission.task.pass_length_m=0.08",
+            "mission.task.centre_s_m=0.09"]  # fmt: skip
+    d = load_description("crack-scan", sets=sets)
+    return run_mission(d, out=tmp_path_factory.mktemp("cracks") / "run")
+
+
+def test_cracks_are_found_in_flight(flown) -> None:
+    assert flown.outcome == "succeeded", (flown.reason, flown.metrics)
+    m = flown.metrics
+    assert (m["crack.expected"], m["crack.missed"], m["crack.false_calls"]) == (2.0, 0.0, 0.0)
+    assert m["crack.indications"] >= 2.0 and m["crack.ambiguous"] == 0.0
+    assert m["crack.position_error_mm"] < 5.0
+    assert m["crack.block_drifted"] == 0.0
+    assert m["crack.block_notch_percent"] == pytest.approx(80.0, abs=4.0)
+    assert m["coverage.area_fraction"] > 0.95 and m["coverage.gap_max_mm"] < 5.0
+    assert m["coverage.passes"] == 2.0
+
+
+def test_the_report_maps_the_display(flown) -> None:
+    from skywright.missions.crack_scan.figures import FIGURES
+
+    assert all(chart.draw(flown) is not None for chart in FIGURES.charts.values())
+    notes = " ".join(FIGURES.notes(flown))
+    assert "notch of 1 mm at 80 %" in notes and "simulated" in notes and "crack" in notes
+    assert "2 of 2 cracks" in FIGURES.describe(flown)
+
+
+def test_passes_follow_swath_and_lateral_error() -> None:
+    setup = Setup(load_description("crack-scan"))
+    array, procedure = find_array(setup), setup.task.procedure
+    swath = compute_swath(array)
+    assert swath == pytest.approx(0.04344)
+    pitch = compute_pitch(swath, array, procedure)
+    assert pitch == pytest.approx(swath - 2.33 * math.sqrt(2) * 0.0005)
+    assert compute_pitch(swath, array, procedure.model_copy(update={"lateral_std_m": 0.0})) == (
+        pytest.approx(swath - 0.1 * 0.00344)
+    )
+
+
+@pytest.mark.parametrize(
+    ("sets", "words"),
+    [
+        (["mission.task.arc_deg=5"], "narrower than the swath of 43 mm"),
+        (["world.things.block.relative_permeability=60.0"], "block of the part's material"),
+        (["mission.task.procedure.notch_m=0.0015"], "has notches of 0.0005, 0.001, 0.002 m"),
+        (["robot.sensors.eddy.layout=differential"], "takes absolute coils"),
+        (["mission.task.procedure.lateral_std_m=0.015"], "use an array, or lower"),
+        (["robot.sensors.eddy.noise=5.0"], "of noise; valid: 10 times"),
+    ],
+)
+def test_what_does_not_fit_is_told_before_take_off(sets: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        plan(Setup(load_description("crack-scan", sets=sets)))
+
+
+def test_a_robot_without_an_array_is_told() -> None:
+    with pytest.raises(InputError, match="has no eddy-current array"):
+        find_array(Setup(load_description("pipe-weld-scan")))
