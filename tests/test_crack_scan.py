@@ -59,7 +59,7 @@ def search(t, z, s, c, **kw):
 def test_a_crack_is_found_where_it_is_whatever_its_direction(angle: float) -> None:
     crack = Crack(s_m=0.01, length_m=0.006, depth_m=0.001, angle_deg=angle)
     found = search(*scan(crack, np.random.default_rng(1)))
-    assert [x.kind for x in found] == ["crack"]
+    assert [x.nature for x in found] == ["crack"]
     assert math.hypot(found[0].s - 0.01, found[0].c) < 0.0015 < found[0].u95
     assert 25.0 < found[0].height < 80.0
 
@@ -77,12 +77,12 @@ def test_heights_grow_with_depth_and_nothing_is_found_on_sound_metal() -> None:
 def test_a_weld_is_wide_and_a_crack_beside_it_ambiguous() -> None:
     rng = np.random.default_rng(3)
     weld = search(*scan(None, rng, weld=True))
-    assert {x.kind for x in weld if x.height < 0} == {"weld"}
-    assert not [x for x in weld if x.kind == "crack"]
+    assert {x.nature for x in weld if x.height < 0} == {"weld"}
+    assert not [x for x in weld if x.nature == "crack"]
     far = search(*scan(Crack(s_m=-0.03), rng, weld=True))
-    assert [x.kind for x in far if x.s < 0] == ["crack"]
+    assert [x.nature for x in far if x.s < 0] == ["crack"]
     beside = search(*scan(Crack(s_m=0.018), rng, weld=True))
-    assert [x.kind for x in beside if x.height > 0] == ["ambiguous"]
+    assert [x.nature for x in beside if x.height > 0] == ["ambiguous"]
 
 
 def test_noise_of_the_tracker_does_not_shorten_the_window() -> None:
@@ -92,7 +92,7 @@ def test_noise_of_the_tracker_does_not_shorten_the_window() -> None:
     quiet = search(t, z, s, c)
     noise = rng.normal(0.0, 0.0003, (2, len(t), 1))
     found = search(t, z, s + noise[0], c + noise[1])
-    assert [x.kind for x in found] == ["crack"]
+    assert [x.nature for x in found] == ["crack"]
     assert found[0].height == pytest.approx(quiet[0].height, abs=2.0)
 
 

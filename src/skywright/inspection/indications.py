@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from skywright.core.arrays import Array
 from skywright.errors import InputError
 
-Kind = Literal["crack", "weld", "ambiguous"]
+Nature = Literal["crack", "weld", "ambiguous"]
 LINK = 0.0035
 """m; samples above the threshold this close are one indication: a coil's width."""
 NARROW = 0.0055
@@ -45,7 +45,7 @@ class Indication(NamedTuple):
     length: float  # m, at the threshold
     width: float  # m, at half height, across it
     angle: float  # rad, of its length from the circumferential direction towards +s
-    kind: Kind
+    nature: Nature
     u95: float  # m, of its place
     t: float  # s, of its highest sample
     samples: int
@@ -126,12 +126,12 @@ class FlawFinder:
             self._describe(t[row[mine]], height[mine], place[mine])
             for mine in (np.flatnonzero(labels == k) for k in np.unique(labels))
         ]
-        welds = [x for x in found if x.kind == "weld"]
+        welds = [x for x in found if x.nature == "weld"]
         out = []
         for x in found:
             near = [w for w in welds if math.hypot(x.s - w.s, x.c - w.c)
                     < 0.5 * (w.length + w.width) + BESIDE]  # fmt: skip
-            out.append(x._replace(kind="ambiguous") if x.kind == "crack" and near else x)
+            out.append(x._replace(nature="ambiguous") if x.nature == "crack" and near else x)
         return sorted(out, key=lambda x: -abs(x.height))
 
     def _describe(self, t: Array, height: Array, place: Array) -> Indication:
@@ -148,16 +148,16 @@ class FlawFinder:
         length = float(np.ptp(along))
         if len(height) < 3 or values[1] <= 0:
             width, length = 0.0, 0.0
-        kind: Kind = "ambiguous"
+        nature: Nature = "ambiguous"
         if height[peak] > 0 and width <= NARROW:
-            kind = "crack"
+            nature = "crack"
         elif width >= WIDE:
-            kind = "weld"
+            nature = "weld"
         angle = math.atan2(float(axes[0, 1]), float(axes[1, 1]))
         angle -= math.pi * round(angle / math.pi)
         u95 = 2 * math.hypot(self.track_std, 0.25 * self.coil_width_m)
         return Indication(
-            float(middle[0]), float(middle[1]), float(height[peak]), length, width, angle, kind,
+            float(middle[0]), float(middle[1]), float(height[peak]), length, width, angle, nature,
             u95, float(t[peak]), len(height),
         )  # fmt: skip
 

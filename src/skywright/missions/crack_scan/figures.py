@@ -34,7 +34,7 @@ def draw_map(result: RunResult[CrackScan, CrackWay]) -> Figure | None:
     ax.plot(1e3 * gaps[:, 0], 1e3 * gaps[:, 1], "s", color="#c9ced6", ms=1.5, label="not covered")
     for x in found.indications:
         ax.plot(1e3 * x.s, 1e3 * x.c, "o", mfc="none", color=LIMIT, ms=11)
-        ax.annotate(x.kind, (1e3 * x.s, 1e3 * x.c), xytext=(7, 5), textcoords="offset points",
+        ax.annotate(x.nature, (1e3 * x.s, 1e3 * x.c), xytext=(7, 5), textcoords="offset points",
                     fontsize=8, color=LIMIT)  # fmt: skip
     run = Flown(Setup(result.description), result.plan, result.samples, result.phases)
     for f in list_flaws(run):
@@ -79,7 +79,7 @@ def list_notes(result: RunResult[CrackScan, CrackWay]) -> list[str]:
     out.append(f"On the block after the flight: {held}.")
     return out + [
         f"Indication at s = {1e3 * x.s:.1f} mm, c = {1e3 * x.c:.1f} mm (u95 {1e3 * x.u95:.1f} mm): "
-        f"{x.kind}, {x.height:.0f} %, {1e3 * x.length:.0f} mm long."
+        f"{x.nature}, {x.height:.0f} %, {1e3 * x.length:.0f} mm long."
         for x in found.indications
     ]
 

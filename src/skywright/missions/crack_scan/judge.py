@@ -77,7 +77,9 @@ def match(found: list[Indication], flaws: list[Flaw]) -> tuple[list[float | None
     Reports are cracks and ambiguous indications that point upwards; each belongs to a flaw within
     NEAR, or is a false call.
     """
-    reports = [x for x in found if x.kind == "crack" or (x.kind == "ambiguous" and x.height > 0)]
+    reports = [
+        x for x in found if x.nature == "crack" or (x.nature == "ambiguous" and x.height > 0)
+    ]
     s, c = np.array([x.s for x in reports]), np.array([x.c for x in reports])
     off = np.array([f.measure(s, c) for f in flaws]).reshape(len(flaws), len(reports))
     errors: list[float | None] = []

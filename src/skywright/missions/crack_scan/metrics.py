@@ -76,7 +76,7 @@ def judge_search(run: Flown[CrackScan, CrackWay], found: Search) -> dict[str, fl
         "crack.expected": float(len(flaws)),
         "crack.missed": float(len(flaws) - len(hit)),
         "crack.indications": float(len(found.indications)),
-        "crack.ambiguous": float(sum(x.kind == "ambiguous" for x in found.indications)),
+        "crack.ambiguous": float(sum(x.nature == "ambiguous" for x in found.indications)),
         "crack.false_calls": float(false),
         "crack.block_notch_percent": found.check.height,
         "crack.block_drifted": float(not found.check.holds),

@@ -118,7 +118,7 @@ def describe_search(run: Flown[CrackScan, CrackWay], found: Search) -> dict[str,
             {
                 "s_m": round(x.s, 4), "c_m": round(x.c, 4), "height_percent": round(x.height, 1),
                 "length_mm": round(1e3 * x.length, 1), "width_mm": round(1e3 * x.width, 1),
-                "angle_deg": round(math.degrees(x.angle), 0), "kind": x.kind,
+                "angle_deg": round(math.degrees(x.angle), 0), "nature": x.nature,
                 "u95_mm": round(1e3 * x.u95, 2),
             }
             for x in found.indications
