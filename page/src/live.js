@@ -3,6 +3,7 @@ import { $, button, format, make, section } from './dom.js';
 import { Layout, readLive } from './frames.js';
 import { InspectionMap } from './map.js';
 import { Plots } from './plots.js';
+import { Reserve } from './reserve.js';
 import { Setup, showLogbook } from './setup.js';
 import { Sight } from './sight.js';
 import { Stick } from './stick.js';
@@ -78,6 +79,9 @@ export class Live {
     this.capability = make('i');
     this.capabilityText = make('span');
     this.numbersBox.append(make('div', { class: 'row' }, make('span', { text: 'Thrust left' }), make('div', { class: 'meter' }, this.capability), this.capabilityText));
+    this.reserve = new Reserve(this.numbersBox);
+    this.nearest = make('p', { class: 'hint', id: 'nearest' });
+    this.numbersBox.append(this.nearest);
     this.plotBox = make('div');
     this.numbersBox.append(this.plotBox);
     this.update();
@@ -126,6 +130,7 @@ export class Live {
     this.data = data;
     this.layout = new Layout(data.layout);
     this.frame = null;
+    this.reserve.reset();
     this.view.load(data);
     this.loaded();
     this.plotBox.replaceChildren();
@@ -231,6 +236,9 @@ export class Live {
     const first = this.layout.channels, row = this.frame.row;
     this.plots.show(row, first);
     this.plots.draw();
+    this.reserve.draw(this.state?.status?.left_n ?? []);
+    const near = this.state?.status?.nearest;
+    this.nearest.textContent = near ? `Nearest: ${near.replaceAll('_', ' ')}.` : '';
     if (this.loadIndex >= 0) {
       const left = Math.max(0, 100 - row[first + this.loadIndex]);
       this.capability.style.width = `${left}%`;

@@ -33,8 +33,9 @@ from skywright.ground.link import (
     say,
     send,
 )
+from skywright.ground.reserve import Reserve
 from skywright.models.deviation import build_socket_error
-from skywright.reports.frames import FrameBuilder
+from skywright.reports.frames import Channel, FrameBuilder
 from skywright.reports.phases import explain_phase
 from skywright.reports.replay import describe
 from skywright.reports.scene3d import Scene3d
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from skywright.vehicle.simulated import SimulatedVehicle
 
 FRAME_PERIOD = 0.018  # s of wall time between frames, a little less than a tick in real time
+RESERVE_PERIOD = 0.2  # s of wall time between measurements of what is left
 STATUS_PERIOD = 0.5  # s of wall time between words
 GRACE_S = 3.0  # s for which a flight is still paced after the last page has left: it may be loading
 SPEEDS = (0.1, 20.0)
@@ -95,6 +97,9 @@ class Feed:
         self._builder: FrameBuilder | None = None
         self._row: NDArray[np.float32] = np.zeros(0, np.float32)
         self._t, self._said = 0.0, ""
+        self._next_reserve = -math.inf
+        self._left_n: list[float | None] = []
+        self._clearance, self._nearest = math.nan, ""
         self._alarms: list[dict[str, Any]] = []
 
     # --- Observer ------------------------------------------------------------------------------
@@ -283,6 +288,11 @@ class Feed:
         columns = frozenset(c.name for c in vehicle.recorded.columns)
         self._judged = list_judged(d.robot, d.world)
         self._builder = FrameBuilder(scene, columns, self._judged)
+        self._reserve = Reserve(d)
+        if self._reserve.measures_clearance:
+            self._builder.channels.append(
+                Channel("clearance", "m", None, 2, True, lambda rows: np.array([self._clearance]))
+            )
         start = np.array([d.mission.start_x_m, d.mission.start_y_m, 0.0])
         planned = [table["p_WB"][::25] for table in plan.segments.values() if len(table)]
         views = build_views(d.robot, d.true_world, np.concatenate([start[None], *planned]))
@@ -311,8 +321,19 @@ class Feed:
         if not np.isfinite(row["p_WB"]).all():
             return
         judged = np.array([phase in self._judged])
+        self._measure_reserve(row)
         self._row = self._builder.build(row, judged, self._read_signal(vehicle, row))[0]
         self._send_row(t)
+
+    def _measure_reserve(self, row: Any) -> None:
+        """Measure what the robot has left, some times a second."""
+        now = time.perf_counter()
+        if now < self._next_reserve:
+            return
+        self._next_reserve = now + RESERVE_PERIOD
+        self._left_n = self._reserve.measure_force(row["rotor_thrust"])
+        found = self._reserve.measure_clearance(row)
+        self._clearance, self._nearest = (math.nan, "") if found is None else found
 
     def _send_row(self, t: float) -> None:
         self._seq += 1
@@ -351,6 +372,7 @@ class Feed:
             holding=bool(self.asked) and age > HOLD_S,
             disturbed={k: round(v, 2) for k, v in self.starts.items() if math.isfinite(v)},
             repeats=list_repeats({k: v for k, v in self.starts.items() if math.isfinite(v)}),
+            left_n=self._left_n, nearest=self._nearest,
             stick_ms=round(1e3 * float(np.median(self.sticks)), 1) if self.sticks else None,
             cost_ms=round(1e3 * float(np.median(self.costs)), 3) if self.costs else None,
             dropped=self.dropped + self.stick.dropped,

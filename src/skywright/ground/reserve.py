@@ -1,0 +1,79 @@
+"""What a flying robot has left: force in each direction, and distance to what is around it.
+
+For the ground station's page. The force that is left in a direction is what the rotors can add at
+this attitude without any torque: thrusts T + s dT with B dT = (d, 0) stay within their limits up to
+s. A robot whose rotors cannot push in a direction without tilting has none there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.core.rotations import rot_from_quat
+from skywright.models.geometry import FAR, compute_clearance
+from skywright.run.setup import Setup
+
+if TYPE_CHECKING:
+    from skywright.description.loader import Description
+
+DIRECTIONS = 12
+"""In the level plane of B, counter-clockwise from ahead; up and down follow."""
+PURE = 0.02  # of a direction, up to which another force or torque (over 1 m) may come with it
+
+
+class Reserve:
+    """Measures it for one robot in one world, by the nominal model."""
+
+    def __init__(self, description: Description) -> None:
+        """Build what distances are measured in."""
+        setup = Setup(description)
+        self.rotors = setup.rotors
+        angles = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
+        level = np.stack([np.cos(angles), np.sin(angles), np.zeros(DIRECTIONS)])
+        wanted = np.zeros((6, DIRECTIONS + 2))
+        wanted[:3] = np.concatenate([level, np.array([[0, 0], [0, 0], [1, -1]])], axis=1)
+        self._change = np.linalg.pinv(self.rotors.B) @ wanted  # (n, directions) N for a newton
+        error = np.max(np.abs(self.rotors.B @ self._change - wanted), axis=0)
+        self._reachable = error < PURE
+        self._query = setup.clearance_aloft if description.robot.arm is not None else None
+
+    @property
+    def measures_clearance(self) -> bool:
+        """Whether distances are told: of robots with an arm."""
+        return self._query is not None
+
+    def measure_force(self, thrust: Array) -> list[float | None]:
+        """Return the force (N) that is left in each direction with `thrust` (n,) N now.
+
+        None where the rotors cannot push without tilting.
+        """
+        n = len(self.rotors.thrust_max)
+        room_up = np.maximum(self.rotors.thrust_max - thrust[:n], 0.0)
+        room_down = np.maximum(thrust[:n] - self.rotors.thrust_min, 0.0)
+        out: list[float | None] = []
+        for k, reachable in enumerate(self._reachable):
+            change = self._change[:, k]
+            room = np.where(change > 0.0, room_up, room_down)
+            used = np.abs(change) > 1e-9
+            most = float(np.min(room[used] / np.abs(change[used]))) if np.any(used) else 0.0
+            out.append(round(most, 2) if reachable and math.isfinite(most) else None)
+        return out
+
+    def measure_clearance(self, row: Any) -> tuple[float, str] | None:
+        """Return the distance (m) to what is nearest, and the pair; None far from everything.
+
+        `row` is a sample. The ground and the probe at its surface are left out.
+        """
+        if self._query is None:
+            return None
+        found = compute_clearance(
+            self._query, row["p_WB"], rot_from_quat(row["q_WB"]), row["q"], exclude_probe=True
+        )
+        if not found.distance < FAR:
+            return None
+        names = self._query.names
+        return float(found.distance), f"{names[found.robot_geom]} and {names[found.other_geom]}"
