@@ -21,7 +21,7 @@ export class Reserve {
     if (n < 3) { this.words.textContent = ''; return; }
     const level = left.slice(0, n), [up, down] = left.slice(n), pushes = level.some((x) => x !== null);
     this.most = Math.max(this.most, ...level.map((x) => x ?? 0), 1);
-    const r = 68, x0 = 110, y0 = 95;
+    const r = 68, x0 = 96, y0 = 95;
     const at = (k, share) => [x0 - r * share * Math.sin(2 * Math.PI * k / n), y0 - r * share * Math.cos(2 * Math.PI * k / n)];
     c.strokeStyle = SOFT;
     c.lineWidth = 1;
@@ -45,8 +45,8 @@ export class Reserve {
     }
     c.fillStyle = '#000';
     c.textAlign = 'left';
-    c.fillText(`up ${up === null ? '–' : up.toFixed(1)} N`, 208, 75);
-    c.fillText(`down ${down === null ? '–' : down.toFixed(1)} N`, 208, 115);
+    c.fillText(`up ${up === null ? '–' : up.toFixed(1)} N`, 192, 75);
+    c.fillText(`down ${down === null ? '–' : down.toFixed(1)} N`, 192, 115);
     this.words.textContent = pushes
       ? 'Force left at this attitude, in N: ahead is up in the ring, left is left.'
       : 'Force left at this attitude. The rotors push sideways only by tilting the robot.';
