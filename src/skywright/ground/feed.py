@@ -331,8 +331,8 @@ class Feed:
         if now < self._next_reserve:
             return
         self._next_reserve = now + RESERVE_PERIOD
-        self._left_n = self._reserve.measure_force(row["rotor_thrust"])
-        found = self._reserve.measure_clearance(row)
+        self._left_n = self._reserve.measure_force(row["rotor_thrust"][0])
+        found = self._reserve.measure_clearance(row[0])
         self._clearance, self._nearest = (math.nan, "") if found is None else found
 
     def _send_row(self, t: float) -> None:
