@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import skywright
 from skywright.errors import InputError
+from skywright.missions.skills.plan_flight import load_plan_description
+from skywright.models.rigid_body import joint_names, posture
+from skywright.planning.motion.plan_file import PlanFile, write_plan_file
+from skywright.run.kind import load_kind
 from skywright.run.run import run_mission
 from skywright.vehicle.commands import State
+from skywright.vehicle.interface import require
+from skywright.vehicle.kinematic import OFFERS
 from skywright.vehicle.motions import Arrival
+from skywright.vehicle.rest_to_rest import quintic
+from skywright.vehicle.set_up import list_offers
 
 QUICK = Arrival(tolerance_m=0.2, dwell_s=0.1)
 
@@ -126,3 +136,82 @@ def test_a_rule_that_acts_ends_the_command_with_its_reason():
     assert np.hypot(*vehicle.pose.p[:2]) < 0.2  # it came home
     assert vehicle.samples["t"][-1] == pytest.approx(vehicle.t, abs=0.03)
     assert not math.isnan(vehicle.battery)
+
+
+def build_plan(joints):
+    """A plan of 4 s: 0.8 m ahead with half a turn of 0.6 rad, joints back by 0.2 rad."""
+    t = np.linspace(0.0, 4.0, 201)
+    s, ds, dds = quintic(t / 4.0)
+    way = np.array([0.8, 0.0, 0.0, 0.6])
+    pose = np.array([0.0, 0.0, 1.5, 0.0]) + s[:, None] * way
+    q = np.repeat(joints[None], len(t), axis=0) - 0.2 * s[:, None]
+    qd = np.repeat(-0.05 * ds[:, None], len(joints), axis=1)
+    return t, pose, ds[:, None] * way / 4.0, dds[:, None] * way / 16.0, q, qd
+
+
+@pytest.fixture(scope="module")
+def plan_file(tmp_path_factory):
+    robot = skywright.load("waypoints", robot="othex").robot
+    file = tmp_path_factory.mktemp("plan") / "turn"
+    rows = build_plan(posture(robot, "folded"))
+    write_plan_file(file, PlanFile("othex", "open", 1, tuple(joint_names(robot)), *rows, {}))
+    return file.with_suffix(".csv"), rows
+
+
+def test_a_plan_file_has_the_same_phases_and_ends_in_the_same_pose(plan_file, tmp_path):
+    file, rows = plan_file
+    found = {
+        b: run_mission(load_plan_description(file), out=tmp_path / b, backend=b)
+        for b in ("physics", "kinematic")
+    }
+    assert [r.outcome for r in found.values()] == ["succeeded", "succeeded"], found
+    names = [[p.name for p in r.phases] for r in found.values()]
+    assert names[0] == names[1] and "plan" in names[0]
+    for result in found.values():
+        np.testing.assert_allclose(result.samples["p_WB"][-1], rows[1][-1, :3], atol=0.03)
+        np.testing.assert_allclose(result.samples["q"][-1], rows[4][-1], atol=0.05)
+        q = result.samples["q_WB"][-1]
+        assert 2.0 * math.atan2(q[3], q[0]) == pytest.approx(0.6, abs=0.03)
+    written = json.loads((found["physics"].directory / "metrics.json").read_text())
+    checks = {c["name"]: c for c in written["checklist"]}
+    assert checks["tilt"]["passed"] and checks["tilt"]["value"] < checks["tilt"]["limit"]
+    assert checks["outside the geofence"]["value"] is None  # there is none
+    assert skywright.evaluate(found["physics"].directory).checklist == found["physics"].checklist
+
+
+@pytest.mark.parametrize("backend", ["physics", "kinematic"])
+def test_a_script_dispatches_a_plan_at_50_hz(plan_file, backend):
+    file, rows = plan_file
+    vehicle = skywright.fly("othex", backend=backend)
+    assert not vehicle.fly_plan(file)  # on the ground
+    vehicle.take_off(1.5)
+    start, seen = vehicle.t, []
+    vehicle.subscribe("reference", lambda t, r: seen.append((t, r.pose.p[0], r.v_WB[0])))
+    assert vehicle.fly_plan(file), vehicle.acted
+    np.testing.assert_allclose(vehicle.pose.p, rows[1][-1, :3], atol=0.05)
+    np.testing.assert_allclose(vehicle.joints.q_reference, rows[4][-1], atol=0.01)
+    t, x, v = np.array(seen).T
+    began = t[np.argmax(x > 0.01)]
+    same = rows[0][np.argmax(rows[1][:, 0] > 0.01)]
+    planned = np.interp(t - began + same, rows[0], rows[1][:, 0])
+    late = np.abs(x - planned)[(t > began) & (t < began + 3.5)]
+    assert late.max() < 0.06 and v.max() == pytest.approx(rows[2][:, 0].max(), rel=0.1)
+    assert vehicle.t - start < 25.0
+    with pytest.raises(InputError, match="no plan file"):
+        vehicle.fly_plan("nowhere.csv")
+
+
+MISSIONS = sorted(p.stem for p in Path(skywright.__file__).parent.glob("missions/*/*.toml"))
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_each_mission_is_built_or_refused_by_what_a_back_end_offers(name):
+    sets = {"mission.task.plan_file": "none"} if name == "follow-plan" else {}
+    d = skywright.load(name, sets=sets)
+    needs, physics = load_kind(d.mission.kind).needs, list_offers(d.robot)
+    assert needs <= physics  # the physics flies what is built in
+    missing = needs - (physics & OFFERS)
+    assert bool(missing) == (name not in ("waypoints", "follow-plan", "bar-transport"))
+    if missing:
+        with pytest.raises(InputError, match=f"requires {', '.join(sorted(missing))}; the vehicle"):
+            require(SimpleNamespace(offers=physics & OFFERS), needs, name)

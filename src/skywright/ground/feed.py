@@ -368,6 +368,7 @@ class Feed:
             first=max(len(self._phases) - 40, 0),
             what=explain_phase(kind, self._phases[-1][0]) if self._phases else "",
             asked=self.asked, said=self._said, alarms=self._alarms[-10:],
+            checklist=[c.to_json() for c in self._supervisor.checked] if self.pilot else [],
             pilot=_tell_pilot(self.pilot), age_s=round(age, 3) if age < 1e6 else None,
             holding=bool(self.asked) and age > HOLD_S,
             disturbed={k: round(v, 2) for k, v in self.starts.items() if math.isfinite(v)},

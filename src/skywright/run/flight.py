@@ -34,6 +34,7 @@ class Flight(NamedTuple):
     completed: bool
     reason: str  # why it was cut short, or ""
     acted: tuple[Acted, ...] = ()  # rules that ended the mission
+    checklist: tuple[dict[str, Any], ...] = ()  # the pre-flight checks, as plain JSON
 
 
 class Flown(Generic[T, P]):

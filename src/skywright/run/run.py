@@ -51,10 +51,9 @@ FLUSH_S = 1.0  # simulated seconds between writes of the recording
 
 
 class Observer(Protocol):
-    """Something that watches a run.
+    """Something that watches a run; where it has one, `on_acted(acted)` hears of rules.
 
-    Where it has one, `on_acted(acted)` hears of rules, and `on_supervisor(supervisor)` is called
-    once, before the flight: it may `take_over` and `give_back` (run/supervisor.py).
+    `on_supervisor(supervisor)`, where it has one, is called once: it may `take_over`, `give_back`.
     """
 
     def on_plan(self, plan: MissionPlan[Any], description: Description) -> None:
@@ -90,6 +89,7 @@ class RunResult(NamedTuple, Generic[T, P]):
     """Requirements that have no meaning for what was asked, each with the reason."""
     command: str = ""  # that started the run; "" where no command line did
     backend: str = PHYSICS  # that flew it
+    checklist: tuple[dict[str, Any], ...] = ()  # what Checked.to_json returns
     inspected: Inspected | None = None
     """What was said about the flaws of the true world; None: the kind looks for none."""
 
@@ -117,6 +117,7 @@ class RunResult(NamedTuple, Generic[T, P]):
             "metrics": {k: v if np.isfinite(v) else None for k, v in self.metrics.items()},
             "phases": [p._asdict() for p in self.phases],
             "faults": [a._asdict() for a in self.acted],
+            "checklist": list(self.checklist),
             "timing": self.timing,
             "versions": collect_versions(),
         }
@@ -222,6 +223,7 @@ def evaluate_directory(directory: Path) -> RunResult:
     return result._replace(
         timing=stored.timing, command=str(stored.written.get("command", "")),
         backend=str(stored.written.get("backend", PHYSICS)),
+        checklist=tuple(stored.written.get("checklist", ())),
     )  # fmt: skip
 
 
@@ -312,10 +314,8 @@ def _fly(
         on_measurement, operator, rules, lambda: setup.clearance_aloft, on_acted,
     )  # fmt: skip
 
-    for observer in observers:
-        hear = getattr(observer, "on_supervisor", None)
-        if hear is not None:
-            hear(supervisor)
+    for hear in filter(None, [getattr(o, "on_supervisor", None) for o in observers]):
+        hear(supervisor)
 
     def on_stuck(says: str) -> None:  # ends the process: compiled code cannot be interrupted
         flush()
@@ -339,6 +339,7 @@ def _fly(
     except InputError as error:  # the recording cannot be written: the disk is full
         outcome, flight = "interrupted", supervisor.conclude(str(error))
     supervisor.close(outcome or "done")
+    flight = flight._replace(checklist=tuple(c.to_json() for c in supervisor.checked))
     try:
         flush()
         if operator is not None and partial is not None and supervisor.sticks:
@@ -395,5 +396,5 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
     reason = reason or describe_outcome(outcome, verdicts)
     return RunResult(
         description, plan, run.samples, run.phases, outcome, reason, metrics, verdicts, {}, details,
-        directory, flight.acted, found, waived, inspected=inspected,
+        directory, flight.acted, found, waived, inspected=inspected, checklist=flight.checklist,
     )  # fmt: skip

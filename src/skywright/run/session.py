@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +26,7 @@ from skywright.vehicle.commands import State
 from skywright.vehicle.interface import Backend, Probe, Ticked
 from skywright.vehicle.motions import Arrival
 from skywright.vehicle.recorded import Phase, RecordedVehicle
+from skywright.vehicle.results import Result
 from skywright.vehicle.telemetry import (
     HandStates,
     JointState,
@@ -82,6 +84,15 @@ class Vehicle(Uav):
         self._blocks: list[NDArray[Any]] = []
         if supervisor is not None:
             supervisor.vehicle.on_samples = self._blocks.append  # type: ignore[attr-defined]
+
+    def fly_plan(self, file: str | os.PathLike[str]) -> Result:
+        """Fly a plan file from where the robot hovers: see run/dispatch.py; returns how it ended.
+
+        Raises InputError on a file that is no plan, or one for another robot.
+        """
+        from skywright.run.dispatch import dispatch_plan
+
+        return dispatch_plan(self, file)
 
     # --- streams -----------------------------------------------------------------------------
 

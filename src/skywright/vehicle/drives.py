@@ -192,25 +192,28 @@ class PoseDrive(Drive):
     def __init__(self, backend: Backend) -> None:
         super().__init__(backend)
         self._p, self._yaw = self.p.copy(), self.yaw
+        self._v, self._rate = np.zeros(3), 0.0
 
-    def tell(self, p: Array, yaw: float) -> None:
-        """Take a new reference."""
+    def tell(self, p: Array, yaw: float, v: Array, yaw_rate: float) -> None:
+        """Take a new reference, which moves at v (3,) m/s and `yaw_rate` (rad/s)."""
         self._p, self._yaw, self.heard = p, yaw, self.backend.t
+        self._v, self._rate = v, yaw_rate
 
     def lead(self) -> Array:
         """Towards the pose, no faster than it can brake."""
         way, limits = self._p - self.p, self.backend.limits
+        v = np.zeros(3) if self.is_stale else self._v
         far = float(np.linalg.norm(way))
         if far < 1e-9:
-            return self._towards(np.zeros(3))
+            return self._towards(v)
         speed = min(limits.speed, APPROACH * far, math.sqrt(limits.acceleration * far))
-        return self._towards(way * (speed / far))
+        return self._towards(v + way * (speed / far))
 
     def turn(self) -> float:
         """The short way round."""
         off = (self._yaw - self.yaw + math.pi) % (2.0 * math.pi) - math.pi
         size = min(TURN_MAX, APPROACH * abs(off), math.sqrt(TURN_ACCELERATION * abs(off)))
-        return math.copysign(size, off)
+        return math.copysign(size, off) + (0.0 if self.is_stale else self._rate)
 
 
 class StickDrive(Drive):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,11 @@ class Checked(NamedTuple):
     unit: str
     passed: bool
     says: str  # for a message, as `battery 0.15, at least 0.3 required`
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as plain JSON: a value that nothing measures, or that has no end, is null."""
+        value = self.value if math.isfinite(self.value) else None
+        return {**self._asdict(), "value": value}
 
 
 def run_checklist(checklist: Checklist, b: Backend, fence: Fence | None) -> list[Checked]:

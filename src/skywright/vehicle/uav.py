@@ -31,7 +31,7 @@ from skywright.vehicle.drives import (
 )
 from skywright.vehicle.geodesy import Geodetic, to_local
 from skywright.vehicle.motions import Motion
-from skywright.vehicle.results import Handle
+from skywright.vehicle.results import Handle, Result
 
 Array = NDArray[np.float64]
 
@@ -110,12 +110,19 @@ class Uav(Commanded):
             Command.LAND, lambda: self._fly.rest_then(lambda: self._fly.land(ground, here)), wait
         )
 
-    def set_pose(self, p: ArrayLike, yaw: float | None = None) -> Handle:
-        """Lead the platform to p (3,) m in W and `yaw` (rad); called again and again, a stream."""
+    def set_pose(
+        self, p: ArrayLike, yaw: float | None = None, v: ArrayLike = (0.0, 0.0, 0.0),
+        yaw_rate: float = 0.0,
+    ) -> Handle:  # fmt: skip
+        """Lead the platform to p (3,) m in W and `yaw` (rad); called again and again, a stream.
+
+        Of a pose that moves, v (3,) m/s and `yaw_rate` (rad/s) are fed forward.
+        """
         goal, heading = check_vector("p", p), self._heading(yaw)
+        ahead, rate = check_vector("v", v), check_number("yaw_rate", yaw_rate)
 
         def tell() -> None:
-            self._take(PoseDrive, ControlMode.POSE).tell(goal, heading)
+            self._take(PoseDrive, ControlMode.POSE).tell(goal, heading, ahead, rate)
 
         return self._do(Command.SET_POSE, tell, goal)
 
@@ -155,6 +162,11 @@ class Uav(Commanded):
         return self._do(
             command, lambda: tell(self._drive or self._take(PoseDrive, ControlMode.POSE))
         )
+
+    def start_joints(self, q: Array) -> Result | None:
+        """Move the joints to q (n_joints,) rad and wait; returns how it ended."""
+        handle = self.start_arms(ArmCommand.MOVE_TO, lambda: self.move_joints(q, None), True)
+        return handle.result
 
     def move_joints(self, q: Array, seconds: float | None) -> Motion:
         """Move the joints to q (n_joints,) rad; ends when they are there."""
