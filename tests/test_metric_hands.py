@@ -402,11 +402,13 @@ def test_a_tool_on_pipe_and_bench() -> None:
     hands = np.zeros((n, 3))
     stick = np.zeros((n, 4))
     stick[250:260, 0] = 1.0
+    left, right = np.zeros((n, 3)), np.zeros((n, 3))
+    left[150], left[300], right[310] = [9.0, 0.0, 0.0], [3.0, 0.0, 4.0], [0.0, 2.0, 0.0]
     s, phases = build_samples(
         [("wait", 1.0), ("return", 1.0), ("install", 2.0), ("x", 1.0)],
         **{f"object{i}_p_WO": p, f"object{i}_q_WO": q, "f_collision": 0.0,
            "operator_stick": stick, "left_p_WH": hands + [0.0, 0.006, 0.0], "right_p_WH": hands,
-           "left_ref_p_WH": hands, "right_ref_p_WH": hands},
+           "left_ref_p_WH": hands, "right_ref_p_WH": hands, "left_f_W": left, "right_f_W": right},
     )  # fmt: skip
     run = build_flown("tool-install", s, phases, sets=sets)
     run.phases[2] = run.phases[2]._replace(outcome="retry")
@@ -417,6 +419,7 @@ def test_a_tool_on_pipe_and_bench() -> None:
     assert m["tool.retries"] == 1.0
     assert m["operator.time_s"] == pytest.approx(1.99)
     assert m["operator.hand_error_mm"] == pytest.approx(3.0)
+    assert m["operator.force_max_n"] == pytest.approx(5.0)  # the 9 N were felt before it
 
 
 def test_hands_that_hover_before_a_tool() -> None:

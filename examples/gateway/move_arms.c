@@ -1,4 +1,4 @@
-/* Leads the arms of `skywright run external-arms --operator udp:9870` from C.
+/* Leads the arms of examples/gateway/external-arms.toml, flown with --operator udp:9870, from C.
 
        skywright gateway header > skywright_packets.h
        cc -std=c99 move_arms.c -lm -o move_arms                      without a key, on loopback

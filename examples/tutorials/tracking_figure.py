@@ -35,4 +35,6 @@ def main(run: Path, campaign: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 4:
+        sys.exit(__doc__)
     main(*(Path(argument) for argument in sys.argv[1:4]))

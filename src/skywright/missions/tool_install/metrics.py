@@ -12,6 +12,7 @@ from skywright.missions.skills.operated import OPERATED_MEASURES, measure_operat
 from skywright.missions.skills.tool_handling import LOW, Place
 from skywright.missions.tool_install.plan import ToolPlan, find_places
 from skywright.missions.tool_install.task import ToolInstall
+from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.where import WHOLE, Where
@@ -125,6 +126,8 @@ def compute_operated(samples: Samples, index: int, seat: Place) -> dict[str, Arr
 
 def _judge_operator(samples: Samples) -> dict[str, float]:
     """How long somebody was at the stick, and how well the hands followed (24)."""
+    if not has_columns(samples, "operator_stick"):
+        return {}
     force = np.maximum(*(np.linalg.norm(samples[f"{x}_f_W"], axis=1) for x in ("left", "right")))
     out = measure_operated(samples, force)
     if not out:

@@ -26,7 +26,12 @@ _DASHES = {"--": [6, 4], ":": [2, 3], "-.": [6, 3, 2, 3]}
 
 
 def build_plot(figure: Figure) -> str:
-    """Return the panels of a figure over time as JSON for templates/plots.js; "" without any."""
+    """Return the panels of a figure over time as JSON for templates/plots.js; "" without any.
+
+    "" too where a panel shows something else: the plot takes the place of the picture.
+    """
+    if not all(find_clock(ax) for ax in figure.axes if ax.axison):
+        return ""
     data = bytearray()
     panels = [
         {"clock": clock, **_read_panel(ax, data)}
