@@ -403,7 +403,8 @@ def test_the_example_in_c_leads_the_arms(arms: tuple[Arms, bytes], tmp_path: Pat
     assert out.returncode == 0, out.stderr
     assert "land: result 0" in out.stdout and "phase external joints" in out.stdout
     codes = [h.code for h in program.heard if isinstance(h, Operation)]
-    assert codes == [CODES["joints"][0], CODES["land"][0]]
+    # on a loaded machine an operation may be asked for again before its answer arrives
+    assert list(dict.fromkeys(codes)) == [CODES["joints"][0], CODES["land"][0]]
     led = [h.packet.values["q_ref"] for h in program.heard if not isinstance(h, Operation)]
     assert len(led) >= 45 and led[0][0] == pytest.approx(0.1)
     assert set(program.server.counts) == {"accepted"}
