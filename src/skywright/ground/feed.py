@@ -11,6 +11,7 @@ import json
 import math
 import socket
 import time
+from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 FRAME_PERIOD = 0.018  # s of wall time between frames, a little less than a tick in real time
 RESERVE_PERIOD = 0.2  # s of wall time between measurements of what is left
 STATUS_PERIOD = 0.5  # s of wall time between words
+RECENT = 500  # ticks, and sticks, of which the status states the median
 GRACE_S = 3.0  # s for which a flight is still paced after the last page has left: it may be loading
 SPEEDS = (0.1, 20.0)
 SPEED_FASTEST = 0.0
@@ -87,8 +89,8 @@ class Feed:
         self.stick = StickJudge()
         self.asked = ""  # what the mission asks the operator to do now
         self.dropped = 0  # messages that were no commands
-        self.costs: list[float] = []  # s of the last ticks, for the status
-        self.sticks: list[float] = []  # s, how old the last sticks were when they came
+        self.costs = deque[float](maxlen=RECENT)  # s of the last ticks, for the status
+        self.sticks = deque[float](maxlen=RECENT)  # s, how old the sticks were when they came
         self._heard = self._left = -math.inf  # wall time: the station, the last watcher
         self._seq, self._late = 0, 0.0
         self._phases: list[tuple[str, float]] = []
@@ -129,7 +131,7 @@ class Feed:
             self._send_frame(t, phase, vehicle)
         if began >= self._next_status:
             self._tell()
-        self.costs = [*self.costs[-499:], time.perf_counter() - began]
+        self.costs.append(time.perf_counter() - began)
         self._pace(t)
 
     def on_acted(self, acted: Acted) -> None:
@@ -211,7 +213,7 @@ class Feed:
             stick = Stick(np.zeros(3), False)
         self._held = message.get("d") is True
         if self.stick.hear(Told(int(seq), at, stick), now):  # counts what it drops
-            self.sticks = [*self.sticks[-499:], now - at]
+            self.sticks.append(now - at)
         return True
 
     _held = False
