@@ -35,14 +35,9 @@ DISTURBANCES = {
 }  # fmt: skip
 
 
-def list_sets(starts: dict[str, float] | None = None) -> list[str]:
-    """Return the `--set` texts that put all of them into a mission, each at its start (s)."""
-    starts = starts or {}
-    return [
-        f"plant.faults.{d.name}.{text}"
-        for d in DISTURBANCES.values()
-        for text in (*d.sets, f"start_s={starts.get(d.name, NEVER_S)!r}")
-    ]
+def list_sets() -> list[str]:
+    """Return the `--set` texts that put all of them into a mission, to be switched on later."""
+    return list_repeats(dict.fromkeys(DISTURBANCES, NEVER_S))
 
 
 def list_repeats(starts: dict[str, float]) -> list[str]:

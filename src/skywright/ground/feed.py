@@ -98,7 +98,7 @@ class Feed:
         self._anchor: tuple[float, float, float] | None = None  # wall time, mission time, speed
         self._builder: FrameBuilder | None = None
         self._row: NDArray[np.float32] = np.zeros(0, np.float32)
-        self._t, self._said = 0.0, ""
+        self._t, self._said, self._held = 0.0, "", False
         self._next_reserve = -math.inf
         self._left_n: list[float | None] = []
         self._clearance, self._nearest = math.nan, ""
@@ -126,7 +126,7 @@ class Feed:
             self._next_status = 0.0
         self.poll()
         self._carry_out(t, vehicle)
-        if self.watched and began >= self._next_frame:
+        if self.watchers and self.watched and began >= self._next_frame:
             self._next_frame = began + FRAME_PERIOD
             self._send_frame(t, phase, vehicle)
         if began >= self._next_status:
@@ -211,12 +211,10 @@ class Feed:
         stick = Stick(np.array(values, float), message.get("b") is True, tuple(flight))
         if message.get("d") is not True:  # the dead-man is let go: nothing moves
             stick = Stick(np.zeros(3), False)
-        self._held = message.get("d") is True
         if self.stick.hear(Told(int(seq), at, stick), now):  # counts what it drops
+            self._held = message.get("d") is True
             self.sticks.append(now - at)
         return True
-
-    _held = False
 
     # --- carrying out ----------------------------------------------------------------------------
 

@@ -2,7 +2,7 @@
 
 Frames are binary (`pack_frame`), everything else is one JSON object with its kind in "k". The pair
 is made by the one that starts the other; no other program can connect to it. Sending never waits:
-what does not fit is dropped, so whatever must arrive is told again (the status, every second).
+what does not fit is dropped, so whatever must arrive is told again (the status, twice a second).
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ from scipy.signal import hilbert
 
 from skywright.core.arrays import Array
 from skywright.errors import InputError
+from skywright.inspection.calibration import robust_std
 
 SIDE = 1.5
 """Pulse lengths to each side of an echo that its correlation looks at."""
@@ -74,7 +75,7 @@ def find_echoes(ascan: Array, pulse: Pulse, threshold: float, most: int = 4) -> 
         heights.append(float(envelope[i]))
     order = np.argsort(times)[:most]
     rest = x[~taken]
-    noise = float(1.4826 * np.median(np.abs(rest - np.median(rest)))) if rest.size > 8 else 0.0
+    noise = robust_std(rest) if rest.size > 8 else 0.0
     return FoundEchoes(
         tuple(times[i] for i in order), tuple(heights[i] for i in order), noise,
         bool(np.any(np.abs(x[first:]) >= 0.995 * pulse.full_scale)),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.mission.safety import Checklist, Fence
+from skywright.errors import InputError
 from skywright.vehicle.arguments import check_number
 from skywright.vehicle.arm_commands import ARM_STREAMS, ArmCommand, get_entry
 from skywright.vehicle.commands import (
@@ -144,6 +145,8 @@ class Commanded:
                 next(motion)
             except StopIteration as stop:
                 self._finish(stop.value)
+            except InputError as error:  # the motion ends; what flies goes on
+                self._finish(Result(False, str(error), self.backend.t))
 
     # --- how commands are given --------------------------------------------------------------
 

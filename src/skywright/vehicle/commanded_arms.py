@@ -82,9 +82,8 @@ class CommandedArms:
     def torques(self, hand: str, tau: ArrayLike, delta: ArrayLike | None = None) -> Handle:
         """Let the joints of an arm carry torques tau (4,) N m; where `delta` is 1 a joint stays."""
         held = None if delta is None else check_vector("delta", delta, 4)
-        return self._do(
-            ArmCommand.TORQUES, lambda: self.plain.torques(hand, check_vector("tau", tau, 4), held)
-        )
+        wanted = check_vector("tau", tau, 4)
+        return self._do(ArmCommand.TORQUES, lambda: self.plain.torques(hand, wanted, held))
 
     def torque_off(self, hand: str) -> Handle:
         """Let an arm give way: its springs carry no torque, the servos follow its output links."""
@@ -105,20 +104,19 @@ class CommandedArms:
         *, wait: bool | None = None,
     ) -> Handle:  # fmt: skip
         """Lead hands to points (3,) m in W, by hand, at `speed` (m/s); see `Arms.hands_to`."""
-        points = self._check(goals)
+        points, v = self._check(goals), _check_speed(speed)
+        turn = None if roll is None else check_number("roll", roll)
 
         def fly() -> Motion:
-            self.plain.hands_to(points, speed, roll)
-            return self._arrive(points, speed)
+            self.plain.hands_to(points, v, turn)
+            return self._arrive(points, v)
 
         return self._start(ArmCommand.HANDS_TO, fly, wait)
 
     def hands_to_marker(self, places: Points, speed: float | None = None) -> Handle:
         """Lead hands to places (3,) m in the frame of the marker that is seen; it goes on."""
-        points = self._check(places)
-        return self._do(
-            ArmCommand.HANDS_TO_MARKER, lambda: self.plain.hands_to_marker(points, speed)
-        )
+        points, v = self._check(places), _check_speed(speed)
+        return self._do(ArmCommand.HANDS_TO_MARKER, lambda: self.plain.hands_to_marker(points, v))
 
     def push(
         self, forces: Points, *, at: Points | None = None, ramp_s: float = 0.5,
@@ -126,10 +124,11 @@ class CommandedArms:
     ) -> Handle:  # fmt: skip
         """Exert forces (3,) N in W, by hand, over `ramp_s`; has ended when felt, and goes on."""
         asked, places = self._check(forces), self._check(at or {})
+        ramp = check_number("ramp_s", ramp_s)
 
         def fly() -> Motion:
-            self.plain.push(asked, at=places or None, ramp_s=ramp_s)
-            return self._feel(asked, FELT, ramp_s)
+            self.plain.push(asked, at=places or None, ramp_s=ramp)
+            return self._feel(asked, FELT, ramp)
 
         return self._start(ArmCommand.PUSH, fly, wait)
 
@@ -145,11 +144,12 @@ class CommandedArms:
             check_number("force", force), check_vector("p_left", p_left),
             check_vector("p_right", p_right),
         )  # fmt: skip
+        ramp = check_number("ramp_s", ramp_s)
 
         def fly() -> Motion:
-            self.plain.squeeze(size, left, right, ramp_s=ramp_s)
+            self.plain.squeeze(size, left, right, ramp_s=ramp)
             along = (right - left) / max(float(np.linalg.norm(right - left)), 1e-9)
-            return self._feel({"left": size * along, "right": -size * along}, GRIPPED, ramp_s)
+            return self._feel({"left": size * along, "right": -size * along}, GRIPPED, ramp)
 
         return self._start(ArmCommand.GRASP, fly, wait)
 
@@ -169,9 +169,9 @@ class CommandedArms:
     ) -> Handle:
         """Lead a bar held at `width` (m) to centre p (3,) m and direction n (3,); it goes on."""
         centre, along = check_vector("p", p), check_vector("n", n)
-        return self._do(
-            ArmCommand.BAR_TO, lambda: self.plain.bar_to(centre, along, width, speed, force)
-        )
+        held, v = check_number("width", width), _check_speed(speed) or 0.0
+        press = check_number("force", force)
+        return self._do(ArmCommand.BAR_TO, lambda: self.plain.bar_to(centre, along, held, v, press))
 
     def tare(self, seconds: float = 0.5, *, wait: bool | None = None) -> Handle:
         """Call the contact forces that are estimated over `seconds` (s) zero."""
@@ -313,3 +313,10 @@ class CommandedArms:
         yield from self._pause(LOOSEN_S)
         self.plain.hands_to(goals)
         return (yield from self._arrive(goals, None))
+
+
+def _check_speed(speed: float | None) -> float | None:
+    """Return a speed (m/s), None as it is; raises InputError unless it is finite and above 0."""
+    if speed is not None and check_number("speed", speed) <= 0.0:
+        raise InputError(f"speed = {speed:g} m/s: a speed above 0 is needed")
+    return speed

@@ -8,8 +8,7 @@ from the first touch on; pulled back to nothing the hand is moved again.
 
 In free air the hand is led in W: the arm makes up for the platform's motion. In contact it is led
 by its shafts, relative to what carries the arms. A hand that friction holds and that makes up for
-the platform's motion pushes the platform away by its servos' lag: at 2 N the platform swung by 6 cm
-(measured).
+the platform's motion pushes the platform away by its servos' lag, and the platform swings.
 """
 
 import numpy as np

@@ -34,6 +34,11 @@ def plan(setup: Setup[ThicknessSurvey]) -> MissionPlan[ThicknessWay]:
     build_gauge(task.procedure, gauge)
     if task.slide_m:
         raise InputError("mission.task.slide_m: a thickness survey measures at spots; valid: 0")
+    if len(task.forces_n) != 1:
+        raise InputError(
+            f"mission.task.forces_n has {len(task.forces_n)} forces: a thickness survey presses "
+            "with one; valid: a list of one number"
+        )
     found = plan_contact(cast(Any, setup))
     way = None if found.way is None else ThicknessWay(found.way, gauge)
     return cast(MissionPlan[ThicknessWay], found._replace(way=cast(Any, way)))

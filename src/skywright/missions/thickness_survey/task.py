@@ -12,7 +12,7 @@ from skywright.missions.skills.procedure import ThicknessProcedure
 class ThicknessSurvey(BridgeContact):
     """Measure the wall's thickness at each of `spots` with an ultrasonic probe.
 
-    The probe is pressed with the first of `forces_n`. A reading that is not accepted within
+    The probe is pressed with the force of `forces_n`. A reading that is not accepted within
     `hold_s` is repeated with a new touch, `tries` times in all.
     """
 
