@@ -180,3 +180,26 @@ def test_a_hand_that_stays_in_place_tells_where_the_platform_is(both):
     moved = uav.backend.sim.data.qpos[:3] - start
     assert np.linalg.norm(moved) > 0.04
     assert np.linalg.norm(sensor.read() - uav.backend.estimate["p_WB"]) < 0.015
+
+
+BAD = [float("nan"), float("inf"), -0.1, 0.0]
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_a_number_that_is_not_finite_or_not_above_zero_is_refused_by_name(both, bad):
+    """NaN never reaches a command, and nothing has moved after a refusal."""
+    _, arms = both
+    there = {"left": [0.3, 0.2, 1.0]}
+    for name, call in {
+        "seconds": lambda: arms.move_to(np.zeros(arms._uav.backend.n_joints), bad),
+        "speed": lambda: arms.hands_to(there, bad),
+        "ramp_s": lambda: arms.push(there, ramp_s=bad),
+        "force": lambda: arms.grasp(bad, [0.3, 0.2, 1.0], [0.3, -0.2, 1.0]),
+        "width": lambda: arms.bar_to([0.3, 0.0, 1.0], [0.0, 1.0, 0.0], bad),
+    }.items():
+        with pytest.raises(InputError, match=rf"^{name} = "):
+            call()
+    with pytest.raises(InputError, match="speed = "):
+        arms.set_hands(there, bad)
+    with pytest.raises(InputError, match="seconds = "):
+        arms.tare(bad)

@@ -24,6 +24,14 @@ def check_number(name: str, value: Any) -> float:
     return out
 
 
+def check_positive(name: str, value: Any) -> float:
+    """Return a finite number above 0; raises InputError naming the argument."""
+    out = check_number(name, value)
+    if out <= 0.0:
+        raise InputError(f"{name} = {out:g}; valid: a number above 0")
+    return out
+
+
 def check_vector(name: str, value: ArrayLike, n: int = 3) -> Array:
     """Return n finite numbers (n,); raises InputError naming the argument."""
     try:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from skywright.description.robot.limbs import SIDES
 from skywright.errors import InputError
 from skywright.models.rigid_body import posture
-from skywright.vehicle.arguments import check_number, check_vector
+from skywright.vehicle.arguments import check_number, check_positive, check_vector
 from skywright.vehicle.arm_commands import ArmCommand
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands, HandState
 from skywright.vehicle.arms_interface import Arms
@@ -29,10 +29,7 @@ Points = Mapping[str, ArrayLike]
 
 NEAR_M, DWELL_S, PATIENCE_S = 0.02, 0.3, 8.0
 """A hand has arrived within so much for so long; it fails so long after the end of its motion."""
-FELT, GRIPPED = (
-    0.8,
-    0.6,
-)  # share of a force that has to be felt; of a grasp, where friction hides it
+FELT, GRIPPED = 0.8, 0.6  # share of a push that has to be felt; of a grasp, which friction hides
 LOOSE_N, LOOSEN_S = 0.1, 2.0  # N of a grasp before the hands part, and s until then
 APART_M = 0.1
 
@@ -76,7 +73,7 @@ class CommandedArms:
         `seconds` is the play time; one that is shorter than the servos can is lengthened.
         """
         goal = check_vector("q", q, self._uav.backend.n_joints)
-        play = None if seconds is None else check_number("seconds", seconds)
+        play = None if seconds is None else check_positive("seconds", seconds)
         return self._start(ArmCommand.MOVE_TO, lambda: self._move(goal, play), wait)
 
     def torques(self, hand: str, tau: ArrayLike, delta: ArrayLike | None = None) -> Handle:
@@ -124,7 +121,7 @@ class CommandedArms:
     ) -> Handle:  # fmt: skip
         """Exert forces (3,) N in W, by hand, over `ramp_s`; has ended when felt, and goes on."""
         asked, places = self._check(forces), self._check(at or {})
-        ramp = check_number("ramp_s", ramp_s)
+        ramp = check_positive("ramp_s", ramp_s)
 
         def fly() -> Motion:
             self.plain.push(asked, at=places or None, ramp_s=ramp)
@@ -141,10 +138,10 @@ class CommandedArms:
         The hands have no fingers: they hold by friction, and hooks hold what hangs on them.
         """
         size, left, right = (
-            check_number("force", force), check_vector("p_left", p_left),
+            check_positive("force", force), check_vector("p_left", p_left),
             check_vector("p_right", p_right),
         )  # fmt: skip
-        ramp = check_number("ramp_s", ramp_s)
+        ramp = check_positive("ramp_s", ramp_s)
 
         def fly() -> Motion:
             self.plain.squeeze(size, left, right, ramp_s=ramp)
@@ -169,13 +166,13 @@ class CommandedArms:
     ) -> Handle:
         """Lead a bar held at `width` (m) to centre p (3,) m and direction n (3,); it goes on."""
         centre, along = check_vector("p", p), check_vector("n", n)
-        held, v = check_number("width", width), _check_speed(speed) or 0.0
+        held, v = check_positive("width", width), check_positive("speed", speed)
         press = check_number("force", force)
         return self._do(ArmCommand.BAR_TO, lambda: self.plain.bar_to(centre, along, held, v, press))
 
     def tare(self, seconds: float = 0.5, *, wait: bool | None = None) -> Handle:
         """Call the contact forces that are estimated over `seconds` (s) zero."""
-        total = check_number("seconds", seconds)
+        total = check_positive("seconds", seconds)
 
         def fly() -> Motion:
             self.plain.tare()
@@ -205,7 +202,7 @@ class CommandedArms:
     def set_hands(self, goals: Points, speed: float | None = None) -> Handle:
         """Lead hands to points (3,) m in W; called at up to 50 Hz, a stream."""
         points = self._check(goals)
-        v = None if speed is None else check_number("speed", speed)
+        v = _check_speed(speed)
         return self._stream(ArmCommand.SET_HANDS, {h: Told("p", p, v) for h, p in points.items()})
 
     def hands_velocity(self, velocities: Points) -> Handle:
@@ -317,6 +314,4 @@ class CommandedArms:
 
 def _check_speed(speed: float | None) -> float | None:
     """Return a speed (m/s), None as it is; raises InputError unless it is finite and above 0."""
-    if speed is not None and check_number("speed", speed) <= 0.0:
-        raise InputError(f"speed = {speed:g} m/s: a speed above 0 is needed")
-    return speed
+    return None if speed is None else check_positive("speed", speed)
