@@ -22,7 +22,7 @@ from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
-from skywright.models.arm_body import Deviation, compute_inertia_beyond, compute_servo_gains
+from skywright.models.arm_body import Deviation
 from skywright.models.body_records import Kinematics
 from skywright.models.rigid_body import (
     build_body_model,
@@ -32,6 +32,7 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.rotors import build_rotors
 from skywright.models.scene import Scene, build_scene
+from skywright.models.servo_gains import compute_inertia_beyond, compute_servo_gains
 from skywright.models.springs import spring_deflection, spring_torque
 from skywright.vehicle.actuators.position_servos import PositionServos
 from skywright.vehicle.arms.ports import Deflections

@@ -197,23 +197,49 @@ links = st.fixed_dictionaries(
         "x_m": millimetres(-500, 500),
         "y_m": millimetres(-500, 500),
         "z_m": millimetres(-500, 500),
+        "roll_deg": st.floats(-180.0, 180.0),
+        "pitch_deg": st.floats(-180.0, 180.0),
+        "yaw_deg": st.floats(-180.0, 180.0),
     },
 )
+centre = st.fixed_dictionaries({f"com_{axis}_m": millimetres(-200, 200) for axis in "xyz"})
+
+
+@st.composite
+def inertias(draw: Any, scale: float = 1e-3) -> dict[str, float]:
+    """The six numbers of a body's inertia: of point masses at random places."""
+    points = np.array(draw(st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=4, max_size=6)))
+    square = points.T @ points + 0.05 * np.eye(3)
+    tensor = scale * (np.trace(square) * np.eye(3) - square)
+    return {
+        f"inertia_{'xyz'[a]}{'xyz'[b]}_kgm2": float(tensor[a, b])
+        for a in range(3)
+        for b in range(a, 3)
+        if a == b or abs(tensor[a, b]) > 1e-9
+    }
+
+
+@st.composite
+def given_bodies(draw: Any) -> dict[str, Any]:
+    """A link whose centre of mass and inertia are given in full."""
+    link = {key: value for key, value in draw(links).items() if key != "com_m"}
+    return link | draw(centre) | draw(inertias())
 
 
 @settings(max_examples=15, deadline=None)
 @given(
-    chain=st.lists(links, min_size=1, max_size=4), sides=st.sampled_from([1, 2]),
+    chain=st.lists(links | given_bodies(), min_size=1, max_size=4), own=inertias(1e-2),
+    sides=st.sampled_from([1, 2]),
     branch=st.booleans(), swings=st.booleans(), hand_mass=st.sampled_from([0.0, 0.3]),
     pitch=st.none() | st.floats(-180.0, 180.0), com=millimetres(-100, 100),
 )  # fmt: skip
 def test_any_tree_of_links_agrees(
-    chain: list[dict[str, Any]], sides: int, branch: bool, swings: bool, hand_mass: float,
-    pitch: float | None, com: float,
+    chain: list[dict[str, Any]], own: dict[str, float], sides: int, branch: bool, swings: bool,
+    hand_mass: float, pitch: float | None, com: float,
 ) -> None:  # fmt: skip
-    """Branches, slides, mirrored arms, a passive link, hands and a turned probe."""
+    """Branches, slides, turned frames, mirrored arms, a passive link, hands, a turned probe."""
     tree = load_robot("hexarotor")[0].model_dump()
-    tree["platform"] |= {"com_x_m": com, "com_y_m": -0.5 * com, "com_z_m": 2.0 * com}
+    tree["platform"] |= own | {"com_x_m": com, "com_y_m": -0.5 * com, "com_z_m": 2.0 * com}
     named = {f"link{i}": link for i, link in enumerate(chain)}
     if branch and len(chain) > 2:
         named["link2"]["parent"] = "link0"

@@ -9,7 +9,12 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.rotations import quat_from_rot, rot_y
 from skywright.description.robot.arm import Link, Servo
-from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
+from skywright.description.robot.limbs import (
+    Limb,
+    end_of,
+    list_joints,
+    turn_of,
+)
 from skywright.description.robot.spec import Robot
 from skywright.models.deviated_arm import list_true_limbs, list_true_servos
 from skywright.models.part_masses import (
@@ -20,17 +25,18 @@ from skywright.models.part_masses import (
     link_direction,
     link_inertia,
     rod_inertia,
+    set_inertia,
     tip_rotation,
 )
 from skywright.models.rigid_body import find_tip
+from skywright.models.servo_gains import compute_inertia_beyond, compute_servo_gains
 
 # contype/conaffinity: robot parts collide with the world, arms with arms and propellers too (OWN,
 # self_contact.py), not with hub, booms and legs, coarse shapes between which arms are mounted;
 # the probe's pen with everything but the pipe, which only its tip may touch
 ROBOT, WORLD, FEET, PEN, OWN = 1, 2, 4, 8, 16
 STOP_SLACK = math.radians(5.0)
-STIFF_SERVO = 10.0
-"""Bandwidth of a position servo's inner loop over 1/T_s (Suarez 2020, 17)."""
+SLIDE_SLACK = 0.002  # m
 HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
@@ -72,11 +78,12 @@ def add_arm(
         body = (base if limb.parent < 0 else bodies[limb.parent]).add_body(
             name=limb.name, pos=offset
         )
+        if link.is_turned:
+            body.quat = quat_from_rot(turn_of(link))
         _add_link_joints(body, i, limbs, servos, plant, robot)
         body.mass = link.mass_kg * dev.mass_factor
         body.ipos = link_com(link)
-        body.inertia = np.diag(link_inertia(link)) * dev.mass_factor
-        body.explicitinertial = True
+        set_inertia(body, link_inertia(link) * dev.mass_factor)
         body.add_geom(
             name=f"{limb.name} shell", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             size=[link.radius_m, 0, 0], fromto=[0, 0, 0, *_shell_end(robot, limbs, i, i in last)],
@@ -126,7 +133,7 @@ def _add_link_joints(
     joint = body.add_joint(name=name, axis=axis, type=SLIDE if slide else HINGE)
     if not plant:
         return
-    if not slide and not _is_soft(link):
+    if (not slide or link.joint_min_m is not None) and not _is_soft(link):
         joint.limited, joint.range = LIMITED, _stops(link)
     if link.passive:
         _set_coefficient(joint, "damping", link.damping_nms_per_rad)
@@ -163,11 +170,9 @@ def _is_soft(link: Link) -> bool:
 
 
 def _stops(link: Link) -> list[float]:
-    """Mechanical stops (rad) of a link, a little beyond what the controllers may use."""
-    return [
-        math.radians(link.joint_min_deg) - STOP_SLACK,
-        math.radians(link.joint_max_deg) + STOP_SLACK,
-    ]
+    """Mechanical stops (rad; slides: m) of a link, a little beyond what controllers may use."""
+    slack = STOP_SLACK if link.joint == "hinge" else SLIDE_SLACK
+    return [link.reach[0] - slack, link.reach[1] + slack]
 
 
 def _backlash(limb: Limb, servos: list[tuple[str, Servo]]) -> float:
@@ -203,60 +208,6 @@ def _set_coefficient(thing: Any, name: str, value: float) -> None:
     """Set a stiffness or damping, which MuJoCo may hold as a polynomial's coefficients."""
     poly = np.ndim(getattr(thing, name)) > 0
     setattr(thing, name, np.array([value, 0.0, 0.0]) if poly else value)
-
-
-def compute_inertia_beyond(robot: Robot, index: int) -> float:
-    """Inertia (kg m^2) about the joint of link `index` of all that hangs on it, arms stretched."""
-    limbs = list_limbs(robot)
-    assert robot.arm is not None
-    tip, hand = find_tip(robot, limbs), robot.arm.hand
-    ends = [max(n for n, x in enumerate(limbs) if x.side == side) for side in _sides(limbs)]
-    total, reach = 0.0, {index: 0.0}  # reach: distance of a link's joint from joint `index`
-    for i in range(index, len(limbs)):
-        link, parent = limbs[i].link, limbs[i].parent
-        if i != index:
-            if parent not in reach:
-                continue  # another branch
-            reach[i] = reach[parent] + float(np.linalg.norm(limbs[i].offset))
-        start = reach[i]
-        com = 0.5 * link.length_m if link.com_m is None else link.com_m
-        total += link.mass_kg * (link.length_m**2 / 12 + (start + com) ** 2)
-        if robot.probe is not None and i == tip:
-            middle = start + link.length_m + 0.5 * robot.probe.length_m
-            total += robot.probe.mass_kg * middle**2
-        elif i in ends:
-            total += hand.mass_kg * (start + link.length_m + hand.length_m) ** 2
-    return total
-
-
-def compute_servo_gains(
-    robot: Robot, index: int, servo: Servo | None = None
-) -> tuple[float, float]:
-    """Return (kp N m/rad, kv N m s/rad) of servo `index`: a PD around the commanded angle.
-
-    `servo` is what the plant has in the place of the robot file's.
-
-    Critically damped for the inertia that the motor turns: alone where a spring carries the link.
-    Velocity servos: at the bandwidth 1/T, around the integrated command (torque servos: where they
-    are stuck). Position servos: ten times faster than T_s, around the command with the rest of it.
-    """
-    limbs = list_limbs(robot)
-    at = next(i for i, limb in enumerate(limbs) if limb.servo == index)
-    servo = servo or list_servos(robot)[index][1]
-    inertia = servo.armature_kgm2
-    if servo.mode != "position":
-        inertia += compute_inertia_beyond(robot, at)
-        w = 1.0 / servo.velocity_time_constant_s
-    else:
-        if limbs[at].link.flex_stiffness_nm_per_rad is None:
-            inertia += compute_inertia_beyond(robot, at)
-        w = STIFF_SERVO / servo.position_time_constant_s
-    return inertia * w * w, 2.0 * inertia * w
-
-
-def compute_servo_lag(servo: Servo) -> float:
-    """Lag (s) before a position servo's inner loop, whose own is 2 / bandwidth: T_s together."""
-    return servo.position_time_constant_s * (1.0 - 2.0 / STIFF_SERVO)
 
 
 def _add_hand(

@@ -21,7 +21,7 @@ from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.core.scratch import local
 from skywright.core.user_code import njit
-from skywright.description.robot.limbs import SIDES, list_joints
+from skywright.description.robot.limbs import SIDES, list_joints, list_limbs
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.arm_nearest import arm_point, distance, search_nearest
@@ -61,6 +61,8 @@ def has_arm_chain(robot: Robot) -> bool:
     if robot.arm is None:
         return False
     joints = [x for x in list_joints(robot) if x.side == 0]
+    if any(x.link.is_turned or x.link.side != "both" for x in list_limbs(robot)):
+        return False
     if [(x.link.axis, x.link.along, x.link.joint) for x in joints] != [
         (axis, "-z", "hinge") for axis in "yxzy"
     ]:
@@ -89,8 +91,8 @@ def build_arm_chain(robot: Robot, side: int = 0) -> ArmChain:
         joints[2].link.length_m,
         joints[3].link.length_m + robot.arm.hand.length_m,
         np.array(joints[0].offset),
-        np.radians([x.link.joint_min_deg for x in joints]),
-        np.radians([x.link.joint_max_deg for x in joints]),
+        np.array([x.link.reach[0] for x in joints]),
+        np.array([x.link.reach[1] for x in joints]),
         first,
     )
 

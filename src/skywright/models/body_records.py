@@ -24,6 +24,7 @@ class BodyModel(Record):
     slide: Links
     axis: Links  # 0 x, 1 y, 2 z of the link frame
     offset: Annotated[Array, MAX_LINKS, 3]  # m, joint in the parent's frame
+    turn: Annotated[Array, MAX_LINKS, 3, 3]  # R_PL, joint at zero
     mass: Annotated[Array, MAX_LINKS]
     com: Annotated[Array, MAX_LINKS, 3]
     inertia: Annotated[Array, MAX_LINKS, 3, 3]  # kg m^2 about the link's own com

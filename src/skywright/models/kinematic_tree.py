@@ -96,12 +96,11 @@ def build_planning_scene(scene: Scene, robot: Robot) -> PlanningScene:
         tree.axis[i] = model.jnt_axis[j]
     robot_shapes, names = _robot_shapes(model, data, scene, index)
     world_shapes, world_names = _world_shapes(model, data, scene)
-    links = [limb.link for limb in list_joints(robot)]
+    reach = np.array([limb.link.reach for limb in list_joints(robot)]).reshape(-1, 2)
     return PlanningScene(
         tree, robot_shapes, world_shapes, names, world_names,
         tuple(model.body(b).name for b in bodies), joints,
-        np.radians([link.joint_min_deg for link in links]),
-        np.radians([link.joint_max_deg for link in links]), True,
+        reach[:, 0], reach[:, 1], True,
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """Masses and inertias of a robot's parts, as model, scene and exported files take them."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,8 +9,9 @@ from skywright.core.arrays import Array
 from skywright.core.rotations import rot_y
 from skywright.description.robot.arm import Link
 from skywright.description.robot.docking import Docking
+from skywright.description.robot.inertia import build_inertia
 from skywright.description.robot.limbs import end_of
-from skywright.description.robot.spec import Probe, Robot
+from skywright.description.robot.spec import Platform, Probe, Robot
 
 SLIDER_INERTIA = 1e-6
 """kg m^2 of the probe's sprung part about its own centre: small, but MuJoCo wants it above zero."""
@@ -63,7 +64,15 @@ def link_direction(link: Link) -> Array:
 
 
 def link_inertia(link: Link) -> Array:
-    """Return the (3, 3) inertia of a link about its centre, in its frame: a solid cylinder."""
+    """Return the (3, 3) inertia of a link about its centre, in its frame.
+
+    The file's, or without it that of a solid cylinder.
+    """
+    xx, yy, zz = link.inertia_xx_kgm2, link.inertia_yy_kgm2, link.inertia_zz_kgm2
+    if xx is not None and yy is not None and zz is not None:
+        return build_inertia(
+            xx, yy, zz, link.inertia_xy_kgm2, link.inertia_xz_kgm2, link.inertia_yz_kgm2
+        )
     rod = np.diag(rod_inertia(link.mass_kg, link.length_m, link.radius_m))
     return np.diag(rod if link.along == "x" else rod[::-1])
 
@@ -77,8 +86,25 @@ def tip_rotation(link: Link, pitch_deg: float = 0.0) -> Array:
 
 def link_com(link: Link) -> Array:
     """Return the centre of mass (3,) m in the link's frame."""
+    if link.has_com_vector:
+        return np.array([link.com_x_m or 0.0, link.com_y_m or 0.0, link.com_z_m or 0.0])
     along = link.com_m if link.com_m is not None else 0.5 * link.length_m
     return along * link_direction(link)
+
+
+def set_inertia(body: Any, inertia: Array) -> None:
+    """Give a body of an MjSpec this inertia (3, 3) kg m^2 about its centre of mass."""
+    off = (inertia[0, 1], inertia[0, 2], inertia[1, 2])
+    if any(off):
+        body.fullinertia = [*np.diag(inertia), *off]
+    else:
+        body.inertia = np.diag(inertia)
+    body.explicitinertial = True
+
+
+def platform_inertia(platform: Platform) -> Array:
+    """Return the platform's (3, 3) inertia about its centre of mass, in the axes of B."""
+    return build_inertia(*platform.inertia_terms)
 
 
 def hand_inertia(robot: Robot) -> Array:

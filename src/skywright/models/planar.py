@@ -23,7 +23,7 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_from_quat
 from skywright.core.user_code import njit
-from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.limbs import list_joints, list_limbs
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.scene import Scene
@@ -70,6 +70,7 @@ def build_planar_lrm(scene: Scene, robot: Robot) -> PlanarLrm:
     """
     joints = list_joints(robot)
     shape = [(j.side, j.link.axis, j.link.passive) for j in joints]
+    shape *= not any(limb.link.is_turned for limb in list_limbs(robot))
     arm = [(0, "y", False)] * 2 + [(1, "y", False)] * 2
     if shape != [(-1, "y", True), *arm]:
         raise InputError(

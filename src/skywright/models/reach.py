@@ -120,10 +120,7 @@ def sample_postures(robot: Robot, query: ClearanceQuery) -> Array:
     base = posture(robot, "working")
     mine = [j for j, x in enumerate(joints) if x.side == 0 and x.link.axis == "y"]
     count = max(3, int(POSTURES ** (1.0 / max(len(mine), 1))))
-    grids = [
-        np.radians(np.linspace(joints[j].link.joint_min_deg, joints[j].link.joint_max_deg, count))
-        for j in mine
-    ]
+    grids = [np.linspace(*joints[j].link.reach, count) for j in mine]
     partner = {j: _find_partner(robot, j) for j in mine}
     out = []
     tries: list[Any] = [base[mine], *itertools.product(*grids)]

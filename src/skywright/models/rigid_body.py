@@ -8,7 +8,6 @@ Frames: B body (FLU), link frames at the joints with the link along x or -z, T t
 the robot along the probe and y along the link's y, H hands likewise.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,14 @@ from skywright.core.types import MAX_JOINTS
 from skywright.core.user_code import njit
 from skywright.description.robot.arm import Link
 from skywright.description.robot.docking import Docking
-from skywright.description.robot.limbs import Limb, end_of, list_joints, list_limbs, list_servos
+from skywright.description.robot.limbs import (
+    Limb,
+    end_of,
+    list_joints,
+    list_limbs,
+    list_servos,
+    turn_of,
+)
 from skywright.description.robot.spec import Probe, Robot
 from skywright.models.bar import compute_bar_share
 from skywright.models.body_records import MAX_LINKS, Body, BodyModel, Kinematics
@@ -34,6 +40,7 @@ from skywright.models.part_masses import (
     link_com,
     link_direction,
     link_inertia,
+    platform_inertia,
     rod_inertia,
     tip_rotation,
 )
@@ -58,7 +65,7 @@ def posture(robot: Robot, which: str) -> Array:
     `folded_deg`), in flight it hangs straight down.
     """
     key = "folded" if which == "landed" else which
-    q = [math.radians(getattr(limb.link, f"{key}_deg")) for limb in list_joints(robot)]
+    q = [limb.link.rest(key) for limb in list_joints(robot)]
     if robot.pendulum is not None and which != "landed":
         q[0] = 0.0
     return np.array(q)
@@ -71,9 +78,7 @@ def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
     p = robot.platform
     com = np.array([p.com_x_m, p.com_y_m, p.com_z_m])
     m["gravity"], m["mass0"], m["com0"] = gravity, p.mass_kg, com
-    m["inertia0"] = np.diag([p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2]) + (
-        p.mass_kg * (com @ com * np.eye(3) - np.outer(com, com))
-    )
+    m["inertia0"] = platform_inertia(p) + (p.mass_kg * (com @ com * np.eye(3) - np.outer(com, com)))
     if robot.docking is not None:
         _add_docking(m, robot.docking)
     m["tip_link"], m["tip_rot"] = -1, np.eye(3)
@@ -86,11 +91,10 @@ def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
     joint = 0
     for i, limb in enumerate(limbs):
         link = limb.link
-        m["parent"][i], m["offset"][i] = limb.parent, limb.offset
+        m["parent"][i], m["offset"][i], m["turn"][i] = limb.parent, limb.offset, turn_of(link)
         if link.joint != "fixed":
             m["joint"][i] = joint
-            m["q_min"][joint] = math.radians(link.joint_min_deg)
-            m["q_max"][joint] = math.radians(link.joint_max_deg)
+            m["q_min"][joint], m["q_max"][joint] = link.reach
             joint += 1
         m["slide"][i] = link.joint == "slide"
         m["axis"][i] = "xyz".index(link.axis)
@@ -185,13 +189,12 @@ def fill_kinematics(m: BodyModel, q: Array, k: Kinematics) -> None:
             for a in range(3):
                 k.p[i, a] = m.offset[i, a]
                 for b in range(3):
-                    k.R[i, a, b] = 1.0 if a == b else 0.0
+                    k.R[i, a, b] = m.turn[i, a, b]
         else:
             mat_vec(k.R[parent], m.offset[i], vec)
             for a in range(3):
                 k.p[i, a] = k.p[parent, a] + vec[a]
-                for b in range(3):
-                    k.R[i, a, b] = k.R[parent, a, b]
+            mat_mat(k.R[parent], m.turn[i], k.R[i])
         if joint >= 0:
             axis = m.axis[i]
             if m.slide[i]:

@@ -1,6 +1,6 @@
 """Rotors: geometry, wrench map, speed dynamics, drag and electrical power.
 
-Frames: B is the body frame (FLU). Rotor i sits at azimuth psi_i on a circle and points along
+Frames: B is the body frame (FLU). Rotor i sits at azimuth psi_i and points along
 Rz(psi_i) Rx(alpha_i) Ry(beta_i) z (Sanchez-Cuevas et al. 2020, section III; the same convention
 describes the OTHex of Tognon et al. 2018). Thrust is k_f w^2 along the axis; the propeller's drag
 torque acts on the body against its spin.
@@ -55,7 +55,7 @@ def build_rotors(rotors: Rotors) -> RotorSet:
         - (np.sin(alpha) * np.cos(beta))[:, None] * tangential
         + (np.cos(alpha) * np.cos(beta))[:, None] * up
     )
-    position = rotors.radius_m * radial + rotors.height_m * up
+    position = np.array(rotors.radii)[:, None] * radial + np.array(rotors.heights)[:, None] * up
     spin = np.array([1.0 if s == "ccw" else -1.0 for s in rotors.spin])
     torque = np.cross(position, axis) - rotors.torque_per_thrust_m * spin[:, None] * axis
     return RotorSet(

@@ -29,6 +29,7 @@ from skywright.models.bar_body import BAR, add_bar
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
 from skywright.models.gauges import add_gauges, has_gauges
 from skywright.models.nominal import Nominal
+from skywright.models.part_masses import platform_inertia, set_inertia
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import RotorSet
 from skywright.models.self_contact import exclude_neighbours
@@ -200,10 +201,7 @@ def _add_robot(
     base.add_freejoint(name="free")
     base.mass = p.mass_kg * dev.mass_factor
     base.ipos = np.array([p.com_x_m, p.com_y_m, p.com_z_m]) + dev.com_error
-    base.inertia = dev.inertia_factor * np.array(
-        [p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2]
-    )
-    base.explicitinertial = True
+    set_inertia(base, dev.inertia_factor * platform_inertia(p))
     kwargs: dict[str, Any] = {"contype": ROBOT, "conaffinity": WORLD, "mass": 0.0}
     own = kwargs | {"contype": ROBOT | OWN, "conaffinity": WORLD | OWN}
     base.add_geom(

@@ -21,6 +21,7 @@ from skywright.description.robot.limbs import (
     list_joints,
     list_limbs,
     list_servos,
+    turn_of,
 )
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
@@ -33,6 +34,7 @@ from skywright.models.part_masses import (
     link_com,
     link_direction,
     link_inertia,
+    platform_inertia,
     rod_inertia,
     tip_rotation,
 )
@@ -55,7 +57,7 @@ def build_urdf(robot: Robot) -> str:
     p, gear = robot.platform, out.shapes.get("gear", ())
     out.add_link(
         "platform", p.mass_kg, np.array([p.com_x_m, p.com_y_m, p.com_z_m]),
-        np.diag([p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2]),
+        platform_inertia(p),
         out.shapes["platform"] + gear,
     )  # fmt: skip
     rotors = build_rotors(robot.rotors)
@@ -171,7 +173,7 @@ class _Writer:
         else:
             kind = "prismatic" if link.joint == "slide" else "revolute"
         joint = ET.SubElement(self.root, "joint", name=limb.name, type=kind)
-        _add_origin(joint, np.array(limb.offset), np.eye(3))
+        _add_origin(joint, np.array(limb.offset), turn_of(link))
         ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=limb.name)
         if kind == "fixed":

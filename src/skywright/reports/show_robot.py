@@ -70,7 +70,7 @@ def _draw_top(ax: Axes, robot: Robot) -> None:
     ax.plot([], [], color=CCW, lw=3, label="propeller, counter-clockwise from above")
     ax.plot([], [], color=CW, lw=3, label="propeller, clockwise from above")
     label_axes(ax, TOP, "from above (front to the right)", "B")
-    reach = r.radius_m + r.propeller_radius_m
+    reach = max(r.radii) + r.propeller_radius_m
     span = robot.platform.diameter_m
     draw_dimension(ax, (-span / 2, -reach - 0.12), (span / 2, -reach - 0.12), f"{span:g} m")
     note = "rotor number" + (", tilt alpha, beta" if tilted else "")
@@ -171,9 +171,14 @@ def _write_numbers(ax: Axes, robot: Robot) -> None:
 
 
 def _describe_joint(link: Link) -> str:
-    """Range, working and folded value (slides carry the same keys; their unit is the file's)."""
-    low, high = link.joint_min_deg, link.joint_max_deg
-    return f"{low:g}..{high:g}°, {link.working_deg:g}°, {link.folded_deg:g}°"
+    """Range, working and folded value."""
+    low, high = link.reach
+    values = [low, high, link.rest("working"), link.rest("folded")]
+    unit, values = (
+        (" m", values) if link.joint == "slide" else ("°", [math.degrees(x) for x in values])
+    )
+    a, b, c, d = (f"{x:.4g}" for x in values)
+    return f"{a}..{b}{unit}, {c}{unit}, {d}{unit}"
 
 
 def pad_joints(q: Array) -> Array:

@@ -256,7 +256,7 @@ def describe_robot(robot: Robot) -> list[Section]:
         masses.append((name, "(" + ", ".join(f"{round(1e3 * x):d}" for x in com) + ") mm"))
     masses.append(("size", f"diameter {p.diameter_m:g} m, landing gear {p.gear_height_m:g} m"))
     rotors = [
-        ("number", f"{len(r.azimuth_deg)} at {r.radius_m:g} m from the centre"),
+        ("number", f"{len(r.azimuth_deg)} at {_span(r.radii)} m from the centre"),
         ("azimuth", _degrees(r.azimuth_deg)),
         ("tilt alpha / beta", f"{_degrees(r.alpha_deg)} / {_degrees(r.beta_deg)}"),
         ("propeller", f"radius {r.propeller_radius_m:g} m, time constant {r.time_constant_s:g} s"),
@@ -271,9 +271,12 @@ def describe_robot(robot: Robot) -> list[Section]:
             if link.joint == "fixed":
                 joints.append((name, f"fixed, {size}"))
                 continue
-            span = f"{link.joint_min_deg:g} to {link.joint_max_deg:g} deg"
-            rest = f"folded {link.folded_deg:g}, working {link.working_deg:g}"
-            joints.append((name, f"{link.joint} about {link.axis}, {size}, {span} ({rest})"))
+            low, high, folded, working = (
+                link.describe(x) for x in (*link.reach, link.rest("folded"), link.rest("working"))
+            )
+            way = "along" if link.joint == "slide" else "about"
+            span = f"{low} to {high} (folded {folded}, working {working})"
+            joints.append((name, f"{link.joint} {way} {link.axis}, {size}, {span}"))
         for name, servo in list_servos(robot):
             speed = f"{servo.no_load_speed_rad_s:g} rad/s"
             joints.append((name, f"stall torque {servo.stall_torque_nm:g} N m, {speed} at no load"))
@@ -374,6 +377,11 @@ def describe_sources(spec: Spec, root: str, sources: dict[str, Source]) -> Secti
     if bare:
         rows.append(("no source", str(bare)))
     return Section("Sources of the numbers", rows)
+
+
+def _span(values: list[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
 def _degrees(values: list[float]) -> str:

@@ -112,7 +112,8 @@ def measure(d: Description, step: Step) -> Side:
     hanging = shapes.hang(robot)
     hand = find_hands(build_body_model(robot), q)[0]
     diameter = 2.0 * robot.rotors.propeller_radius_m
-    values["access.rotor_diameters"] = (robot.rotors.height_m - float(hand[2])) / diameter
+    height = float(np.mean(robot.rotors.heights))
+    values["access.rotor_diameters"] = (height - float(hand[2])) / diameter
     values["access.depth_m"] = shapes.measure_access(robot, hanging)
     step(f"{robot.name}: force on a hand")
     reaction = measure_force(robot, q, values, notes)

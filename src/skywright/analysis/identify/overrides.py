@@ -5,6 +5,7 @@ import numpy as np
 from skywright.analysis.identify.fit import unpack_inertia
 from skywright.analysis.identify.identify import Identification
 from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.models.part_masses import platform_inertia
 from skywright.models.rigid_body import build_body_model, compute_body
 
 
@@ -85,7 +86,7 @@ def _platform(found: Identification) -> dict[str, float]:
         if com_known[i]:
             out[f"com_{axis}_m"] = float(c[i])
     if known[:3].all():
-        I_0 = np.diag([p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2])
+        I_0 = platform_inertia(p)
         I_0 = I_0 + p.mass_kg * (c0 @ c0 * np.eye(3) - np.outer(c0, c0)) + inertia / count
         own = np.diag(I_0 - mass * (c @ c * np.eye(3) - np.outer(c, c))).copy()
         own[2] = min(own[2], own[0] + own[1])  # a body's, within the error of the estimate

@@ -5,6 +5,7 @@ A link's frame sits at its joint, with x along the link. Every number has its un
 
 from __future__ import annotations
 
+import math
 import re
 from typing import ClassVar, Literal
 
@@ -14,20 +15,26 @@ from pydantic import Field, model_validator
 from skywright.core.spec import Length, NonNegative, Offset, Positive, Spec
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.bar import Bar
+from skywright.description.robot.inertia import MOMENTS, PRODUCTS, check_inertia
 
 
 class Link(Spec):
     """One arm link, moved by one joint at its origin; x runs along the link.
 
     The joint sits at (`x_m`, `y_m`, `z_m`) in the parent's frame; without them at the end of the
-    parent link (its `length_m` along x), or at the mount for the first. Hinge angle zero means x
-    parallel to the parent's x.
+    parent link (its `length_m` along x), or at the mount for the first. At zero the link's frame
+    is the parent's, turned by Rz(yaw) Ry(pitch) Rx(roll), the convention of URDF; without these
+    keys both have the same axes. A slide has its values in `_m` keys.
     """
 
     parent: str | None = None  # link name, or "platform"; default: the link before it
     x_m: Offset | None = None
     y_m: Offset | None = None
     z_m: Offset | None = None
+    roll_deg: float = 0.0  # of the link's frame in the parent's, the joint at zero
+    pitch_deg: float = 0.0
+    yaw_deg: float = 0.0
+    side: Literal["both", "left", "right"] = "both"  # with sides = 2: on which arms it is
     joint: Literal["hinge", "slide", "fixed"] = "hinge"
     axis: Literal["x", "y", "z"] = "y"
     along: Literal["x", "-z"] = "x"  # the link's direction in its frame: forward, or hanging
@@ -37,11 +44,24 @@ class Link(Spec):
     length_m: Length
     mass_kg: Positive
     com_m: Offset | None = None  # along the link; default: the middle
+    com_x_m: Offset | None = None  # or the centre of mass in the link's frame
+    com_y_m: Offset | None = None
+    com_z_m: Offset | None = None
+    inertia_xx_kgm2: Positive | None = None  # about it; default: of a solid cylinder
+    inertia_yy_kgm2: Positive | None = None
+    inertia_zz_kgm2: Positive | None = None
+    inertia_xy_kgm2: float = 0.0  # product: the tensor's entry, -sum m x y
+    inertia_xz_kgm2: float = 0.0
+    inertia_yz_kgm2: float = 0.0
     radius_m: Length = 0.015  # collision capsule
     joint_min_deg: float = -180.0
     joint_max_deg: float = 180.0
     folded_deg: float = 0.0  # in free flight and on the ground
     working_deg: float = 0.0  # posture that a task starts from
+    joint_min_m: Offset | None = None  # of a slide, with the four below: in place of the angles
+    joint_max_m: Offset | None = None
+    folded_m: Offset = 0.0
+    working_m: Offset = 0.0
     flex_stiffness_nm_per_rad: Positive | None = None  # structural, in series with the joint
     flex_damping_ratio: NonNegative = 0.03
     flex_damping_nms_per_rad: NonNegative | None = None  # in place of the ratio
@@ -69,12 +89,69 @@ class Link(Spec):
         for name in ("folded_deg", "working_deg"):
             if not self.joint_min_deg <= getattr(self, name) <= self.joint_max_deg:
                 raise ValueError(f"{name} lies outside joint_min_deg..joint_max_deg")
+        low, high = self.joint_min_m, self.joint_max_m
+        if (low is None) != (high is None):
+            raise ValueError("give both joint_min_m and joint_max_m, or neither")
+        if low is None or high is None:
+            if self.folded_m or self.working_m:
+                raise ValueError("folded_m and working_m need joint_min_m and joint_max_m")
+            return self
+        if self.joint != "slide":
+            raise ValueError(f"joint_min_m is of a slide; this joint is a {self.joint}")
+        if high <= low:
+            raise ValueError("joint_max_m must exceed joint_min_m")
+        for name in ("folded_m", "working_m"):
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f"{name} lies outside joint_min_m..joint_max_m")
         return self
+
+    @model_validator(mode="after")
+    def _mass_is_a_body_s(self) -> Link:
+        if self.com_m is not None and self.has_com_vector:
+            raise ValueError("give com_m, or com_x_m, com_y_m and com_z_m, not both")
+        moments = [getattr(self, name) for name in MOMENTS]
+        if any(x is None for x in moments):
+            if any(x is not None for x in moments) or any(getattr(self, n) for n in PRODUCTS):
+                raise ValueError(f"give {', '.join(MOMENTS)} together, or none of the inertia keys")
+            return self
+        check_inertia(*moments, *(getattr(self, name) for name in PRODUCTS))
+        return self
+
+    @property
+    def has_com_vector(self) -> bool:
+        """Whether the centre of mass is given by its three coordinates."""
+        return any(x is not None for x in (self.com_x_m, self.com_y_m, self.com_z_m))
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether the link's frame is turned against the parent's with the joint at zero."""
+        return bool(self.roll_deg or self.pitch_deg or self.yaw_deg)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Least and largest value of the joint (rad; of a slide m)."""
+        if self.joint_min_m is not None and self.joint_max_m is not None:
+            return self.joint_min_m, self.joint_max_m
+        return math.radians(self.joint_min_deg), math.radians(self.joint_max_deg)
+
+    def rest(self, which: str) -> float:
+        """Return the joint's value (rad; of a slide m) in the posture `folded` or `working`."""
+        if self.joint_min_m is not None:
+            return float(getattr(self, f"{which}_m"))
+        return math.radians(getattr(self, f"{which}_deg"))
+
+    def describe(self, value: float) -> str:
+        """Return a value of the joint (rad; of a slide m) in words."""
+        return f"{value:g} m" if self.joint == "slide" else f"{math.degrees(value):g} deg"
 
 
 class Servo(Spec):
-    """A servo motor of the arm: it takes a velocity, an angle (most smart servos) or a torque."""
+    """A servo motor of the arm: it takes a velocity, an angle (most smart servos) or a torque.
 
+    On a slide, N stands for N m, m for rad and kg for kg m^2 in all keys.
+    """
+
+    side: Literal["both", "left", "right"] = "both"  # with sides = 2: on which arms it is
     mode: Literal["velocity", "position", "torque"] = "velocity"
     stall_torque_nm: Positive
     no_load_speed_rad_s: Positive
@@ -110,7 +187,8 @@ class Arm(Spec):
 
     `belt` is J_AM of Tognon 2018: joint speeds = J_AM * motor speeds (identity when absent).
     With `sides = 2` the links describe the left arm; the right one is its mirror image, and the
-    two shoulders are `separation_m` apart.
+    two shoulders are `separation_m` apart. A link or servo with `side = "left"` or `"right"` is on
+    that arm only, and is taken as it stands: so two arms may differ.
     """
 
     inline_tables: ClassVar[tuple[str, ...]] = ("links", "servos")
@@ -148,16 +226,26 @@ class Arm(Spec):
     def _consistent(self) -> Arm:
         if not self.links:  # a mission that sets a key of the arm, flown by a robot without
             raise ValueError("[robot.arm] has no links; add [robot.arm.NAME] tables")
+        sides = {n: x.side for n, x in self.links.items()}
+        sides |= {n: x.side for n, x in self.servos.items()}
+        alone = [name for name, side in sides.items() if side != "both"]
+        if alone and self.sides == 1:
+            raise ValueError(f"{alone[0]}.side needs two arms: sides = 2")
         moving = [n for n, link in self.links.items() if link.joint != "fixed"]
-        joints = self.sides * len(moving)
+        joints = sum(link.joint != "fixed" for links in self.chains for link in links.values())
         if joints > MAX_JOINTS:
             raise ValueError(f"{joints} joints; at most {MAX_JOINTS} are supported")
         driven = [n for n in moving if not self.links[n].passive]
-        if len(self.servos) != len(driven):
-            raise ValueError(
-                f"{len(self.servos)} servos for {len(driven)} driven joints: give one "
-                "servo table per driven joint"
-            )
+        for side, links in zip(("left", "right"), self.chains, strict=False):
+            if not links:
+                raise ValueError(f"sides = 2, but no link is on the {side} arm")
+            n = sum(link.joint != "fixed" and not link.passive for link in links.values())
+            servos = sum(servo.side in ("both", side) for servo in self.servos.values())
+            if servos != n:
+                raise ValueError(
+                    f"{servos} servos for {n} driven joints{f' ({side})' if alone else ''}: give "
+                    "one servo table per driven joint"
+                )
         if len({servo.mode for servo in self.servos.values()}) > 1:
             raise ValueError("servos have different modes: all servos must have the same mode")
         if self.belt is not None and (self.sides == 2 or len(driven) < len(moving)):
@@ -165,14 +253,15 @@ class Arm(Spec):
         for name in self.links:
             if TAKEN.fullmatch(name):
                 raise ValueError(f"a link cannot be named {name!r}: this name is reserved")
-        before = ["platform"]  # a parent comes first, so there are no cycles
-        for name, link in self.links.items():
-            if link.parent is not None and link.parent not in before:
-                raise ValueError(
-                    f"{name}.parent is {link.parent!r}; valid are the links before it: "
-                    f"{', '.join(before)}"
-                )
-            before.append(name)
+        for links in self.chains:
+            before = ["platform"]  # a parent comes first, so there are no cycles
+            for name, link in links.items():
+                if link.parent is not None and link.parent not in before:
+                    raise ValueError(
+                        f"{name}.parent is {link.parent!r}; valid are the links before it: "
+                        f"{', '.join(before)}"
+                    )
+                before.append(name)
         if self.bar is not None and (self.sides == 1 or self.hand.mass_kg == 0.0):
             raise ValueError("a bar needs two hands: sides = 2 and hand.mass_kg above 0")
         if self.belt is not None:
@@ -182,3 +271,9 @@ class Arm(Spec):
             if n and abs(float(np.linalg.det(np.array(self.belt)))) < 1e-6:
                 raise ValueError("belt must be invertible: each joint requires its own motor")
         return self
+
+    @property
+    def chains(self) -> list[dict[str, Link]]:
+        """The links of each arm, the left one or only one first, by name."""
+        sides = ("left", "right")[: self.sides]
+        return [{n: x for n, x in self.links.items() if x.side in ("both", s)} for s in sides]

@@ -6,8 +6,13 @@ y = 0: offsets change the sign of y, joints about x and z that of their angles.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.robot.arm import Link, Servo
 from skywright.description.robot.spec import Robot
 
@@ -40,33 +45,31 @@ def list_limbs(robot: Robot) -> list[Limb]:
         # the shoulders sit at the end of the passive link; the mount's height is on the platform
         mount = (end[0], mount[1], end[2])
     servo = 0
-    for side in range(arm.sides):
+    for side, links in enumerate(arm.chains):
         sign = -1.0 if side else 1.0
         prefix = f"{SIDES[side]}_" if arm.sides == 2 else ""
         spread = 0.5 * arm.separation_m if arm.sides == 2 else 0.0
         first = len(out)
-        names = list(arm.links)
-        for i, (name, given) in enumerate(arm.links.items()):
-            link = _mirror(given) if side else given
+        names = list(links)
+        for i, (name, given) in enumerate(links.items()):
+            mirrored = bool(side) and given.side == "both"
+            link = _mirror(given) if mirrored else given
             if side and arm.encoders == "left":
                 link = link.model_copy(update={"deflection_encoder": False})
             parent_name = given.parent or (names[i - 1] if i else "platform")
             if parent_name == "platform":
-                parent, default = base, (mount[0], mount[1] + spread, mount[2])
+                parent, default = base, (mount[0], sign * (mount[1] + spread), mount[2])
             else:
                 parent = first + names.index(parent_name)
-                default = end_of(arm.links[parent_name])
-            at = [
-                d if g is None else g
-                for d, g in zip(default, (given.x_m, given.y_m, given.z_m), strict=True)
-            ]
+                default = end_of(links[parent_name])
+            flip = sign if mirrored else 1.0
+            place = (
+                default[0] if given.x_m is None else given.x_m,
+                default[1] if given.y_m is None else flip * given.y_m,
+                default[2] if given.z_m is None else given.z_m,
+            )
             driven = link.joint != "fixed" and not link.passive
-            out.append(
-                Limb(
-                    prefix + name, link, parent, (at[0], sign * at[1], at[2]), side,
-                    servo if driven else -1,
-                )
-            )  # fmt: skip
+            out.append(Limb(prefix + name, link, parent, place, side, servo if driven else -1))
             servo += driven
     return out
 
@@ -83,12 +86,25 @@ def list_servos(robot: Robot) -> list[tuple[str, Servo]]:
     servos = robot.arm.servos
     if robot.arm.sides == 1:
         return list(servos.items())
-    return [(f"{side}_{name}", servo) for side in SIDES for name, servo in servos.items()]
+    return [
+        (f"{side}_{name}", servo)
+        for side in SIDES
+        for name, servo in servos.items()
+        if servo.side in ("both", side)
+    ]
 
 
 def takes_torque(robot: Robot) -> bool:
     """Whether the arm's servos take torques."""
     return any(servo.mode == "torque" for _, servo in list_servos(robot))
+
+
+def turn_of(link: Link) -> NDArray[np.float64]:
+    """Return R_PL (3, 3): the link's frame in its parent's, with the joint at zero."""
+    if not link.is_turned:
+        return np.eye(3)
+    roll, pitch, yaw = (math.radians(x) for x in (link.roll_deg, link.pitch_deg, link.yaw_deg))
+    return rot_z(yaw) @ rot_y(pitch) @ rot_x(roll)
 
 
 def end_of(link: Link) -> tuple[float, float, float]:
@@ -97,14 +113,24 @@ def end_of(link: Link) -> tuple[float, float, float]:
 
 
 def _mirror(link: Link) -> Link:
-    """Return the mirror image in the plane y = 0 of a link's joint."""
-    if link.axis == "y" or link.joint == "slide":
-        return link
-    return link.model_copy(
-        update={
-            "joint_min_deg": -link.joint_max_deg,
-            "joint_max_deg": -link.joint_min_deg,
-            "folded_deg": -link.folded_deg,
-            "working_deg": -link.working_deg,
-        }
-    )
+    """Return the mirror image in the plane y = 0 of a link and its joint."""
+    update: dict[str, float | None] = {
+        name: -getattr(link, name)
+        for name in ("roll_deg", "yaw_deg", "com_y_m", "inertia_xy_kgm2", "inertia_yz_kgm2")
+        if getattr(link, name)
+    }
+    if link.joint == "slide":
+        if link.axis == "y":
+            update |= _flip(link, "m" if link.joint_min_m is not None else "deg")
+    elif link.axis != "y":
+        update |= _flip(link, "deg")
+    return link.model_copy(update=update) if update else link
+
+
+def _flip(link: Link, unit: str) -> dict[str, float | None]:
+    """Return the joint's limits and postures with the other sign."""
+    ends = {"joint_min": "joint_max", "joint_max": "joint_min"}
+    return {
+        f"{name}_{unit}": -getattr(link, f"{ends.get(name, name)}_{unit}")
+        for name in ("joint_min", "joint_max", "folded", "working")
+    }

@@ -24,6 +24,7 @@ from skywright.description.robot.arm import Arm, Link
 from skywright.description.robot.camera import Camera
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.force_sensor import ForceSensor
+from skywright.description.robot.inertia import check_inertia
 from skywright.description.robot.localisation import Prism, RangeFinder, TrackingCamera
 
 
@@ -34,6 +35,9 @@ class Platform(Spec):
     inertia_xx_kgm2: Positive
     inertia_yy_kgm2: Positive
     inertia_zz_kgm2: Positive
+    inertia_xy_kgm2: float = 0.0  # product: the tensor's entry, -sum m x y
+    inertia_xz_kgm2: float = 0.0
+    inertia_yz_kgm2: float = 0.0
     com_x_m: float = 0.0
     com_y_m: float = 0.0
     com_z_m: float = 0.0
@@ -48,25 +52,30 @@ class Platform(Spec):
 
     @model_validator(mode="after")
     def _inertia_is_a_body_s(self) -> Platform:
-        ixx, iyy, izz = self.inertia_xx_kgm2, self.inertia_yy_kgm2, self.inertia_zz_kgm2
-        if ixx + iyy < izz or iyy + izz < ixx or izz + ixx < iyy:
-            raise ValueError(
-                f"inertias {ixx:g}, {iyy:g}, {izz:g} kg m^2 are not physical: each must be "
-                "at most the sum of the other two"
-            )
+        check_inertia(*self.inertia_terms)
         return self
+
+    @property
+    def inertia_terms(self) -> tuple[float, float, float, float, float, float]:
+        """Ixx, Iyy, Izz, Ixy, Ixz, Iyz kg m^2 about the centre of mass, in the axes of B."""
+        return (
+            self.inertia_xx_kgm2, self.inertia_yy_kgm2, self.inertia_zz_kgm2,
+            self.inertia_xy_kgm2, self.inertia_xz_kgm2, self.inertia_yz_kgm2,
+        )  # fmt: skip
 
 
 class Rotors(Spec):
     """Rotor layout and propulsion. Axis of rotor i: Rz(azimuth) Rx(alpha) Ry(beta) z.
 
-    The lists have one entry a rotor. `spin` is the propeller's sense seen from above; the drag
-    torque on the body is opposite. Thrust = thrust_coefficient * speed^2.
+    The lists have one entry a rotor. Azimuth, radius and height place a hub anywhere; alpha and
+    beta point its axis anywhere, alpha = 180 deg downwards. `spin` is the propeller's sense seen
+    from where its thrust points to (from above, if it points up); the drag torque on the body is
+    opposite. Thrust = thrust_coefficient * speed^2.
     """
 
     azimuth_deg: list[float] = Field(min_length=3, max_length=MAX_ROTORS)
-    radius_m: Positive  # distance of the hubs from the z axis of B
-    height_m: float = 0.0  # of the hubs above B
+    radius_m: Positive | list[NonNegative]  # of the hubs from the z axis of B: one, or a list
+    height_m: float | list[float] = 0.0  # of the hubs above B: one for all, or a list
     alpha_deg: list[float]  # tilt about the radial axis
     beta_deg: list[float]  # tilt about the (rotated) tangential axis
     spin: list[Literal["ccw", "cw"]]
@@ -91,9 +100,30 @@ class Rotors(Spec):
                     f"{name} has {len(getattr(self, name))} entries, azimuth_deg has {n}: "
                     "give one entry per rotor"
                 )
+        for name in ("radius_m", "height_m"):
+            value = getattr(self, name)
+            if isinstance(value, list) and len(value) != n:
+                raise ValueError(
+                    f"{name} has {len(value)} entries, azimuth_deg has {n}: give one number, "
+                    "or one per rotor"
+                )
+        if max(self.radii) <= 0.0:
+            raise ValueError("radius_m must be above 0 for at least one rotor")
         if self.thrust_max_n <= self.thrust_min_n:
             raise ValueError("thrust_max_n must exceed thrust_min_n")
         return self
+
+    @property
+    def radii(self) -> list[float]:
+        """Distance (m) of each hub from the z axis of B."""
+        r, n = self.radius_m, len(self.azimuth_deg)
+        return r if isinstance(r, list) else [r] * n
+
+    @property
+    def heights(self) -> list[float]:
+        """Height (m) of each hub above the origin of B."""
+        h, n = self.height_m, len(self.azimuth_deg)
+        return h if isinstance(h, list) else [h] * n
 
 
 class Battery(Spec):
@@ -236,7 +266,7 @@ class Robot(Spec):
             return self
         if self.arm is None:
             raise ValueError("a pendulum requires an arm")
-        moving = sum(link.joint != "fixed" for link in self.arm.links.values()) * self.arm.sides
+        moving = sum(link.joint != "fixed" for s in self.arm.chains for link in s.values())
         if moving + 1 > MAX_JOINTS:
             raise ValueError(f"{moving + 1} joints; at most {MAX_JOINTS} are supported")
         return self
@@ -249,7 +279,8 @@ class Robot(Spec):
             on = self.probe.on
             valid = sorted(self.arm.links)
             if self.arm.sides == 2:
-                valid = [f"{side}_{name}" for side in ("left", "right") for name in valid]
+                sides = zip(("left", "right"), self.arm.chains, strict=True)
+                valid = [f"{side}_{name}" for side, links in sides for name in sorted(links)]
             if on is not None and on not in valid:
                 raise ValueError(f"probe.on is {on!r}; valid: {valid}")
         return self

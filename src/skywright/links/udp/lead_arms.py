@@ -57,8 +57,8 @@ class Lead:
         self.poses = {"rest": posture(robot, "folded"), "operate": posture(robot, "working")}
         """Joint angles (n,) rad of the tasks that are poses."""
         joints = list_joints(robot)
-        self._low = np.radians([limb.link.joint_min_deg for limb in joints])
-        self._high = np.radians([limb.link.joint_max_deg for limb in joints])
+        self._low = np.array([limb.link.reach[0] for limb in joints])
+        self._high = np.array([limb.link.reach[1] for limb in joints])
         self._driven = np.array([limb.servo >= 0 for limb in joints])
         self._query = None if s.surroundings is None else s.surroundings()
         self._task, self._since = "hold", 0.0  # and when it began (s)

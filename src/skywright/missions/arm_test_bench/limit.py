@@ -18,9 +18,9 @@ from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_servos
 from skywright.description.robot.spec import Robot
 from skywright.description.world.structure import Structure, build_surface, find_place
-from skywright.models.arm_body import compute_servo_gains
 from skywright.models.force_sensor import compute_spring_force
 from skywright.models.rigid_body import build_body_model, compute_kinematics, fill_gravity_torque
+from skywright.models.servo_gains import compute_servo_gains
 from skywright.vehicle.laws.backstepping import DAMPING, REACH
 
 STEP = 5e-4  # m, of an advance

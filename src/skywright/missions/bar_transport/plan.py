@@ -9,7 +9,7 @@ import math
 import time
 
 from skywright.description.loader import Description
-from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.limbs import list_joints, list_limbs
 from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import World
@@ -70,7 +70,8 @@ def build_problem(d: Description[BarTransport]) -> TransportProblem:
     """
     robot, world, m, task = d.robot, d.world, d.mission, d.mission.task
     joints = [(j.side, j.link.axis, j.link.passive) for j in list_joints(robot)]
-    if joints != [(-1, "y", True), *[(0, "y", False)] * 2, *[(1, "y", False)] * 2]:
+    turned = any(limb.link.is_turned for limb in list_limbs(robot))
+    if turned or joints != [(-1, "y", True), *[(0, "y", False)] * 2, *[(1, "y", False)] * 2]:
         raise InputError(
             f"robot {robot.name!r} cannot carry a bar: bar-transport requires a passive "
             "pitch joint and two arms of shoulder and elbow pitch, such as ars-lrm"

@@ -93,7 +93,8 @@ def build_hit_pose(robot: Robot) -> Array:
     joints = list_joints(robot)
     for side in (0, 1):
         mine = [j for j, limb in enumerate(joints) if limb.side == side]
-        if [joints[j].link.axis for j in mine] == list("yxzy"):
+        turned = any(joints[j].link.is_turned for j in mine)
+        if not turned and [joints[j].link.axis for j in mine] == list("yxzy"):
             q[mine] = np.radians(HIT_POSE_DEG)
     return q
 

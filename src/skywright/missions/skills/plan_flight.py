@@ -81,13 +81,13 @@ def _check_limits(file: str, plan: PlanFile, robot: Robot) -> None:
     for j, limb in enumerate(list_joints(robot)):
         if limb.servo < 0:
             continue
-        low, high = math.radians(limb.link.joint_min_deg), math.radians(limb.link.joint_max_deg)
+        low, high = limb.link.reach
         q = plan.q[:, j]
         if np.min(q) < low - 1e-6 or np.max(q) > high + 1e-6:
             worst = float(np.min(q) if np.min(q) < low - 1e-6 else np.max(q))
             raise InputError(
-                f"{file}: {limb.name} goes to {math.degrees(worst):.1f} deg; its range is "
-                f"{limb.link.joint_min_deg:g} to {limb.link.joint_max_deg:g} deg"
+                f"{file}: {limb.name} goes to {limb.link.describe(round(worst, 4))}; its range "
+                f"is {limb.link.describe(low)} to {limb.link.describe(high)}"
             )
 
 

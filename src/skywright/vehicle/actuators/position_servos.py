@@ -9,9 +9,9 @@ from typing import Annotated, Any
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints
-from skywright.models.arm_body import compute_servo_lag
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
 from skywright.models.deviated_arm import list_true_servos
+from skywright.models.servo_gains import compute_servo_lag
 from skywright.vehicle.arms.joints import fill_home
 from skywright.vehicle.arms.truth import ServoState
 from skywright.vehicle.bus import Clock, MuJoCo, ServoDrive

@@ -10,8 +10,8 @@ import numpy as np
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_servos
-from skywright.models.arm_body import compute_servo_gains
 from skywright.models.deviated_arm import list_true_servos
+from skywright.models.servo_gains import compute_servo_gains
 from skywright.vehicle.bus import MuJoCo, ServoDrive
 from skywright.vehicle.component import Component, words
 

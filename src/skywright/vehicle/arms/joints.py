@@ -112,9 +112,7 @@ def build_arm_model(robot: Robot, springs: Springs | None = None) -> NDArray[Any
             arm["fore"] = links[-1].length_m + robot.probe.length_m
     for j, limb in enumerate(joints):
         link = limb.link
-        arm["q_min"][j], arm["q_max"][j] = (
-            math.radians(link.joint_min_deg), math.radians(link.joint_max_deg)
-        )  # fmt: skip
+        arm["q_min"][j], arm["q_max"][j] = link.reach
         if link.passive:
             arm["swing"] = j
             arm["sensed"][j] = 1.0

@@ -11,8 +11,8 @@ from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, takes_torque
 from skywright.errors import InputError
-from skywright.models.arm_body import compute_servo_gains
 from skywright.models.compliant_arms import is_compliant
+from skywright.models.servo_gains import compute_servo_gains
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Fault, words
 

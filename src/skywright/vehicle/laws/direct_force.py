@@ -52,13 +52,13 @@ from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
-from skywright.models.arm_body import compute_servo_gains
 from skywright.models.rigid_body import (
     build_body_model,
     compute_body,
     compute_kinematics,
     posture,
 )
+from skywright.models.servo_gains import compute_servo_gains
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Out, helper
 from skywright.vehicle.follower import Press
