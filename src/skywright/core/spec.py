@@ -18,7 +18,7 @@ Offset = Annotated[float, Field(ge=-100, le=100)]  # m, of a part from another
 Bandwidth = Annotated[float, Field(ge=1e-3, le=1000)]  # rad/s
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
-SourceKind = Literal["paper", "derived", "datasheet", "assumed", "set"]
+SourceKind = Literal["paper", "derived", "datasheet", "assumed", "set", "imported", "asked"]
 
 
 class Source(NamedTuple):
