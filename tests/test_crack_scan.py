@@ -9,7 +9,7 @@ import pytest
 
 from skywright.description.loader import load_description
 from skywright.errors import InputError
-from skywright.inspection.indications import FlawFinder
+from skywright.inspection.indications import COIL_WIDTH, FlawFinder
 from skywright.inspection.notch_setup import set_up
 from skywright.missions.crack_scan.display import find_array
 from skywright.missions.crack_scan.judge import Flaw, match
@@ -83,6 +83,35 @@ def test_a_weld_is_wide_and_a_crack_beside_it_ambiguous() -> None:
     assert [x.nature for x in far if x.s < 0] == ["crack"]
     beside = search(*scan(Crack(s_m=0.018), rng, weld=True))
     assert [x.nature for x in beside if x.height > 0] == ["ambiguous"]
+
+
+def test_what_separates_a_crack_from_a_weld_grows_with_the_coil() -> None:
+    """A coil of twice the size sees a crack twice as wide; of half the size a weld is no crack."""
+    large = Coil(0.002, 0.005, 0.006, recess=0.001)
+    wide = set_up(simulate_block_scan(STEEL, large, Instrument(), np.random.default_rng(0)))
+    t, z, s, c = scan(None, np.random.default_rng(9))
+    table = build_crack_table(0.012, 0.002, STEEL, large, Instrument()).signal[0]
+    y, x = np.abs(c) / CELL, np.abs(s - 0.01) / CELL
+    near = (x < table.shape[0] - 1) & (y < table.shape[1] - 1)
+    z += wide.null - DISPLAY.null
+    z[near] += table[x[near].astype(int), y[near].astype(int)]
+
+    def look(width: float):
+        finder = FlawFinder(coil_width_m=width)
+        finder.add(t, wide.show(z), s, c)
+        return finder.find()
+
+    assert [x.nature for x in look(2 * COIL_WIDTH)] == ["crack"]
+    assert "crack" not in {x.nature for x in look(COIL_WIDTH)}
+    weld = search(*scan(None, np.random.default_rng(3), weld=True), coil_width_m=COIL_WIDTH / 2)
+    assert {x.nature for x in weld if x.height < 0} == {"weld"}
+
+
+def test_a_crack_beside_the_sector_is_no_false_call() -> None:
+    t, z, s, c = scan(Crack(s_m=0.01), np.random.default_rng(7))
+    found = search(t, z, s, c)
+    assert match(found, [], [Flaw("a", Crack(), 0.01, 0.0)]) == ([], 0)
+    assert match(found, [], [])[1] == 1
 
 
 def test_noise_of_the_tracker_does_not_shorten_the_window() -> None:

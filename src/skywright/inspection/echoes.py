@@ -9,6 +9,8 @@ from scipy.signal import hilbert
 from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.inspection.calibration import robust_std
+from skywright.models.peaks import find_vertex
+from skywright.models.ultrasonic import compute_pulse_width
 
 SIDE = 1.5
 """Pulse lengths to each side of an echo that its correlation looks at."""
@@ -26,12 +28,12 @@ class Pulse(NamedTuple):
     @property
     def width(self) -> float:
         """Standard deviation (s) of the pulse's envelope."""
-        return 2.355 / (2 * math.pi * self.bandwidth * self.frequency)
+        return compute_pulse_width(self.frequency, self.bandwidth)
 
     @property
     def rms_frequency(self) -> float:
         """Rms frequency (Hz), which timing goes by."""
-        return math.hypot(self.frequency, self.bandwidth * self.frequency / 2.355)
+        return math.hypot(self.frequency, 0.5 / math.pi / self.width)
 
 
 class FoundEchoes(NamedTuple):
@@ -71,7 +73,7 @@ def find_echoes(ascan: Array, pulse: Pulse, threshold: float, most: int = 4) -> 
         # a side of a larger echo, or the transmitter's tail, is no peak
         if not inside or envelope[i] < envelope[i - 1] or envelope[i] < envelope[i + 1]:
             continue
-        times.append((i + _find_vertex(envelope, i)) / pulse.rate)
+        times.append((i + find_vertex(envelope, i)) / pulse.rate)
         heights.append(float(envelope[i]))
     order = np.argsort(times)[:most]
     rest = x[~taken]
@@ -96,7 +98,7 @@ def measure_delay(ascan: Array, pulse: Pulse, first: float, second: float) -> fl
     two = _cut(x, b - half - lag, b + half + 1 + lag)
     correlation = np.correlate(two, one, "valid")
     i = int(np.argmax(correlation))
-    return (b - a + i - lag + _find_vertex(correlation, i)) / pulse.rate
+    return (b - a + i - lag + find_vertex(correlation, i)) / pulse.rate
 
 
 def compute_timing_std(pulse: Pulse, amplitude: float, noise: float) -> float:
@@ -115,12 +117,3 @@ def _cut(x: Array, a: int, b: int) -> Array:
     if low < high:
         out[low - a : high - a] = x[low:high]
     return out
-
-
-def _find_vertex(x: Array, i: int) -> float:
-    """Offset of the parabola's vertex through three points, -0.5 to 0.5 samples."""
-    if not 0 < i < x.size - 1:
-        return 0.0
-    a, b, c = float(x[i - 1]), float(x[i]), float(x[i + 1])
-    bend = a - 2 * b + c
-    return 0.0 if bend >= 0 else min(max(0.5 * (a - c) / bend, -0.5), 0.5)

@@ -24,12 +24,18 @@ from skywright.core.arrays import Array
 from skywright.errors import InputError
 
 Nature = Literal["crack", "weld", "ambiguous"]
+COIL_WIDTH = 0.00344
+"""m, at half height over a crack, of the coil that the lengths below hold for (outer radius 2.5
+mm, models/crack_signal.py). NARROW, WIDE and BESIDE are in proportion to the width of the coil;
+LINK and WINDOW only grow with it, as small coils lie no closer."""
 LINK = 0.0035
 """m; samples above the threshold this close are one indication: a coil's width."""
 NARROW = 0.0055
-"""m; an indication narrower than this is a crack: a coil of 3.4 mm, and its way over the crack."""
+"""m; an indication narrower than this is a crack: the coil's width, and its way over the crack."""
 WIDE = 0.0075
 """m; wider ones are a weld or a change of the metal."""
+WINDOW = 0.04
+"""m, way of the running median: more than twice of what a crack along the path takes."""
 LAG = 0.5
 """s, over which the probe's way is measured."""
 BESIDE = 0.004
@@ -55,19 +61,23 @@ class FlawFinder:
     """Collects a scan of one or more coils, block by block, and finds its indications."""
 
     def __init__(
-        self, *, threshold: float = 15.0, window_m: float = 0.04, coil_width_m: float = 0.00344,
-        track_std: float = 0.001,
+        self, *, threshold: float = 15.0, window_m: float | None = None,
+        coil_width_m: float = COIL_WIDTH, track_std: float = 0.001,
     ) -> None:  # fmt: skip
         """`threshold` in % FSH; `window_m`: way of the running median; `track_std` (m): of a place.
 
-        Raises InputError where one of them is not above 0.
+        `window_m` is by default WINDOW, in proportion for a coil wider than COIL_WIDTH. Raises
+        InputError where one of them is not above 0.
         """
+        if window_m is None:
+            window_m = WINDOW * max(coil_width_m / COIL_WIDTH, 1.0)
         for name, value in (("threshold", threshold), ("window_m", window_m),
                             ("coil_width_m", coil_width_m), ("track_std", track_std)):  # fmt: skip
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"flaw scan: {name} {value}; valid: above 0")
         self.threshold, self.window_m = threshold, window_m
         self.coil_width_m, self.track_std = coil_width_m, track_std
+        self.scale = coil_width_m / COIL_WIDTH
         self._blocks: list[tuple[Array, NDArray[np.complex128], Array, Array]] = []
 
     def add(
@@ -121,7 +131,9 @@ class FlawFinder:
         labels = np.zeros(row.size, int)
         for sign in (1.0, -1.0):  # a weld's flank is no part of a crack
             mine = np.flatnonzero(np.sign(height) == sign)
-            labels[mine] = _link(place[mine]) + (0 if sign > 0 else row.size)
+            labels[mine] = _link(place[mine], LINK * max(self.scale, 1.0)) + (
+                0 if sign > 0 else row.size
+            )
         found = [
             self._describe(t[row[mine]], height[mine], place[mine])
             for mine in (np.flatnonzero(labels == k) for k in np.unique(labels))
@@ -130,7 +142,7 @@ class FlawFinder:
         out = []
         for x in found:
             near = [w for w in welds if math.hypot(x.s - w.s, x.c - w.c)
-                    < 0.5 * (w.length + w.width) + BESIDE]  # fmt: skip
+                    < 0.5 * (w.length + w.width) + BESIDE * self.scale]  # fmt: skip
             out.append(x._replace(nature="ambiguous") if x.nature == "crack" and near else x)
         return sorted(out, key=lambda x: -abs(x.height))
 
@@ -149,9 +161,9 @@ class FlawFinder:
         if len(height) < 3 or values[1] <= 0:
             width, length = 0.0, 0.0
         nature: Nature = "ambiguous"
-        if height[peak] > 0 and width <= NARROW:
+        if height[peak] > 0 and width <= NARROW * self.scale:
             nature = "crack"
-        elif width >= WIDE:
+        elif width >= WIDE * self.scale:
             nature = "weld"
         angle = math.atan2(float(axes[0, 1]), float(axes[1, 1]))
         angle -= math.pi * round(angle / math.pi)
@@ -169,9 +181,9 @@ def _measure_step(t: Array, s: Array, c: Array) -> float:
     return float(np.median(np.hypot(s[lag:] - s[:-lag], c[lag:] - c[:-lag]))) / lag
 
 
-def _link(place: Array) -> NDArray[np.intp]:
-    """Label (n,) places that hang together in steps of LINK."""
+def _link(place: Array, reach: float) -> NDArray[np.intp]:
+    """Label (n,) places that hang together in steps of `reach` (m)."""
     n = len(place)
-    pairs = cKDTree(place).query_pairs(LINK, output_type="ndarray") if n else np.zeros((0, 2), int)
+    pairs = cKDTree(place).query_pairs(reach, output_type="ndarray") if n else np.zeros((0, 2), int)
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     return np.asarray(connected_components(graph, directed=False)[1], np.intp)

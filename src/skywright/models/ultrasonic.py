@@ -53,9 +53,22 @@ class Transducer(NamedTuple):
     grass: float = 0.006  # FSH rms, of scattering in the wall, fixed at each place
 
     @property
+    def width(self) -> float:
+        """Standard deviation (s) of the pulse's envelope."""
+        return compute_pulse_width(self.frequency, self.bandwidth)
+
+    @property
     def ready(self) -> float:
         """Time (s) after which the transmitter rings below 3 % FSH: gates begin here."""
         return self.zero + self.dead * math.log(2.0 / 0.03)
+
+
+def compute_pulse_width(frequency: float, bandwidth: float) -> float:
+    """Return the standard deviation (s) of a Gaussian envelope of `frequency` (Hz).
+
+    `bandwidth` is that at -6 dB of the pulse, over the frequency.
+    """
+    return 2.355 / (2 * math.pi * bandwidth * frequency)
 
 
 class Coupling(NamedTuple):
@@ -178,11 +191,19 @@ def compute_echoes(transducer: Transducer, coupling: Coupling, walls: Array) -> 
     return Echoes(t.zero + layers + way / c.velocity, amplitudes * share[:, None])
 
 
+def compute_squeeze(viscosity: float, radius: float) -> float:
+    """Return by how much 1 / h^2 of a film grows with the impulse F t, in 1 / (m^2 N s): Stefan.
+
+    1/h^2 = 1/h0^2 + 4 F t / (3 pi eta a^4), with the viscosity eta (Pa s) and the face's radius a.
+    """
+    return 4.0 / (3.0 * math.pi * viscosity * radius**4)
+
+
 def build_pulse(transducer: Transducer, times: Array) -> Array:
     """Return the pulse at `times` (s) from its middle: a cosine in a Gaussian."""
-    sigma = 2.355 / (2 * math.pi * transducer.bandwidth * transducer.frequency)
     return np.asarray(
-        np.exp(-0.5 * (times / sigma) ** 2) * np.cos(2 * math.pi * transducer.frequency * times)
+        np.exp(-0.5 * (times / transducer.width) ** 2)
+        * np.cos(2 * math.pi * transducer.frequency * times)
     )
 
 
@@ -197,7 +218,7 @@ def compute_ascan(
     """
     t = np.arange(samples) / SAMPLE_RATE
     out = 2.0 * np.exp(-t / transducer.dead) * np.cos(2 * math.pi * transducer.frequency * t)
-    sigma = 2.355 / (2 * math.pi * transducer.bandwidth * transducer.frequency)
+    sigma = transducer.width
     for time, size in zip(echoes.times.ravel(), echoes.amplitudes.ravel(), strict=True):
         a = max(int((time - 5 * sigma) * SAMPLE_RATE), 0)
         b = min(int((time + 5 * sigma) * SAMPLE_RATE) + 1, samples)
@@ -211,12 +232,3 @@ def compute_ascan(
     out += transducer.noise * rng.standard_normal(samples)
     step = CLIP / 2048
     return np.asarray(np.clip(np.round(out / step) * step, -CLIP, CLIP - step))
-
-
-def step_film(inverse_square: float, force: float, seconds: float, viscosity: float,
-              radius: float) -> float:  # fmt: skip
-    """Return 1 / h^2 (1/m^2) of a film squeezed by `force` (N) for `seconds`: Stefan's equation.
-
-    1/h^2 = 1/h0^2 + 4 F t / (3 pi eta a^4), with the viscosity eta (Pa s) and the face's radius a.
-    """
-    return inverse_square + 4 * max(force, 0.0) * seconds / (3 * math.pi * viscosity * radius**4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,41 +15,25 @@ from skywright.inspection.notch_setup import (
     check_setup,
     set_up,
 )
+from skywright.missions.skills.instrument import Carried, find_instrument
 from skywright.models.block_scan import BlockScan, compute_true_gain, simulate_block_scan
 from skywright.models.crack_signal import Metal
-from skywright.models.deviated_sensors import deviate_noise
 from skywright.models.things.notch_block import NotchBlock
-from skywright.run.parts import build_named
 from skywright.run.setup import Setup
 from skywright.vehicle.sensors.eddy_array import EddyArray
 
-
-class Array(NamedTuple):
-    """The eddy-current array that the robot carries."""
-
-    name: str  # of its table [robot.sensors.NAME]
-    table: EddyArray.Table  # as its data sheet says
-    true: EddyArray.Table  # as it is
+Array = Carried[EddyArray.Table]
 
 
 def find_array(setup: Setup[Any]) -> Array:
-    """Return the robot's array; raises InputError where it has none."""
-    d = setup.description
-    for part in build_named(d):
-        if isinstance(part, EddyArray):
-            if part.table.layout == "differential":
-                raise InputError(
-                    f"robot.sensors.{part.name}.layout: a search for cracks takes absolute coils; "
-                    "valid: 'absolute'"
-                )
-            error = setup.deviation.sensor_noise_error
-            return Array(
-                part.name, part.table, deviate_noise(part.table, part.name, error, d.mission.seed)
-            )
-    raise InputError(
-        f"robot {d.robot.name!r} has no eddy-current array: add a table [robot.sensors.NAME] with "
-        'kind = "eddy_array"'
-    )
+    """Return the robot's array; raises InputError where it has none, or a differential one."""
+    array: Array = find_instrument(setup, EddyArray, "eddy-current array")
+    if array.table.layout == "differential":
+        raise InputError(
+            f"robot.sensors.{array.name}.layout: a search for cracks takes absolute coils; "
+            "valid: 'absolute'"
+        )
+    return array
 
 
 def set_up_display(setup: Setup[Any], array: Array) -> NotchSetup:

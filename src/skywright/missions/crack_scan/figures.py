@@ -12,6 +12,7 @@ from skywright.missions.crack_scan.judge import list_flaws
 from skywright.missions.crack_scan.plan import CrackWay
 from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.figures import FIGURES as SCAN
+from skywright.missions.skills.told import name_flight, tell_block
 from skywright.reports.figures.style import BLACK, LIMIT, new_map
 from skywright.run.flight import Flown
 from skywright.run.kind import Chart, Figures, Sketch
@@ -37,7 +38,7 @@ def draw_map(result: RunResult[CrackScan, CrackWay]) -> Figure | None:
         ax.annotate(x.nature, (1e3 * x.s, 1e3 * x.c), xytext=(7, 5), textcoords="offset points",
                     fontsize=8, color=LIMIT)  # fmt: skip
     run = Flown(Setup(result.description), result.plan, result.samples, result.phases)
-    for f in list_flaws(run):
+    for f in list_flaws(run)[0]:
         turn, half = np.radians(f.crack.angle_deg), 0.5e3 * f.crack.length_m
         ds, dc = half * np.sin(turn), half * np.cos(turn)
         ax.plot([1e3 * f.s - ds, 1e3 * f.s + ds], [1e3 * f.c - dc, 1e3 * f.c + dc], color=BLACK)
@@ -54,13 +55,13 @@ def draw_map(result: RunResult[CrackScan, CrackWay]) -> Figure | None:
 
 def describe(result: RunResult[CrackScan, CrackWay]) -> str:
     """Say what was found."""
-    m, d = result.metrics, result.description
-    did = f"{d.robot.name} in world {d.world.name} "
+    m = result.metrics
     if "crack.expected" not in m:
-        return did + "searched nothing"
-    return did + (
-        f"covered {m['coverage.area_fraction']:.0%} of the sector and reported "
-        f"{m['crack.expected'] - m['crack.missed']:.0f} of {m['crack.expected']:.0f} cracks"
+        return f"{name_flight(result)} searched nothing"
+    return (
+        f"{name_flight(result)} covered {m['coverage.area_fraction']:.0%} of the sector and "
+        f"reported {m['crack.expected'] - m['crack.missed']:.0f} of {m['crack.expected']:.0f} "
+        "cracks"
     )
 
 
@@ -75,8 +76,7 @@ def list_notes(result: RunResult[CrackScan, CrackWay]) -> list[str]:
     ]
     if found is None:
         return [*out, "The run did not reach the scan."]
-    held = "; ".join(found.check.reasons) or "the set-up holds"
-    out.append(f"On the block after the flight: {held}.")
+    out.append(tell_block(found.check.reasons))
     return out + [
         f"Indication at s = {1e3 * x.s:.1f} mm, c = {1e3 * x.c:.1f} mm (u95 {1e3 * x.u95:.1f} mm): "
         f"{x.nature}, {x.height:.0f} %, {1e3 * x.length:.0f} mm long."

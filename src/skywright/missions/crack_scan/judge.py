@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -43,25 +44,25 @@ class Flaw(NamedTuple):
         return np.asarray(np.hypot(np.maximum(np.abs(along) - half, 0.0), across))
 
 
-def list_flaws(run: Flown[CrackScan, CrackWay]) -> list[Flaw]:
-    """Return the cracks in the sector that was asked for.
+def list_flaws(run: Flown[CrackScan, CrackWay]) -> tuple[list[Flaw], list[Flaw]]:
+    """Return the cracks in the sector that was asked for, and those beside it.
 
     Their places are carried to the pipe that the survey found, as it counts s and c.
     """
     true, task = run.setup.true.cylinder, run.task
     known = get_surface(as_scan(run)) or run.setup.cylinder
     if true is None or known is None:
-        return []
+        return [], []
     middle = math.radians(SIDES.get(task.side, task.centre_angle_deg))
-    out = []
+    flaws, beside = list[Flaw](), list[Flaw]()
     for name, thing in run.setup.true.world.things.items():
         if isinstance(thing, Crack):
             s, c = carry(true, known, thing)
             around = abs(math.remainder(c / known.radius - middle, 2 * math.pi))
             inside = abs(s - task.centre_s_m) <= task.pass_length_m / 2
-            if inside and around <= math.radians(task.arc_deg) / 2:
-                out.append(Flaw(name, thing, s, c))
-    return out
+            asked = inside and around <= math.radians(task.arc_deg) / 2
+            (flaws if asked else beside).append(Flaw(name, thing, s, c))
+    return flaws, beside
 
 
 def carry(true: Cylinder, known: Cylinder, crack: Crack) -> tuple[float, float]:
@@ -71,19 +72,22 @@ def carry(true: Cylinder, known: Cylinder, crack: Crack) -> tuple[float, float]:
     return float(s[0]), float(c[0])
 
 
-def match(found: list[Indication], flaws: list[Flaw]) -> tuple[list[float | None], int]:
+def match(
+    found: list[Indication], flaws: list[Flaw], beside: Sequence[Flaw] = ()
+) -> tuple[list[float | None], int]:
     """Return the distance (m) of the nearest report of each flaw, or None; and the false calls.
 
     Reports are cracks and ambiguous indications that point upwards; each belongs to a flaw within
-    NEAR, or is a false call.
+    NEAR, of the sector or `beside` it, or is a false call.
     """
     reports = [
         x for x in found if x.nature == "crack" or (x.nature == "ambiguous" and x.height > 0)
     ]
     s, c = np.array([x.s for x in reports]), np.array([x.c for x in reports])
-    off = np.array([f.measure(s, c) for f in flaws]).reshape(len(flaws), len(reports))
+    known = [*flaws, *beside]
+    off = np.array([f.measure(s, c) for f in known]).reshape(len(known), len(reports))
     errors: list[float | None] = []
-    for f, row in zip(flaws, off, strict=True):
+    for f, row in zip(flaws, off, strict=False):
         mine = np.flatnonzero(row <= NEAR)
         errors.append(
             float(np.min(np.hypot(s[mine] - f.s, c[mine] - f.c))) if mine.size else None
@@ -94,12 +98,12 @@ def match(found: list[Indication], flaws: list[Flaw]) -> tuple[list[float | None
 
 def find_inspected(run: Flown[CrackScan, CrackWay]) -> Inspected:
     """Return the cracks of the sector, found or not, and its places without a crack."""
-    flaws, found = list_flaws(run), run.once(find_search)
+    (flaws, beside), found = list_flaws(run), run.once(find_search)
     if found is None:
         return Inspected(tuple(
             InspectedFlaw(f.name, _measure(f), False, False) for f in flaws
         ))  # fmt: skip
-    errors, false = match(found.indications, flaws)
+    errors, false = match(found.indications, flaws, beside)
     samples = run.samples[SCAN.select(run.samples, run.phases)]
     out = []
     for f, error in zip(flaws, errors, strict=True):
@@ -111,7 +115,9 @@ def find_inspected(run: Flown[CrackScan, CrackWay]) -> Inspected:
         out.append(InspectedFlaw(
             f.name, _measure(f), error is not None, bool(seen.any()), signal, {"gap_mm": 1e3 * gap}
         ))  # fmt: skip
-    return Inspected(tuple(out), *_count_sites(found, flaws, false), f"{1e3 * SITE:.0f} mm square")
+    return Inspected(
+        tuple(out), *_count_sites(found, [*flaws, *beside], false), f"{1e3 * SITE:.0f} mm square"
+    )
 
 
 def _measure(flaw: Flaw) -> dict[str, float]:

@@ -21,10 +21,18 @@ SHARED = ("contact.", "tip.", "touch.", "platform.", "rotors.")
 
 MEASURES: Measures = {
     "crack.expected": ("", "number of cracks in the requested sector"),
-    "crack.missed": ("", "number of these without an indication within 8 mm of their mouth"),
+    "crack.missed": (
+        "",
+        "number of these without a reported crack within 8 mm of their mouth; reported are "
+        "indications of the kind crack, and ambiguous ones that point upwards",
+    ),
     "crack.indications": ("", "number of indications, welds and ambiguous ones included"),
     "crack.ambiguous": ("", "number of indications that are neither clearly crack nor weld"),
-    "crack.false_calls": ("", "number of reported cracks more than 8 mm from any crack"),
+    "crack.false_calls": (
+        "",
+        "number of reported cracks more than 8 mm from the mouth of any crack, in the requested "
+        "sector or beside it",
+    ),
     "crack.position_error_mm": (
         "mm",
         "largest distance of the indication of a crack from its middle",
@@ -69,8 +77,8 @@ def compute_metrics(run: Flown[CrackScan, CrackWay]) -> dict[str, float]:
 
 def judge_search(run: Flown[CrackScan, CrackWay], found: Search) -> dict[str, float]:
     """Compare indications with cracks, and the covered area with the sector."""
-    flaws = list_flaws(run)
-    errors, false = match(found.indications, flaws)
+    flaws, beside = list_flaws(run)
+    errors, false = match(found.indications, flaws, beside)
     hit = [e for e in errors if e is not None]
     out = {
         "crack.expected": float(len(flaws)),

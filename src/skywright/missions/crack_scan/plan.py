@@ -6,6 +6,7 @@ import math
 from typing import Any, NamedTuple, cast
 
 from skywright.errors import InputError
+from skywright.inspection.indications import COIL_WIDTH
 from skywright.inspection.notch_setup import NotchSetup
 from skywright.missions.crack_scan.display import Array, find_array, set_up_display
 from skywright.missions.crack_scan.task import CrackScan
@@ -15,10 +16,8 @@ from skywright.missions.skills.procedure import CrackProcedure
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-COIL_WIDTH = 0.00344
-"""m, at half height, of the default coil over a crack (models/crack_signal.py)."""
 OUTER_RADIUS = 0.0025
-"""m, of that coil: the width of others is in proportion."""
+"""m, of the coil of COIL_WIDTH: the width of others is in proportion."""
 
 
 class CrackWay(NamedTuple):

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from skywright.missions.bridge_contact.figures import FIGURES as CONTACT
 from skywright.missions.bridge_contact.figures import describe_survey
+from skywright.missions.skills.told import name_flight, tell_block
 from skywright.missions.thickness_survey.plan import ThicknessWay
 from skywright.missions.thickness_survey.task import ThicknessSurvey
 from skywright.models.ultrasonic import SAMPLE_RATE
@@ -63,13 +64,12 @@ def draw_ascans(result: RunResult[ThicknessSurvey, ThicknessWay]) -> Figure | No
 
 def describe(result: RunResult[ThicknessSurvey, ThicknessWay]) -> str:
     """Say what was measured, and how well."""
-    m, d = result.metrics, result.description
-    did = f"{d.robot.name} in world {d.world.name} "
+    m = result.metrics
     if "thickness.error_p95_mm" not in m:
-        return did + "accepted no reading"
-    return did + (
-        f"read {m['thickness.accepted_fraction'] * m['thickness.spots']:.0f} of "
-        f"{m['thickness.spots']:.0f} spots within {m['thickness.error_p95_mm']:.3f} mm (95 %)"
+        return f"{name_flight(result)} accepted no reading"
+    return (
+        f"{name_flight(result)} read {m['thickness.accepted_fraction'] * m['thickness.spots']:.0f} "
+        f"of {m['thickness.spots']:.0f} spots within {m['thickness.error_p95_mm']:.3f} mm (95 %)"
     )
 
 
@@ -85,8 +85,7 @@ def list_notes(result: RunResult[ThicknessSurvey, ThicknessWay]) -> list[str]:
     ]
     after = result.found.get("block_after")
     if after:
-        held = "; ".join(after["reasons"]) or "the set-up holds"
-        out.append(f"On the block after the flight: {held}.")
+        out.append(tell_block(after["reasons"]))
     refused = [r for r in result.details or [] if not r.reading.accepted]
     out += [f"{r.spot}: not accepted, {r.reading.reason}." for r in refused]
     return out + describe_survey(result)  # type: ignore[arg-type]

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
-from skywright.description.loader import Description
-from skywright.errors import InputError
 from skywright.inspection.echoes import Pulse
 from skywright.inspection.thickness import (
     GaugeCheck,
@@ -19,8 +17,8 @@ from skywright.inspection.thickness import (
     check_gauge,
     set_up_gauge,
 )
+from skywright.missions.skills.instrument import Carried, find_instrument
 from skywright.missions.skills.procedure import ThicknessProcedure
-from skywright.models.deviated_sensors import deviate_noise
 from skywright.models.ultrasonic import (
     CLIP,
     SAMPLE_RATE,
@@ -29,31 +27,15 @@ from skywright.models.ultrasonic import (
     compute_ascan,
     compute_echoes,
 )
-from skywright.run.parts import build_named
 from skywright.run.setup import Setup
 from skywright.vehicle.sensors.ultrasonic import Ultrasonic
 
-
-class Probe(NamedTuple):
-    """The ultrasonic probe that the robot carries."""
-
-    name: str  # of its table [robot.sensors.NAME]
-    table: Ultrasonic.Table  # as its data sheet says
-    true: Ultrasonic.Table  # as it is
+Probe = Carried[Ultrasonic.Table]
 
 
 def find_probe(setup: Setup[Any]) -> Probe:
     """Return the robot's ultrasonic probe; raises InputError where it has none."""
-    d: Description[Any] = setup.description
-    for part in build_named(d):
-        if isinstance(part, Ultrasonic):
-            error = setup.deviation.sensor_noise_error
-            true = deviate_noise(part.table, part.name, error, d.mission.seed)
-            return Probe(part.name, part.table, true)
-    raise InputError(
-        f"robot {d.robot.name!r} has no ultrasonic probe: add a table [robot.sensors.NAME] with "
-        'kind = "ultrasonic"'
-    )
+    return find_instrument(setup, Ultrasonic, "ultrasonic probe")
 
 
 def set_up(setup: Setup[Any], probe: Probe, procedure: ThicknessProcedure) -> GaugeSetup:

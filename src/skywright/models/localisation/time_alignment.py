@@ -20,6 +20,7 @@ from skywright.models.localisation.trajectory import (
     find_gap_limit,
     remove_spikes,
 )
+from skywright.models.peaks import find_vertex
 
 GRID = 0.05
 """s, step of the grid on which speeds are compared."""
@@ -135,13 +136,7 @@ def _span(traj: Trajectory) -> str:
 def _find_peak(lags: Array, corr: Array, allowed: Mask) -> tuple[float, float]:
     """Offset and height of the highest peak, a parabola through its three samples."""
     k = int(np.argmax(np.where(allowed, corr, -2.0)))
-    peak, lag = float(corr[k]), float(lags[k])
-    if 0 < k < len(corr) - 1:
-        left, right = float(corr[k - 1]), float(corr[k + 1])
-        bend = left - 2.0 * peak + right
-        if bend < 0.0:
-            lag += GRID * min(max(0.5 * (left - right) / bend, -0.5), 0.5)
-    return lag, peak
+    return float(lags[k]) + GRID * find_vertex(corr, k), float(corr[k])
 
 
 def _is_unique(lags: Array, corr: Array, allowed: Mask, lag: float) -> bool:

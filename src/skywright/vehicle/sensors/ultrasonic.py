@@ -22,6 +22,7 @@ from skywright.models.ultrasonic import (
     build_face,
     compute_ascan,
     compute_echoes,
+    compute_squeeze,
 )
 from skywright.vehicle.bus import Clock, Truth
 from skywright.vehicle.component import Normal, Out, Output, Recorded, Sensor, Streamed, Uniform
@@ -138,7 +139,7 @@ class Ultrasonic(Sensor):
         self._seed, self._me = context.seed, me
         me.rate = table.rate_hz / SAMPLE_RATE
         a = table.face_radius_m
-        me.squeeze = 4.0 / (3.0 * math.pi * table.viscosity_pa_s * a**4) / SAMPLE_RATE
+        me.squeeze = compute_squeeze(table.viscosity_pa_s, a) / SAMPLE_RATE
         me.start, me.end = table.film_start_m**-2, table.film_end_m**-2
         me.touch, me.air_fraction = table.touch_m, table.air_fraction
         me.share_spread = table.share_spread
