@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+import json
 import math
+import shutil
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from skywright.cli import main
 from skywright.description.loader import load_description
+from skywright.description.world.surface import build_cylinder, roll_points, unroll_points
 from skywright.errors import InputError
+from skywright.inspection.files.nde import EddyScan, read_nde
+from skywright.inspection.history.store import InspectionStore
 from skywright.inspection.indications import COIL_WIDTH, FlawFinder
 from skywright.inspection.notch_setup import set_up
-from skywright.missions.crack_scan.display import find_array
+from skywright.missions.crack_scan.cover import build_sector, compute_cover, list_gaps
+from skywright.missions.crack_scan.display import find_array, set_up_display
 from skywright.missions.crack_scan.judge import Flaw, match
 from skywright.missions.crack_scan.plan import compute_pitch, compute_swath, plan
 from skywright.models.block_scan import simulate_block_scan
 from skywright.models.crack_signal import CELL, Metal, build_crack_table
 from skywright.models.eddy_current import Coil, Instrument
 from skywright.models.things.crack import Crack
+from skywright.reports.inspection_report import build_inspection_report
+from skywright.run.records import FlightRecords
 from skywright.run.run import run_mission
 from skywright.run.setup import Setup
 
+SCHEMAS = Path(__file__).parents[2] / "shared" / "data" / "nde"
 STEEL = Metal(5e6, 100.0)
 COILS = np.linspace(-0.02, 0.02, 16)
 DISPLAY = set_up(simulate_block_scan(STEEL, Coil(), Instrument(), np.random.default_rng(0)))
@@ -47,6 +60,18 @@ def scan(crack: Crack | None, rng: np.random.Generator, *, weld: bool = False, n
             * np.exp(-0.5 * ((s - 0.03) / 0.005) ** 2)
         )
     return 0.01 * np.arange(1200), z + null, s, c
+
+
+def validate_nde(path: Path) -> None:
+    """Check a file against the published schemas."""
+    import fastjsonschema
+    import h5py
+
+    with h5py.File(path) as file:
+        for name, place in (("Properties", "Properties"), ("Setup", "Public/Setup")):
+            schema = json.loads((SCHEMAS / f"{name}-Schema-4.3.0.json").read_text())
+            validate = fastjsonschema.compile(schema, formats={"date-time": r".*"})
+            validate(json.loads(file[place][()]))
 
 
 def search(t, z, s, c, **kw):
@@ -180,7 +205,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory):
     sets = ["mission.task.arc_deg=20", "mission.task.pass_length_m=0.08",
             "mission.task.centre_s_m=0.09"]  # fmt: skip
     d = load_description("crack-scan", sets=sets)
-    return run_mission(d, out=tmp_path_factory.mktemp("cracks") / "run")
+    folder = tmp_path_factory.mktemp("cracks")
+    return run_mission(d, out=folder / "run", records=folder / "r.db")
 
 
 def test_cracks_are_found_in_flight(flown) -> None:
@@ -202,6 +228,114 @@ def test_the_report_maps_the_display(flown) -> None:
     notes = " ".join(FIGURES.notes(flown))
     assert "notch of 1 mm at 80 %" in notes and "simulated" in notes and "crack" in notes
     assert "2 of 2 cracks" in FIGURES.describe(flown)
+
+
+def test_the_database_holds_what_the_flight_knows(flown) -> None:
+    """Indications on the map's pipe, both visits of the block, the area, the procedure."""
+    store = InspectionStore(flown.directory.parent / "r.db")
+    flight = store.list_flights()[0]
+    cracks = store.find_indications(component="pipe")
+    assert {i.indication.kind for i in cracks} == {"crack"}
+    d = flown.description
+    map_pipe = build_cylinder(d.world.pipe)
+    bound = d.plant.map_error_m
+    assert flight.registration_std_m == pytest.approx(bound / math.sqrt(3))
+    for name in ("crack1", "crack2"):
+        true = d.world.things[name]
+        c = map_pipe.radius * math.radians(true.around_deg)
+        p = roll_points(map_pipe, true.s_m, c)[0][0]
+        places = [(i.indication.x_m, i.indication.y_m, i.indication.z_m) for i in cracks]
+        off = min(math.dist(p, place) for place in places)
+        assert off < 2 * math.sqrt(3) * flight.registration_std_m + 0.005
+        on_pipe = unroll_points(map_pipe, np.array(places))[2]
+        assert np.max(np.abs(on_pipe)) < 1e-9
+    stages = [(c.calibrated.stage, c.calibrated.passed) for c in store.list_calibrations(flight.id)]
+    assert stages == [("before", True), ("after", True)]
+    cover = store.list_coverages(flight.id)[0].coverage
+    share = cover.inspected / cover.asked
+    assert share == pytest.approx(flown.metrics["coverage.area_fraction"], abs=0.02)
+    arc = math.radians(d.mission.task.arc_deg) * d.world.pipe.diameter_m / 2
+    assert cover.asked == pytest.approx(0.08 * arc, rel=0.05)
+    assert flight.procedure is not None
+    text = tomllib.loads(store.get_procedure(flight.procedure).text)
+    assert text["procedure"]["threshold_percent"] == 15.0
+    assert text["instrument"]["coils"] == 16 and "noise" not in text["instrument"]
+    page = build_inspection_report(store, flight.id)
+    assert not page.deviations and page.coverages == [cover]
+    store.close()
+
+
+def test_the_signals_lie_in_the_run(flown) -> None:
+    scan = read_nde(flown.directory / "array.nde")
+    assert isinstance(scan, EddyScan) and scan.simulated
+    z = flown.details.z
+    assert np.allclose(scan.impedance, z.T) and scan.impedance.shape[0] == 16
+    assert np.ptp(np.hypot(*scan.offsets.T)) > 0.015  # the array is 40 mm wide
+    if SCHEMAS.is_dir():
+        validate_nde(flown.directory / "array.nde")
+
+
+def test_contact_is_known_from_the_lift_off(flown) -> None:
+    """As the truth has it; a probe that is lifted by 0.7 mm over paint does not count."""
+    setup = Setup(load_description("crack-scan"))
+    array = find_array(setup)
+    display = set_up_display(setup, array)
+    at = np.linspace(0.0, 1e-3, 6)
+    read = np.interp(at, display.shims, display.lifted.real) + 1j * np.interp(
+        at, display.shims, display.lifted.imag
+    )
+    for paint in (0, 1):  # 0.2 mm
+        z = np.full((40, 1), read[paint])
+        z[30:, 0] = read[5]
+        gap = display.measure_gaps(z, np.zeros(1))[:, 0]
+        assert gap[:30] == pytest.approx(0.0, abs=1e-5)
+        assert gap[30:] == pytest.approx(1e-3 - 2e-4 * paint, abs=3e-5)
+    assert np.isnan(display.measure_gaps(np.zeros((3, 1)), np.zeros(1))).all()
+    assert flown.details.counts.mean() > 0.97
+
+
+def test_another_procedure_needs_another_revision(flown, tmp_path) -> None:
+    path = tmp_path / "r.db"
+    shutil.copy(flown.directory.parent / "r.db", path)
+    sets = ["mission.task.procedure.threshold_percent=20"]
+    with pytest.raises(InputError, match="is stored with another text; give it another revision"):
+        FlightRecords(path, Setup(load_description("crack-scan", sets=sets)))
+    store = FlightRecords(path, Setup(load_description(
+        "crack-scan", sets=[*sets, "mission.task.procedure.revision=1"]
+    )))  # fmt: skip
+    store.close()
+    assert len(InspectionStore(path).list_flights()) == 1  # nothing was flown
+
+
+def test_a_run_is_imported_once(flown, tmp_path) -> None:
+    done = CliRunner().invoke(main, ["records", str(tmp_path / "n.db"), "--import",
+                                     str(flown.directory)])  # fmt: skip
+    assert done.exit_code == 0 and "crack" in done.output, done.output
+    one, two = (InspectionStore(p) for p in (tmp_path / "n.db", flown.directory.parent / "r.db"))
+    assert [i.indication for i in one.find_indications()] == [
+        i.indication for i in two.find_indications()
+    ]
+    one.close()
+    for args, says in (((), "is in it as flight"), (("--structure", "x"), "a run states all")):
+        done = CliRunner().invoke(
+            main, ["records", str(tmp_path / "n.db"), "--import", str(flown.directory), *args]
+        )
+        assert done.exit_code == 2 and says in done.output
+
+
+def test_gaps_are_told_with_their_rectangle() -> None:
+    task = load_description("crack-scan").mission.task
+    sector = build_sector(task, 0.2, 0.004)
+    s, c = sector.cells.T
+    hole = (np.abs(s - 0.1) < 0.01) & (np.abs(c) < 0.005)
+    cover = compute_cover(sector, s[~hole], c[~hole])
+    [gap] = list_gaps(cover)
+    assert gap.hole_m == cover.hole_m == pytest.approx(0.006, abs=0.0015)
+    assert gap.start == pytest.approx((0.092, -0.003), abs=0.0015)
+    assert gap.end == pytest.approx((0.108, 0.003), abs=0.0015)
+    assert gap.area_m2 == pytest.approx(cover.area_m2 * (1 - cover.fraction))
+    nothing = compute_cover(sector, np.zeros(0), np.zeros(0))
+    assert nothing.fraction == 0.0 and len(list_gaps(nothing)) == 1
 
 
 def test_passes_follow_swath_and_lateral_error() -> None:

@@ -34,7 +34,7 @@ from skywright.inspection.history.entries import (
     Reading,
     StoredReading,
 )
-from skywright.inspection.history.schema import APPLICATION_ID, VERSION, VERSION_1
+from skywright.inspection.history.schema import APPLICATION_ID, STEPS, VERSION, VERSION_1
 from skywright.inspection.history.store import InspectionStore
 from skywright.run.records import RecordStore
 
@@ -102,6 +102,22 @@ def test_a_file_of_the_first_version_is_migrated_whole(tmp_path: Path) -> None:
     assert force[0].reading.place_u95_m == 0.0008 and force[1].reading.place_u95_m is None
     store.close()
     assert read_back(path) == made  # opened once more: nothing changes
+
+
+def test_a_file_of_the_second_version_gains_coverages(tmp_path: Path) -> None:
+    path = tmp_path / "r.db"
+    made = write_version_1(path)
+    db = sqlite3.connect(path)
+    for statement in STEPS[1]:
+        db.execute(statement)
+    db.execute("PRAGMA user_version = 2")
+    db.commit()
+    db.close()
+    assert read_back(path) == made
+    store = InspectionStore(path)
+    assert store.read("PRAGMA user_version") == [(VERSION,)]
+    assert store.list_coverages(store.list_flights()[0].id) == []
+    store.close()
 
 
 KILLED = """

@@ -6,6 +6,7 @@ import hashlib
 import html
 import json
 import re
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,7 +17,13 @@ from click.testing import CliRunner
 from skywright.cli import main
 from skywright.errors import InputError
 from skywright.inspection.files.nde import UltrasonicScan, write_nde
-from skywright.inspection.history.entries import Calibrated, Indication, Reading
+from skywright.inspection.history.entries import (
+    Calibrated,
+    Coverage,
+    Indication,
+    Missed,
+    Reading,
+)
 from skywright.inspection.history.store import InspectionStore
 from skywright.reports.inspection_figures import choose_axes
 from skywright.reports.inspection_report import build_inspection_report
@@ -132,18 +139,54 @@ def test_wrong_requests_are_told(tmp_path: Path) -> None:
     flight = build_database(tmp_path)
     store = InspectionStore(tmp_path / "r.db")
     empty, _ = store.add_flight(structure="x", mission="m", robot="r", seed=1, run="")
-    with pytest.raises(InputError, match="no readings and no indications"):
+    with pytest.raises(InputError, match="read and found nothing"):
         build_inspection_report(store, empty)
     with pytest.raises(InputError, match=f"no flight 'zz'; there are: {flight}"):
         build_inspection_report(store, "zz")
     store.close()
     for args, says in (
         (("--report", str(tmp_path / "p.html")), "--report requires --flight"),
-        (("--report", str(tmp_path / "p.pdf"), "--flight", flight), "unknown format"),
+        (("--report", str(tmp_path / "p.txt"), "--flight", flight), "unknown format"),
         (("--deviation", "x"), "valid with --report"),
     ):
         done = CliRunner().invoke(main, ["records", str(tmp_path / "r.db"), *args])
         assert done.exit_code == 2 and says in done.output
+
+
+def test_a_flight_that_found_nothing_has_a_page(tmp_path: Path) -> None:
+    store = InspectionStore(tmp_path / "r.db", create=True)
+    part = store.add_component("pipe", "weld 3")
+    flight, _ = store.add_flight(structure="pipe", mission="m", robot="r", seed=1, run="")
+    missed = Missed("no contact", (0.1, 0.2), (0.15, 0.21), 0.05)
+    row = store.add_coverage(flight, Coverage("m2", 0.02, 0.019, (missed,)), component=part)
+    assert store.list_coverages(flight) == [
+        (row, flight, "weld 3", Coverage("m2", 0.02, 0.019, (missed,)))
+    ]
+    with pytest.raises(InputError, match=r"0.03 of 0.02 m2; valid: 0 to what was asked"):
+        store.add_coverage(flight, Coverage("m2", 0.02, 0.03))
+    store.close()
+    page = write(tmp_path, flight)
+    assert "0.0190 of 0.0200 m² inspected (95.0 %)" in page and "no contact" in page
+    assert "50.0" in page and "weld 3" in page
+
+
+@pytest.mark.skipif(not shutil.which("chromium"), reason="no Chromium")
+def test_the_same_page_as_pdf(tmp_path: Path) -> None:
+    flight = build_database(tmp_path)
+    args = ["records", str(tmp_path / "r.db"), "--flight", flight, "--report"]
+    done = CliRunner().invoke(main, [*args, str(tmp_path / "p.pdf")])
+    assert done.exit_code == 0, done.output
+    data = (tmp_path / "p.pdf").read_bytes()
+    assert data.startswith(b"%PDF-") and data.rstrip().endswith(b"%%EOF") and len(data) > 20_000
+
+
+def test_without_a_browser_no_pdf_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = build_database(tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    args = ["records", str(tmp_path / "r.db"), "--flight", flight, "--report"]
+    done = CliRunner().invoke(main, [*args, str(tmp_path / "p.pdf")])
+    assert done.exit_code == 2 and "needs Chromium or Chrome" in done.output
+    assert not (tmp_path / "p.pdf").exists()
 
 
 def test_the_map_shows_the_plane_of_the_places() -> None:

@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from skywright.cli import main
 from skywright.errors import InputError
 from skywright.inspection.history import database
+from skywright.inspection.history.schema import VERSION
 from skywright.run.records import Measurement, RecordStore
 from skywright.run.records_export import (
     Origin,
@@ -119,7 +120,7 @@ def test_many_threads_make_the_file_once(tmp_path: Path) -> None:
     path = tmp_path / "r.db"
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(lambda _: RecordStore(path, create=True).close(), range(8)))
-    assert sqlite3.connect(path).execute("PRAGMA user_version").fetchone()[0] == 2
+    assert sqlite3.connect(path).execute("PRAGMA user_version").fetchone()[0] == VERSION
 
 
 def test_bad_files_are_told(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ import pytest
 from plant_parts import build_context, build_plant
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.inspection.files.nde import UltrasonicScan, read_nde
+from skywright.inspection.history.store import InspectionStore
 from skywright.inspection.thickness import Reading
 from skywright.missions.thickness_survey.gauge import build_gauge, find_probe, set_up
 from skywright.missions.thickness_survey.metrics import (
@@ -20,7 +22,9 @@ from skywright.missions.thickness_survey.metrics import (
 )
 from skywright.missions.thickness_survey.plan import plan
 from skywright.recordings.recording import read_recording
+from skywright.reports.inspection_report import build_inspection_report
 from skywright.run.flight import Flown
+from skywright.run.records import FlightRecords
 from skywright.run.run import run_mission
 from skywright.run.setup import Setup
 from skywright.vehicle.plant import Surface
@@ -36,7 +40,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory):
         "world.things.steel.velocity_m_per_s=5935.0",
     ]
     d = load_description("thickness-survey", sets=sets)
-    return run_mission(d, out=tmp_path_factory.mktemp("ut") / "run")
+    folder = tmp_path_factory.mktemp("ut")
+    return run_mission(d, out=folder / "run", records=folder / "r.db")
 
 
 def test_it_measures_the_wall_through_paint(flown) -> None:
@@ -50,6 +55,62 @@ def test_it_measures_the_wall_through_paint(flown) -> None:
         assert abs(r["thickness_mm"] - (10.0 if r["spot"] == "a" else 8.0)) < r["u95_mm"]
     assert flown.found["procedure"]["block_thick_m"] == 0.0125
     assert flown.found["block_after"]["reasons"] == []
+
+
+def test_the_database_holds_readings_block_and_spots(flown) -> None:
+    store = InspectionStore(flown.directory.parent / "r.db")
+    flight, readings = store.list_flights()[0], store.find_readings(component="steel")
+    assert [r.reading.spot for r in readings if r.reading.accepted] == ["a", "b"]
+    told = {r["spot"]: r for r in flown.found["readings"] if r["accepted"]}
+    for r in readings:
+        one = r.reading
+        if not one.accepted:
+            assert one.reason
+            continue
+        assert one.value == pytest.approx(told[one.spot]["thickness_mm"], abs=1e-3)
+        assert one.u95 == pytest.approx(told[one.spot]["u95_mm"], abs=1e-3)
+        # where the robot believes to be: off the truth by what the map errs by and its place
+        true = told[one.spot]["u_m"], told[one.spot]["v_m"]
+        off = math.dist((one.x_m, one.y_m), true)
+        assert 0.0 < off < 2 * math.sqrt(3) * r.registration_std_m + 3 * one.place_u95_m
+        assert abs(one.z_m) < 0.004
+        scan = read_nde(flown.directory / one.data.split("#")[0])
+        assert isinstance(scan, UltrasonicScan) and scan.u[0] == pytest.approx(one.x_m)
+        assert any(
+            np.allclose(scan.ascan[0, 0], np.clip(d.ascan, -1, 1), atol=1e-4)
+            for d in flown.details if d.spot == one.spot
+        )  # fmt: skip
+        assert r.calibration == store.list_calibrations(flight.id)[0].id
+    before, after = (c.calibrated for c in store.list_calibrations(flight.id))
+    assert before.settings["velocity_mps"] == pytest.approx(5920, rel=0.002)
+    assert after.passed and (before.stage, after.stage) == ("before", "after")
+    assert store.list_coverages(flight.id)[0].coverage == ("spots", 2.0, 2.0, ())
+    part = store.list_components()[0]
+    assert (part.name, part.nominal_mm) == ("steel", 10.0)
+    page = build_inspection_report(store, flight.id)
+    assert page.procedure is not None and "steady_count = 5" in page.procedure.text
+    assert sum(what.endswith(".nde") for what, _ in page.hashes) == len(readings)
+    store.close()
+
+
+def test_a_flight_that_ends_early_keeps_what_it_read(flown, tmp_path) -> None:
+    """Cut after the first spot: its reading stays, the second spot is missed with the reason."""
+    first = next(i for i, p in enumerate(flown.phases) if p.name == "free release")
+    phases = flown.phases[: first + 1]
+    samples = flown.samples[flown.samples["t"] < phases[-1].end_s]
+    setup = Setup(flown.description)
+    records = FlightRecords(tmp_path / "r.db", setup)
+    records.start(tmp_path)
+    records.close()
+    records.add(Flown(setup, flown.plan, samples, phases))
+    store = InspectionStore(tmp_path / "r.db")
+    cover = store.list_coverages(store.list_flights()[0].id)[0].coverage
+    good = {r.reading.spot for r in store.find_readings() if r.reading.accepted}
+    assert len(good) <= 1 and cover.inspected == len(good)
+    assert {m.reason.split(":")[0] for m in cover.missed} == {"a", "b"} - good
+    assert "b: not reached" in cover.missed[-1].reason
+    assert (tmp_path / "ascans" / "001.nde").is_file()
+    store.close()
 
 
 def test_ascans_are_kept_and_rebuilt_bit_for_bit(flown) -> None:

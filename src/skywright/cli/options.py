@@ -55,8 +55,11 @@ def check_writable(path: Path, formats: tuple[str, ...] = (".png", ".svg")) -> P
         raise InputError(f"{path}: unknown format; valid: {', '.join(formats)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        new = not path.exists()
         with path.open("ab"):
             pass
+        if new:
+            path.unlink()  # what fails later leaves no empty file
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path

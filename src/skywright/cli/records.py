@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,7 +45,8 @@ if TYPE_CHECKING:
     "source",
     metavar="DATA",
     type=click.Path(path_type=Path),
-    help="Add thickness readings of a table (.csv, .parquet); with --structure and --component.",
+    help="Add a RUN, or thickness readings of a table (.csv, .parquet) with --structure and "
+    "--component.",
 )
 @click.option(
     "--columns", metavar="SPEC", help="Its own names: value=Wall[mm],t=Time[ms],x=X[m],..."
@@ -71,7 +73,7 @@ if TYPE_CHECKING:
 @click.option(
     "--report",
     type=click.Path(path_type=Path),
-    help="Page of one --flight that is handed over (.html); print it for a PDF.",
+    help="Page of one --flight that is handed over (.html; .pdf with Chromium installed).",
 )
 @click.option(
     "--deviation", "deviations", multiple=True, metavar="TEXT", help="To be stated in --report."
@@ -110,7 +112,14 @@ def records_(
         raise InputError("--deviation: valid with --report")
     store = RecordStore(file, create=source is not None)
     try:
-        if source is not None:
+        run = source if source is not None and source.is_dir() else None
+        if run is not None:
+            if (structure, component, *given) != (None,) * (2 + len(given)):
+                raise InputError(f"--import {run}: a run states all that a table has options for")
+            from skywright.run.records_import import import_run
+
+            flight = import_run(file, run)
+        elif source is not None:
             flight = _import(
                 store, source, structure, component, columns, lag, measured, required, registration
             )
@@ -123,6 +132,9 @@ def records_(
             _report(store, flight, deviations, report)
         if thickness:
             _show_history(store, structure, component, radius, as_json)
+        elif run is not None and not as_json:
+            _show_readings(store, structure, component, flight, spot, table, as_json)
+            _show_indications(store, structure, component, flight, as_json)
         elif readings or source is not None or parquet is not None:
             _show_readings(store, structure, component, flight, spot, table, as_json)
         elif report is not None:
@@ -208,7 +220,16 @@ def _report(
     if flight is None:
         raise InputError("--report requires --flight ID")
     built = build_inspection_report(store, flight, deviations)
-    write_inspection_report(built, check_writable(page, (".html",)), store.path.parent)
+    check_writable(page, (".html", ".pdf"))
+    if page.suffix == ".html":
+        write_inspection_report(built, page, store.path.parent)
+        return
+    from skywright.reports.pdf import write_pdf
+
+    with tempfile.TemporaryDirectory() as folder:
+        html = Path(folder) / "page.html"
+        write_inspection_report(built, html, store.path.parent)
+        write_pdf(html, page)
 
 
 def _show_readings(

@@ -18,6 +18,8 @@ from skywright.core.bounded import LARGEST_TOML, parse_json, read_text
 from skywright.errors import InputError
 from skywright.inspection.files.nde import UltrasonicScan, read_nde
 from skywright.inspection.history.entries import (
+    Coverage,
+    Missed,
     StoredCalibration,
     StoredComponent,
     StoredFlight,
@@ -47,8 +49,8 @@ class InspectionReport(NamedTuple):
     calibrations: list[StoredCalibration]
     readings: list[StoredReading]
     indications: list[StoredIndication]
-    coverage: dict[str, Any]
-    """Of the run: sector_m2, inspected_m2 and missed; empty where it has none."""
+    coverages: list[Coverage]
+    """Of the database, else of the run; empty where neither has any."""
     outcome: str
     deviations: list[str]
     hashes: list[tuple[str, str]]  # (what, SHA-256)
@@ -68,12 +70,12 @@ def build_inspection_report(
         )
     one = known[flight]
     readings, found = store.find_readings(flight=flight), store.find_indications(flight=flight)
-    if not readings and not found:
-        raise InputError(f"{store.path}: flight {flight} has no readings and no indications")
-    names = {r.component for r in readings} | {i.component for i in found}
+    calibrations, covered = store.list_calibrations(flight), store.list_coverages(flight)
+    if not (readings or found or calibrations or covered):
+        raise InputError(f"{store.path}: flight {flight} read and found nothing")
+    names = {entry.component for some in (readings, found, covered) for entry in some}
     parts = [c for c in store.list_components(one.asset) if c.name in names]
     procedure = None if one.procedure is None else store.get_procedure(one.procedure)
-    calibrations = store.list_calibrations(flight)
     run = _read_run(Path(one.run)) if one.run else {}
     rows = store.read("SELECT description, frame FROM assets WHERE name = ?", (one.asset,))
     about, frame = rows[0]
@@ -86,10 +88,9 @@ def build_inspection_report(
     if procedure is not None:
         hashes.append((f"procedure {procedure.name} {procedure.revision}", procedure.sha256))
     hashes += [(str(p), _hash(p)) for p in _list_files(one, readings, found, store.path.parent)]
-    result = run.get("result") or {}
-    coverage = {k: result[k] for k in ("sector_m2", "inspected_m2", "missed") if k in result}
+    coverages = [c.coverage for c in covered] or _read_coverage(run.get("result") or {})
     return InspectionReport(
-        one.asset, about, frame, one, parts, procedure, calibrations, readings, found, coverage,
+        one.asset, about, frame, one, parts, procedure, calibrations, readings, found, coverages,
         str(run.get("outcome", "")), deviations, hashes,
     )  # fmt: skip
 
@@ -99,7 +100,7 @@ def write_inspection_report(report: InspectionReport, path: Path, folder: Path) 
     places = [(r.reading.x_m, r.reading.y_m, r.reading.z_m) for r in report.readings]
     places += [(i.indication.x_m, i.indication.y_m, i.indication.z_m) for i in report.indications]
     points = np.array(places)
-    scans = _load_ascans(report.readings, folder)
+    scans = _load_ascans(report.readings, report.flight, folder)
     with house_style():
         figure = draw_places(report.readings, report.indications, choose_axes(points))
         pictures = [
@@ -128,6 +129,17 @@ def _read_run(directory: Path) -> dict[str, Any]:
         return {}
     data = parse_json(read_text(file, LARGEST_TOML), str(file))
     return data if isinstance(data, dict) else {}
+
+
+def _read_coverage(result: dict[str, Any]) -> list[Coverage]:
+    """Coverage of a run whose entries hold none: the parts of its path that it missed."""
+    if not result.get("sector_m2"):
+        return []
+    missed = tuple(
+        Missed("part of the path", tuple(m["from_m"]), tuple(m["to_m"]), float(m["length_m"]))
+        for m in result.get("missed", [])
+    )
+    return [Coverage("m2", float(result["sector_m2"]), float(result["inspected_m2"]), missed)]
 
 
 def _list_deviations(
@@ -160,7 +172,7 @@ def _list_deviations(
     if flight.registration_std_m is None:
         out.append("the registration of the flight in the frame of the asset is not stated")
     if flight.run and not run:
-        out.append(f"the run directory {flight.run} was not found: coverage is not known")
+        out.append(f"the run directory {flight.run} was not found: its files are not shown")
     out += [
         f"requirement {r['name']} not met: {r['value']} {r.get('unit', '')} ({r['sense']} "
         f"{r['limit']})"
@@ -169,11 +181,11 @@ def _list_deviations(
     return out
 
 
-def _split_data(text: str, folder: Path) -> tuple[Path, str]:
-    """File and place in it of a reading's `data`: FILE#U,V."""
+def _split_data(text: str, flight: StoredFlight, folder: Path) -> tuple[Path, str]:
+    """File and place in it of a reading's `data`: FILE#U,V, beside the database or in the run."""
     name, _, place = text.partition("#")
-    file = Path(name)
-    return (file if file.is_absolute() else folder / file), place
+    beside, inside = folder / name, Path(flight.run) / name
+    return (inside if flight.run and not beside.is_file() else beside), place
 
 
 def _list_files(
@@ -181,8 +193,8 @@ def _list_files(
     indications: Sequence[StoredIndication], folder: Path,
 ) -> list[Path]:  # fmt: skip
     files = [Path(flight.run) / name for name in HASHED] if flight.run else []
-    files += [_split_data(r.reading.data, folder)[0] for r in readings if r.reading.data]
-    files += [_split_data(i.indication.data, folder)[0] for i in indications if i.indication.data]
+    named = [r.reading.data for r in readings] + [i.indication.data for i in indications]
+    files += [_split_data(data, flight, folder)[0] for data in named if data]
     return [f for f in dict.fromkeys(files) if f.is_file()]
 
 
@@ -192,12 +204,12 @@ def _hash(path: Path) -> str:
 
 
 def _load_ascans(
-    readings: Sequence[StoredReading], folder: Path
+    readings: Sequence[StoredReading], flight: StoredFlight, folder: Path
 ) -> list[tuple[str, UltrasonicScan, tuple[int, int]]]:
     out: list[tuple[str, UltrasonicScan, tuple[int, int]]] = []
     loaded: dict[Path, Any] = {}
     for r in readings:
-        file, place = _split_data(r.reading.data, folder)
+        file, place = _split_data(r.reading.data, flight, folder)
         if file.suffix != ".nde" or not file.is_file() or len(out) == MOST_ASCANS:
             continue
         if file not in loaded:

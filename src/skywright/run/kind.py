@@ -22,7 +22,7 @@ from skywright.errors import InputError
 
 if TYPE_CHECKING:
     from skywright.description.loader import Description
-    from skywright.inspection.history.entries import Entries
+    from skywright.inspection.history.entries import Entries, Procedure
     from skywright.run.flight import Flight, Flown
     from skywright.run.inspected import Inspected
     from skywright.run.planning import MissionPlan
@@ -165,6 +165,10 @@ class MissionKind(ABC, Generic[T, P]):
         from skywright.inspection.history.entries import Entries
 
         return Entries()
+
+    def procedure(self, setup: Setup[T]) -> Procedure | None:
+        """Return what was agreed on the inspection, for the database; None by default."""
+        return None
 
     def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
         """Return the requirements that have no meaning for what was asked, each with the reason.

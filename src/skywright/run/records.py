@@ -10,13 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skywright.description.loader import Description
 from skywright.inspection.history.database import stamp
 from skywright.inspection.history.entries import Entries
 from skywright.inspection.history.store import InspectionStore
+from skywright.run.flight import Flown
+from skywright.run.kind import load_kind
+from skywright.run.setup import Setup
 
 
 class Measurement(NamedTuple):
@@ -124,18 +127,35 @@ class RecordStore(InspectionStore):
 class FlightRecords:
     """The database as one flight writes to it: contacts at once, what it found at its end."""
 
-    def __init__(self, path: Path, d: Description[Any]) -> None:
-        """Open or make the file; raises InputError as `DatabaseFile` does."""
-        self._path, self._description = path, d
-        self._store = RecordStore(path, create=True)
-        self._flight, self._started = "", datetime.now(UTC)
+    def __init__(self, path: Path, setup: Setup[Any]) -> None:
+        """Open or make the file, and keep the procedure in it.
 
-    def start(self, directory: Path) -> Callable[[Measurement], None]:
-        """Store the flight, which begins now; returns what stores a contact of it."""
-        d = self._description
+        Raises InputError as `DatabaseFile` does, and where the procedure's revision is stored with
+        another text.
+        """
+        self._path, self._setup = path, setup
+        self._directory, self._flight, self._started = Path(), "", datetime.now(UTC)
+        self._store = RecordStore(path, create=True)
+        self._procedure: int | None = None
+        try:
+            procedure = load_kind(setup.description.mission.kind).procedure(setup)
+            if procedure is not None:
+                self._procedure = self._store.add_procedure(*procedure)
+        except BaseException:
+            self._store.close()
+            raise
+
+    def start(
+        self, directory: Path, started: datetime | None = None
+    ) -> Callable[[Measurement], None]:
+        """Store the flight, which begins now or `started`; returns what stores a contact of it."""
+        d = self._setup.description
+        self._directory = directory
+        self._store.add_asset(d.world.name, frame=describe_frame(self._setup))
         self._flight, self._started = self._store.add_flight(
             structure=d.world.name, mission=d.mission.name, robot=d.robot.name,
-            seed=d.mission.seed, run=str(directory),
+            seed=d.mission.seed, run=str(directory), started=started, procedure=self._procedure,
+            registration_std_m=d.plant.map_error_m / math.sqrt(3.0),
         )  # fmt: skip
         return lambda measurement: self._store.add(self._flight, self._started, measurement)
 
@@ -143,24 +163,62 @@ class FlightRecords:
         """Close the file."""
         self._store.close()
 
-    def add(self, found: Entries) -> None:
-        """Store what the flight found; the file is opened for it."""
-        if not (found.readings or found.indications or found.calibrations):
-            return
+    def add(self, flown: Flown[Any, Any]) -> str:
+        """Store what the flight found; returns its id. The file is opened for it."""
+        found = load_kind(self._setup.description.mission.kind).entries(flown)
+        if not (found.readings or found.indications or found.calibrations or found.coverage):
+            return self._flight
+        found = write_scans(found, self._directory)
         store = RecordStore(self._path, create=True)
         try:
             part = None
             if found.component:
-                part = store.add_component(self._description.world.name, found.component)
+                part = store.add_component(
+                    self._setup.world.name, found.component, material=found.material or None,
+                    nominal_mm=found.nominal_mm,
+                )  # fmt: skip
 
             def at(seconds: float) -> datetime:
                 return self._started + timedelta(seconds=seconds)
 
+            row = None
             for t, calibrated in found.calibrations:
-                store.add_calibration(self._flight, at(t), calibrated)
+                last = store.add_calibration(self._flight, at(t), calibrated)
+                row = last if row is None else row  # the one before the flight
             store.add_readings(self._flight, [(at(t), r) for t, r in found.readings],
-                               component=part)  # fmt: skip
+                               component=part, calibration=row)  # fmt: skip
             for t, indication in found.indications:
-                store.add_indication(self._flight, at(t), indication, component=part)
+                store.add_indication(
+                    self._flight, at(t), indication, component=part, calibration=row
+                )
+            if found.coverage is not None:
+                store.add_coverage(self._flight, found.coverage, component=part)
         finally:
             store.close()
+        return self._flight
+
+
+def describe_frame(setup: Setup[Any]) -> str:
+    """Say where the places of a flight count from."""
+    if setup.world.structure is not None:
+        return "S of the structure, as the world's file has it: x and y on the surface, z off it"
+    return "W of the world's file: x east, y north, z up; the pipe as that file has it"
+
+
+def write_scans(found: Entries, directory: Path) -> Entries:
+    """Write the signals beside the recording; without h5py `data` names the recording."""
+    if find_spec("h5py") is not None:
+        from skywright.inspection.files.nde import write_nde
+
+        for name, scan in found.scans:
+            (directory / name).parent.mkdir(exist_ok=True)
+            write_nde(directory / name, scan)
+        return found
+
+    def rename(data: str) -> str:
+        return "recording.mcap" if data else ""
+
+    return found._replace(
+        readings=tuple((t, r._replace(data=rename(r.data))) for t, r in found.readings),
+        indications=tuple((t, i._replace(data=rename(i.data))) for t, i in found.indications),
+    )

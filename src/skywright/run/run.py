@@ -151,7 +151,7 @@ def run_mission(
     setup, rules = Setup(description), build_rules(description)
     choose_backend(backend)  # one that does not exist is told before anything is planned
     plan, vehicle = _prepare(setup, backend, observers)  # a bad part is told before all else
-    store = None if records is None else FlightRecords(records, description)
+    store = None if records is None else FlightRecords(records, setup)
     final, partial = open_directory(out, description.mission.name)
     write_mission(partial, description, plan)
     write_unfinished(partial)
@@ -185,8 +185,8 @@ def run_mission(
         write_json(partial / "metrics.json", result.to_json())
         return result
     partial.rename(final)
-    if store is not None and result.outcome in ("succeeded", "failed"):
-        store.add(load_kind(description.mission.kind).entries(flown))
+    if store is not None:
+        store.add(flown)
     return result._replace(directory=final)
 
 

@@ -45,9 +45,9 @@ def write_diconde(result: Result, path: Path) -> None:
         raise InputError(
             "DICONDE-style files need pydicom: pip install 'skywright[dicom]'"
         ) from None
-    if not result.readings and not result.indications:
+    if not (result.readings or result.indications or result.calibrations):
         raise InputError(
-            f"flight {result.flight.id}: no readings and no indications of component "
+            f"flight {result.flight.id}: no readings, indications or calibrations of component "
             f"{result.component.name!r}"
         )
     methods = {c.calibrated.method for c in result.calibrations}

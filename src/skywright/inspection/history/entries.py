@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from skywright.inspection.files.nde import EddyScan, UltrasonicScan
 
 DISPOSITIONS = ("open", "accept", "monitor", "repair", "false call")
 STAGES = ("before", "after")
@@ -51,9 +55,35 @@ class Calibrated(NamedTuple):
     serial: str
     stage: str  # "before" or "after"
     block: str
-    settings: dict[str, float | str]  # velocity_mps, zero_us, gain_db, phase_deg, ...
+    settings: Mapping[str, float | str]  # velocity_mps, zero_us, gain_db, phase_deg, ...
     passed: bool
     note: str = ""
+
+
+class Missed(NamedTuple):
+    """A part that was asked for and not inspected; two opposite corners or ends on the surface."""
+
+    reason: str
+    start: tuple[float, float]  # m, along the surface's first coordinate and across it
+    end: tuple[float, float]
+    extent_m: float = 0.0  # its largest; 0: a spot
+
+
+class Coverage(NamedTuple):
+    """How much of what was asked for a flight inspected."""
+
+    unit: str  # "m2" of surface, or "spots"
+    asked: float
+    inspected: float
+    missed: tuple[Missed, ...] = ()
+
+
+class Procedure(NamedTuple):
+    """A procedure: what was agreed before, under which name and revision."""
+
+    name: str
+    revision: str
+    text: str  # TOML
 
 
 class Entries(NamedTuple):
@@ -63,6 +93,11 @@ class Entries(NamedTuple):
     readings: tuple[tuple[float, Reading], ...] = ()
     indications: tuple[tuple[float, Indication], ...] = ()
     calibrations: tuple[tuple[float, Calibrated], ...] = ()
+    coverage: Coverage | None = None
+    material: str = ""  # of the component; "": not stated
+    nominal_mm: float | None = None  # wall of the component as drawn
+    scans: tuple[tuple[str, UltrasonicScan | EddyScan], ...] = ()
+    """Signals by the name of their file (.nde) in the run's directory; `data` names them."""
 
 
 class StoredFlight(NamedTuple):
@@ -128,6 +163,15 @@ class StoredProcedure(NamedTuple):
     revision: str
     text: str
     sha256: str
+
+
+class StoredCoverage(NamedTuple):
+    """A coverage with its component."""
+
+    id: int
+    flight: str
+    component: str | None
+    coverage: Coverage
 
 
 class StoredCalibration(NamedTuple):

@@ -87,6 +87,16 @@ TO_VERSION_2 = (
 )
 """Assets, components, procedures, instruments, calibrations, readings and indications."""
 
-STEPS = (VERSION_1, TO_VERSION_2)
+TO_VERSION_3 = (
+    """CREATE TABLE coverages (
+        id INTEGER PRIMARY KEY, flight TEXT NOT NULL REFERENCES flights(id),
+        component INTEGER REFERENCES components(id), unit TEXT NOT NULL, asked REAL NOT NULL,
+        inspected REAL NOT NULL, missed TEXT NOT NULL
+    ) STRICT""",
+    "CREATE INDEX coverages_flight ON coverages (flight)",
+)
+"""How much of what was asked for was inspected, and what was missed."""
+
+STEPS = (VERSION_1, TO_VERSION_2, TO_VERSION_3)
 """From an empty file to version 1, to version 2, ..."""
 VERSION = len(STEPS)

@@ -16,10 +16,13 @@ from skywright.inspection.history.entries import (
     DISPOSITIONS,
     STAGES,
     Calibrated,
+    Coverage,
     Indication,
+    Missed,
     Reading,
     StoredCalibration,
     StoredComponent,
+    StoredCoverage,
     StoredFlight,
     StoredIndication,
     StoredProcedure,
@@ -169,6 +172,22 @@ class InspectionStore(DatabaseFile):
             (flight, component, calibration, stamp(t), *i),
         ))  # fmt: skip
 
+    def add_coverage(self, flight: str, c: Coverage, *, component: int | None = None) -> int:
+        """Store how much a flight inspected; returns its row.
+
+        Raises InputError for numbers that are not finite or below 0, or more than was asked for.
+        """
+        _check_numbers("coverage", {"asked": c.asked, "inspected": c.inspected})
+        if not 0.0 <= c.inspected <= c.asked:
+            raise InputError(
+                f"coverage: {c.inspected:g} of {c.asked:g} {c.unit}; valid: 0 to what was asked"
+            )
+        return self.write((
+            "INSERT INTO coverages (flight, component, unit, asked, inspected, missed)"
+            " VALUES (?, ?, ?, ?, ?, ?)",
+            (flight, component, c.unit, c.asked, c.inspected, json.dumps(c.missed)),
+        ))  # fmt: skip
+
     def decide(self, indication: int, disposition: str, who: str, note: str = "") -> None:
         """Add a disposition; earlier ones stay. Raises InputError for an unknown one."""
         if disposition not in DISPOSITIONS:
@@ -218,6 +237,20 @@ class InspectionStore(DatabaseFile):
         )  # fmt: skip
         return [
             StoredCalibration(row[0], row[1], row[2], _read_calibrated(row[3:])) for row in rows
+        ]
+
+    def list_coverages(self, flight: str) -> list[StoredCoverage]:
+        """Return the coverages of a flight."""
+        rows = self.read(
+            "SELECT v.id, flight, c.name, unit, asked, inspected, missed FROM coverages v"
+            " LEFT JOIN components c ON c.id = v.component WHERE flight = ? ORDER BY v.id",
+            (flight,),
+        )
+        return [
+            StoredCoverage(
+                row[0], row[1], row[2], Coverage(row[3], row[4], row[5], _read_missed(row[6]))
+            )
+            for row in rows
         ]
 
     def find_readings(
@@ -276,6 +309,10 @@ class InspectionStore(DatabaseFile):
 def _read_calibrated(row: tuple[Any, ...]) -> Calibrated:
     method, model, serial, stage, block, settings, passed, note = row
     return Calibrated(method, model, serial, stage, block, json.loads(settings), bool(passed), note)
+
+
+def _read_missed(text: str) -> tuple[Missed, ...]:
+    return tuple(Missed(x[0], tuple(x[1]), tuple(x[2]), x[3]) for x in json.loads(text))
 
 
 def _read_reading(row: tuple[Any, ...]) -> Reading:

@@ -9,7 +9,9 @@ from skywright.run.folder_kind import FolderKind
 from skywright.run.inspected import Inspected
 
 if TYPE_CHECKING:
+    from skywright.inspection.history.entries import Entries, Procedure
     from skywright.run.flight import Flown
+    from skywright.run.setup import Setup
 
 
 class CrackScanKind(FolderKind[CrackScan]):
@@ -33,3 +35,13 @@ class CrackScanKind(FolderKind[CrackScan]):
         from skywright.missions.crack_scan.judge import find_inspected
 
         return find_inspected(run)
+
+    def entries(self, run: Flown[CrackScan, Any]) -> Entries:
+        from skywright.missions.crack_scan.entries import build_entries
+
+        return build_entries(run)
+
+    def procedure(self, setup: Setup[CrackScan]) -> Procedure:
+        from skywright.missions.crack_scan.entries import build_procedure
+
+        return build_procedure(setup)

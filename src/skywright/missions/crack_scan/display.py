@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from skywright.core.arrays import Array as Numbers
 from skywright.core.streams import build_stream
 from skywright.errors import InputError
 from skywright.inspection.notch_setup import (
@@ -16,13 +17,15 @@ from skywright.inspection.notch_setup import (
     set_up,
 )
 from skywright.missions.skills.instrument import Carried, find_instrument
-from skywright.models.block_scan import BlockScan, compute_true_gain, simulate_block_scan
+from skywright.models.block_scan import LIFT, BlockScan, compute_true_gain, simulate_block_scan
 from skywright.models.crack_signal import Metal
 from skywright.models.things.notch_block import NotchBlock
 from skywright.run.setup import Setup
 from skywright.vehicle.sensors.eddy_array import EddyArray
 
 Array = Carried[EddyArray.Table]
+SHIMS = 11
+"""Thicknesses over which the lift-off is looked at, 0 to 1 mm."""
 
 
 def find_array(setup: Setup[Any]) -> Array:
@@ -36,13 +39,38 @@ def find_array(setup: Setup[Any]) -> Array:
     return array
 
 
-def set_up_display(setup: Setup[Any], array: Array) -> NotchSetup:
-    """Set the display up on the block before the flight.
+class Display(NamedTuple):
+    """A display that was set up on a block."""
+
+    setup: NotchSetup
+    shims: Numbers  # (k,) m
+    lifted: Numbers  # (k,) complex display units, over each shim on sound metal; 0 in air
+
+    def measure_gaps(self, z: Any, air: Any) -> Numbers:
+        """Return the gap (n, k) m under each coil from its lift-off, for signals `z` (n, k).
+
+        `air` (k,) are the signals far from metal, from which the lift-off is measured, as the
+        instrument is nulled elsewhere on the block. The coating is taken out: what a coil reads
+        over most of its way is contact. NaN is beyond the thickest shim.
+        """
+        size, known = np.abs(np.asarray(z) - air), np.abs(self.lifted)
+        gap = np.interp(size, known[::-1], self.shims[::-1])
+        gap[size < known[-1]] = np.nan
+        some = np.isfinite(gap).any(axis=0)
+        return np.asarray(gap - np.nanmedian(np.where(some, gap, 0.0), axis=0))
+
+
+def set_up_display(setup: Setup[Any], array: Array) -> Display:
+    """Set the display up on the block before the flight, and see its lift-off over shims.
 
     The block is the world's (`kind = "notch_block"`), or one of the pipe's material. Raises
     InputError for a block of another material, or without the procedure's notch.
     """
-    return set_up(_visit(setup, array, 0.0))
+    scan = _visit(setup, array, 0.0)
+    done, shims = set_up(scan), np.linspace(0.0, LIFT, SHIMS)
+    at = np.linspace(0, len(scan.lift) - 1, SHIMS).round().astype(int)
+    lifted = np.array([np.mean(scan.lift[max(i - 1, 0) : i + 2]) for i in at])
+    return Display(done, shims, lifted)
 
 
 def check_display(setup: Setup[Any], array: Array, done: NotchSetup, seconds: float) -> SetupCheck:

@@ -25,13 +25,13 @@ def draw_map(result: RunResult[CrackScan, CrackWay]) -> Figure | None:
     found = result.details
     if found is None or not np.isfinite(found.height).any():
         return None
-    seen = np.isfinite(found.height)
+    seen, cells = np.isfinite(found.height), found.cover.sector.cells
     s, c, up = found.s[seen], found.c[seen], found.height[seen]
-    figure, ax = new_map(found.cells[:, 0], found.cells[:, 1], 0.2, below=0.85, right=0.65)
+    figure, ax = new_map(cells[:, 0], cells[:, 1], 0.2, below=0.85, right=0.65)
     order = np.argsort(np.abs(up))
     shown = ax.scatter(1e3 * s[order], 1e3 * c[order], c=up[order], s=3, cmap="RdBu_r", vmin=-60,
                        vmax=60, lw=0, rasterized=True)  # fmt: skip
-    gaps = found.cells[~found.covered]
+    gaps = cells[~found.cover.covered]
     ax.plot(1e3 * gaps[:, 0], 1e3 * gaps[:, 1], "s", color="#c9ced6", ms=1.5, label="not covered")
     for x in found.indications:
         ax.plot(1e3 * x.s, 1e3 * x.c, "o", mfc="none", color=LIMIT, ms=11)

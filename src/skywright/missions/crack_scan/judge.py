@@ -126,7 +126,7 @@ def _measure(flaw: Flaw) -> dict[str, float]:
 
 def _count_sites(found: Search, flaws: list[Flaw], false: int) -> tuple[int, int]:
     """Return the covered squares without a crack, and how many of them were called."""
-    cells = found.cells[found.covered]
+    cells = found.cover.sector.cells[found.cover.covered]
     if not len(cells):
         return 0, 0
     clear = np.ones(len(cells), bool)

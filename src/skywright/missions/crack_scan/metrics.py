@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from skywright.missions.crack_scan.cover import compute_cover
 from skywright.missions.crack_scan.judge import list_flaws, match
 from skywright.missions.crack_scan.plan import CrackWay
-from skywright.missions.crack_scan.search import Search, as_scan, find_search
+from skywright.missions.crack_scan.search import TILT_LIMIT, Search, as_scan, find_search
 from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.coverage import COVERAGE_MEASURES, SCAN
 from skywright.missions.scan.metrics import MEASURES as SCAN_MEASURES
@@ -79,6 +78,9 @@ def judge_search(run: Flown[CrackScan, CrackWay], found: Search) -> dict[str, fl
     """Compare indications with cracks, and the covered area with the sector."""
     flaws, beside = list_flaws(run)
     errors, false = match(found.indications, flaws, beside)
+    samples = run.samples[SCAN.select(run.samples, run.phases)]
+    good = (samples["gap_max"] < run.task.procedure.gap_max_m) & (samples["tilt"] < TILT_LIMIT)
+    cover = compute_cover(found.cover.sector, found.s[good], found.c[good])  # in truth
     hit = [e for e in errors if e is not None]
     out = {
         "crack.expected": float(len(flaws)),
@@ -88,8 +90,8 @@ def judge_search(run: Flown[CrackScan, CrackWay], found: Search) -> dict[str, fl
         "crack.false_calls": float(false),
         "crack.block_notch_percent": found.check.height,
         "crack.block_drifted": float(not found.check.holds),
-        "coverage.area_fraction": float(np.mean(found.covered)),
-        "coverage.gap_max_mm": 1e3 * found.gap_max_m,
+        "coverage.area_fraction": cover.fraction,
+        "coverage.gap_max_mm": 1e3 * cover.hole_m,
     }
     if hit:
         out["crack.position_error_mm"] = 1e3 * max(hit)

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple, cast
 
 from skywright.errors import InputError
 from skywright.inspection.indications import COIL_WIDTH
-from skywright.inspection.notch_setup import NotchSetup
-from skywright.missions.crack_scan.display import Array, find_array, set_up_display
+from skywright.missions.crack_scan.display import Array, Display, find_array, set_up_display
 from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.plan import plan as plan_scan
@@ -24,7 +23,7 @@ class CrackWay(NamedTuple):
     """What the mission will do."""
 
     scan: ScanWay
-    display: NotchSetup  # on the block, before the flight
+    display: Display  # on the block, before the flight
     swath_m: float  # of one pass
     pitch_m: float  # largest distance of passes
     passes: int

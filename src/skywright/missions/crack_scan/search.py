@@ -6,23 +6,24 @@ import math
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from skywright.core.arrays import Array as Numbers
 from skywright.core.arrays import Mask
-from skywright.description.world.surface import Cylinder, unroll_points
+from skywright.description.world.surface import Cylinder, roll_points, unroll_points
 from skywright.inspection.indications import FlawFinder, Indication
 from skywright.inspection.notch_setup import SetupCheck
-from skywright.missions.crack_scan.display import check_display, find_array, place_coils
+from skywright.missions.crack_scan.cover import Cover, build_sector, compute_cover, list_gaps
+from skywright.missions.crack_scan.display import Display, check_display, find_array, place_coils
 from skywright.missions.crack_scan.plan import CrackWay, compute_coil_width
 from skywright.missions.crack_scan.task import CrackScan
-from skywright.missions.scan.coverage import CELLS, SCAN
+from skywright.missions.scan.coverage import SCAN
 from skywright.missions.scan.metrics import get_surface
 from skywright.models.drawing import rotate_vectors
-from skywright.planning.patterns import SIDES
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
+from skywright.run.where import Where
 
+AIR = Where(("start",))
 TILT_LIMIT = math.radians(10.0)
 
 
@@ -33,9 +34,12 @@ class Search(NamedTuple):
     c: Numbers
     height: Numbers  # (n, k) % FSH, less what is slow; NaN where the gap was too large
     indications: list[Indication]
-    cells: Numbers  # (m, 2) s, c m, of the sector
-    covered: Mask  # (m,)
-    gap_max_m: float  # largest hole
+    counts: Mask  # (n, k), which readings are in contact, by their lift-off and the tip's axis
+    cover: Cover  # what the robot knows to have covered
+    z: Any  # (n, k) complex, display units
+    t: Numbers  # (n,) s
+    place: Numbers  # (n, 2) s, c m of the tip
+    known: Cylinder  # the pipe as the survey found it
     check: SetupCheck  # on the block, after the flight
 
 
@@ -49,19 +53,49 @@ def find_search(run: Flown[CrackScan, CrackWay]) -> Search | None:
     k = array.table.coils
     s, c, _ = unroll_points(known, samples["meas_p_WT"])
     S, C = place_coils(array, s, c, read_attitude(samples), known.R_WP, c / known.radius)
-    z = samples["eddy_array"][:, : 2 * k : 2] + 1j * samples["eddy_array"][:, 1 : 2 * k : 2]
-    good = (samples["gap_max"] < procedure.gap_max_m) & (samples["tilt"] < TILT_LIMIT)
-    display = run.way.display.show(z)
-    display[~good] = np.nan
+    z, air = read_signals(samples, k), find_air(run, k)
+    counts = find_contact(run.way.display, z, air, procedure.gap_max_m)
+    counts &= (compute_tilt(samples, known, c) < TILT_LIMIT)[:, None]
+    display = run.way.display.setup.show(z)
+    display[~counts] = np.nan
     finder = FlawFinder(
         threshold=procedure.threshold_percent, coil_width_m=compute_coil_width(array),
         track_std=procedure.track_std_m,
     )  # fmt: skip
     finder.add(samples["t"], display, S, C)
     _, height, _, _ = finder.compute_heights()
-    cells, covered, hole = compute_coverage(run, known, S[good], C[good], compute_coil_width(array))
-    check = check_display(run.setup, array, run.way.display, float(run.samples["t"][-1]))
-    return Search(S, C, height, finder.find(), cells, covered, hole, check)
+    sector = build_sector(run.task, known.radius, compute_coil_width(array))
+    cover = compute_cover(sector, S[counts], C[counts])
+    check = check_display(run.setup, array, run.way.display.setup, float(run.samples["t"][-1]))
+    return Search(
+        S, C, height, finder.find(), counts, cover, z, samples["t"], np.column_stack([s, c]), known,
+        check,
+    )  # fmt: skip
+
+
+def read_signals(samples: Any, coils: int) -> Any:
+    """Return the recorded signals (n, coils), complex, in display units."""
+    z = samples["eddy_array"]
+    return z[:, : 2 * coils : 2] + 1j * z[:, 1 : 2 * coils : 2]
+
+
+def find_air(run: Flown[CrackScan, CrackWay], coils: int) -> Any:
+    """Return what each coil (coils,) read in the air, on the ground before the flight."""
+    z = read_signals(run.samples[AIR.select(run.samples, run.phases)], coils)
+    return np.median(z.real, axis=0) + 1j * np.median(z.imag, axis=0)
+
+
+def find_contact(display: Display, z: Any, air: Any, gap_max: float) -> Mask:
+    """Return which signals (n, k) were read with a gap below `gap_max` (m), by their lift-off."""
+    gap = display.measure_gaps(z, air)
+    return np.asarray(np.isfinite(gap) & (np.nan_to_num(gap, nan=np.inf) < gap_max))
+
+
+def compute_tilt(samples: Any, known: Cylinder, c: Numbers) -> Numbers:
+    """Return the measured angle (n,) rad of the probe from the normal of the known pipe."""
+    _, normal = roll_points(known, np.zeros(len(c)), c)
+    axis = samples["meas_axis_W"]
+    return np.asarray(np.arccos(np.clip(-np.sum(axis * normal, axis=1), -1.0, 1.0)))
 
 
 def read_attitude(samples: Any) -> Numbers:
@@ -72,29 +106,6 @@ def read_attitude(samples: Any) -> Numbers:
     )
 
 
-def compute_coverage(
-    run: Flown[CrackScan, CrackWay], known: Cylinder, s: Numbers, c: Numbers, width: float
-) -> tuple[Numbers, Mask, float]:
-    """Return the sector's cells (m, 2), which are covered (m,), and the largest hole (m).
-
-    A cell counts where a coil came within half its width, with a gap and tilt that count. A hole is
-    the largest circle without a place that a coil covers.
-    """
-    task = run.task
-    middle = math.radians(SIDES.get(task.side, task.centre_angle_deg)) * known.radius
-    arc = math.radians(task.arc_deg) * known.radius
-    cell = max(0.25 * width, math.sqrt(arc * task.pass_length_m / CELLS))
-    n = [max(1, round(x / cell)) for x in (task.pass_length_m, arc)]
-    u, v = ((np.arange(m) + 0.5) / m - 0.5 for m in n)
-    grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
-    cells = [task.centre_s_m, middle] + grid * [task.pass_length_m, arc]
-    if not s.size:
-        return cells, np.zeros(len(cells), bool), 2 * max(arc, task.pass_length_m)
-    away = cKDTree(np.column_stack([s.ravel(), c.ravel()])).query(cells)[0]
-    covered = away <= 0.5 * width
-    return cells, covered, 2.0 * max(float(np.max(away)) - 0.5 * width, 0.0)
-
-
 def as_scan(run: Flown[CrackScan, CrackWay]) -> Any:
     """Return the flight as one of the kind that it is flown as."""
     plan = run.plan._replace(way=cast(Any, run.way.scan))
@@ -103,12 +114,21 @@ def as_scan(run: Flown[CrackScan, CrackWay]) -> Any:
 
 def describe_search(run: Flown[CrackScan, CrackWay], found: Search) -> dict[str, Any]:
     """Return procedure, passes, indications and the check as plain numbers."""
-    way = run.way
+    way, cover = run.way, found.cover
     return {
         "procedure": run.task.procedure.model_dump(),
         "passes": way.passes,
         "swath_mm": round(1e3 * way.swath_m, 2),
         "pitch_mm": round(1e3 * way.pitch_m, 2),
+        "sector_m2": round(cover.area_m2, 6),
+        "inspected_m2": round(cover.area_m2 * cover.fraction, 6),
+        "missed": [
+            {
+                "from_m": np.round(gap.start, 4).tolist(), "to_m": np.round(gap.end, 4).tolist(),
+                "length_m": round(max(np.subtract(gap.end, gap.start)), 4),
+            }
+            for gap in list_gaps(cover)
+        ],
         "block_after": {
             "notch_percent": round(found.check.height, 2),
             "phase_change_deg": round(found.check.phase_change, 2),

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import tomli_w
 from pydantic import Field
 
 from skywright.core.spec import Fraction, Spec
+from skywright.inspection.history.entries import Procedure
 
 
 class ThicknessProcedure(Spec):
@@ -37,3 +41,21 @@ class CrackProcedure(Spec):
     overlap_fraction: Fraction = 0.1  # of a coil's width, between passes
     lateral_std_m: float = Field(default=0.0005, ge=0, le=0.02)  # of a pass, across it
     track_std_m: float = Field(default=0.0015, ge=1e-5, le=0.1)  # of a place from the datum
+
+
+def write_procedure(
+    procedure: ThicknessProcedure | CrackProcedure, instrument: Spec, keys: tuple[str, ...],
+    **more: Any,
+) -> Procedure:  # fmt: skip
+    """Return a procedure with its text: its own keys, those `keys` of the instrument, and `more`.
+
+    `more` are values of the task, such as the speed. What a simulation adds, such as the noise of
+    the instrument, is no part of a procedure.
+    """
+    table = instrument.model_dump()
+    tables = {
+        "procedure": procedure.model_dump(),
+        "instrument": {key: table[key] for key in keys},
+        "task": more,
+    }
+    return Procedure(procedure.name, procedure.revision, tomli_w.dumps(tables))

@@ -8,7 +8,9 @@ from skywright.missions.thickness_survey.task import ThicknessSurvey
 from skywright.run.folder_kind import FolderKind
 
 if TYPE_CHECKING:
+    from skywright.inspection.history.entries import Entries, Procedure
     from skywright.run.flight import Flown
+    from skywright.run.setup import Setup
 
 
 class ThicknessSurveyKind(FolderKind[ThicknessSurvey]):
@@ -26,3 +28,13 @@ class ThicknessSurveyKind(FolderKind[ThicknessSurvey]):
         from skywright.missions.thickness_survey.metrics import describe_readings
 
         return describe_readings(run)
+
+    def entries(self, run: Flown[ThicknessSurvey, Any]) -> Entries:
+        from skywright.missions.thickness_survey.entries import build_entries
+
+        return build_entries(run)
+
+    def procedure(self, setup: Setup[ThicknessSurvey]) -> Procedure:
+        from skywright.missions.thickness_survey.entries import build_procedure
+
+        return build_procedure(setup)

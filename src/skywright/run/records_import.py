@@ -1,0 +1,43 @@
+"""A run that was flown without a database, added to one later."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+from skywright.description.loader import load_description
+from skywright.errors import InputError
+from skywright.inspection.history.store import InspectionStore
+from skywright.run.directory import load_run
+from skywright.run.flight import Flown
+from skywright.run.planning import plan_mission
+from skywright.run.records import FlightRecords
+from skywright.run.setup import Setup
+
+
+def import_run(file: Path, directory: Path) -> str:
+    """Add what a run found to the database `file`; returns the flight.
+
+    Contacts whose force was measured are stored while a mission flies, so they are not added.
+    Raises InputError for a directory that is no run, is in the database, or has no start.
+    """
+    stored, description = load_run(directory), load_description(directory)
+    where = directory.resolve()
+    store = InspectionStore(file, create=True)
+    try:
+        for flight in store.list_flights():
+            if flight.run and Path(flight.run).resolve() == where:
+                raise InputError(f"{file}: {directory} is in it as flight {flight.id}")
+    finally:
+        store.close()
+    setup = Setup(description)
+    plan = plan_mission(description, setup)
+    began = float(stored.timing.get("started_unix_s", 0.0))
+    if not began:
+        raise InputError(f"{directory}: metrics.json has no timing.started_unix_s")
+    records = FlightRecords(file, setup)
+    try:
+        records.start(where, datetime.fromtimestamp(began, UTC))
+    finally:
+        records.close()
+    return records.add(Flown(setup, plan, stored.samples, stored.phases))
