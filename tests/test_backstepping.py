@@ -11,11 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skywright.core.record import View
+from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
+from skywright.models.contact_stance import find_free_stance
 from skywright.models.rigid_body import build_body_model, compute_tip
 from skywright.vehicle.bus import Body, Estimate, Reference
 from skywright.vehicle.follower import Press
+from skywright.vehicle.laws._tip_motion import (
+    STOP_RATE,
+    fill_tip_rows,
+    invert_tip,
+    slow_at_stops,
+)
 from skywright.vehicle.laws.backstepping import (
     Backstepping,
     backstep,
@@ -97,3 +105,59 @@ def test_the_contact_wrench_is_equation_24(g1: float, g2: float, force: float) -
         2 * step
     )
     assert f @ lever == pytest.approx(about[1], abs=1e-6)
+
+
+def test_a_tip_at_a_joints_stop_stops_and_does_not_swing_aside() -> None:
+    """The law asks for 30 mm/s along the probe until the elbow is at its stop, from a free press.
+
+    One joint alone would swing the tip by centimetres: where friction holds it, the platform.
+    """
+    robot, _ = load_robot("f550-bridge")
+    model = build_body_model(robot)
+    low, high = model[0]["q_min"][:2], model[0]["q_max"][:2]
+
+    def drive(obeys: bool) -> tuple[float, float]:
+        """Return how far (m) the tip comes aside in 2 s, and how far (rad) past its stop."""
+        q = find_free_stance(robot, "down").q.copy()
+        start, axis = compute_tip(model, q)[0], compute_tip(model, q)[1][:, 2]
+        aside, past, J, qd = 0.0, 0.0, np.zeros((2, MAX_JOINTS)), np.zeros(MAX_JOINTS)
+        for _ in range(200):
+            body = View(np.zeros(1, Body.dtype)[0])
+            tip, body.R_BT = compute_tip(model, q)
+            body.n_joints = 2
+            for j in range(2):
+                body.J_BT[:, j] = (compute_tip(model, q + 1e-6 * np.eye(2)[j])[0] - tip) / 1e-6
+            fill_tip_rows(body, J)
+            invert_tip(J, 2, 0.03, 0.0, qd)
+            if obeys:
+                slow_at_stops(low, high, q, 2, qd)
+            q += 0.01 * qd[:2]
+            off = compute_tip(model, q)[0] - start
+            aside = max(aside, float(np.linalg.norm(off - (off @ axis) * axis)))
+            past = max(past, float(np.max(q - high)), float(np.max(low - q)))
+        return aside, past
+
+    aside, past = drive(obeys=True)
+    assert aside < 1e-3 and past < 1e-9
+    aside, past = drive(obeys=False)
+    assert past > math.radians(5.0)
+
+
+ROOM = st.floats(-0.1, 2.0)
+
+
+@given(speeds=st.lists(st.floats(-6.0, 6.0), min_size=3, max_size=3), q=st.lists(ROOM, min_size=3))
+def test_no_joint_is_led_past_its_stop(speeds: list[float], q: list[float]) -> None:
+    low, high = np.zeros(MAX_JOINTS), np.full(MAX_JOINTS, 1.9)
+    asked, at = np.array([*speeds, 0.0]), np.array([*q[:3], 0.0])
+    qd = asked.copy()
+    slow_at_stops(low, high, at, 3, qd)
+    scale = np.linalg.norm(qd) / max(float(np.linalg.norm(asked)), 1e-12)
+    np.testing.assert_allclose(qd, scale * asked, atol=1e-12)  # the same direction
+    assert scale <= 1.0 + 1e-12
+    for j in range(3):  # no faster than it can be stopped, and away from a stop at will
+        room = high[j] - at[j] if asked[j] > 0 else at[j] - low[j]
+        assert abs(qd[j]) <= STOP_RATE * max(room, 0.0) + 1e-12
+    far = STOP_RATE * np.minimum(at[:3], high[:3] - at[:3])
+    if np.all(np.abs(asked[:3]) <= far):
+        np.testing.assert_array_equal(qd, asked)

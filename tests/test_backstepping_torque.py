@@ -26,7 +26,7 @@ from skywright.run.backends import build_vehicle
 from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.bus import Estimate, Reference, WrenchCommand
 from skywright.vehicle.follower import Press
-from skywright.vehicle.laws.backstepping import DAMPING
+from skywright.vehicle.laws._tip_motion import DAMPING
 from skywright.vehicle.laws.backstepping_torque import (
     SENSITIVITY,
     BacksteppingTorque,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from constructed import DT, LEVEL, about, build_flown, build_samples
-from skywright.core.rotations import rot_z
+from skywright.core.rotations import quat_from_rot, rot_y, rot_z
 from skywright.description.robot.limbs import list_joints
 from skywright.description.world.structure import locate_point
 from skywright.description.world.surface import Cylinder
@@ -341,13 +341,18 @@ def test_a_sensor_that_is_pressed_on() -> None:
     below = pipe.p_WP - pipe.radius * pipe.R_WP[:, 2]
     hand = np.tile(below + 0.01 * pipe.R_WP[:, 1], (n, 1))
     hand[300:] -= 0.2 * pipe.R_WP[:, 2]
+    # the pipe's lowest line is where the ball touches it, its end leans 60 deg ahead of there
+    lean = pipe.R_WP @ rot_y(math.radians(60.0))
+    up = np.tile(quat_from_rot(lean), (n, 1))
+    hand += 0.015 * (lean[:, 2] - pipe.R_WP[:, 2])  # the ball's radius
     body = np.zeros((n, 3))
     body[220, 0] = 0.025
     ref, stood = np.zeros((n, 3)), np.zeros((n, 3))
     stood[:, 1] = 0.01  # it stood aside before, too
     s, phases = build_samples(
         [("approach", 1.0), ("force", 2.0), ("hover check", 1.0), ("swing check", 3.0)],
-        left_f_W=force, left_est_f_W=estimate, left_p_WH=hand, left_ref_p_WH=hand + [0, 0, 0.002],
+        left_f_W=force, left_est_f_W=estimate, left_p_WH=hand, left_q_WH=up,
+        left_ref_p_WH=hand + [0, 0, 0.002],
         p_WB=body + stood, ref_p_WB=ref, q=np.tile(np.full(9, 0.4), (n, 1)), f_collision=0.0,
     )  # fmt: skip
     s["q"][400:, 0] = math.radians(10.0) * np.exp(-np.arange(300) * DT / 0.1)

@@ -73,6 +73,11 @@ def test_the_hand_without_the_sensor_finds_the_pipe_first() -> None:
     touching = in_phases(s, result.phases, "survey_touch")
     assert np.max(np.abs(s["left_f_W"][touching])) == 0.0  # the tape meets nothing
     assert 0.5 < np.max(s["right_f_W"][touching]) < 4.0
+    # a hand that friction holds leads neither link nor shoulder away, and bends as planned
+    swing = np.degrees(s["q"][in_phases(s, result.phases, "survey_touch", "survey_back"), 0])
+    assert np.ptp(swing) < 4.0
+    assert m["arm.lever_felt_min"] > 0.3
+    assert m["sensor.around_mm"] < 6.0
 
 
 @pytest.mark.parametrize("leave", [True, False])

@@ -22,7 +22,8 @@ RESERVE = 0.035
 """m, of reach that may be given up for an arm that moves its tip along the probe with ease."""
 BESIDE_FEET = 0.02
 """m, of reach that is given up where docking feet stand beside the tip: what is left keeps the feet
-15 mm off the surface, and the arm has 20 mm of its own."""
+15 mm off the surface. Where friction holds the tip, it comes no nearer to the robot's axis, and the
+elbow's stop leaves 7 of the 20 mm to the arm of f550-bridge."""
 GRID = 91
 
 

@@ -21,7 +21,8 @@ from skywright.description.world.structure import Structure, build_surface, find
 from skywright.models.force_sensor import compute_spring_force
 from skywright.models.rigid_body import build_body_model, compute_kinematics, fill_gravity_torque
 from skywright.models.servo_gains import compute_servo_gains
-from skywright.vehicle.laws.backstepping import DAMPING, REACH
+from skywright.vehicle.laws._tip_motion import DAMPING
+from skywright.vehicle.laws.backstepping import REACH
 
 STEP = 5e-4  # m, of an advance
 LEAP = 0.02  # rad, of one step of Newton's method

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array, Mask
+from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.limbs import list_joints
 from skywright.description.world.spec import World
 from skywright.description.world.surface import Cylinder
@@ -130,7 +131,7 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     flown = ALOFT.select(samples, phases)
     out.update(_judge_tape(samples[flown], normal[flown], up, run.setup.world))
     if np.any(hold):
-        around, along = find_place(samples["left_p_WH"][hold], true)
+        around, along = find_place(find_balls(run.setup, samples[hold]), true)
         out |= {"sensor.around_mm": 1e3 * around, "sensor.along_mm": 1e3 * along}
         room = ALONG_M + run.setup.description.plant.map_error_m
         if "sensor.installed" in out and (around > AROUND_M or along > room):
@@ -148,9 +149,21 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     return out
 
 
-def find_place(p_WH: Array, pipe: Cylinder) -> tuple[float, float]:
+def find_balls(setup: Setup[SensorInstall], samples: NDArray[Any]) -> Array:
+    """Return the centres (n, 3) m in W of the left hand's ball, which lies behind its end.
+
+    The ball touches the pipe on the line from its centre to the pipe's axis; the end of a hand that
+    leans is up to a radius of the ball beside that.
+    """
+    arm = setup.robot.arm
+    assert arm is not None
+    axes = np.array([rot_from_quat(q)[:, 2] for q in samples["left_q_WH"]])
+    return np.asarray(samples["left_p_WH"] - arm.hand.radius_m * axes)
+
+
+def find_place(p_W: Array, pipe: Cylinder) -> tuple[float, float]:
     """Return how far (m) points (n, 3) are at most around the pipe from below, and along it."""
-    local = (p_WH - pipe.p_WP) @ pipe.R_WP
+    local = (p_W - pipe.p_WP) @ pipe.R_WP
     around = pipe.radius * np.abs(np.arctan2(local[:, 0], -local[:, 2]))
     return float(np.max(around)), float(np.max(np.abs(local[:, 1])))
 

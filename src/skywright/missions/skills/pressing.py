@@ -159,11 +159,17 @@ class Presser:
             )
 
     def _retreat(self, prefix: str) -> None:
-        """Draw the tip back along the probe, the arm as it is: its own way back may be barred."""
+        """Draw the tip back along the probe, the arm as it is: its own way back may be barred.
+
+        Joints leave their stops first. A servo that is told to stay there may push against one by
+        the error of its encoder's zero, at its stall torque.
+        """
         vehicle, row = self.s.vehicle, set_rest(self.s.vehicle.reference)
         away = np.array(row["p_WB"]) - RETREAT * vehicle.estimate["R_WT"][:, 2]
         # the reference's joints are those before the force moved the arm: begin where it is
-        row["q"][: self.n] = vehicle.estimate["q"][: self.n]
+        body, q = self.model[0], vehicle.estimate["q"][: self.n]
+        low, high = body["q_min"][: self.n] + STOP_NEAR, body["q_max"][: self.n] - STOP_NEAR
+        row["q"][: self.n] = np.clip(q, low, high)
         self.s.body.track(row[None])
         self.go(f"{prefix}retreat", p=away, speed=0.4, press=0.0, force=0.0)
 

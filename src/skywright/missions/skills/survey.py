@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_from_quat
-from skywright.core.types import TASK_POSITION
+from skywright.core.types import TASK_FORCE, TASK_POSITION
 from skywright.missions.skills.moves import set_rest
 from skywright.planning.patterns import build_time_law, eval_time_law
 from skywright.run.flight import PhaseRecord
@@ -151,15 +151,14 @@ class Hand:
         self.columns = get_hand_columns(index)
 
     def start(self, R_WS: Array) -> Any:
-        row = set_rest(self.vehicle.reference)
-        row["task"][self.index] = TASK_POSITION
-        row["v_WH"][self.index] = [self.speed, 0.0, 0.0]
-        return row
+        self.normal = R_WS[:, 2]
+        return set_rest(self.vehicle.reference)
 
     def lead(self, row: Any, normal: Array, distance: float, speed: float, travel: float) -> Table:
         t, way = _march(distance, speed)
         table = np.repeat(np.array(row)[None], len(t))
-        table["t"] = t
+        table["t"], table["task"][:, self.index] = t, TASK_POSITION
+        table["v_WH"][:, self.index] = [self.speed, 0.0, 0.0]
         table["p_WH"][:, self.index] += way[:, :1] * normal
         return table
 
@@ -167,7 +166,16 @@ class Hand:
         return np.array(row["p_WH"][self.index])
 
     def rest(self, s: Supervisor[Any]) -> None:
-        s.body.hold()
+        """Press with the force that is felt, and with none across: no place is asked for.
+
+        A hand that friction holds does not follow its reference. The arm would lead its shoulder
+        away instead, by as much again in each lag of the servos, as far as the link swings.
+        """
+        row, hand = set_rest(self.vehicle.reference), self.index
+        row["task"][hand], row["v_WH"][hand] = TASK_FORCE, 0.0
+        row["p_WH"][hand] = self.vehicle.read(Hands).p_WH[hand]
+        row["f_WH"][hand] = -self.felt * self.normal
+        s.body.track(row[None])
 
     def feel(self, normal: Array) -> float:
         return -float(self.vehicle.read(HandForce).f_WH[self.index] @ normal)

@@ -24,7 +24,7 @@ It is a PID, so k_1, k_2 and lambda follow from the PID's stiffness, damping and
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, Any
 
 from scipy.optimize import brentq
 
@@ -43,6 +43,7 @@ from skywright.vehicle.laws._standard_mode import (
     follow_trim,
     stabilise,
 )
+from skywright.vehicle.laws._tip_motion import fill_tip_rows, invert_tip, slow_at_stops
 from skywright.vehicle.loops import (
     SLOW,
     ArmLoop,
@@ -62,8 +63,6 @@ REACH = 0.03
 FOLLOW = 0.5
 """rad/s, at which the platform follows the arm: a sixth of the force loop's and of its own."""
 SHIFT_MAX = 0.05  # m
-DAMPING = 1e-6
-"""m^2/rad^2, of the inverse of the arm's Jacobian: 1 mm of lever."""
 
 
 class Backstepping(Law):
@@ -81,6 +80,8 @@ class Backstepping(Law):
         knee: float  # N, beyond which it has `soft` (N/m)
         soft: float
         friction: float  # believed coefficient of the surface
+        q_min: Annotated[Array, MAX_JOINTS]  # rad
+        q_max: Annotated[Array, MAX_JOINTS]
         f_integral_max: float  # N
         t_integral_max: float  # N m
         sigma: Vec3  # m s, chi of the position, in W
@@ -108,6 +109,7 @@ class Backstepping(Law):
             for w in limit_attitude(c, context)
         ]
         fill_arm(me, table, context)
+        me.q_min, me.q_max = context.model["q_min"], context.model["q_max"]
         me.dt, me.k_force, me.friction = context.dt, me.k_arm, c.friction_feed_forward
         if robot.force_sensor is not None and robot.probe is not None:
             factor = context.springs.sensor
@@ -365,30 +367,6 @@ def command_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, cmd: Any) ->
     J = local(2, MAX_JOINTS)
     fill_tip_rows(body, J)
     invert_tip(J, n, along, across, cmd.qd)
+    slow_at_stops(me.q_min, me.q_max, est.q, n, cmd.qd)
     for j in range(n):
         cmd.qd[j] = min(max(cmd.qd[j], -me.motor_speed_max[j]), me.motor_speed_max[j])
-
-
-@helper
-def fill_tip_rows(body: Any, J: Any) -> None:
-    """Fill J (2, MAX_JOINTS) m/rad: how the joints move the tip along z and along x of T."""
-    for j in range(body.n_joints):
-        J[0, j] = J[1, j] = 0.0
-        for i in range(3):
-            J[0, j] += body.R_BT[i, 2] * body.J_BT[i, j]
-            J[1, j] += body.R_BT[i, 0] * body.J_BT[i, j]
-
-
-@helper
-def invert_tip(J: Any, n: int, along: float, across: float, out: Any) -> None:
-    """Fill the joint speeds of least size that move the tip so: J^T (J J^T + e I)^-1 v."""
-    aa, cc, ac = DAMPING, DAMPING, 0.0
-    for j in range(n):
-        aa += J[0, j] * J[0, j]
-        cc += J[1, j] * J[1, j]
-        ac += J[0, j] * J[1, j]
-    det = aa * cc - ac * ac
-    x = (cc * along - ac * across) / det
-    y = (aa * across - ac * along) / det
-    for j in range(n):
-        out[j] = J[0, j] * x + J[1, j] * y

@@ -42,17 +42,16 @@ from skywright.models.rigid_body import compute_kinematics, posture
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Context, Out, helper
 from skywright.vehicle.follower import Press
+from skywright.vehicle.laws._tip_motion import fill_tip_rows, invert_tip
 from skywright.vehicle.laws.backstepping import (
     REACH,
     TIP_SPEED,
     TOUCHING,
     Backstepping,
     command_platform,
-    fill_tip_rows,
     find_approach,
     find_extension,
     find_offset,
-    invert_tip,
 )
 from skywright.vehicle.loops import LoopsTable, choose_bandwidths, compute_delay, rest
 from skywright.vehicle.sensors.encoders import compute_speed_bandwidth
