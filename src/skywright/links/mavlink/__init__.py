@@ -1,0 +1,1 @@
+"""MAVLink: packets of a byte stream, and messages to bytes."""

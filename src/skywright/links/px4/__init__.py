@@ -1,0 +1,1 @@
+"""PX4: Skywright as its simulator, and a robot as its parameters."""

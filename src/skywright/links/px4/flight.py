@@ -1,0 +1,175 @@
+"""A flight under PX4: `skywright sitl ROBOT --autopilot px4`.
+
+The plant runs a period, its sensors go to PX4, PX4's answer leads the rotors for the next period.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from skywright.core.interrupt import check_interrupt
+from skywright.core.threads import on_one_thread
+from skywright.description.loader import Description
+from skywright.errors import InputError, SimulationError
+from skywright.links.px4.sensors import Px4Sensors
+from skywright.links.px4.server import AutopilotStalled, Px4Server
+from skywright.links.px4.telemetry import Telemetry
+from skywright.links.sitl.directory import SitlDirectory
+from skywright.links.sitl.pace import Pace
+from skywright.links.sitl.plant import SitlPlant
+
+SLOW_START_S = 20.0
+"""s of a connection without actuators after which that is said."""
+
+
+class Options(NamedTuple):
+    """How a flight is led."""
+
+    host: str = "127.0.0.1"
+    port: int = 4560
+    telemetry: int = 14030  # port; 0: none
+    speed: float = 1.0  # factor of real time; infinite: as fast as it goes
+    wait_s: float = 120.0  # for PX4 to connect, at the start and after it has gone
+    patience_s: float = 30.0  # for an answer
+    duration_s: float = math.inf  # of the plant's time
+    out: Path | None = None
+    command: str = ""
+
+
+class SitlResult(NamedTuple):
+    """How a flight ended."""
+
+    outcome: str  # finished, aborted (the autopilot failed), diverged
+    reason: str
+    directory: Path
+    metrics: dict[str, float]
+    real_time_factor: float
+    refused: list[str]
+    """A line for each kind of packet that was refused."""
+
+    @property
+    def exit_code(self) -> int:
+        """0, or 3 where the simulation or the autopilot failed."""
+        return 0 if self.outcome == "finished" else 3
+
+
+@on_one_thread
+def fly_px4(
+    description: Description[Any], options: Options, say: Callable[[str], None] = lambda _: None
+) -> SitlResult:
+    """Fly until the duration is over, PX4 stays away, or an interrupt; writes the run directory.
+
+    `say` is told one line for each thing that happens. Raises InputError where nothing was
+    started: a busy port, a robot that PX4 cannot fly, no PX4 within the time.
+    """
+    plant = SitlPlant(description)
+    server = Px4Server(
+        plant.n_rotors, options.host, options.port, patience_s=options.patience_s, say=say
+    )
+    telemetry = None
+    try:
+        if options.telemetry:
+            telemetry = Telemetry(options.host, options.telemetry, plant.notes)
+        say(f"waiting for PX4 on {options.host}:{server.port}")
+        if not server.wait_for_connection(options.wait_s):
+            raise InputError(
+                f"no PX4 connected to {options.host}:{server.port} within {options.wait_s:g} s; "
+                "start it with PX4_SIM_MODEL set (docs: PX4 SITL), or give --wait S"
+            )
+        return _Flight(plant, server, telemetry, options, say).fly()
+    finally:
+        server.close()
+        if telemetry is not None:
+            telemetry.close()
+
+
+class _Flight:
+    """The loop and its rules."""
+
+    def __init__(
+        self, plant: SitlPlant, server: Px4Server, telemetry: Telemetry | None, options: Options,
+        say: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        d = plant.description
+        self.plant, self.server, self.telemetry, self.options = plant, server, telemetry, options
+        self.sensors = Px4Sensors(
+            server.stream.dialect, d.robot, d.world, d.mission.seed, plant.period
+        )
+        self.directory = SitlDirectory(options.out, plant, "px4", options.command)
+        self._tell = say
+        server._say = self.say
+        self._pace = Pace()
+        self._since = 0.0  # s, when the connection began or ended
+        self._state = ""
+        self._warned = False
+
+    def say(self, text: str) -> None:
+        """Tell and record an event."""
+        self._tell(text)
+        self.directory.note(text)
+
+    def fly(self) -> SitlResult:
+        """Fly to the end."""
+        outcome, reason = "finished", "the duration is over"
+        try:
+            while self.plant.t < self.options.duration_s - 1e-9:
+                check_interrupt()
+                self._step()
+                if self._has_been_left():
+                    reason = f"no PX4 for {self.options.wait_s:g} s"
+                    break
+        except KeyboardInterrupt:
+            reason = "ended by the user"
+        except AutopilotStalled as error:
+            outcome, reason = "aborted", str(error)
+        except SimulationError as error:
+            diverged = self.server.connected
+            outcome, reason = ("diverged" if diverged else "aborted"), str(error)
+        except InputError as error:  # the recording cannot be written: the disk is full
+            outcome, reason = "interrupted", str(error)
+        directory = self.directory.finish(outcome, reason)
+        return SitlResult(
+            outcome, reason, directory, self.directory.metrics, self.directory.factor,
+            self.server.describe_refused(),
+        )  # fmt: skip
+
+    def _step(self) -> None:
+        lockstep, plant = self.server.lockstep, self.plant
+        reading = plant.step(lockstep.command)
+        self.server.exchange(reading.t, self.sensors.build(reading))
+        if lockstep.truth_interval is not None:
+            self.sensors.set_truth_interval(lockstep.truth_interval)
+            lockstep.truth_interval = None
+        if self.telemetry is not None:
+            local = plant.description.world.localisation == "gnss"
+            self.telemetry.poll(reading.t, reading.p_WB, local)
+        armed = float(lockstep.armed)
+        if armed != plant.notes.armed:
+            plant.notes.armed = armed
+            self.say(f"t = {reading.t:.3f} s: PX4 {'is armed' if armed else 'is disarmed'}")
+        self._watch(reading.t)
+        self.directory.tick()
+        locked = lockstep.state == "locked"  # else PX4 boots, by the wall clock
+        self._pace.wait(reading.t, self.options.speed if locked else min(self.options.speed, 1.0))
+
+    def _watch(self, t: float) -> None:
+        """Say what changes; a PX4 that sends no actuators is set up wrongly."""
+        state = self.server.lockstep.state
+        if state != self._state:
+            if state == "locked":
+                self.say(f"t = {t:.3f} s: in lockstep")
+            elif state == "starting" and self.telemetry is not None:
+                self.telemetry.restart()
+            self._state, self._since, self._warned = state, t, False
+        if state == "starting" and t - self._since > SLOW_START_S and not self._warned:
+            self._warned = True
+            self.say(
+                f"t = {t:.3f} s: PX4 is connected and sends no actuators; are its parameters those "
+                "of `skywright sitl ROBOT --params`?"
+            )
+
+    def _has_been_left(self) -> bool:
+        return self._state == "absent" and self.plant.t - self._since > self.options.wait_s

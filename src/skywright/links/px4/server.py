@@ -1,0 +1,206 @@
+"""The socket that PX4 connects to: one autopilot at a time, and what is said when it is silent.
+
+PX4 is the client: it retries until the simulator listens, and never reconnects when the connection
+breaks. So a new connection is a PX4 that was started again.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+from skywright.core.interrupt import check_interrupt
+from skywright.errors import InputError, SimulationError
+from skywright.links.mavlink.stream import CAUSES, MavlinkStream
+from skywright.links.px4.lockstep import Lockstep
+
+PORT = 4560
+"""TCP port of PX4's first instance; instance N uses 4560 + N."""
+STALL_S = 2.0
+"""s without an answer after which that is said."""
+VERSION_MAX = 20
+"""Packets of MAVLink 1 without one of MAVLink 2 that end the run."""
+CHUNK = 4096  # bytes a read
+SENSE_S = 0.05  # s between looks at interrupts while waiting
+
+
+class AutopilotStalled(SimulationError):
+    """The autopilot did not answer any more."""
+
+
+class Px4Server:
+    """Sends samples to PX4 and waits for its answers."""
+
+    def __init__(
+        self, n_rotors: int, host: str, port: int, *, patience_s: float,
+        say: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        """`patience_s` is how long (s) an answer is waited for; `say` is told what happens.
+
+        Raises InputError where the port is taken or the host has no address.
+        """
+        self.lockstep = Lockstep(n_rotors)
+        self.stream = MavlinkStream()
+        self.patience_s, self._say = patience_s, say
+        self._peer: socket.socket | None = None
+        self._listener = _listen(host, port)
+        self.port = int(self._listener.getsockname()[1])
+        self._versions = 0
+
+    @property
+    def connected(self) -> bool:
+        """Whether an autopilot is there."""
+        return self._peer is not None
+
+    def wait_for_connection(self, timeout_s: float) -> bool:
+        """Wait until an autopilot connects; False after `timeout_s`."""
+        end = time.monotonic() + timeout_s
+        while not self.connected:
+            check_interrupt()
+            left = end - time.monotonic()
+            if left <= 0.0:
+                return False
+            select.select([self._listener], [], [], min(left, SENSE_S))
+            self._accept()
+        return True
+
+    def exchange(self, t: float, messages: list[Any]) -> None:
+        """Send the messages of the plant's time `t` (s), and wait for the answer where one is due.
+
+        Raises AutopilotStalled where none comes within the patience, SimulationError where what
+        comes is no PX4 in lockstep.
+        """
+        self._accept()
+        if self._peer is None:
+            return
+        self.lockstep.send(t)
+        if not self._send(b"".join(self.stream.pack(m) for m in messages)):
+            return
+        start, said = time.monotonic(), False
+        while True:
+            wait = self.lockstep.is_waiting
+            self._receive(SENSE_S if wait else 0.0)
+            if not wait or not self.lockstep.is_waiting:
+                return
+            self._accept()
+            waited = time.monotonic() - start
+            if waited > STALL_S and not said:
+                said = True
+                self._say(f"t = {t:.3f} s: PX4 does not answer; time stands still")
+            if waited > self.patience_s:
+                raise AutopilotStalled(
+                    f"PX4 did not answer for {self.patience_s:g} s at t = {t:.3f} s; it is stopped "
+                    "in a debugger, or hangs (--patience S waits longer)"
+                )
+            check_interrupt()
+
+    def close(self) -> None:
+        """Close both sockets."""
+        self._drop("")
+        self._listener.close()
+
+    def _accept(self) -> None:
+        try:
+            peer, address = self._listener.accept()
+        except (BlockingIOError, InterruptedError, ConnectionError):
+            return
+        if self._peer is not None:
+            self._receive(0.0)  # the old one may have gone without our having looked
+        if self._peer is not None:
+            peer.close()
+            self._say(f"a second autopilot at {address[0]} was refused: one is connected")
+            return
+        peer.setblocking(False)
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._peer, self._versions = peer, 0
+        counts = self.stream.counts
+        self.stream = MavlinkStream()
+        self.stream.counts = counts
+        self.lockstep.connect()
+        self._say("PX4 is connected")
+
+    def _drop(self, why: str) -> None:
+        if self._peer is None:
+            return
+        self._peer.close()
+        self._peer = None
+        self.lockstep.disconnect()
+        if why:
+            self._say(why)
+
+    def _send(self, data: bytes) -> bool:
+        """Send all of `data`; False where the connection broke."""
+        end = time.monotonic() + self.patience_s
+        while data and self._peer is not None:
+            check_interrupt()
+            try:
+                data = data[self._peer.send(data) :]
+            except (BlockingIOError, InterruptedError):
+                if time.monotonic() > end:
+                    raise AutopilotStalled(
+                        f"PX4 read nothing for {self.patience_s:g} s; it hangs"
+                    ) from None
+                select.select([], [self._peer], [], SENSE_S)
+            except OSError:
+                self._drop("PX4 has gone: the rotors stop; it may connect again")
+        return self._peer is not None
+
+    def _receive(self, timeout_s: float) -> None:
+        """Read what has come, waiting for it up to `timeout_s`."""
+        if self._peer is None:
+            return
+        if timeout_s > 0.0:
+            select.select([self._peer], [], [], timeout_s)
+        try:
+            data = self._peer.recv(CHUNK)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._drop("PX4 has gone: the rotors stop; it may connect again")
+            return
+        before = self.stream.counts["version"]
+        for message in self.stream.feed(data):
+            self._versions = -1
+            self.lockstep.take(message)
+        self._check(self.stream.counts["version"] - before)
+
+    def _check(self, versions: int) -> None:
+        """Raise SimulationError where the other side is no PX4 in lockstep."""
+        if self._versions >= 0:
+            self._versions += versions
+            if self._versions >= VERSION_MAX:
+                self._drop("")
+                raise SimulationError(
+                    "the autopilot speaks MAVLink 1; set MAV_PROTO_VER to 2 in PX4"
+                )
+        if self.lockstep.trouble:
+            says = self.lockstep.trouble
+            self._drop("")
+            raise SimulationError(f"not a PX4 in lockstep: {says}")
+
+    def describe_refused(self) -> list[str]:
+        """Return a line for each cause for which something was refused."""
+        from skywright.links.px4.lockstep import CAUSES as answers
+
+        found = self.stream.counts + self.lockstep.counts
+        causes = {**CAUSES, **answers}
+        return [f"{found[c]} refused: {says}" for c, says in causes.items() if found[c]]
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens without blocking; raises InputError where it cannot."""
+    try:
+        listener = socket.create_server((host, port), backlog=2)
+    except OSError as error:
+        import errno
+
+        taken = error.errno == errno.EADDRINUSE
+        why = "another simulator listens there" if taken else error.strerror or str(error)
+        raise InputError(f"--port {port} on {host}: {why}; valid: a free port") from None
+    listener.setblocking(False)
+    return listener

@@ -1,0 +1,122 @@
+"""The plant as an autopilot sees it: commands of its motors in, one reading of the sensors out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import quat_to_rot
+from skywright.description.loader import Description
+from skywright.errors import InputError
+from skywright.links.sitl.pickup import AutopilotNotes, RotorPickup, SensorPickup
+from skywright.models.capability import check_can_fly
+from skywright.run.backends import build_vehicle
+from skywright.run.setup import Setup
+
+Array = NDArray[np.float64]
+
+IMU_PERIOD_S = 0.004
+"""s, of inertial samples where the control period divides it."""
+IMU_RATES = (200.0, 250.0)
+"""Hz, from and to which autopilots were seen to take them."""
+
+
+class Placed(NamedTuple):
+    """A pose of motion capture, or a fix of satellites (R_WB None)."""
+
+    t: float  # s, when it was taken
+    p: Array  # (3,) m, of B's origin, or of the antenna
+    R_WB: Array | None
+
+
+class Reading(NamedTuple):
+    """What the sensors say after a period, and the truth for displays."""
+
+    t: float  # s
+    gyro: Array  # (3,) rad/s, mean over the period, in B
+    accel: Array  # (3,) m/s^2, specific force, likewise
+    pose: Placed | None
+    fix: Placed | None
+    p_WB: Array  # truth
+    R_WB: Array
+    v_WB: Array
+    w_WB_B: Array
+
+
+class SitlPlant:
+    """A vehicle whose rotors are led from outside."""
+
+    def __init__(self, description: Description[Any]) -> None:
+        """Raises InputError where robot, world and autopilot do not fit together."""
+        robot, world = description.robot, description.world
+        if world.localisation == "total-station":
+            raise InputError(
+                f"world {world.name!r} is localised by a total station, which no autopilot takes; "
+                "set world.localisation = 'mocap' or 'gnss'"
+            )
+        check_can_fly(robot, world.gravity_mps2)
+        self.description, self.setup = description, Setup(description)
+        self._rotors, self._sensors = RotorPickup("rotor pickup"), SensorPickup("sensor pickup")
+        self._notes = AutopilotNotes("autopilot")
+        parts = (self._rotors, self._sensors, self._notes)
+        self.vehicle = build_vehicle(description, setup=self.setup, parts=parts)
+        v = self.vehicle
+        v.n_ticks = max(round(IMU_PERIOD_S / v.dt), 1)
+        self.period = v.n_ticks * v.dt
+        """Time (s) of a step."""
+        if not IMU_RATES[0] - 1e-6 <= 1.0 / self.period <= IMU_RATES[1] + 1e-6:
+            raise InputError(
+                f"robot.control.rate_hz = {1.0 / v.dt:g}: inertial samples would come at "
+                f"{1.0 / self.period:g} Hz; an autopilot takes {IMU_RATES[0]:g} to "
+                f"{IMU_RATES[1]:g} Hz: set it to 250, 500 or 1000"
+            )
+        rotors = self.setup.rotors
+        self.n_rotors = len(rotors.spin)
+        self.speed_max = np.sqrt(rotors.thrust_max / rotors.k_f)
+        """Speed (n,) rad/s of each rotor at the full command."""
+        self._drive, self._me = v.get_memory(self._rotors.name), v.get_memory(self._sensors.name)
+        self.notes: Any = v.get_memory(self._notes.name)
+        """What is recorded of the autopilot: fields of pickup.AutopilotNotes.Me."""
+
+    @property
+    def t(self) -> float:
+        """Time (s) since the start."""
+        return self.vehicle.t
+
+    def step(self, command: Array) -> Reading:
+        """Run one period with commands (n,) from 0 to 1, shares of the rotors' full speeds.
+
+        Raises SimulationError where the physics diverges.
+        """
+        self._drive.speed[: self.n_rotors] = command * self.speed_max
+        self.notes.command[: self.n_rotors] = command
+        self.vehicle.tick()
+        return self._read()
+
+    def _read(self) -> Reading:
+        me, sim = self._me, self.vehicle.sim
+        n = max(int(me.n), 1)
+        gyro, accel = np.array(me.gyro) / n, np.array(me.accel) / n
+        me.n, me.gyro[:], me.accel[:] = 0, 0.0, 0.0
+        pose = fix = None
+        if me.pose > 0.0:
+            pose = Placed(float(me.pose_t), np.array(me.pose_p), np.array(me.pose_R))
+        if me.fix > 0.0:
+            fix = Placed(float(me.fix_t), np.array(me.fix_p), None)
+        me.pose = me.fix = 0.0
+        R = np.empty((3, 3))
+        quat_to_rot(sim.qpos[3:7], R)
+        p, v, w = sim.qpos[:3].copy(), sim.qvel[:3].copy(), sim.qvel[3:6].copy()
+        return Reading(self.t, gyro, accel, pose, fix, p, R, v, w)
+
+
+def build_plant(
+    description: Description[Any], on_samples: Callable[[NDArray[Any]], None] | None = None
+) -> SitlPlant:
+    """Build the plant; `on_samples` is told the samples of the recording."""
+    plant = SitlPlant(description)
+    plant.vehicle.on_samples = on_samples
+    return plant
