@@ -45,7 +45,7 @@ def _parse_speed(context: click.Context, option: click.Parameter, text: str) -> 
 )  # fmt: skip
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option(
-    "--telemetry", type=click.IntRange(0, 65535), default=14030, show_default=True,
+    "--telemetry", type=click.IntRange(0, 65535), default=13280, show_default=True,
     help="UDP port on which PX4's estimate and set-points are heard; 0: none.",
 )  # fmt: skip
 @click.option(

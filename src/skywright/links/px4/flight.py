@@ -30,7 +30,7 @@ class Options(NamedTuple):
 
     host: str = "127.0.0.1"
     port: int = 4560
-    telemetry: int = 14030  # port; 0: none
+    telemetry: int = 13280  # port; 0: none
     speed: float = 1.0  # factor of real time; infinite: as fast as it goes
     wait_s: float = 120.0  # for PX4 to connect, at the start and after it has gone
     patience_s: float = 30.0  # for an answer

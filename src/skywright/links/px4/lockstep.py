@@ -32,6 +32,8 @@ SET_MESSAGE_INTERVAL = 511
 TRUTH_ID = 115  # HIL_STATE_QUATERNION
 CLOCK_US = 500_000
 """us by which PX4's clock may differ from the last sample's."""
+SAME_US = 1_000
+"""us by which an answer may be older than the sample that it answers."""
 REFUSALS_MAX = 50
 """Refused packets in a row that end a connection: it is no PX4 in lockstep."""
 CAUSES = {
@@ -80,7 +82,7 @@ class Lockstep:
     @property
     def is_waiting(self) -> bool:
         """Whether the plant must wait for an answer."""
-        return self.state == "locked" and self._answered_us < self._sent_us
+        return self.state == "locked" and self._answered_us < self._sent_us - SAME_US
 
     @property
     def trouble(self) -> str:
@@ -108,8 +110,7 @@ class Lockstep:
                 self._answered_us = self._sent_us
             return
         self._refused = 0
-        self._answered_us = self._sent_us
-        self._last_us = int(message.time_usec)
+        self._answered_us = self._last_us = int(message.time_usec)
         self.state = "locked"
         self.counts["answers"] += 1
         self.armed = bool(message.mode & ARMED)

@@ -41,7 +41,8 @@ FIRST_US = 1_000_000
 """us, PX4's clock at the start of the plant: zero means "never" there."""
 DEFAULT_TRUTH_HZ = 50.0
 LOCAL_NED, BODY_FRD = 1, 12  # MAV_FRAME
-MOTION_CAPTURE = 6  # MAV_ESTIMATOR_TYPE
+VISION = 2
+"""MAV_ESTIMATOR_TYPE: PX4 gives EKF2 what "vision" estimates, not what "mocap" does."""
 
 
 def compute_time_us(t: float) -> int:
@@ -142,7 +143,7 @@ class Px4Sensors:
         return self._dialect.MAVLink_odometry_message(
             compute_time_us(pose.t), LOCAL_NED, BODY_FRD, x, y, z,
             list(to_ned_quaternion(pose.R_WB)), nan, nan, nan, nan, nan, nan, covariance, unknown,
-            0, MOTION_CAPTURE, 100,
+            0, VISION, 100,
         )  # fmt: skip
 
     def _build_truth(self, r: Reading) -> Any:

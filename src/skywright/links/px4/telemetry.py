@@ -1,7 +1,7 @@
 """What PX4 believes and wants: its estimate and set-points, heard on a link of its own (UDP).
 
 PX4's SITL sends to four ports. 14540 (offboard programs) and 14550 (ground stations) are left to
-others; this one is meant for a payload. Its stream is slow, so the three messages are asked for.
+others; this one is meant for a gimbal, and its three messages are asked for.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from skywright.links.px4.sensors import FRD_FROM_FLU, NED_FROM_ENU
 
 Array = NDArray[np.float64]
 
-PORT = 14030
-"""UDP port of PX4's payload link; instance N uses 14030 + N."""
+PORT = 13280
+"""UDP port of PX4's gimbal link; instance N uses 13280 + N."""
 ATTITUDE, POSITION, TARGET = 31, 32, 85  # message ids
 RATE_HZ = 20.0
 ASK_EVERY_S = 2.0  # s of the plant's time between requests until the messages come
