@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import time
 from typing import Any
@@ -112,7 +113,7 @@ def test_no_message_makes_a_command_that_is_no_number(message: Any) -> None:
     rules, notes = Lockstep(6), Notes()
     rules.connect()
     rules.send(0.1)
-    telemetry = Telemetry("127.0.0.1", 0, notes)
+    telemetry = Telemetry("127.0.0.1", 0, notes, np.array([0.01, 0.0, -0.2]))
     try:
         rules.take(message)
         telemetry._take(message, np.zeros(3), True)
@@ -167,3 +168,28 @@ def test_numbers_of_arrays_are_looked_at_too() -> None:
     good = common.MAVLink_hil_actuator_controls_message(1, [0.0] * 16, 1, 1)
     bad = common.MAVLink_hil_actuator_controls_message(1, [0.0] * 15 + [np.inf], 1, 1)
     assert is_finite(good, "controls") and not is_finite(bad, "controls")
+
+
+def test_px4s_centre_of_mass_is_noted_as_the_platform() -> None:
+    notes, p_BC = Notes(), np.array([0.1, 0.0, -0.2])
+    telemetry = Telemetry("127.0.0.1", 0, notes, p_BC)
+    half = math.sqrt(0.5)
+    for message in (
+        # heading north: x of B points along y of W
+        common.MAVLink_attitude_quaternion_message(1, 1, 0, 0, 0, 0, 0, 0),
+        common.MAVLink_local_position_ned_message(1, 2.0, 1.0, -3.0, 0.5, 0.0, 0.0),
+        common.MAVLink_position_target_local_ned_message(
+            1, 1, 0x0DC0, 2.0, 1.0, -4.0, 0, 0, 0, 0, 0, 0, 0, 0
+        ),
+    ):
+        telemetry._take(message, np.zeros(3), False)
+    np.testing.assert_allclose(notes.R_WB[:, 0], [0, 1, 0], atol=1e-9)
+    np.testing.assert_allclose(notes.p_WB, [1.0, 2.0 - 0.1, 3.0 + 0.2], atol=1e-9)
+    np.testing.assert_allclose(notes.v_WB, [0.0, 0.5, 0.0], atol=1e-9)
+    np.testing.assert_allclose(notes.p_WB_des, [1.0, 2.0 - 0.1, 4.0 + 0.2], atol=1e-9)
+    # heading east: x of B points along x of W
+    telemetry._take(
+        common.MAVLink_attitude_quaternion_message(1, half, 0, 0, half, 0, 0, 0), np.zeros(3), False
+    )
+    np.testing.assert_allclose(notes.R_WB[:, 0], [1, 0, 0], atol=1e-7)
+    telemetry.close()

@@ -21,6 +21,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
+from skywright.core.rotations import rot_from_quat
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.loader import load_world
+from skywright.links.px4.parameters import build_airframe
 from skywright.recordings.recording import read_recording
 
 pytestmark = pytest.mark.px4
@@ -157,9 +161,11 @@ def test_px4_takes_off_reaches_four_set_points_and_lands(
         assert offboard.wait(lambda: not offboard.armed, 120.0)
         offboard.socket.close()
     samples = read_recording(tmp_path / "run" / "recording.mcap").samples
+    p_BC = build_airframe(load_robot(robot, [])[0], load_world("open")[0]).p_BC
     for start, end, (north, east, up, _) in windows:
         held = samples[(samples["t"] > start) & (samples["t"] < end)]
-        far = np.linalg.norm(held["p_WB"] - [east, north, up], axis=1)
+        centre = held["p_WB"] + np.array([rot_from_quat(q) @ p_BC for q in held["q_WB"]])
+        far = np.linalg.norm(centre - [east, north, up], axis=1)
         print(f"{robot} x{speed}: {far.max():.3f} m from ({north}, {east}, {up})")
         assert far.max() < 0.2
     assert samples["p_WB"][-1, 2] < 0.4  # landed

@@ -14,6 +14,7 @@ from skywright.core.interrupt import check_interrupt
 from skywright.core.threads import on_one_thread
 from skywright.description.loader import Description
 from skywright.errors import InputError, SimulationError
+from skywright.links.px4.parameters import build_airframe
 from skywright.links.px4.sensors import Px4Sensors
 from skywright.links.px4.server import AutopilotStalled, Px4Server
 from skywright.links.px4.telemetry import Telemetry
@@ -72,7 +73,8 @@ def fly_px4(
     telemetry = None
     try:
         if options.telemetry:
-            telemetry = Telemetry(options.host, options.telemetry, plant.notes)
+            p_BC = build_airframe(description.robot, description.world).p_BC
+            telemetry = Telemetry(options.host, options.telemetry, plant.notes, p_BC)
         say(f"waiting for PX4 on {options.host}:{server.port}")
         if not server.wait_for_connection(options.wait_s):
             raise InputError(

@@ -1,7 +1,8 @@
 """What PX4 believes and wants: its estimate and set-points, heard on a link of its own (UDP).
 
 PX4's SITL sends to four ports. 14540 (offboard programs) and 14550 (ground stations) are left to
-others; this one is meant for a gimbal, and its three messages are asked for.
+others; this one is meant for a gimbal, and its three messages are asked for. PX4's position is that
+of the centre of mass: it is noted as that of B, by PX4's own attitude.
 """
 
 from __future__ import annotations
@@ -33,10 +34,13 @@ IGNORE_POSITION, IGNORE_VELOCITY = 0x7, 0x38  # bits of type_mask
 class Telemetry:
     """Notes PX4's estimate and set-points for the recording."""
 
-    def __init__(self, host: str, port: int, notes: Any) -> None:
-        """`notes` are those of SitlPlant. Raises InputError where the port is taken."""
+    def __init__(self, host: str, port: int, notes: Any, p_BC: Array) -> None:
+        """`notes` are those of SitlPlant, `p_BC` (3,) m is the centre of mass that PX4 knows.
+
+        Raises InputError where the port is taken.
+        """
         self.stream = MavlinkStream(SYSTEM, COMPONENT)
-        self._notes = notes
+        self._notes, self._p_BC = notes, p_BC
         self._asked, self._came = -ASK_EVERY_S, set[int]()
         self._shift: Array | None = None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -97,7 +101,7 @@ class Telemetry:
     def _take(self, m: Any, p_WB: Array, local_origin: bool) -> None:
         kind = m.get_msgId()
         if kind == POSITION and is_finite(m, "x", "y", "z", "vx", "vy", "vz"):
-            p = NED_FROM_ENU @ np.array([m.x, m.y, m.z])
+            p = self._to_platform(m)
             if self._shift is None:
                 self._shift = p_WB - p if local_origin else np.zeros(3)
             self._notes.p_WB[:] = p + self._shift
@@ -115,11 +119,16 @@ class Telemetry:
             return
         self._came.add(kind)
 
+    def _to_platform(self, m: Any) -> Array:
+        """Return where B's origin (3,) m is in W when the centre of mass is where `m` says."""
+        p: Array = NED_FROM_ENU @ np.array([m.x, m.y, m.z]) - self._notes.R_WB @ self._p_BC
+        return p
+
     def _take_target(self, m: Any) -> None:
         """Note a set-point; parts that PX4 does not control are NaN."""
         nan = np.full(3, np.nan)
         given = m.type_mask & IGNORE_POSITION == 0 and is_finite(m, "x", "y", "z")
-        p = NED_FROM_ENU @ np.array([m.x, m.y, m.z]) if given else nan
+        p = self._to_platform(m) if given else nan
         self._notes.p_WB_des[:] = p if self._shift is None else p + self._shift
         given = m.type_mask & IGNORE_VELOCITY == 0 and is_finite(m, "vx", "vy", "vz")
         self._notes.v_WB_des[:] = NED_FROM_ENU @ np.array([m.vx, m.vy, m.vz]) if given else nan
