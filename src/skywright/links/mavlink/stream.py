@@ -18,7 +18,6 @@ CAUSES = {
     "version": "a packet of MAVLink 1",
     "unknown": "a message that the dialect common does not have",
     "garbage": "bytes that belong to no packet",
-    "numbers": "a message whose numbers are not finite",
 }
 """Cause for which bytes or messages are dropped -> what it means."""
 MAVLINK_1 = 0xFE

@@ -16,7 +16,7 @@ from skywright.description.loader import Description
 from skywright.errors import InputError, SimulationError
 from skywright.links.px4.parameters import build_airframe
 from skywright.links.px4.sensors import Px4Sensors
-from skywright.links.px4.server import AutopilotStalled, Px4Server
+from skywright.links.px4.server import AutopilotFailed, Px4Server
 from skywright.links.px4.telemetry import Telemetry
 from skywright.links.sitl.directory import SitlDirectory
 from skywright.links.sitl.pace import Pace
@@ -102,7 +102,7 @@ class _Flight:
         )
         self.directory = SitlDirectory(options.out, plant, "px4", options.command)
         self._tell = say
-        server._say = self.say
+        server.say = self.say
         self._pace = Pace()
         self._since = 0.0  # s, when the connection began or ended
         self._state = ""
@@ -125,11 +125,10 @@ class _Flight:
                     break
         except KeyboardInterrupt:
             reason = "ended by the user"
-        except AutopilotStalled as error:
+        except AutopilotFailed as error:
             outcome, reason = "aborted", str(error)
         except SimulationError as error:
-            diverged = self.server.connected
-            outcome, reason = ("diverged" if diverged else "aborted"), str(error)
+            outcome, reason = "diverged", str(error)
         except InputError as error:  # the recording cannot be written: the disk is full
             outcome, reason = "interrupted", str(error)
         directory = self.directory.finish(outcome, reason)

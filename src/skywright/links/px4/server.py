@@ -6,6 +6,7 @@ breaks. So a new connection is a PX4 that was started again.
 
 from __future__ import annotations
 
+import errno
 import select
 import socket
 import time
@@ -14,7 +15,9 @@ from typing import Any
 
 from skywright.core.interrupt import check_interrupt
 from skywright.errors import InputError, SimulationError
-from skywright.links.mavlink.stream import CAUSES, MavlinkStream
+from skywright.links.mavlink.stream import CAUSES as PACKETS
+from skywright.links.mavlink.stream import MavlinkStream
+from skywright.links.px4.lockstep import CAUSES as ANSWERS
 from skywright.links.px4.lockstep import Lockstep
 
 PORT = 4560
@@ -27,8 +30,8 @@ CHUNK = 4096  # bytes a read
 SENSE_S = 0.05  # s between looks at interrupts while waiting
 
 
-class AutopilotStalled(SimulationError):
-    """The autopilot did not answer any more."""
+class AutopilotFailed(SimulationError):
+    """The autopilot does not answer any more, or is no PX4 in lockstep."""
 
 
 class Px4Server:
@@ -44,7 +47,7 @@ class Px4Server:
         """
         self.lockstep = Lockstep(n_rotors)
         self.stream = MavlinkStream()
-        self.patience_s, self._say = patience_s, say
+        self.patience_s, self.say = patience_s, say
         self._peer: socket.socket | None = None
         self._listener = _listen(host, port)
         self.port = int(self._listener.getsockname()[1])
@@ -70,8 +73,8 @@ class Px4Server:
     def exchange(self, t: float, messages: list[Any]) -> None:
         """Send the messages of the plant's time `t` (s), and wait for the answer where one is due.
 
-        Raises AutopilotStalled where none comes within the patience, SimulationError where what
-        comes is no PX4 in lockstep.
+        Raises AutopilotFailed where none comes within the patience, or what comes is no PX4 in
+        lockstep.
         """
         self._accept()
         if self._peer is None:
@@ -89,9 +92,9 @@ class Px4Server:
             waited = time.monotonic() - start
             if waited > STALL_S and not said:
                 said = True
-                self._say(f"t = {t:.3f} s: PX4 does not answer; time stands still")
+                self.say(f"t = {t:.3f} s: PX4 does not answer; time stands still")
             if waited > self.patience_s:
-                raise AutopilotStalled(
+                raise AutopilotFailed(
                     f"PX4 did not answer for {self.patience_s:g} s at t = {t:.3f} s; it is stopped "
                     "in a debugger, or hangs (--patience S waits longer)"
                 )
@@ -111,7 +114,7 @@ class Px4Server:
             self._receive(0.0)  # the old one may have gone without our having looked
         if self._peer is not None:
             peer.close()
-            self._say(f"a second autopilot at {address[0]} was refused: one is connected")
+            self.say(f"a second autopilot at {address[0]} was refused: one is connected")
             return
         peer.setblocking(False)
         peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -120,7 +123,7 @@ class Px4Server:
         self.stream = MavlinkStream()
         self.stream.counts = counts
         self.lockstep.connect()
-        self._say("PX4 is connected")
+        self.say("PX4 is connected")
 
     def _drop(self, why: str) -> None:
         if self._peer is None:
@@ -129,7 +132,7 @@ class Px4Server:
         self._peer = None
         self.lockstep.disconnect()
         if why:
-            self._say(why)
+            self.say(why)
 
     def _send(self, data: bytes) -> bool:
         """Send all of `data`; False where the connection broke."""
@@ -140,7 +143,7 @@ class Px4Server:
                 data = data[self._peer.send(data) :]
             except (BlockingIOError, InterruptedError):
                 if time.monotonic() > end:
-                    raise AutopilotStalled(
+                    raise AutopilotFailed(
                         f"PX4 read nothing for {self.patience_s:g} s; it hangs"
                     ) from None
                 select.select([], [self._peer], [], SENSE_S)
@@ -170,25 +173,22 @@ class Px4Server:
         self._check(self.stream.counts["version"] - before)
 
     def _check(self, versions: int) -> None:
-        """Raise SimulationError where the other side is no PX4 in lockstep."""
+        """Raise AutopilotFailed where the other side is no PX4 in lockstep."""
         if self._versions >= 0:
             self._versions += versions
             if self._versions >= VERSION_MAX:
                 self._drop("")
-                raise SimulationError(
+                raise AutopilotFailed(
                     "the autopilot speaks MAVLink 1; set MAV_PROTO_VER to 2 in PX4"
                 )
         if self.lockstep.trouble:
             says = self.lockstep.trouble
             self._drop("")
-            raise SimulationError(f"not a PX4 in lockstep: {says}")
+            raise AutopilotFailed(f"not a PX4 in lockstep: {says}")
 
     def describe_refused(self) -> list[str]:
         """Return a line for each cause for which something was refused."""
-        from skywright.links.px4.lockstep import CAUSES as answers
-
-        found = self.stream.counts + self.lockstep.counts
-        causes = {**CAUSES, **answers}
+        found, causes = self.stream.counts + self.lockstep.counts, {**PACKETS, **ANSWERS}
         return [f"{found[c]} refused: {says}" for c, says in causes.items() if found[c]]
 
 
@@ -197,8 +197,6 @@ def _listen(host: str, port: int) -> socket.socket:
     try:
         listener = socket.create_server((host, port), backlog=2)
     except OSError as error:
-        import errno
-
         taken = error.errno == errno.EADDRINUSE
         why = "another simulator listens there" if taken else error.strerror or str(error)
         raise InputError(f"--port {port} on {host}: {why}; valid: a free port") from None
