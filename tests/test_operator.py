@@ -361,7 +361,7 @@ def test_a_stick_of_the_page_moves_until_it_is_old(
     clock.t += 0.3
     bad = [push(4), push(5, age=0.3), push(6, axes=(0, 0, -1.5)), push(7, axes=(0, True, 0))]
     assert bad == [[0, 0, 0]] * 4
-    assert operator.feed.dropped + operator.feed.stick.dropped == 4
+    assert operator.feed.dropped + operator.feed.steering.stick.dropped == 4
     say(theirs, "control")  # another page: its sequence begins anew
     assert push(1) == [0, 0, -0.5]
     ours.close()

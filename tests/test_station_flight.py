@@ -18,6 +18,7 @@ from skywright.description.loader import load_description
 from skywright.ground.disturb import list_repeats, list_sets
 from skywright.ground.feed import Feed
 from skywright.ground.link import HEADER, build_pair, is_frame, prepare, receive, say
+from skywright.reports.report import render_report
 from skywright.run.run import RunResult, run_mission
 from waiting import Clock, wait_for
 
@@ -209,6 +210,69 @@ def test_an_order_on_the_ground_ends_the_run_there(tmp_path: Path) -> None:
     assert result.outcome == "interrupted" and result.samples["p_WB"][-1, 2] < 0.3
 
 
+def test_a_page_takes_the_robot_over_flies_it_and_gives_it_back(tmp_path: Path) -> None:
+    """By the stick's messages; the orders' refusals are told as they change."""
+    hold = "mission.task.points=[{ x_m = 0.6, y_m = 0.0, z_m = 1.2, hold_s = 60.0 }]"
+    told: list[dict[str, Any]] = []
+    with station(tmp_path / "w") as (feed, fake):
+        sent = {"over": 0.0, "back": 0.0, "next": 0.0}
+        seq = 0
+
+        def command(status: dict[str, Any]) -> None:
+            nonlocal seq
+            told.append(status)
+            t, phase = status["t"], status["phases"][-1][0] if status["phases"] else ""
+            pilot = status["pilot"] or {}
+            if phase == "hold 1" and not sent["over"]:
+                sent["over"] = t
+                say(fake.end, "order", what="give_back")  # before it was taken: refused
+                say(fake.end, "order", what="take_over")
+            elif pilot.get("flies") and not sent["back"]:
+                seq += 1
+                ahead = [0.0, 1.0 if t < sent["over"] + 3.0 else 0.0, 0.0, 0.0]
+                say(fake.end, "stick", s=seq, at=time.monotonic(), v=[0, 0, 0], f=ahead, d=True,
+                    b=False)  # fmt: skip
+                if t > sent["over"] + 5.0:
+                    sent["back"] = t
+                    say(fake.end, "order", what="give_back")
+            elif sent["back"] and phase == "hold 1" and not sent["next"]:
+                sent["next"] = t
+                say(fake.end, "order", what="next")
+
+        fake.on_status = command
+        say(fake.end, "speed", x=2)
+        result = _fly(feed, tmp_path / "a", hold)
+    scene = json.loads((tmp_path / "w" / "scene.json").read_text())
+    assert [m["name"] for m in scene["modes"]] == ["position", "attitude"]  # no angle: parallel
+    assert scene["checklist"] == [c["name"] for c in fake.status["checklist"]]
+    assert all(c["passed"] for c in fake.status["checklist"]) and scene["video"] is None
+    assert result.outcome == "succeeded", result.reason
+    names = [p.name for p in result.phases]
+    assert names[names.index("manual") - 1 : names.index("manual") + 3] == [
+        "hold 1", "manual", "rejoin", "hold 1",
+    ]  # fmt: skip
+    held = sum(p.end_s - p.start_s for p in result.phases if p.name == "hold 1")
+    assert sent["next"] and held < 40.0, [s["said"] for s in told]  # next ended the hold
+    flown = [s["pilot"]["flown"] for s in told if s["pilot"] and s["pilot"]["flies"]]
+    assert "position" in flown
+    (manual,) = [p for p in result.phases if p.name == "manual"]
+    s = result.samples
+    by_hand = s[(s["t"] > manual.start_s) & (s["t"] < manual.end_s)]
+    assert np.max(np.linalg.norm(by_hand["p_WB"] - by_hand["p_WB"][0], axis=1)) > 0.2
+    assert any(s["refusals"].get("next") == "" for s in told)
+    assert any("pilot has the robot" in s["refusals"].get("next", "") for s in told)
+
+
+def test_a_check_that_fails_keeps_it_on_the_ground_and_is_told(tmp_path: Path) -> None:
+    with station(tmp_path / "w") as (feed, fake):
+        result = _fly(feed, tmp_path / "a", "mission.checklist.tilt_max_deg=0.001")
+    failed = [c for c in fake.status["checklist"] if not c["passed"]]
+    assert [c["name"] for c in failed] == ["tilt"] and "tilt" in result.reason
+    assert result.samples["p_WB"][-1, 2] < 0.3
+    page = render_report(result)
+    assert "Pre-flight checklist" in page and failed[0]["says"] in page
+
+
 def test_a_disturbance_comes_when_it_is_asked_for_and_repeats(tmp_path: Path) -> None:
     with station(tmp_path / "w") as (feed, fake):
 
@@ -219,7 +283,7 @@ def test_a_disturbance_comes_when_it_is_asked_for_and_repeats(tmp_path: Path) ->
         fake.on_status = command
         say(fake.end, "speed", x=5)
         pushed = _fly(feed, tmp_path / "a", *list_sets())
-    start = feed.starts["station_push"]
+    start = feed.steering.starts["station_push"]
     assert fake.status["repeats"] == list_repeats({"station_push": start})
     calm = _fly(None, tmp_path / "b", *list_sets())
     assert calm.samples.tobytes() == _fly(None, tmp_path / "c").samples.tobytes()  # never began

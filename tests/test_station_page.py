@@ -47,6 +47,12 @@ def _click(evaluate: Evaluate, name: str) -> None:
     evaluate(f"document.getElementById({name!r}).click()")
 
 
+def _choose_speed(evaluate: Evaluate, speed: float) -> None:
+    wait_for(lambda: evaluate("document.getElementById('speed')?.disabled === false"))
+    evaluate(f"""(() => {{ const s = document.getElementById('speed'); s.value = {speed};
+        s.dispatchEvent(new Event('change')); return true; }})()""")
+
+
 def test_a_flight_is_started_watched_paused_taken_over_and_aborted(
     served: str, chromium: str, tmp_path: Path
 ) -> None:
@@ -95,6 +101,46 @@ def test_a_flight_is_started_watched_paused_taken_over_and_aborted(
         assert one("(() => { try { return document.cookie } catch { return 'none' } })()") == "none"
     run = tmp_path / "runs" / "waypoints-1"
     assert (run / "report.html").is_file() and (run / "replay.html").is_file()
+
+
+def test_the_robot_is_taken_over_flown_by_keys_and_given_back(
+    served: str, chromium: str, tmp_path: Path
+) -> None:
+    """By its buttons; a press on Next then ends the hold, and the mission goes on."""
+
+    def key(kind: str, code: str) -> str:
+        return f"dispatchEvent(new KeyboardEvent({kind!r}, {{ code: {code!r} }}))"
+
+    with open_page(chromium, served, tmp_path / "p") as page:
+        wait_for(lambda: page("document.documentElement?.dataset.ready") == "yes")
+        _click(page, "take")
+        page(f"document.querySelector('#setup textarea').value = {LONG!r}")
+        _click(page, "start")
+        wait_for(lambda: "passed" in str(page("document.getElementById('checks')?.textContent")))
+        rows = page("document.querySelectorAll('#checks tr').length")
+        assert rows == 5
+        assert page("document.getElementById('next').disabled") is True
+        _choose_speed(page, 0)  # on the way there
+        wait_for(lambda: _text(page, "phase") == "hold 1")
+        _choose_speed(page, 1)
+        assert page("document.getElementById('retry').title").endswith(
+            "in hold 1 there is no contact that this mission could begin anew."
+        )
+        _click(page, "fly")
+        wait_for(lambda: "fly the robot in position mode" in _text(page, "alarms"))
+        where = "window.skywright.view.parts[0].position"
+        began = float(str(page(f"{where}.x")))
+        page(key("keydown", "Space"))
+        page(key("keydown", "KeyW"))
+        wait_for(lambda: float(str(page(f"{where}.x"))) > began + 0.3)
+        page(key("keyup", "KeyW"))
+        page(key("keyup", "Space"))
+        assert page("document.getElementById('fly').textContent") == "Give the robot back"
+        _click(page, "fly")
+        wait_for(lambda: _text(page, "phase") == "hold 1")
+        assert abs(float(str(page(f"{where}.x"))) - began) < 0.1  # it came back
+        _click(page, "next")
+        wait_for(lambda: "waypoints: succeeded" in _text(page, "logbook"))
 
 
 def test_wrong_values_are_told_and_the_station_goes_on(

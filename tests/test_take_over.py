@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import skywright
 from skywright.core.types import REFERENCE
+from skywright.run.hand_flight import SPEED
 from skywright.run.pilot import AGAIN_S, TakenOver, build_rest_of
 from skywright.run.run import run_mission
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight
@@ -131,6 +132,81 @@ def test_the_switch_is_refused_on_the_ground_and_before_it_was_taken(tmp_path):
     assert result.outcome == "succeeded"
     assert early.results[0].reason == "take_over refused: the motors are off"
     assert early.s.give_back().reason == "give_back refused: no pilot has taken over"
+
+
+class Hand(Switch):
+    """A pilot in a mode: each stick for a time (s), then gives back."""
+
+    def __init__(self, mode, *sticks, at=7.0):
+        super().__init__(at, gives=False)
+        self.stick = None
+        self.mode, self.sticks, self.seen, self.lacks = mode, sticks, [], []
+
+    def on_tick(self, t, phase, vehicle):
+        if not self.results:
+            super().on_tick(t, phase, vehicle)
+            if self.results:
+                self.results.append(self.s.choose_mode(self.mode))
+            return
+        super().on_tick(t, phase, vehicle)
+        if not (self.s.pilot.flies and self.s.pilot.switch):
+            return
+        gone = t - self.began
+        for stick, seconds in self.sticks:
+            if gone < seconds:
+                self.s.move_stick(list(stick))
+                est = vehicle.estimate
+                self.seen.append(
+                    (t, np.array(est["p_WB"]), np.array(est["v_WB"]), est["R_WB"][2, 2])
+                )
+                self.lacks.append(self.s.pilot.flown)
+                return
+            gone -= seconds
+        self.results.append(self.s.give_back())
+
+
+def test_in_position_mode_the_stick_is_a_velocity_and_let_go_it_brakes(tmp_path):
+    hand = Hand("position", ((0.0, 1.0, 0.0, 0.0), 4.0), ((0.0, 0.0, 0.0, 0.0), 2.0))
+    result = fly(tmp_path, hand)
+    assert result.outcome == "succeeded", result.reason
+    assert all(r.ok for r in hand.results), hand.results
+    assert set(hand.lacks[3:]) == {"position"}
+    speed = [float(np.linalg.norm(v)) for _, _, v, _ in hand.seen]
+    assert max(speed) == pytest.approx(SPEED, rel=0.05)  # a full axis
+    assert speed[-1] < 0.02
+    late = [p for t, p, *_ in hand.seen if t > hand.seen[-1][0] - 0.5]
+    assert np.linalg.norm(late[-1] - late[0]) < 0.01  # it holds its place
+
+
+def test_a_robot_with_parallel_rotors_has_no_angle_mode(tmp_path):
+    hand = Hand("angle", ((0.0, 0.0, 0.0, 0.0), 0.5))
+    fly(tmp_path, hand)
+    assert hand.results[1].reason == (
+        "angle mode refused: hexarotor cannot tilt in place, its rotors are parallel"
+    )
+
+
+def test_in_angle_mode_a_tilted_robot_leans_in_place(tmp_path):
+    hand = Hand("angle", ((0.0, 1.0, 0.0, 0.0), 4.0), ((0.0, 0.0, 0.0, 0.0), 3.0), at=9.0)
+    sets = ("mission.robot=f550-bridge",)
+    result = fly(tmp_path, hand, *sets, backend="physics")
+    assert all(r.ok for r in hand.results), hand.results
+    lean = [math.degrees(math.acos(min(z, 1.0))) for *_, z in hand.seen]
+    p = np.array([p for _, p, *_ in hand.seen])
+    assert max(lean) > 3.0 and lean[-1] < 1.0
+    assert np.linalg.norm(p[-1] - p[100]) < 0.15  # it leans where it is
+    assert result.outcome == "succeeded", result.reason
+
+
+def test_without_a_position_the_stick_tilts_the_robot_and_the_reason_is_told(tmp_path):
+    hand = Hand("position", ((0.0, 0.0, 0.0, 0.2), 3.0), ((0.0, 0.0, 0.0, 0.0), 2.5))
+    lost = (
+        'plant.faults.blind.kind="localisation"', "plant.faults.blind.start_s=8.0",
+        "plant.faults.blind.for_s=1.5", "mission.faults.localisation_lost.on=false",
+    )  # fmt: skip
+    fly(tmp_path, hand, *lost, backend="physics")
+    assert "attitude" in hand.lacks[60:150] and hand.lacks[-1] == "position"
+    assert hand.lacks[30] == "position"
 
 
 @settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

@@ -15,6 +15,7 @@ from skywright.description.mission.safety import Checklist, Fence
 from skywright.description.world.origin import Origin
 from skywright.errors import InputError
 from skywright.vehicle.commands import NEEDS, TABLE, Command, ControlMode, Need, State
+from skywright.vehicle.drives import TILT_RATE, TURN_MAX
 from skywright.vehicle.geodesy import Geodetic, to_geodetic, to_local
 from skywright.vehicle.motions import Arrival
 from skywright.vehicle.preflight import run_checklist
@@ -133,6 +134,32 @@ def test_poses_are_approached_within_the_limits(uav):
     assert fastest <= b.limits.speed + 1e-9
     R = b.reference["R_WB"]
     assert math.atan2(R[1, 0], R[0, 0]) == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_pose_that_moves_too_fast_is_followed_at_the_limits(uav):
+    """Speeds that come with a pose are cut like those of a stream of velocities."""
+    b, fastest, turned = uav.backend, 0.0, 0.0
+    for k in range(150):
+        uav.set_pose((0.2 * k, 0.0, 1.2), v=(10.0, 0.0, 0.0), yaw_rate=15.0)
+        uav.tick()
+        fastest = max(fastest, float(np.linalg.norm(b.reference["v_WB"])))
+        turned = max(turned, abs(float(b.reference["w_WB_B"][2])))
+    assert 0.9 * b.limits.speed < fastest <= b.limits.speed + 1e-9
+    assert 0.9 * TURN_MAX < turned <= TURN_MAX + 1e-9
+
+
+def test_a_velocity_with_a_tilt_comes_up_slowly_and_goes_stale(uav):
+    b, lean = uav.backend, []
+    for k in range(120):
+        if k < 60:
+            uav.set_velocity((0.0, 0.0, 0.0), roll=0.1, pitch=-0.1)
+        uav.tick()
+        R = b.reference["R_WB"]
+        lean.append(math.acos(min(float(R[2, 2]), 1.0)))
+    tilt = math.hypot(0.1, 0.1)
+    assert max(lean) == pytest.approx(tilt, abs=0.002)
+    assert max(np.diff(lean)) <= math.sqrt(2.0) * TILT_RATE * 0.02 + 1e-3
+    assert lean[-1] < 0.01  # no news for 0.5 s: level again
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,14 @@
 // A live flight: watched by many, controlled by one.
 import { $, button, format, make, section } from './dom.js';
 import { Layout, readLive } from './frames.js';
+import { Intervene, showChecklist } from './intervene.js';
 import { InspectionMap } from './map.js';
 import { Plots } from './plots.js';
 import { Reserve } from './reserve.js';
 import { Setup, showLogbook } from './setup.js';
 import { Sight } from './sight.js';
 import { Stick } from './stick.js';
+import { Video } from './video.js';
 
 const PLOT_PERIOD = 200, MAP_PERIOD = 500, STICK_PERIOD = 33, HERE_PERIOD = 500; // ms
 const PAUSED = 1, HELD = 2, ASKED = 4;
@@ -46,7 +48,8 @@ export class Live {
     this.land = button('Land now', () => this.send({ k: 'order', what: 'land' }), { id: 'land', class: 'stop', title: 'Draw back from the contact and land in place' });
     this.abort = button('Abort', () => this.send({ k: 'order', what: 'abort' }), { id: 'abort', class: 'stop', title: 'Draw back from the contact, fly home the way it came and land' });
     this.who = make('span', { class: 'who', id: 'who', role: 'status' });
-    foot.append(make('div', { class: 'bar' }, this.take, this.pause, this.speed, this.land, this.abort, this.who));
+    this.intervene = new Intervene((message) => this.send(message));
+    foot.append(make('div', { class: 'bar' }, this.take, this.pause, this.speed, this.land, this.abort, this.who), this.intervene.bar);
 
     this.told = make('p', { id: 'told', role: 'status' });
     this.alarms = make('ul', { class: 'alarms', id: 'alarms', 'aria-live': 'assertive' });
@@ -56,12 +59,15 @@ export class Live {
       this.setupBox = section(side, 'Set up a flight', true, 'setup');
       this.setup = new Setup(this.setupBox, choices, (wish) => this.send({ k: 'start', ...wish }));
     }
+    this.checkBox = section(side, 'Pre-flight checklist', true, 'checklist');
+    this.checkBox.parentElement.hidden = true;
     this.stickBox = section(side, 'Stick', true, 'stick');
     this.stickBox.parentElement.hidden = true;
     this.stickText = make('p', { id: 'sticktext', role: 'status' });
     this.stickBox.append(make('p', {}, make('kbd', { text: 'Space' }), ' held: the stick counts. ',
       make('kbd', { text: 'W' }), make('kbd', { text: 'S' }), ' ahead, back; ', make('kbd', { text: 'A' }), make('kbd', { text: 'D' }), ' left, right; ',
-      make('kbd', { text: 'R' }), make('kbd', { text: 'F' }), ' up, down; ', make('kbd', { text: 'Enter' }), ' it is done. ',
+      make('kbd', { text: 'R' }), make('kbd', { text: 'F' }), ' up, down; ', make('kbd', { text: 'Q' }), make('kbd', { text: 'E' }), ' turn the platform; ',
+      make('kbd', { text: 'Enter' }), ' it is done. ',
       'Gamepad: both sticks, a shoulder button held, button A.'), this.stickText);
     const size = make('input', { type: 'range', min: 0.1, max: 1, step: 0.1, value: 0.5, 'aria-label': 'Deflection of the keys' });
     size.addEventListener('input', () => { this.stick.size = Number(size.value); });
@@ -76,6 +82,8 @@ export class Live {
     this.aboutText = make('p', { class: 'hint' });
     this.aboutBox.append(this.aboutText, button('Invite another browser', () => this.send({ k: 'invite' })), make('p', { id: 'invitation' }),
       button('Kill the flight', () => this.send({ k: 'stop' }), { title: 'For a flight that does not answer; its recording is kept' }));
+    this.videoBox = make('p', { id: 'video', role: 'status' });
+    $('view').append(this.videoBox);
     this.capability = make('i');
     this.capabilityText = make('span');
     this.numbersBox.append(make('div', { class: 'row' }, make('span', { text: 'Thrust left' }), make('div', { class: 'meter' }, this.capability), this.capabilityText));
@@ -115,7 +123,7 @@ export class Live {
     else if (m.k === 'state') {
       const before = this.state;
       this.state = m;
-      if (m.note !== before?.note) this.told.textContent = m.note;
+      if (m.note !== before?.note || (m.mine && !before?.mine)) this.told.textContent = m.note;
       if (m.scene && m.scene !== before?.scene) this.load();
       if (this.setup && m.flying !== before?.flying) $('setup').open = !m.flying;
       this.update();
@@ -131,6 +139,8 @@ export class Live {
     this.layout = new Layout(data.layout);
     this.frame = null;
     this.reserve.reset();
+    this.intervene.load(data);
+    this.video = new Video(data.video);
     this.view.load(data);
     this.loaded();
     this.plotBox.replaceChildren();
@@ -151,6 +161,7 @@ export class Live {
     this.count++;
     this.frame = frame;
     this.fresh = true;
+    this.video.add(frame.t, frame.row);
     this.plots.add(frame.t, frame.row, this.layout.channels);
     const m = this.layout.map, k = this.layout.trace;
     this.map?.add(frame.row[m], frame.row[m + 1], frame.row[m + 2]);
@@ -191,8 +202,12 @@ export class Live {
     if (flying && status.over) $('what').textContent = 'The flight is over; it is being evaluated.', $('phase').textContent = 'landed';
     this.alarms.replaceChildren(...this.listAlarms(status, going).map((text) => make('li', { text })));
     const asked = Boolean(status.asked) && going;
-    this.stick.active = asked && mine;
-    this.stickBox.parentElement.hidden = !(this.data?.operated && going);
+    this.intervene.update(status, going && mine, going);
+    this.flying = going && Boolean(status.pilot?.flies);
+    this.stick.active = (asked || this.flying) && mine;
+    this.stickBox.parentElement.hidden = !((this.data?.operated || this.flying) && going);
+    this.checkBox.parentElement.hidden = !(this.data?.checklist?.length && (going || status.over));
+    if (!this.checkBox.parentElement.hidden) this.showChecklist(status.checklist ?? []);
     if (!asked) this.sight.hide();
     this.aboutText.textContent = !s ? '' : `${s.watchers} page${s.watchers === 1 ? '' : 's'} here; you are ${this.name}. ${this.count} frames came, ${s.skipped} were skipped. `
       + `${s.refused} messages refused. Way there and back ${format(this.delay ?? NaN, 0, 'ms')}. `
@@ -200,13 +215,25 @@ export class Live {
       + `A stick is ${format(status.stick_ms ?? NaN, 0, 'ms')} old when it comes (median).`;
   }
 
+  // The list folds away once it has passed, so that numbers and plots are in sight.
+  showChecklist(found) {
+    const state = JSON.stringify([this.state.scene, found]);
+    if (state === this.checkedState) return;
+    const failed = found.some((c) => !c.passed);
+    if (found.length !== this.checkedCount) $('checklist').open = !found.length || failed;
+    [this.checkedState, this.checkedCount] = [state, found.length];
+    showChecklist(this.checkBox, this.data.checklist, found);
+  }
+
   listAlarms(status, going) {
     const out = [];
+    for (const c of status.checklist ?? []) if (!c.passed) out.push(`Pre-flight check failed: ${c.says}.`);
     if (this.state?.silent && !status.over && status.scene) out.push('The simulation has been silent for 2 s.');
     for (const a of status.alarms ?? []) out.push(a.text);
     if (status.said) out.push(status.said);
     if (!going) return out;
     if (status.order) out.push(status.order === 'land' ? 'You ordered: land now.' : 'You ordered: abort.');
+    out.push(...this.intervene.tell(status));
     if (status.asked) out.push(`The mission asks for the operator. ${status.asked}`);
     if (status.holding) out.push('No stick for more than 1 s: the robot holds.');
     const late = this.frame?.late ?? 0;
@@ -222,10 +249,12 @@ export class Live {
     if (!this.frame || !this.fresh || !this.layout) return;
     this.fresh = false;
     const { row, t, late, flags } = this.frame;
-    this.view.show(row, this.layout, t);
+    const late_ = this.view.mode === this.data.camera.name ? this.video.pick(t) : null;
+    this.view.show(late_ ? late_[1] : row, this.layout, late_ ? late_[0] : t);
+    this.videoBox.textContent = late_ ? this.video.words : '';
     $('clock').textContent = `${t.toFixed(1)} s${flags & PAUSED ? ', paused' : ''}, ${late.toFixed(0)} ms late`;
-    if (flags & ASKED) {
-      this.sight.draw();
+    if (flags & ASKED) this.sight.draw();
+    if (flags & ASKED || this.flying) {
       const age = this.state?.status?.age_s;
       this.stickText.textContent = `${flags & HELD ? 'The stick counts.' : 'Let go: nothing is moved.'} Input age ${age == null ? '–' : `${(1e3 * age).toFixed(0)} ms`}.`;
     }
@@ -250,9 +279,12 @@ export class Live {
   // Send the stick, with a sequence number and the time at which it was read.
   steer() {
     if (!this.stick.active || !document.hasFocus()) return;
-    const { v, held, stands, pad } = this.stick.read();
+    const { v, flight, held, stands, pad } = this.stick.read(), hands = !this.flying;
     this.seq++;
-    this.send({ k: 'stick', s: this.seq, w: performance.now() / 1000, v, d: held, b: stands });
+    this.send({
+      k: 'stick', s: this.seq, w: performance.now() / 1000, d: held, b: hands && stands,
+      v: hands ? v : [0, 0, 0], f: hands ? [0, 0, 0, 0] : flight,
+    });
     this.stickBox.title = pad;
   }
 

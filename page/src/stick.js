@@ -1,8 +1,10 @@
-// The operator's stick: keyboard and gamepad, with a dead-man. Axes are ahead, left, up in -1 .. 1.
+// The operator's stick: keyboard and gamepad, with a dead-man. Axes are ahead, left, up, and turn to
+// the left, in -1 .. 1.
 import { typing } from './dom.js';
 
 const KEYS = {
   KeyW: [0, 1], KeyS: [0, -1], KeyA: [1, 1], KeyD: [1, -1], KeyR: [2, 1], KeyF: [2, -1],
+  KeyQ: [3, 1], KeyE: [3, -1],
 };
 const DEAD_ZONE = 0.08;
 const clamp = (x) => Math.max(-1, Math.min(1, x));
@@ -28,7 +30,7 @@ export class Stick {
   }
 
   read() {
-    const v = [0, 0, 0];
+    const v = [0, 0, 0, 0];
     for (const code of this.down) if (code in KEYS) v[KEYS[code][0]] += this.size * KEYS[code][1];
     let held = this.down.has('Space'), stands = this.down.has('Enter');
     const pad = Array.from(navigator.getGamepads?.() ?? []).find((p) => p?.connected);
@@ -37,9 +39,11 @@ export class Stick {
       v[0] += dead(pad.axes[1]);
       v[1] += dead(pad.axes[0]);
       v[2] += dead(pad.axes[3]);
+      v[3] += dead(pad.axes[2]);
       held ||= Boolean(pad.buttons[4]?.pressed || pad.buttons[5]?.pressed);
       stands ||= Boolean(pad.buttons[0]?.pressed);
     }
-    return { v: v.map(clamp), held, stands: held && stands, pad: pad?.id ?? '' };
+    const [ahead, left, up, turn] = v.map(clamp);
+    return { v: [ahead, left, up], flight: [-left, ahead, turn, up], held, stands: held && stands, pad: pad?.id ?? '' };
   }
 }

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.interrupt import check_interrupt
-from skywright.ground.control import HOLD_S, StickJudge, Told
-from skywright.ground.disturb import DISTURBANCES, list_repeats, switch_on
+from skywright.ground.control import HOLD_S
+from skywright.ground.disturb import DISTURBANCES
 from skywright.ground.link import (
     ASKED,
     PAUSED,
@@ -28,13 +28,14 @@ from skywright.ground.link import (
     STICK,
     pack_frame,
     parse,
-    read_flight,
     read_number,
     receive,
     say,
     send,
 )
 from skywright.ground.reserve import Reserve
+from skywright.ground.steering import Steering
+from skywright.ground.video import describe_video
 from skywright.models.deviation import build_socket_error
 from skywright.reports.frames import Channel, FrameBuilder
 from skywright.reports.phases import explain_phase
@@ -42,13 +43,14 @@ from skywright.reports.replay import describe
 from skywright.reports.scene3d import Scene3d
 from skywright.reports.trace3d import list_judged
 from skywright.reports.views3d import build_views
+from skywright.run.hand_flight import MODES, Mode, find_tilt_in_place
 from skywright.run.kind import load_kind
-from skywright.run.operator import Sight, Stick
+from skywright.run.operator import Sight
+from skywright.vehicle.preflight import list_checks
 
 if TYPE_CHECKING:
     from skywright.description.loader import Description
     from skywright.run.faults._rule import Acted
-    from skywright.run.pilot import Pilot
     from skywright.run.planning import MissionPlan
     from skywright.run.supervisor import Supervisor
     from skywright.vehicle.simulated import SimulatedVehicle
@@ -56,15 +58,11 @@ if TYPE_CHECKING:
 FRAME_PERIOD = 0.018  # s of wall time between frames, a little less than a tick in real time
 RESERVE_PERIOD = 0.2  # s of wall time between measurements of what is left
 STATUS_PERIOD = 0.5  # s of wall time between words
-RECENT = 500  # ticks, and sticks, of which the status states the median
+RECENT = 500  # ticks of which the status states the median
 GRACE_S = 3.0  # s for which a flight is still paced after the last page has left: it may be loading
 SPEEDS = (0.1, 20.0)
 SPEED_FASTEST = 0.0
 """Speed that stands for "as fast as it goes"."""
-ORDERS = {"abort": "come_home", "land": "land_here"}
-"""What an operator can order, and what the rules then fly."""
-PILOT_ORDERS = {"take_over": "manual", "give_back": "rejoin"}
-"""What an operator can order of the pilot's switch, and the phase that follows."""
 SCENE = "scene.json"
 
 
@@ -82,15 +80,10 @@ class Feed:
         self.end, self.folder = end, folder
         self.wait_s, self.stay_s = wait_s, stay_s
         self.watchers, self.speed, self.paused = 0, 1.0, False
-        self.order = ""
-        self.pilot: Pilot | None = None
-        self._switch = ""  # an order of PILOT_ORDERS that is to be carried out
-        self.starts: dict[str, float] = {}  # of disturbances, s
-        self.stick = StickJudge()
+        self.steering = Steering()
         self.asked = ""  # what the mission asks the operator to do now
         self.dropped = 0  # messages that were no commands
         self.costs = deque[float](maxlen=RECENT)  # s of the last ticks, for the status
-        self.sticks = deque[float](maxlen=RECENT)  # s, how old the sticks were when they came
         self._heard = self._left = -math.inf  # wall time: the station, the last watcher
         self._seq, self._late = 0, 0.0
         self._phases: list[tuple[str, float]] = []
@@ -98,7 +91,8 @@ class Feed:
         self._anchor: tuple[float, float, float] | None = None  # wall time, mission time, speed
         self._builder: FrameBuilder | None = None
         self._row: NDArray[np.float32] = np.zeros(0, np.float32)
-        self._t, self._said, self._held = 0.0, "", False
+        self._t = 0.0
+        self._supervisor: Supervisor[Any] | None = None
         self._next_reserve = -math.inf
         self._left_n: list[float | None] = []
         self._clearance, self._nearest = math.nan, ""
@@ -112,8 +106,9 @@ class Feed:
         self._flies = load_kind(description.mission.kind).flies
 
     def on_supervisor(self, supervisor: Supervisor[Any]) -> None:
-        """Keep whom the pilot's orders go to."""
-        self._supervisor, self.pilot = supervisor, supervisor.pilot
+        """Keep whom the orders go to; a page's stick is a velocity until another mode is chosen."""
+        self._supervisor = supervisor
+        supervisor.choose_mode(Mode.POSITION)
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
         """Tell of the tick, hear the operator, and hold the flight back to its pace."""
@@ -125,7 +120,8 @@ class Feed:
             self._phases.append((phase, t))
             self._next_status = 0.0
         self.poll()
-        self._carry_out(t, vehicle)
+        self.steering.carry_out(t, vehicle, self._supervisor)
+        self._pass_order(vehicle)
         if self.watchers and self.watched and began >= self._next_frame:
             self._next_frame = began + FRAME_PERIOD
             self._send_frame(t, phase, vehicle)
@@ -184,61 +180,24 @@ class Feed:
             if speed is None or 0.0 < speed < SPEEDS[0]:
                 return False
             self.speed = math.inf if speed == SPEED_FASTEST else speed
-        elif kind == "order" and message.get("what") in ORDERS:
-            self.order, self.paused = str(message["what"]), False
-        elif kind == "order" and message.get("what") in PILOT_ORDERS:
-            self._switch, self.paused = str(message["what"]), False
-        elif kind == "disturb" and message.get("what") in DISTURBANCES:
-            self.starts.setdefault(str(message["what"]), math.nan)
-        elif kind == "control":
-            self.stick.forget()
-        elif kind == "stick":
-            return self._hear_stick(message)
+        elif self.steering.hear(message):
+            if kind == "stick":  # told of in frames
+                return True
+            self.paused &= kind != "order"
         else:
             return False
         self._next_status = 0.0
         return True
 
-    def _hear_stick(self, message: dict[str, Any]) -> bool:
-        axes, now = message.get("v"), time.monotonic()
-        at, seq = read_number(message.get("at"), 0.0, 1e12), read_number(message.get("s"), 0, 2**53)
-        if at is None or seq is None or not isinstance(axes, list) or len(axes) != 3:
-            return False
-        values = [read_number(x, -1.0, 1.0) for x in axes]
-        flight = read_flight(message.get("f"))
-        if flight is None or any(x is None for x in values):
-            return False
-        stick = Stick(np.array(values, float), message.get("b") is True, tuple(flight))
-        if message.get("d") is not True:  # the dead-man is let go: nothing moves
-            stick = Stick(np.zeros(3), False)
-        if self.stick.hear(Told(int(seq), at, stick), now):  # counts what it drops
-            self._held = message.get("d") is True
-            self.sticks.append(now - at)
-        return True
-
     # --- carrying out ----------------------------------------------------------------------------
 
-    def _carry_out(self, t: float, vehicle: SimulatedVehicle) -> None:
-        for name, start in self.starts.items():
-            if math.isnan(start):
-                self.starts[name] = t
-                if not switch_on(vehicle, name, t):
-                    self._said = f"this flight was started without {DISTURBANCES[name].label!r}"
-                    self.starts.pop(name)
-                    break
-        if self.pilot is not None:
-            if self._switch:
-                give = {"take_over": self.pilot.take_over, "give_back": self.pilot.give_back}
-                self._said, self._switch = give[self._switch]().reason, ""
-            now = time.monotonic()
-            if self.pilot.flies and self.stick.age(now) < HOLD_S:
-                self._supervisor.move_stick(list(self.stick.read(now).flight))
-        if self.order:
-            if not self._flies or not any(
-                p == "take_off" or p == "release" for p, _ in self._phases
-            ):
-                raise KeyboardInterrupt  # it stands: there is nothing to fly home
-            vehicle.order = self.order
+    def _pass_order(self, vehicle: SimulatedVehicle) -> None:
+        """Give an order that the rules answer to them; on the ground it ends the run."""
+        if not self.steering.order:
+            return
+        if not self._flies or not any(p in ("take_off", "release") for p, _ in self._phases):
+            raise KeyboardInterrupt  # it stands: there is nothing to fly home
+        vehicle.order = self.steering.order
 
     def _pace(self, t: float) -> None:
         """Sleep until the wall clock has caught up; nobody watching: do not wait."""
@@ -305,6 +264,10 @@ class Feed:
             "disturbances": [
                 {"name": x.name, "label": x.label} for x in DISTURBANCES.values() if x.name in names
             ],
+            "flies": self._flies,
+            "checklist": list_checks(d.mission.checklist) if self._flies else [],
+            "modes": self._list_modes(),
+            "video": describe_video(d.world.radio),
         }
         fresh = self.folder / f"{SCENE}.new"
         fresh.write_text(json.dumps(data, allow_nan=False), encoding="utf-8")
@@ -314,6 +277,18 @@ class Feed:
         while not self.watchers and time.perf_counter() < end:
             check_interrupt()
             self.wait_a_moment()
+
+    def _list_modes(self) -> list[dict[str, str]]:
+        """Return what the stick can do with this robot."""
+        s = self._supervisor
+        if s is None or not self._flies:
+            return []
+        can_tilt = find_tilt_in_place(s) > 0.0
+        return [
+            {"name": str(mode), "what": what}
+            for mode, what in MODES.items()
+            if mode != Mode.ANGLE or can_tilt
+        ]
 
     def _send_frame(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
         assert self._builder is not None
@@ -337,8 +312,7 @@ class Feed:
 
     def _send_row(self, t: float) -> None:
         self._seq += 1
-        moving = self._held and self.stick.age(time.monotonic()) < HOLD_S
-        flags = PAUSED * self.paused + STICK * moving + ASKED * bool(self.asked)
+        flags = PAUSED * self.paused + STICK * self.steering.moves + ASKED * bool(self.asked)
         send(self.end, pack_frame(
             self._seq, t, time.time(), len(self._phases) - 1, flags, self._late, self._row
         ))  # fmt: skip
@@ -359,29 +333,18 @@ class Feed:
         """Send everything that is not in a frame."""
         self._next_status = time.perf_counter() + STATUS_PERIOD
         kind = self._d.mission.kind
-        age = self.stick.age(time.monotonic())
+        steering = self.steering.tell(self._supervisor)
+        age = steering["age_s"]
         say(
-            self.end, "status", over=over, t=self._t, paused=self.paused, order=self.order,
+            self.end, "status", over=over, t=self._t, paused=self.paused,
             speed=SPEED_FASTEST if math.isinf(self.speed) else self.speed,
             scene=self._builder is not None,
             phases=[[name, start] for name, start in self._phases[-40:]],
             first=max(len(self._phases) - 40, 0),
             what=explain_phase(kind, self._phases[-1][0]) if self._phases else "",
-            asked=self.asked, said=self._said, alarms=self._alarms[-10:],
-            checklist=[c.to_json() for c in self._supervisor.checked] if self.pilot else [],
-            pilot=_tell_pilot(self.pilot), age_s=round(age, 3) if age < 1e6 else None,
-            holding=bool(self.asked) and age > HOLD_S,
-            disturbed={k: round(v, 2) for k, v in self.starts.items() if math.isfinite(v)},
-            repeats=list_repeats({k: v for k, v in self.starts.items() if math.isfinite(v)}),
+            asked=self.asked, alarms=self._alarms[-10:],
+            holding=bool(self.asked) and (age is None or age > HOLD_S),
             left_n=self._left_n, nearest=self._nearest,
-            stick_ms=round(1e3 * float(np.median(self.sticks)), 1) if self.sticks else None,
             cost_ms=round(1e3 * float(np.median(self.costs)), 3) if self.costs else None,
-            dropped=self.dropped + self.stick.dropped,
+            dropped=self.dropped + self.steering.stick.dropped, **steering,
         )  # fmt: skip
-
-
-def _tell_pilot(pilot: Pilot | None) -> dict[str, Any]:
-    """Return what a page shows of the pilot's switch."""
-    if pilot is None:
-        return {"switch": False, "flies": False, "says": ""}
-    return {"switch": pilot.switch, "flies": pilot.flies, "says": pilot.says}

@@ -6,11 +6,13 @@ Pages are clients like any other: what they send is judged as if a stranger had 
 from __future__ import annotations
 
 import re
+from collections.abc import Container
 from typing import Any, NamedTuple
 
 from skywright.ground.disturb import DISTURBANCES
-from skywright.ground.feed import ORDERS, PILOT_ORDERS, SPEED_FASTEST, SPEEDS
+from skywright.ground.feed import SPEED_FASTEST, SPEEDS
 from skywright.ground.link import parse, read_flight, read_number
+from skywright.ground.steering import MODES, ORDERS
 
 LARGEST = 4096  # bytes of a message
 PLAIN = ("take", "release", "here", "invite", "stop")
@@ -48,7 +50,9 @@ def _read(kind: str, found: dict[str, Any]) -> dict[str, Any] | None:
         x = read_number(found.get("x"), 0.0, SPEEDS[1])
         return None if x is None or SPEED_FASTEST < x < SPEEDS[0] else {"x": x}
     if kind == "order":
-        return _choose(found, ORDERS | PILOT_ORDERS)
+        return _choose(found, ORDERS)
+    if kind == "mode":
+        return _choose(found, MODES)
     if kind == "disturb":
         return _choose(found, DISTURBANCES)
     if kind == "stick":
@@ -58,7 +62,7 @@ def _read(kind: str, found: dict[str, Any]) -> dict[str, Any] | None:
     return None
 
 
-def _choose(found: dict[str, Any], known: dict[str, Any]) -> dict[str, Any] | None:
+def _choose(found: dict[str, Any], known: Container[str]) -> dict[str, Any] | None:
     what = found.get("what")
     return {"what": what} if isinstance(what, str) and what in known else None
 

@@ -28,12 +28,12 @@ class PageOperator(Person):
         while time.perf_counter() < ends:
             check_interrupt()
             self.feed.wait_a_moment()
-            if self.feed.order:
+            if self.feed.steering.order:
                 break  # the rules answer it in the next tick
-            if self.feed.stick.age(time.monotonic()) < 1.0:
+            if self.feed.steering.stick.age(time.monotonic()) < 1.0:
                 self.feed.asked = WORK
                 return True
-        return bool(self.feed.order)
+        return bool(self.feed.steering.order)
 
     def read(self, t: float, sight: Sight) -> Stick | None:
         """Return the stick; None, and no more asking, where nobody is there."""
@@ -49,7 +49,7 @@ class PageOperator(Person):
         assert self.feed is not None
         self.feed.poll()
         now = time.monotonic()
-        stick = self.feed.stick.read(now)
+        stick = self.feed.steering.stick.read(now)
         if stick is not STILL:
             self.hear(stick)
         else:

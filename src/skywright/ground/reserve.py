@@ -36,9 +36,13 @@ class Reserve:
         level = np.stack([np.cos(angles), np.sin(angles), np.zeros(DIRECTIONS)])
         wanted = np.zeros((6, DIRECTIONS + 2))
         wanted[:3] = np.concatenate([level, np.array([[0, 0], [0, 0], [1, -1]])], axis=1)
-        self._change = np.linalg.pinv(self.rotors.B) @ wanted  # (n, directions) N for a newton
-        error = np.max(np.abs(self.rotors.B @ self._change - wanted), axis=0)
-        self._reachable = error < PURE
+        change = np.linalg.pinv(self.rotors.B) @ wanted  # (n, directions) N for a newton
+        error = np.max(np.abs(self.rotors.B @ change - wanted), axis=0)
+        self._reachable = (error < PURE).tolist()
+        self._most, self._least = self.rotors.thrust_max, self.rotors.thrust_min
+        self._raises, self._used = change > 0.0, np.abs(change) > 1e-9
+        # newtons of force for a newton of room; a rotor that does not take part limits nothing
+        self._per_newton = 1.0 / np.where(self._used, np.abs(change), 1.0)
         self._query = setup.clearance_aloft if description.robot.arm is not None else None
 
     @property
@@ -51,17 +55,15 @@ class Reserve:
 
         None where the rotors cannot push without tilting.
         """
-        n = len(self.rotors.thrust_max)
-        room_up = np.maximum(self.rotors.thrust_max - thrust[:n], 0.0)
-        room_down = np.maximum(thrust[:n] - self.rotors.thrust_min, 0.0)
-        out: list[float | None] = []
-        for k, reachable in enumerate(self._reachable):
-            change = self._change[:, k]
-            room = np.where(change > 0.0, room_up, room_down)
-            used = np.abs(change) > 1e-9
-            most = float(np.min(room[used] / np.abs(change[used]))) if np.any(used) else 0.0
-            out.append(round(most, 2) if reachable and math.isfinite(most) else None)
-        return out
+        n = len(self._most)
+        room_up = np.maximum(self._most - thrust[:n], 0.0)
+        room_down = np.maximum(thrust[:n] - self._least, 0.0)
+        room = np.where(self._raises, room_up[:, None], room_down[:, None])
+        most = np.min(np.where(self._used, room * self._per_newton, math.inf), axis=0)
+        told = [round(x, 2) if math.isfinite(x) else None for x in most.tolist()]
+        return [
+            x if reachable else None for x, reachable in zip(told, self._reachable, strict=True)
+        ]
 
     def measure_clearance(self, row: Any) -> tuple[float, str] | None:
         """Return the distance (m) to what is nearest, and the pair; None far from everything.

@@ -25,7 +25,9 @@ from skywright.ground.orders import Order
 
 TICK_S = 0.25  # between words to the flight and to the pages
 MOST_WATCHERS = 16
-STEERING = frozenset({"pause", "speed", "order", "disturb", "stick", "start", "invite", "stop"})
+STEERING = frozenset(
+    {"pause", "speed", "order", "mode", "disturb", "stick", "start", "invite", "stop"}
+)
 """What only the controller may do."""
 
 

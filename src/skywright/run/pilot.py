@@ -1,26 +1,25 @@
 """A pilot who takes a running mission over by a switch, and gives it back.
 
-While the switch is on, the pilot's stick moves the platform in attitude mode (vehicle/drives.py),
-the arms stay, and rules only tell. The switch wins at any time: over a phase, and over the response
+While the switch is on, the pilot's stick moves the platform in a mode of run/hand_flight.py, the
+arms stay, and rules only tell. The switch wins at any time: over a phase, and over the response
 of a rule. What is flown after the pilot gave back:
 
 - a phase of free flight goes on: back to where it was taken over, along what the pilot flew or a
   straight way that is free, and the rest of the reference from rest;
-- a phase in which something is touched, carried, or led to by hands raises `GivenBack`: a kind of
-  mission that can repeat it catches that; otherwise the robot comes home and lands.
+- a phase in which something is touched, carried, or led to by hands raises `GivenBack`: a contact
+  that can begin anew (run/orders.py) catches that; otherwise the robot comes home and lands.
 """
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skywright.run.faults._response import build_crumb, build_rest, fly_back
-from skywright.vehicle.commands import Command, State
-from skywright.vehicle.drives import TURN_MAX, Stick
+from skywright.run.hand_flight import CLIMB, HandFlight, Mode, find_tilt_in_place
+from skywright.vehicle.commands import State
 from skywright.vehicle.results import Result
 from skywright.vehicle.uav import Uav
 
@@ -34,7 +33,6 @@ SILENT_S = 5.0
 STANDS_S, STILL_MPS, SINK_S = 2.0, 0.05, 60.0  # asked to sink, and slower or for long: it stands
 STEADY_S = 2.0  # s, of hovering before an interrupted phase goes on
 AGAIN_S = 1.0  # s, in which an interrupted reference comes up to its speed
-TILT_DEG, CLIMB = 15.0, 0.5  # of a full axis: deg (at most the robot's limit), m/s
 
 
 class TakenOver(NamedTuple):
@@ -56,11 +54,7 @@ class GivenBack(Exception):
         `repeats`: a mission that knows how may go on.
         """
         super().__init__(says)
-        self.taken, self.repeats, self._first = taken, repeats, first
-
-    def rejoin(self, s: Supervisor, row: Any) -> None:
-        """Fly back along the pilot's way, and to a REFERENCE row near where it was taken over."""
-        rejoin(s, self._first, row)
+        self.taken, self.repeats, self.first = taken, repeats, first
 
 
 class PilotLanded(Exception):
@@ -80,8 +74,10 @@ class Pilot:
         """What became of the last order, for a display."""
         self.away_s = 0.0
         """Time (s) that the mission has stood still for pilots."""
-        self._uav: Uav | None = None
-        self._stick: Stick | None = None
+        self.mode = Mode.ATTITUDE
+        """What the stick shall do."""
+        self._hand: HandFlight | None = None
+        self._axes: list[float] | None = None  # of a stick that was not followed yet
         self._heard = 0.0
 
     def take_over(self) -> Result:
@@ -99,14 +95,35 @@ class Pilot:
         says = ""
         if not self.switch and not self.flies:
             says = "give_back refused: no pilot has taken over"
-        elif self._uav is not None and self.switch:
-            says = self._uav.find_refusal(Command.RECOVER_FROM_MANUAL)
+        elif self._hand is not None and self.switch:
+            says = self._hand.find_refusal().replace("recover_from_manual", "give_back")
         self.switch, self.says = self.switch and bool(says), says
         return Result(not says, says, self._s.vehicle.t)
 
-    def move(self, stick: Stick) -> None:
-        """Take the stick; it counts for 0.5 s, then the robot is level and holds its height."""
-        self._stick, self._heard = stick, self._s.vehicle.t
+    def choose(self, mode: Mode) -> Result:
+        """Choose what the stick does; refused where the robot cannot tilt in place."""
+        says = ""
+        if mode == Mode.ANGLE and find_tilt_in_place(self._s) <= 0.0:
+            robot = self._s.vehicle.robot.name
+            says = f"angle mode refused: {robot} cannot tilt in place, its rotors are parallel"
+        self.mode, self.says = self.mode if says else mode, says
+        if self._hand is not None:
+            self._hand.mode = self.mode
+        return Result(not says, says, self._s.vehicle.t)
+
+    def move(self, axes: list[float]) -> None:
+        """Take the stick: right, ahead, turn, climb. It counts for 0.5 s, then it is let go."""
+        self._axes, self._heard = axes, self._s.vehicle.t
+
+    @property
+    def flown(self) -> str:
+        """The mode that is in effect, "" where no pilot flies."""
+        return "" if self._hand is None else str(self._hand.flown)
+
+    @property
+    def lacks(self) -> str:
+        """Why the stick does not do what the mode says, or cannot be given back; "" otherwise."""
+        return "" if self._hand is None else self._hand.says or self._hand.find_refusal()
 
     def fly(self) -> None:
         """Let the pilot fly, and bring the robot back to the mission.
@@ -130,7 +147,7 @@ class Pilot:
         try:
             present = self._follow_stick(phase)
         finally:
-            self.flies, self._uav = False, None
+            self.flies, self._hand = False, None
             s.faults.told.clear()
         s.watch = watch
         s.end("done")
@@ -151,32 +168,29 @@ class Pilot:
     def _follow_stick(self, phase: str) -> bool:
         """Fly by the stick until the pilot gives back; returns whether there was one to the end."""
         s = self._s
-        uav = self._uav = Uav(s.vehicle, tick=lambda: s.tick_by_hand())
-        uav.take_over()
+        hand = self._hand = HandFlight(s, self.mode)
         while True:
-            if self._stick is not None:
-                told, self._stick = self._stick, None
-                uav.stick(**told._asdict())
-            uav.tick()
-            if uav.state == State.LANDED_DISARMED:
+            axes, self._axes = self._axes, None
+            hand.step(axes)
+            if hand.uav.state == State.LANDED_DISARMED:
                 self.switch = False
                 raise PilotLanded(f"the pilot took over in {phase} and landed")
             silent = s.vehicle.t - self._heard > SILENT_S
             if self.switch and not silent:
                 continue
-            handle = uav.recover_from_manual()
+            handle = hand.settle()
             if not handle:
                 self.switch, self.says = True, handle.result.reason if handle.result else ""
                 if silent:
-                    self._sink(uav)
+                    self._sink(hand.uav)
                 continue
             self.switch = False
             while not (handle.done or self.switch):
-                uav.tick()
+                hand.uav.tick()
             if not self.switch:
                 return not silent
             self._heard = s.vehicle.t
-            uav.take_over()
+            hand.uav.take_over()
 
     def _sink(self, uav: Uav) -> None:
         """Nobody is at the stick, and it is too low to recover: go down, level."""
@@ -185,13 +199,6 @@ class Pilot:
         still = float(np.linalg.norm(self._s.vehicle.estimate["v_WB"])) < STILL_MPS
         if asked > SINK_S or (still and asked > STANDS_S):
             uav.stop_motors(confirm=True)
-
-
-def scale_stick(s: Supervisor, axes: list[float]) -> Stick:
-    """Return the stick of four axes from -1 to 1: right, ahead, turn to the left, climb."""
-    tilt = math.radians(min(TILT_DEG, s.vehicle.robot.control.tilt_max_deg))
-    right, ahead, turn, climb = axes
-    return Stick(tilt * right, tilt * ahead, TURN_MAX * turn, CLIMB * climb)
 
 
 def rejoin(s: Supervisor, first: int, row: Any) -> None:

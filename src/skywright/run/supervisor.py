@@ -17,10 +17,12 @@ from skywright.run.faults._rule import Acted, Response, Rule
 from skywright.run.faults._senses import Senses
 from skywright.run.faults._watch import RuleActed, Watch
 from skywright.run.flight import Flight, PhaseRecord
+from skywright.run.hand_flight import Mode
 from skywright.run.kind import load_kind
 from skywright.run.operator import Operator, Stick
+from skywright.run.orders import Order, Orders
 from skywright.run.parts import build_default_rules
-from skywright.run.pilot import GivenBack, Pilot, PilotLanded, scale_stick
+from skywright.run.pilot import GivenBack, Pilot, PilotLanded
 from skywright.run.planning import MissionPlan
 from skywright.run.records import Measurement
 from skywright.vehicle.arms_interface import Arms
@@ -87,14 +89,14 @@ class Supervisor(Generic[T]):
         )
         rules = build_default_rules() if rules is None else rules
         self.faults = Watch(rules, self.senses, on_acted)
-        self.pilot = Pilot(self)
+        self.pilot, self.orders = Pilot(self), Orders(self)
         self.uav, self.arms = Moves(vehicle), Arms(vehicle)
         self.body, self.probe = WholeBody(vehicle), Probe(vehicle)
 
     def fly(self) -> Flight:
         """Run the whole mission; returns when the robot is down, after a fault as well."""
         try:
-            return self._fly()
+            return self.orders.judge(self._fly())
         except NoEstimate as error:
             self.end("failed")
             return Flight(False, str(error))
@@ -152,9 +154,23 @@ class Supervisor(Generic[T]):
         """
         return self.pilot.give_back()
 
+    def choose_mode(self, mode: str) -> Result:
+        """Choose what the pilot's stick does: "position", "angle" or "attitude" (the default).
+
+        Refused, with the reason, where the robot cannot fly the mode.
+        """
+        return self.pilot.choose(Mode(mode))
+
     def move_stick(self, axes: list[float]) -> None:
         """Take the pilot's stick: right, ahead, turn to the left, climb, each from -1 to 1."""
-        self.pilot.move(scale_stick(self, axes))
+        self.pilot.move(axes)
+
+    def order(self, what: str) -> Result:
+        """Take an operator's order: "next", "retry" or "retract" (run/orders.py).
+
+        Refused, with the reason, where it makes no sense.
+        """
+        return self.orders.give(Order(what))
 
     def _fly_kind(self, way: Any) -> Flight:
         with blame(type(self.kind), "mission.kind: fly", SimulationError):
@@ -220,6 +236,11 @@ class Supervisor(Generic[T]):
         while self.vehicle.t - self.pilot.away_s < end - 1e-9:
             self.tick()
 
+    def hold(self, seconds: float) -> None:
+        """Tick for a time (s), in which no pilot flies; the order `next` ends it early."""
+        for _ in self.orders.passes(seconds):
+            pass
+
     def wait_for_estimate(self) -> None:
         """Tick until the estimator knows a place; raises NoEstimate where it never does."""
         while not self.vehicle.localised:
@@ -245,7 +266,8 @@ class Supervisor(Generic[T]):
     def tick(self, guards: int = 0) -> Any:
         """Run one mission tick, and what a pilot who takes over flies after it.
 
-        Raises RuleActed where a rule ends the mission, GivenBack where a pilot does.
+        Raises RuleActed where a rule ends the mission, GivenBack where a pilot does, ContactEnded
+        where an operator's order ends a contact.
         """
         ticked = self._tick(guards)
         if self.kind.flies:
@@ -256,6 +278,7 @@ class Supervisor(Generic[T]):
             self.faults.look(self.phase)
         if self.watch is not None:
             self.watch()
+        self.orders.follow()
         return ticked
 
     def tick_by_hand(self) -> Ticked:

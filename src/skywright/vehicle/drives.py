@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 TICK = 0.02  # s, of a mission tick
 LEASH = 0.3  # m, by which a reference may run ahead of the robot: it is held up, or blown away
 TURN_MAX = 0.8  # rad/s
+TILT_RATE = 0.3  # rad/s, of a tilt in place
 APPROACH = 2.0  # 1/s, speed towards a pose for a metre of distance
 CLIMB_ACCELERATION = 2.0  # m/s^2
 DOWN_M, DOWN_S = 0.08, 0.3  # m above its reference, and s: what sinks stands on something
@@ -143,6 +144,11 @@ class Drive:
         """Return the attitude (3, 3) of the reference at a heading (rad)."""
         return rot_z(yaw)
 
+    def _cut(self, v: Array) -> Array:
+        """Return the velocity v (3,) m/s, no faster than the limit of the vehicle."""
+        size, limit = float(np.linalg.norm(v)), self.backend.limits.speed
+        return v if size <= limit else v * (limit / size)
+
     def _towards(self, v: Array) -> Array:
         """Return the acceleration that leads to the velocity v within the limit."""
         a = (v - self.v) / TICK
@@ -165,17 +171,21 @@ class Drive:
 
 
 class VelocityDrive(Drive):
-    """Follows a velocity (m/s in W) and a rate of the heading (rad/s); stale, it brakes."""
+    """Follows a velocity (m/s in W) and a rate of the heading (rad/s); stale, it brakes.
+
+    A robot whose rotors push sideways may be told a tilt as well; it comes up at TILT_RATE.
+    """
 
     def __init__(self, backend: Backend) -> None:
         super().__init__(backend)
         self._v, self._rate = np.zeros(3), 0.0
+        self._tilt, self._tilt_to = np.zeros(2), np.zeros(2)  # rad, about x and y of B
 
-    def tell(self, v: Array, yaw_rate: float) -> None:
+    def tell(self, v: Array, yaw_rate: float, roll: float = 0.0, pitch: float = 0.0) -> None:
         """Take a new reference, cut to the limits of the vehicle."""
-        size, limit = float(np.linalg.norm(v)), self.backend.limits.speed
-        self._v = v if size <= limit else v * (limit / size)
-        self._rate, self.heard = float(np.clip(yaw_rate, -TURN_MAX, TURN_MAX)), self.backend.t
+        self._v, self.heard = self._cut(v), self.backend.t
+        self._tilt_to = np.array([roll, pitch])
+        self._rate = float(np.clip(yaw_rate, -TURN_MAX, TURN_MAX))
 
     def lead(self) -> Array:
         """Towards the velocity that was told, or to rest."""
@@ -184,6 +194,16 @@ class VelocityDrive(Drive):
     def turn(self) -> float:
         """As told."""
         return 0.0 if self.is_stale else self._rate
+
+    def step(self) -> Table:
+        """Likewise; the tilt follows what was told, or returns to level."""
+        way = (np.zeros(2) if self.is_stale else self._tilt_to) - self._tilt
+        self._tilt = self._tilt + np.clip(way, -TILT_RATE * TICK, TILT_RATE * TICK)
+        return super().step()
+
+    def tilt(self, yaw: float) -> Array:
+        """Heading, then roll and pitch."""
+        return tilt_heading(yaw, *self._tilt)
 
 
 class PoseDrive(Drive):
@@ -197,7 +217,7 @@ class PoseDrive(Drive):
     def tell(self, p: Array, yaw: float, v: Array, yaw_rate: float) -> None:
         """Take a new reference, which moves at v (3,) m/s and `yaw_rate` (rad/s)."""
         self._p, self._yaw, self.heard = p, yaw, self.backend.t
-        self._v, self._rate = v, yaw_rate
+        self._v, self._rate = self._cut(v), float(np.clip(yaw_rate, -TURN_MAX, TURN_MAX))
 
     def lead(self) -> Array:
         """Towards the pose, no faster than it can brake."""
@@ -207,13 +227,14 @@ class PoseDrive(Drive):
         if far < 1e-9:
             return self._towards(v)
         speed = min(limits.speed, APPROACH * far, math.sqrt(limits.acceleration * far))
-        return self._towards(v + way * (speed / far))
+        return self._towards(self._cut(v + way * (speed / far)))
 
     def turn(self) -> float:
         """The short way round."""
         off = (self._yaw - self.yaw + math.pi) % (2.0 * math.pi) - math.pi
         size = min(TURN_MAX, APPROACH * abs(off), math.sqrt(TURN_ACCELERATION * abs(off)))
-        return math.copysign(size, off) + (0.0 if self.is_stale else self._rate)
+        rate = math.copysign(size, off) + (0.0 if self.is_stale else self._rate)
+        return min(max(rate, -TURN_MAX), TURN_MAX)
 
 
 class StickDrive(Drive):
@@ -274,9 +295,14 @@ class StickDrive(Drive):
     def tilt(self, yaw: float) -> Array:
         """Heading, then pitch and roll."""
         stick = LET_GO if self.is_stale else self.stick
-        R, turn = np.empty((3, 3)), np.array([stick.roll, stick.pitch, 0.0])
-        exp_so3(turn, R)
-        return np.asarray(rot_z(yaw) @ R)
+        return tilt_heading(yaw, stick.roll, stick.pitch)
+
+
+def tilt_heading(yaw: float, roll: float, pitch: float) -> Array:
+    """Return the attitude (3, 3) of a heading that is then tilted about (roll, pitch, 0) (rad)."""
+    R = np.empty((3, 3))
+    exp_so3(np.array([roll, pitch, 0.0]), R)
+    return np.asarray(rot_z(yaw) @ R)
 
 
 def build_row_here(backend: Backend) -> Any:

@@ -29,6 +29,12 @@ class Checked(NamedTuple):
         return {**self._asdict(), "value": value}
 
 
+def list_checks(checklist: Checklist) -> list[str]:
+    """Return the names of what is looked at, in order."""
+    names = ["localisation", "battery", "tilt", "speed", "outside the geofence"]
+    return [*names, "spin"] if checklist.spin else names
+
+
 def run_checklist(checklist: Checklist, b: Backend, fence: Fence | None) -> list[Checked]:
     """Look at everything that can be seen with the motors off; the spin check is `check_rotors`."""
     est = b.estimate

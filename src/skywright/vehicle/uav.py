@@ -126,16 +126,20 @@ class Uav(Commanded):
 
         return self._do(Command.SET_POSE, tell, goal)
 
-    def set_velocity(self, v: ArrayLike, yaw_rate: float = 0.0) -> Handle:
+    def set_velocity(
+        self, v: ArrayLike, yaw_rate: float = 0.0, *, roll: float = 0.0, pitch: float = 0.0
+    ) -> Handle:
         """Move at v (3,) m/s in W and turn at `yaw_rate` (rad/s), cut to the limits.
 
         A reference counts for 0.5 s; then the platform brakes and holds. What it meets on the way
-        down it lands on: the motors stop.
+        down it lands on: the motors stop. `roll` and `pitch` (rad) tilt a robot in place whose
+        rotors push sideways; laws of other robots choose the tilt themselves.
         """
         velocity, rate = check_vector("v", v), check_number("yaw_rate", yaw_rate)
+        tilt = check_number("roll", roll), check_number("pitch", pitch)
 
         def tell() -> None:
-            self._take(VelocityDrive, ControlMode.VELOCITY).tell(velocity, rate)
+            self._take(VelocityDrive, ControlMode.VELOCITY).tell(velocity, rate, *tilt)
 
         return self._do(Command.SET_VELOCITY, tell)
 

@@ -6,10 +6,12 @@ weight, press and a light load of the feet (models/docked_balance.py), the integ
 rubber feet hold against what is left.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from skywright.core.arrays import Array
 from skywright.missions.bridge_contact.plan import ContactPlan, plan_found
 from skywright.missions.bridge_contact.seat import DEEP, touch_with_feet
 from skywright.missions.bridge_contact.sliding import find_way
@@ -116,7 +118,7 @@ class Pilot(Presser):
 
     def inspect_docked(self, at: Station) -> str:
         """Dock, press, undock; returns what went wrong, or ""."""
-        s, way, task = self.s, self.way, self.contact
+        s, way = self.s, self.way
         rest, pressed = way.rest, way.pressed
         assert rest is not None and pressed is not None
 
@@ -131,6 +133,14 @@ class Pilot(Presser):
         self.go("approach", p=stand, R=at.R_level, q=way.q_ready)
         self.go("align", R=at.R_approach)
         s.wait(1.0)
+        reason = s.orders.attempt(at.name, lambda: self._press_docked(at, load_feet), "")
+        self.go(None, R=at.R_level)
+        return reason
+
+    def _press_docked(self, at: Station, load_feet: Callable[[float], dict[str, Any]]) -> str:
+        """From below a station: dock, press, undock; returns what went wrong, or ""."""
+        s, way, task = self.s, self.way, self.contact
+        stand = at.p_dock + way.stand_off * at.normal
         self.go("dock", p=at.p_dock, R=at.R_approach, speed=task.dock_speed_mps)
         self.go("seat", R=at.R_dock, least=SEAT_S, docked=1.0, **load_feet(0.0))
         s.wait(1.0)
@@ -144,7 +154,6 @@ class Pilot(Presser):
             self.go("retract", q=way.q_ready)
         self.go("undock", least=UNSEAT_S, f_feet_B=np.zeros(3), t_feet_B=np.zeros(3))
         self.go(None, p=stand, R=at.R_approach, docked=0.0, speed=task.dock_speed_mps)
-        self.go(None, R=at.R_level)
         return reason
 
     def inspect_flying(self, at: Station, stance: ContactStance) -> str:
@@ -153,6 +162,15 @@ class Pilot(Presser):
         back = at.p_press + self.way.stand_off * at.normal
         self.go("free approach", p=back, R=at.R_level, q=stance.q)
         self.go(None, R=at.R_approach)
+
+        def work() -> str:
+            return self._press_flying(at, back)
+
+        return self.s.orders.attempt(f"{at.name} in flight" if task.dock else at.name, work, "")
+
+    def _press_flying(self, at: Station, back: Array) -> str:
+        """From before a station, platform at `back` (3,) m: press, slide, leave."""
+        task = self.contact
         self.go("free near", p=at.p_press + TIP_GAP * at.normal, R=at.R_approach, speed=0.1)
         self.s.wait(1.0)
         slide = self._slide if task.slide_m else None

@@ -13,6 +13,7 @@ from skywright.missions.skills.survey import Tip, Touch, survey_surface
 from skywright.missions.skills.surveyed import fit_touches, get_tip
 from skywright.missions.skills.tables import build_retreat, cut_table, lift_table, reverse_table
 from skywright.run.flight import Flight
+from skywright.run.orders import ContactEnded, Order
 from skywright.run.pilot import GivenBack
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.guard import CONTACT_LOST
@@ -46,21 +47,23 @@ def fly(s: Supervisor[Scan], way: ScanWay) -> Flight:
         attempt += 1
         distance = float(np.linalg.norm(touch["p_WT"][0] - touch["p_WT"][-1]))
         try:
-            _trim(s)
-            if not _touch(s, touch):
-                away = reverse_table(touch)
-                s.follow("back_off", away)
-                continue
-            lost_at = _slide(s, cut_table(table, done) if done else table)
-        except GivenBack as back:  # by a pilot, in contact: touch again where the scan was left
+            with s.orders.contact("the scan"):
+                _trim(s)
+                if not _touch(s, touch):
+                    away = reverse_table(touch)
+                    s.follow("back_off", away)
+                    continue
+                lost_at = _slide(s, cut_table(table, done) if done else table)
+        except (GivenBack, ContactEnded) as back:  # in contact: touch again where it was left
             if not back.repeats:
                 raise
             attempt -= 1
             if back.taken.phase == "scan":
                 done += back.taken.along
                 touch = build_retreat(back.taken.row, distance, 8.0, back=True)
-            s.watch = None
-            back.rejoin(s, touch[0])
+            if s.orders.go_on(back, touch[0]) == Order.NEXT:
+                _go_home(s, segments, done, way_back)
+                return Flight(False, f"the operator ended the scan after {done:.1f} s")
             continue
         if lost_at is None:
             for name in ("leave", "fold", "return"):

@@ -24,6 +24,7 @@ from skywright.missions.skills.ways import (
     slide_platform,
 )
 from skywright.run.flight import Flight
+from skywright.run.orders import Detour
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands
 from skywright.vehicle.rest_to_rest import quintic
@@ -58,7 +59,7 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     if task.hover_s > 0.0:
         s.begin("hover check")
         s.body.track(_hold_hand(s, way.hover_hand, task))
-        s.wait(task.hover_s)
+        s.hold(task.hover_s)
     s.begin("navigate on")
     s.arms.move_to(way.q)
     s.until_arrived()
@@ -84,13 +85,13 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
         _retract(s, task, way)
         _go_back(s, way)
         return Flight(not reason, reason)
-    touched = _touch(s, task, way)
-    held = touched and _press(s, task, way)
+    detour = Detour(
+        lambda: _lower(s, task, way), lambda: _move_with_hand(s, way.p_near + correction, ready)
+    )
+    reason = s.orders.attempt("the sensor's place", lambda: _install(s, task, way), "", detour)
     _retract(s, task, way)
     _go_back(s, way)
-    if not touched:
-        return Flight(False, "the hand met no surface")
-    return Flight(held, "" if held else "contact was lost while pressing")
+    return Flight(not reason, reason)
 
 
 def _survey(s: Supervisor[SensorInstall], way: InstallPlan) -> tuple[InstallPlan, str]:
@@ -200,6 +201,13 @@ def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> None:
     s.wait(SWING_WAIT)
 
 
+def _install(s: Supervisor, task: SensorInstall, way: InstallPlan) -> str:
+    """Touch and press; returns what failed, or ""."""
+    if not _touch(s, task, way):
+        return "the hand met no surface"
+    return "" if _press(s, task, way) else "contact was lost while pressing"
+
+
 def _touch(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     """Move the hand up until its force says contact."""
     s.begin("touch")
@@ -259,14 +267,19 @@ def _retract(s: Supervisor, task: SensorInstall, way: InstallPlan) -> None:
     """Take the hand down from the pipe, and the platform to where the way back begins."""
     s.begin("retract")
     down = -task.approach_below_m * way.normal
-    if task.leave_singularity:  # with the elbow as bent as it is: straight, it feels what is not
-        here = np.array(s.vehicle.read(Hands).p_WH[0])
-        s.body.track(_hold_hand(s, here, task))
-        _move_with_hand(s, np.array(s.vehicle.reference["p_WB"]) + down, here + down)
+    if task.leave_singularity:
+        _lower(s, task, way)
         return
     s.body.track(_hold_hand(s, way.contact + down, task))
     s.wait(2.0)
     _move_with_hand(s, way.p_below, way.contact + down)
+
+
+def _lower(s: Supervisor, task: SensorInstall, way: InstallPlan) -> None:
+    """Take hand and platform down with the elbow as bent as it is: straight, it feels too much."""
+    down, here = -task.approach_below_m * way.normal, np.array(s.vehicle.read(Hands).p_WH[0])
+    s.body.track(_hold_hand(s, here, task))
+    _move_with_hand(s, np.array(s.vehicle.reference["p_WB"]) + down, here + down)
 
 
 def _tare(s: Supervisor) -> None:
@@ -279,9 +292,8 @@ def _tare(s: Supervisor) -> None:
 
 def _keep(s: Supervisor, seconds: float, way: InstallPlan) -> bool:
     """Tick for a time; False when the estimated force was gone for too long."""
-    end, felt = s.vehicle.t + seconds, s.vehicle.t
-    while s.vehicle.t < end - 1e-9:
-        t = s.tick().t
+    felt = s.vehicle.t
+    for t, *_ in s.orders.passes(seconds):
         if float(s.vehicle.read(HandForce).f_WH[0] @ way.normal) > 0.1:
             felt = t
         elif t - felt > LOST_S:

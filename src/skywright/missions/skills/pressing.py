@@ -184,10 +184,8 @@ class Presser:
     def _measure(self, spot: str, force: float, how: str) -> None:
         """Hold, and hand over what was measured."""
         s = self.s
-        start, end = s.vehicle.t, s.vehicle.t + self.profile.hold_s
-        read, tips = [], []
-        while s.vehicle.t < end - 1e-9:
-            s.tick()
+        start, read, tips = s.vehicle.t, [], []
+        for _ in s.orders.passes(self.profile.hold_s):
             read.append(s.vehicle.force)
             tips.append(np.array(s.vehicle.estimate["p_WT"]))
         tip = np.mean(tips, axis=0)

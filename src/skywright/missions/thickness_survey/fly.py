@@ -64,14 +64,14 @@ class SurveyPilot(Pilot):
         """Hold until the gauge accepts a reading, `hold_s` at most."""
         s, seen = self.s, float(self._reading.scan)
         start = s.vehicle.t
-        end = start + self.profile.hold_s
         self.gauge.restart()
-        while s.vehicle.t < end - 1e-9 and not (self._newest and self._newest.accepted):
-            s.tick()
+        for _ in s.orders.passes(self.profile.hold_s):
             # one that was taken before the phase is left out, as the evaluation does
             if self._reading.scan > seen and self._reading.t > start:
                 seen = float(self._reading.scan)
                 row = np.array(self._reading.ascan)
                 self._newest = self.gauge.add([float(self._reading.t)], row)[0]
+                if self._newest.accepted:
+                    break
         accepted = self._newest is not None and self._newest.accepted
         s.end("done" if accepted else "retry")

@@ -58,7 +58,7 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
     _come(s, way.grip, place)
     if task.hover_s > 0.0:
         s.begin("hover check")
-        s.wait(task.hover_s)
+        s.hold(task.hover_s)
     weight = take_up_again(s, way.grip, way.most_n, task.retries, speeds)
     if weight is None:
         s.begin("return")
@@ -83,7 +83,7 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
         return Flight(False, f"{reason}; {_give_up(s, way, place, weight, speeds)}")
     s.begin("wait")
     _leave(s, way, seat)
-    s.wait(task.wait_s)
+    s.hold(task.wait_s)
     s.begin("retrieve")
     found = find_tool(s)
     if _is_elsewhere(s, found, seat):

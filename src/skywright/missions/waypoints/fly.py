@@ -11,5 +11,5 @@ def fly(s: Supervisor[Waypoints], way: None) -> Flight:
         hold = s.task.points[i].hold_s if i < len(s.task.points) else 0.0
         if hold > 0.0:
             s.begin(f"hold {i + 1}")
-            s.wait(hold)
+            s.hold(hold)
     return Flight(True, "")

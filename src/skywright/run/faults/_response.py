@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Table = NDArray[Any]
 
 RETRACT_M, RETRACT_SPEED, RETRACT_ACCELERATION = 0.25, 0.4, 1.5  # m, m/s, m/s^2
+CALM = (0.15, 0.15)  # m/s, m/s^2, where nothing is wrong
 SHORTCUTS = 16  # places of the way that was flown to which a straight one is tried, at a time
 STEP_M, WAY_MARGIN = 0.05, 0.1  # m (or rad) between looks at a shortcut, and what it keeps clear
 SPEED, TURN, JOINT = 0.4, 0.5, 0.5  # m/s, rad/s, rad/s of the way back
@@ -126,10 +127,14 @@ def build_rest(s: Supervisor) -> Any:
 
 
 def retract(s: Supervisor) -> None:
-    """Draw back from what is touched, along its normal, the arm as it is."""
+    """Draw back from what is touched, along its normal, the arm as it is.
+
+    Fast after a rule has acted; by an order so slowly that a long arm feels no force of its own.
+    """
     away = s.senses.away
     row = build_rest(s)
-    _fly(s, [row["p_WB"], row["p_WB"] + RETRACT_M * away], row, RETRACT_SPEED, RETRACT_ACCELERATION)
+    pace = (RETRACT_SPEED, RETRACT_ACCELERATION) if s.senses.responding else CALM
+    _fly(s, [row["p_WB"], row["p_WB"] + RETRACT_M * away], row, *pace)
 
 
 def _fly(s: Supervisor, way: list[Array], row: Any, speed: float, acceleration: float) -> None:

@@ -116,16 +116,33 @@ class Senses:
 
     def list_forces(self) -> list[float]:
         """Return the force (N) that each hand feels."""
+        return [math.hypot(*f_W) for f_W in self.list_vectors()]
+
+    def list_vectors(self) -> list[list[float]]:
+        """Return the force (3,) N in W that each hand is felt to exert."""
         if self._forces is None:
             self._forces = self.place(HandForce, "f_WH") if self.hands else []
-        if not self._forces:
-            return []
-        return [math.hypot(*f_W) for f_W in self._forces.tolist()[: self.hands]]
+        return list(self._forces.tolist()[: self.hands]) if self._forces else []
 
     @property
     def engaged(self) -> bool:
         """Whether hands are led to something, or the robot touches: it is near a structure."""
         return self.touching or any(t != TASK_JOINTS for t in self.told("task")[: self.hands])
+
+    def _find_pressed(self) -> Array | None:
+        """Return where hands press, unit (3,) in W; None where they press nothing or carry.
+
+        As commanded where a force is, otherwise as felt. A hand below the platform may press up.
+        """
+        if max(self.told("load")) > 0.0:
+            return None
+        ref, felt = self.reference, np.sum(self.list_vectors(), axis=0)
+        asked = [ref["f_WH"][h] for h in range(self.hands) if ref["task"][h] in PRESSING]
+        for force in (np.sum(asked, axis=0) if asked else np.zeros(3), felt):
+            size = float(np.linalg.norm(force))
+            if size > FELT_N:
+                return np.asarray(force / size)
+        return None
 
     @property
     def away(self) -> Array:
@@ -135,6 +152,9 @@ class Senses:
             return np.array(ref["R_WS"][:, 2])
         if ref["press"] > 0.0 or ref["docked"] > 0.0 or self.vehicle.in_contact():
             return -np.array(est["R_WT"][:, 2])
+        pressed = self._find_pressed() if self.hands else None
+        if pressed is not None:
+            return -pressed
         if self.hands:
             back = est["p_WB"] - np.mean(self.get(Hands).p_WH[: self.hands], axis=0)
             return np.asarray(back / max(float(np.linalg.norm(back)), 1e-6))

@@ -1,0 +1,220 @@
+"""What an operator may order of a mission while it flies: next, retry, retract.
+
+A mission opens a contact (`Orders.contact`, `Orders.attempt`) where it can draw back from it and
+begin it anew, and flies a hold that may end early with `Orders.passes`. Anywhere else the orders
+are refused with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from skywright.run.faults._response import build_crumb, build_rest
+from skywright.run.flight import Flight
+from skywright.run.pilot import STEADY_S, GivenBack, TakenOver, rejoin
+from skywright.vehicle.interface import Ticked
+from skywright.vehicle.results import Result
+
+if TYPE_CHECKING:
+    from skywright.run.supervisor import Supervisor
+
+R = TypeVar("R")
+
+PATIENCE_S = 120.0
+"""s without an order after a retract, from which the robot comes home."""
+WAITING = "wait for order"
+"""The phase after a retract."""
+
+
+class Order(StrEnum):
+    """What may be ordered."""
+
+    NEXT = "next"
+    RETRY = "retry"
+    RETRACT = "retract"
+
+
+ORDERS: dict[Order, str] = {
+    Order.NEXT: "end the hold that is flown now; after `retract`, leave the contact out and go on",
+    Order.RETRY: "draw back from the contact, fly to where it began, and try it again",
+    Order.RETRACT: "draw back from the contact along its normal and hold until `retry` or `next`",
+}
+"""What each means, for messages and the documentation."""
+
+
+class ContactEnded(Exception):
+    """An order ends a contact: the mission catches it where it opened the contact."""
+
+    repeats = True
+
+    def __init__(self, order: Order, taken: TakenOver, first: int) -> None:
+        """`taken` says where; `first` is the crumb of the trail there."""
+        super().__init__(f"the operator ordered {order}")
+        self.order, self.taken, self.first = order, taken, first
+
+
+class Detour(NamedTuple):
+    """How a robot leaves a contact by an operator's order, and returns to where it began."""
+
+    back: Callable[[], None]
+    again: Callable[[], None]
+
+
+class Orders:
+    """The orders of one flight."""
+
+    def __init__(self, s: Supervisor) -> None:
+        self._s = s
+        self._given: Order | None = None
+        self._contact = ""  # what is open
+        self._holds = False  # a hold that may end early
+        self.waits = False
+        """Whether the robot has drawn back, and `retry` or `next` is waited for."""
+        self.left_out: list[str] = []
+        """Contacts that were left out by order."""
+
+    # --- orders ------------------------------------------------------------------------------
+
+    def find_refusal(self, order: Order) -> str:
+        """Return why an order makes no sense now, "" where it is accepted."""
+        s = self._s
+        says = ""
+        if not s.kind.flies or s.senses.told("active") < 0.5:
+            says = "the robot does not fly"
+        elif s.pilot.switch or s.pilot.flies:
+            says = "the pilot has the robot: give it back first"
+        elif s.senses.responding:
+            says = "the response of a rule is flown"
+        elif order == Order.RETRACT and self.waits:
+            says = "the robot has drawn back already: retry or next"
+        elif order == Order.NEXT and not (self._holds or self.waits):
+            says = f"{s.phase} does not end early; only a hold does, or a contact after retract"
+        elif order != Order.NEXT and not (self._contact or self.waits):
+            says = f"in {s.phase} there is no contact that this mission could begin anew"
+        return says and f"{order} refused: {says}"
+
+    def give(self, order: Order) -> Result:
+        """Take an order, which is followed from the next tick on."""
+        says = self.find_refusal(order)
+        if not says:
+            self._given = order
+        return Result(not says, says, self._s.vehicle.t)
+
+    def follow(self) -> None:
+        """Look at what was ordered, once a tick; raises ContactEnded where a contact ends."""
+        if self._given in (None, Order.NEXT) or not self._contact or self.waits:
+            return
+        order, self._given = self._given, None
+        if self._s.pilot.switch or self._s.senses.responding:
+            return
+        s = self._s
+        crumbs = s.trail.crumbs
+        crumbs.append(build_crumb(s.senses))
+        row, engaged = np.array(s.vehicle.reference), s.senses.engaged
+        taken = TakenOver(s.phase, row, *s.vehicle.tracking, engaged)
+        raise ContactEnded(order, taken, len(crumbs) - 1)
+
+    # --- what a mission is written with ------------------------------------------------------
+
+    def passes(self, seconds: float) -> Iterator[Ticked]:
+        """Tick for a time (s), in which no pilot flies; the order `next` ends it early."""
+        s = self._s
+        end = s.vehicle.t - s.pilot.away_s + seconds
+        self._holds, self._given = True, None
+        try:
+            while s.vehicle.t - s.pilot.away_s < end - 1e-9 and self._given != Order.NEXT:
+                yield s.tick()
+        finally:
+            self._holds, self._given = False, None
+
+    @contextmanager
+    def contact(self, what: str) -> Iterator[None]:
+        """Open a contact; inside, `retry` and `retract` raise ContactEnded."""
+        self._contact, self._given = what, None
+        try:
+            yield
+        finally:
+            self._contact, self._given = "", None
+
+    def attempt(
+        self, what: str, do: Callable[[], R], left_out: R, detour: Detour | None = None
+    ) -> R:
+        """Do the work of a contact, again where that is ordered; returns `left_out` after `next`.
+
+        `do` begins at rest, clear of what it touches. `detour` says how the robot draws back from
+        that and returns, by default with the arm as it is. Without a detour a pilot who took over
+        in the contact and gave back has it done again as well.
+        """
+        s = self._s
+        row, crumbs = np.array(s.vehicle.reference), s.trail.crumbs
+        while True:
+            first = len(crumbs)
+            crumbs.append(build_crumb(s.senses))
+            try:
+                with self.contact(what):
+                    return do()
+            except (ContactEnded, GivenBack) as ended:
+                if not ended.repeats or (detour and isinstance(ended, GivenBack)):
+                    raise
+                if self.go_on(ended, row, first, detour) == Order.NEXT:
+                    self.left_out.append(what)
+                    return left_out
+
+    def go_on(
+        self,
+        ended: ContactEnded | GivenBack,
+        row: Any,
+        first: int | None = None,
+        detour: Detour | None = None,
+    ) -> Order:
+        """Fly to a REFERENCE row from which the contact can begin anew; returns RETRY or NEXT.
+
+        Before that, after an order, the robot draws back and, after RETRACT, waits. The way back is
+        what was flown since the crumb `first` (default: where the contact ended).
+        """
+        s, order = self._s, Order.RETRY
+        s.watch = None
+        if isinstance(ended, ContactEnded):
+            s.end("retry")
+            s.begin("draw back")
+            if detour is None:
+                s.kind.withdraw(s, s.way)
+                s.body.track(build_rest(s)[None])
+            else:
+                detour.back()
+            order = ended.order if ended.order == Order.RETRY else self._wait(ended)
+        if detour is None:
+            rejoin(s, ended.first if first is None else first, row)
+        else:
+            s.begin("rejoin")
+            detour.again()
+            s.wait(STEADY_S)
+        return order
+
+    def _wait(self, ended: ContactEnded) -> Order:
+        """Hold until there is an order; raises GivenBack where none comes."""
+        s = self._s
+        s.begin(WAITING)
+        end = s.vehicle.t - s.pilot.away_s + PATIENCE_S
+        self.waits, self._given = True, None
+        try:
+            while self._given is None:
+                s.tick()
+                if s.vehicle.t - s.pilot.away_s > end:
+                    says = f"no order came for {PATIENCE_S:g} s after retract"
+                    raise GivenBack(says, ended.taken, ended.first)
+            return self._given
+        finally:
+            self.waits, self._given = False, None
+
+    def judge(self, flight: Flight) -> Flight:
+        """Return a flight; one in which a contact was left out has not succeeded."""
+        if not flight.completed or not self.left_out:
+            return flight
+        told = ", ".join(self.left_out)
+        return flight._replace(completed=False, reason=f"left out by the operator's order: {told}")

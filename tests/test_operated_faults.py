@@ -1,0 +1,150 @@
+"""Operated flights in which something fails: the radio, the battery, the fence; by a computed hand.
+
+The sensor is pressed onto the pipe by the careful operator behind a radio link; each flight is
+judged by what the robot then did.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import skywright
+from skywright.description.world.radio import Radio
+from skywright.ground.operator_model import ModelOperator
+from skywright.ground.radio_operator import LET_GO_S, RadioOperator
+from skywright.run.run import RunResult, run_mission
+
+SETS = (
+    "mission.task.hover_s=0", "mission.task.swing_deg=0", "mission.task.survey=false",
+    "mission.task.hold_s=4",
+)  # fmt: skip
+RADIO = Radio(delay_s=0.05)
+
+
+class Outage(RadioOperator):
+    """A radio that carries nothing from `start` on for `for_s`, s after the work began."""
+
+    def __init__(self, start: float, for_s: float) -> None:
+        super().__init__(ModelOperator("careful", 1, 0.03), RADIO, 1)
+        self.start, self.end = start, start + for_s
+        self.axes: list[tuple[float, np.ndarray]] = []  # as the robot followed them
+        lost = RADIO.model_copy(update={"loss_fraction": 1.0})
+        self._radios = (RADIO, lost)
+
+    def read(self, t: float, sight: Any) -> Any:
+        out = self.start <= t < self.end
+        self._up.radio = self._down.radio = self._radios[out]
+        stick = super().read(t, sight)
+        if stick is not None:
+            self.axes.append((t, np.array(stick.axes)))
+        return stick
+
+
+class Watch:
+    """Keeps what rules did."""
+
+    def __init__(self) -> None:
+        self.acted: list[str] = []
+
+    def on_plan(self, plan: Any, description: Any) -> None:
+        pass
+
+    def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
+        pass
+
+    def on_acted(self, acted: Any) -> None:
+        self.acted.append(acted.rule)
+
+    def close(self) -> None:
+        pass
+
+
+def fly(folder: Path, operator: Any, *sets: str) -> tuple[RunResult, list[str]]:
+    watch = Watch()
+    result = run_mission(
+        skywright.load("sensor-install", sets=(*SETS, *sets)), out=folder / "run",
+        operator=operator, observers=[watch],
+    )  # fmt: skip
+    return result, watch.acted
+
+
+def find_phase(result: RunResult, name: str) -> Any:
+    return next(p for p in result.phases if p.name == name)
+
+
+def assert_home(result: RunResult) -> None:
+    """It stands where it took off, and met nothing that broke it."""
+    p = result.samples["p_WB"]
+    assert p[-1, 2] < 0.5 + p[0, 2] and np.linalg.norm(p[-1, :2] - p[0, :2]) < 0.3
+    assert np.all(np.isfinite(p))
+
+
+@pytest.mark.parametrize("for_s", [0.2, 2.0])
+def test_a_link_that_is_lost_for_a_moment_lets_the_stick_go_and_the_work_goes_on(
+    tmp_path: Path, for_s: float
+) -> None:
+    operator = Outage(4.0, for_s)
+    result, acted = fly(tmp_path, operator)
+    assert result.outcome == "succeeded", (result.reason, acted)
+    inside = [axes for t, axes in operator.axes if 4.0 + LET_GO_S + 0.1 < t < 4.0 + for_s]
+    assert all(np.all(axes == 0.0) for axes in inside)  # it is not moved by what was said before
+    assert bool(inside) == (for_s > 1.0)
+    still = [axes for t, axes in operator.axes if 3.9 < t < 4.0 + LET_GO_S]
+    assert not all(np.all(axes == 0.0) for axes in still)  # shorter than that, nothing is felt
+    assert_home(result)
+
+
+def test_a_link_that_is_lost_for_good_ends_the_work_and_the_robot_comes_home(
+    tmp_path: Path,
+) -> None:
+    operator = Outage(4.0, math.inf)
+    result, _ = fly(tmp_path, operator)
+    assert result.outcome != "succeeded"
+    assert "the operator took more than 180 s" in result.reason
+    late = [axes for t, axes in operator.axes if t > 4.5]
+    assert late and all(np.all(axes == 0.0) for axes in late)
+    names = [p.name for p in result.phases]
+    assert "retract" in names and names[-1] == "land"
+    assert_home(result)
+
+
+def test_a_battery_that_runs_low_in_contact_brings_it_home(tmp_path: Path) -> None:
+    """First when it is pressed is looked up, then the cell fails there."""
+    plain, _ = fly(tmp_path / "a", RadioOperator(ModelOperator("careful", 1, 0.03), RADIO, 1))
+    at = find_phase(plain, "force").start_s + 0.5
+    result, acted = fly(
+        tmp_path / "b", RadioOperator(ModelOperator("careful", 1, 0.03), RADIO, 1),
+        'plant.faults.cell.kind="battery"', f"plant.faults.cell.start_s={at}",
+    )  # fmt: skip
+    assert acted[0] == "battery_low" and result.outcome == "aborted"
+    assert "in force" in result.reason
+    names = [p.name for p in result.phases]
+    assert names[names.index("force") + 1] == "retract" and "come home" in names
+    t, force = result.samples["t"], np.linalg.norm(result.samples["left_f_W"], axis=1)
+    back, home = find_phase(result, "retract"), find_phase(result, "come home")
+    assert np.max(force[(t > back.start_s) & (t < back.end_s)]) < 3.0  # it presses no harder
+    assert np.max(force[(t > home.start_s) & (t < home.end_s)]) < 0.1  # and lets go of the pipe
+    assert_home(result)
+
+
+def test_a_fence_that_is_left_by_the_operators_work_brings_it_home(tmp_path: Path) -> None:
+    """The fence ends 0.1 m beside the place of work: a push carries the robot over it."""
+    plain, _ = fly(tmp_path / "a", RadioOperator(ModelOperator("careful", 1, 0.03), RADIO, 1))
+    work = find_phase(plain, "touch")
+    s = plain.samples
+    y = s["p_WB"][(s["t"] > work.start_s) & (s["t"] < work.end_s), 1]
+    result, acted = fly(
+        tmp_path / "b", RadioOperator(ModelOperator("careful", 1, 0.03), RADIO, 1),
+        f"mission.fence.y_min_m={float(np.min(y)) - 0.1!r}",
+        'plant.faults.gust.kind="bump"', f"plant.faults.gust.start_s={work.start_s + 1.0}",
+        "plant.faults.gust.force_y_n=-25.0", "plant.faults.gust.for_s=0.8",
+        "mission.faults.unintended_contact.on=false",
+    )  # fmt: skip
+    assert acted[0] == "geofence" and result.outcome == "aborted", (acted, result.reason)
+    assert "come home" in [p.name for p in result.phases]
+    assert_home(result)

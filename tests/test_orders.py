@@ -1,0 +1,166 @@
+"""Orders of an operator in a mission that flies: next, retry, retract; and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skywright
+from skywright.run.orders import PATIENCE_S, WAITING
+from skywright.run.run import RunResult, run_mission
+
+HOLDS = (
+    "mission.task.points=[{ x_m = 0.8, y_m = 0.0, z_m = 1.2, hold_s = 40.0 },"
+    "{ x_m = 0.0, y_m = 0.4, z_m = 1.0, hold_s = 2.0 }]",
+    "mission.hover_height_m=0.8",
+)
+PRESS = ("mission.task.forces_n=[2.0]", "mission.task.hold_s=6.0")
+INSTALL = (
+    "mission.task.hover_s=0", "mission.task.swing_deg=0", "mission.task.survey=false",
+    "mission.task.hold_s=6",
+)  # fmt: skip
+
+
+class Operator:
+    """Gives orders: each a phase's beginning, a time after its start (s), and the order."""
+
+    def __init__(self, *orders: tuple[str, float, str]) -> None:
+        self.orders, self.results = list(orders), []
+        self.phases: list[tuple[str, float]] = []
+
+    def on_plan(self, plan, description):
+        pass
+
+    def on_supervisor(self, supervisor):
+        self.s = supervisor
+
+    def on_tick(self, t, phase, vehicle):
+        if phase not in [p for p, _ in self.phases[-1:]]:
+            self.phases.append((phase, t))
+        if self.orders:
+            name, after, what = self.orders[0]
+            if phase.startswith(name) and t >= self.phases[-1][1] + after:
+                self.orders.pop(0)
+                self.results.append(self.s.order(what))
+
+    def close(self):
+        pass
+
+
+def fly(folder: Path, mission: str, operator: Operator, *sets: str, backend="physics") -> RunResult:
+    result = run_mission(
+        skywright.load(mission, sets=sets), out=folder / "run", observers=[operator],
+        backend=backend,
+    )  # fmt: skip
+    assert not operator.orders, (operator.orders, [p.name for p in result.phases])
+    return result
+
+
+def name_phases(result: RunResult) -> list[str]:
+    return [p.name for p in result.phases]
+
+
+def test_next_ends_a_hold_and_the_next_phase_begins(tmp_path):
+    operator = Operator(("hold 1", 3.0, "next"))
+    result = fly(tmp_path, "waypoints", operator, *HOLDS, backend="kinematic")
+    assert result.outcome == "succeeded", result.reason
+    (held,) = [p for p in result.phases if p.name == "hold 1"]
+    assert 2.9 < held.end_s - held.start_s < 3.2
+    s = result.samples
+    assert np.linalg.norm(np.diff(s["ref_p_WB"], axis=0), axis=1).max() < 0.03  # nothing jumps
+
+
+def test_orders_that_make_no_sense_are_refused_with_the_reason(tmp_path):
+    operator = Operator(
+        ("start", 0.2, "next"), ("take_off", 0.5, "next"), ("take_off", 0.6, "retract"),
+        ("hold 1", 1.0, "retry"), ("hold 1", 2.0, "next"),
+    )  # fmt: skip
+    result = fly(tmp_path, "waypoints", operator, *HOLDS, backend="kinematic")
+    assert result.outcome == "succeeded"
+    assert [r.reason for r in operator.results] == [
+        "next refused: the robot does not fly",
+        "next refused: take_off does not end early; only a hold does, or a contact after retract",
+        "retract refused: in take_off there is no contact that this mission could begin anew",
+        "retry refused: in hold 1 there is no contact that this mission could begin anew",
+        "",
+    ]
+
+
+def test_a_word_that_is_no_order_is_refused(tmp_path):
+    operator = Operator(("take_off", 0.1, "explode"))
+    with pytest.raises(ValueError, match="explode"):
+        fly(tmp_path, "waypoints", operator, *HOLDS, backend="kinematic")
+
+
+def test_a_press_is_drawn_back_held_and_tried_again(tmp_path):
+    """Retract draws back along the normal and holds; retry begins the contact anew."""
+    operator = Operator(
+        ("free hold 2 N", 2.0, "retract"), (WAITING, 1.0, "retract"), (WAITING, 2.0, "retry")
+    )
+    result = fly(tmp_path, "wall-contact", operator, *PRESS)
+    assert [r.reason for r in operator.results] == [
+        "", "retract refused: the robot has drawn back already: retry or next", "",
+    ]  # fmt: skip
+    names = name_phases(result)
+    at = names.index("draw back")
+    assert names[at - 1 : at + 4] == [
+        "free hold 2 N", "draw back", WAITING, "rejoin", "free near",
+    ]  # fmt: skip
+    assert result.phases[at - 1].outcome == "retry"
+    assert names.count("free hold 2 N") > 1
+    s, waits = result.samples, result.phases[at + 1]
+    inside = (s["t"] > waits.start_s + 0.5) & (s["t"] < waits.end_s)
+    before = s["p_WB"][np.searchsorted(s["t"], result.phases[at - 1].end_s) - 1]
+    back = s["p_WB"][inside].mean(axis=0) - before
+    assert np.linalg.norm(back) == pytest.approx(0.25, abs=0.05)
+    assert np.max(np.linalg.norm(s["v_WB"][inside], axis=1)) < 0.1  # it holds
+    assert np.max(np.abs(s["f_contact"][inside])) < 0.05  # and touches nothing
+    assert result.outcome == "succeeded", result.reason
+
+
+def test_a_contact_that_is_left_out_is_no_success(tmp_path):
+    operator = Operator(("free hold 2 N", 1.0, "retract"), (WAITING, 0.5, "next"))
+    result = fly(tmp_path, "wall-contact", operator, *PRESS)
+    assert result.outcome == "aborted"
+    assert result.reason.startswith("left out by the operator's order: ")
+    names = name_phases(result)
+    assert "free near" not in names[names.index(WAITING) :]  # it was the only place
+    assert result.samples["p_WB"][-1, 2] < 0.4  # it came home
+
+
+def test_a_scan_is_touched_again_where_it_was_left(tmp_path):
+    operator = Operator(("scan", 4.0, "retry"))
+    result = fly(tmp_path, "pipe-weld-scan", operator)
+    assert [r.ok for r in operator.results] == [True]
+    names = name_phases(result)
+    at = names.index("draw back")
+    assert names[at - 1 : at + 5] == ["scan", "draw back", "rejoin", "trim", "touch", "settle"]
+    scans = [p for p in result.phases if p.name == "scan"]
+    assert [p.outcome for p in scans] == ["retry", "done"]
+    assert scans[1].end_s - scans[1].start_s == pytest.approx(
+        result.plan.segments["scan"]["t"][-1] - 4.0, abs=0.2
+    )
+
+
+def test_the_sensor_is_pressed_again_after_a_retract(tmp_path):
+    operator = Operator(("force", 2.0, "retract"), (WAITING, 1.0, "retry"), ("force", 3.0, "next"))
+    result = fly(tmp_path, "sensor-install", operator, *INSTALL)
+    assert [r.reason for r in operator.results] == ["", "", ""]
+    names = name_phases(result)
+    at = names.index("draw back")
+    assert names[at - 1 : at + 5] == ["force", "draw back", WAITING, "rejoin", "touch", "press"]
+    held = [p for p in result.phases if p.name == "force"][-1]
+    assert 2.9 < held.end_s - held.start_s < 3.2
+    assert result.outcome in ("succeeded", "failed")
+    assert "contact was lost" not in result.reason and "no surface" not in result.reason
+
+
+def test_without_an_order_it_comes_home(tmp_path):
+    operator = Operator(("free hold 2 N", 1.0, "retract"))
+    result = fly(tmp_path, "wall-contact", operator, *PRESS)
+    assert result.outcome == "aborted"
+    assert result.reason == f"no order came for {PATIENCE_S:g} s after retract"
+    assert "come home" in name_phases(result)
+    assert result.samples["p_WB"][-1, 2] < 0.4
