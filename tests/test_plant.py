@@ -10,7 +10,12 @@ import pytest
 
 from plant_parts import build_context, build_part, view
 from skywright.description.loader import load_description
+from skywright.description.mission.spec import Plant
+from skywright.description.robot.limbs import list_joints, list_limbs
+from skywright.description.robot.loader import load_robot
 from skywright.models.arm_body import Deviation
+from skywright.models.deviation import build_deviation
+from skywright.models.part_masses import link_direction
 from skywright.models.scene import build_scene, set_pose
 from skywright.vehicle.actuators.velocity_servos import VelocityServos
 from skywright.vehicle.bus import MuJoCo, ServoDrive
@@ -71,6 +76,36 @@ def test_deviation_changes_what_it_names(description):
         mujoco.mj_forward(m, x)
     reach = np.linalg.norm(d.site("tip").xpos - d0.site("tip").xpos)
     assert reach == pytest.approx(0.01, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["othex", "bimanual-longreach"])
+def test_each_joint_and_link_has_its_own_error(name: str) -> None:
+    robot, _ = load_robot(name)
+    world = load_description("waypoints").world
+    limbs, joints = list_limbs(robot), list_joints(robot)
+    plain = build_deviation(Plant(), robot, 3)
+    plant = Plant(joint_offset_spread_deg=0.3, link_length_spread_m=0.001)
+    drawn = [build_deviation(plant, robot, seed) for seed in range(200)]
+    # the other draws stay, so that a seed means the same flight
+    np.testing.assert_allclose(plain.joint_offset, math.radians(0.4))
+    np.testing.assert_array_equal(drawn[3].rotor_gain, plain.rotor_gain)
+    np.testing.assert_array_equal(drawn[3].spring_factor, plain.spring_factor)
+    zeros = np.degrees([d.joint_offset for d in drawn]) - 0.4
+    assert np.std(zeros, axis=0) == pytest.approx(0.3, rel=0.2)
+    assert np.max(np.abs(np.corrcoef(zeros.T) - np.eye(len(joints)))) < 0.3
+    # the plant's tip is off by each link's error along that link
+    scenes = [build_scene(robot, world, d) for d in (plain, drawn[3])]
+    datas = [mujoco.MjData(x.model) for x in scenes]
+    for scene, data in zip(scenes, datas, strict=True):
+        mujoco.mj_forward(scene.model, data)
+    last = max(i for i, x in enumerate(limbs) if x.side <= 0)
+    want, i = np.zeros(3), last
+    while (i := limbs[i].parent) >= 0:
+        R = datas[0].body(limbs[i].name).xmat.reshape(3, 3)
+        want += drawn[3].link_length_errors[i] * (R @ link_direction(limbs[i].link))
+    places = [d.body(limbs[last].name).xpos for d in datas]
+    assert np.linalg.norm(want) > 1e-4
+    np.testing.assert_allclose(places[1] - places[0], want, atol=1e-12)
 
 
 def test_contact_sensor_reads_the_force_on_the_tip_in_W(description):

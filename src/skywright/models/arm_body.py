@@ -49,6 +49,7 @@ class Deviation(NamedTuple):
     com_error: Array = np.zeros(3)
     rotor_gain: Array = np.ones(0)  # (n,) factor on each rotor's thrust
     link_length_error: float = 0.0
+    link_length_errors: Array = np.zeros(0)  # (n_links,) m, of those that carry another
     joint_offset: Array = np.zeros(0)  # (n_joints,) rad, encoder zero error
     drag_factor: float = 1.0
     marker_error: Array = np.zeros(3)  # m, in T: where motion capture believes the tip to be
@@ -75,6 +76,9 @@ def add_arm(
         if i in last and limb.parent >= 0 and limb.parent == i - 1:
             # calibration error: the second-last link is longer than believed
             offset = offset + dev.link_length_error * link_direction(limbs[limb.parent].link)
+        if limb.parent >= 0 and len(dev.link_length_errors):
+            longer = dev.link_length_errors[limb.parent]
+            offset = offset + longer * link_direction(limbs[limb.parent].link)
         body = (base if limb.parent < 0 else bodies[limb.parent]).add_body(
             name=limb.name, pos=offset
         )

@@ -7,6 +7,7 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.description.mission.spec import Plant
+from skywright.description.robot.limbs import list_limbs
 from skywright.description.robot.spec import Robot
 from skywright.models.arm_body import Deviation
 from skywright.models.rigid_body import joint_names
@@ -30,14 +31,18 @@ def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
     )
     n_joints = len(joint_names(robot))
     markers = [np.clip(rng.standard_normal(k), -3.0, 3.0) for k in (3, 3, 6)]
+    n_links = len(list_limbs(robot))
     springs = 1.0 + plant.spring_spread * np.clip(rng.standard_normal(n_joints + 1), -3.0, 3.0)
+    zeros, lengths = (np.clip(rng.standard_normal(k), -3.0, 3.0) for k in (n_joints, n_links))
+    zeros = plant.joint_offset_error_deg + plant.joint_offset_spread_deg * zeros
     return Deviation(
         mass_factor=1.0 + plant.mass_error,
         inertia_factor=1.0 + plant.inertia_error,
         com_error=np.array([plant.com_x_error_m, plant.com_y_error_m, plant.com_z_error_m]),
         rotor_gain=gain,
         link_length_error=plant.link_length_error_m,
-        joint_offset=np.full(n_joints, math.radians(plant.joint_offset_error_deg)),
+        link_length_errors=plant.link_length_spread_m * lengths,
+        joint_offset=np.radians(zeros),
         drag_factor=1.0 + plant.drag_error,
         marker_error=plant.marker_error_m * markers[0],
         pipe_error=plant.marker_error_m * markers[1],

@@ -111,7 +111,11 @@ class Plant(Spec):
     com_z_error_m: float = 0.004
     inertia_error: float = Field(default=0.05, gt=-0.9, lt=10)
     link_length_error_m: float = 0.004  # of the last link: a kinematic calibration error
+    # 1 sigma of each link that carries another, besides, drawn from the seed
+    link_length_spread_m: float = Field(default=0.0, ge=0, le=0.02)
     joint_offset_error_deg: float = 0.4  # encoder zero of every joint
+    # 1 sigma of each joint's encoder zero, besides, drawn from the seed
+    joint_offset_spread_deg: float = Field(default=0.0, ge=0, le=5)
     drag_error: float = Field(default=0.2, gt=-1, lt=10)
     spring_error: float = Field(default=0.0, gt=-0.9, lt=10)  # of joints' and probe's springs
     spring_spread: float = Field(default=0.1, ge=0, le=0.3)  # 1 sigma of each, from the seed
