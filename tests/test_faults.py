@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import re
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +23,7 @@ from skywright.errors import InputError
 from skywright.models.capability import compute_capability
 from skywright.models.rigid_body import build_body_model
 from skywright.recordings.recording import read_recording
+from skywright.run.faults._response import respond
 from skywright.run.faults._rule import RESPONSES, Follow
 from skywright.run.faults._watch import RuleActed, Watch
 from skywright.run.parts import build_named, build_rules
@@ -442,3 +447,25 @@ def test_a_squall_is_answered_and_the_robot_lands_upright(speed, wind, rule, res
     last = result.samples[-1]
     assert last["p_WB"][2] < 0.3 and abs(last["q_WB"][0]) > 0.9
     assert np.min(result.samples["v_WB"][:, 2]) > -1.5  # it did not fall
+
+
+def test_after_a_fall_the_run_goes_on_until_the_robot_lies_still() -> None:
+    def fall(rate: Callable[[float], float]) -> float:
+        """Return how long (s) is waited for a robot whose gyroscope tells `rate` (rad/s)."""
+        vehicle = SimpleNamespace(t=50.0, estimate={"w_WB_B": np.zeros(3)})
+
+        def tick() -> None:
+            vehicle.t += 0.02
+            vehicle.estimate["w_WB_B"] = np.array([0.0, rate(vehicle.t - 50.0), 0.0])
+
+        s: Any = SimpleNamespace(
+            vehicle=vehicle, senses=None, begin=lambda _: None, tick=tick,
+            uav=SimpleNamespace(motors=lambda _: None),
+        )  # fmt: skip
+        respond(s, "let_go")
+        return float(vehicle.t) - 50.0
+
+    assert fall(lambda t: 0.0) == pytest.approx(3.0, abs=0.03)  # it may still be in the air
+    assert fall(lambda t: 2.0 if t < 6.0 else 0.01) == pytest.approx(6.5, abs=0.05)
+    assert fall(lambda t: 2.0) == pytest.approx(15.0, abs=0.03)
+    assert fall(lambda t: math.nan) == pytest.approx(15.0, abs=0.03)  # nothing tells that it lies

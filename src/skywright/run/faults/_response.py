@@ -34,7 +34,8 @@ SINK = 0.35  # m/s, of an emergency landing
 FOLDED, FOLDING = 0.5, 1.5  # m above the ground where the arm is folded, and rad/s^2 until then
 BELOW = 1.0  # m, that it aims below the ground: the estimate may be wrong
 DOWN_M, DOWN_S = 0.2, 0.3  # m that the robot stays above its reference, and s: it stands
-FALL_S = 3.0  # s, after the motors were stopped
+FALL_S, FALL_MAX_S = 3.0, 15.0  # s, after the motors were stopped
+STILL, STILL_S = 0.1, 0.5  # rad/s and s: what the gyroscope tells of a robot that lies
 TURNS_S = 0.2  # s, after which a heading that nothing holds is taken for the commanded one
 WAIT_S = 30.0  # s, of holding before it comes home
 AGREES_S = 1.0  # s, for which a value has to be good again
@@ -91,7 +92,7 @@ def respond(s: Supervisor, response: Response) -> None:
     if response == "let_go":
         s.begin("let go")
         s.uav.motors(False)
-        s.wait(FALL_S)
+        _fall(s)
         return
     if response == "land_here":
         _anchor(s)
@@ -111,6 +112,17 @@ def respond(s: Supervisor, response: Response) -> None:
     _descend(s, here=response == "land_here")
     s.uav.motors(False)
     s.wait(1.0)
+
+
+def _fall(s: Supervisor) -> None:
+    """Wait until the robot lies still: it may roll for seconds after a fall of one."""
+    began = since = s.vehicle.t
+    while (t := s.vehicle.t) < began + FALL_MAX_S - 1e-9:
+        if not float(np.linalg.norm(s.vehicle.estimate["w_WB_B"])) < STILL:
+            since = t
+        if min(t - began - FALL_S, t - since - STILL_S) > -1e-9:
+            return
+        s.tick()
 
 
 def build_rest(s: Supervisor) -> Any:
