@@ -337,7 +337,7 @@ def test_a_stick_of_the_page_moves_until_it_is_old(
     """What the station passes on is judged again: sequence, age, dead-man, finite axes."""
     clock = Clock()
     clock.monotonic = clock.perf_counter  # type: ignore[attr-defined]
-    for module in ("feed", "page_operator", "person"):
+    for module in ("feed", "steering", "page_operator", "person"):
         monkeypatch.setattr(f"skywright.ground.{module}.time", clock)
     ours, theirs = build_pair()
     operator = PageOperator()
