@@ -82,6 +82,7 @@ class Cascade(Law):
         theta: Vec3  # N m, integral of the torque
         t_lag: Vec3  # N m, lagging part of the torque
         shift: Vec3  # m, of the platform for its tip
+        shift_rate: Vec3  # m/s
         a_last: Vec2  # m/s^2, of the reference at the last step
         pose_bandwidth: float  # rad/s, of `pose`; 0: the arms' pose is not looked at
         pose: float  # rad, from the link to the line on which its mass hangs, low-passed
@@ -170,7 +171,7 @@ def begin(me: Any, ref: Any, est: Any, body: Any, cmd: Any) -> bool:
     if ref.active >= 0.5:
         return True
     for i in range(3):
-        me.theta[i] = me.t_lag[i] = me.shift[i] = 0.0
+        me.theta[i] = me.t_lag[i] = me.shift[i] = me.shift_rate[i] = 0.0
         cmd.f_B[i] = 0.0
         cmd.t_B[i] = 0.0
     return False
@@ -250,7 +251,8 @@ def shift_for_tip(
     s / (m l g) from where it hangs; the estimated force f leans the platform by f / (m g). Both
     come from external forces alone, so no loop closes over what the platform's own motion does to
     the link; low-passed twice they do not see what the model leaves out of it (with the torque
-    low-passed once the platform rings at 22 rad/s).
+    low-passed once the platform rings at 22 rad/s). The shift's rate is continuous: the goal steps
+    where a reference begins to track the tip, and a step of the rate is a jolt of the rotors.
     """
     goal, axis, vec = local(3), local(3), local(3)
     for i in range(3):
@@ -271,12 +273,11 @@ def shift_for_tip(
             goal[i] += (along * axis[i] * body.p_BT[2] + across * joint) / (
                 body.mass * body.gravity
             )
-    k = -math.expm1(-SHIFT_BANDWIDTH * me.dt)
+    w = 2.0 * SHIFT_BANDWIDTH  # two equal poles: as late as one of SHIFT_BANDWIDTH
     for i in range(3):
-        rate[i] = k * (goal[i] - me.shift[i])
-        me.shift[i] += rate[i]
-        rate[i] /= me.dt
-        shift[i] = me.shift[i]
+        me.shift_rate[i] += me.dt * w * (w * (goal[i] - me.shift[i]) - 2.0 * me.shift_rate[i])
+        me.shift[i] += me.dt * me.shift_rate[i]
+        rate[i], shift[i] = me.shift_rate[i], me.shift[i]
 
 
 @helper
