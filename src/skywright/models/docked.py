@@ -183,6 +183,15 @@ def _compute_drag(docked: DockedRobot, wind_B: Array) -> tuple[Array, Array]:
     return wrench_at(force, np.zeros(3)), np.hstack([hub, np.cross(r.position, hub)]).T
 
 
+def compute_drag(docked: DockedRobot, wind_B: Array, thrust: Array) -> Array:
+    """Return the wrench (6,) of wind (3,) m/s on body and rotors, in B about its origin.
+
+    `thrust` (n,) N sets the speeds of the rotors, whose drag grows with them.
+    """
+    body, hubs = _compute_drag(docked, wind_B)
+    return np.asarray(body + hubs @ np.sqrt(np.maximum(thrust, 0.0)))
+
+
 def _solve(
     docked: DockedRobot, B: Array, press: Array, load: Array, ceiling: float
 ) -> Array | None:

@@ -36,8 +36,8 @@ from skywright.models.contact_stance import (
     find_free_stance,
     find_tip_pose,
 )
-from skywright.models.docked import build_docked, find_stance
-from skywright.models.docked_balance import DockedBalance, compute_docked_balance
+from skywright.models.docked import build_docked, compute_drag, find_stance
+from skywright.models.docked_balance import MARGIN, DockedBalance, compute_docked_balance
 from skywright.models.docked_map import DIRECTIONS, Condition, compute_worst_press
 from skywright.models.geometry import ClearanceQuery, compute_clearance
 from skywright.models.rigid_body import compute_tip, posture
@@ -204,15 +204,27 @@ def _plan_docked(
             largest, limit, fraction, where, robot.name,
             "calm_fraction" if calm else "force_fraction",
         )  # fmt: skip
-    full = build_docked(robot, thrust_fraction=1.0, gravity=world.gravity_mps2)
+    share = np.full(len(docked.layout.t_max), stance.mass * world.gravity_mps2)
+    drag = compute_drag(docked, station.R_dock.T @ (speed * blows), share / len(share))
+    best: tuple[DockedBalance, DockedBalance] | None = None
     for load in FOOT_LOADS:
-        rest = compute_docked_balance(full, stance, 0.0, R_WB=station.R_dock, foot_load=load)
-        pressed = compute_docked_balance(full, stance, largest, R_WB=station.R_dock, foot_load=load)
-        if rest is not None and pressed is not None and pressed.margin > 0.02:
-            return limit, rest, pressed, ""
+        rest, pressed = (
+            compute_docked_balance(
+                docked, stance, force, R_WB=station.R_dock, foot_load=load, drag_B=drag
+            )
+            for force in (0.0, largest)
+        )
+        if rest and pressed and (best is None or pressed.margin > best[1].margin + 1e-6):
+            best = rest, pressed
+        if best is not None and best[1].margin >= MARGIN:
+            break
+    if best is not None:
+        return limit, *best, ""
     return limit, None, None, (
-        f"no balance of rotors and feet at {largest:g} N that keeps every foot loaded"
-    )  # fmt: skip
+        f"no balance of rotors and feet at {largest:g} N that keeps {FOOT_LOADS[-1]:g} N on each "
+        f"foot and the rotors below {robot.rotors.thrust_fraction:.0%} of their thrust "
+        "(robot.rotors.thrust_fraction): a lower mission.task.forces_n is needed"
+    )
 
 
 def _plan_flying(
