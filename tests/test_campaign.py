@@ -348,7 +348,7 @@ def test_json_is_one_object_with_the_keys_of_the_contract(
     found = json.loads(captured.out)
     assert caught.value.code == 1 and captured.err == ""
     assert list(found) == [
-        "runs", "succeeded", "success_rate", "interval", "failures", "wall_s",
+        "answer", "runs", "succeeded", "success_rate", "interval", "failures", "wall_s",
     ]  # fmt: skip
     assert (found["runs"], found["succeeded"], found["success_rate"]) == (2, 0, 0.0)
     assert len(found["interval"]) == 2 and 0 <= found["interval"][0] < found["interval"][1] <= 1

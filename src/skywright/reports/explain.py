@@ -108,6 +108,16 @@ def list_assumptions(result: RunResult) -> list[Row]:
     return rows
 
 
+def count_unsourced(result: RunResult) -> int:
+    """Return how many numbers of this run have no source."""
+    return sum(
+        key not in result.description.sources
+        for root, spec in _roots(result.description)
+        for key, value in iterate_leaves(spec, root)
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    )
+
+
 def list_changes(result: RunResult) -> list[Row]:
     """Values that the command line set, or the mission against its robot's or world's file."""
     d = result.description

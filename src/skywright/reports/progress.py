@@ -44,7 +44,10 @@ class Progress:
         self._began = time.perf_counter()
         if self._quiet:
             return
-        self._console.print(f"planned in {plan.plan_s:.2f} s: {plan.duration_s:.0f} s of flight")
+        self._console.print(
+            f"planned in {plan.plan_s:.2f} s: {plan.duration_s:.0f} s, without take-off, waits and "
+            "landing"
+        )
         if not self._console.is_terminal:
             return
         self._bar = Bar(

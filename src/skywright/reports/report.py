@@ -104,6 +104,7 @@ def render_report(result: RunResult) -> str:
         plant=explain.list_plant(result),
         changes=explain.list_changes(result),
         assumptions=explain.list_assumptions(result),
+        unsourced=explain.count_unsourced(result),
         metrics=explain.list_metrics(result),
         explain_phase=partial(explain_phase, kind),
         versions=collect_versions(),

@@ -67,6 +67,7 @@ class CampaignResult(NamedTuple):
         """Return the keys of `skywright campaign --json`."""
         v = self.verdict
         return {
+            "answer": v.answer,
             "runs": v.runs,
             "succeeded": v.succeeded,
             "success_rate": v.rate,

@@ -220,11 +220,12 @@ def _plan_docked(
             break
     if best is not None:
         return limit, *best, ""
-    return limit, None, None, (
-        f"no balance of rotors and feet at {largest:g} N that keeps {FOOT_LOADS[-1]:g} N on each "
-        f"foot and the rotors below {robot.rotors.thrust_fraction:.0%} of their thrust "
-        "(robot.rotors.thrust_fraction): a lower mission.task.forces_n is needed"
+    refusal = (
+        f"no balance of rotors and feet at {largest:g} N keeps {FOOT_LOADS[-1]:g} N on each foot "
+        f"and the rotors below {robot.rotors.thrust_fraction:.0%} of their thrust "
+        "(robot.rotors.thrust_fraction): lower mission.task.forces_n"
     )
+    return limit, None, None, refusal
 
 
 def _plan_flying(
