@@ -57,6 +57,13 @@ def run_rows(at: int, first: int, last: int, clock_at: int) -> bool:
     return False
 
 
+@njit(cache=True, error_model="numpy")
+def repeat_row(at: int, row: int, clock_at: int, n: int) -> None:
+    """Call a row `n` times, to time it."""
+    for _ in range(n):
+        run_rows(at, row, row + 1, clock_at)
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def run_ticks(
     at: int, n_control: int, n_all: int, clock_at: int, model: int, data: int, n: int, n_steps: int

@@ -6,7 +6,6 @@ compiled code, on the records as they are; the state is put back after each row.
 
 from functools import partial
 
-from skywright.core.user_code import njit
 from skywright.evidence.bench.flights import (
     count_ticks,
     fly_into_contact,
@@ -18,18 +17,11 @@ from skywright.evidence.bench.flights import (
 from skywright.evidence.bench.rows import Row, Session, build_row
 from skywright.evidence.bench.timing import interleave, read_clock
 from skywright.vehicle.bus import Clock
-from skywright.vehicle.schedule import run_rows
+from skywright.vehicle.schedule import repeat_row
 from skywright.vehicle.simulated import SimulatedVehicle
 
 CALLS, STRETCHES = 16, 12
 """Calls of a row at a time, and how often: no row that collects samples runs out of room."""
-
-
-@njit(cache=True, error_model="numpy")
-def repeat_row(at: int, row: int, clock_at: int, n: int) -> None:
-    """Call a row of the schedule `n` times."""
-    for _ in range(n):
-        run_rows(at, row, row + 1, clock_at)
 
 
 def measure(session: Session) -> list[Row]:

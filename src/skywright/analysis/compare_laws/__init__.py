@@ -1,0 +1,1 @@
+"""`skywright compare laws`: control laws on the same flights, with paired statistics."""

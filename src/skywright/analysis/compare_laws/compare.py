@@ -1,0 +1,225 @@
+"""Fly each law in each case with the same seeds, and compare what was measured in pairs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skywright.analysis.campaign.campaign import run_campaign
+from skywright.analysis.campaign.spec import build_campaign
+from skywright.analysis.compare_laws.cases import NOMINAL, Case, choose_cases
+from skywright.analysis.compare_laws.cost import measure_cost
+from skywright.analysis.compare_laws.paired import (
+    Difference,
+    compare_metric,
+    find_significant,
+    pair_rows,
+)
+from skywright.description.loader import load_description
+from skywright.description.mission.spec import Requirement
+from skywright.errors import InputError
+from skywright.run.kind import load_kind
+from skywright.run.names import list_measures
+from skywright.run.rows import Row
+from skywright.run.setup import Setup
+
+RUNS = 8
+"""Flights of a law in a case: with 6 or more a difference can be told from chance."""
+SHOWN = (
+    "position.rms_m", "tip.tracking_rms_m", "tip.tangential_rms_mm", "tip.hover_rms_mm",
+    "force.mean_n", "force.std_n", "force.rms_error_n", "platform.tilt_max_deg", "tilt.max_deg",
+    "flight.saturated_s", "flight.energy_wh",
+)  # fmt: skip
+"""Metrics that are shown beside the requirements, where a mission has them."""
+
+
+class Flown(NamedTuple):
+    """What a law did in a case."""
+
+    law: str
+    case: str
+    rows: list[Row]
+    refused: str  # why nothing flew, or ""
+
+    @property
+    def succeeded(self) -> int:
+        """Runs that met every requirement."""
+        return sum(r.succeeded for r in self.rows)
+
+    def compute_median(self, metric: str) -> float:
+        """Return the median over the runs that have the metric, NaN where none has."""
+        values = [r.metrics.get(metric, math.nan) for r in self.rows]
+        known = [v for v in values if math.isfinite(v)]
+        return float(np.median(known)) if known else math.nan
+
+
+class LawComparison(NamedTuple):
+    """Laws on the same flights; the first law is the reference of all differences."""
+
+    mission: str
+    robot: str
+    world: str
+    seed: int
+    runs: int
+    laws: list[str]
+    cases: list[Case]
+    requirements: dict[str, Requirement]
+    metrics: list[str]  # shown: the requirements' and SHOWN
+    measures: dict[str, tuple[str, str]]  # unit and meaning
+    flown: list[Flown]
+    differences: list[Difference]
+    significant: set[tuple[str, str, str]]
+    cost_s: dict[str, float]  # of a step; NaN: not measured
+
+    def find(self, law: str, case: str) -> Flown:
+        """Return what a law did in a case."""
+        return next(f for f in self.flown if (f.law, f.case) == (law, case))
+
+    def find_difference(self, law: str, case: str, metric: str) -> Difference | None:
+        """Return the difference to the reference law, or None where nothing was paired."""
+        name = (law, case, metric)
+        return next((d for d in self.differences if (d.law, d.case, d.metric) == name), None)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the object of `skywright compare laws --json`."""
+
+        def number(x: float) -> float | None:
+            return x if math.isfinite(x) else None
+
+        return {
+            "mission": self.mission, "robot": self.robot, "world": self.world, "seed": self.seed,
+            "reference": self.laws[0],
+            "cases": {c.name: list(c.sets) for c in self.cases},
+            "flown": [
+                {
+                    "law": f.law, "case": f.case, "runs": len(f.rows), "succeeded": f.succeeded,
+                    "refused": f.refused or None,
+                    "medians": {m: number(f.compute_median(m)) for m in self.metrics},
+                }
+                for f in self.flown
+            ],
+            "differences": [
+                {
+                    **{k: getattr(d, k) for k in ("law", "case", "metric", "pairs", "median")},
+                    "interval": [d.low, d.high], "p": number(d.p),
+                    "significant": (d.law, d.case, d.metric) in self.significant,
+                }
+                for d in self.differences
+            ],
+            "cost_us": {law: number(1e6 * s) for law, s in self.cost_s.items()},
+        }  # fmt: skip
+
+
+def compare_laws(
+    laws: Sequence[str],
+    mission: str,
+    *,
+    robot: str | None = None,
+    world: str | None = None,
+    sets: Sequence[str] = (),
+    vary: Sequence[str] = (),
+    cases: Sequence[str] = (),
+    runs: int = RUNS,
+    seed: int | None = None,
+    out: Path,
+    workers: int | None = None,
+    ray: str | None = None,
+    step: Callable[[str], None] | None = None,
+) -> LawComparison:
+    """Fly `runs` flights of each law in each case; all laws fly the same seeds and conditions.
+
+    A law is the name of a built-in one or FILE.py:CLASS. `cases` as `choose_cases` reads them.
+    The campaigns are kept in `out`/LAW/CASE, where the same call continues them. A law that a robot
+    or a case refuses is told, not left out. Raises InputError on a wrong name or key, and where
+    every law is refused.
+    """
+    names = list(dict.fromkeys(law.strip() for law in laws if law.strip()))
+    if len(names) < 2:
+        raise InputError(f"{len(names)} law given: compare laws needs two or more, A,B")
+    if any(text.startswith("mission.law") for text in sets):
+        raise InputError("--set mission.law...: the laws are what is compared; leave it out")
+    base = load_description(mission, robot, world, sets, seed)
+    chosen = choose_cases(base, cases)
+    flown = []
+    for case in chosen:  # the nominal one first: what is wrong for it is wrong for all
+        for law in names:
+            if step is not None:
+                step(f"{law}, {case.name}")
+            flown.append(
+                _fly(
+                    law, case, mission, robot, world, sets, vary, base.mission.seed, runs, out,
+                    workers, ray, step is not None,
+                )
+            )  # fmt: skip
+    if not any(f.rows for f in flown):
+        raise InputError(f"no law can fly {mission}: {flown[0].refused}")
+    required = load_kind(base.mission.kind).requirements(Setup(base), None)
+    measures = dict(list_measures(base.mission.kind))
+    seen = {name for f in flown for r in f.rows for name in r.metrics}
+    metrics = [m for m in dict.fromkeys([*required, *SHOWN]) if m in seen]
+    differences = list(_compare(names, chosen, metrics, flown))
+    return LawComparison(
+        base.mission.name, base.robot.name, base.world.name, base.mission.seed, runs, names,
+        chosen, dict(required), metrics, measures, flown, differences,
+        find_significant(differences),
+        {law: _measure(law, mission, robot, world, sets, seed) for law in names},
+    )  # fmt: skip
+
+
+def _fly(
+    law: str, case: Case, mission: str, robot: str | None, world: str | None, sets: Sequence[str],
+    vary: Sequence[str], seed: int, runs: int, out: Path, workers: int | None, ray: str | None,
+    progress: bool,
+) -> Flown:  # fmt: skip
+    folder = out / law.replace("/", "_").replace(":", "_") / case.name
+    try:
+        campaign = build_campaign(
+            mission, vary, robot=robot, world=world, seed=seed,
+            sets=(*sets, *case.sets, f"mission.law={law}"),
+        )  # fmt: skip
+    except InputError as error:
+        if case.name == NOMINAL:  # the law is unknown, or a key is wrong
+            raise
+        return Flown(law, case.name, [], str(error))
+    found = run_campaign(campaign, runs, out=folder, workers=workers, ray=ray, progress=progress)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return Flown(law, case.name, found.rows, _find_refusal(found.rows))
+
+
+def _find_refusal(rows: Sequence[Row]) -> str:
+    """Return the reason where no run took off."""
+    if any(r.outcome not in ("infeasible", "refused") for r in rows):
+        return ""
+    return rows[0].reason if rows else ""
+
+
+def _compare(
+    laws: Sequence[str], cases: Sequence[Case], metrics: Sequence[str], flown: Sequence[Flown]
+) -> list[Difference]:
+    by = {(f.law, f.case): f.rows for f in flown}
+    out = []
+    for law in laws[1:]:
+        for case in cases:
+            for metric in metrics:
+                pair = pair_rows(by[laws[0], case.name], by[law, case.name], metric)
+                found = compare_metric(law, case.name, metric, *pair)
+                if found is not None:
+                    out.append(found)
+    return out
+
+
+def _measure(
+    law: str, mission: str, robot: str | None, world: str | None, sets: Sequence[str],
+    seed: int | None,
+) -> float:  # fmt: skip
+    try:
+        return measure_cost(
+            load_description(mission, robot, world, [*sets, f"mission.law={law}"], seed)
+        )
+    except InputError:
+        return math.nan

@@ -1,0 +1,85 @@
+"""Paired differences of two laws that flew the same runs: how large, and whether by chance.
+
+Both laws fly run i with the same seed and the same drawn conditions, so the difference of a metric
+within a run is free of what differs between runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy  # loads scipy.stats (1 s) at its first use
+
+from skywright.core.arrays import Array
+from skywright.run.rows import CONFIDENCE, Row
+
+FEWEST = 6
+"""Pairs below which no p-value is given: the exact test of 5 cannot fall below 0.0625."""
+RESAMPLES = 2000
+
+
+class Difference(NamedTuple):
+    """A metric of a law less that of the reference law, over the runs that both flew."""
+
+    law: str
+    case: str
+    metric: str
+    pairs: int
+    reference: float  # median of the reference law over these runs
+    median: float  # of the differences; below zero: the law has less of it
+    low: float  # 95 % interval of that median, bootstrap
+    high: float
+    p: float  # Wilcoxon's signed-rank test, two-sided; NaN below FEWEST pairs
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether no run differs."""
+        return self.low == self.high == self.median == 0.0
+
+
+def pair_rows(reference: Sequence[Row], rows: Sequence[Row], metric: str) -> tuple[Array, Array]:
+    """Return the metric's values (n,) of both, of the runs in which both have it."""
+    known = {r.run: r.metrics.get(metric, math.nan) for r in reference}
+    both = [(known[r.run], r.metrics.get(metric, math.nan)) for r in rows if r.run in known]
+    values = np.array([pair for pair in both if all(map(math.isfinite, pair))]).reshape(-1, 2)
+    return values[:, 0], values[:, 1]
+
+
+def compare_metric(
+    law: str, case: str, metric: str, reference: Array, values: Array
+) -> Difference | None:
+    """Compare paired values (n,), or return None where there is no pair."""
+    n = len(values)
+    if n == 0:
+        return None
+    d = values - reference
+    low = high = median = float(np.median(d))
+    if n >= 2 and np.ptp(d) > 0.0:
+        found = scipy.stats.bootstrap(
+            (d,), np.median, confidence_level=CONFIDENCE, n_resamples=RESAMPLES,
+            method="percentile", rng=np.random.default_rng(0),
+        ).confidence_interval  # fmt: skip
+        low, high = float(found.low), float(found.high)
+    p = math.nan
+    if n >= FEWEST:
+        p = float(scipy.stats.wilcoxon(d).pvalue) if np.any(d != 0.0) else 1.0
+    return Difference(law, case, metric, n, float(np.median(reference)), median, low, high, p)
+
+
+def find_significant(differences: Sequence[Difference]) -> set[tuple[str, str, str]]:
+    """Return (law, case, metric) of the differences that are not by chance.
+
+    Benjamini and Hochberg's procedure over all tests keeps the share of false ones at 5 %.
+    """
+    tested = [d for d in differences if math.isfinite(d.p)]
+    if not tested:
+        return set()
+    adjusted = scipy.stats.false_discovery_control([d.p for d in tested])
+    return {
+        (d.law, d.case, d.metric)
+        for d, p in zip(tested, adjusted, strict=True)
+        if p <= 1.0 - CONFIDENCE
+    }

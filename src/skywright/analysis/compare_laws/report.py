@@ -1,0 +1,89 @@
+"""A comparison of laws for people: a page that opens offline, and a table."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+from skywright.analysis.compare_laws.compare import Flown, LawComparison
+from skywright.analysis.compare_laws.figures import draw_medians
+from skywright.analysis.compare_laws.paired import FEWEST, Difference
+from skywright.reports.figures.style import house_style
+from skywright.reports.page import build_picture, render_page, write_page
+from skywright.reports.terminal import new_console, new_table
+from skywright.run.rows import CONFIDENCE
+from skywright.run.versions import collect_versions
+
+
+def tell_step(text: str) -> None:
+    """Say on stderr what is being flown."""
+    print(f"  {text}", file=sys.stderr, flush=True)
+
+
+def write_laws_page(c: LawComparison, path: Path) -> None:
+    """Write the page; everything that it shows is inside it."""
+    with house_style():
+        picture = build_picture(
+            "Metrics over the cases", draw_medians(c),
+            "Each dot is one flight, the bar is the median of its law. Dashed: the mission's "
+            "limit. Flights that did not end, or a law that is refused, have no dot.",
+        )  # fmt: skip
+    write_page(path, render_page(
+        "compare_laws.html.j2", c=c, picture=picture, number=format_number, fewest=FEWEST,
+        tell=tell_difference, state=tell_state, confidence=f"{CONFIDENCE:.0%}",
+        versions=collect_versions(),
+    ))  # fmt: skip
+
+
+def print_laws(c: LawComparison, page: Path) -> None:
+    """Print how many runs succeeded, and the differences that are not by chance."""
+    console = new_console()
+    table = new_table(
+        f"{c.mission}, robot {c.robot}, seed {c.seed}: runs that met every requirement",
+        "law", *(case.name for case in c.cases), "a step", right=("a step",),
+    )  # fmt: skip
+    for law in c.laws:
+        cost = 1e6 * c.cost_s[law]
+        table.add_row(
+            law, *(tell_state(c.find(law, case.name)) for case in c.cases),
+            f"{cost:.2f} us" if math.isfinite(cost) else "–",
+        )  # fmt: skip
+    console.print(table)
+    found = [d for d in c.differences if (d.law, d.case, d.metric) in c.significant]
+    table = new_table(
+        f"Differences to {c.laws[0]} beyond chance ({len(found)} of {len(c.differences)})",
+        "law", "case", "metric", c.laws[0], "difference", f"{CONFIDENCE:.0%} interval",
+        right=(c.laws[0], "difference"),
+    )  # fmt: skip
+    for d in found:
+        table.add_row(
+            d.law, d.case, d.metric, format_number(d.reference), f"{d.median:+.4g}",
+            f"{d.low:+.3g} to {d.high:+.3g}",
+        )  # fmt: skip
+    console.print(table)
+    for f in c.flown:
+        if f.refused:
+            console.print(f"{f.law}, {f.case}: {f.refused}", markup=False)
+    if c.runs < FEWEST:
+        console.print(f"--runs {c.runs}: no difference can be told from chance below {FEWEST}")
+    console.print(f"page: {page}", markup=False)
+
+
+def tell_state(f: Flown) -> str:
+    """Return how many runs succeeded, or that none took off."""
+    return "refused" if f.refused else f"{f.succeeded} of {len(f.rows)}"
+
+
+def tell_difference(d: Difference | None) -> str:
+    """Return the difference with its interval."""
+    if d is None:
+        return "–"
+    if d.pairs < 2 or d.low == d.high:
+        return f"{d.median:+.3g}"
+    return f"{d.median:+.3g} ({d.low:+.2g} to {d.high:+.2g})"
+
+
+def format_number(x: float) -> str:
+    """Return four digits, or a dash for what was not measured."""
+    return f"{x:.4g}" if math.isfinite(x) else "–"
