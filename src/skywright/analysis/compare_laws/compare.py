@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skywright.analysis.campaign.campaign import run_campaign
-from skywright.analysis.campaign.spec import build_campaign
-from skywright.analysis.compare_laws.cases import NOMINAL, Case, choose_cases
+from skywright.analysis.campaign.spec import Campaign, build_campaign
+from skywright.analysis.compare_laws.cases import NOMINAL, Case, choose_cases, list_cases
 from skywright.analysis.compare_laws.cost import measure_cost
 from skywright.analysis.compare_laws.paired import (
     Difference,
@@ -31,7 +31,7 @@ RUNS = 8
 """Flights of a law in a case: with 6 or more a difference can be told from chance."""
 SHOWN = (
     "position.rms_m", "tip.tracking_rms_m", "tip.tangential_rms_mm", "tip.hover_rms_mm",
-    "force.mean_n", "force.std_n", "force.rms_error_n", "platform.tilt_max_deg", "tilt.max_deg",
+    "force.mean_n", "force.min_n", "force.max_n", "force.rms_error_n", "platform.tilt_max_deg",
     "flight.saturated_s", "flight.energy_wh",
 )  # fmt: skip
 """Metrics that are shown beside the requirements, where a mission has them."""
@@ -74,6 +74,15 @@ class LawComparison(NamedTuple):
     differences: list[Difference]
     significant: set[tuple[str, str, str]]
     cost_s: dict[str, float]  # of a step; NaN: not measured
+
+    def list_constant(self) -> dict[str, float]:
+        """Return the metrics that are the same in every flight, with their value."""
+        out = {}
+        for metric in self.metrics:
+            seen = {r.metrics.get(metric, math.nan) for f in self.flown for r in f.rows}
+            if len(seen) == 1 and math.isfinite(value := seen.pop()):
+                out[metric] = value
+        return out
 
     def find(self, law: str, case: str) -> Flown:
         """Return what a law did in a case."""
@@ -144,17 +153,34 @@ def compare_laws(
         raise InputError("--set mission.law...: the laws are what is compared; leave it out")
     base = load_description(mission, robot, world, sets, seed)
     chosen = choose_cases(base, cases)
-    flown = []
-    for case in chosen:  # the nominal one first: what is wrong for it is wrong for all
+    known = list_cases(base)
+    planned: list[tuple[str, Case, Campaign | str]] = []
+    for case in chosen:
         for law in names:
-            if step is not None:
-                step(f"{law}, {case.name}")
-            flown.append(
-                _fly(
-                    law, case, mission, robot, world, sets, vary, base.mission.seed, runs, out,
-                    workers, ray, step is not None,
-                )
-            )  # fmt: skip
+            assignments = (*sets, *case.sets, f"mission.law={law}")
+            try:
+                planned.append((law, case, build_campaign(
+                    mission, vary, robot=robot, world=world, seed=base.mission.seed,
+                    sets=assignments,
+                )))  # fmt: skip
+            except InputError as error:
+                if case.name == NOMINAL or case not in known:  # a law or a key is wrong
+                    raise
+                planned.append((law, case, str(error)))
+    flown = []
+    for law, case, campaign in planned:
+        if isinstance(campaign, str):
+            flown.append(Flown(law, case.name, [], campaign))
+            continue
+        if step is not None:
+            step(f"{law}, {case.name}")
+        folder = out / law.replace("/", "_").replace(":", "_") / case.name
+        found = run_campaign(
+            campaign, runs, out=folder, workers=workers, ray=ray, progress=step is not None
+        )
+        if found.interrupted:
+            raise KeyboardInterrupt
+        flown.append(Flown(law, case.name, found.rows, _find_refusal(found.rows)))
     if not any(f.rows for f in flown):
         raise InputError(f"no law can fly {mission}: {flown[0].refused}")
     required = load_kind(base.mission.kind).requirements(Setup(base), None)
@@ -168,27 +194,6 @@ def compare_laws(
         find_significant(differences),
         {law: _measure(law, mission, robot, world, sets, seed) for law in names},
     )  # fmt: skip
-
-
-def _fly(
-    law: str, case: Case, mission: str, robot: str | None, world: str | None, sets: Sequence[str],
-    vary: Sequence[str], seed: int, runs: int, out: Path, workers: int | None, ray: str | None,
-    progress: bool,
-) -> Flown:  # fmt: skip
-    folder = out / law.replace("/", "_").replace(":", "_") / case.name
-    try:
-        campaign = build_campaign(
-            mission, vary, robot=robot, world=world, seed=seed,
-            sets=(*sets, *case.sets, f"mission.law={law}"),
-        )  # fmt: skip
-    except InputError as error:
-        if case.name == NOMINAL:  # the law is unknown, or a key is wrong
-            raise
-        return Flown(law, case.name, [], str(error))
-    found = run_campaign(campaign, runs, out=folder, workers=workers, ray=ray, progress=progress)
-    if found.interrupted:
-        raise KeyboardInterrupt
-    return Flown(law, case.name, found.rows, _find_refusal(found.rows))
 
 
 def _find_refusal(rows: Sequence[Row]) -> str:

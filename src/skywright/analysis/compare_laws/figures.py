@@ -15,14 +15,19 @@ COLUMNS = 2
 
 def draw_medians(c: LawComparison) -> Figure | None:
     """Draw a panel a metric: the runs of each law in each case, the median as a bar."""
+    same = c.list_constant()
     shown = [
         m for m in c.metrics
-        if any(math.isfinite(f.compute_median(m)) for f in c.flown)
+        if m not in same and any(math.isfinite(f.compute_median(m)) for f in c.flown)
     ]  # fmt: skip
     if not shown:
         return None
     rows = math.ceil(len(shown) / COLUMNS)
-    figure = new_figure(WIDTH, 0.7 + 2.1 * rows)
+    high = 0.8 + 2.2 * rows
+    figure = new_figure(WIDTH, high)
+    figure.subplots_adjust(
+        left=0.07, right=0.99, top=1.0 - 0.75 / high, bottom=0.35 / high, hspace=0.45, wspace=0.18
+    )
     limits = c.requirements
     width = 0.8 / len(c.laws)
     for i, metric in enumerate(shown):
@@ -50,5 +55,5 @@ def draw_medians(c: LawComparison) -> Figure | None:
         text: line for ax in figure.axes
         for line, text in zip(*ax.get_legend_handles_labels(), strict=True)
     }  # fmt: skip
-    figure.legend(list(labels.values()), list(labels), loc="outside upper right", ncols=len(labels))
+    figure.legend(list(labels.values()), list(labels), loc="upper right", ncols=len(labels))
     return figure

@@ -30,7 +30,8 @@ def write_laws_page(c: LawComparison, path: Path) -> None:
             "limit. Flights that did not end, or a law that is refused, have no dot.",
         )  # fmt: skip
     write_page(path, render_page(
-        "compare_laws.html.j2", c=c, picture=picture, number=format_number, fewest=FEWEST,
+        "compare_laws.html.j2", c=c, picture=picture, same=c.list_constant(),
+        number=format_number, fewest=FEWEST,
         tell=tell_difference, state=tell_state, confidence=f"{CONFIDENCE:.0%}",
         versions=collect_versions(),
     ))  # fmt: skip

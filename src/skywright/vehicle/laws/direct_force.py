@@ -138,7 +138,7 @@ class DirectForce(ThreeLoops):
         """Raise InputError for a robot that does not measure the force of its tip."""
         if find_tip_sensor(robot) is None:
             raise InputError(
-                f"control law {self.name!r} requires a measured probe force; {robot.name!r} "
+                f"control law 'direct_force' requires a measured probe force; {robot.name!r} "
                 "has no force sensor there: use robot 'othex-force', or add "
                 "[robot.sensors.NAME] kind = 'force_torque', at = 'probe'"
             )

@@ -1,0 +1,149 @@
+"""Control laws on the same flights: pairs, tests, cases, refusals, the page."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from skywright.analysis.compare_laws.cases import choose_cases, list_cases
+from skywright.analysis.compare_laws.compare import LawComparison, compare_laws
+from skywright.analysis.compare_laws.cost import measure_cost
+from skywright.analysis.compare_laws.paired import (
+    compare_metric,
+    find_significant,
+    pair_rows,
+)
+from skywright.analysis.compare_laws.report import write_laws_page
+from skywright.cli import main
+from skywright.description.loader import load_description
+from skywright.errors import InputError
+from skywright.run.rows import Row
+
+
+def build_row(run: int, **metrics: float) -> Row:
+    return Row(run, run, "succeeded", "", (), "", {}, metrics, {}, 1, "")
+
+
+def test_only_runs_that_both_measured_are_paired() -> None:
+    a = [build_row(0, x=1.0), build_row(1, x=math.nan), build_row(2, x=3.0), build_row(4, x=9.0)]
+    b = [build_row(2, x=5.0), build_row(1, x=7.0), build_row(0, x=2.0), build_row(3, x=8.0)]
+    one, other = pair_rows(a, b, "x")
+    assert sorted(zip(one, other, strict=True)) == [(1.0, 2.0), (3.0, 5.0)]
+    assert [len(v) for v in pair_rows(a, b, "y")] == [0, 0]
+
+
+def test_a_difference_within_runs_is_found_where_the_runs_differ_more() -> None:
+    """The spread between runs is a hundred times the difference; its pairs show it."""
+    rng = np.random.default_rng(3)
+    before = rng.normal(10.0, 5.0, 8)
+    d = compare_metric("b", "nominal", "x", before, before + 0.05 + rng.normal(0.0, 0.005, 8))
+    assert d is not None and d.pairs == 8
+    assert 0.04 < d.low < d.median < d.high < 0.06
+    assert d.p == pytest.approx(2.0 / 2**8)  # exact: all eight have the same sign
+    noise = [
+        compare_metric("b", "nominal", str(i), before, before + rng.normal(0.0, 1.0, 8))
+        for i in range(20)
+    ]
+    found = find_significant([d, *(n for n in noise if n is not None)])
+    assert ("b", "nominal", "x") not in find_significant([n for n in noise if n is not None])
+    assert len(found) <= 2
+
+
+def test_equal_laws_and_few_runs_are_no_finding() -> None:
+    same = compare_metric("b", "c", "x", np.ones(8), np.ones(8))
+    assert same is not None and (same.median, same.low, same.high, same.p) == (0.0, 0.0, 0.0, 1.0)
+    few = compare_metric("b", "c", "x", np.zeros(5), np.ones(5))
+    assert few is not None and few.median == 1.0 and math.isnan(few.p)
+    assert not find_significant([same, few])
+    assert compare_metric("b", "c", "x", np.zeros(0), np.zeros(0)) is None
+
+
+def test_cases_are_named_or_defined_and_the_nominal_one_is_always_there() -> None:
+    base = load_description("pipe-weld-scan")
+    assert [c.name for c in list_cases(base)] == [
+        "nominal", "mass", "delay", "wind", "gusts", "friction",
+    ]  # fmt: skip
+    assert list_cases(base)[-1].sets == ("world.pipe.friction=0.3",)
+    assert "friction" not in [c.name for c in list_cases(load_description("waypoints"))]
+    own = choose_cases(base, ["mass", "fan:world.wind.kind=fan", "fan:world.wind.mean_mps=4"])
+    assert [c.name for c in own] == ["nominal", "mass", "fan"]
+    assert own[2].sets == ("world.wind.kind=fan", "world.wind.mean_mps=4")
+    with pytest.raises(InputError, match=r"--case masses: no such case; valid: nominal, mass"):
+        choose_cases(base, ["masses"])
+    with pytest.raises(InputError, match="a name other than"):
+        choose_cases(base, [":world.wind.mean_mps=1"])
+
+
+def test_laws_fly_the_same_seeds_and_a_law_that_cannot_is_told(tmp_path: Path) -> None:
+    """Three laws, one of which needs a fully actuated robot; a second call flies nothing anew."""
+    laws, out = ["thrust_vectoring", "cascade", "backstepping"], tmp_path / "flights"
+
+    def compare() -> LawComparison:
+        return compare_laws(
+            laws, "waypoints", robot="hexarotor", cases=["mass"], runs=2, seed=4, workers=1,
+            out=out,
+        )  # fmt: skip
+
+    found = compare()
+    for case in ("nominal", "mass"):
+        pair = [found.find(law, case) for law in laws]
+        assert [r.seed for r in pair[0].rows] == [r.seed for r in pair[1].rows]
+        assert [len(f.rows) for f in pair] == [2, 2, 2]
+        assert "fully actuated" in pair[2].refused and pair[2].succeeded == 0
+    assert [found.find(law, "nominal").succeeded for law in laws] == [2, 2, 0]
+    heavier = found.find("cascade", "mass").compute_median("flight.energy_wh")
+    assert heavier > 1.05 * found.find("cascade", "nominal").compute_median("flight.energy_wh")
+    d = found.find_difference("cascade", "nominal", "position.rms_m")
+    assert d is not None and d.pairs == 2
+    by_hand = [
+        b.metrics["position.rms_m"] - a.metrics["position.rms_m"]
+        for a, b in zip(
+            found.find(laws[0], "nominal").rows, found.find(laws[1], "nominal").rows, strict=True
+        )
+    ]
+    assert d.median == pytest.approx(np.median(by_hand)) and d.median != 0.0
+    assert found.find_difference("backstepping", "nominal", "position.rms_m") is None
+    assert 0.0 < found.cost_s["cascade"] < 1e-3 and math.isnan(found.cost_s["backstepping"])
+    journals = {p: p.stat().st_mtime_ns for p in out.rglob("runs.jsonl")}
+    assert json.dumps(compare().to_json()["flown"]) == json.dumps(found.to_json()["flown"])
+    assert journals == {p: p.stat().st_mtime_ns for p in out.rglob("runs.jsonl")}
+    page = tmp_path / "laws.html"
+    write_laws_page(found, page)
+    text = page.read_text()
+    assert "2 of 2" in text and "refused" in text and "cascade less thrust_vectoring" in text
+    assert "nan" not in text.lower().split("<h2")[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["cascade"], "two or more"),
+        (["cascade,cascade"], "two or more"),
+        (["cascade,nosuch"], "control law 'nosuch' is unknown"),
+        (["cascade,thrust_vectoring", "--set", "mission.law=cascade"], "leave it out"),
+        (["cascade,thrust_vectoring", "--runs", "0"], "at least 1"),
+        (["cascade,thrust_vectoring", "--case", "storm"], "no such case"),
+        (["cascade,thrust_vectoring", "--case", "x:robot.nothing=1"], "robot.nothing"),
+        (["cascade,thrust_vectoring", "--out", "laws.txt"], "unknown format"),
+    ],
+)
+def test_wrong_input_is_one_line_and_leaves_no_page(
+    words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(
+        main, ["compare", "laws", *words, "--mission", "waypoints"], prog_name="skywright"
+    )
+    assert found.exit_code == 2, found.output
+    assert says in found.stderr and found.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_cost_of_a_law_in_python_is_that_of_the_interpreter(tmp_path: Path) -> None:
+    compiled = measure_cost(load_description("waypoints", sets=["mission.law=cascade"]))
+    assert 1e-8 < compiled < 1e-4
