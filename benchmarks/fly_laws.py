@@ -1,0 +1,65 @@
+"""Fly comparisons of benchmarks/laws/laws.toml and keep their results beside it.
+
+    python benchmarks/fly_laws.py [NAME...] [--runs N] [--out FOLDER] [--workers N]
+
+Without NAME all are flown. An interrupted comparison in FOLDER is continued. NAME.json holds the
+commit, the date, and what `skywright compare laws --json` prints.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tomllib
+from datetime import UTC, datetime
+from pathlib import Path
+
+from skywright.analysis.compare_laws.compare import compare_laws
+from skywright.analysis.compare_laws.report import tell_step, write_laws_page
+
+ROOT = Path(__file__).resolve().parent.parent
+KEPT = Path(__file__).resolve().parent / "laws"
+COMPARISONS = tomllib.loads((KEPT / "laws.toml").read_text(encoding="utf-8"))
+RUNS = 6
+
+
+def fly(name: str, runs: int, out: Path, workers: int) -> str:
+    """Fly one comparison and write its file; returns how many flights succeeded."""
+    c = COMPARISONS[name]
+    found = compare_laws(
+        c["laws"], c["mission"], robot=c.get("robot"), cases=c["cases"], runs=runs, seed=1,
+        out=out / name, workers=workers, step=tell_step,
+    )  # fmt: skip
+    write_laws_page(found, out / f"{name}.html")
+    git = ["git", "-C", str(ROOT), "rev-parse", "--short=10", "HEAD"]
+    result = {
+        "when": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "commit": subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip(),
+        **found.to_json(),
+    }
+    text = json.dumps(result, indent=1, ensure_ascii=False) + "\n"
+    (KEPT / f"{name}.json").write_text(text, encoding="utf-8")
+    total = sum(len(f.rows) for f in found.flown)
+    return f"{name}: {sum(f.succeeded for f in found.flown)} of {total} flights"
+
+
+def main() -> None:
+    """Fly what is named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--runs", type=int, default=RUNS)
+    parser.add_argument("--out", type=Path, default=ROOT / "runs" / "laws")
+    parser.add_argument("--workers", type=int, default=2)
+    args = parser.parse_args()
+    if unknown := set(args.names) - set(COMPARISONS):
+        sys.exit(
+            f"{', '.join(sorted(unknown))}: no such comparison; valid: {', '.join(COMPARISONS)}"
+        )
+    for name in args.names or COMPARISONS:
+        print(fly(name, args.runs, args.out, args.workers), flush=True)
+
+
+if __name__ == "__main__":
+    main()
