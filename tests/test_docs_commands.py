@@ -18,12 +18,14 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import click
 import pytest
 import yaml
+from command_server import CommandServer
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -171,20 +173,41 @@ def test_reference_names_every_command_and_option() -> None:
     assert not missing, f"not in docs/reference/command-line.md: {missing}"
 
 
+@pytest.fixture(scope="module")
+def server() -> Iterator[CommandServer]:
+    with CommandServer() as running:
+        yield running
+
+
+def test_a_command_of_the_server_is_that_of_a_process(
+    folder: Path, server: CommandServer, tmp_path: Path
+) -> None:
+    """Output, messages and exit codes are the same; a failed command leaves the server as it is."""
+    for words in (["list", "robots"], ["list", "robot"], ["show", "nothing"], ["check", "othex"]):
+        alone = subprocess.run(
+            [sys.executable, "-m", "skywright", *words],
+            cwd=folder, capture_output=True, text=True, check=False,
+            env={**os.environ, "COLUMNS": "100"},
+        )  # fmt: skip
+        ours = server.run(words, folder, COLUMNS="100")
+        assert (ours.returncode, ours.stdout) == (alone.returncode, alone.stdout), words
+        assert ours.stderr == alone.stderr.replace("python -m skywright", "skywright"), words
+
+
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda c: c.line.removeprefix("skywright "))
-def test_command_of_the_docs(command: Command, folder: Path) -> None:
+def test_command_of_the_docs(command: Command, folder: Path, server: CommandServer) -> None:
     words = shlex.split(command.line)
-    # The interpreter of the tests, whatever is first on the path.
-    program = {
-        "skywright": [sys.executable, "-m", "skywright"],
-        "python": [sys.executable],
-    }.get(words[0])
-    assert program is not None, f"{command.page}: only skywright and python are run: {command.line}"
-    out = subprocess.run(
-        [*program, *words[1:]],
-        cwd=folder, capture_output=True, text=True, timeout=600, check=False,
-        env={**os.environ, "COLUMNS": "100"},
-    )  # fmt: skip
+    assert words[0] in ("skywright", "python"), (
+        f"{command.page}: only skywright and python are run: {command.line}"
+    )
+    if words[0] == "skywright":
+        out = server.run(words[1:], folder, COLUMNS="100")
+    else:  # the interpreter of the tests, whatever is first on the path
+        out = subprocess.run(
+            [sys.executable, *words[1:]],
+            cwd=folder, capture_output=True, text=True, timeout=600, check=False,
+            env={**os.environ, "COLUMNS": "100"},
+        )  # fmt: skip
     assert out.returncode == command.exit_code, (
         f"{command.page}: `{command.line}` exits {out.returncode}, expected {command.exit_code}\n"
         f"{out.stdout[-2000:]}\n{out.stderr[-2000:]}"
