@@ -25,6 +25,7 @@ from typing import NamedTuple
 import click
 import pytest
 import yaml
+
 from command_server import CommandServer
 
 ROOT = Path(__file__).resolve().parent.parent
