@@ -95,17 +95,22 @@ def choose_bandwidths(table: Spec, context: Context | Nominal) -> Control:
     return context.robot.control.model_copy(update=own)
 
 
-def compute_delay_margin(loop: AttitudeGains, rotor_tau: float, spare: float) -> float:
+def compute_delay_margin(
+    loop: AttitudeGains, rotor_tau: float, spare: float, reaction: float = 0.0
+) -> float:
     """Return the dead time (s) with which an attitude loop keeps `spare` (rad) of phase.
 
-    The loop is L(s) = (w^2 + 2 zeta w s + w_i w^2 / s) / (s^2 (1 + tau s)), tau that of the rotors.
+    The loop is L(s) = (w^2 + 2 zeta w s + w_i w^2 / s) (1 + T s) / (s^2 (1 + tau s)), tau that of
+    the rotors, T the time (s) of their reaction (models/rotor_reaction.py). T below 0 takes phase.
     """
     w, zeta, w_i = loop
     grid = w * np.geomspace(0.3, 100.0, 4000)
     s = 1j * grid
     L = (w * w + 2.0 * zeta * w * s + w_i * w * w / s) / (s * s * (1.0 + rotor_tau * s))
+    L *= 1.0 + reaction * s
     k = int(np.argmax(np.abs(L) < 1.0))  # the crossover: |L| falls
-    phase = math.pi + float(np.angle(L[k]))
+    angle = float(np.angle(L[k]))
+    phase = math.pi + (angle if angle <= 0.0 else angle - 2.0 * math.pi)
     return float(max(phase - spare, 0.0) / grid[k])
 
 

@@ -75,7 +75,7 @@ class Mission(Spec, Generic[T]):
     gust_sigmas: float = Field(default=3.0, ge=0, le=6)
     # of what a rotor is asked for by the gyroscope's noise, that its limits leave room for
     noise_sigmas: float = Field(default=3.0, ge=0, le=6)
-    link_phase_deg: float = Field(default=10.0, ge=0, le=60)  # left to the attitude loop by a link
+    link_phase_deg: float = Field(default=0.0, ge=0, le=60)  # left to the attitude loop by a link
     # wall time that a mission tick (20 ms of flight) may take before a component counts as stuck
     step_limit_s: float = Field(default=20.0, ge=0.1, le=3600)
     calibrate_springs: bool = True  # with known loads, before the flight (models/spring_bench.py)

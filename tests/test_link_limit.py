@@ -1,0 +1,66 @@
+"""The delay of a link that an attitude loop bears, beside a simulation of that loop."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from skywright.description.loader import load_description
+from skywright.run.link_limit import compute_arrival, find_exceeded_delay
+from skywright.run.setup import Setup
+from skywright.vehicle.loops import AttitudeGains, compute_delay_margin
+
+
+@pytest.mark.parametrize(("delay", "jitter"), [(0.004, 0.002), (0.0041, 0.0004), (0.003, 0.001)])
+def test_a_packet_arrives_at_the_next_tick(delay: float, jitter: float) -> None:
+    """The mean over many packets drawn."""
+    rng = np.random.default_rng(5)
+    drawn = np.maximum(rng.normal(delay, jitter, 400_000), 0.0)
+    mean = 0.002 * float(np.mean(np.ceil(drawn / 0.002)))
+    assert compute_arrival(delay, jitter, 0.002) == pytest.approx(mean, rel=2e-3)
+
+
+def test_without_jitter_it_arrives_at_one_tick() -> None:
+    found = [compute_arrival(d, 0.0, 0.002) for d in (0.0, 0.0001, 0.004, 0.0041)]
+    assert found == pytest.approx([0.0, 0.002, 0.004, 0.006])
+
+
+@pytest.mark.parametrize("reaction", [0.0, -0.0138, 0.01])
+def test_at_the_margin_the_loop_neither_grows_nor_decays(reaction: float) -> None:
+    """The closed loop of rotors, their reaction and a dead time, integrated step by step."""
+    w, zeta, lag = 14.0, 1.0, 0.03
+    margin = compute_delay_margin(AttitudeGains(w, zeta, 0.0), lag, 0.0, reaction)
+
+    def grows(delay: float) -> float:
+        h = 1e-4
+        late = [0.0] * max(round(delay / h), 1)
+        angle, rate, thrust = 0.1, 0.0, 0.0
+        peaks = []
+        for i in range(int(6.0 / h)):
+            late.append(-w * w * angle - 2.0 * zeta * w * rate)
+            change = (late.pop(0) - thrust) / lag
+            thrust += h * change
+            rate += h * (thrust + reaction * change)
+            angle += h * rate
+            if i * h > 3.0:
+                peaks.append(abs(angle))
+        half = len(peaks) // 2
+        return math.log(max(max(peaks[half:]), 1e-300) / max(max(peaks[:half]), 1e-300))
+
+    assert grows(0.8 * margin) < -0.1 and grows(1.2 * margin) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("delay", "jitter", "refused"),
+    [(0.004, 0.0, False), (0.004, 0.002, False), (0.0042, 0.0001, True), (0.015, 0.0, True)],
+)
+def test_the_scan_is_refused_where_its_flights_saturate(
+    delay: float, jitter: float, refused: bool
+) -> None:
+    sets = [f"world.link.delay_s={delay}", f"world.link.jitter_s={jitter}"]
+    says = find_exceeded_delay(Setup(load_description("pipe-weld-scan", sets=sets)))
+    assert (says is not None) == refused
+    if says is not None:
+        assert "ms each way" in says and "attitude_bandwidth_rad_s = 14" in says
