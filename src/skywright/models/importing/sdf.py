@@ -235,7 +235,7 @@ class _Builder:
             made.limited, made.range = mujoco.mjtLimited.mjLIMITED_TRUE, joint.span
 
     def _fill(self, body: mujoco.MjsBody, name: str, link: ET.Element) -> None:
-        inertial, where = link.find("inertial"), f"{self.path}: link {name!r}"
+        inertial, where = link.find("./inertial"), f"{self.path}: link {name!r}"
         if inertial is None:
             self.notes.append(f"link {name} has no <inertial>: 1 kg and 1 kg m^2, as SDF says")
             body.mass, body.ipos = 1.0, np.zeros(3)
