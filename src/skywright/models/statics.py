@@ -1,7 +1,8 @@
 """Static limits of a rotor set: how far a wrench can grow before a rotor meets its limit.
 
-Six independent rotors, and more with a preload, have one thrust vector a wrench, so the limit along a ray of wrenches is a
-closed form (the ray against the box of thrust limits). Any other layout is a linear programme.
+Six independent rotors, and more with a preload, have one thrust vector a wrench, so the limit along
+a ray of wrenches is a closed form (the ray against the box of thrust limits). Any other layout is a
+linear programme.
 The closed form is tested against the linear programme. Frame B, SI units, torques about B's origin.
 """
 

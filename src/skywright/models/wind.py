@@ -42,7 +42,8 @@ def compute_drag(
 ) -> tuple[Array, Array]:
     """Return (force, torque about B's origin), (m, 3) each, on a resting robot.
 
-    `wind_B` (m, 3) m/s is the air's velocity in B, `thrust` (m, n) N, less the preload, sets the rotor speeds.
+    `wind_B` (m, 3) m/s is the air's velocity in B, `thrust` (m, n) N, less the preload, sets the
+    rotor speeds.
     """
     speed = np.linalg.norm(wind_B, axis=1, keepdims=True)
     f_body = 0.5 * body.air_density * body.drag_area * speed * wind_B
