@@ -98,13 +98,13 @@ def test_robots_can_fly(name: str) -> None:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_spin_and_layout_balance(name: str) -> None:
-    """Equal thrusts cancel yaw torque: as many rotors turn one way as the other."""
+    """Equal thrusts cancel yaw torque: of the tilts, and of the propellers' drag alone."""
     robot, _ = load_robot(name)
     rotors = build_rotors(robot.rotors)
     wrench = rotors.B.sum(axis=1)
     assert wrench[5] == pytest.approx(0.0, abs=1e-9)
-    np.testing.assert_allclose(rotors.spin.sum(), 0.0)
-    edge = robot.rotors.radius_m + robot.rotors.propeller_radius_m
+    np.testing.assert_allclose(rotors.spin @ rotors.axis[:, 2], 0.0, atol=1e-6)
+    edge = max(robot.rotors.radii) + robot.rotors.propeller_radius_m
     assert 2 * edge == pytest.approx(robot.platform.diameter_m, rel=0.01)
 
 

@@ -7,7 +7,19 @@ interrupted, 2 the input is wrong and nothing was started, 3 the simulation fail
 
 import click
 
-from skywright.cli import compare, data, describe, evidence, fly, pod, records, runs, serve, sitl
+from skywright.cli import (
+    compare,
+    data,
+    describe,
+    evidence,
+    fly,
+    importing,
+    pod,
+    records,
+    runs,
+    serve,
+    sitl,
+)
 from skywright.cli.group import Group
 
 
@@ -31,6 +43,6 @@ for command in (
     fly.run, fly.plan, fly.campaign, evidence.reproduce, evidence.bench, describe.capability,
     compare.compare, describe.list_, describe.show, data.weld, pod.pod, data.locate, data.identify,
     records.records_, data.gateway, fly.replay, serve.serve, sitl.sitl, runs.report,
-    runs.export, describe.new, describe.check,
+    runs.export, describe.new, importing.import_, describe.check,
 ):  # fmt: skip
     main.add_command(command)

@@ -63,7 +63,7 @@ NAMED: dict[str, tuple[float, float]] = {
     "rate_hz": (0.01, 1e5),
 }
 """Ends of names that say more than the unit does."""
-PLACES = ("_m", "_mm", "_deg", "_rad")  # lengths and angles
+PLACES = ("_m", "_mm", "_deg", "_rad", "_xy_kgm2", "_xz_kgm2", "_yz_kgm2")  # products of inertia
 OTHERS = (1e-12, 1e9)
 """Keys of users' own tables whose name tells no unit."""
 
@@ -84,7 +84,7 @@ def find_range(key: str) -> tuple[float, float]:
 def check_range(key: str, value: object, may_vanish: bool = False) -> None:
     """Raise ValueError where a number, or one in a list, lies outside the key's range.
 
-    A place or an angle that `may_vanish` has no least one: a script's `cos(pi / 2)` is 6e-17.
+    A place, angle or product that `may_vanish` has no least one: a script's `cos(pi / 2)` is 6e-17.
     """
     for number in value if isinstance(value, list) else [value]:
         if isinstance(number, float | int) and not isinstance(number, bool) and number:

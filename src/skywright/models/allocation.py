@@ -12,6 +12,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import linprog
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
@@ -36,10 +37,11 @@ class Allocator(NamedTuple):
 
     B: Array  # (6, n) wrench [N; N m] in B per newton of thrust
     P: Array  # (n, 6) thrust per wrench; lateral columns are zero when `full` is 0
-    t_min: Array  # (n,) N
-    t_max: Array  # (n,) N
+    t_min: Array  # (n,) N, less the preload
+    t_max: Array  # (n,) N, less the preload
     k_f: float  # N/(rad/s)^2
     full: int  # 1 when all six components can be made independently
+    preload: Array  # (n,) N that add up to no wrench; to be added to the thrusts of `allocate`
 
 
 def build_allocator(rotors: RotorSet) -> Allocator:
@@ -65,14 +67,45 @@ def build_allocator(rotors: RotorSet) -> Allocator:
                 "are not on one line"
             )
         pinv[:, 2:] = np.linalg.pinv(rotors.B[2:])
+    preload = np.zeros(n)
+    if full and n > 6 and np.min(pinv[:, 2]) < 0.0:
+        preload = compute_preload(rotors)
     return Allocator(
         B=rotors.B,
         P=np.ascontiguousarray(pinv),
-        t_min=rotors.thrust_min,
-        t_max=rotors.thrust_max,
+        t_min=rotors.thrust_min - preload,
+        t_max=rotors.thrust_max - preload,
         k_f=rotors.k_f,
         full=int(full),
+        preload=preload,
     )
+
+
+def compute_preload(rotors: RotorSet) -> Array:
+    """Return thrusts (n,) N without a wrench, the least of them in the middle of its range.
+
+    Rotors that point down push against those that point up. Around such a preload each thrust can
+    fall and rise, as that of a rotor that reverses, so that least squares may ask for either
+    (Tognon, Franchi: Omnidirectional aerial vehicles with unidirectional thrusters, RA-L 2018).
+    Zeros where the rotors have no such thrusts.
+    """
+    n = len(rotors.spin)
+    # the largest least share x of thrusts with B T = 0 and a sum of n
+    equal = np.vstack([np.hstack([rotors.B, np.zeros((6, 1))]), np.append(np.ones(n), 0.0)])
+    found = linprog(
+        np.append(np.zeros(n), -1.0), A_ub=np.hstack([-np.eye(n), np.ones((n, 1))]),
+        b_ub=np.zeros(n), A_eq=equal, b_eq=np.append(np.zeros(6), float(n)), method="highs",
+    )  # fmt: skip
+    if found.status != 0 or found.x[-1] < 1e-3:
+        return np.zeros(n)
+    share = np.asarray(found.x[:n])
+    middle = 0.5 * (rotors.thrust_min + rotors.thrust_max)
+    return share * float(np.min(middle / share))
+
+
+def usable_limit(allocator: Allocator, thrust_fraction: float) -> Array:
+    """Return the upper limits (n,) N of which `thrust_fraction` is used, less the preload."""
+    return (allocator.t_max + allocator.preload) * thrust_fraction - allocator.preload
 
 
 @helper

@@ -25,7 +25,7 @@ MARGIN = math.radians(30.0)
 
 def compute_reaction_times(rotors: RotorSet, allocator: Allocator, weight: float) -> Array:
     """Return T (3,) s about x, y, z of B of a hovering robot of `weight` (N)."""
-    thrust = allocator.P @ np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0])
+    thrust = allocator.P @ np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0]) + allocator.preload
     speed = np.sqrt(np.maximum(thrust, rotors.thrust_min) / rotors.k_f)
     # speed changes by dT / (2 k_f w)
     reaction = -rotors.inertia * rotors.spin / (2.0 * rotors.k_f * speed) * rotors.axis.T

@@ -1,7 +1,8 @@
 """Static limits of a rotor set: how far a wrench can grow before a rotor meets its limit.
 
-Six independent rotors have one thrust vector a wrench, so the limit along a ray of wrenches is a
-closed form (the ray against the box of thrust limits). Any other layout is a linear programme.
+Six independent rotors, and more with a preload, have one thrust vector a wrench, so the limit along
+a ray of wrenches is a closed form (the ray against the box of thrust limits). Any other layout is a
+linear programme.
 The closed form is tested against the linear programme. Frame B, SI units, torques about B's origin.
 """
 
@@ -13,7 +14,7 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from skywright.core.arrays import Array
-from skywright.models.allocation import Allocator, build_allocator
+from skywright.models.allocation import Allocator, build_allocator, usable_limit
 from skywright.models.rotors import RotorSet
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -28,10 +29,11 @@ class Layout(NamedTuple):
     rotors: RotorSet
     B: Array  # (6, n)
     P: Array  # (n, 6)
-    t_min: Array  # (n,) N
-    t_max: Array  # (n,) N, after the thrust fraction
+    t_min: Array  # (n,) N, less the preload
+    t_max: Array  # (n,) N, after the thrust fraction, less the preload
     full: bool  # six independent components
-    exact: bool  # one thrust vector a wrench: six rotors and `full`
+    exact: bool  # one thrust vector a wrench: six rotors, or a preload, and `full`
+    preload: Array  # (n,) N, of the allocation
 
 
 class Interval(NamedTuple):
@@ -49,10 +51,9 @@ def build_layout(
 ) -> Layout:
     """Return the rotors with `thrust_fraction` of the upper limit in use."""
     a = allocator or build_allocator(rotors)
-    t_max = a.t_max * thrust_fraction
-    return Layout(
-        rotors, a.B, a.P, a.t_min, t_max, bool(a.full), bool(a.full) and a.P.shape[0] == 6
-    )
+    one = bool(a.full) and (a.P.shape[0] == 6 or bool(np.any(a.preload)))
+    t_max = usable_limit(a, thrust_fraction)
+    return Layout(rotors, a.B, a.P, a.t_min, t_max, bool(a.full), one, a.preload)
 
 
 def wrench_at(force: Array, point: Array) -> Array:
@@ -105,7 +106,7 @@ def compute_ray_lp(layout: Layout, w0: Array, w1: Array) -> Interval:
 
 
 def compute_thrust(layout: Layout, w: Array) -> Array | None:
-    """Return thrusts (n,) N within the limits that make the wrench, or None.
+    """Return thrusts (n,) N of the rotors that make the wrench within the limits, or None.
 
     Least squares where they fit; else (redundant rotors) those with the lowest peak load.
     """
@@ -113,7 +114,7 @@ def compute_thrust(layout: Layout, w: Array) -> Array | None:
     made = np.allclose(layout.B @ thrust, w, atol=1e-6)
     inside = np.all(thrust >= layout.t_min - 1e-6) and np.all(thrust <= layout.t_max + 1e-6)
     if made and inside:
-        return np.clip(thrust, layout.t_min, layout.t_max)
+        return np.clip(thrust, layout.t_min, layout.t_max) + layout.preload
     if layout.exact:
         return None
     n = len(thrust)

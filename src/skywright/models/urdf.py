@@ -240,10 +240,10 @@ def _add_shape(link: ET.Element, shape: Shape, turn: Array) -> None:
 
 
 def _add_origin(element: ET.Element, place: Array, turn: Array) -> None:
-    ET.SubElement(element, "origin", xyz=_numbers(place), rpy=_numbers(_roll_pitch_yaw(turn)))
+    ET.SubElement(element, "origin", xyz=_numbers(place), rpy=_numbers(roll_pitch_yaw(turn)))
 
 
-def _roll_pitch_yaw(r: Array) -> Array:
+def roll_pitch_yaw(r: Array) -> Array:
     """Return (roll, pitch, yaw) rad with r = Rz(yaw) Ry(pitch) Rx(roll), upright pitch included."""
     yaw = math.atan2(r[1, 0], r[0, 0])
     s, c = math.sin(yaw), math.cos(yaw)

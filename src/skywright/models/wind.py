@@ -42,14 +42,15 @@ def compute_drag(
 ) -> tuple[Array, Array]:
     """Return (force, torque about B's origin), (m, 3) each, on a resting robot.
 
-    `wind_B` (m, 3) m/s is the air's velocity in B, `thrust` (m, n) N sets the rotor speeds.
+    `wind_B` (m, 3) m/s is the air's velocity in B, `thrust` (m, n) N, less the preload, sets the
+    rotor speeds.
     """
     speed = np.linalg.norm(wind_B, axis=1, keepdims=True)
     f_body = 0.5 * body.air_density * body.drag_area * speed * wind_B
     r = layout.rotors
     along = wind_B @ r.axis.T
     across = wind_B[:, None, :] - along[:, :, None] * r.axis
-    omega = np.sqrt(np.maximum(thrust, 0.0) / r.k_f)
+    omega = np.sqrt(np.maximum(thrust + layout.preload, 0.0) / r.k_f)
     f_hub = r.drag_coefficient * omega[:, :, None] * across
     return f_body + f_hub.sum(axis=1), np.cross(r.position, f_hub).sum(axis=1)
 

@@ -13,7 +13,7 @@ from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.core.rotations import cross, mat_t_vec, mat_vec
 from skywright.core.user_code import njit
-from skywright.models.allocation import Allocator
+from skywright.models.allocation import Allocator, usable_limit
 from skywright.models.body_records import BodyModel, Kinematics
 from skywright.models.link_motion import Motion, fill_motion
 from skywright.models.rotors import compute_rotor_drag
@@ -28,6 +28,7 @@ class Loads(NamedTuple):
     t_min: Array  # (n,) N
     t_max: Array  # (n,) N, thrust fraction applied
     full: int  # 1 when force and torque are independent
+    preload: Array  # (n,) N, of the allocation; the limits are less it
     position: Array  # (n, 3) m, hubs
     axis: Array  # (n, 3)
     k_f: float
@@ -52,8 +53,9 @@ def build_loads(
         B=allocator.B,
         P=allocator.P,
         t_min=allocator.t_min,
-        t_max=allocator.t_max * thrust_fraction,
+        t_max=usable_limit(allocator, thrust_fraction),
         full=allocator.full,
+        preload=allocator.preload,
         position=position,
         axis=axis,
         k_f=allocator.k_f,
@@ -163,7 +165,9 @@ def _add_wind(loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Ar
     for i in range(n):
         total += loads.axis[i, 2]
     for i in range(n):
-        speed[i] = np.sqrt(lift / max(total, 1e-6) / loads.k_f)
+        # rotors that push against each other turn as their preload wants it
+        lifted = loads.preload[i] if loads.preload[i] > 0.0 else lift / max(total, 1e-6)
+        speed[i] = np.sqrt(lifted / loads.k_f)
     compute_rotor_drag(loads.position, loads.axis, speed, loads.drag_coefficient, v_air, w_B, d, dt)
     for j in range(3):
         f[j] -= d[j]

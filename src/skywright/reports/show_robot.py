@@ -133,7 +133,8 @@ def _write_numbers(ax: Axes, robot: Robot) -> None:
     ax.set_axis_off()
     p, r = robot.platform, robot.rotors
     mass, _, _ = compute_body(build_body_model(robot), pad_joints(posture(robot, "working")))
-    lift = float(np.sum(build_rotors(r).axis[:, 2]) * r.thrust_max_n)
+    up = build_rotors(r).axis[:, 2]  # what points down turns as slowly as it may
+    lift = float(np.sum(np.where(up > 0.0, r.thrust_max_n, r.thrust_min_n) * up))
     groups: list[tuple[str, list[tuple[str, str]]]] = []
     masses = [("platform", f"{p.mass_kg:.3g} kg")]
     if robot.arm is not None:

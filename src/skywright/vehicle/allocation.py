@@ -45,6 +45,7 @@ class RotorAllocation(Component):
         share: float  # of the way to a commanded torque about z in a tick, for the spin-up's push
         t_z: float  # N m, on its way
         thrust: Annotated[Array, MAX_ROTORS]  # N
+        preload: Annotated[Array, MAX_ROTORS]  # N
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
@@ -64,6 +65,7 @@ class RotorAllocation(Component):
         me.B, me.P = context.keep(a.B), context.keep(self._own.P)
         me.t_min, me.t_max = context.keep(self._own.t_min), context.keep(self._own.t_max)
         me.full, me.n, me.k_f = a.full, len(a.t_min), a.k_f
+        me.preload[: len(a.preload)] = a.preload
 
     def give_up(self, i: int, weight: float, p_BC: NDArray[Any]) -> bool:
         """Use rotor `i` no more; False where the others cannot hold `weight` (N) at p_BC (3,) m."""
@@ -107,6 +109,8 @@ class RotorAllocation(Component):
                 est.R_WB[2], body.p_BC, thrust,
             )  # fmt: skip
             out.saturated = float(flag)
+            for i in range(n):
+                thrust[i] += me.preload[i]
         for r in range(3):
             f = t = 0.0
             for i in range(n):

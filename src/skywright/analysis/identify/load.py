@@ -181,6 +181,6 @@ def _commanded_speeds(robot: Robot, s: NDArray[Any], R: Array, gravity: float, n
             a.B, a.P, a.t_min, a.t_max, a.full, s["cmd_f_B"][i].copy(), s["cmd_t_B"][i].copy(),
             np.ascontiguousarray(R[i, 2]), com, thrust,
         )  # fmt: skip
-        thrust_to_speed(thrust, rotors, a.k_f, speed)
+        thrust_to_speed(thrust + a.preload, rotors, a.k_f, speed)
         out[i] = speed
     return out

@@ -1,0 +1,91 @@
+"""The command that takes robots over from files of other tools."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from skywright.cli.options import as_json_option, check_folder, print_json
+
+if TYPE_CHECKING:
+    from skywright.models.importing.importer import Imported
+    from skywright.models.importing.tables import Question
+
+
+@click.command("import")
+@click.argument("file", metavar="FILE", type=click.Path(path_type=Path))
+@click.option(
+    "--arm", metavar="FILE", type=click.Path(path_type=Path),
+    help="Arm from a file of its own, welded to the robot.",
+)  # fmt: skip
+@click.option(
+    "--mount", metavar="X,Y,Z[,R,P,Y]", default="0,0,0",
+    help="Place (m) and roll, pitch, yaw (deg) of the arm's root.  [default: 0,0,0]",
+)  # fmt: skip
+@click.option("--body", metavar="NAME", help="Body that flies.  [default: first free body]")
+@click.option("--tip", metavar="NAME", help="Link or site at the tip.  [default: end of the arm]")
+@click.option(
+    "--weld", multiple=True, metavar="JOINT", help="Freeze a joint; '*': all. May be repeated."
+)
+@click.option(
+    "--rotor", "rotors", multiple=True, metavar="X,Y,Z,ccw|cw[,AX,AY,AZ]",
+    help="Rotor in place of those of the file (m). May be repeated.",
+)  # fmt: skip
+@click.option(
+    "--set", "sets", multiple=True, metavar="KEY=VALUE",
+    help="Answer or change a key of the robot file. May be repeated.",
+)  # fmt: skip
+@click.option("--assume", is_flag=True, help="Take guesses, marked so, for what is missing.")
+@click.option(
+    "--out", metavar="NAME", type=click.Path(path_type=Path),
+    help="Folder of the robot file.  [default: the name of FILE]",
+)  # fmt: skip
+@as_json_option
+def import_(
+    file: Path, arm: Path | None, mount: str, body: str | None, tip: str | None,
+    weld: tuple[str, ...], rotors: tuple[str, ...], sets: tuple[str, ...], assume: bool,
+    out: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Write a robot file for a robot described in MJCF, URDF or SDF.
+
+    What FILE does not say is asked on a terminal; elsewhere it has to be given. The robot file is
+    compared with MuJoCo's model of FILE before it is written.
+    """
+    from skywright.core.keys import parse_assignment
+    from skywright.core.toml_files import parse_value
+    from skywright.models.importing.importer import Request, import_robot
+
+    folder = check_folder(out or Path(file.stem))
+    answers = {key: parse_value(text) for key, text in map(parse_assignment, sets)}
+    request = Request(
+        file, arm, mount, body, tip, weld, rotors, folder.name, answers, assume
+    )  # fmt: skip
+    by_hand = sys.stdin.isatty() and not assume and not as_json
+    made = import_robot(request, folder, _ask if by_hand else None)
+    if as_json:
+        print_json(_describe(made))
+        return
+    for line in made.notes:
+        click.echo(line)
+    what, worst = made.deviations.worst()
+    sources = ", ".join(f"{n} {kind}" for kind, n in sorted(made.counts.items()))
+    click.echo(f"{made.rotors} rotors from {made.rotor_origin}; {len(made.joints)} joints")
+    click.echo(f"numbers: {sources}")
+    postures = made.deviations.postures
+    click.echo(f"largest deviation from MuJoCo at {postures} postures: {worst:.1e} ({what})")
+    click.echo(f"{made.path}")
+    click.echo(f"next: skywright check {folder}, skywright run waypoints --robot {made.path}")
+
+
+def _describe(made: Imported) -> dict[str, Any]:
+    return made._asdict() | {"path": str(made.path), "deviations": made.deviations._asdict()}
+
+
+def _ask(question: Question) -> Any:
+    """Ask on the terminal; the guess is the default."""
+    from skywright.core.toml_files import parse_value
+
+    return parse_value(click.prompt(question.text, default=str(question.guess)))

@@ -1,0 +1,1 @@
+"""Robots described for other tools (MJCF, URDF, SDF), written as robot files of Skywright."""

@@ -1,0 +1,250 @@
+"""The moving links of an imported model: which joints stay, and one body for all that is rigid.
+
+Joints that do not lead to the tip (fingers, gimbals, legs, the rotors' own) are frozen at zero, or
+at the end of their range that is nearest to it; what hangs on them becomes part of the link before.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.core.types import MAX_JOINTS
+from skywright.errors import InputError
+
+TINY = 1e-9
+TIP_NAMES = ("tcp", "tip", "tool", "ee", "end_effector", "end_link", "pinch", "grasp", "gripper")
+
+
+class Part(NamedTuple):
+    """Rigid bodies together, in the frame of the root body with all joints at zero."""
+
+    name: str
+    mass: float  # kg
+    com: Array  # (3,) m
+    inertia: Array  # (3, 3) kg m^2 about it
+    joint: str  # that moves it, "" of the platform
+    slide: bool
+    p: Array  # (3,) m, of the joint
+    axis: Array  # (3,)
+    span: tuple[float, float] | None  # rad or m
+
+
+class Chain(NamedTuple):
+    """The platform, then the links that move, in a chain."""
+
+    parts: list[Part]
+    tip: Array  # (3,) m
+    tip_name: str
+    carrier: int  # body that carries the tip
+    qpos: Array  # of the model with the chain's joints at zero
+    joints: list[int]  # of the model, in the order of the parts after the first
+    frozen: list[str]  # names of joints, with why
+
+
+def freeze(model: mujoco.MjModel, root: int) -> mujoco.MjData:
+    """Return data with the root body at the origin of W and every joint at or next to zero."""
+    data = mujoco.MjData(model)
+    for j in range(model.njnt):
+        at, kind = int(model.jnt_qposadr[j]), model.jnt_type[j]
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            data.qpos[at : at + 7] = [0, 0, 0, 1, 0, 0, 0]
+        elif kind == mujoco.mjtJoint.mjJNT_BALL:
+            raise InputError(f"joint {model.joint(j).name!r} is a ball joint; valid: hinge, slide")
+        else:
+            low, high = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
+            data.qpos[at] = min(max(0.0, low), high)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    if np.linalg.norm(data.xpos[root]) > TINY:
+        raise InputError(f"body {model.body(root).name!r} is not the free root of its tree")
+    return data
+
+
+def find_root(model: mujoco.MjModel, name: str | None) -> int:
+    """Return the body that flies: `name`, or the first with a free joint; raises InputError."""
+    free = [
+        int(model.jnt_bodyid[j])
+        for j in range(model.njnt)
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE
+    ]
+    names = [model.body(b).name for b in free]
+    if name is not None:
+        if name not in names:
+            raise InputError(f"--body {name!r} does not fly; valid: {', '.join(names) or 'none'}")
+        return free[names.index(name)]
+    if not free:
+        raise InputError("no body has a free joint: the file holds no robot that flies")
+    return free[0]
+
+
+def find_chain(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    root: int,
+    rotor_joints: set[str],
+    weld: set[str],
+    tip: str | None,
+) -> Chain:
+    """Return platform and arm. `weld` names joints to freeze, "*" all; raises InputError."""
+    known = {model.joint(j).name for j in range(model.njnt)}
+    unknown = sorted(weld - known - {"*"})
+    if unknown:
+        raise InputError(f"--weld {unknown[0]!r} is no joint; valid: {', '.join(sorted(known))}")
+    frozen: dict[int, str] = {}
+    for j in range(model.njnt):
+        body, name = int(model.jnt_bodyid[j]), model.joint(j).name
+        if model.body_rootid[body] != root or body == root:
+            continue
+        if name in rotor_joints:
+            frozen[j] = ""
+        elif name in weld or "*" in weld:
+            frozen[j] = "as asked"
+        elif model.body_jntnum[body] > 1:
+            raise InputError(
+                f"body {model.body(body).name!r} has {model.body_jntnum[body]} joints; valid: one "
+                "hinge or slide a body"
+            )
+    fingers = _fingers(model, root)
+    for j in fingers:
+        frozen.setdefault(j, "a finger of the gripper")
+    carrier, place, tip_name = _find_tip(model, data, root, frozen, fingers, tip)
+    joints = _joints_to(model, carrier, frozen)
+    for j in range(model.njnt):
+        body = int(model.jnt_bodyid[j])
+        if model.body_rootid[body] == root and body != root and j not in (*joints, *frozen):
+            frozen[j] = f"does not lead to the tip {tip_name}"
+    if len(joints) > MAX_JOINTS:
+        raise InputError(
+            f"{len(joints)} joints lead to the tip; at most {MAX_JOINTS} are supported (--weld)"
+        )
+    qpos = data.qpos.copy()
+    for j in joints:
+        qpos[model.jnt_qposadr[j]] = 0.0
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    R, p = data.xmat[carrier].reshape(3, 3), data.xpos[carrier]
+    notes = [f"joint {model.joint(j).name} is frozen: {why}" for j, why in frozen.items() if why]
+    parts = _collect(model, data, root, joints)
+    return Chain(parts, p + R @ place, tip_name, carrier, qpos, joints, notes)
+
+
+def _fingers(model: mujoco.MjModel, root: int) -> list[int]:
+    """Joints that an equality couples, and slides beside each other at the ends of a tree."""
+    out = set()
+    for e in range(model.neq):
+        if model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[e] >= 0:
+            out |= {int(model.eq_obj1id[e]), int(model.eq_obj2id[e])}
+    parents = set(model.body_parentid[1:].tolist())
+    by_parent: dict[int, list[int]] = {}
+    for j in range(model.njnt):
+        body = int(model.jnt_bodyid[j])
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE and body not in parents:
+            by_parent.setdefault(int(model.body_parentid[body]), []).append(j)
+    for joints in by_parent.values():
+        out |= set(joints) if len(joints) > 1 else set()
+    return sorted(j for j in out if model.body_rootid[model.jnt_bodyid[j]] == root)
+
+
+def _joints_to(model: mujoco.MjModel, body: int, frozen: dict[int, str]) -> list[int]:
+    """Moving joints from the root to a body, in this order."""
+    out: list[int] = []
+    while body > 0:
+        for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+            if j not in frozen and model.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE:
+                out.insert(0, j)
+        body = int(model.body_parentid[body])
+    return out
+
+
+def _find_tip(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    root: int,
+    frozen: dict[int, str],
+    fingers: list[int],
+    tip: str | None,
+) -> tuple[int, Array, str]:
+    """Body that carries the tip, the tip's place (3,) m in it, and what it is called."""
+    if tip is not None:
+        body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, tip)
+        if body >= 0:
+            return body, np.zeros(3), tip
+        site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, tip)
+        if site < 0:
+            raise InputError(f"--tip {tip!r} is neither a body (link) nor a site of the model")
+        return int(model.site_bodyid[site]), model.site_pos[site].copy(), tip
+    mine = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
+    length = {b: len(_joints_to(model, b, frozen)) for b in mine}
+    deepest = max(length.values())
+    ends = [b for b in mine if length[b] == deepest]
+    if deepest == 0:
+        return root, np.zeros(3), "none"
+    last = {tuple(_joints_to(model, b, frozen)) for b in ends}
+    if len(last) > 1:
+        names = ", ".join(model.joint(joints[-1]).name for joints in sorted(last))
+        raise InputError(f"several arms end after {deepest} joints ({names}); choose with --tip")
+    at = data.xanchor[next(iter(last))[-1]]
+    away = {b: float(np.linalg.norm(data.xpos[b] - at)) for b in ends}
+    for word in TIP_NAMES:
+        for b in ends:
+            if word in model.body(b).name.lower().split("/")[-1] and away[b] > 1e-3:
+                return b, np.zeros(3), model.body(b).name
+    grip = [b for j in fingers if (b := int(model.jnt_bodyid[j])) in ends]
+    if grip:
+        palm = int(model.body_parentid[grip[0]])
+        middle = np.mean([data.xpos[b] for b in grip], axis=0) - data.xpos[palm]
+        return palm, data.xmat[palm].reshape(3, 3).T @ middle, "middle of the fingers"
+    far = max(ends, key=away.__getitem__)
+    if away[far] > 1e-3:
+        return far, np.zeros(3), model.body(far).name
+    return far, 2.0 * model.body_ipos[far], f"twice the centre of mass of {model.body(far).name}"
+
+
+def _collect(
+    model: mujoco.MjModel, data: mujoco.MjData, root: int, joints: list[int]
+) -> list[Part]:
+    movers = {int(model.jnt_bodyid[j]): i + 1 for i, j in enumerate(joints)}
+    member: dict[int, int] = {root: 0}
+    for b in range(root + 1, model.nbody):
+        if model.body_rootid[b] == root:
+            member[b] = movers.get(b, member[int(model.body_parentid[b])])
+    out = []
+    for i in range(len(joints) + 1):
+        bodies = [b for b, m in member.items() if m == i]
+        mass, com, inertia = combine(model, data, bodies)
+        j = joints[i - 1] if i else -1
+        name = model.body(int(model.jnt_bodyid[j]) if i else root).name
+        if mass <= 0.0:
+            raise InputError(f"body {name!r} moves but has no mass; add one, or --weld its joint")
+        span = (float(model.jnt_range[j, 0]), float(model.jnt_range[j, 1]))
+        out.append(
+            Part(
+                name, mass, com, inertia, model.joint(j).name if i else "",
+                bool(i and model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE),
+                data.xanchor[j].copy() if i else np.zeros(3),
+                data.xaxis[j].copy() if i else np.zeros(3),
+                span if i and model.jnt_limited[j] else None,
+            )
+        )  # fmt: skip
+    return out
+
+
+def combine(
+    model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int]
+) -> tuple[float, Array, Array]:
+    """Return mass (kg), centre (3,) m in W and inertia (3, 3) kg m^2 about it, of bodies."""
+    mass = float(sum(model.body_mass[b] for b in bodies))
+    if mass <= 0.0:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    com = sum((model.body_mass[b] * data.xipos[b] for b in bodies), np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for b in bodies:
+        R, d = data.ximat[b].reshape(3, 3), data.xipos[b] - com
+        inertia += R @ np.diag(model.body_inertia[b]) @ R.T
+        inertia += model.body_mass[b] * (d @ d * np.eye(3) - np.outer(d, d))
+    return mass, com, inertia

@@ -1,0 +1,308 @@
+"""From a file of another tool to a robot file that is compared with it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from skywright.core.rotations import quat_from_rot, rot_x, rot_y, rot_z
+from skywright.description.robot.loader import load_robot
+from skywright.description.robot.spec import Robot
+from skywright.errors import InputError, SkywrightError
+from skywright.models.allocation import build_allocator
+from skywright.models.capability import check_can_fly
+from skywright.models.importing.chain import find_chain, find_root, freeze
+from skywright.models.importing.comparing import TOLERANCE, Deviations, compare
+from skywright.models.importing.opening import Opened, compile_spec, open_file
+from skywright.models.importing.rotors import find_rotors, parse_rotor
+from skywright.models.importing.tables import Question, Tables, Value, build_tables
+from skywright.models.importing.xml_input import read_numbers
+from skywright.models.rotors import build_rotors
+
+ARM = "arm/"
+"""Before all names of the file that `arm` names."""
+
+
+class Request(NamedTuple):
+    """What is to be imported, and how."""
+
+    file: Path
+    arm: Path | None = None
+    mount: str = "0,0,0"  # m, and roll, pitch, yaw in deg, of the arm's root in B
+    body: str | None = None
+    tip: str | None = None
+    weld: tuple[str, ...] = ()  # joints to freeze; "*": all
+    rotors: tuple[str, ...] = ()
+    name: str | None = None
+    answers: Mapping[str, Any] = {}  # dotted key -> value
+    assume: bool = False  # take guesses for what is missing
+
+
+class Imported(NamedTuple):
+    """A robot file that agrees with its model."""
+
+    path: Path
+    kind: str
+    counts: dict[str, int]  # numbers by source
+    rotors: int
+    rotor_origin: str
+    joints: list[str]
+    tip: str
+    deviations: Deviations
+    notes: list[str]
+
+
+def import_robot(
+    request: Request, folder: Path, ask: Callable[[Question], Any] | None = None
+) -> Imported:
+    """Write FOLDER/robot.toml for a file of another tool.
+
+    `ask` answers what neither the file nor `request.answers` say; without it, and without
+    `request.assume`, this raises InputError with the keys. Raises InputError too where the file
+    cannot be read, does not describe a multirotor that a robot file can describe, or where the
+    robot file deviates from MuJoCo's model of the file by more than 1e-6; nothing is written then.
+    """
+    if folder.exists():
+        raise InputError(f"{folder}: exists; remove it, or give another --out")
+    opened = open_file(request.file)
+    arm = None if request.arm is None else open_file(request.arm)
+    if arm is not None:
+        _attach(opened, arm, request)
+    model = compile_spec(request.file, opened.spec)
+    _check_mass(model, opened, "")
+    if arm is not None:
+        _check_mass(model, arm, ARM)
+    root = find_root(model, request.body)
+    data = freeze(model, root)
+    rotors = find_rotors(opened, model, data, root, [parse_rotor(t) for t in request.rotors])
+    turning = {rotor.joint for rotor in rotors.rotors if rotor.joint}
+    chain = find_chain(model, data, root, turning, set(request.weld), request.tip)
+    _check_rotors(model, root, chain.joints, turning, request)
+    origin = request.file.name + ("" if request.arm is None else f" and {request.arm.name}")
+    limits = _read_limits(opened, "", model) | (
+        {} if arm is None else _read_limits(arm, ARM, model)
+    )
+    name = request.name or folder.name
+    tables = build_tables(name, f"{origin} ({opened.kind})", chain, rotors, limits)
+    values = _answer(tables, request, ask)
+    notes = [*opened.notes, *([] if arm is None else arm.notes), *rotors.notes, *chain.frozen]
+    notes.append("shapes: capsules along the links, a hub and propeller discs; meshes are not used")
+    text = write_toml(values, origin)
+    scratch = Path(tempfile.mkdtemp())
+    try:
+        file = scratch / "robot.toml"
+        file.write_text(text, encoding="utf-8")
+        robot, sources = load_robot(file)
+        deviations = compare(model, root, chain, robot)
+        what, worst = deviations.worst()
+        if not worst <= TOLERANCE:
+            raise InputError(
+                f"{request.file}: the robot file deviates from MuJoCo's model of the file by "
+                f"{worst:.2g} in {what} (at most {TOLERANCE:g}); --set may have changed it"
+            )
+        notes += _find_weakness(robot)
+        folder.mkdir(parents=True)
+        shutil.copyfile(file, folder / "robot.toml")
+    finally:
+        shutil.rmtree(scratch)
+    counts: dict[str, int] = {}
+    for source in sources.values():
+        counts[source.kind] = counts.get(source.kind, 0) + 1
+    joints = [part.joint for part in chain.parts[1:]]
+    return Imported(
+        folder / "robot.toml", opened.kind, counts, len(rotors.rotors), rotors.origin, joints,
+        chain.tip_name, deviations, notes,
+    )  # fmt: skip
+
+
+def _find_weakness(robot: Robot) -> list[str]:
+    """Say why a robot that agrees with its file does not fly; empty where it does."""
+    try:
+        build_allocator(build_rotors(robot.rotors))
+        check_can_fly(robot)
+    except SkywrightError as error:
+        return [f"does not fly as the file describes it: {error}"]
+    return []
+
+
+def _attach(opened: Opened, arm: Opened, request: Request) -> None:
+    """Weld the first tree of `arm` to the body that flies."""
+    where = f"--mount {request.mount}"
+    parts = request.mount.split(",")
+    if len(parts) not in (3, 6):
+        raise InputError(f"{where}: valid: X,Y,Z or X,Y,Z,ROLL,PITCH,YAW (m, deg)")
+    numbers = read_numbers(" ".join(parts), len(parts), where, [])
+    turn = np.eye(3)
+    if len(parts) == 6:
+        roll, pitch, yaw = np.radians(numbers[3:])
+        turn = rot_z(yaw) @ rot_y(pitch) @ rot_x(roll)
+    for joint in list(arm.spec.joints):
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+            arm.spec.delete(joint)
+    first = arm.spec.worldbody.first_body()
+    if first is None:
+        raise InputError(f"{request.arm}: holds no body")
+    first.pos, first.quat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+    base = next((b for b in opened.spec.bodies if _flies(b, request.body)), None)
+    if base is None:
+        what = "no body" if request.body is None else f"--body {request.body!r}"
+        raise InputError(f"{request.file}: {what} does not fly (has no free joint): no arm mounted")
+    frame = base.add_frame(pos=numbers[:3], quat=quat_from_rot(turn))
+    opened.spec.compiler.fusestatic = False
+    for name in dir(arm.spec.option):  # solvers differ, but only kinematics and masses are read
+        if not name.startswith("_"):
+            setattr(arm.spec.option, name, getattr(opened.spec.option, name))
+    frame.attach_body(first, ARM, "")
+
+
+def _check_mass(model: mujoco.MjModel, opened: Opened, prefix: str) -> None:
+    """Compare MuJoCo's mass with that of the links in the XML: a reader may drop a root link."""
+    if opened.kind == "MJCF":
+        return
+    mine = [
+        float(model.body_mass[b]) for b in range(1, model.nbody)
+        if model.body(b).name.startswith(ARM) == bool(prefix)
+    ]  # fmt: skip
+    written = _written_mass(opened)
+    if abs(sum(mine) - written) > TOLERANCE * written:
+        raise InputError(
+            f"{opened.path}: MuJoCo reads {sum(mine):g} kg, the links of the file have "
+            f"{written:g} kg"
+        )
+
+
+def _written_mass(opened: Opened) -> float:
+    """Sum (kg) of the masses in the XML of a URDF or SDF file."""
+    if opened.kind == "SDF":
+        texts = [link.findtext("inertial/mass", "1.0") for link in opened.root.findall("link")]
+    else:
+        masses = [link.find("inertial/mass") for link in opened.root.findall("link")]
+        texts = [m.get("value", "0") for m in masses if m is not None]
+    return sum(float(text) for text in texts)
+
+
+def _flies(body: mujoco.MjsBody, name: str | None) -> bool:
+    free = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
+    return free and (name is None or body.name == name)
+
+
+def _check_rotors(
+    model: mujoco.MjModel, root: int, joints: list[int], turning: set[str], request: Request
+) -> None:
+    """Refuse rotors on links that move."""
+    moving = {int(model.jnt_bodyid[j]) for j in joints}
+    for a in range(model.nu):
+        if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_SITE or request.rotors:
+            continue
+        body = int(model.site_bodyid[model.actuator_trnid[a, 0]])
+        while body not in (0, root):
+            if body in moving:
+                raise InputError(
+                    f"{request.file}: actuator {model.actuator(a).name!r} pushes at a link that "
+                    "moves: rotors that tilt in flight are not supported (--weld the joint)"
+                )
+            body = int(model.body_parentid[body])
+
+
+def _read_limits(
+    opened: Opened, prefix: str, model: mujoco.MjModel
+) -> dict[str, tuple[float | None, float | None]]:
+    """Effort (N m; N) and speed (rad/s; m/s) of joints by their name in the compiled model."""
+    out: dict[str, tuple[float | None, float | None]] = {}
+    if opened.kind == "MJCF":
+        for a in range(model.nu):
+            j = int(model.actuator_trnid[a, 0])
+            if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT:
+                limited = model.actuator_forcelimited[a]
+                most = float(model.actuator_forcerange[a, 1]) * abs(model.actuator_gear[a, 0])
+                out[model.joint(j).name] = (float(most) if limited else None, None)
+        return out
+    for joint in opened.root.iter("joint"):
+        limit = joint.find("limit")
+        name, where = joint.get("name", ""), f"{opened.path}: limit of {joint.get('name')!r}"
+        if limit is not None:
+            texts = (limit.get("effort"), limit.get("velocity"))
+        else:
+            texts = (joint.findtext("axis/limit/effort"), joint.findtext("axis/limit/velocity"))
+        effort, speed = (read_numbers(text, 1, where, [0.0])[0] for text in texts)
+        out[prefix + name] = (effort or None, speed or None)
+    return out
+
+
+def _answer(
+    tables: Tables, request: Request, ask: Callable[[Question], Any] | None
+) -> dict[str, Value]:
+    """Return all values: the file's, the answers, the guesses."""
+    values, open_questions = dict(tables.values), []
+    for question in tables.questions:
+        if question.key in request.answers:
+            continue
+        if ask is not None:
+            values[question.key] = Value(ask(question), "asked", question.text)
+        elif request.assume:
+            note = f"no source: {question.text}"
+            values[question.key] = Value(question.guess, "assumed", note, question.range)
+        else:
+            open_questions.append(question)
+    if open_questions:
+        wanted = "; ".join(f"--set {q.key}=... ({q.text})" for q in open_questions)
+        raise InputError(f"{request.file} does not say: {wanted}; or --assume takes guesses")
+    for key, answer in request.answers.items():
+        if not key.startswith("robot."):
+            raise InputError(f"--set {key}: valid: keys of the robot file, robot...")
+        values[key] = Value(answer, "asked", "--set")
+    lag = float(values["robot.rotors.time_constant_s"].value)
+    if "robot.control.attitude_bandwidth_rad_s" not in values:
+        fast = round(min(max(0.3 / max(lag, 1e-4), 3.0), 12.0), 2)
+        values["robot.control.attitude_bandwidth_rad_s"] = Value(
+            fast, "derived", "0.3 over the lag of the rotors, 3 to 12 rad/s"
+        )
+        values.setdefault(
+            "robot.control.position_bandwidth_rad_s",
+            Value(round(fast / 4.5, 2), "derived", "the attitude loop's over 4.5"),
+        )
+    return values
+
+
+def write_toml(values: Mapping[str, Value], origin: str) -> str:
+    """Return the text of a robot file: a table for each part, sources beside the numbers."""
+    tables: dict[str, list[str]] = {}
+    for key, value in values.items():
+        table, _, leaf = key.rpartition(".")
+        tables.setdefault(table, []).append(f"{leaf} = {_write_value(value)}")
+    head = [f"# Imported from {json.dumps(origin)[1:-1]} by `skywright import`."]
+    head.append("# source: imported (the file), asked (an answer), assumed (a guess), derived")
+    first = sorted(tables, key=lambda t: (t != "robot", t.startswith("robot.arm")))
+    return (
+        "\n".join(head)
+        + "".join(f"\n\n[{table}]\n" + "\n".join(tables[table]) for table in first)
+        + "\n"
+    )
+
+
+def _write_value(value: Value) -> str:
+    if value.source in ("",):
+        return _literal(value.value)
+    parts = [f"value = {_literal(value.value)}", f'source = "{value.source}"']
+    if value.range is not None:
+        numbers = value.value if isinstance(value.value, Sequence) else [value.value]
+        low, high = min(value.range[0], *numbers), max(value.range[1], *numbers)
+        parts.append(f"range = [{float(low)!r}, {float(high)!r}]")
+    return "{ " + ", ".join([*parts, f"note = {json.dumps(value.note)}"]) + " }"
+
+
+def _literal(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float | int):
+        return repr(float(value) + 0.0) if isinstance(value, float) else repr(value)
+    if isinstance(value, str):
+        return json.dumps(value)
+    return "[" + ", ".join(_literal(x) for x in value) + "]"

@@ -1,0 +1,146 @@
+"""A robot file of another tool as a MuJoCo specification that compiles without its pictures.
+
+MuJoCo reads MJCF and URDF itself. Its URDF reader welds the root link to the world and drops its
+mass; here the root keeps it and flies freely. Meshes are left out unless an inertia depends on
+them.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from skywright.errors import InputError
+from skywright.models.importing.sdf import read_sdf
+from skywright.models.importing.xml_input import check_includes, read_numbers, read_xml
+
+MAX_BODIES = 500
+_GEOM = mujoco.mjtGeom
+
+
+class Opened(NamedTuple):
+    """A robot of another tool."""
+
+    path: Path
+    kind: str  # MJCF, URDF or SDF
+    spec: mujoco.MjSpec
+    root: ET.Element  # XML of the file; of SDF its model with includes
+    notes: list[str]
+
+
+def open_file(path: Path) -> Opened:
+    """Read a robot file of another tool; InputError on anything wrong."""
+    root = read_xml(path)
+    if root.tag == "mujoco":
+        check_includes(path, root)
+        return Opened(path, "MJCF", _open_mjcf(path), root, [])
+    if root.tag == "robot":
+        return Opened(path, "URDF", _open_urdf(path, root), root, [])
+    if root.tag == "sdf":
+        model, spec, notes = read_sdf(path, root)
+        _check_size(path, spec)
+        return Opened(path, "SDF", spec, model, notes)
+    raise InputError(
+        f"{path}: the root element is <{root.tag[:40]}>; valid: <mujoco> (MJCF), <robot> (URDF), "
+        "<sdf>"
+    )
+
+
+def _check_size(path: Path, spec: mujoco.MjSpec) -> None:
+    if len(spec.bodies) > MAX_BODIES:
+        raise InputError(f"{path}: {len(spec.bodies)} bodies; at most {MAX_BODIES} are read")
+
+
+def _open_mjcf(path: Path) -> mujoco.MjSpec:
+    if path.suffix.lower() != ".xml":
+        raise InputError(f"{path}: MuJoCo reads MJCF from files that end in .xml only: rename it")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+    _check_size(path, spec)
+    for things in (spec.keys, spec.sensors, spec.skins):
+        for thing in list(things):
+            spec.delete(thing)
+    folder = path.parent / spec.meshdir
+    files = {mesh.name or Path(mesh.file).stem: mesh.file for mesh in spec.meshes}
+    used = set()
+    for body in spec.bodies:
+        for geom in list(body.geoms):
+            geom.material = ""
+            if geom.type == _GEOM.mjGEOM_HFIELD:
+                spec.delete(geom)
+            elif geom.type == _GEOM.mjGEOM_MESH or geom.meshname:
+                file = files.get(geom.meshname, "")
+                if not _is_weighed(spec, body, geom):
+                    spec.delete(geom)
+                elif file and not (folder / file).is_file():
+                    raise InputError(
+                        f"{path}: the inertia of body {body.name!r} comes from mesh {file!r}, "
+                        f"which is not in {folder}; add the file or an <inertial>"
+                    )
+                else:
+                    used.add(geom.meshname)
+    for mesh in list(spec.meshes):
+        if (mesh.name or Path(mesh.file).stem) not in used:
+            spec.delete(mesh)
+    for things in (spec.materials, spec.textures, spec.hfields):
+        for thing in list(things):
+            spec.delete(thing)
+    return spec
+
+
+def _is_weighed(spec: mujoco.MjSpec, body: mujoco.MjsBody, geom: mujoco.MjsGeom) -> bool:
+    """Whether the body's inertia depends on this geom."""
+    from_geoms = int(spec.compiler.inertiafromgeom)  # 0 false, 1 true, 2 where none is given
+    if from_geoms == 0 or (from_geoms == 2 and body.explicitinertial):
+        return False
+    return geom.density != 0.0 if math.isnan(geom.mass) else geom.mass != 0.0
+
+
+def _open_urdf(path: Path, root: ET.Element) -> mujoco.MjSpec:
+    """Read links and joints; shapes do not count for the inertia of a URDF link."""
+    copy = ET.Element("robot", name=root.get("name") or path.stem)
+    for element in root:
+        if element.tag not in ("link", "joint"):
+            continue
+        kept = ET.SubElement(copy, element.tag, element.attrib)
+        kept.extend(child for child in element if child.tag not in ("visual", "collision"))
+        mass = element.find("inertial/mass")
+        if mass is not None:
+            where = f"{path}: mass of link {element.get('name')!r}"
+            read_numbers(mass.get("value"), 1, where, [0.0])
+        if element.tag == "joint" and element.get("type") in ("floating", "planar"):
+            raise InputError(
+                f"{path}: joint {element.get('name')!r} is {element.get('type')}; valid: fixed, "
+                "revolute, continuous, prismatic"
+            )
+    if sum(element.tag == "link" for element in copy) > MAX_BODIES:
+        raise InputError(f"{path}: more than {MAX_BODIES} links")
+    try:
+        spec = mujoco.MjSpec.from_string(ET.tostring(copy, encoding="unicode"))
+    except ValueError as error:
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+    spec.compiler.fusestatic = False
+    body = spec.worldbody.first_body()
+    if body is None:
+        raise InputError(f"{path}: holds no link")
+    body.add_freejoint(name="free root")
+    return spec
+
+
+def compile_spec(path: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compile; InputError in MuJoCo's words, or where a mass or an inertia is not finite."""
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+    for name in ("body_mass", "body_inertia", "body_ipos", "body_pos", "jnt_axis"):
+        if not np.all(np.isfinite(getattr(model, name))):
+            raise InputError(f"{path}: {name} holds numbers that are not finite")
+    return model

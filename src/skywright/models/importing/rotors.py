@@ -1,0 +1,202 @@
+"""Where the rotors of an imported file are, and what the file says of their thrust.
+
+Three sources, in this order: actuators of MJCF that push at a site, plug-in tags of Gazebo's motor
+model in SDF and URDF (`motorConstant`, `momentConstant`, `maxRotVelocity`, `timeConstantUp`,
+`rotorDragCoefficient`), and links of URDF that are named like rotors, which tell places only.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.errors import InputError
+from skywright.models.importing.opening import Opened
+from skywright.models.importing.xml_input import read_numbers
+
+SAME = 1e-6
+"""Relative difference of two rotors' constants that counts as none."""
+NAMED = re.compile(
+    r"(^|[_/ ])(rotor|prop|propeller|thrust|thruster)[_ ]?\d*($|[_/ ])", re.IGNORECASE
+)
+
+
+class FoundRotor(NamedTuple):
+    """A rotor in the frame of the root body, all joints at zero."""
+
+    p: Array  # (3,) m
+    axis: Array  # (3,) thrust direction
+    spin: str  # ccw, cw, or "" where the file does not say
+    joint: str  # that turns it, "" where it is part of the body
+    constants: dict[str, float]  # by key of [robot.rotors]
+
+
+class FoundRotors(NamedTuple):
+    """All rotors of a file."""
+
+    rotors: list[FoundRotor]
+    origin: str  # what of the file tells of them
+    constants: dict[str, float]  # what all rotors have in common
+    notes: list[str]
+
+
+def find_rotors(
+    opened: Opened, model: mujoco.MjModel, data: mujoco.MjData, root: int, given: list[FoundRotor]
+) -> FoundRotors:
+    """Return the rotors of a compiled file; `given` ones count before those of the file.
+
+    `data` is at zero, the root body at the origin of W. Raises InputError where there are fewer
+    than three, or where they differ in what a robot file says once for all.
+    """
+    notes: list[str] = []
+    if given:
+        rotors, origin = given, "--rotor"
+    else:
+        rotors, origin = _of_actuators(opened, model, data, root), "actuators at sites"
+        if not rotors:
+            rotors, origin = _of_plugins(opened, model, data, notes), "plug-in tags"
+        if not rotors and opened.kind != "MJCF":
+            rotors, origin = _of_names(model, data, root), "names of links"
+    if len(rotors) < 3:
+        raise InputError(
+            f"{opened.path}: {len(rotors)} rotors found (actuators at sites, motor plug-ins, links "
+            "named rotor or prop); give at least 3 as --rotor X,Y,Z,ccw|cw[,AX,AY,AZ] in m"
+        )
+    return FoundRotors(rotors, origin, _common(opened, rotors), notes)
+
+
+def parse_rotor(text: str) -> FoundRotor:
+    """Return the rotor of an option `X,Y,Z,ccw|cw[,AX,AY,AZ]`; raises InputError."""
+    parts = [part.strip() for part in text.split(",")]
+    where = f"--rotor {text}"
+    if len(parts) not in (4, 7) or parts[3] not in ("ccw", "cw"):
+        raise InputError(f"{where}: valid: X,Y,Z,ccw|cw or X,Y,Z,ccw|cw,AX,AY,AZ")
+    p = np.array(read_numbers(" ".join(parts[:3]), 3, where, []))
+    axis = np.array(read_numbers(" ".join(parts[4:]), 3, where, [0.0, 0.0, 1.0]))
+    if np.linalg.norm(axis) < 1e-9:
+        raise InputError(f"{where}: the axis has no direction")
+    return FoundRotor(p, axis / np.linalg.norm(axis), parts[3], "", {})
+
+
+def _of_actuators(
+    opened: Opened, model: mujoco.MjModel, data: mujoco.MjData, root: int
+) -> list[FoundRotor]:
+    out = []
+    for a in range(model.nu):
+        if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_SITE:
+            continue
+        site, gear = int(model.actuator_trnid[a, 0]), model.actuator_gear[a]
+        gain = float(model.actuator_gainprm[a, 0])
+        push = gain * gear[:3]
+        size = float(np.linalg.norm(push))
+        if model.body_rootid[model.site_bodyid[site]] != root or size < 1e-12:
+            continue
+        name = model.actuator(a).name
+        axis, torque = push / size, gain * gear[3:] / size
+        along = float(torque @ axis)
+        if np.linalg.norm(torque - along * axis) > SAME:
+            raise InputError(
+                f"{opened.path}: actuator {name!r} makes a torque across its thrust, which no "
+                "rotor does; give the rotors with --rotor"
+            )
+        constants = {}
+        if along:
+            constants["torque_per_thrust_m"] = abs(along)
+        if model.actuator_ctrllimited[a]:
+            low, high = (size * float(x) for x in model.actuator_ctrlrange[a])
+            constants |= {"thrust_min_n": max(low, 0.0), "thrust_max_n": high}
+        R = data.site_xmat[site].reshape(3, 3)
+        spin = "" if along == 0.0 else "cw" if along > 0.0 else "ccw"
+        out.append(FoundRotor(data.site_xpos[site].copy(), R @ axis, spin, "", constants))
+    return out
+
+
+def _of_plugins(
+    opened: Opened, model: mujoco.MjModel, data: mujoco.MjData, notes: list[str]
+) -> list[FoundRotor]:
+    out, left_out = [], set()
+    for plugin in opened.root.iter("plugin"):
+        link, joint = (_text(plugin, tag) for tag in ("linkName", "jointName"))
+        if plugin.find("motorConstant") is None or not link:
+            continue
+        where = f"{opened.path}: motor plug-in of {link!r}"
+        body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, link)
+        turns = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
+        if body < 0 or turns < 0:
+            raise InputError(f"{where}: no such link or joint {joint!r} in the model")
+        spin = _text(plugin, "turningDirection")
+        if spin not in ("ccw", "cw"):
+            raise InputError(f"{where}: turningDirection is {spin!r}; valid: ccw, cw")
+        number = {
+            tag: read_numbers(plugin.findtext(tag), 1, f"{where}: {tag}", [0.0])[0]
+            for tag in ("motorConstant", "momentConstant", "maxRotVelocity", "timeConstantUp",
+                        "timeConstantDown", "rotorDragCoefficient", "rollingMomentCoefficient")
+        }  # fmt: skip
+        k, fastest = number["motorConstant"], number["maxRotVelocity"]
+        constants = {
+            "thrust_coefficient_n_per_rad2s2": k, "thrust_max_n": k * fastest**2,
+            "torque_per_thrust_m": abs(number["momentConstant"]),
+            "time_constant_s": number["timeConstantUp"],
+            "drag_coefficient_n_per_rads_mps": number["rotorDragCoefficient"],
+        }  # fmt: skip
+        axis = data.xaxis[turns].copy()
+        about = data.xmat[body].reshape(3, 3) @ _rotation(model, body)
+        constants["rotor_inertia_kgm2"] = float(
+            axis @ about @ np.diag(model.body_inertia[body]) @ about.T @ axis
+        )
+        constants = {key: value for key, value in constants.items() if value > 0.0}
+        if number["timeConstantDown"] != number["timeConstantUp"]:
+            left_out.add("timeConstantDown (one lag for both directions: timeConstantUp)")
+        if number["rollingMomentCoefficient"]:
+            left_out.add("rollingMomentCoefficient")
+        # Gazebo's motor model pushes along z of the rotor's link
+        up = data.xmat[body].reshape(3, 3)[:, 2]
+        out.append(FoundRotor(data.xpos[body].copy(), up.copy(), spin, joint, constants))
+    notes += [f"left out: {what}" for what in sorted(left_out)]
+    return out
+
+
+def _rotation(model: mujoco.MjModel, body: int) -> Array:
+    out = np.empty(9)
+    mujoco.mju_quat2Mat(out, model.body_iquat[body])
+    return out.reshape(3, 3)
+
+
+def _of_names(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[FoundRotor]:
+    """Leaf links named like rotors, on a joint that turns or welded."""
+    parents = set(model.body_parentid[1:].tolist())
+    out = []
+    for body in range(1, model.nbody):
+        leaf = body not in parents and body != root and model.body_rootid[body] == root
+        if not leaf or not NAMED.search(model.body(body).name):
+            continue
+        joint, axis = "", data.xmat[body].reshape(3, 3)[:, 2].copy()
+        if model.body_jntnum[body]:
+            j = int(model.body_jntadr[body])
+            joint, axis = model.joint(j).name, data.xaxis[j].copy()
+            if axis @ data.xmat[body].reshape(3, 3)[:, 2] < 0.0:
+                axis = -axis  # the sign of the joint's axis tells the sense of rotation at most
+        out.append(FoundRotor(data.xpos[body].copy(), axis, "", joint, {}))
+    return out
+
+
+def _common(opened: Opened, rotors: list[FoundRotor]) -> dict[str, float]:
+    out: dict[str, float] = {}
+    for key in {key for rotor in rotors for key in rotor.constants}:
+        values = [rotor.constants.get(key, 0.0) for rotor in rotors]
+        if max(values) - min(values) > SAME * max(abs(v) for v in values):
+            raise InputError(
+                f"{opened.path}: rotors differ in {key}: {min(values):g} to {max(values):g}; a "
+                "robot file has one value for all: give the rotors with --rotor"
+            )
+        out[key] = values[0]
+    return out
+
+
+def _text(element: ET.Element, tag: str) -> str:
+    return (element.findtext(tag) or "").strip()

@@ -1,0 +1,95 @@
+"""XML of strangers: read with limits, without entities, with errors that name file and line."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from skywright.errors import InputError
+
+MAX_BYTES = 20_000_000
+MAX_ELEMENTS = 200_000
+MAX_DEPTH = 200
+"""Nested elements; the recursive readers behind this one would exhaust the stack."""
+MAX_INCLUDES = 50
+
+
+def read_xml(path: Path) -> ET.Element:
+    """Return the root element of an XML file.
+
+    Raises InputError where the file cannot be read, is larger or deeper than a robot, holds a
+    document type or entities (which can expand without end), or is a template.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: larger than {MAX_BYTES // 1_000_000} MB")
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not UTF-8 text; convert the file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return parse_xml(text, path)
+
+
+def parse_xml(text: str, path: Path) -> ET.Element:
+    """Return the root element of XML text; `path` is named in errors."""
+    lower = text.lower()
+    if "<!doctype" in lower or "<!entity" in lower:
+        raise InputError(f"{path}: a document type or entity declaration is refused; remove it")
+    if "{{" in text or "{%" in text:
+        raise InputError(f"{path}: is a template ({{{{ or {{%): render it first")
+    parser: Any = ET.XMLPullParser(["start", "end"])
+    depth = count = 0
+    root: ET.Element | None = None
+    try:
+        for at in range(0, len(text), 65536):
+            parser.feed(text[at : at + 65536])
+            for event, element in parser.read_events():
+                root = element if root is None else root
+                depth += 1 if event == "start" else -1
+                count += event == "start"
+                if depth > MAX_DEPTH or count > MAX_ELEMENTS:
+                    raise InputError(
+                        f"{path}: more than {MAX_DEPTH} nested or {MAX_ELEMENTS} elements; a "
+                        "robot has fewer"
+                    )
+        parser.close()
+    except ET.ParseError as error:
+        raise InputError(f"{path}: not XML: {error}") from None
+    if root is None:
+        raise InputError(f"{path}: empty")
+    for element in root.iter():
+        if "xacro" in element.tag or any("${" in v or "$(" in v for v in element.attrib.values()):
+            raise InputError(
+                f"{path}: holds xacro; expand it first, with the packages that it names: "
+                f"xacro {path.name} > {path.stem}.urdf"
+            )
+    return root
+
+
+def read_numbers(text: str | None, n: int, what: str, default: Sequence[float]) -> list[float]:
+    """Return `n` finite numbers of a text; InputError names `what`."""
+    if text is None or not text.strip():
+        return list(default)
+    try:
+        values = [float(x) for x in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != n or not all(math.isfinite(x) for x in values):
+        raise InputError(f"{what} is {text.strip()[:80]!r}; {n} finite number(s) are required")
+    return values
+
+
+def check_includes(path: Path, root: ET.Element, above: tuple[Path, ...] = ()) -> None:
+    """Read the files that an MJCF file includes; InputError where one is missing or circular."""
+    chain = (*above, path.resolve())
+    if len(chain) > MAX_INCLUDES:
+        raise InputError(f"{path}: more than {MAX_INCLUDES} nested includes")
+    for element in root.iter("include"):
+        other = (chain[0].parent / element.get("file", "")).resolve()
+        if other in chain:
+            raise InputError(f"{path}: includes itself by way of {element.get('file')!r}")
+        check_includes(other, read_xml(other), chain)

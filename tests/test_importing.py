@@ -1,0 +1,327 @@
+"""Robots of other tools: what is read, what is asked, what is refused."""
+
+# ruff: noqa: E501
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import imported_models as models
+from skywright import cli
+from skywright.core.rotations import rot_x, rot_z
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.loader import load_robot
+from skywright.errors import InputError
+from skywright.models.capability import check_can_fly
+from skywright.models.importing.importer import Imported, Request, import_robot
+from skywright.models.importing.tables import choose_frame
+from skywright.models.rigid_body import build_body_model, compute_body, compute_tip
+from skywright.models.rotors import build_rotors
+
+
+def take(file: Path, tmp_path: Path, name: str = "made", **given: Any) -> tuple[Imported, Any]:
+    """Import with guesses; returns what was made and the robot as it is read from its file."""
+    made = import_robot(Request(file, **({"assume": True} | given)), tmp_path / name)
+    assert made.deviations.worst()[1] < 1e-9, "the numbers are carried over, not rounded"
+    return made, load_robot(made.path)[0]
+
+
+def test_mjcf_with_motors_at_sites(tmp_path: Path) -> None:
+    made, robot = take(models.write_quad(tmp_path), tmp_path)
+    rotors = build_rotors(robot.rotors)
+    np.testing.assert_allclose(rotors.position[0], [-0.13, -0.17, 0.04], atol=1e-12)
+    np.testing.assert_allclose(rotors.position[2], [0.15, 0.17, 0.09], atol=1e-12)
+    np.testing.assert_allclose(rotors.axis, np.tile([0.0, 0.0, 1.0], (4, 1)), atol=1e-12)
+    # gear's torque on the body is against the propeller's sense: -0.02 means it turns ccw
+    assert robot.rotors.spin == ["ccw", "cw", "ccw", "cw"]
+    assert (robot.rotors.thrust_min_n, robot.rotors.thrust_max_n) == (0.1, 12.0)
+    assert robot.rotors.torque_per_thrust_m == pytest.approx(0.02)
+    mass, com, _ = compute_body(build_body_model(robot), np.zeros(0))
+    assert mass == pytest.approx(1.2)
+    want = (0.4 * np.array([0.01, 0, 0.02]) + 0.2 * np.array([0.04, 0, 0.26])) / 1.2
+    np.testing.assert_allclose(com, want, atol=1e-12)
+    assert abs(robot.platform.inertia_xz_kgm2) > 1e-4
+    check_can_fly(robot)
+    sources = load_robot(made.path)[1]
+    assert sources["robot.rotors.thrust_max_n"].kind == "imported"
+    assert sources["robot.rotors.propeller_radius_m"].kind == "assumed"
+
+
+def test_mjcf_without_rotors_is_refused_until_they_are_given(tmp_path: Path) -> None:
+    file = models.write_one_site(tmp_path)
+    with pytest.raises(InputError, match=r"1 rotors found .* --rotor"):
+        take(file, tmp_path)
+    assert not (tmp_path / "made").exists()
+    hubs = ("0.03,0.03,0,ccw", "-0.03,0.03,0,cw", "-0.03,-0.03,0,ccw", "0.03,-0.03,0,cw")
+    made, robot = take(file, tmp_path, rotors=hubs)
+    assert made.rotors == 4
+    assert robot.platform.mass_kg == pytest.approx(0.03)
+
+
+def test_sdf_with_motor_plugins_in_two_files(tmp_path: Path) -> None:
+    made, robot = take(models.write_hexa(tmp_path), tmp_path)
+    r = robot.rotors
+    assert r.thrust_coefficient_n_per_rad2s2 == models.KF
+    assert r.thrust_max_n == pytest.approx(models.KF * models.FASTEST**2)
+    assert (r.torque_per_thrust_m, r.time_constant_s) == (models.KM, 0.02)
+    assert r.drag_coefficient_n_per_rads_mps == 8e-5
+    assert r.spin == ["cw", "ccw"] * 3
+    rotors = build_rotors(r)
+    for i in range(6):
+        # B is the base link's frame; the arms hang on it, so its own pose does not count
+        turn = rot_z(np.pi / 3 * i)
+        tilt = rot_x(0.5 if i % 2 else -0.5)
+        np.testing.assert_allclose(rotors.position[i], turn @ [0.3, 0.0, 0.05], atol=1e-12)
+        np.testing.assert_allclose(rotors.axis[i], (turn @ tilt)[:, 2], atol=1e-12)
+    assert compute_body(build_body_model(robot), np.zeros(0))[0] == pytest.approx(2.1 + 6 * 0.02)
+    assert any("rollingMomentCoefficient" in note for note in made.notes)
+
+
+def test_urdf_keeps_the_mass_of_its_root(tmp_path: Path) -> None:
+    """MuJoCo's reader alone welds the root link to the world and drops its 0.55 kg.
+
+    Pinocchio, which reads the URDF by itself, has the same mass and centre at other postures.
+    """
+    file = models.write_urdf_quad(tmp_path)
+    spins = {"robot.rotors.spin": ["ccw", "cw", "ccw", "cw"]}
+    made, robot = take(file, tmp_path, answers=spins)
+    assert made.joints == ["shoulder", "rail"]
+    own = build_body_model(robot)
+    other = pin.buildModelFromXML(file.read_text(), pin.JointModelFreeFlyer())
+    data = other.createData()
+    index = {name: other.joints[other.getJointId(name)].idx_q for name in made.joints}
+    assert compute_body(own, np.zeros(2))[0] == pytest.approx(0.55 + 4 * 0.03 + 0.08 + 0.05)
+    for q in ([0.0, 0.0], [1.1, 0.07], [-0.8, 0.12]):
+        full = pin.neutral(other)
+        full[[index["shoulder"], index["rail"]]] = q
+        mass, com, _ = compute_body(own, np.array(q))
+        assert mass == pytest.approx(pin.computeTotalMass(other))
+        np.testing.assert_allclose(com, pin.centerOfMass(other, data, full), atol=1e-9)
+        pin.framesForwardKinematics(other, data, full)
+        place = data.oMf[other.getFrameId("tool0")].translation
+        np.testing.assert_allclose(compute_tip(own, np.array(q))[0], place, atol=1e-9)
+    rail = list_joints(robot)[1].link
+    assert (rail.joint, *rail.reach) == ("slide", 0.0, 0.12)
+    assert [s.stall_torque_nm for _, s in list_servos(robot)] == [1.2, 30.0]
+
+
+@pytest.mark.parametrize("kind", ["urdf", "mjcf"])
+@pytest.mark.parametrize("carrier", ["quad", "hexa"])
+def test_an_arm_from_a_file_of_its_own(tmp_path: Path, carrier: str, kind: str) -> None:
+    platform = models.write_quad(tmp_path) if carrier == "quad" else models.write_hexa(tmp_path)
+    arm = models.urdf_arm(tmp_path) if kind == "urdf" else models.mjcf_arm(tmp_path)
+    made, robot = take(platform, tmp_path, arm=arm, mount="0.05,0,-0.05,180,0,0")
+    alone = take(platform, tmp_path, "alone")[1]
+    n, mass = (4, 0.09 + 4 * 0.1 + 0.1 + 0.002) if kind == "urdf" else (6, 0.5 + 1.65 + 0.032)
+    assert made.joints == [f"arm/{'joint' if kind == 'urdf' else 'j'}{i + (kind == 'urdf')}"
+                           for i in range(n)]  # fmt: skip
+    assert sum("a finger of the gripper" in note for note in made.notes) == 2
+    both, one = (
+        compute_body(build_body_model(r), np.zeros(k))[0] for r, k in ((robot, n), (alone, 0))
+    )
+    assert both - one == pytest.approx(mass)
+    tip, _ = compute_tip(build_body_model(robot), np.zeros(n))
+    if kind == "urdf":  # upside down: up along the arm is down in B
+        np.testing.assert_allclose(
+            tip, [0.05 + 0.012 + 0.024 + 0.124 + 0.126, 0.0, -0.05 - 0.205], atol=1e-9
+        )
+    sources = load_robot(made.path)[1]
+    torque = {s.kind for key, s in sources.items() if key.endswith("stall_torque_nm")}
+    assert torque == ({"assumed"} if kind == "urdf" else {"imported"})  # 1000 N m is nobody's
+
+
+def test_what_is_missing_is_asked_or_listed(tmp_path: Path) -> None:
+    file = models.write_quad(tmp_path)
+    with pytest.raises(
+        InputError, match=r"propeller_radius_m.*time_constant_s.*energy_wh.*--assume"
+    ):
+        take(file, tmp_path, assume=False)
+    asked = []
+
+    def answer(question: Any) -> Any:
+        asked.append(question.key)
+        return question.guess
+
+    answers = {"robot.battery.energy_wh": 80.0, "robot.platform.gear_height_m": 0.3}
+    made = import_robot(Request(file, answers=answers), tmp_path / "asked", answer)
+    assert asked == [f"robot.rotors.{key}" for key in (
+        "propeller_radius_m", "thrust_coefficient_n_per_rad2s2", "time_constant_s")]  # fmt: skip
+    robot, sources = load_robot(made.path)
+    assert (robot.battery.energy_wh, robot.platform.gear_height_m) == (80.0, 0.3)
+    kinds = {sources[key].kind for key in (*answers, *asked)}
+    assert kinds == {"asked"}
+
+
+def test_the_command_writes_once_and_says_what_it_did(tmp_path: Path) -> None:
+    file, out = models.write_quad(tmp_path), tmp_path / "one"
+    args = ["import", str(file), "--assume", "--out", str(out), "--json"]
+    first = CliRunner().invoke(cli.main, args)
+    assert first.exit_code == 0, first.output
+    told = json.loads(first.output)
+    assert (told["kind"], told["rotors"], told["joints"]) == ("MJCF", 4, [])
+    assert told["deviations"]["mass"] < 1e-12
+    again = CliRunner().invoke(cli.main, args)
+    assert again.exit_code == 2
+    assert "exists" in again.output
+    wrong = CliRunner().invoke(cli.main, [*args[:3], "--out", str(tmp_path / "two"), "--set",
+                                          "robot.rotors.radius=1"])  # fmt: skip
+    assert wrong.exit_code == 2
+    assert "radius_m" in wrong.output
+    assert not (tmp_path / "two").exists()
+
+
+BAD = {
+    "entities": '<!DOCTYPE m [<!ENTITY a "b">]><mujoco>&a;</mujoco>',
+    "half": "<mujoco><worldbody>",
+    "other": "<html/>",
+    "template": "<sdf><model name='m'><link name='{{ x }}'/></model></sdf>",
+    "xacro": "<robot xmlns:xacro='http://www.ros.org/wiki/xacro' name='r'><xacro:include filename='x'/></robot>",
+    "deep": "<mujoco><worldbody>" + "<body>" * 100_000 + "</body>" * 100_000 + "</worldbody></mujoco>",
+    "wide": "<robot name='r'>" + "".join(f"<link name='l{i}'/>" for i in range(100_000)) + "</robot>",
+    "nothing": "<robot name='r'/>",
+    "self": "<mujoco><include file='bad.xml'/></mujoco>",
+    "missing": "<mujoco><include file='elsewhere.xml'/></mujoco>",
+    "no model": "<sdf version='1.9'><world name='w'/></sdf>",
+    "lost": "<sdf version='1.9'><model name='m'><include><uri>model://lost</uri></include></model></sdf>",
+    "nan": "<robot name='r'><link name='a'><inertial><mass value='nan'/><inertia ixx='1' ixy='0' "
+    "ixz='0' iyy='1' iyz='0' izz='1'/></inertial></link></robot>",
+    "nan sdf": "<sdf version='1.9'><model name='m'><link name='a'><inertial><mass>nan</mass>"
+    "</inertial></link></model></sdf>",
+    "unphysical": "<robot name='r'><link name='a'><inertial><mass value='1'/><inertia ixx='1' ixy='0' "
+    "ixz='0' iyy='1' iyz='0' izz='9'/></inertial></link></robot>",
+    "planar": "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='planar'>"
+    "<parent link='a'/><child link='b'/></joint></robot>",
+    "loop": "<sdf version='1.9'><model name='m'><link name='a'/><link name='b'/>"
+    "<joint name='j' type='fixed'><parent>a</parent><child>b</child></joint>"
+    "<joint name='k' type='fixed'><parent>b</parent><child>a</child></joint></model></sdf>",
+    "circular frames": "<sdf version='1.9'><model name='m'><link name='a'><pose relative_to='f'>"
+    "0 0 0 0 0 0</pose></link><frame name='f'><pose relative_to='a'>0 0 0 0 0 0</pose></frame>"
+    "<link name='b'/><joint name='j' type='fixed'><parent>b</parent><child>a</child></joint></model></sdf>",
+    "ball": "<mujoco><worldbody><body name='a'><freejoint/><geom size='.1'/><body><joint type='ball'/>"
+    "<geom size='.1'/></body></body></worldbody></mujoco>",
+    "two joints": "<mujoco><worldbody><body name='a'><freejoint/><geom size='.1'/><body name='b'>"
+    "<joint axis='1 0 0'/><joint axis='0 1 0'/><geom size='.1'/></body><site name='s0' pos='1 0 0'/>"
+    "<site name='s1' pos='0 1 0'/><site name='s2'/></body></worldbody><actuator>"
+    + "".join(f"<motor site='s{i}' gear='0 0 1 0 0 .1'/>" for i in range(3))
+    + "</actuator></mujoco>",
+    "mesh": "<mujoco><asset><mesh name='x' file='x.obj'/></asset><worldbody><body name='a'><freejoint/>"
+    "<geom type='mesh' mesh='x'/></body></worldbody></mujoco>",
+    "no free": "<mujoco><worldbody><body name='a'><geom size='.1'/></body></worldbody></mujoco>",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files_give_one_line(tmp_path: Path, name: str) -> None:
+    file = tmp_path / "bad.xml"
+    file.write_text(BAD[name], encoding="utf-8")
+    out = tmp_path / "made"
+    result = CliRunner().invoke(cli.main, ["import", str(file), "--assume", "--out", str(out)])
+    assert result.exit_code == 2, result.output
+    line = result.output.strip()
+    assert "\n" not in line
+    assert len(line) < 1500
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"mount": "1,2"}, "--mount"),
+        ({"mount": "1,2,nan"}, "--mount"),
+        ({"tip": "elbow"}, "neither a body"),
+        ({"weld": ("nothing",)}, "is no joint"),
+        ({"body": "arm"}, "does not fly"),
+        ({"rotors": ("1,2,3",)}, "--rotor"),
+        ({"rotors": ("1,2,3,up",)}, "--rotor"),
+        ({"answers": {"platform.mass_kg": 1.0}}, "keys of the robot file"),
+        ({"answers": {"robot.platform.mass_kg": 9.0}}, "deviates .* in mass"),
+        ({"answers": {"robot.platform.mass_kg": -9.0}}, "greater than 0"),
+    ],
+)
+def test_wrong_options_are_refused(tmp_path: Path, given: dict[str, Any], says: str) -> None:
+    arm = models.urdf_arm(tmp_path)
+    with pytest.raises(InputError, match=says):
+        take(models.write_quad(tmp_path), tmp_path, arm=arm, **given)
+    assert not (tmp_path / "made").exists()
+
+
+def test_rotors_that_differ_are_refused(tmp_path: Path) -> None:
+    first = f"<motorConstant>{models.KF}</motorConstant>"
+    file = models.write_hexa(tmp_path)
+    text = file.read_text()
+    file.write_text(text.replace(first, "<motorConstant>1e-5</motorConstant>", 1))
+    with pytest.raises(InputError, match="rotors differ in thrust"):
+        take(file, tmp_path)
+    wrong = models.write_hexa(tmp_path, ("<linkName>rotor_3<", "<linkName>rotor_9<"))
+    with pytest.raises(InputError, match="no such link or joint"):
+        take(wrong, tmp_path)
+
+
+def test_joints_can_be_welded(tmp_path: Path) -> None:
+    file, arm = models.write_quad(tmp_path), models.mjcf_arm(tmp_path)
+    made, robot = take(file, tmp_path, arm=arm, weld=("arm/j3", "arm/j5"))
+    assert made.joints == ["arm/j0", "arm/j1", "arm/j2", "arm/j4"]
+    assert len(list_servos(robot)) == 4
+    none = take(file, tmp_path, "none", arm=arm, weld=("*",))[1]
+    assert none.arm is None
+    masses = [compute_body(build_body_model(r), np.zeros(n))[0] for r, n in ((robot, 4), (none, 0))]
+    assert masses[0] == pytest.approx(masses[1])
+
+
+def test_a_robot_that_cannot_fly_is_written_with_the_reason(tmp_path: Path) -> None:
+    """A public quadrotor has equal senses on one side: roll and yaw cannot be told apart."""
+    file = models.write_quad(tmp_path)
+    motors = file.read_text()
+    swapped = {1: "0 0 1 0 0 0.02", 2: "0 0 1 0 0 0.02", 3: "0 0 1 0 0 -0.02"}
+    tree = ET.fromstring(motors)
+    for i, motor in enumerate(tree.iter("motor")):
+        motor.set("gear", swapped.get(i, motor.get("gear", "")))
+    file.write_text(ET.tostring(tree, encoding="unicode"))
+    made, _ = take(file, tmp_path)
+    assert any("does not fly as the file describes it" in note for note in made.notes)
+    spins = {"robot.rotors.spin": ["ccw", "cw", "ccw", "cw"]}
+    mended, robot = take(file, tmp_path, "mended", answers=spins)
+    assert not any("does not fly" in note for note in mended.notes)
+    check_can_fly(robot)
+
+
+numbers = st.floats(-0.5, 0.5).map(lambda x: round(x, 3))
+
+
+@settings(max_examples=100, deadline=None)
+@given(axis=st.tuples(numbers, numbers, numbers), d=st.tuples(numbers, numbers, numbers))
+def test_link_frames_have_the_joint_s_axis(axis: Any, d: Any) -> None:
+    size = np.linalg.norm(axis)
+    if size < 0.05:
+        return
+    a, way = np.array(axis) / size, np.array(d)
+    R, letter, along, length = choose_frame(a, way)
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-9)
+    assert np.linalg.det(R) > 0.0
+    np.testing.assert_allclose(R[:, "xyz".index(letter)], a, atol=1e-12)
+    link = R[:, 0] if along == "x" else -R[:, 2]
+    assert length > 0.0
+    assert link @ way >= -1e-9
+    assert length <= np.linalg.norm(way) + 2e-6
+
+
+def test_the_written_file_is_xml_free_and_sourced(tmp_path: Path) -> None:
+    """Each number has a source; text of the file cannot break out of its string."""
+    file = models.write_quad(tmp_path)
+    tree = ET.parse(file)
+    for body in tree.iter("body"):
+        body.set("name", 'quad" }\n[robot.control]\nrate_hz = 1 # ')
+    tree.write(file)
+    made, robot = take(file, tmp_path)
+    assert robot.control.rate_hz == 500.0
+    assert made.counts["imported"] > 15
