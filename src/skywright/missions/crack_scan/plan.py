@@ -27,6 +27,7 @@ class CrackWay(NamedTuple):
     swath_m: float  # of one pass
     pitch_m: float  # largest distance of passes
     passes: int
+    setup: Setup[CrackScan]  # to plan again with
 
 
 def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
@@ -59,7 +60,7 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
     })  # fmt: skip
     mission = d.mission.model_copy(update={"task": asked})
     found = plan_scan(cast(Any, Setup(d._replace(mission=mission))))
-    way = None if found.way is None else CrackWay(found.way, display, swath, pitch, passes)
+    way = None if found.way is None else CrackWay(found.way, display, swath, pitch, passes, setup)
     return cast(MissionPlan[CrackWay], found._replace(way=cast(Any, way)))
 
 
