@@ -26,6 +26,7 @@ from skywright.inspection.notch_setup import set_up
 from skywright.missions.crack_scan.again import LEAST_HOLE, build_passes
 from skywright.missions.crack_scan.cover import build_sector, compute_cover, list_gaps
 from skywright.missions.crack_scan.display import find_array, set_up_display
+from skywright.missions.crack_scan.figures import list_marks
 from skywright.missions.crack_scan.judge import Flaw, match
 from skywright.missions.crack_scan.plan import compute_pitch, compute_swath, plan
 from skywright.models.block_scan import simulate_block_scan
@@ -33,6 +34,7 @@ from skywright.models.crack_signal import CELL, Metal, build_crack_table
 from skywright.models.eddy_current import Coil, Instrument
 from skywright.models.things.crack import Crack
 from skywright.reports.inspection_report import build_inspection_report
+from skywright.reports.replay import build_replay_data
 from skywright.run.need import estimate_need
 from skywright.run.records import FlightRecords
 from skywright.run.run import run_mission
@@ -397,6 +399,22 @@ def test_gaps_are_told_with_their_rectangle() -> None:
     assert gap.area_m2 == pytest.approx(cover.area_m2 * (1 - cover.fraction))
     nothing = compute_cover(sector, np.zeros(0), np.zeros(0))
     assert nothing.fraction == 0.0 and len(list_gaps(nothing)) == 1
+
+
+def test_the_replay_draws_swath_and_indications(flown) -> None:
+    data = build_replay_data(flown)
+    legend = {text for _, text in data["legend"]}
+    assert {"edge of the swath", "indication: crack"} <= legend and "missed" not in legend
+    times = [m["since"] for m in data["meshes"] if "since" in m]
+    found = flown.details.indications
+    assert len(times) == 4 + len(found)  # two edges of two scans
+    start = float(flown.samples["t"][0])
+    assert all(min(abs(t - x.t + start) for t in times) < 0.02 for x in found)
+    half = flown.details.cover.away.copy()
+    half[: len(half) // 2] = 0.05
+    cover = flown.details.cover._replace(away=half, covered=half < 0.001)
+    marks = list_marks(flown._replace(details=flown.details._replace(cover=cover)))
+    assert "missed" in {m.name for m in marks}
 
 
 def test_passes_follow_swath_and_lateral_error() -> None:
