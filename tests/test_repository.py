@@ -326,7 +326,7 @@ def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
 # -- size and imports of the code ---------------------------------------------------------------
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
-STATEMENTS = 60_516
+STATEMENTS = 60_518
 CORE_LINES = 2_500
 
 

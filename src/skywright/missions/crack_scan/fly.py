@@ -15,7 +15,7 @@ from skywright.missions.crack_scan.display import find_array, place_coils
 from skywright.missions.crack_scan.plan import CrackWay, compute_coil_width
 from skywright.missions.crack_scan.search import find_contact
 from skywright.missions.crack_scan.task import CrackScan
-from skywright.missions.scan.fly import fly as fly_scan
+from skywright.missions.scan.fly import fly_scan
 from skywright.missions.scan.plan import plan_found
 from skywright.planning.patterns import Pattern
 from skywright.run.flight import Flight

@@ -42,7 +42,12 @@ class More(Protocol):
         """
 
 
-def fly(s: Supervisor[Scan], way: ScanWay, more: More | None = None) -> Flight:
+def fly(s: Supervisor[Scan], way: ScanWay) -> Flight:
+    """Fly the phases between take-off and landing."""
+    return fly_scan(s, way)
+
+
+def fly_scan(s: Supervisor[Scan], way: ScanWay, more: More | None = None) -> Flight:
     """Fly the phases between take-off and landing; with `more` maybe a second scan."""
     segments, known = s.segments, None
     way_back: list[tuple[str, Table]] = []  # what was flown to here
