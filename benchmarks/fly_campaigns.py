@@ -42,9 +42,23 @@ def fly(name: str, out: Path, workers: int) -> str:
         "succeeded": len(rows) - len(others),
         "others": [{k: r[k] for k in ("run", "outcome", "reason")} for r in others],
     }
+    means = compute_means(rows, CAMPAIGNS[name].get("means", {}))
+    if means:
+        result["means"] = means
     text = json.dumps(result, indent=1, ensure_ascii=False) + "\n"
     (KEPT / f"{name}.json").write_text(text, encoding="utf-8")
     return f"{name}: {result['succeeded']} of {result['runs']}"
+
+
+def compute_means(rows: list[dict[str, str]], limits: dict[str, float]) -> dict[str, object]:
+    """Return the mean of metrics over the runs that have them, and whether its limit is met."""
+    out: dict[str, object] = {}
+    for metric, limit in limits.items():
+        values = [float(r[metric]) for r in rows if r.get(metric)]
+        mean = sum(values) / len(values) if values else None
+        met = mean is not None and abs(mean) <= limit
+        out[metric] = {"runs": len(values), "mean": mean, "limit": limit, "met": met}
+    return out
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -11,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from skywright.cli import main
 from skywright.description.loader import load_description
@@ -20,8 +23,10 @@ from skywright.inspection.files.nde import EddyScan, read_nde
 from skywright.inspection.history.store import InspectionStore
 from skywright.inspection.indications import COIL_WIDTH, FlawFinder
 from skywright.inspection.notch_setup import set_up
+from skywright.missions.crack_scan.again import LEAST_HOLE, build_passes
 from skywright.missions.crack_scan.cover import build_sector, compute_cover, list_gaps
 from skywright.missions.crack_scan.display import find_array, set_up_display
+from skywright.missions.crack_scan.figures import list_marks
 from skywright.missions.crack_scan.judge import Flaw, match
 from skywright.missions.crack_scan.plan import compute_pitch, compute_swath, plan
 from skywright.models.block_scan import simulate_block_scan
@@ -29,11 +34,14 @@ from skywright.models.crack_signal import CELL, Metal, build_crack_table
 from skywright.models.eddy_current import Coil, Instrument
 from skywright.models.things.crack import Crack
 from skywright.reports.inspection_report import build_inspection_report
+from skywright.reports.replay import build_replay_data
+from skywright.run.need import estimate_need
 from skywright.run.records import FlightRecords
 from skywright.run.run import run_mission
 from skywright.run.setup import Setup
 
 SCHEMAS = Path(__file__).parents[2] / "shared" / "data" / "nde"
+SMALL = ["robot.battery.energy_wh=12"]
 STEEL = Metal(5e6, 100.0)
 COILS = np.linspace(-0.02, 0.02, 16)
 DISPLAY = set_up(simulate_block_scan(STEEL, Coil(), Instrument(), np.random.default_rng(0)))
@@ -201,8 +209,8 @@ def test_each_report_is_a_flaw_or_a_false_call() -> None:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory):
-    """The mission as it is, but of two passes."""
-    sets = ["mission.task.arc_deg=20", "mission.task.pass_length_m=0.08",
+    """One pass over a sector of two: what it misses is flown once more."""
+    sets = ["mission.task.arc_deg=20", "mission.task.passes=1", "mission.task.pass_length_m=0.08",
             "mission.task.centre_s_m=0.09"]  # fmt: skip
     d = load_description("crack-scan", sets=sets)
     folder = tmp_path_factory.mktemp("cracks")
@@ -218,7 +226,12 @@ def test_cracks_are_found_in_flight(flown) -> None:
     assert m["crack.block_drifted"] == 0.0
     assert m["crack.block_notch_percent"] == pytest.approx(80.0, abs=4.0)
     assert m["coverage.area_fraction"] > 0.95 and m["coverage.gap_max_mm"] < 5.0
-    assert m["coverage.passes"] == 2.0
+    assert (m["coverage.passes"], m["coverage.again"]) == (1.0, 1.0)
+    scans = [p for p in flown.phases if p.name == "scan"]
+    first = flown.samples["t"] < scans[0].end_s
+    place = flown.details.t < scans[0].end_s
+    seen = compute_cover(flown.details.cover.sector, flown.details.s[place], flown.details.c[place])
+    assert len(scans) == 2 and first.any() and seen.fraction < 0.7
 
 
 def test_the_report_maps_the_display(flown) -> None:
@@ -323,6 +336,56 @@ def test_a_run_is_imported_once(flown, tmp_path) -> None:
         assert done.exit_code == 2 and says in done.output
 
 
+def test_time_and_energy_are_told_before_take_off(flown) -> None:
+    """The power of the estimate is that of the flight; a small battery is refused with the need."""
+    plan_, m = flown.plan, flown.metrics
+    power = m["flight.energy_wh"] / flown.timing["simulated_s"]
+    assert plan_.need.energy_wh / (60 * plan_.need.minutes) == pytest.approx(power, rel=0.15)
+    assert plan_.need.batteries == pytest.approx(plan_.need.energy_wh / (74.0 * 0.8))
+    assert not plan(Setup(load_description("crack-scan", sets=SMALL))).feasible
+    blocked = plan(Setup(load_description("crack-scan", sets=SMALL))).blocked_by
+    assert re.match(
+        r"battery: 3 passes of 120 mm takes 3\.\d min and 1\d Wh, .* 2 batteries", blocked
+    )
+    windy = Setup(load_description("crack-scan", sets=["world.wind.kind=steady",
+                                                        "world.wind.mean_mps=8"]))  # fmt: skip
+    calm = estimate_need(Setup(load_description("crack-scan")), 100.0)
+    assert calm is not None
+    more = estimate_need(windy, 100.0)
+    assert more is not None and 1.0 < more.energy_wh / calm.energy_wh < 1.3
+
+
+@given(st.lists(st.tuples(st.floats(0.04, 0.16), st.floats(-0.05, 0.05), st.floats(0.001, 0.05),
+                          st.floats(0.001, 0.06)), min_size=1, max_size=4),
+       st.sampled_from([0.00344, 0.04344]), st.integers(0, 99))  # fmt: skip
+@settings(max_examples=40, deadline=None)
+def test_passes_over_missed_parts_cover_them(holes, swath: float, seed: int) -> None:
+    """Wherever the holes lie, also with a lateral error of each pass."""
+    task, std = load_description("crack-scan").mission.task, 0.0005
+    sector = build_sector(task, 0.2, 0.00344)
+    s, c = sector.cells.T
+    hole = np.zeros(len(s), bool)
+    for at_s, at_c, long, wide in holes:
+        hole |= (np.abs(s - at_s) < long / 2) & (np.abs(c - at_c) < wide / 2)
+    before = compute_cover(sector, s[~hole], c[~hole])
+    pitch = swath - 2.33 * math.sqrt(2) * std
+    passes = build_passes(before, swath, pitch, std)
+    if before.hole_m <= LEAST_HOLE:
+        assert not len(passes)
+        return
+    rng = np.random.default_rng(seed)
+    coils = np.linspace(-0.5, 0.5, 16) * (swath - 0.00344) if swath > 0.01 else np.zeros(1)
+    places = []
+    for a, b in passes.reshape(-1, 2, 2):
+        assert a[1] == b[1] and abs(a[0] - b[0]) > 0
+        along = np.linspace(a[0], b[0], 300)
+        at = np.stack(np.meshgrid(along, b[1] + coils + rng.normal(0, std), indexing="ij"), -1)
+        places.append(at.reshape(-1, 2))
+    flown = np.concatenate([*places, sector.cells[~hole]])
+    after = compute_cover(sector, flown[:, 0], flown[:, 1])
+    assert after.fraction > 0.985 and after.hole_m < 0.002
+
+
 def test_gaps_are_told_with_their_rectangle() -> None:
     task = load_description("crack-scan").mission.task
     sector = build_sector(task, 0.2, 0.004)
@@ -336,6 +399,22 @@ def test_gaps_are_told_with_their_rectangle() -> None:
     assert gap.area_m2 == pytest.approx(cover.area_m2 * (1 - cover.fraction))
     nothing = compute_cover(sector, np.zeros(0), np.zeros(0))
     assert nothing.fraction == 0.0 and len(list_gaps(nothing)) == 1
+
+
+def test_the_replay_draws_swath_and_indications(flown) -> None:
+    data = build_replay_data(flown)
+    legend = {text for _, text in data["legend"]}
+    assert {"edge of the swath", "indication: crack"} <= legend and "missed" not in legend
+    times = [m["since"] for m in data["meshes"] if "since" in m]
+    found = flown.details.indications
+    assert len(times) == 4 + len(found)  # two edges of two scans
+    start = float(flown.samples["t"][0])
+    assert all(min(abs(t - x.t + start) for t in times) < 0.02 for x in found)
+    half = flown.details.cover.away.copy()
+    half[: len(half) // 2] = 0.05
+    cover = flown.details.cover._replace(away=half, covered=half < 0.001)
+    marks = list_marks(flown._replace(details=flown.details._replace(cover=cover)))
+    assert "missed" in {m.name for m in marks}
 
 
 def test_passes_follow_swath_and_lateral_error() -> None:

@@ -231,7 +231,7 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
         "adc_bits", "encoder_counts", "feet", "seed", "scenario_seed", "passes", "retries",
         "grasp_retries", "tries", "planner_slices", "random_pits", "pit_seed",
         "velocity_fraction", "least_height_fraction", "snr_db",
-        "overlap_fraction", "threshold_percent",
+        "overlap_fraction", "threshold_percent", "coverage_fraction",
         # in the unit that `unit` names
         "limit",
     }  # fmt: skip
@@ -332,7 +332,7 @@ def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
 # -- size and imports of the code ---------------------------------------------------------------
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
-STATEMENTS = 60_625
+STATEMENTS = 60_868
 CORE_LINES = 2_500
 
 

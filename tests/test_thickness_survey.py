@@ -14,6 +14,7 @@ from skywright.errors import InputError
 from skywright.inspection.files.nde import UltrasonicScan, read_nde
 from skywright.inspection.history.store import InspectionStore
 from skywright.inspection.thickness import Reading
+from skywright.missions.thickness_survey.figures import FIGURES
 from skywright.missions.thickness_survey.gauge import build_gauge, find_probe, set_up
 from skywright.missions.thickness_survey.metrics import (
     SpotReading,
@@ -23,6 +24,7 @@ from skywright.missions.thickness_survey.metrics import (
 from skywright.missions.thickness_survey.plan import plan
 from skywright.recordings.recording import read_recording
 from skywright.reports.inspection_report import build_inspection_report
+from skywright.reports.replay import build_replay_data
 from skywright.run.flight import Flown
 from skywright.run.records import FlightRecords
 from skywright.run.run import run_mission
@@ -113,6 +115,16 @@ def test_a_flight_that_ends_early_keeps_what_it_read(flown, tmp_path) -> None:
     store.close()
 
 
+def test_the_replay_draws_readings_in_the_colour_of_the_wall(flown) -> None:
+    marks = FIGURES.marks(flown)
+    good = [m for m in marks if m.name != "reading refused"]
+    assert [m.name for m in good] == ["10.0 mm", "8.0 mm"]
+    assert sum(good[0].colour) > sum(good[1].colour)  # a thin wall is dark
+    tip = flown.samples["p_WT"]
+    assert all(np.min(np.linalg.norm(tip - m.p_W, axis=1)) < 0.01 for m in marks)
+    assert {"8.0 mm", "10.0 mm"} <= {text for _, text in build_replay_data(flown)["legend"]}
+
+
 def test_ascans_are_kept_and_rebuilt_bit_for_bit(flown) -> None:
     """What the evaluation reads is what the probe's stream recorded."""
     recording = read_recording(flown.directory / "recording.mcap", ["/sensors/thickness"])
@@ -126,8 +138,6 @@ def test_ascans_are_kept_and_rebuilt_bit_for_bit(flown) -> None:
 
 
 def test_the_report_shows_readings_and_procedure(flown) -> None:
-    from skywright.missions.thickness_survey.figures import FIGURES
-
     assert all(chart.draw(flown) is not None for chart in FIGURES.charts.values())
     notes = " ".join(FIGURES.notes(flown))
     assert "steps of 5 and 12.5 mm" in notes and "simulated" in notes
@@ -148,7 +158,10 @@ def test_metrics_of_readings_whose_answer_is_known(flown) -> None:
     assert m["thickness.false_accepts"] == 1.0
     assert m["thickness.skips"] == 1.0
     errors = np.array([0.01, 0.2, 10.0, -0.01])
-    assert m["thickness.bias_mm"] == pytest.approx(errors.mean())
+    assert m["thickness.bias_mm"] == m["thickness.mean_error_mm"] == pytest.approx(errors.mean())
+    thin = judge_readings([read("a", 9.96, 0.06)], 1)
+    assert thin["thickness.mean_error_mm"] == pytest.approx(-0.04)
+    assert thin["thickness.bias_mm"] == pytest.approx(0.04)
     assert m["thickness.error_p95_mm"] == pytest.approx(np.quantile(np.abs(errors), 0.95))
     assert m["thickness.u95_covers_fraction"] == 0.5
     assert m["thickness.u95_max_mm"] == pytest.approx(0.1)

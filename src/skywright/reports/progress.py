@@ -9,15 +9,13 @@ from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn
 from rich.progress import Progress as Bar
 
+from skywright.run.need import OVERHEAD_S
 from skywright.run.warm_up import is_compiled
 
 if TYPE_CHECKING:
     from skywright.description.loader import Description
     from skywright.run.planning import MissionPlan
     from skywright.vehicle.simulated import SimulatedVehicle
-
-OVERHEAD_S = 30.0
-"""Take-off, settling and landing, which the plan's duration leaves out; a first guess only."""
 
 REDRAW_S = 0.1
 """Wall time between two updates of the bar."""

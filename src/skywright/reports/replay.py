@@ -83,6 +83,9 @@ def build_replay_data(result: RunResult) -> dict[str, Any]:
     weld = result.details if isinstance(result.details, WeldResult) else None
     if weld is not None:
         _draw_weld(scene, weld, start)
+    marks = load_kind(d.mission.kind).figures().marks(result) if len(samples) else []
+    for mark in marks:
+        scene.draw_mark(mark, start)
     judged_names = list_judged(d.robot, d.world)
     builder = FrameBuilder(scene, list_columns(result.samples), judged_names)
     judged = np.isin(
@@ -91,6 +94,8 @@ def build_replay_data(result: RunResult) -> dict[str, Any]:
     found = weld is not None and weld.line is not None
     data = describe(d, scene, builder, build_views(d.robot, d.true_world, flown),
                     result.plan.way, found)  # fmt: skip
+    named = {mark.name: mark.colour for mark in marks if mark.name}
+    data["legend"] += [["#{:02x}{:02x}{:02x}".format(*rgb), name] for name, rgb in named.items()]
     frames = builder.build(shown, judged, _read_signal(weld, shown["t"]))
     data |= {
         "mode": "replay",

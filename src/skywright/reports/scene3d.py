@@ -26,7 +26,7 @@ from skywright.models.drawing import (
     rotate_vectors,
 )
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon, merge_meshes
-from skywright.run.kind import Sketch
+from skywright.run.kind import Mark, Sketch
 
 Colour = tuple[int, int, int]
 
@@ -170,6 +170,15 @@ class Scene3d:
         for i, p in enumerate(sketch.points):
             self.draw_ball(p, 0.025, WAYPOINT)
             self.labels.append({"p": _round(p + [0.0, 0.0, 0.05]), "text": f"{i + 1}"})
+
+    def draw_mark(self, mark: Mark, start: float) -> None:
+        """Draw what a mission found; `start` (s) is the mission time at which a replay begins."""
+        since = max(mark.since_s - start, 0.0)
+        if mark.p_W is not None:
+            self.draw_ball(mark.p_W, mark.size_m, mark.colour, since=since)
+        if len(mark.on_pipe) > 1 and self.world.pipe is not None:
+            s, c = mark.on_pipe[:, 0], 0.5 * self.world.pipe.diameter_m * mark.on_pipe[:, 1]
+            self.draw_surface_line(s, c, mark.size_m, mark.colour, 0.0015, since=since)
 
     def _draw_path(self, path_sphi: Array) -> None:
         """Draw a path on the pipe: (n, 2) s (m) and phi (rad)."""

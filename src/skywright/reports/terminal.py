@@ -96,6 +96,10 @@ def print_plan(plan: MissionPlan) -> None:
     table.add_row("duration", format_number(plan.duration_s, "s"))
     table.add_row("smallest clearance", format_number(plan.min_clearance_m, "m"))
     table.add_row("smallest rotor margin", format_number(plan.min_rotor_margin))
+    if plan.need is not None:
+        table.add_row("with take-off and landing", format_number(plan.need.minutes, "min"))
+        table.add_row("energy", format_number(plan.need.energy_wh, "Wh"))
+        table.add_row("batteries", format_number(plan.need.batteries))
     for name, what, unit in (
         ("plan.cost", "cost of the path", "m"),
         ("plan.lower_bound", "lower bound of the cost", "m"),

@@ -56,6 +56,17 @@ class Sketch(NamedTuple):
     at_work: tuple[NDArray[np.float64], float] | None = None  # p (3,) m and heading (rad)
 
 
+class Mark(NamedTuple):
+    """Something found, drawn in 3-D: a place, or a line on the pipe's surface."""
+
+    name: str  # in the legend; equal ones have one entry
+    colour: tuple[int, int, int]
+    p_W: NDArray[np.float64] | None = None  # (3,) m, a ball there
+    on_pipe: NDArray[np.float64] = np.zeros((0, 2))  # s (m) and phi (rad) of a line
+    size_m: float = 0.006  # radius of the ball, width of the line
+    since_s: float = 0.0  # mission time from which it is shown
+
+
 class Figures(NamedTuple):
     """What a report shows of a kind of mission."""
 
@@ -71,6 +82,8 @@ class Figures(NamedTuple):
     """Sentences before them."""
     sketch: Callable[[Description[Any], Any], Sketch] = lambda _, way: Sketch()
     """What is drawn of the mission, before a plan is made (None) and after."""
+    marks: Callable[[RunResult[Any, Any]], list[Mark]] = lambda _: []
+    """What is drawn in a replay of what was found."""
 
 
 class MissionKind(ABC, Generic[T, P]):

@@ -201,6 +201,13 @@ def compute_wind_allowance(nominal: Nominal) -> Array:
     return np.asarray(float(np.linalg.norm(v)) * direction)
 
 
+def compute_wind_drag(nominal: Nominal) -> float:
+    """Return the drag (N) of a level robot in the steady wind that a plan allows for."""
+    a, b = _compute_drag_factors(nominal)
+    speed = float(np.linalg.norm(compute_wind_allowance(nominal)))
+    return a * speed**2 + b * speed
+
+
 def compute_equivalent_wind(nominal: Nominal, p_WB: Array, yaw: float, turn: float = 0.0) -> Array:
     """Return the uniform wind (3,) m/s that drags as the mean wind does on a level robot at p_WB.
 

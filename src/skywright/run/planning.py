@@ -22,6 +22,7 @@ from skywright.run.kind import P, load_kind
 from skywright.run.limits import find_exceeded_wind
 from skywright.run.link_limit import find_exceeded_delay
 from skywright.run.localisation_limit import find_slow_localisation
+from skywright.run.need import Need, estimate_need
 from skywright.run.operator import Recording
 from skywright.run.setup import Setup
 
@@ -44,6 +45,7 @@ class MissionPlan(NamedTuple, Generic[P]):
     way: P | None = None  # what the kind of mission keeps
     traces: Mapping[str, NDArray[Any]] = {}  # clearance and rotor margin along each segment
     file: PlanFile | None = None  # the plan as a file, of kinds that plan platform and joints
+    need: Need | None = None  # of time and energy, as estimated
     operator: Recording | None = None  # who is at the stick, of kinds that have an operator
 
     def get_way(self) -> P:
@@ -63,6 +65,7 @@ class MissionPlan(NamedTuple, Generic[P]):
             "duration_s": number(self.duration_s),
             "min_clearance_m": number(self.min_clearance_m),
             "min_rotor_margin": number(self.min_rotor_margin),
+            "need": None if self.need is None else self.need._asdict(),
             "metrics": self.metrics,
         }
 
@@ -104,7 +107,7 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
     too_windy = find_exceeded_wind(setup, plan.segments)
     if too_windy is not None:
         return plan._replace(feasible=False, blocked_by=too_windy)
-    return plan
+    return plan._replace(need=estimate_need(setup, plan.duration_s) if plan.feasible else None)
 
 
 def _find_blocked_climb(setup: Setup[Any]) -> str | None:

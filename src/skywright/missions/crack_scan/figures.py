@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from skywright.description.loader import Description
+from skywright.description.world.surface import roll_points
+from skywright.missions.crack_scan.cover import list_gaps
 from skywright.missions.crack_scan.judge import list_flaws
 from skywright.missions.crack_scan.plan import CrackWay
 from skywright.missions.crack_scan.task import CrackScan
@@ -15,9 +17,13 @@ from skywright.missions.scan.figures import FIGURES as SCAN
 from skywright.missions.skills.told import name_flight, tell_block
 from skywright.reports.figures.style import BLACK, LIMIT, new_map
 from skywright.run.flight import Flown
-from skywright.run.kind import Chart, Figures, Sketch
+from skywright.run.kind import Chart, Figures, Mark, Sketch
 from skywright.run.run import RunResult
 from skywright.run.setup import Setup
+
+SWATH, MISSED = (86, 180, 233), (213, 94, 0)
+NATURES = {"crack": (204, 121, 167), "weld": (120, 120, 120), "ambiguous": (230, 159, 0)}
+"""Colours: apart for colour-blind eyes, too (Okabe and Ito's palette)."""
 
 
 def draw_map(result: RunResult[CrackScan, CrackWay]) -> Figure | None:
@@ -92,6 +98,32 @@ def sketch(description: Description[CrackScan], way: CrackWay | None) -> Sketch:
     return cast(Sketch, shown)
 
 
+def list_marks(result: RunResult[CrackScan, CrackWay]) -> list[Mark]:
+    """The edges of the swath, the parts that no coil covered, and the indications."""
+    found = result.details
+    if found is None:
+        return []
+    radius = found.known.radius
+    marks, t = [], found.t
+    jumps = np.flatnonzero(np.diff(t) > 0.5) + 1  # between two scans
+    for part in np.split(np.arange(len(t)), jumps):
+        kept = part[::25]
+        for k in sorted({0, found.s.shape[1] - 1}):
+            line = np.column_stack([found.s[kept, k], found.c[kept, k] / radius])
+            marks.append(Mark("edge of the swath", SWATH, on_pipe=line, size_m=0.0012,
+                              since_s=float(t[part[-1]])))  # fmt: skip
+    end = float(t[-1])
+    for gap in list_gaps(found.cover):
+        (s0, c0), (s1, c1) = gap.start, gap.end
+        box = np.array([[s0, c0], [s1, c0], [s1, c1], [s0, c1], [s0, c0]]) / [1.0, radius]
+        marks.append(Mark("missed", MISSED, on_pipe=box, size_m=0.0015, since_s=end))
+    for x in found.indications:
+        p, n = roll_points(found.known, x.s, x.c)
+        marks.append(Mark(f"indication: {x.nature}", NATURES[x.nature], p[0] + 0.003 * n[0],
+                          since_s=x.t))  # fmt: skip
+    return marks
+
+
 FIGURES = Figures(
     describe,
     notes=list_notes,
@@ -107,4 +139,5 @@ FIGURES = Figures(
         ),
     },
     sketch=sketch,
+    marks=list_marks,
 )

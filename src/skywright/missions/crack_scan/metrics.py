@@ -8,6 +8,7 @@ from skywright.missions.crack_scan.plan import CrackWay
 from skywright.missions.crack_scan.search import TILT_LIMIT, Search, as_scan, find_search
 from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.coverage import COVERAGE_MEASURES, SCAN
+from skywright.missions.scan.fly import AGAIN
 from skywright.missions.scan.metrics import MEASURES as SCAN_MEASURES
 from skywright.missions.scan.metrics import compute_metrics as judge_scan
 from skywright.missions.skills.surveyed import SURVEY_MEASURES, SURVEY_WHERE
@@ -47,6 +48,7 @@ MEASURES: Measures = {
         "diameter of the largest circle of the sector that no coil covers",
     ),
     "coverage.passes": ("", "number of axial passes"),
+    "coverage.again": ("", "number of scans of missed parts: 0 or 1"),
     "coverage.pitch_full_mm": COVERAGE_MEASURES["coverage.pitch_full_mm"],
     **{k: v for k, v in SCAN_MEASURES.items() if k.startswith(SHARED)},
     **SURVEY_MEASURES,
@@ -55,6 +57,7 @@ MEASURES: Measures = {
 WHERE = {
     **dict.fromkeys((*SHARED, "force.", "crack.", "coverage."), SCAN),
     "coverage.pitch": PLANNING,
+    "coverage.again": WHOLE,
     **SURVEY_WHERE,
     "touch.": Where(("touch", "settle")),
     "contact.retries": WHOLE,
@@ -70,6 +73,7 @@ def compute_metrics(run: Flown[CrackScan, CrackWay]) -> dict[str, float]:
     if found is None:
         return out
     out["coverage.passes"] = float(run.way.passes)
+    out["coverage.again"] = float(sum(p.name == AGAIN for p in run.phases))
     out["coverage.pitch_full_mm"] = 1e3 * run.way.pitch_m
     return out | judge_search(run, found)
 

@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple, cast
 
+import numpy as np
+
 from skywright.errors import InputError
 from skywright.inspection.indications import COIL_WIDTH
 from skywright.missions.crack_scan.display import Array, Display, find_array, set_up_display
 from skywright.missions.crack_scan.task import CrackScan
+from skywright.missions.scan.fly import SETTLE, TRIM_TIMES
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.plan import plan as plan_scan
 from skywright.missions.skills.procedure import CrackProcedure
+from skywright.missions.skills.survey import BACK_SPEED, HOLD_S, SPEED, TARE_S
+from skywright.run.need import find_lacking_energy
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
@@ -27,6 +32,7 @@ class CrackWay(NamedTuple):
     swath_m: float  # of one pass
     pitch_m: float  # largest distance of passes
     passes: int
+    setup: Setup[CrackScan]  # to plan again with
 
 
 def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
@@ -59,8 +65,22 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
     })  # fmt: skip
     mission = d.mission.model_copy(update={"task": asked})
     found = plan_scan(cast(Any, Setup(d._replace(mission=mission))))
-    way = None if found.way is None else CrackWay(found.way, display, swath, pitch, passes)
+    if found.feasible:
+        found = found._replace(duration_s=found.duration_s + _sum_touches(found.way))
+        what = f"{passes} passes of {1e3 * task.pass_length_m:.0f} mm"
+        lacking = find_lacking_energy(setup, found.duration_s, what)
+        found = found._replace(feasible=lacking is None, blocked_by=lacking)
+    way = None if found.way is None else CrackWay(found.way, display, swath, pitch, passes, setup)
     return cast(MissionPlan[CrackWay], found._replace(way=cast(Any, way)))
+
+
+def _sum_touches(way: Any) -> float:
+    """Time (s) of the survey's touches and of settling, which the segments leave out."""
+    rest = TRIM_TIMES[0] + SETTLE
+    if way is None or way.survey is None:
+        return rest
+    each = way.survey.travels * (1.0 / SPEED + 1.0 / BACK_SPEED) + TARE_S + HOLD_S + TRIM_TIMES[0]
+    return rest + float(np.sum(each))
 
 
 def compute_coil_width(array: Array) -> float:

@@ -16,6 +16,7 @@ class CrackScan(Scan):
 
     pattern: Literal["raster"] = "raster"  # axial passes, joined by steps
     passes: int = Field(default=0, ge=0, le=100)  # axial passes; 0: as many as the swath needs
+    again: bool = True  # scan missed parts once more, where the procedure asks for it
     procedure: CrackProcedure = CrackProcedure()
 
     def get_least_pitch(self, robot: Robot) -> float:

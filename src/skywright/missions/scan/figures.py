@@ -183,6 +183,7 @@ def draw_contact_quality(result: RunResult[Scan, ScanWay]) -> Figure | None:
 PHASES = {
     "approach": "The robot flies along the planned path to the pipe with the arm folded.",
     "unfold": "The arm moves to its measuring pose.",
+    "missed_move": "The probe moves to the parts that the first scan missed.",
     "close_in": "The probe stops a few centimetres off the surface.",
     "survey_move": "The robot flies to the next touch point of the survey.",
     "survey_touch": "The robot advances until it detects contact; the tip rests for a second.",

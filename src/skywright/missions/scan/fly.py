@@ -1,10 +1,12 @@
 """A scan: touch the pipe with the probe, slide along a pattern, and come back (Tognon 2018)."""
 
 from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from skywright.core.arrays import Array, Table
+from skywright.description.world.surface import Cylinder, build_cylinder
 from skywright.errors import InputError
 from skywright.inspection.calibration import build_calibration, compute_components
 from skywright.missions.scan.plan import ScanWay, SurveyWay, plan_found
@@ -22,28 +24,93 @@ from skywright.vehicle.instruments.eddy_current import LIFT_OFF_THRESHOLD, EddyP
 TRIM_ERROR = 0.003  # m, tip error at which the free-flight integral is called settled
 TRIM_TIMES = (2.0, 12.0)  # s, least and most time for it
 SETTLE = 4.0  # s in contact before sliding: the attitude integral takes up the push
+AGAIN = "missed_move"
+"""Phase: the way to the parts that are scanned once more."""
 LOST_PATIENCE = 0.5  # s without contact before the scan backs off
+
+
+class More(Protocol):
+    """What a kind that scans adds to it."""
+
+    def look(self) -> None:
+        """Take what is read now; called after each tick of a slide."""
+
+    def plan_again(self, known: Cylinder, row: Any) -> Mapping[str, Table] | None:
+        """Plan another scan from the row of REFERENCE that is held, or say that none is needed.
+
+        `known` is the pipe as the robot knows it.
+        """
 
 
 def fly(s: Supervisor[Scan], way: ScanWay) -> Flight:
     """Fly the phases between take-off and landing."""
-    segments = s.segments
+    return fly_scan(s, way)
+
+
+def fly_scan(s: Supervisor[Scan], way: ScanWay, more: More | None = None) -> Flight:
+    """Fly the phases between take-off and landing; with `more` maybe a second scan."""
+    segments, known = s.segments, None
     way_back: list[tuple[str, Table]] = []  # what was flown to here
     for name in ("approach", "unfold", "close_in"):
         s.follow(name, segments[name])
         way_back.append((name, segments[name]))
     if way.survey is not None:
-        again, reason = _survey(s, way.survey, way_back)
-        if again is None:
+        found, reason = _survey(s, way.survey, way_back)
+        if found is None:
             _fly_back(s, way_back)
             return Flight(False, reason)
-        segments = again
-    retries = s.task.retries
+        segments, known = found
+    ended = _scan(s, segments, more)
+    if ended is not None:
+        _go_home(s, segments, ended.along, way_back)
+        return Flight(False, ended.reason)
+    s.follow("leave", segments["leave"])
+    if more is not None:
+        segments = _scan_again(s, segments, more, known)
+    for name in ("fold", "return"):
+        s.follow(name, segments[name])
+    return Flight(True, "")
+
+
+def _scan_again(
+    s: Supervisor[Scan], segments: Mapping[str, Table], more: More, known: Cylinder | None
+) -> Mapping[str, Table]:
+    """Scan once more where that is needed; returns the segments that lead home."""
+    if known is None:
+        pipe = s.vehicle.world.pipe
+        assert pipe is not None
+        known = build_cylinder(pipe)
+    again = more.plan_again(known, segments["leave"][-1])
+    if again is None:
+        return segments
+    there = [(AGAIN, again["face"]), ("close_in", again["close_in"])]
+    for name, table in there:
+        s.follow(name, table)
+    ended = _scan(s, again, more)
+    if ended is None:
+        s.follow("leave", again["leave"])
+        return again
+    _go_home(s, again, ended.along, there)
+    return segments
+
+
+class Ended(NamedTuple):
+    """A scan that did not come to its end; the robot is at the stand-off."""
+
+    along: float  # s, how far it came
+    reason: str
+
+
+def _scan(s: Supervisor[Scan], segments: Mapping[str, Table], more: More | None) -> Ended | None:
+    """Touch and slide, and once more where contact was lost, `retries` times.
+
+    Returns None at the end of the scan in contact.
+    """
     table, done = segments["scan"], 0.0
     touch: Table = segments["touch"]
     away: Table | None = None  # from the present surface place back to the stand-off
     attempt = -1
-    while attempt < retries:
+    while attempt < s.task.retries:
         attempt += 1
         distance = float(np.linalg.norm(touch["p_WT"][0] - touch["p_WT"][-1]))
         try:
@@ -53,7 +120,7 @@ def fly(s: Supervisor[Scan], way: ScanWay) -> Flight:
                     away = reverse_table(touch)
                     s.follow("back_off", away)
                     continue
-                lost_at = _slide(s, cut_table(table, done) if done else table)
+                lost_at = _slide(s, cut_table(table, done) if done else table, more)
         except (GivenBack, ContactEnded) as back:  # in contact: touch again where it was left
             if not back.repeats:
                 raise
@@ -62,20 +129,16 @@ def fly(s: Supervisor[Scan], way: ScanWay) -> Flight:
                 done += back.taken.along
                 touch = build_retreat(back.taken.row, distance, 8.0, back=True)
             if s.orders.go_on(back, touch[0]) == Order.NEXT:
-                _go_home(s, segments, done, way_back)
-                return Flight(False, f"the operator ended the scan after {done:.1f} s")
+                return Ended(done, f"the operator ended the scan after {done:.1f} s")
             continue
         if lost_at is None:
-            for name in ("leave", "fold", "return"):
-                s.follow(name, segments[name])
-            return Flight(True, "")
+            return None
         done += lost_at
         row = np.array(s.vehicle.reference)
         s.follow("back_off", build_retreat(row, distance, 4.0))
         touch = build_retreat(row, distance, 8.0, back=True)
-    _go_home(s, segments, done, way_back)
     where = f"after {done:.1f} s of the scan" if done else "at the first touch"
-    return Flight(False, f"no lasting contact {where}, {retries} retries used")
+    return Ended(done, f"no lasting contact {where}, {s.task.retries} retries used")
 
 
 def _touch(s: Supervisor, table: Table) -> bool:
@@ -102,13 +165,15 @@ def _calibrate(s: Supervisor, ec: Array) -> bool:
     return bool(abs(compute_components(ec[-1:], found)[0][0]) < LIFT_OFF_THRESHOLD)
 
 
-def _slide(s: Supervisor, table: Table) -> float | None:
+def _slide(s: Supervisor, table: Table, more: More | None = None) -> float | None:
     """Follow the scan; returns the time along `table` at which contact was lost for good."""
     s.begin("scan")
     s.body.track(table)
     start, out_since = s.vehicle.t, None
     while True:
         ticked = s.tick(CONTACT_LOST)
+        if more is not None:
+            more.look()
         if s.probe.in_contact():
             out_since = None
         elif out_since is None:
@@ -138,8 +203,8 @@ def _trim(s: Supervisor) -> None:
 
 def _survey(
     s: Supervisor[Scan], survey: SurveyWay, way_back: list[tuple[str, Table]]
-) -> tuple[Mapping[str, Table] | None, str]:
-    """Touch the pipe and plan again; returns the new segments, or None and why there are none."""
+) -> tuple[tuple[Mapping[str, Table], Cylinder] | None, str]:
+    """Touch the pipe and plan again; returns the new segments and the pipe, or None and why."""
 
     def come(i: int, _: list[Touch]) -> None:
         move = s.segments.get(f"survey {i + 1}")
@@ -161,7 +226,7 @@ def _survey(
     for name in ("face", "close_in"):
         s.follow(name, again.segments[name])
         way_back.append((name, again.segments[name]))
-    return again.segments, ""
+    return (again.segments, surveyed.found.cylinder), ""
 
 
 def _go_home(

@@ -21,7 +21,7 @@ from skywright.missions.skills.surveyed import (
 )
 from skywright.models.rigid_body import compute_body, joint_names, posture
 from skywright.planning.inverse_kinematics import State, build_state
-from skywright.planning.patterns import SIDES, build_pattern
+from skywright.planning.patterns import SIDES, Pattern, build_pattern
 from skywright.planning.scan import ScanPlan, compute_depth, plan_scan
 from skywright.planning.survey import SurveyTask, choose_points
 from skywright.planning.via_points import ScanTask
@@ -78,14 +78,19 @@ def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
     return _plan_on(setup, cylinder, None)
 
 
-def plan_found(setup: Setup[Scan], found: Cylinder, row: Any) -> MissionPlan[ScanWay]:
-    """Plan again with the pipe that was found, from the row of REFERENCE that is held."""
+def plan_found(
+    setup: Setup[Scan], found: Cylinder, row: Any, pattern: Pattern | None = None
+) -> MissionPlan[ScanWay]:
+    """Plan again with the pipe that was found, from the row of REFERENCE that is held.
+
+    `pattern` is by default that of the task.
+    """
     pipe = setup.world.pipe
     assert pipe is not None
     world = setup.world.model_copy(update={"pipe": move_pipe(pipe, found)})
     n = int(setup.model[0]["n_joints"])
     begin = build_state(row["p_WB"], row["R_WB"], row["q"][:n])
-    return _plan_on(Setup(setup.description._replace(world=world)), found, begin)
+    return _plan_on(Setup(setup.description._replace(world=world)), found, begin, pattern)
 
 
 def _explain_depth(setup: Setup[Scan], depth: float, stiffness: float) -> str:
@@ -108,7 +113,9 @@ def build_frame(cylinder: Cylinder, phi: float) -> Array:
     return R
 
 
-def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> MissionPlan[ScanWay]:
+def _plan_on(
+    setup: Setup[Scan], cylinder: Cylinder, begin: State | None, pattern: Pattern | None = None
+) -> MissionPlan[ScanWay]:
     """Plan on a surface: from the start with the survey if one is asked for, or from `begin`."""
     d, robot, scan = setup.description, setup.robot, setup.task
     assert robot.probe is not None
@@ -121,7 +128,7 @@ def _plan_on(setup: Setup[Scan], cylinder: Cylinder, begin: State | None) -> Mis
     else:
         depth, force = scan.depth_m, scan.depth_m * stiffness
     centre = SIDES.get(scan.side, scan.centre_angle_deg)
-    pattern = build_pattern(
+    pattern = pattern or build_pattern(
         scan.pattern, cylinder.radius, cylinder.half_length, math.radians(centre),
         math.radians(scan.arc_deg), scan.passes, scan.pass_length_m, scan.centre_s_m,
         scan.get_least_pitch(robot),

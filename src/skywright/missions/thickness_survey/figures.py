@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from skywright.missions.bridge_contact.figures import FIGURES as CONTACT
@@ -12,8 +13,11 @@ from skywright.missions.thickness_survey.plan import ThicknessWay
 from skywright.missions.thickness_survey.task import ThicknessSurvey
 from skywright.models.ultrasonic import SAMPLE_RATE
 from skywright.reports.figures.style import BLACK, BLUE, GREY, ORANGE, WIDTH, new_figure
-from skywright.run.kind import Chart, Figures
+from skywright.run.kind import Chart, Figures, Mark
 from skywright.run.run import RunResult
+
+THIN, REFUSED = 0.6, (230, 159, 0)
+"""Share of the nominal wall that is drawn darkest; the colour of a reading that was refused."""
 
 
 def draw_readings(result: RunResult[ThicknessSurvey, ThicknessWay]) -> Figure | None:
@@ -91,6 +95,24 @@ def list_notes(result: RunResult[ThicknessSurvey, ThicknessWay]) -> list[str]:
     return out + describe_survey(result)  # type: ignore[arg-type]
 
 
+def list_marks(result: RunResult[ThicknessSurvey, ThicknessWay]) -> list[Mark]:
+    """Each reading at its place: from dark (thin) to bright (nominal); refused ones orange."""
+    samples, found = result.samples, result.details or []
+    nominal = result.description.mission.task.procedure.nominal_m
+    marks = []
+    for r in found:
+        i = min(int(np.searchsorted(samples["t"], r.reading.t)), len(samples) - 1)
+        name, colour = "reading refused", REFUSED
+        if r.reading.accepted:
+            share = float(np.clip((r.reading.thickness / nominal - THIN) / (1.0 - THIN), 0.0, 1.0))
+            red, green, blue, _ = colormaps["viridis"](share)
+            colour = round(255 * red), round(255 * green), round(255 * blue)
+            name = f"{1e3 * r.reading.thickness:.1f} mm"
+        marks.append(Mark(name, colour, np.array(samples["est_p_WT"][i]), size_m=0.012,
+                          since_s=r.reading.t))  # fmt: skip
+    return marks
+
+
 FIGURES = Figures(
     describe,
     notes=list_notes,
@@ -111,4 +133,5 @@ FIGURES = Figures(
         ),
         "contact-force": CONTACT.charts["contact-force"],
     },
+    marks=list_marks,
 )

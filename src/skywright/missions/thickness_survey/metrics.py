@@ -34,6 +34,11 @@ MEASURES: Measures = {
         "error of the accepted readings against the true wall that 95 % do not exceed",
     ),
     "thickness.bias_mm": ("mm", "size of the mean error of the accepted readings"),
+    "thickness.mean_error_mm": (
+        "mm",
+        "mean error of the accepted readings with its sign; its mean over a campaign is the bias "
+        "of the method",
+    ),
     "thickness.u95_covers_fraction": (
         "",
         "fraction of the accepted readings whose stated 95 % interval contains the true wall",
@@ -157,7 +162,8 @@ def judge_readings(found: list[SpotReading], spots: int) -> dict[str, float]:
         error = np.array([r.reading.thickness - r.true for r in good])
         u95 = np.array([r.reading.u95 for r in good])
         out["thickness.error_p95_mm"] = 1e3 * float(np.quantile(np.abs(error), 0.95))
-        out["thickness.bias_mm"] = 1e3 * abs(float(np.mean(error)))
+        out["thickness.mean_error_mm"] = 1e3 * float(np.mean(error))
+        out["thickness.bias_mm"] = abs(out["thickness.mean_error_mm"])
         out["thickness.u95_covers_fraction"] = float(np.mean(np.abs(error) <= u95))
         out["thickness.u95_max_mm"] = 1e3 * float(np.max(u95))
         out["thickness.skips"] = float(np.sum(np.abs(error) > SKIP))

@@ -10,6 +10,7 @@ from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.plan import plan as plan_contact
 from skywright.missions.thickness_survey.gauge import build_gauge, find_probe, set_up
 from skywright.missions.thickness_survey.task import ThicknessSurvey
+from skywright.run.need import find_lacking_energy
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 from skywright.vehicle.sensors.ultrasonic import find_wall
@@ -40,5 +41,8 @@ def plan(setup: Setup[ThicknessSurvey]) -> MissionPlan[ThicknessWay]:
             "with one; valid: a list of one number"
         )
     found = plan_contact(cast(Any, setup))
+    if found.feasible:
+        lacking = find_lacking_energy(setup, found.duration_s, f"{len(task.spots)} spots")
+        found = found._replace(feasible=lacking is None, blocked_by=lacking)
     way = None if found.way is None else ThicknessWay(found.way, gauge)
     return cast(MissionPlan[ThicknessWay], found._replace(way=cast(Any, way)))

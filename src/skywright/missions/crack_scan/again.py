@@ -1,0 +1,45 @@
+"""Passes over the parts of a sector that a search missed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.missions.crack_scan.cover import Cover, list_gaps
+
+LEAST_HOLE = 0.0005
+"""m; smaller holes at the edge of what was covered are left."""
+SIGMAS = 2.33
+"""Lateral deviations of a pass to each side that its swath must allow."""
+
+
+def build_passes(cover: Cover, swath: float, pitch: float, lateral_std: float) -> Array:
+    """Return the corners (n, 2) s, c m of axial passes over what was missed, two a pass.
+
+    Missed parts beside each other share a pass where the `swath` (m) less the lateral error of the
+    pass holds them; wider ones have passes `pitch` (m) apart, as the first scan had.
+    """
+    room = max(swath - 2.0 * SIGMAS * lateral_std, 0.25 * swath)
+    gaps = [g for g in list_gaps(cover) if g.hole_m > LEAST_HOLE]
+    gaps.sort(key=lambda g: -(g.start[1] + g.end[1]))
+    groups: list[tuple[Array, Array]] = []  # least and largest (s, c)
+    for gap in gaps:
+        low, high = np.array(gap.start), np.array(gap.end)
+        if groups:
+            both = np.minimum(groups[-1][0], low), np.maximum(groups[-1][1], high)
+            if both[1][1] - both[0][1] <= room:
+                groups[-1] = both
+                continue
+        groups.append((low, high))
+    rows: list[list[float]] = []
+    for low, high in groups:
+        beyond = float(high[1] - low[1]) - room
+        count = 1 if beyond <= 0 else 1 + math.ceil(beyond / min(pitch, room) - 1e-9)
+        middle, reach = 0.5 * float(low[1] + high[1]), 0.5 * max(beyond, 0.0)
+        ends = float(low[0]), float(high[0])
+        for c in np.linspace(middle + reach, middle - reach, count).tolist():
+            a, b = ends if len(rows) % 4 == 0 else ends[::-1]
+            rows += [[a, c], [b, c]]
+    return np.array(rows).reshape(-1, 2)

@@ -1,0 +1,68 @@
+"""What a mission needs, told before take-off: minutes, energy and batteries."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from skywright.models.rigid_body import build_body_model, compute_body, posture
+from skywright.models.rotors import build_rotors, compute_electrical_power
+from skywright.models.statics import UP, build_layout, compute_thrust, wrench_at
+from skywright.run.limits import compute_wind_drag
+from skywright.run.setup import Setup
+
+OVERHEAD_S = 30.0
+"""Take-off, settling and landing, which the duration of a plan leaves out; a first guess only."""
+
+
+class Need(NamedTuple):
+    """What a flight needs; an estimate, see `estimate_need`."""
+
+    minutes: float
+    energy_wh: float
+    batteries: float  # usable energies of the robot's battery
+
+    def tell(self) -> str:
+        """Return it as a phrase."""
+        return (
+            f"{self.minutes:.1f} min and {self.energy_wh:.0f} Wh, {self.batteries:.2f} of the "
+            "battery's usable energy"
+        )
+
+
+def estimate_need(setup: Setup[Any], duration_s: float) -> Need | None:
+    """Return what a plan of a duration (s) needs, take-off and landing included.
+
+    The power is that of hovering with the arm at work in the mean wind: the thrust of level hover,
+    larger by the drag across it; P ~ T^(3/2). Contact forces and motion are left out. None for a
+    robot that does not hover level, and for a plan without a duration.
+    """
+    if not math.isfinite(duration_s):
+        return None
+    robot, world = setup.robot, setup.world
+    layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
+    model = build_body_model(robot, world.gravity_mps2)
+    mass, p_BC, _ = compute_body(model, posture(robot, "working"))
+    weight = mass * world.gravity_mps2
+    thrust = compute_thrust(layout, wrench_at(weight * UP, p_BC))
+    if thrust is None:
+        return None
+    power = compute_electrical_power(layout.rotors, thrust, world.air_density_kg_m3)
+    drag = compute_wind_drag(setup) / weight
+    power = power * (1.0 + drag**2) ** 0.75 + robot.battery.avionics_power_w
+    seconds = duration_s + OVERHEAD_S
+    energy = power * seconds / 3600.0
+    usable = robot.battery.energy_wh * robot.battery.usable_fraction
+    return Need(seconds / 60.0, energy, energy / usable)
+
+
+def find_lacking_energy(setup: Setup[Any], duration_s: float, what: str) -> str | None:
+    """Say that one battery does not last for a plan, or return None; `what` is what it flies."""
+    need = estimate_need(setup, duration_s)
+    if need is None or need.batteries <= 1.0:
+        return None
+    parts = math.ceil(need.batteries)
+    return (
+        f"battery: {what} takes {need.tell()}: {parts} batteries; divide the task into {parts} "
+        "flights, or raise mission.task.speed_mps or the instrument's width"
+    )
