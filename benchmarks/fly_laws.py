@@ -22,7 +22,7 @@ from skywright.analysis.compare_laws.report import tell_step, write_laws_page
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = Path(__file__).resolve().parent / "laws"
 COMPARISONS = tomllib.loads((KEPT / "laws.toml").read_text(encoding="utf-8"))
-RUNS = 6
+RUNS = 10
 
 
 def fly(name: str, runs: int, out: Path, workers: int) -> str:

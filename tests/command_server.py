@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -84,6 +85,7 @@ def _warm_up() -> None:
 
 def _run(request: dict[str, Any]) -> None:
     """Be the command; never returns."""
+    signal.alarm(TIMEOUT_S)
     code = 70
     try:
         null = os.open(os.devnull, os.O_RDONLY)

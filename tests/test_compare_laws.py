@@ -35,6 +35,8 @@ def test_only_runs_that_both_measured_are_paired() -> None:
     one, other = pair_rows(a, b, "x")
     assert sorted(zip(one, other, strict=True)) == [(1.0, 2.0), (3.0, 5.0)]
     assert [len(v) for v in pair_rows(a, b, "y")] == [0, 0]
+    early = [a[0]._replace(outcome="aborted"), *a[1:]]
+    assert [list(v) for v in pair_rows(early, b, "x")] == [[3.0], [5.0]]
 
 
 def test_a_difference_within_runs_is_found_where_the_runs_differ_more() -> None:
@@ -126,6 +128,9 @@ def test_laws_fly_the_same_seeds_and_a_law_that_cannot_is_told(tmp_path: Path) -
         (["cascade,cascade"], "two or more"),
         (["cascade,nosuch"], "control law 'nosuch' is unknown"),
         (["cascade,thrust_vectoring", "--set", "mission.law=cascade"], "leave it out"),
+        (["cascade,thrust_vectoring", "--case", "x:mission.law=cascade"], "leave it out"),
+        (["cascade,thrust_vectoring", "--case", "../x:plant.mass_error=0.1"], "a name of letters"),
+        (["cascade,thrust_vectoring", "--workers", "0"], "at least 1"),
         (["cascade,thrust_vectoring", "--runs", "0"], "at least 1"),
         (["cascade,thrust_vectoring", "--case", "storm"], "no such case"),
         (["cascade,thrust_vectoring", "--case", "x:robot.nothing=1"], "robot.nothing"),

@@ -130,7 +130,7 @@ def runs(a: Path, b: Path, out: Path, as_json: bool) -> None:
     help="Draw a value for each run, the same for all laws, as in a campaign. May be repeated.",
 )
 @click.option(
-    "--runs", "count", type=int, default=8, show_default=True, help="Runs of a law in a case."
+    "--runs", "count", type=int, default=10, show_default=True, help="Runs of a law in a case."
 )
 @click.option("--workers", type=int, help="Processes on this machine.  [default: all cores]")
 @click.option("--ray", metavar="local|ADDRESS", help="Fly on a Ray cluster (extra 'cluster').")
@@ -151,6 +151,8 @@ def laws(
 
     if count < 1:
         raise InputError(f"--runs {count}: at least 1 is needed")
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers {workers}: at least 1 is needed")
     folder = check_folder(out.with_suffix(""))
     with _page(out) as page:
         found = compare_laws(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -59,6 +60,10 @@ def choose_cases(base: Description[Any], texts: Sequence[str]) -> list[Case]:
             continue
         if not name or name == NOMINAL:
             raise InputError(f"--case {text}: a name other than {NOMINAL!r} is needed before ':'")
+        if not re.fullmatch(r"[\w-][\w.-]*", name):
+            raise InputError(
+                f"--case {text}: a name of letters, digits, '_', '-' and '.' is needed"
+            )
         split_assignments([assignment])
         own = chosen.get(name, Case(name, ()))
         chosen[name] = Case(name, (*own.sets, assignment))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,8 +29,8 @@ from skywright.run.names import list_measures
 from skywright.run.rows import Row
 from skywright.run.setup import Setup
 
-RUNS = 8
-"""Flights of a law in a case: with 6 or more a difference can be told from chance."""
+RUNS = 10
+"""Flights of a law in a case; see `paired.FEWEST`."""
 SHOWN = (
     "position.rms_m", "tip.tracking_rms_m", "tip.tangential_rms_mm", "tip.hover_rms_mm",
     "force.mean_n", "force.min_n", "force.max_n", "force.rms_error_n", "platform.tilt_max_deg",
@@ -149,10 +151,11 @@ def compare_laws(
     names = list(dict.fromkeys(law.strip() for law in laws if law.strip()))
     if len(names) < 2:
         raise InputError(f"{len(names)} law given: compare laws needs two or more, A,B")
-    if any(text.startswith("mission.law") for text in sets):
-        raise InputError("--set mission.law...: the laws are what is compared; leave it out")
     base = load_description(mission, robot, world, sets, seed)
     chosen = choose_cases(base, cases)
+    for text in (*sets, *(text for case in chosen for text in case.sets)):
+        if text.strip().startswith("mission.law"):
+            raise InputError(f"{text}: the laws are what is compared; leave it out")
     known = list_cases(base)
     planned: list[tuple[str, Case, Campaign | str]] = []
     for case in chosen:
@@ -164,7 +167,7 @@ def compare_laws(
                     sets=assignments,
                 )))  # fmt: skip
             except InputError as error:
-                if case.name == NOMINAL or case not in known:  # a law or a key is wrong
+                if case.name == NOMINAL or case not in known or vary:  # what was asked is wrong
                     raise
                 planned.append((law, case, str(error)))
     flown = []
@@ -174,13 +177,14 @@ def compare_laws(
             continue
         if step is not None:
             step(f"{law}, {case.name}")
-        folder = out / law.replace("/", "_").replace(":", "_") / case.name
+        folder = out / _name_folder(law) / case.name
         found = run_campaign(
             campaign, runs, out=folder, workers=workers, ray=ray, progress=step is not None
         )
         if found.interrupted:
             raise KeyboardInterrupt
-        flown.append(Flown(law, case.name, found.rows, _find_refusal(found.rows)))
+        rows = [r for r in found.rows if r.run < runs]  # the folder may hold more
+        flown.append(Flown(law, case.name, rows, _find_refusal(rows)))
     if not any(f.rows for f in flown):
         raise InputError(f"no law can fly {mission}: {flown[0].refused}")
     required = load_kind(base.mission.kind).requirements(Setup(base), None)
@@ -194,6 +198,12 @@ def compare_laws(
         find_significant(differences),
         {law: _measure(law, mission, robot, world, sets, seed) for law in names},
     )  # fmt: skip
+
+
+def _name_folder(law: str) -> str:
+    """Return a folder's name that no other law has."""
+    plain = re.sub(r"[^\w.-]", "_", law)
+    return plain if plain == law else f"{plain}-{hashlib.sha256(law.encode()).hexdigest()[:8]}"
 
 
 def _find_refusal(rows: Sequence[Row]) -> str:
@@ -226,5 +236,5 @@ def _measure(
         return measure_cost(
             load_description(mission, robot, world, [*sets, f"mission.law={law}"], seed)
         )
-    except InputError:
+    except Exception:  # a law of the user's may raise; its flights say so
         return math.nan

@@ -17,7 +17,11 @@ from skywright.core.arrays import Array
 from skywright.run.rows import CONFIDENCE, Row
 
 FEWEST = 6
-"""Pairs below which no p-value is given: the exact test of 5 cannot fall below 0.0625."""
+"""Pairs below which no p-value and no interval are given: the exact test of 5 cannot fall below
+0.0625, and the bootstrap of so few covers too little. With 6 pairs a difference is found only where
+most tests of the page agree; 10 leave room for a single one in 25."""
+ENDED = ("succeeded", "failed")
+"""Outcomes of flights that went to their end; what others measured is of a part of the mission."""
 RESAMPLES = 2000
 
 
@@ -41,9 +45,13 @@ class Difference(NamedTuple):
 
 
 def pair_rows(reference: Sequence[Row], rows: Sequence[Row], metric: str) -> tuple[Array, Array]:
-    """Return the metric's values (n,) of both, of the runs in which both have it."""
-    known = {r.run: r.metrics.get(metric, math.nan) for r in reference}
-    both = [(known[r.run], r.metrics.get(metric, math.nan)) for r in rows if r.run in known]
+    """Return the metric's values (n,) of both, of the runs that both flew to their end."""
+    known = {r.run: r.metrics.get(metric, math.nan) for r in reference if r.outcome in ENDED}
+    both = [
+        (known[r.run], r.metrics.get(metric, math.nan))
+        for r in rows
+        if r.run in known and r.outcome in ENDED
+    ]
     values = np.array([pair for pair in both if all(map(math.isfinite, pair))]).reshape(-1, 2)
     return values[:, 0], values[:, 1]
 
@@ -57,7 +65,7 @@ def compare_metric(
         return None
     d = values - reference
     low = high = median = float(np.median(d))
-    if n >= 2 and np.ptp(d) > 0.0:
+    if n >= FEWEST and np.ptp(d) > 0.0:
         found = scipy.stats.bootstrap(
             (d,), np.median, confidence_level=CONFIDENCE, n_resamples=RESAMPLES,
             method="percentile", rng=np.random.default_rng(0),
@@ -72,9 +80,10 @@ def compare_metric(
 def find_significant(differences: Sequence[Difference]) -> set[tuple[str, str, str]]:
     """Return (law, case, metric) of the differences that are not by chance.
 
-    Benjamini and Hochberg's procedure over all tests keeps the share of false ones at 5 %.
+    Benjamini and Hochberg's procedure over all tests keeps the share of false ones at 5 %. Where no
+    run differs nothing is tested.
     """
-    tested = [d for d in differences if math.isfinite(d.p)]
+    tested = [d for d in differences if math.isfinite(d.p) and not d.is_zero]
     if not tested:
         return set()
     adjusted = scipy.stats.false_discovery_control([d.p for d in tested])

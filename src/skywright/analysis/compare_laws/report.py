@@ -67,7 +67,7 @@ def print_laws(c: LawComparison, page: Path) -> None:
         if f.refused:
             console.print(f"{f.law}, {f.case}: {f.refused}", markup=False)
     if c.runs < FEWEST:
-        console.print(f"--runs {c.runs}: no difference can be told from chance below {FEWEST}")
+        console.print(f"--runs {c.runs}: no interval and no test below {FEWEST} runs")
     console.print(f"page: {page}", markup=False)
 
 
@@ -80,7 +80,7 @@ def tell_difference(d: Difference | None) -> str:
     """Return the difference with its interval."""
     if d is None:
         return "–"
-    if d.pairs < 2 or d.low == d.high:
+    if d.low == d.high:
         return f"{d.median:+.3g}"
     return f"{d.median:+.3g} ({d.low:+.2g} to {d.high:+.2g})"
 
