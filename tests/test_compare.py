@@ -232,7 +232,7 @@ def test_a_calm_hover_keeps_the_tip_near() -> None:
         (["bimanual", "othex", "--out", "page.pdf"], "unknown format"),
         (["bimanual", "othex", "--out", "/dev/null/page.html"], "cannot be written"),
         (["bimanual", "othex", "--set", "world.pipe=none"], "world.pipe"),
-        (["bimanual"], "1 robots given; valid: two"),
+        (["bimanual"], "Missing argument 'B'"),
     ],
 )
 def test_wrong_input_is_told(args: list[str], found: str, tmp_path: Path) -> None:

@@ -150,9 +150,9 @@ def test_a_run_compared_with_itself_differs_in_nothing(runs):
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["runs", "one"], "1 runs given; valid: two"),
-        (["othex"], "1 robots given"),
-        (["runs", "one", "two", "--no-fly"], "--no-fly is for robots"),
+        (["runs", "one"], "Missing argument 'B'"),
+        (["othex"], "Missing argument 'B'"),
+        (["runs", "one", "two", "--no-fly"], "No such option '--no-fly'"),
         (["runs", "nope", "nope"], "is not a run directory"),
     ],
 )

@@ -67,7 +67,9 @@ def test_what_a_robot_cannot_fly_is_refused(tmp_path: Path) -> None:
     bent = build_line("ars-lrm")
     bent.q[:, 2] = 0.5  # elbow
     write_plan_file(tmp_path / "bent", bent)
-    with pytest.raises(InputError, match=r"left_elbow_pitch goes to 28.6 deg; its range is -150"):
+    with pytest.raises(
+        InputError, match=r"left_elbow_pitch goes to 28.6\d* deg; its range is -150"
+    ):
         plan_mission(load_plan_description(tmp_path / "bent"))
     write_plan_file(tmp_path / "carry", build_line("ars-lrm"))
     with pytest.raises(InputError, match="the plan begins at"):

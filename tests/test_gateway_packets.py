@@ -45,7 +45,7 @@ def draw_field(f: Field) -> st.SearchStrategy[Any]:
             lambda x: abs(x) <= bound
         )
     else:
-        most = min(2.0 ** int(f.type[1:]) - 1, f.limit)
+        most = min(2 ** int(f.type[1:]) - 1, f.limit)  # an integer: 2.0**64 - 1 is 2.0**64
         item = st.integers(0, int(most))
     return item if f.length == 1 else st.lists(item, min_size=f.length, max_size=f.length)
 

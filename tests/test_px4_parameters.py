@@ -37,7 +37,12 @@ def rebuild(values: dict[str, float]) -> np.ndarray:
     return np.array(columns).T
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+def test_rotors_that_lift_only_together_with_others_that_push_down_are_refused() -> None:
+    with pytest.raises(InputError, match="at equal thrust do not lift it"):
+        build_airframe(load_robot("omnicopter", [])[0], WORLD)
+
+
+@pytest.mark.parametrize("name", [name for name in ROBOTS if name != "omnicopter"])
 def test_px4_rebuilds_the_wrench_map_of_every_robot(name: str) -> None:
     robot = load_robot(name, [])[0]
     values = {p.name: float(p.value) for p in list_parameters(robot, WORLD)}

@@ -332,7 +332,7 @@ def test_the_verb_run_survives_the_import_of_the_package_run() -> None:
 # -- size and imports of the code ---------------------------------------------------------------
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
-STATEMENTS = 60_868
+STATEMENTS = 60_882
 CORE_LINES = 2_500
 
 

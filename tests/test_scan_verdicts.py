@@ -293,10 +293,10 @@ def test_what_a_scan_found_goes_into_the_database(tmp_path: Path) -> None:
     off = np.abs(curve.measure_distance(s, c))
     u95 = [i.place_u95_m for _, i in found.indications]
     assert len(places) == 4 and max(off) < 1e-3 and min(u95) > 0 and max(u95) < 0.01
-    records = FlightRecords(tmp_path / "r.db", run.setup.description)
+    records = FlightRecords(tmp_path / "r.db", run.setup)
     records.start(tmp_path / "run")
     records.close()
-    records.add(found)
+    records.add(run)
     store = RecordStore(tmp_path / "r.db")
     stored = store.find_indications(component="pipe")
     assert [i.indication for i in stored] == [i for _, i in found.indications]

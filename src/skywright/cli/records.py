@@ -221,7 +221,7 @@ def _report(
         raise InputError("--report requires --flight ID")
     built = build_inspection_report(store, flight, deviations)
     check_writable(page, (".html", ".pdf"))
-    if page.suffix == ".html":
+    if page.suffix.lower() == ".html":
         write_inspection_report(built, page, store.path.parent)
         return
     from skywright.reports.pdf import write_pdf

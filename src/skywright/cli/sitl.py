@@ -76,6 +76,11 @@ def sitl(
     Skywright is the autopilot's simulator: it sends the sensors and takes the motors' commands.
     The run directory holds the truth, the autopilot's estimate and its set-points.
     """
+    for name, value in {"wait": wait, "patience": patience, "duration": duration}.items():
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"--{name} {value}: a finite number is needed")
+    if not host.strip():
+        raise InputError("--host '': an address is needed, such as 127.0.0.1")
     import skywright
 
     description = skywright.load("waypoints", robot=robot, world=world, sets=sets, seed=seed)

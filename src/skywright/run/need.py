@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from skywright.models.rigid_body import build_body_model, compute_body, posture
-from skywright.models.rotors import build_rotors, compute_electrical_power
+from skywright.models.rigid_body import compute_body, posture
+from skywright.models.rotors import compute_electrical_power
 from skywright.models.statics import UP, build_layout, compute_thrust, wrench_at
 from skywright.run.limits import compute_wind_drag
 from skywright.run.setup import Setup
@@ -40,9 +40,8 @@ def estimate_need(setup: Setup[Any], duration_s: float) -> Need | None:
     if not math.isfinite(duration_s):
         return None
     robot, world = setup.robot, setup.world
-    layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
-    model = build_body_model(robot, world.gravity_mps2)
-    mass, p_BC, _ = compute_body(model, posture(robot, "working"))
+    layout = build_layout(setup.rotors, robot.rotors.thrust_fraction, setup.allocator)
+    mass, p_BC, _ = compute_body(setup.model, posture(robot, "working"))
     weight = mass * world.gravity_mps2
     thrust = compute_thrust(layout, wrench_at(weight * UP, p_BC))
     if thrust is None:

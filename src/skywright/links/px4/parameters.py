@@ -67,6 +67,11 @@ def build_airframe(robot: Robot, world: World) -> Airframe:
     B = rotors.B.copy()
     B[3:] -= np.cross(p_BC, rotors.axis).T  # torque about the centre of mass
     lift = float(rotors.axis[:, 2] @ rotors.thrust_max)
+    if lift <= 0.05 * float(np.sum(rotors.thrust_max)):
+        raise InputError(
+            f"{robot.name!r}: its rotors at equal thrust do not lift it; PX4 hovers with a share "
+            "of all thrust (MPC_THR_HOVER)"
+        )
     hover = mass * world.gravity_mps2 / lift
     if not HOVER_RANGE[0] <= hover <= HOVER_RANGE[1]:
         raise InputError(

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from skywright.core.bounded import read_text
 from skywright.errors import InputError
 
 MAX_BYTES = 20_000_000
@@ -23,15 +24,7 @@ def read_xml(path: Path) -> ET.Element:
     Raises InputError where the file cannot be read, is larger or deeper than a robot, holds a
     document type or entities (which can expand without end), or is a template.
     """
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: larger than {MAX_BYTES // 1_000_000} MB")
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not UTF-8 text; convert the file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    return parse_xml(text, path)
+    return parse_xml(read_text(path, MAX_BYTES), path)
 
 
 def parse_xml(text: str, path: Path) -> ET.Element:
