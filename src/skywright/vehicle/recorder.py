@@ -90,6 +90,7 @@ class Recorder(Component):
                 fields.append((name, source.dtype.str, shape))
         self.dtype = np.dtype(fields)
         self._rows = np.zeros(SAMPLES, self.dtype)
+        self._newest = 0  # the row that was newest when the rows were last taken
         moves = [
             (s.ctypes.data, self.dtype.fields[f[0]][1], s.size, c.rotation, 0)  # type: ignore[index]
             for s, f, c in zip(sources, fields, self.recorded.values(), strict=True)
@@ -111,8 +112,8 @@ class Recorder(Component):
     @property
     def last(self) -> NDArray[Any]:
         """The newest row, (1,)."""
-        n = max(int(self._me.n), 1)
-        return self._rows[n - 1 : n]
+        i = int(self._me.n) - 1 if self._me.n else self._newest
+        return self._rows[i : i + 1]
 
     def list_columns(self) -> tuple[Column, ...]:
         """Return the columns in their order, as a recording describes them."""
@@ -124,6 +125,7 @@ class Recorder(Component):
     def take(self) -> NDArray[Any]:
         """Return a copy of the rows written so far, and begin anew."""
         n, self._me.n = int(self._me.n), 0
+        self._newest = n - 1 if n else self._newest
         raw = self._rows.view(np.uint8)[: n * self.dtype.itemsize]
         return raw.copy().view(self.dtype)  # as bytes: NumPy copies rows field by field
 
