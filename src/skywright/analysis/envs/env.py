@@ -167,7 +167,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         self._action[:] = 0.0
         self._step, self._running = 0, True
         return self._seen.astype(np.float32), {
-            "condition": start.condition, "state": k, "noise": noise, "varied": start.varied,
+            "condition": start.condition, "state": k, "noise": noise, "varied": dict(start.varied),
         }  # fmt: skip
 
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
@@ -187,9 +187,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
             seen = np.clip(np.nan_to_num(self._seen), -LIMIT, LIMIT).astype(np.float32)
             return seen, -self.penalty, True, False, {"reason": DIVERGED, "why": str(error)}
         ticks, reward, ended, success, *sums = judged.tolist()
-        info: dict[str, Any] = {
-            v.name: x / ticks for v, x in zip(self.values, sums, strict=False)
-        }
+        info: dict[str, Any] = {v.name: x / ticks for v, x in zip(self.values, sums, strict=False)}
         reward /= ticks
         terminated = False
         if ended or success:

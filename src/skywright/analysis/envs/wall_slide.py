@@ -56,9 +56,7 @@ class SlideAndPress(Act):
         push: float  # N
 
     @staticmethod
-    def step(
-        me: Me, ref: InOut[Reference], press: InOut[Press], steered: Out[Steered]
-    ) -> None:
+    def step(me: Me, ref: InOut[Reference], press: InOut[Press], steered: Out[Steered]) -> None:
         if me.on < 0.5:
             return
         change = me.size[0] * me.action[0] - me.v

@@ -149,5 +149,3 @@ class WeldPress(ContactEnv):
         observe.force = judge.force = force
         judge.excess, judge.patience = EXCESS_N, LOST_S
         judge.gap, judge.tilt = GAP_LIMIT, TILT_LIMIT
-
-
