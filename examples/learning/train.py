@@ -27,6 +27,8 @@ from skywright import InputError, envs
 
 HERE = Path(__file__).parent
 GUSTS = str(HERE / "gusts.csv")
+EACH = 10
+"""Episodes that are judged in a condition."""
 SEED = 1
 """Of the campaign of conditions. Training flies its first ones, judging those that follow."""
 
@@ -37,6 +39,7 @@ def parse() -> argparse.Namespace:
     p.add_argument("what", choices=("train", "judge"))
     p.add_argument("--env", default="WeldPress", help="of skywright.envs")
     p.add_argument("--vary", action="append", help="as of `skywright campaign`; default: gusts.csv")
+    p.add_argument("--set", dest="sets", action="append", help="KEY=VALUE, may be repeated")
     p.add_argument("--steps", type=int, default=400_000, help="of the environment")
     p.add_argument("--envs", type=int, default=8, help="beside each other")
     p.add_argument("--conditions", type=int, default=3, help="flown for each of them")
@@ -57,6 +60,12 @@ def describe_machine() -> dict[str, Any]:
     }  # fmt: skip
 
 
+def describe_task(asked: argparse.Namespace) -> dict[str, Any]:
+    """Return what was learned, without the paths of this machine."""
+    vary = [Path(text).name if text.endswith(".csv") else text for text in asked.vary]
+    return {"env": asked.env, "vary": vary, "set": asked.sets}
+
+
 def train(asked: argparse.Namespace) -> None:
     """Train, and write policy.zip, curve.csv and training.json."""
     import torch
@@ -71,7 +80,7 @@ def train(asked: argparse.Namespace) -> None:
     def build(i: int) -> Any:
         return lambda: envs.make(
             asked.env, vary=asked.vary, conditions=asked.conditions, seed=SEED, first=i,
-            every=asked.envs,
+            every=asked.envs, sets=asked.sets,
         )  # fmt: skip
 
     vector = DummyVecEnv([build(i) for i in range(asked.envs)])
@@ -92,8 +101,10 @@ def train(asked: argparse.Namespace) -> None:
                 rows.append({
                     "steps": self.num_timesteps, "seconds": round(time.perf_counter() - began, 1),
                     "return": round(float(np.mean(last)), 2),
-                    "noise": round(float(torch.exp(self.model.policy.log_std).mean()), 4),
+                    "noise": round(float(self.model.policy.log_std.exp().mean().detach()), 4),
                 })  # fmt: skip
+                if len(rows) % 20 == 0:
+                    self.model.save(asked.out / "policy.zip")
 
     model = PPO(
         "MlpPolicy", vector, seed=asked.seed, device="cpu", n_steps=256, batch_size=256, n_epochs=8,
@@ -107,7 +118,7 @@ def train(asked: argparse.Namespace) -> None:
         writer.writeheader()
         writer.writerows(rows)
     told = {
-        "env": asked.env, "vary": asked.vary, "steps": model.num_timesteps, "seed": asked.seed,
+        **describe_task(asked), "steps": model.num_timesteps, "seed": asked.seed,
         "envs": asked.envs, "conditions": asked.envs * asked.conditions - len(refused),
         "refused": refused, "build_s": round(built, 1),
         "wall_s": round(time.perf_counter() - began, 1), **describe_machine(),
@@ -148,14 +159,15 @@ def judge(asked: argparse.Namespace) -> None:
         raise InputError(f"--policy {asked.policy}: no such file; valid: one that `train` wrote")
     asked.out.parent.mkdir(parents=True, exist_ok=True)
     model = PPO.load(asked.policy, device="cpu")
-    n = -(-asked.episodes // 4)
+    n = -(-asked.episodes // EACH)
     found: dict[str, Any] = {
-        "env": asked.env, "vary": asked.vary, "error_n": asked.error, **describe_machine()
+        **describe_task(asked), "error_n": asked.error, **describe_machine()
     }  # fmt: skip
     rows = []
     for law in asked.laws.split(","):
         env = envs.make(
-            asked.env, vary=asked.vary, conditions=n, seed=SEED, sets=[f"mission.law={law}"],
+            asked.env, vary=asked.vary, conditions=n, seed=SEED,
+            sets=[*asked.sets, f"mission.law={law}"],
             first=asked.envs * asked.conditions,
         )  # fmt: skip
         still = np.zeros(env.action_space.shape, np.float32)
@@ -181,7 +193,7 @@ def judge(asked: argparse.Namespace) -> None:
 def main() -> None:
     """Do what is asked; wrong input is one line and exit code 2."""
     asked = parse()
-    asked.vary = asked.vary or [GUSTS]
+    asked.vary, asked.sets = asked.vary or [GUSTS], asked.sets or []
     try:
         {"train": train, "judge": judge}[asked.what](asked)
     except InputError as error:

@@ -216,11 +216,12 @@ def _fly(tasks: Iterator[Task], workers: int | None, ray: str | None) -> Generat
     following = next(tasks, None)
     if following is None:
         return
-    cluster.connect(ray, workers)
+    ours = cluster.connect(ray, workers)
     try:
         yield from cluster.fly_cluster(_chain(following, tasks))
     finally:
-        cluster.disconnect()
+        if ours:
+            cluster.disconnect()
 
 
 def _chain(first: Task, rest: Iterator[Task]) -> Iterator[Task]:

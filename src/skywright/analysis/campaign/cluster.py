@@ -56,15 +56,18 @@ def check_workers(address: str, workers: int | None) -> int | None:
     return workers
 
 
-def connect(address: str, workers: int | None) -> None:
+def connect(address: str, workers: int | None) -> bool:
     """Start a Ray of this machine (`local`) or join the cluster at `address`.
 
-    Raises InputError where that fails.
+    Returns whether it has to be left again: a program that has connected to Ray itself stays
+    connected, and its cluster is used. Raises InputError where connecting fails.
     """
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent anywhere
     import ray
 
+    if ray.is_initialized():
+        return False
     options: dict[str, Any] = {
         "logging_level": logging.ERROR,
         "log_to_driver": False,
@@ -78,6 +81,7 @@ def connect(address: str, workers: int | None) -> None:
     except Exception as error:  # Ray raises a different one for each kind of wrong address
         reason = " ".join(str(error).split())
         raise InputError(f"--ray {address}: cannot be joined ({reason})") from None
+    return True
 
 
 def disconnect() -> None:

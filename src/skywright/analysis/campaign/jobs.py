@@ -53,6 +53,7 @@ def fly_jobs(
     Without `workers` and `ray` they are called one after the other, in this process. `step` is told
     of each before it is called here, or when it comes back.
     """
+    check_places(len(jobs), workers, ray)
     tell = step or (lambda what: None)
     if workers is None and ray is None:
         values = []
@@ -70,6 +71,16 @@ def fly_jobs(
     return [found[job.number].value for job in jobs]
 
 
+def check_places(n: int, workers: int | None, ray: str | None) -> None:
+    """Raise InputError where `n` jobs cannot fly on what is asked for."""
+    if ray is not None:
+        from skywright.analysis.campaign.cluster import check_workers
+
+        check_workers(ray, workers)
+    elif workers is not None:
+        choose_workers(workers, n)
+
+
 def _fly(jobs: Iterator[Job], n: int, workers: int | None, ray: str | None) -> Any:
     if ray is None:
         count = choose_workers(workers, n)
@@ -77,9 +88,9 @@ def _fly(jobs: Iterator[Job], n: int, workers: int | None, ray: str | None) -> A
         return
     from skywright.analysis.campaign import cluster
 
-    cluster.check_workers(ray, workers)
-    cluster.connect(ray, workers)
+    ours = cluster.connect(ray, workers)
     try:
         yield from cluster.fly_cluster(jobs)
     finally:
-        cluster.disconnect()
+        if ours:
+            cluster.disconnect()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from skywright.analysis.campaign.jobs import Job, fly_jobs
+from skywright.analysis.campaign.jobs import Job, check_places, fly_jobs
 from skywright.analysis.compare import geometry as shapes
 from skywright.analysis.compare.comparison import Comparison, Install, Side, TorqueMap
 from skywright.analysis.compare.flown import (
@@ -70,6 +70,7 @@ def compare_robots(
             raise InputError(f"--set {text}: compare changes the world only; valid: world.*")
     if seeds < 1:
         raise InputError(f"--seeds {seeds}: at least 1 is needed")
+    check_places(1, workers, ray)
     loaded = [load_description(MISSION, name, sets=list(sets)) for name in (first, second)]
     for d in loaded:
         if d.robot.arm is None:
