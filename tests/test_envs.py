@@ -1,4 +1,4 @@
-"""Environments of Gymnasium: its own checker, repeatable episodes, honest observations, bad input."""
+"""Environments of Gymnasium: its checker, repeatable episodes, honest observations, bad input."""
 
 from __future__ import annotations
 
@@ -198,7 +198,7 @@ def test_wrong_input_is_told_before_anything_flies(table: str) -> None:
     ):
         with pytest.raises(InputError, match=says.replace("(", r"\(")):
             envs.make("WeldPress", **options)
-    with pytest.raises(InputError, match="'WeldPres' is unknown; valid: .*WeldPress"):
+    with pytest.raises(InputError, match=r"'WeldPres' is unknown; valid: .*WeldPress"):
         envs.make("WeldPres")
     with pytest.raises(InputError, match="workers = 99"):
         envs.VectorEnv("WeldPress", 2, workers=99)

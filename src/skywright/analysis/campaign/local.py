@@ -99,10 +99,7 @@ def fly_local(
                     row = task.fail("crashed", reason)
                 else:
                     idle.append(worker)
-                    if isinstance(answer, str):
-                        row = task.fail("refused", answer)
-                    else:
-                        row = answer
+                    row = task.fail("refused", answer) if isinstance(answer, str) else answer
                 wanted = workers
                 yield row._replace(attempts=attempt)
     finally:

@@ -1,8 +1,8 @@
 """A local worker process: `python -m skywright.analysis.campaign.worker FD`.
 
-Takes tasks from a connection and answers with rows (or what jobs return), or with why a task cannot be read, until the
-other end is gone. A fresh interpreter, not a fork: threads of the parent (numba, BLAS, a notebook)
-do not survive a fork.
+Takes tasks from a connection and answers with rows (or what jobs return), or with why a task cannot
+be read, until the other end is gone. A fresh interpreter, not a fork: threads of the parent (numba,
+BLAS, a notebook) do not survive a fork.
 """
 
 import signal

@@ -38,6 +38,7 @@ BENCHMARKS = {
     "contacts": Benchmark(HERE + "contacts", "growth of cost with contacts"),
     "locate": Benchmark(HERE + "locate", "calibration and filter of total station and camera"),
     "robots": Benchmark(HERE + "robots", "growth of cost with the number of robots"),
+    "envs": Benchmark(HERE + "envs", "steps and resets of the environments", False),
     "consistency": Benchmark(
         HERE + "evidence",
         "is the filter as sure as it should be (NEES)",
