@@ -85,7 +85,10 @@ def test_actions_move_what_is_seen_and_a_rest_is_no_fault(name: str) -> None:
 
 def test_a_new_vector_flies_the_same_episodes_in_processes() -> None:
     env = build("WeldPress")
-    vector = envs.VectorEnv("WeldPress", 2, workers=1, sets=QUICK["WeldPress"], states=2)
+    vector = envs.VectorEnv(
+        "WeldPress", 2, workers=1, sets=QUICK["WeldPress"], states=2, episode_s=0.24,
+        autoreset="same_step",
+    )  # fmt: skip
     try:
         seen, _ = vector.reset(seed=[5, 5])
         rows, rng = [seen[0]], np.random.default_rng(5)
@@ -96,6 +99,11 @@ def test_a_new_vector_flies_the_same_episodes_in_processes() -> None:
         assert np.array_equal(np.array(rows), fly(env, 5, 10)[0])
         assert not np.array_equal(seen[0], seen[1])  # another flight: the conditions go on
         assert reward[0] != reward[1] and infos["force_n"].shape == (2,)
+        for truncated in (False, True):  # 12 steps are 0.24 s
+            seen, _, _, ended, infos = vector.step(np.zeros((2, 1)))
+            assert ended.tolist() == [truncated, truncated]
+        assert abs(infos["final_obs"][0][2]) > 0.0 == seen[0][2]  # the push of a new episode
+        assert infos["final_info"]["force_n"].shape == (2,) and "state" in infos
         with pytest.raises(InputError, match=r"row 1 is not finite"):
             vector.step(np.array([[0.0], [np.nan]]))
         with pytest.raises(InputError, match=r"the shape is \(1,\)"):

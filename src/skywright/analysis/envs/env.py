@@ -134,10 +134,9 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
 
     def _find(self, start: Start) -> tuple[Any, Any, Any]:
         """Return (action, observation, judgement) of a vehicle: views of its records."""
-        records, (n, k) = start.vehicle.assembly.records, (len(self.act.signals), 0)
-        k = len(self.observe.signals)
-        action = records[self.act.Me, ACT]["action"][0][:n]
-        seen = records[Observation, ""]["values"][0][:k]
+        records = start.vehicle.assembly.records
+        action = records[self.act.Me, ACT]["action"][0][: len(self.act.signals)]
+        seen = records[Observation, ""]["values"][0][: len(self.observe.signals)]
         judged = records[Judgement, ""].view(np.float64)
         return action, seen, judged
 

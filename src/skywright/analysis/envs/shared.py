@@ -50,9 +50,9 @@ def map_arrays(file: int, layout: Layout) -> Shared:
     sizes = [-(-int(np.prod(s)) * np.dtype(t).itemsize // 64) * 64 for s, t in shapes]
     os.ftruncate(file, max(sum(sizes), 64))
     memory = mmap.mmap(file, max(sum(sizes), 64))
-    at, out = 0, []
+    at, out = 0, list[Any]()
     for (shape, kind), size in zip(shapes, sizes, strict=True):
         count = int(np.prod(shape))
         out.append(np.frombuffer(memory, kind, count, at).reshape(shape))
         at += size
-    return Shared(*out, memory)
+    return Shared._make([*out, memory])
