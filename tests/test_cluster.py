@@ -128,10 +128,10 @@ def test_flights_of_robots_are_the_same_and_complete(
     cluster: str, killer: str, tmp_path: Path
 ) -> None:
     """What `compare A B` flies, in the world that holds the killer: on a cluster and here."""
-    robot = load_robot("hexarotor")[0]
+    robot = load_robot("othex")[0]
     pose = posture(robot, "working")
     jobs = [Job(0, "kill", die_once, (str(tmp_path / "job.killed"), os.getpid()))]
-    jobs += [Job(k, f"hover {k}", hover_once, ("hexarotor", pose, 0.0, k)) for k in (1, 2)]
+    jobs += [Job(k, f"hover {k}", hover_once, ("othex", pose, 0.0, k)) for k in (1, 2)]
     told: list[str] = []
     there = fly_jobs(jobs, ray=cluster, step=told.append)
     assert (tmp_path / "job.killed").exists() and sorted(told) == ["hover 1", "hover 2", "kill"]

@@ -120,7 +120,8 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
 
     @classmethod
     def _begin(cls, s: Supervisor[Any], setup: Setup[Any], plan: MissionPlan[Any]) -> None:
-        memory = {name: s.vehicle.get_memory(name) for name in (ACT, OBSERVE, JUDGE)}
+        vehicle: Any = s.vehicle
+        memory = {name: vehicle.get_memory(name) for name in (ACT, OBSERVE, JUDGE)}
         cls.begin(s, setup, plan, memory[ACT], memory[OBSERVE], memory[JUDGE])
         memory[ACT].on = 1.0
 

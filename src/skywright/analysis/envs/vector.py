@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -35,13 +35,13 @@ class _Worker(NamedTuple):
     process: subprocess.Popen[bytes]
     connection: Connection
     first: int
-    count: int
+    n: int
 
 
 class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
     """`num_envs` environments of skywright.envs over `workers` processes."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}  # type: ignore[misc]
+    metadata: dict[str, Any] = {"render_modes": []}
 
     def __init__(
         self, name: str, num_envs: int, *, workers: int | None = None,
@@ -106,7 +106,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
             raise InputError(f"seed: {len(seeds)} seeds; valid: one, or {n}")
         for w in self._workers:
             w.connection.send_bytes(b"")
-            w.connection.send(("reset", seeds[w.first : w.first + w.count], options))
+            w.connection.send(("reset", seeds[w.first : w.first + w.n], options))
         told = [x for w in self._workers for x in self._hear(w)]
         return self._shared.seen.copy(), self._tell(told)
 
@@ -149,7 +149,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
             answer = worker.connection.recv()
         except (EOFError, OSError):
             code = worker.process.wait()
-            last = worker.first + worker.count - 1
+            last = worker.first + worker.n - 1
             self.close()
             raise SimulationError(
                 f"the process of environments {worker.first} to {last} ended (exit code {code})"
