@@ -32,9 +32,27 @@ from pathlib import Path
 
 from skywright.core.record import Record
 from skywright.vehicle.bus import Truth
-from skywright.vehicle.component import Effect
+from skywright.vehicle.component import Effect, Sensor
 
 MARK = Path(__file__).with_suffix(".killed")
+
+
+def die_once():
+    if os.getpid() != PARENT and not MARK.exists():
+        MARK.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class KillerSensor(Sensor):
+    class Me(Record):
+        none: float
+
+    def build(self, me, table, context):
+        die_once()
+
+    @staticmethod
+    def step(me: Me, truth: Truth) -> None:
+        me.none = 0.0
 
 
 class Killer(Effect):
@@ -42,9 +60,7 @@ class Killer(Effect):
         none: float
 
     def build(self, me, table, context):
-        if os.getpid() != PARENT and not MARK.exists():
-            MARK.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
+        die_once()
 
     @staticmethod
     def step(me: Me, truth: Truth) -> None:
@@ -82,7 +98,7 @@ def cluster() -> Iterator[str]:
 
 @pytest.fixture
 def killer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """An effect that kills the first process which builds it, but never this one."""
+    """An effect that kills the first process which builds it, but never this one; also a sensor."""
     file = tmp_path / "killer.py"
     file.write_text(KILLER.replace("PARENT", str(os.getpid())))
     (tmp_path / "hop.toml").write_text(HOP)
@@ -127,25 +143,20 @@ def test_laws_are_compared_alike_and_completely(cluster: str, killer: str) -> No
 def test_flights_of_robots_are_the_same_and_complete(
     cluster: str, killer: str, tmp_path: Path
 ) -> None:
-    """What `compare A B` flies, in the world that holds the killer: on a cluster and here."""
-    robot = load_robot("othex")[0]
-    pose = posture(robot, "working")
-    jobs = [Job(0, "kill", die_once, (str(tmp_path / "job.killed"), os.getpid()))]
-    jobs += [Job(k, f"hover {k}", hover_once, ("othex", pose, 0.0, k)) for k in (1, 2)]
+    """What `compare A B` flies, with a robot whose sensor is the killer: on a cluster and here."""
+    file = tmp_path / "robot.toml"
+    file.write_text(
+        '[robot]\nname = "othex-killer"\nextends = "othex"\n'
+        '[robot.sensors.killer]\nkind = "killer.py:KillerSensor"\n'
+    )
+    pose = posture(load_robot("othex")[0], "working")
+    jobs = [Job(k, f"hover {k}", hover_once, (str(file), pose, 0.0, k)) for k in range(2)]
     told: list[str] = []
     there = fly_jobs(jobs, ray=cluster, step=told.append)
-    assert (tmp_path / "job.killed").exists() and sorted(told) == ["hover 1", "hover 2", "kill"]
+    assert Path("killer.killed").exists() and sorted(told) == ["hover 0", "hover 1"]
     here = fly_jobs(jobs)
-    assert there[0] == here[0] == "alive"
-    np.testing.assert_array_equal(there[1:], here[1:])
-
-
-def die_once(mark: str, parent: int) -> str:
-    """Kill the first process that calls this, but never `parent`."""
-    if os.getpid() != parent and not Path(mark).exists():
-        Path(mark).touch()
-        os.kill(os.getpid(), 9)
-    return "alive"
+    np.testing.assert_array_equal(there, here)
+    assert np.all(np.array(here) < 0.05) and here[0] != here[1]  # m; another seed
 
 
 def test_a_job_that_raises_raises_here_and_one_that_kills_is_told() -> None:
