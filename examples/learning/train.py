@@ -121,7 +121,8 @@ def train(asked: argparse.Namespace) -> None:
         **describe_task(asked), "steps": model.num_timesteps, "seed": asked.seed,
         "envs": asked.envs, "conditions": asked.envs * asked.conditions - len(refused),
         "refused": refused, "build_s": round(built, 1),
-        "wall_s": round(time.perf_counter() - began, 1), **describe_machine(),
+        "wall_s": round(time.perf_counter() - began, 1),
+        "cpu_s": round(time.process_time(), 1), **describe_machine(),
     }  # fmt: skip
     (asked.out / "training.json").write_text(json.dumps(told, indent=1) + "\n")
     print(json.dumps(told))
