@@ -38,6 +38,18 @@ def build_line(name: str, rows: list[dict[str, Any]]) -> str:
     )
 
 
+def count_better(rows: list[dict[str, Any]]) -> int:
+    """Return in how many conditions the policy has the smaller mean error."""
+    mean = {
+        (p, c): np.mean(
+            [r["force_error_n"] for r in rows if (r["player"], r["condition"]) == (p, c)]
+        )
+        for p in ("learned", "direct_force")
+        for c in {r["condition"] for r in rows}
+    }
+    return sum(mean["learned", c] < mean["direct_force", c] for p, c in mean if p == "learned")
+
+
 def build_result() -> str:
     """Return the text between the marks."""
     told = json.loads((KEPT / "training.json").read_text(encoding="utf-8"))
@@ -55,6 +67,9 @@ def build_result() -> str:
         f"{len(rows) // len(PLAYERS)} episodes each, in {judged['conditions']} conditions, the "
         "same for all. The interval is Wilson's; episodes of one condition share its wind and "
         "mass, so it is narrower than that of as many independent conditions.",
+        "",
+        f"In {count_better(rows)} of {judged['conditions']} conditions the policy is nearer to 2 N "
+        "than `direct_force`, in the mean over its episodes.",
         "",
         f"Training: {told['steps']} steps ({told['steps'] * 0.02 / 3600:.1f} h of flight) in "
         f"{told['conditions']} conditions, {told['wall_s'] / 60:.0f} min of wall time, of which "
