@@ -105,7 +105,7 @@ def build_airframe(robot: Robot, world: World) -> BetaflightAirframe:
     hover = math.sqrt(weight / float(most @ mix[:, 0] ** 2))
     if hover > 0.9:
         raise InputError(
-            f"{robot.name!r} hovers at {hover:.2f} of its motors' speed; nothing is left for control"
+            f"{robot.name!r} hovers at {hover:.2f} of its motors' speed; the largest is 0.9"
         )
     slope = 2.0 * hover * mix[:, 0] * most * (1.0 - IDLE)  # N per unit of a motor's command
     units = np.array([torque[a] @ (slope * mix[:, 1 + a]) for a in range(3)])

