@@ -11,6 +11,7 @@ from skywright.cli import (
     compare,
     data,
     describe,
+    devices,
     evidence,
     fly,
     importing,
@@ -42,7 +43,7 @@ def main() -> None:
 for command in (
     fly.run, fly.plan, fly.campaign, evidence.reproduce, evidence.bench, describe.capability,
     compare.compare, describe.list_, describe.show, data.weld, pod.pod, data.locate, data.identify,
-    records.records_, data.gateway, fly.replay, serve.serve, sitl.sitl, runs.report,
+    records.records_, data.gateway, fly.replay, serve.serve, sitl.sitl, devices.servos, runs.report,
     runs.export, describe.new, importing.import_, describe.check,
 ):  # fmt: skip
     main.add_command(command)

@@ -30,7 +30,7 @@ POSITION_PER_VELOCITY = 0.35
 INTEGRAL_PER_POSITION = 0.4
 """Rate of the integral over k_p."""
 INTEGRAL_MAX = 2.0  # m/s^2
-INTEGRAL_NEAR = 0.25  # m, error within which it grows: a step does not wind it up
+INTEGRAL_NEAR = 0.2  # m, largest error that it grows by: a step winds it up little
 YAW_GAIN = 1.5  # 1/s
 LEAN_MAX = math.radians(0.9 * ANGLE_LIMIT_DEG)
 UP_RANGE = (0.4, 1.6)
@@ -64,7 +64,7 @@ class OuterLoop:
         error = target.p - p_WB
         a = target.a + self._kv * (target.v + self._kp * error - v_WB) + self.integral
         if integrate:
-            change = np.where(np.abs(error) < INTEGRAL_NEAR, self._ki * error * dt, 0.0)
+            change = self._ki * np.clip(error, -INTEGRAL_NEAR, INTEGRAL_NEAR) * dt
             self.integral = np.clip(self.integral + change, -INTEGRAL_MAX, INTEGRAL_MAX)
         g = self._gravity
         up = g * min(max(1.0 + a[2] / g, UP_RANGE[0]), UP_RANGE[1])
