@@ -5,8 +5,8 @@ real ones are: what the arms' law commands goes to the bus (S_JOG with a play ti
 so that the motion is continuous, Suarez 2020, V-C), and the positions that are read are those that
 springs and links hang on. The flight keeps to the wall clock.
 
-A worker owns the bus: a flight never waits for it. A servo whose position is older than STALE_S
-holds its last place and is counted; older than LOST_S, or with an error, it ends the flight.
+A worker owns the bus: a flight never waits for it. A servo that has been silent for STALE_S keeps
+its last place and is counted; silent for LOST_S, or with an error, it ends the flight.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ class Shaft(NamedTuple):
     """A reading of a servo."""
 
     angle: float  # rad
-    t: float  # s, monotonic
     error: int
+    silent_s: float  # s from the answer to the last request: 0 where that was answered
 
 
 def list_driven(robot: Robot) -> list[Driven]:
@@ -183,7 +183,7 @@ class ServoWorker(threading.Thread):
                     "where the flight begins; bring it within "
                     f"{math.degrees(FAR_RAD):.0f} deg by hand"
                 )
-            self._shafts[servo] = Shaft(to_angle(counts), time.monotonic(), 0)
+            self._shafts[servo] = Shaft(to_angle(counts), 0, 0.0)
 
     def lead(self, goals: dict[int, float]) -> None:
         """Take over the newest goals (rad) by id."""
@@ -215,6 +215,7 @@ class ServoWorker(threading.Thread):
 
     def _run(self) -> None:
         due, turn, begin = time.monotonic(), 0, time.monotonic()
+        answered = dict.fromkeys(self._servos, begin)
         while not self._ending.is_set():
             now = time.monotonic()
             if now >= due:
@@ -223,12 +224,13 @@ class ServoWorker(threading.Thread):
             servo = self._servos[turn]
             try:
                 counts, status = self._bus.read_position(servo)
+                answered[servo] = time.monotonic()
+                shaft = Shaft(to_angle(counts), status.error, 0.0)
             except ServoSilent:
-                pass  # its reading ages
-            else:
-                shaft = Shaft(to_angle(counts), time.monotonic(), status.error)
-                with self._lock:
-                    self._shafts[servo] = shaft
+                silent = time.monotonic() - answered[servo]
+                shaft = self._shafts[servo]._replace(silent_s=silent)
+            with self._lock:
+                self._shafts[servo] = shaft
             turn = (turn + 1) % len(self._servos)
             if turn == 0:
                 self.cycle_s, begin = time.monotonic() - begin, time.monotonic()
@@ -274,15 +276,16 @@ class ServoFlight:
         self._worker.lead(goals)
         if self._worker.failure:
             raise ServosFailed(f"the servo bus has failed: {self._worker.failure}")
-        shafts, now = self._worker.read(), time.monotonic()
+        shafts = self._worker.read()
         for k, d in enumerate(self.driven):
             shaft = shafts[d.servo]
-            age = now - shaft.t
             if shaft.error:
                 raise ServosFailed(f"servo {d.servo} ({d.name}): {describe_error(shaft.error)}")
-            if age > LOST_S:
-                raise ServosFailed(f"servo {d.servo} ({d.name}) has not answered for {age:.1f} s")
-            self.stale += age > STALE_S
+            if shaft.silent_s > LOST_S:
+                raise ServosFailed(
+                    f"servo {d.servo} ({d.name}) has not answered for {shaft.silent_s:.1f} s"
+                )
+            self.stale += shaft.silent_s > STALE_S
             me.angle[k] = shaft.angle
         self.cycle_max_s = max(self.cycle_max_s, self._worker.cycle_s)
         self._pace(t)
