@@ -78,6 +78,8 @@ def fly_case(robot: str, seed: int, folder: Path, binary: Path) -> Row:
     description = load_description("waypoints", robot, "open", SETS, seed)
     options = Options(binary=binary, out=folder)
     result = fly_betaflight(description, options, hear, build_route)
+    if result.outcome != "finished":
+        print(f"{robot}, seed {seed}: {result.outcome}: {result.reason}", file=sys.stderr)
     samples = read_recording(result.directory / "recording.mcap").samples
     begins = {text.split("s: ")[1]: float(text.split()[2]) for text in said if text[:4] == "t = "}
     t, target = samples["t"], samples["autopilot_p_WB_des"]

@@ -55,7 +55,9 @@ AGAIN_S, SAY_S = 0.005, 0.5  # s between states in that time, and until that is 
 BEHIND_S = 0.005
 """s of real time that are caught up: Betaflight's clock is the wall's."""
 ARM_S = 3.0  # s for arming after the switch
-UNTOLD_S = 10.0  # s without an answer by MSP before the flight
+UNTOLD_S = 4.0
+"""s without an answer by MSP before the flight, after which it is started again (or has failed)."""
+RESTARTS_MAX = 3
 SPIN_UP_S = 1.0  # s at idle before take-off
 DOWN_M, DOWN_V, DOWN_S = 0.1, 0.1, 0.3
 """Landed: so far above the reference (m), so slow (m/s), for so long (s)."""
@@ -104,7 +106,7 @@ def fly_betaflight(
         set_up = SetUp(options.host, options.command_port, options.wait_s, firmware, say)
         link.attach(set_up.run(list_commands(airframe)))
         loop = OuterLoop(airframe, description.world.gravity_mps2)
-        return _Flight(plant, link, loop, flown, options, set_up.version, say).fly()
+        return _Flight(plant, link, loop, flown, options, set_up, say).fly()
     finally:
         link.close()
         if firmware is not None:
@@ -117,12 +119,14 @@ class _Flight:
 
     def __init__(
         self, plant: SitlPlant, link: BetaflightLink, loop: OuterLoop, route: Route,
-        options: Options, version: str, say: Callable[[str], None],
+        options: Options, set_up: SetUp, say: Callable[[str], None],
     ) -> None:  # fmt: skip
+        self._again = set_up.restart if options.binary is not None else None
+        self._restarts = 0
         self.plant, self.link, self.loop, self.route = plant, link, loop, route
         self.options, self._tell = options, say
         self.directory = SitlDirectory(options.out, plant, "betaflight", options.command)
-        self.directory.note(version)
+        self.directory.note(set_up.version)
         self._pace = Pace(behind_s=BEHIND_S)
         self._origin = plant.description.world.origin or HOME
         self._place = to_geodetic(self._origin, np.zeros(3))
@@ -227,9 +231,21 @@ class _Flight:
             self._why = why
             self.say(f"not ready: {why}")
         if self.link.untold_s > UNTOLD_S:
-            raise AutopilotFailed(f"Betaflight has not answered by MSP for {UNTOLD_S:g} s")
+            self._restart()
         if t > self.options.wait_s:
             raise AutopilotFailed(f"Betaflight was not ready within {t:.0f} s: {why}")
+
+    def _restart(self) -> None:
+        """Start a Betaflight that hangs before the flight again, where Skywright runs it."""
+        says = (
+            f"Betaflight has not answered by MSP for {UNTOLD_S:g} s (its last outputs came "
+            f"{self.link.silence_s:.2g} s ago)"
+        )
+        if self._again is None or self._restarts >= RESTARTS_MAX:
+            raise AutopilotFailed(says)
+        self._restarts += 1
+        self.say(f"{says}: it is started again")
+        self.link.attach(self._again())
 
     def _fly_route(self, t: float, estimate: Any) -> None:
         at = t - self._begin

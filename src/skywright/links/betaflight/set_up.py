@@ -52,7 +52,7 @@ class SetUp:
         finally:
             peer.close()
         self._say(f"{self.version}: {len(commands)} settings")
-        return self._restart()
+        return self.restart()
 
     def _check_free(self) -> None:
         """Raise InputError where another instance has the ports."""
@@ -64,7 +64,8 @@ class SetUp:
                 "--binary out to fly with it"
             )
 
-    def _restart(self) -> socket.socket:
+    def restart(self) -> socket.socket:
+        """Start it again, or wait for who runs it; returns the connection for MSP."""
         if self._firmware is not None:
             self._firmware.start()
         else:
