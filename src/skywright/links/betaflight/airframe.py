@@ -159,6 +159,8 @@ def list_commands(airframe: BetaflightAirframe) -> list[str]:
     lines += [
         "aux 0 0 0 1700 2100 0 0",  # arm switch: first auxiliary channel
         "aux 1 1 1 1700 2100 0 0",  # ANGLE: second
+        # on a busy computer its radio task starves for a second: sticks hold, failsafe is late
+        *(f"rxfail {channel} h" for channel in range(4)),
     ]
     settings: dict[str, object] = {
         "simplified_pids_mode": "OFF", "motor_idle": round(1e4 * IDLE), "min_check": MIN_CHECK,
@@ -166,6 +168,7 @@ def list_commands(airframe: BetaflightAirframe) -> list[str]:
         "yaw_motors_reversed": "OFF", "rc_smoothing": "OFF", "deadband": 0, "yaw_deadband": 0,
         "angle_limit": ANGLE_LIMIT_DEG, "angle_p_gain": round(10.0 * airframe.angle_gain),
         "angle_feedforward": 0, "angle_earth_ref": 0, "rates_type": "ACTUAL",
+        "failsafe_delay": 200,
     }  # fmt: skip
     for a, axis in enumerate(AXES):
         p, i, d = (int(g) for g in airframe.gains[a])

@@ -189,7 +189,8 @@ class _Flight:
             self._sticks_due = reading.t + STICKS_S
             self._lead(reading, estimate)
             armed = self._stage in ("arming", "flying")
-            sticks = pack_sticks(reading.t, self._sticks, MIN_CHECK, armed)
+            if link.status is not None:  # before, its radio is not set up, and stays so
+                sticks = pack_sticks(reading.t, self._sticks, MIN_CHECK, armed)
         link.send(state, sticks)
         link.poll()
         if self._stage in ("arming", "flying"):
