@@ -6,6 +6,7 @@ figures of flights count only with the real firmware. Ports are free ones: the f
 
 from __future__ import annotations
 
+import select
 import socket
 import struct
 import threading
@@ -80,16 +81,14 @@ class BetaflightPeer(threading.Thread):
             s.close()
 
     def _serve(self, peer: socket.socket) -> None:
-        peer.settimeout(0.001)
         self._out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         line, in_line, waiting = b"", False, b""
         while not self.ending.is_set():
-            try:
+            data, ready = b"", select.select([peer, self.state], [], [], 0.005)[0]
+            if peer in ready:
                 data = peer.recv(4096)
                 if not data:
                     return
-            except TimeoutError:
-                data = b""
             if data.startswith(b"#") and not in_line:
                 in_line, data = True, data[1:]
                 peer.sendall(b"\r\nEntering CLI Mode, type 'exit' or 'save' to return\r\n\r\n# ")
@@ -147,9 +146,11 @@ class BetaflightPeer(threading.Thread):
             self.armed, self.since = True, 0
         if not wanted:
             self.armed = False
-        try:
-            data = self.state.recv(256)
-        except BlockingIOError:
+        data = b""
+        with suppress(BlockingIOError):  # the newest: a loop that is late does not fall behind
+            while True:
+                data = self.state.recv(256)
+        if not data:
             return True
         state = STATE.unpack(data)
         self.states.append(state)

@@ -6,7 +6,6 @@ import json
 import math
 import socket
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -219,15 +218,15 @@ def short(start: np.ndarray) -> Route:
 
 
 def fly(
-    tmp_path: Path, wrong: Wrong | None = None, **more: Any
+    tmp_path: Path, wrong: Wrong | None = None, patience: float = 10.0
 ) -> tuple[SitlResult, BetaflightPeer, list[str]]:
     """Fly a short hop with the peer; a real time of seconds."""
     peer, said = BetaflightPeer(wrong), list[str]()
     peer.start()
     try:
         options = Options(
-            wait_s=8.0, patience_s=0.8, out=tmp_path / "run", command_port=peer.command_port,
-            ports=peer.ports, **more,
+            wait_s=60.0, patience_s=patience, out=tmp_path / "run", command_port=peer.command_port,
+            ports=peer.ports,
         )  # fmt: skip
         d = load_description("waypoints", "hexarotor", "open", {}, 3)
         return fly_betaflight(d, options, said.append, short), peer, said
@@ -242,7 +241,6 @@ def test_a_hop_with_the_peer_sets_up_arms_flies_lands_and_is_recorded(tmp_path: 
     airframe = build_airframe(load_robot("hexarotor", [])[0], WORLD)
     assert set(list_commands(airframe)) <= set(peer.lines)
     assert any("time stands still" in line for line in said)
-    assert any("stood still" in line for line in said) or result.real_time_factor > 0.5
     refused = "\n".join(result.refused)
     assert "1 refused: a datagram that is no packet" in refused and "not finite" in refused
     samples = read_recording(result.directory / "recording.mcap").samples
@@ -257,16 +255,16 @@ def test_a_hop_with_the_peer_sets_up_arms_flies_lands_and_is_recorded(tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("wrong", "reason"),
+    ("wrong", "patience", "reason"),
     [
-        (Wrong(silent={40: 2.5}), "sent no outputs for 0.8 s"),
-        (Wrong(vanish=60), "has ended or was started again"),
-        (Wrong(disarm=60), "disarmed in flight: crash"),
-        (Wrong(count=4), "another number of motors"),
+        (Wrong(silent={40: 3.0}), 1.5, "sent no outputs for 1.5 s"),
+        (Wrong(vanish=60), 10.0, "has ended or was started again"),
+        (Wrong(disarm=60), 10.0, "disarmed in flight: crash"),
+        (Wrong(count=4), 10.0, "another number of motors"),
     ],
 )
-def test_what_ends_a_flight(tmp_path: Path, wrong: Wrong, reason: str) -> None:
-    result, _, _ = fly(tmp_path, wrong)
+def test_what_ends_a_flight(tmp_path: Path, wrong: Wrong, patience: float, reason: str) -> None:
+    result, _, _ = fly(tmp_path, wrong, patience)
     assert (result.outcome, result.exit_code) == ("aborted", 3) and reason in result.reason, result
     assert result.directory.name == "run.partial"
 

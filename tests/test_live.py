@@ -42,7 +42,7 @@ from skywright.links.live.receiver import (
     LiveReceiver,
 )
 from skywright.links.live.recorder import LiveRecorder, record
-from skywright.links.live.sources import load_scan_tracks
+from skywright.links.live.sources import load_run_tracks, load_scan_tracks
 from skywright.links.mavlink.stream import MavlinkStream
 
 finite = st.floats(-1e6, 1e6)
@@ -353,3 +353,9 @@ def test_the_receiver_says_when_nothing_came(tmp_path: Path) -> None:
     assert CliRunner().invoke(main, ["receive", "tcp:0", "--out", "x"]).exit_code == 2
     out = CliRunner().invoke(main, ["play", str(tmp_path / "no"), "--to", "udp:9"])
     assert out.exit_code == 2 and "no such file" in out.output
+
+
+def test_a_flight_that_reached_no_scan_gives_its_platform(repository: Path) -> None:
+    (track,) = load_run_tracks(repository / "tests" / "data" / "format_1.mcap")
+    assert (track.kind, track.name, len(track.t)) == ("pose", "truth", 3)
+    assert track.values.shape == (3, 7) and track.t[1] == pytest.approx(0.01)

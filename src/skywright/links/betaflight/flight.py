@@ -57,7 +57,8 @@ BEHIND_S = 0.005
 ARM_S = 3.0  # s for arming after the switch
 UNTOLD_S = 4.0
 """s without an answer by MSP before the flight, after which it is started again (or has failed)."""
-RESTARTS_MAX = 3
+READY_S, RESTARTS_MAX = 25.0, 3
+"""s until it is ready, after which it is started again, and how often."""
 SPIN_UP_S = 1.0  # s at idle before take-off
 DOWN_M, DOWN_V, DOWN_S = 0.1, 0.1, 0.3
 """Landed: so far above the reference (m), so slow (m/s), for so long (s)."""
@@ -122,7 +123,7 @@ class _Flight:
         options: Options, set_up: SetUp, say: Callable[[str], None],
     ) -> None:  # fmt: skip
         self._again = set_up.restart if options.binary is not None else None
-        self._restarts = 0
+        self._restarts, self._tried = 0, 0.0
         self.plant, self.link, self.loop, self.route = plant, link, loop, route
         self.options, self._tell = options, say
         self.directory = SitlDirectory(options.out, plant, "betaflight", options.command)
@@ -231,22 +232,30 @@ class _Flight:
         if why and why != self._why:
             self._why = why
             self.say(f"not ready: {why}")
-        if self.link.untold_s > UNTOLD_S:
-            self._restart()
-        if t > self.options.wait_s:
+        if t - self._since > self.options.wait_s:
             raise AutopilotFailed(f"Betaflight was not ready within {t:.0f} s: {why}")
+        if self.link.untold_s > UNTOLD_S:
+            self._restart(
+                f"Betaflight has not answered by MSP for {UNTOLD_S:g} s (its last outputs came "
+                f"{self.link.silence_s:.2g} s ago)", must=True,
+            )  # fmt: skip
+        elif t - self._tried > READY_S:
+            self._tried = t
+            self._restart(f"Betaflight is not ready after {READY_S:g} s", must=False)
 
-    def _restart(self) -> None:
-        """Start a Betaflight that hangs before the flight again, where Skywright runs it."""
-        says = (
-            f"Betaflight has not answered by MSP for {UNTOLD_S:g} s (its last outputs came "
-            f"{self.link.silence_s:.2g} s ago)"
-        )
+    def _restart(self, says: str, must: bool) -> None:
+        """Start a Betaflight that hangs before the flight again, where Skywright runs it.
+
+        Its scheduler can starve a task for good when a busy computer lets it start slowly.
+        """
         if self._again is None or self._restarts >= RESTARTS_MAX:
-            raise AutopilotFailed(says)
+            if must:
+                raise AutopilotFailed(says)
+            return
         self._restarts += 1
         self.say(f"{says}: it is started again")
         self.link.attach(self._again())
+        self._why = ""
 
     def _fly_route(self, t: float, estimate: Any) -> None:
         at = t - self._begin

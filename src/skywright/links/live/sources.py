@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,8 @@ def load_run_tracks(path: Path) -> list[Track]:
     names = samples.dtype.names or ()
     tracks: list[Track] = []
     if "ec" in names and "meas_p_WT" in names:
-        tracks += build_scan_tracks(load_recorded_scan(path)[0], str(path))
+        with suppress(InputError):  # the flight did not reach its scan
+            tracks += build_scan_tracks(load_recorded_scan(path)[0], str(path))
     if "wrench_force" in names:
         values = np.hstack([samples["wrench_force"], samples["wrench_torque"]])
         tracks.append(_keep_finite(Track("SKYFT", "wrench", samples["t"], values, str(path))))
