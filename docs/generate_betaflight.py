@@ -19,13 +19,14 @@ def build_table() -> str:
     with KEPT.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     lines = [
-        "| robot | seed | outcome | hover, rms | after the step, rms | overshoot | tilt in hover, rms "
-        "| factor of real time |",
+        "| robot | seed | outcome | hover, rms | after the step, rms | overshoot "
+        "| tilt in hover, rms | factor of real time |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
         lines.append(
-            f"| `{r['robot']}` | {r['seed']} | {r['outcome']} | {1e3 * float(r['hover_rms_m']):.0f} mm "
+            f"| `{r['robot']}` | {r['seed']} | {r['outcome']} "
+            f"| {1e3 * float(r['hover_rms_m']):.0f} mm "
             f"| {1e3 * float(r['step_rms_m']):.0f} mm | {100 * float(r['overshoot_m']):.0f} cm "
             f"| {float(r['tilt_rms_deg']):.1f}° | {float(r['real_time_factor']):.2f} |"
         )

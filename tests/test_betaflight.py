@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 import socket
@@ -319,3 +320,15 @@ def test_options_of_px4_and_betaflight_are_not_mixed() -> None:
         main, ["sitl", "hexarotor", "--autopilot", "betaflight", "--params", "cli"]
     )
     assert out.exit_code == 0 and "mmix 5 " in out.output and out.output.endswith("save\n")
+
+
+def test_the_page_has_the_flights_that_are_kept(repository: Path) -> None:
+    spec = importlib.util.spec_from_file_location(
+        "generate_betaflight", repository / "docs" / "generate_betaflight.py"
+    )
+    assert spec is not None and spec.loader is not None
+    generate = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generate)
+    text = generate.PAGE.read_text("utf-8")
+    assert generate.build_page(text) == text
+    assert "| `bimanual` | 1 | finished |" in text
