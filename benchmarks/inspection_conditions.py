@@ -83,16 +83,17 @@ def add_wind(mission: str, row: dict[str, Any], share: float) -> dict[str, Any] 
     A survey presses with 1.5 N where the wind does not leave 3 N. None without a plan in calm air.
     """
     forces = ["[3.0]", "[1.5]"] if mission == "thickness-survey" else [""]
-    speed = share * FASTEST[mission]
+    speed, calm = share * FASTEST[mission], False
     while True:
         for force in forces:
             asked = {"mission.task.forces_n": force} if force else {}
             sets = {**row, **asked, "world.wind.mean_mps": round(speed, 3)}
             if plan_mission(load_description(mission, sets=sets)).feasible:
                 return dict(sorted(sets.items()))
-        if speed == 0.0:
+        sets["world.wind.mean_mps"] = 0.0
+        if not calm and not plan_mission(load_description(mission, sets=sets)).feasible:
             return None
-        speed = 0.8 * speed if speed > 0.5 else 0.0
+        calm, speed = True, 0.8 * speed
 
 
 def draw_table(mission: str, rows: int, seed: int) -> list[dict[str, Any]]:

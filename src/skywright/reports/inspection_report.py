@@ -139,7 +139,7 @@ def _tell_registration(flight: StoredFlight, known: Registration | None) -> str:
         )
     if flight.registration_std_m is None:
         return "not stated"
-    return f"{1e3 * flight.registration_std_m:.1f} mm (standard deviation, stated)"
+    return f"{1e3 * flight.registration_std_m:.1f} mm (standard deviation), stated"
 
 
 def _read_run(directory: Path) -> dict[str, Any]:
