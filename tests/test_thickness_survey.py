@@ -184,6 +184,8 @@ def test_metrics_of_readings_whose_answer_is_known(flown) -> None:
         (["mission.task.procedure.block_thin_m=0.0126"], "above 0, growing"),
         (["mission.task.procedure.block_thin_m=0.001"], "step of 1 mm shows|another|us longer"),
         (["mission.task.slide_m=0.1"], "valid: 0"),
+        (["mission.task.procedure.velocity_m_per_s=3240"], "a block of 3240 m/s for a wall of 5920"),
+        (["robot.sensors.thickness.gain=0.01"], "shows no echo above 20% of full screen"),
     ],
 )
 def test_what_does_not_fit_is_told_before_take_off(sets: list[str], words: str) -> None:
