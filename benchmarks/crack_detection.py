@@ -27,7 +27,7 @@ from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.inspection.indications import FlawFinder
 from skywright.inspection.notch_setup import NotchSetup, set_up
-from skywright.missions.crack_scan.judge import NEAR, SITE, Flaw, match
+from skywright.missions.crack_scan.judge import SITE, Flaw, match
 from skywright.models.block_scan import simulate_block_scan
 from skywright.models.crack_signal import CELL, GAPS, Metal, build_crack_table
 from skywright.models.eddy_current import Coil, Instrument, build_probe_signal, ec_signal

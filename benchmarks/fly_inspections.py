@@ -71,7 +71,7 @@ def list_scans(run: Any) -> dict[str, Any]:
         tries += 1
         read = []
         for k, r in zip(mine, gauge.add(t[mine], scans[mine]) if mine.size else [], strict=True):
-            _, film, share, tilt, u, v = states[k].tolist()
+            u, v = states[k, 4:].tolist()
             true = float(np.mean(compute_wall(field, u + face[:, 0], v + face[:, 1])[0]))
             # thickness (mm), error (mm), u95 (mm), reason
             read.append([_mm(r.thickness), _mm(r.thickness - true), _mm(r.u95), r.reason])
@@ -90,7 +90,7 @@ def list_scans(run: Any) -> dict[str, Any]:
 
 
 def list_cracks(run: Any, result: Any) -> dict[str, Any]:
-    """Return the cracks with the place of their indication, and the clean sites with their calls."""
+    """Return the cracks with the place of their indication, and clean sites with their calls."""
     found = result.details
     out: dict[str, Any] = {
         "inspected": None if result.inspected is None else result.inspected.to_json(),
@@ -134,17 +134,19 @@ def main() -> None:
         rows = list(csv.DictReader(file))[: a.runs]
     path.parent.mkdir(exist_ok=True)
     lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    there = {json.loads(line)["row"] for line in lines}
+    there = [json.loads(line)["site"] for line in lines]
     git = ["git", "-C", str(HERE), "rev-parse", "--short=10", "HEAD"]
     commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
     end = time.monotonic() + 60.0 * a.minutes
     for number, row in enumerate(rows, 1):
-        if number in there or time.monotonic() > end:
+        if row in there or time.monotonic() > end:
             continue
-        told = {"row": number, "commit": commit, "site": row, **fly_row(a.mission, row, number)}
+        told = {"seed": number, "commit": commit, "site": row, **fly_row(a.mission, row, number)}
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(told, ensure_ascii=False) + "\n")
-        print(number, told["outcome"], told["reason"], ", ".join(told.get("failed", [])), flush=True)
+        print(
+            number, told["outcome"], told["reason"], ", ".join(told.get("failed", [])), flush=True
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Registration of flights by datum points: closed forms, coverage of the deviations, the database."""
+"""Registration of flights by datum points: closed forms, coverage of deviations, the database."""
 
 from __future__ import annotations
 

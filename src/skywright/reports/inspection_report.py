@@ -114,8 +114,8 @@ def write_inspection_report(report: InspectionReport, path: Path, folder: Path) 
         pictures = [
             build_picture(
                 "Coverage", figure,
-                "Places in the frame of the asset. Crosses are gaps: they were asked for and hold "
-                "no accepted reading.",
+                "Places in the frame of the asset. Crosses were asked for and hold no accepted "
+                "reading; parts of a surface that were missed are in the table of coverage.",
             ),
             build_picture(
                 "A-scans", draw_ascans(scans),

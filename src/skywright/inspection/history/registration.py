@@ -6,10 +6,11 @@ place in the frame of the flight and p' that in the frame of the asset,
 
     p' = m + t + exp([w]x) (p - m)        (turned by w about the middle m of the datum points)
 
-t and w are found by weighted least squares (Gauss-Newton) with a prior: the stated registration error of the
-flight for t, TURN_STD for w. So one point fixes the shift, and more of them the turn as well. The
-covariance of t and w gives the deviation of every place that is carried over, which grows with the
-distance from the datum points (Gauss-Markov; F. Gustafsson, Statistical Sensor Fusion, ch. 2).
+t and w are found by weighted least squares (Gauss-Newton) with a prior: the stated registration
+error of the flight for t, TURN_STD for w. So one point fixes the shift, and more of them the turn
+as well. The covariance of t and w gives the deviation of every place that is carried over, which
+grows with the distance from the datum points (Gauss-Markov; F. Gustafsson, Statistical Sensor
+Fusion, ch. 2).
 """
 
 from __future__ import annotations
