@@ -119,7 +119,9 @@ def write_inspection_report(report: InspectionReport, path: Path, folder: Path) 
             ),
             build_picture(
                 "A-scans", draw_ascans(scans),
-                f"The first {len(scans)} readings with a stored A-scan; red: the gated echo.",
+                f"The first {len(scans)} readings with a stored A-scan; red: the gated echo. Depth "
+                "counts from the transmitter's pulse, probe and coating included: the wall is the "
+                "distance between echoes.",
             ),
         ]  # fmt: skip
     accepted = [r for r in report.readings if r.reading.accepted]
