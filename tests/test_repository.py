@@ -309,6 +309,12 @@ def test_the_page_of_benchmarks_has_the_campaigns_of_todays_files():
     assert text == module.build_page(text), "run: python docs/generate_campaigns.py"
 
 
+def test_the_page_of_inspections_has_the_tables_of_todays_flights():
+    module = _load_file(ROOT / "docs" / "generate_inspection.py")
+    text = module.PAGE.read_text(encoding="utf-8")
+    assert text == module.build_page(text), "run: python docs/generate_inspection.py"
+
+
 def test_the_page_of_laws_has_the_tables_of_todays_flights():
     module = _load_file(ROOT / "docs" / "generate_laws.py")
     text = module.PAGE.read_text(encoding="utf-8")
