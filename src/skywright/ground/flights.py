@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 from skywright.core.bounded import parse_json, read_text
 from skywright.errors import InputError
 from skywright.ground.disturb import list_sets
-from skywright.ground.link import build_pair
 from skywright.ground.orders import names_code
+from skywright.links.pair import build_pair
 
 LOGBOOK = "logbook.jsonl"
 KEPT = 50

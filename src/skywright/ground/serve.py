@@ -15,9 +15,9 @@ from typing import Any
 
 from skywright.errors import InputError
 from skywright.ground.guard import Guard
-from skywright.ground.link import build_pair, prepare
 from skywright.ground.server import Address, run_server
 from skywright.ground.station import Station
+from skywright.links.pair import build_pair, prepare
 
 
 def serve(

@@ -20,8 +20,9 @@ from typing import Any
 from skywright.errors import InputError
 from skywright.ground.control import HOLD_S, LEASE_S, Control
 from skywright.ground.flights import Asked, Logbook, Process, choose_out, write_down
-from skywright.ground.link import is_frame, parse, receive, say
+from skywright.ground.link import is_frame
 from skywright.ground.orders import Order
+from skywright.links.pair import parse, receive, say
 
 TICK_S = 0.25  # between words to the flight and to the pages
 MOST_WATCHERS = 16
