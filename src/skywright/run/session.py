@@ -99,7 +99,7 @@ class Vehicle(Uav):
         return dispatch_plan(self, file)
 
     def close(self) -> None:
-        """End what has been opened beside the vehicle; it is called at the end of a `with` block."""
+        """End what has been opened beside the vehicle; a `with` block calls it."""
         while self.closing:
             self.closing.pop()()
 

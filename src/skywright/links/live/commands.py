@@ -1,6 +1,6 @@
 """Commands that come in from outside: one table, and who carries them out.
 
-`SERVICES` and `STREAMS` are the one place where they are defined: the ROS 2 types, the tables of the
+`SERVICES` and `STREAMS` are the one place where they are defined: the types and the tables of the
 documentation and the code that carries a command out follow from them. A vehicle that a script
 flies takes UAL's commands (vehicle/commands.py has what is accepted in which state). A mission
 flies by itself: there the commands are the pilot's switch and an operator's orders.

@@ -59,7 +59,7 @@ def pack_attachment(sequence: int, time_ns: int, gid: bytes) -> bytes:
 
 
 def read_attachment(data: bytes) -> tuple[int, int, bytes]:
-    """Return sequence, time (ns) and sender of an attachment; raises ValueError where it is none."""
+    """Return sequence, time (ns) and sender; raises ValueError where it is no attachment."""
     if len(data) != ATTACHMENT.size:
         raise ValueError(f"an attachment of {len(data)} bytes")
     sequence, time_ns, length, gid = ATTACHMENT.unpack(data)
