@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections import deque
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -30,6 +31,7 @@ from skywright.links.pair import build_pair, parse, read_number, receive, say, s
 from skywright.models.deviation import build_socket_error
 from skywright.models.rigid_body import joint_names
 from skywright.models.urdf import build_urdf
+from skywright.recordings.columns import Topic
 from skywright.vehicle.commands import State
 from skywright.vehicle.results import Handle, Result
 from skywright.vehicle.telemetry import read_battery
@@ -137,8 +139,8 @@ class LiveFlight:
         self._filler = Filler(recorded.columns)
         setup = Setup(
             d.mission.name, d.robot, d.true_world, np.asarray(build_socket_error(d.plant)),
-            tuple(recorded.columns), tuple(recorded.topics), tuple(joint_names(d.robot)),
-            build_urdf(d.robot),
+            tuple(recorded.columns), tuple(map(_copy, recorded.topics)),
+            tuple(joint_names(d.robot)), build_urdf(d.robot),
         )  # fmt: skip
         file = Path(self._folder.name) / "setup.pickle"
         file.write_bytes(pickle.dumps(setup))
@@ -211,7 +213,7 @@ class LiveFlight:
         if told.handle is not None and args.get("blocking") is True and number:
             self._under_way.append((number, told.handle))
             return
-        result = told.result or Result(True, "accepted")
+        result = Result(True, "accepted") if told.result is None else told.result
         self.refused += not result.ok
         if number:
             self._reply(number, result)
@@ -245,3 +247,8 @@ class LiveFlight:
                 self.close()
                 raise InputError(f"the process that publishes the flight is silent ({what})")
             time.sleep(0.01)
+
+
+def _copy(topic: Topic) -> Topic:
+    """Return a topic whose mappings can be sent to another process."""
+    return Topic(*(dict(x) if isinstance(x, Mapping) else x for x in topic))

@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 import zenoh
 
 from skywright.errors import InputError
-from skywright.links.live.commands import SERVICE_TYPES, SERVICES, STREAMS, Service, Stream
 from skywright.links.live.process import Caller
 from skywright.links.live.rows import Reader
+from skywright.links.live.table import SERVICE_TYPES, SERVICES, STREAMS, Service, Stream
 from skywright.links.live.topics import TEXTS, TYPES
 from skywright.links.ros2.names import (
     PUBLISHER,

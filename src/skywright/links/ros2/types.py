@@ -23,6 +23,9 @@ DISTROS = {
     "lyrical": Stores.ROS2_LYRICAL,
 }  # fmt: skip
 INFO = "service_msgs/msg/ServiceEventInfo"
+EVENT_INFO = (
+    "uint8 event_type\nbuiltin_interfaces/Time stamp\nuint8[16] client_gid\nint64 sequence_number"
+)
 
 
 class Types:
@@ -40,8 +43,9 @@ class Types:
             raise InputError(f"ROS 2 distribution {distro[:40]!r}; valid: {', '.join(DISTROS)}")
         self.store: Any = get_typestore(DISTROS[distro])
         self._hashed = distro != "humble"
-        if INFO not in self.store.fielddefs:  # Humble has no service events, and no hashes either
-            self.store.register(get_types_from_msg("uint8 event_type", INFO))
+        # rosbags hashes a `char`, which is uint8 in ROS 2, as the character of IDL
+        self.store.fielddefs.pop(INFO, None)
+        self.store.register(get_types_from_msg(EVENT_INFO, INFO))
         for kind, text in own.items():
             if full_name(kind) not in self.store.fielddefs:
                 self.store.register(get_types_from_msg(text, full_name(kind)))
@@ -77,7 +81,7 @@ class Types:
         if not self.store.fielddefs[full][1]:
             return {}
         try:
-            return _plain(self.store.deserialize_cdr(data, full))
+            return _plain(self.store, self.store.deserialize_cdr(data, full))
         except Exception as error:  # whatever a decoder does with bytes of anybody
             raise ValueError(f"no {full}: {type(error).__name__}") from None
 
@@ -100,13 +104,13 @@ def name_service(kind: str) -> str:
     return f"{package}/srv/{name}"
 
 
-def _plain(value: Any) -> Any:
+def _plain(store: Any, value: Any) -> Any:
     """Return a message's values as JSON has them."""
     if hasattr(value, "__msgtype__"):
-        names = [n for n in value.__dataclass_fields__ if n != "__msgtype__"]
-        return {n: _plain(getattr(value, n)) for n in names}
+        names = [name for name, _ in store.fielddefs[value.__msgtype__][1]]
+        return {name: _plain(store, getattr(value, name)) for name in names}
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, list):
-        return [_plain(v) for v in value]
+        return [_plain(store, v) for v in value]
     return value.item() if isinstance(value, np.generic) else value
