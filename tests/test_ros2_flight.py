@@ -269,13 +269,22 @@ def test_a_stuck_process_never_holds_the_flight(fleet: Fleet) -> None:
 
 
 def test_address_that_is_taken_or_wrong_is_told() -> None:
+    from skywright.links.foxglove.server import FoxgloveServer
+    from skywright.links.ros2.node import Ros2Node
+
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
         s.listen()
         with pytest.raises(skywright.InputError, match=r"--foxglove .*: cannot listen"):
-            skywright.fly("hexarotor", live=skywright.Live(foxglove=s.getsockname()[1]))
-    with pytest.raises(skywright.InputError, match="valid: tcp/HOST:PORT"):
-        skywright.fly("hexarotor", live=skywright.Live(ros2="udp/127.0.0.1:7447"))
+            FoxgloveServer(s.getsockname()[1])
+    caller: Any = None
+    for wrong in ("udp/127.0.0.1:7447", "tcp/127.0.0.1:0", "tcp/127.0.0.1:70000", "7447"):
+        with pytest.raises(skywright.InputError, match="valid: tcp/HOST:PORT"):
+            Ros2Node(wrong, "jazzy", 0, caller)
+    with pytest.raises(skywright.InputError, match="no Zenoh router answers"):
+        Ros2Node("tcp/127.0.0.2:9", "jazzy", 0, caller)  # never a router beyond this computer
+    with pytest.raises(skywright.InputError, match="'noetic'; valid: humble"):  # of the process
+        skywright.fly("hexarotor", live=skywright.Live(ros2=True, distro="noetic"))
 
 
 def test_mission_is_taken_over_and_landed_by_ros2(tmp_path: Path) -> None:
@@ -288,7 +297,7 @@ def test_mission_is_taken_over_and_landed_by_ros2(tmp_path: Path) -> None:
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
         config.insert_json5("scouting/multicast/enabled", "false")
-        session, ends = None, time.monotonic() + 60.0
+        session, ends = None, time.monotonic() + 300.0
         while session is None and time.monotonic() < ends:
             try:
                 session = zenoh.open(config)
@@ -324,7 +333,7 @@ def test_mission_is_taken_over_and_landed_by_ros2(tmp_path: Path) -> None:
 
     thread = threading.Thread(target=operate)
     thread.start()
-    live = skywright.Live(ros2=f"tcp/127.0.0.1:{port}", wait_s=20.0)
+    live = skywright.Live(ros2=f"tcp/127.0.0.1:{port}", wait_s=120.0)
     result = skywright.run("waypoints", out=tmp_path / "run", report=False, backend="kinematic",
                            live=live)  # fmt: skip
     thread.join()

@@ -162,6 +162,21 @@ class BarLeader:
         self._pressed = True
         return self._send(row, pose, self.carried)
 
+    def hold(self) -> BarPose:
+        """Keep joints, platform and what is fed forward as they are for one tick.
+
+        In a hole the walls hold the bar: a platform that went on to lead it across would wind up
+        the springs until a hook slips.
+        """
+        s = self.s
+        self._felt.feel(s, ROOM * self.weight)
+        if self._pressed:
+            self._q = np.array(s.vehicle.read(HandState).q_goal[: s.vehicle.n_joints])
+            self._pressed = False
+        row, k = set_rest(s.vehicle.reference), s.vehicle.n_joints
+        row["q"][:k], row["task"] = self._q[:k], TASK_JOINTS
+        return self._send(row, self.measure(), self._load)
+
     def _watch(self, p: Array, n: Array, point_O: Array) -> BarPose:
         """Measure the bar, average its error, and feel its weight."""
         self._felt.feel(self.s, ROOM * self.weight)
