@@ -166,3 +166,24 @@ def test_options_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "5")
     assert Live(ros2=True).check() == Live("tcp/127.0.0.1:7447", "jazzy", None, 0.0, 5)
     assert not Live().wanted and Live(foxglove=0).wanted
+
+
+def test_tables_of_the_page_are_those_of_the_code() -> None:
+    import importlib.util
+    from pathlib import Path
+
+    path = Path(__file__).parent.parent / "docs" / "generate_ros2.py"
+    spec = importlib.util.spec_from_file_location("generate_ros2", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    text = module.PAGE.read_text("utf-8")
+    assert module.build_page(text) == text, "run: python docs/generate_ros2.py"
+
+
+def test_options_of_a_station_are_those_of_a_run() -> None:
+    live = Live(ros2=True, foxglove=0, wait_s=2.0).check()
+    assert live.list_arguments() == (
+        "--ros2", "tcp/127.0.0.1:7447", "--ros2-distro", "jazzy", "--foxglove", "0",
+        "--await", "2.0",
+    )  # fmt: skip

@@ -72,6 +72,7 @@ class Station:
         self.scene_number = 0
         self.status: dict[str, Any] = {}
         self.note = ""  # what became of the last wish
+        self.options: tuple[str, ...] = ()  # of `skywright run`, for every flight
         self.hosted = False  # by a flight that was started elsewhere (`run --view`)
         self.invite: Any = None  # returns an address
         self.done = asyncio.Event()
@@ -238,7 +239,8 @@ class Station:
     async def _launch(self, asked: Asked, name: str) -> None:
         try:
             folder = Path(tempfile.mkdtemp(dir=self._temporary.name))
-            process = Process(asked, choose_out(self.folder, name), folder)
+            out = choose_out(self.folder, name)
+            process = Process(asked, out, folder, self.options)
             await process.start()
         except InputError as error:
             self.note = f"Not started: {error}"

@@ -36,6 +36,14 @@ class Live(NamedTuple):
         """Whether anything is to be published."""
         return self != Live()
 
+    def list_arguments(self) -> tuple[str, ...]:
+        """Return the options of `skywright run` that ask for the same."""
+        given = {
+            "--ros2": self.ros2, "--ros2-distro": self.distro, "--foxglove": self.foxglove,
+            "--await": self.wait_s or None,
+        }  # fmt: skip
+        return tuple(x for name, v in given.items() if v is not None for x in (name, str(v)))
+
     def check(self) -> Live:
         """Return them with the domain; raises InputError where an extra or --ros2 is missing."""
         ros2, foxglove = self.ros2, self.foxglove

@@ -111,7 +111,7 @@ class _Insertion:
         return self.hole.R.T @ (pose.p + pose.R @ self.hole.tip - self.hole.p)
 
     def _insert(self, up: float, seated: bool) -> None:
-        """Lower, press or raise the bar in the hole for a tick; on its seat it is pressed enough."""
+        """Lower, press or raise the bar in the hole for a tick; once it is seated, hold."""
         leader, hole, n = self.leader, self.hole, self.hole.R[:, 1]
         over = hole.p + hole.R[:, 2] * float(hole.bar[2] - hole.tip[2])
         stuck = self.watch.stalled > SINK_S or self.depth > FULL * self.length
