@@ -330,7 +330,13 @@ def test_mission_is_taken_over_and_landed_by_ros2(tmp_path: Path) -> None:
         said["over"] = call("/ual/take_over", "std_srvs/Trigger")
         said["take_off"] = call("/ual/take_off", f"{UAL}/TakeOff", height=1.0, blocking=False)
         twist = "geometry_msgs/msg/TwistStamped"
-        for _ in range(20):
+        speeds, moving = [0.0], name_key(0, "/ual/velocity", twist, TYPED.hash(twist))
+
+        def note_speed(sample: Any) -> None:
+            speeds.append(TYPED.decode(twist, sample.payload.to_bytes())["twist"]["linear"]["x"])
+
+        session.declare_subscriber(moving, note_speed)
+        while speeds[-1] < 0.25 and time.monotonic() < ends:
             session.put(
                 name_key(0, "/ual/set_velocity", twist, TYPED.hash(twist)), _twist(0.4),
                 attachment=pack_attachment(1, time.time_ns(), bytes(16)),

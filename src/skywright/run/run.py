@@ -249,7 +249,8 @@ def _prepare(
         raise
     parts = [part for o in observers for part in getattr(o, "parts", ())]
     vehicle = build_vehicle(description, setup=setup, backend=backend, parts=parts)
-    require(vehicle, load_kind(description.mission.kind).needs, description.mission.name)
+    kind = load_kind(description.mission.kind)
+    require(vehicle, kind.needs, description.mission.name, kind.devices)
     return plan, vehicle
 
 
