@@ -104,13 +104,14 @@ class BarLeader:
 
     def lead(
         self, p: Array, n: Array, point_O: Array, sink: float = 0.0, let_go: bool = False,
-        along: Array | None = None,
+        along: Array | None = None, follow: bool = False,
     ) -> BarPose:  # fmt: skip
         """Lead the bar for one tick, joints at rest but for its direction; returns its pose.
 
         `p` (3,) m is where the bar's point `point_O` (3,) m shall be, n (3,) its direction, in W.
         With `sink` (m/s, negative to rise) the platform moves so down, and `p` counts across only.
         `along` (3,) m/s is how fast p moves: the bar is moved with it.
+        With `follow` the platform stays over the bar instead of leading it across: walls lead it.
         The bar's weight is fed forward to springs and platform: all of it, so that a bar that
         touches something stays in the hooks, or with `let_go` what the hands feel of it, so that it
         passes to what it stands on.
@@ -123,12 +124,14 @@ class BarLeader:
         v *= min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9))
         if along is not None:
             v = v + along
+        row = set_rest(s.vehicle.reference)
+        if follow:
+            v[:2] = self._follow(row)[:2]
         if sink != 0.0:
             v[2] = -sink
         self._n += MISSION_TICK * LEAD_RATE * (self._heading().T @ self._turn)
         self._n /= np.linalg.norm(self._n)
         most = MISSION_TICK * JOINT_SPEED
-        row = set_rest(s.vehicle.reference)
         k = s.vehicle.n_joints
         self._q[:k] += np.clip(
             self._q_rest[:k] + self._solve(self._n)[:k] - self._q[:k], -most, most
@@ -154,9 +157,7 @@ class BarLeader:
             row["task"][h], row["gamma"][h] = TASK_FORCE_POSITION, gamma
             row["p_WH"][h] = hands[h] + across + sign * half * self._turn
             row["f_WH"][h], row["v_WH"][h] = [0.0, 0.0, -0.5 * more], 0.0
-        middle = 0.5 * (self.grip.hands[0] + self.grip.hands[1]) + self.grip.cradle
-        v = FOLLOW_RATE * (self._p_handle - row["R_WB"] @ middle - row["p_WB"])
-        v *= min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9))
+        v = self._follow(row)
         row["p_WB"] += MISSION_TICK * v
         row["v_WB"] = v
         self._pressed = True
@@ -185,6 +186,12 @@ class BarLeader:
         self._turn += share * (n - pose.R[:, 1] - self._turn)
         self._p_handle += share * (pose.p + pose.R @ self.grip.handle - self._p_handle)
         return pose
+
+    def _follow(self, row: Any) -> Array:
+        """Speed (3,) m/s of the platform towards where the arms have the pose of the grip."""
+        middle = 0.5 * (self.grip.hands[0] + self.grip.hands[1]) + self.grip.cradle
+        v = FOLLOW_RATE * (self._p_handle - row["R_WB"] @ middle - row["p_WB"])
+        return np.asarray(v * min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9)))
 
     @property
     def lost(self) -> bool:
