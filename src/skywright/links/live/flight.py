@@ -16,7 +16,6 @@ import sys
 import tempfile
 import time
 from collections import deque
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -251,4 +250,7 @@ class LiveFlight:
 
 def _copy(topic: Topic) -> Topic:
     """Return a topic whose mappings can be sent to another process."""
-    return Topic(*(dict(x) if isinstance(x, Mapping) else x for x in topic))
+    return topic._replace(
+        fields=dict(topic.fields), texts=dict(topic.texts), lengths=dict(topic.lengths),
+        types=dict(topic.types), numbers=dict(topic.numbers),
+    )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skywright.links.live.table import SERVICES, STREAMS
+from skywright.links.live.table import SERVICES, STREAMS, Service, Stream
 from skywright.links.live.topics import GIVEN, ROBOT, STATES, TEXTS
 from skywright.recordings.messages import full_name
 
@@ -24,7 +24,7 @@ def build_tables() -> dict[str, str]:
             [
                 (f"`{c.name}`", f"`{_name_type(c.kind, c in SERVICES)}`", c.what,
                  c.by_mission or "refused")
-                for c in [*SERVICES, *STREAMS]
+                for c in list[Service | Stream]([*SERVICES, *STREAMS])
             ],
         ),
         "states": _build_table(

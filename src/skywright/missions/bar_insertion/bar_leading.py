@@ -39,6 +39,9 @@ LEAST_N = 0.1  # N, of a force that is asked for: it has to have a direction
 LOAD_RATE = 6.0  # N/s, at which the weight that is fed forward changes
 LOST_M, LOST_ANGLE = 0.05, math.radians(15.0)  # of a bar that is not in the hooks any more
 FOLLOW_RATE = 0.5  # 1/s, of the platform behind a bar that is pressed
+GIVE_WAY = 0.25
+"""Of it in a hole, beside leading: an error e across that walls hold bends the springs by e / 0.25,
+not more and more, until a hook slips where the seat takes the weight off it."""
 
 
 class BarPose(NamedTuple):
@@ -104,14 +107,14 @@ class BarLeader:
 
     def lead(
         self, p: Array, n: Array, point_O: Array, sink: float = 0.0, let_go: bool = False,
-        along: Array | None = None, follow: bool = False,
+        along: Array | None = None, in_hole: bool = False,
     ) -> BarPose:  # fmt: skip
         """Lead the bar for one tick, joints at rest but for its direction; returns its pose.
 
         `p` (3,) m is where the bar's point `point_O` (3,) m shall be, n (3,) its direction, in W.
         With `sink` (m/s, negative to rise) the platform moves so down, and `p` counts across only.
         `along` (3,) m/s is how fast p moves: the bar is moved with it.
-        With `follow` the platform stays over the bar instead of leading it across: walls lead it.
+        With `in_hole` the platform leads it across with bounded force: walls hold it as well.
         The bar's weight is fed forward to springs and platform: all of it, so that a bar that
         touches something stays in the hooks, or with `let_go` what the hands feel of it, so that it
         passes to what it stands on.
@@ -125,8 +128,8 @@ class BarLeader:
         if along is not None:
             v = v + along
         row = set_rest(s.vehicle.reference)
-        if follow:
-            v[:2] = self._follow(row)[:2]
+        if in_hole:
+            v[:2] += GIVE_WAY * self._follow(row)[:2]
         if sink != 0.0:
             v[2] = -sink
         self._n += MISSION_TICK * LEAD_RATE * (self._heading().T @ self._turn)

@@ -123,6 +123,6 @@ class _Insertion:
             )
         else:
             sink = max(-up, -1.0) * self.task.stick_speed_mps
-            pose = leader.lead(over, n, hole.bar, sink=sink or 1e-9, let_go=True, follow=True)
+            pose = leader.lead(over, n, hole.bar, sink=sink or 1e-9, let_go=True, in_hole=True)
         self.watch.step(pose)
         self.depth = self.watch.depth
