@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import skywright
+from skywright.ground.operator_model import ModelOperator
 from skywright.missions.skills.operated import LONGEST_S, Lead, OperatorGone
 from skywright.run.operator import Sight, Stick
+from skywright.run.run import run_mission
 from skywright.vehicle.plant import MISSION_TICK
 
 SIGHT = Sight(np.zeros(3), False)

@@ -30,9 +30,11 @@ out.junk = [1, 2, 3, 23].map((id) => new Cap().take(id, bytes(), 0));
 out.short = new Cap().take(1, bytes(1, 2, 3), 0);
 // a browser with a device: opened, read, gone
 const listeners = {};
-const device = { opened: false, productName: 'SpaceMouse Compact', async open() { this.opened = true; },
+const device = { opened: false, productName: 'SpaceMouse Compact',
+  async open() { this.opened = true; },
   addEventListener(name, f) { listeners[name] = f; } };
-const hid = { async requestDevice() { return [device]; }, async getDevices() { return []; },
+const hid = { async requestDevice() { return [device]; },
+  async getDevices() { return []; },
   addEventListener(name, f) { listeners[name] = f; } };
 const mouse = new SpaceMouse(hid);
 await mouse.open(false);
@@ -43,7 +45,8 @@ out.device = [device.opened, mouse.name, mouse.read().v[0]];
 listeners.disconnect({ device });
 out.gone = [mouse.read(), mouse.name];
 out.without = new SpaceMouse(undefined).available;
-const refusing = new SpaceMouse({ ...hid, async requestDevice() { throw new Error('refused'); } });
+const refused = async () => { throw new Error('refused'); };
+const refusing = new SpaceMouse({ ...hid, requestDevice: refused });
 await refusing.open(true);
 out.refused = refusing.error;
 console.log(JSON.stringify(out));
