@@ -80,9 +80,12 @@ def test_a_stretch_of_work_has_an_end_and_the_next_one_its_own() -> None:
 
 def test_an_operator_presses_the_probe_on_a_wall(tmp_path: Path) -> None:
     """In flight: the stick leads the tip, then the force; the robot measures while it holds it."""
-    sets = ("mission.task.survey=false", "mission.task.hold_s=2", "mission.task.settle_s=0.5")
+    sets = (
+        "mission.task.survey=false", "mission.task.hold_s=2", "plant.map_error_m=0",
+        "plant.map_error_deg=0",
+    )  # fmt: skip
     result = run_mission(
-        skywright.load("wall-contact", sets=(*sets, "plant.map_error_m=0", "plant.map_error_deg=0")),
+        skywright.load("wall-contact", sets=sets),
         out=tmp_path / "run", operator=ModelOperator("careful", 3, 0.03),
     )  # fmt: skip
     names = [p.name for p in result.phases]

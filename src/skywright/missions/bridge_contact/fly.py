@@ -193,7 +193,7 @@ class Pilot(Presser):
         reason = hand.fly()
         if not reason:
             s.begin(f"free hold {hand.exerts:.1f} N")
-            self.measure(at.name, hand.exerts, "flying")
+            self.measure_force(at.name, hand.exerts, "flying")
         self.set_force("free release", 0.0, task.ramp_s)
         self.go(None, press=0.0)
         self.go("free leave", p=back, R=at.R_level, speed=0.2)
