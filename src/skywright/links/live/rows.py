@@ -41,16 +41,15 @@ class Filler:
     """Makes live rows of samples, without what only the publishing process needs."""
 
     def __init__(self, columns: Sequence[Column]) -> None:
-        self.dtype = build_dtype([*columns, *EXTRA])
-        self._row = np.zeros(1, self.dtype)
-        self._names = [c.name for c in columns]
+        """`columns` are those of a sample."""
+        self._sample = build_dtype(columns)
+        self._extra = np.zeros(1, build_dtype(EXTRA))
 
     def fill(self, sample: Row, state: State, charge: float) -> bytes:
         """Return the bytes of the live row of a sample (1,)."""
-        for name in self._names:
-            self._row[name] = sample[name]
-        self._row["live_state"], self._row["live_charge"] = STATES[state], charge
-        return ROW + self._row.tobytes()
+        assert sample.dtype == self._sample
+        self._extra["live_state"], self._extra["live_charge"] = STATES[state], charge
+        return ROW + sample.tobytes() + self._extra.tobytes()
 
 
 class Encoder:
