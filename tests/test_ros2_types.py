@@ -15,7 +15,7 @@ from zenoh_ros2_sdk.qos import DEFAULT_QOS_PROFILE
 
 from skywright.errors import InputError
 from skywright.links.live.commands import read_yaw
-from skywright.links.live.open import Live
+from skywright.links.live.options import Live
 from skywright.links.live.rows import Encoder
 from skywright.links.live.table import SERVICE_TYPES, STREAMS
 from skywright.links.live.topics import EXTRA, GIVEN, TYPES

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import os
 
     from skywright.description.loader import Description, Sets
-    from skywright.links.live.open import Live
+    from skywright.links.live.options import Live
     from skywright.parts import (
         build_law,
         build_mjcf,
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _PARTS = {
-    "skywright.links.live.open": ("Live",),
+    "skywright.links.live.options": ("Live",),
     "skywright.parts": (
         "build_law", "build_mjcf", "build_model", "build_urdf", "build_vehicle", "campaign",
         "compute_capability", "fly", "identify", "load_robot", "load_world", "locate",
@@ -180,7 +180,7 @@ def run(
     `gateway` ("udp:PORT") publishes the arms' state to others; `gateway_key` is a file with the key
     that its packets are sealed with. `station` (FD:FOLDER) is how a ground station that started
     this process is reached. `live` publishes the flight to ROS 2 and Foxglove
-    (links/live/open.py). `command` is the command line that the report states.
+    (links/live/options.py). `command` is the command line that the report states.
     `backend` is "physics", or "kinematic": references are followed exactly, without forces.
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from skywright.analysis.identify.identify import Identification
     from skywright.analysis.locate.locate import LocateReport
     from skywright.inspection.weld_data import WeldReport
-    from skywright.links.live.open import Live
+    from skywright.links.live.options import Live
     from skywright.models.as_mujoco import MjModel
     from skywright.models.capability import Capability
     from skywright.planning.motion.transit import Configuration, Transit

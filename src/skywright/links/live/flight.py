@@ -24,7 +24,7 @@ import numpy as np
 from skywright.core.interrupt import check_interrupt
 from skywright.errors import InputError
 from skywright.links.live.commands import Args, MissionCommands, Told, VehicleCommands
-from skywright.links.live.open import Live
+from skywright.links.live.options import Live
 from skywright.links.live.rows import Filler, Setup
 from skywright.links.pair import build_pair, parse, read_number, receive, say, send
 from skywright.models.deviation import build_socket_error

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from skywright.errors import InputError
-from skywright.links.live.open import DISTRO, Live
+from skywright.links.live.options import DISTRO, Live
 from skywright.links.live.rows import ROW, Reader, Setup
 from skywright.links.live.table import OLD_S
 from skywright.links.pair import parse, prepare, receive, say

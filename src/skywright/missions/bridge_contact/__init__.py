@@ -5,21 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from skywright.description.mission.spec import Requirement
-from skywright.missions.bridge_contact.task import OperatedContact
+from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.run.folder_kind import FolderKind
 
 if TYPE_CHECKING:
     from skywright.run.setup import Setup
 
 
-class BridgeContactKind(FolderKind[OperatedContact]):
+class BridgeContactKind(FolderKind[BridgeContact]):
     """Press a probe on a structure, docked or flying, and slide it along."""
 
-    task = OperatedContact
+    task = BridgeContact
     needs = frozenset({"uav", "whole_body", "probe"})
     operated = True
 
-    def requirements(self, setup: Setup[OperatedContact], way: Any) -> dict[str, Requirement]:
+    def requirements(self, setup: Setup[BridgeContact], way: Any) -> dict[str, Requirement]:
         """Ask nothing of docking or sliding where it is left out."""
         task = setup.task
         left_out = {"dock.": not task.dock, "slide.": task.slide_m == 0.0}

@@ -18,7 +18,7 @@ from skywright.missions.bridge_contact.seat import DEEP, touch_with_feet
 from skywright.missions.bridge_contact.sliding import find_way
 from skywright.missions.bridge_contact.stations import Station
 from skywright.missions.bridge_contact.survey import SurveyWay, get_ball
-from skywright.missions.bridge_contact.task import BridgeContact, OperatedContact
+from skywright.missions.bridge_contact.task import BridgeContact, Contact
 from skywright.missions.skills.pressing import TIP_GAP, Presser
 from skywright.missions.skills.survey import TRIES, PressingTip, Touch, survey_surface
 from skywright.missions.skills.surveyed_structure import fit_structure
@@ -63,7 +63,7 @@ def fly(s: Supervisor[BridgeContact], way: ContactPlan) -> Flight:
 class Pilot(Presser):
     """The moves of this mission; every one starts where the reference is."""
 
-    def __init__(self, supervisor: Supervisor, way: ContactPlan, task: BridgeContact) -> None:
+    def __init__(self, supervisor: Supervisor, way: ContactPlan, task: Contact) -> None:
         super().__init__(supervisor, task)
         self.way, self.contact = way, task
 
@@ -173,7 +173,7 @@ class Pilot(Presser):
     def _press_flying(self, at: Station, back: Array) -> str:
         """From before a station, platform at `back` (3,) m: press, slide, leave."""
         task, operator = self.contact, self.s.operator
-        if operator is not None and isinstance(task, OperatedContact):
+        if operator is not None and isinstance(task, BridgeContact):
             return self._press_by_hand(at, back, operator, task)
         self.go("free near", p=at.p_press + TIP_GAP * at.normal, R=at.R_approach, speed=0.1)
         self.s.wait(1.0)
@@ -183,7 +183,7 @@ class Pilot(Presser):
         return reason
 
     def _press_by_hand(
-        self, at: Station, back: Array, operator: Operator, task: OperatedContact
+        self, at: Station, back: Array, operator: Operator, task: BridgeContact
     ) -> str:
         """The same with an operator at the stick, who presses one force and does not slide."""
         s = self.s

@@ -13,7 +13,7 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.missions.bridge_contact.stations import Station
-from skywright.missions.bridge_contact.task import OperatedContact
+from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.missions.skills.assistance import LIMIT, Assistance
 from skywright.missions.skills.moves import set_rest
 from skywright.missions.skills.operated import Lead, OperatorGone, compute_velocity
@@ -35,9 +35,7 @@ TOUCH, PRESS = "free touch", "free press"
 class HandPress:
     """The state of an operated press; each step is one tick."""
 
-    def __init__(
-        self, s: Supervisor, operator: Operator, at: Station, task: OperatedContact
-    ) -> None:
+    def __init__(self, s: Supervisor, operator: Operator, at: Station, task: BridgeContact) -> None:
         """`at` is the station whose spot is pressed on."""
         self.s, self.task, self.place = s, task, at.p_contact
         x = -at.normal

@@ -30,7 +30,7 @@ class Spot(Spec):
     name: str = ""  # label in records
 
 
-class BridgeContact(Task):
+class Contact(Task):
     """Press the probe's tip on a structure with a profile of forces, docked or flying.
 
     Each force is reached over `ramp_s`, given `settle_s`, and held for `hold_s`: one measurement.
@@ -64,5 +64,5 @@ class BridgeContact(Task):
     slide_speed_mps: float = Field(default=0.05, ge=0.005, le=0.5)  # speed of the slide
 
 
-class OperatedContact(BridgeContact, OperatedTask):
+class BridgeContact(Contact, OperatedTask):
     """The same, where an operator may press in flight."""
