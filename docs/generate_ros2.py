@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from skywright.links.live.present import build_tables
+from skywright.links.broadcast.present import build_tables
 
 PAGE = Path(__file__).parent / "howto" / "ros2.md"
 

@@ -21,8 +21,8 @@ from ros2_pyterfaces.core.geometry_msgs import msg as geometry
 from websockets.sync.client import connect
 
 import skywright
-from skywright.links.live.table import SERVICE_TYPES
-from skywright.links.live.topics import TYPES
+from skywright.links.broadcast.table import SERVICE_TYPES
+from skywright.links.broadcast.topics import TYPES
 from skywright.links.ros2.names import name_key, pack_attachment
 from skywright.links.ros2.types import Types
 from skywright.recordings.messages import definition

@@ -14,11 +14,11 @@ from zenoh_ros2_sdk.keyexpr import topic_keyexpr
 from zenoh_ros2_sdk.qos import DEFAULT_QOS_PROFILE
 
 from skywright.errors import InputError
-from skywright.links.live.commands import read_yaw
-from skywright.links.live.options import Live
-from skywright.links.live.rows import Encoder
-from skywright.links.live.table import SERVICE_TYPES, STREAMS
-from skywright.links.live.topics import EXTRA, GIVEN, TYPES
+from skywright.links.broadcast.commands import read_yaw
+from skywright.links.broadcast.options import Live
+from skywright.links.broadcast.rows import Encoder
+from skywright.links.broadcast.table import SERVICE_TYPES, STREAMS
+from skywright.links.broadcast.topics import EXTRA, GIVEN, TYPES
 from skywright.links.ros2.names import QOS, name_key, pack_attachment, read_attachment
 from skywright.links.ros2.types import DISTROS, NO_HASH, Types, list_definitions, name_service
 from skywright.recordings.cdr import PRIMITIVES, parse_definition

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import os
 
     from skywright.description.loader import Description, Sets
-    from skywright.links.live.options import Live
+    from skywright.links.broadcast.options import Live
     from skywright.parts import (
         build_law,
         build_mjcf,
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _PARTS = {
-    "skywright.links.live.options": ("Live",),
+    "skywright.links.broadcast.options": ("Live",),
     "skywright.parts": (
         "build_law", "build_mjcf", "build_model", "build_urdf", "build_vehicle", "campaign",
         "compute_capability", "fly", "identify", "load_robot", "load_world", "locate",
@@ -168,6 +168,7 @@ def run(
     gateway_key: str | os.PathLike[str] | None = None,
     station: str | None = None,
     live: Live | None = None,
+    servos: str | None = None,
     command: str = "",
     backend: str = "physics",
 ) -> RunResult:
@@ -179,8 +180,9 @@ def run(
     the stick, in missions that have one ("view", "udp:PORT", "model:careful"; ground/operators.py).
     `gateway` ("udp:PORT") publishes the arms' state to others; `gateway_key` is a file with the key
     that its packets are sealed with. `station` (FD:FOLDER) is how a ground station that started
-    this process is reached. `live` publishes the flight to ROS 2 and Foxglove
-    (links/live/options.py). `command` is the command line that the report states.
+    this process is reached. `servos` ("serial:PORT") drives the arms' real servos; the platform is
+    simulated. `live` publishes the flight to ROS 2 and Foxglove (links/broadcast/options.py).
+    `command` is the command line that the report states.
     `backend` is "physics", or "kinematic": references are followed exactly, without forces.
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
@@ -208,7 +210,7 @@ def run(
         check_operator(description)
     published = None
     if live is not None and live.wanted:
-        from skywright.links.live.open import open_live
+        from skywright.links.broadcast.open import open_live
 
         published = open_live(live, description)
         observers.append(published)
@@ -226,6 +228,12 @@ def run(
         from skywright.ground.operators import open_operator
 
         person = open_operator(operator, description)
+    arms = None
+    if servos is not None:
+        from skywright.links.servo_bus.arms import open_servos
+
+        arms = open_servos(servos, description.robot)
+        observers.append(arms)
     watching = None
     if view or operator in ("view", "page") or station is not None:
         from skywright.ground.watch import Watching
@@ -250,6 +258,8 @@ def run(
             link.close()
         if published is not None:
             published.close()
+        if arms is not None:
+            arms.close()
         if watching is not None:
             watching.close()
 

@@ -29,12 +29,13 @@ if TYPE_CHECKING:
     from skywright.analysis.identify.identify import Identification
     from skywright.analysis.locate.locate import LocateReport
     from skywright.inspection.weld_data import WeldReport
-    from skywright.links.live.options import Live
+    from skywright.links.broadcast.options import Live
     from skywright.models.as_mujoco import MjModel
     from skywright.models.capability import Capability
     from skywright.planning.motion.transit import Configuration, Transit
     from skywright.planning.shapes import Shape
     from skywright.run.session import Vehicle
+    from skywright.vehicle.component import Component
     from skywright.vehicle.motions import Arrival
     from skywright.vehicle.simulated import SimulatedVehicle
     from skywright.vehicle.stepped import LawStep
@@ -122,6 +123,7 @@ def fly(
     arrival: Arrival | None = None,
     checklist: bool = True,
     live: Live | None = None,
+    parts: Sequence[Component] = (),
 ) -> Vehicle:
     """Return a vehicle that a script flies, on the ground with its motors off.
 
@@ -129,7 +131,8 @@ def fly(
     Commands wait until they have ended. `backend` is "physics", "kinematic" (references are
     followed exactly), or "recording": `mission` is then a run's directory, which is played.
     `checklist` says whether `[mission.checklist]` and the spin check are passed before the motors
-    turn. `live` publishes the vehicle to ROS 2 and Foxglove, whose commands it takes at every tick.
+    turn. `parts` are further components, such as those of real servos (links/servo_bus/arms.py).
+    `live` publishes the vehicle to ROS 2 and Foxglove, whose commands it takes at every tick.
     Raises InputError on anything that is wrong.
     """
     from skywright.run.session import open_recording, open_vehicle
@@ -142,12 +145,12 @@ def fly(
         return open_recording(Path(mission))
     description = load_description(mission, robot, world, sets, seed)
     if live is None:
-        return open_vehicle(description, backend, arrival, checklist)
-    from skywright.links.live.open import open_live
+        return open_vehicle(description, backend, arrival, checklist, parts)
+    from skywright.links.broadcast.open import open_live
 
     link = open_live(live, description)
     try:
-        vehicle = open_vehicle(description, backend, arrival, checklist)
+        vehicle = open_vehicle(description, backend, arrival, checklist, parts)
         link.attach(vehicle)
     except BaseException:
         link.close()

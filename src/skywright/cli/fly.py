@@ -48,6 +48,10 @@ from skywright.errors import InputError
 )
 @live_options
 @click.option(
+    "--servos", metavar="serial:PORT[:BAUD]",
+    help="The arms are real servos at this port; the platform is simulated.",
+)  # fmt: skip
+@click.option(
     "--records",
     metavar="FILE",
     type=click.Path(path_type=Path),
@@ -63,7 +67,7 @@ def run(
     mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
     seed: int | None, plan_file: str | None, out: Path | None, as_json: bool, view: bool,
     operator: str | None, station: str | None, gateway: str | None, gateway_key: Path | None,
-    records: Path | None, backend: str, **live: Any,
+    servos: str | None, records: Path | None, backend: str, **live: Any,
 ) -> int:  # fmt: skip
     """Plan, fly and evaluate a mission.
 
@@ -84,7 +88,7 @@ def run(
     result = skywright.run(
         description, out=out, view=view, progress=not as_json, records=records, operator=operator,
         gateway=gateway, gateway_key=gateway_key, station=station, backend=backend,
-        live=build_live(live),
+        servos=servos, live=build_live(live),
         command=shlex.join(["skywright", *click.get_current_context().obj]),
     )  # fmt: skip
     if as_json:

@@ -59,7 +59,7 @@ def live_options(command: F) -> F:
 
 def build_live(options: dict[str, Any]) -> Any:
     """Return what `live_options` ask for, as skywright.run takes it."""
-    from skywright.links.live.options import Live
+    from skywright.links.broadcast.options import Live
 
     return Live(
         options["ros2"], options["ros2_distro"], options["foxglove"], options["wait_s"]

@@ -19,7 +19,7 @@ from foxglove.messages import (
 )
 from numpy.typing import NDArray
 
-from skywright.links.live.topics import name_frame
+from skywright.links.broadcast.topics import name_frame
 from skywright.models.drawing import Drawing
 from skywright.reports.frames import NO_FORCE, Arrow
 from skywright.reports.scene3d import Scene3d

@@ -14,9 +14,9 @@ from foxglove import Channel, Context, Schema
 from foxglove.channels import SceneUpdateChannel
 
 from skywright.errors import InputError
+from skywright.links.broadcast.rows import Reader
+from skywright.links.broadcast.topics import TEXTS
 from skywright.links.foxglove.scene import build_forces, build_scene
-from skywright.links.live.rows import Reader
-from skywright.links.live.topics import TEXTS
 from skywright.recordings.columns import Topic
 from skywright.recordings.messages import definition, full_name
 from skywright.recordings.sample_rows import build_message

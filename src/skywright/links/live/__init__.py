@@ -1,1 +1,1 @@
-"""A flight told to others while it is flown: the messages that ROS 2 and Foxglove get."""
+"""Live inputs of a real flight: poses and instruments as streams, and a player of recordings."""

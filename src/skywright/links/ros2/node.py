@@ -18,10 +18,10 @@ from typing import Any, NamedTuple
 import zenoh
 
 from skywright.errors import InputError
-from skywright.links.live.process import Caller
-from skywright.links.live.rows import Reader
-from skywright.links.live.table import SERVICE_TYPES, SERVICES, STREAMS, Service, Stream
-from skywright.links.live.topics import TEXTS, TYPES
+from skywright.links.broadcast.process import Caller
+from skywright.links.broadcast.rows import Reader
+from skywright.links.broadcast.table import SERVICE_TYPES, SERVICES, STREAMS, Service, Stream
+from skywright.links.broadcast.topics import TEXTS, TYPES
 from skywright.links.ros2.names import (
     PUBLISHER,
     SERVICE,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from skywright.links.live.flight import LiveFlight
-from skywright.links.live.options import Live
+from skywright.links.broadcast.flight import LiveFlight
+from skywright.links.broadcast.options import Live
 
 if TYPE_CHECKING:
     from skywright.description.loader import Description

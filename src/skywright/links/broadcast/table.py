@@ -1,14 +1,14 @@
 """Commands that come in from outside, by name: services are answered, streams are not.
 
 The ROS 2 types and the tables of the documentation (docs/howto/ros2.md) follow from these tables;
-links/live/commands.py carries the commands out.
+links/broadcast/commands.py carries the commands out.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from skywright.links.live.topics import UAL
+from skywright.links.broadcast.topics import UAL
 
 TRIGGER = "std_srvs/Trigger"
 _REPLY = "bool success\nstring message"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
-from skywright.links.live.topics import EXTRA, STATES, list_live_topics, list_part_columns
+from skywright.links.broadcast.topics import EXTRA, STATES, list_live_topics, list_part_columns
 from skywright.models.drawing import Drawing, build_drawing, compute_part_poses, list_object_poses
 from skywright.recordings.columns import Column, Topic, build_dtype
 from skywright.recordings.mcap_file import build_message_header

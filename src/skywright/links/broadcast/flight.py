@@ -1,6 +1,6 @@
 """A flight's side of the live link: one datagram a tick, and the commands that come back.
 
-Everything else, encoding as well, is done by a process of its own (links/live/process.py): sending
+Everything else, encoding as well, is done by a process of its own (links/broadcast/process.py): sending
 never waits, and what that process does not take in time is dropped. The flight goes on at the pace
 of the wall clock while somebody is subscribed.
 """
@@ -23,9 +23,9 @@ import numpy as np
 
 from skywright.core.interrupt import check_interrupt
 from skywright.errors import InputError
-from skywright.links.live.commands import Args, MissionCommands, Told, VehicleCommands
-from skywright.links.live.options import Live
-from skywright.links.live.rows import Filler, Setup
+from skywright.links.broadcast.commands import Args, MissionCommands, Told, VehicleCommands
+from skywright.links.broadcast.options import Live
+from skywright.links.broadcast.rows import Filler, Setup
 from skywright.links.pair import build_pair, parse, read_number, receive, say, send
 from skywright.models.deviation import build_socket_error
 from skywright.models.rigid_body import joint_names
@@ -78,7 +78,7 @@ class LiveFlight:
         self._folder = tempfile.TemporaryDirectory(prefix="skywright-")
         self._end, theirs = build_pair()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "skywright.links.live.process", str(theirs.fileno()),
+            [sys.executable, "-m", "skywright.links.broadcast.process", str(theirs.fileno()),
              json.dumps(options._asdict())],
             stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()], start_new_session=True,
         )  # fmt: skip

@@ -1,6 +1,6 @@
 """The process beside a flight that publishes it: reads the newest row, encodes, hands commands on.
 
-It is started by links/live/flight.py, and ends with it.
+It is started by links/broadcast/flight.py, and ends with it.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from skywright.errors import InputError
-from skywright.links.live.options import DISTRO, Live
-from skywright.links.live.rows import ROW, Reader, Setup
-from skywright.links.live.table import OLD_S
+from skywright.links.broadcast.options import DISTRO, Live
+from skywright.links.broadcast.rows import ROW, Reader, Setup
+from skywright.links.broadcast.table import OLD_S
 from skywright.links.pair import parse, prepare, receive, say
 from skywright.links.udp.receiver import Ages
 

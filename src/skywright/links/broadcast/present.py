@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skywright.links.live.table import SERVICES, STREAMS, Service, Stream
-from skywright.links.live.topics import GIVEN, ROBOT, STATES, TEXTS
+from skywright.links.broadcast.table import SERVICES, STREAMS, Service, Stream
+from skywright.links.broadcast.topics import GIVEN, ROBOT, STATES, TEXTS
 from skywright.recordings.messages import full_name
 
 
