@@ -1,4 +1,4 @@
-"""Who carries out the commands that come in from outside (links/broadcast/table.py has their names).
+"""Who carries out the commands that come in from outside (names: links/broadcast/table.py).
 
 A vehicle that a script flies takes UAL's commands (vehicle/commands.py: what is accepted in which
 state). A mission flies by itself: there the commands are the pilot's switch and operator's orders.

@@ -1,8 +1,8 @@
 """A flight's side of the live link: one datagram a tick, and the commands that come back.
 
-Everything else, encoding as well, is done by a process of its own (links/broadcast/process.py): sending
-never waits, and what that process does not take in time is dropped. The flight goes on at the pace
-of the wall clock while somebody is subscribed.
+Everything else, encoding as well, is done by a process of its own (links/broadcast/process.py):
+sending never waits, and what that process does not take in time is dropped. The flight goes on at
+the pace of the wall clock while somebody is subscribed.
 """
 
 from __future__ import annotations
