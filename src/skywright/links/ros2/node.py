@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from skywright.errors import InputError
-from skywright.links.broadcast.process import Caller
+from skywright.links.broadcast.caller import Caller
 from skywright.links.broadcast.rows import Reader
 from skywright.links.broadcast.table import SERVICE_TYPES, SERVICES, STREAMS, Service, Stream
 from skywright.links.broadcast.topics import TEXTS, TYPES
