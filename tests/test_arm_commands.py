@@ -133,11 +133,11 @@ def test_a_stream_that_falls_silent_stops_the_hand(flown, what, x, ticks):
 def test_an_arm_without_torque_gives_way_and_is_held_again(both):
     uav, arms = both
     assert arms.torque_off("left").result
-    uav.backend.push("hand0", np.array([0.0, 0.0, -2.0]))
+    uav.backend.devices.helper.push("hand0", np.array([0.0, 0.0, -2.0]))
     before = hand(uav)
     uav.wait(1.0)
     moved = hand(uav) - before
-    uav.backend.push("hand0", np.zeros(3))
+    uav.backend.devices.helper.push("hand0", np.zeros(3))
     assert moved[2] < -0.05
     assert arms.torque_on("left").result
     uav.wait(1.5)
@@ -169,14 +169,14 @@ def test_a_platform_that_moves_brakes_before_its_arms_move(both):
 def test_a_hand_that_stays_in_place_tells_where_the_platform_is(both):
     uav, arms = both
     arms.hands_to({"left": hand(uav)})
-    uav.backend.push("hand0", np.array([0.0, 0.0, -1.5]))  # it rests on something
+    uav.backend.devices.helper.push("hand0", np.array([0.0, 0.0, -1.5]))  # it rests on something
     uav.wait(2.0)
     sensor = arms.sense_position("left")
     start = np.array(uav.backend.sim.data.qpos[:3])
     np.testing.assert_allclose(sensor.read(), uav.backend.estimate["p_WB"], atol=1e-3)
     uav.go_to(uav.backend.reference["p_WB"] + [0.05, 0.0, 0.03])
     uav.wait(2.0)
-    uav.backend.push("hand0", np.zeros(3))
+    uav.backend.devices.helper.push("hand0", np.zeros(3))
     moved = uav.backend.sim.data.qpos[:3] - start
     assert np.linalg.norm(moved) > 0.04
     assert np.linalg.norm(sensor.read() - uav.backend.estimate["p_WB"]) < 0.015

@@ -214,12 +214,12 @@ def test_a_push_of_2_n_on_a_hand_moves_the_platform_by_at_most_3_cm(name: str) -
     """As under a pipe: the hand presses up, the robot is pushed down."""
     v = hover(name)
     before = fly(v, 6.0)["p_WB"][-1]
-    v.push("hand0", np.array([0.0, 0.0, -2.0]))
+    v.devices.helper.push("hand0", np.array([0.0, 0.0, -2.0]))
     s = fly(v, 3.0)
     assert np.max(np.linalg.norm(s["p_WB"] - before, axis=1)) < 0.03
     # the observer reads the force (the plant is 3 % off in mass and in rotor gain: a bias)
     bias = v.read(Wrench).f_rest_W
-    v.push("hand0", np.zeros(3))
+    v.devices.helper.push("hand0", np.zeros(3))
     fly(v, 3.0)
     np.testing.assert_allclose(bias - v.read(Wrench).f_rest_W, [0.0, 0.0, -2.0], atol=0.3)
 
@@ -229,7 +229,7 @@ def test_the_swing_angle_tells_a_level_force() -> None:
     v = hover(LONG)
     fly(v, 5.0)
     zero = v.read(Wrench).f_swing
-    v.push("hand0", np.array([-2.0, 0.0, 0.0]))
+    v.devices.helper.push("hand0", np.array([-2.0, 0.0, 0.0]))
     fly(v, 6.0)
     assert v.read(Wrench).f_swing - zero == pytest.approx(2.0, abs=0.3)
 

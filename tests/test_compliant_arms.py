@@ -144,7 +144,7 @@ def test_a_heavy_load_is_known_without_encoders(load):
     row["load"] = load
     b.v.track(np.array([row]))
     for h in range(2):
-        b.v.push(f"hand{h}", np.array([0.0, 0.0, -load]))
+        b.v.devices.helper.push(f"hand{h}", np.array([0.0, 0.0, -load]))
     rows = b.wait(6.0)[-100:]
     assert not np.any(b.v.read(ArmModel).sensed[[1, 2, *range(4, 8)]])
     for side in ("left", "right"):
@@ -245,7 +245,7 @@ def test_position_loop_brings_the_output_link_back():
     b.arms.torques("left", np.zeros(4), np.ones(4))
     b.wait(2.0)
     before = b.wait(0.5)
-    b.v.push("hand0", np.array([0.0, 0.0, -1.0]))
+    b.v.devices.helper.push("hand0", np.array([0.0, 0.0, -1.0]))
     sagged = b.wait(1.0)
     b.wait(10.0)
     after = b.wait(0.5)
@@ -309,7 +309,7 @@ def test_the_singularity_is_noticed_and_the_platform_told_where_to_go():
     shift = b.arms.platform_shift("left")
     # along the arm, by what brings the elbow to a right angle
     np.testing.assert_allclose(shift, [0.49 - 0.25 * math.sqrt(2.0), 0.0, 0.0], atol=0.02)
-    b.v.move_bench(np.array([0.0, 0.0, HEIGHT]) + shift)
+    b.v.devices.bench.move(np.array([0.0, 0.0, HEIGHT]) + shift)
     b.wait(3.0)
     assert b.v.read(HandState).singular[0] == 0.0
     elbow = b.wait(0.5)["q"][-1][3]

@@ -116,7 +116,7 @@ def test_gauges_carry_the_weight_of_what_hangs_on_them() -> None:
     vehicle = build_vehicle(d)
     for _ in range(400):  # until the springs have stopped ringing
         vehicle.tick()
-    vehicle.zero_gauges()
+    vehicle.devices.gauges.zero()
     vehicle.tick()
     gauges = vehicle.assembly.get(Gauges.Me, "gauges")
     assert d.robot.arm is not None

@@ -10,12 +10,16 @@ from pathlib import Path
 import pytest
 
 import skywright
+import skywright.missions
 from skywright.core.find import list_kinds
 from skywright.description.dump import dump_description
 from skywright.description.loader import list_missions, load_description
 from skywright.errors import InputError
+from skywright.run.backends import build_vehicle
 from skywright.run.kind import MissionKind, load_kind
 from skywright.run.names import COMMON, list_all_measures
+from skywright.vehicle.devices import DEVICES, Devices
+from skywright.vehicle.interface import require
 
 KINDS = list_kinds("kind")
 OLD = """[mission]
@@ -145,3 +149,26 @@ def test_nothing_below_the_missions_names_a_kind() -> None:
             text = file.read_text(encoding="utf-8")
             found = [mark for mark in marks if re.search(rf"(?<![\w-]){mark}(?![\w-])", text)]
             assert not found, f"{file} names {found}"
+
+
+def test_missions_use_the_devices_that_they_declare_and_nothing_else_of_the_world() -> None:
+    """What is beside the robot is reached through `s.devices` alone."""
+    folder = Path(skywright.missions.__file__).parent
+    used: dict[str, set[str]] = {}
+    for file in folder.rglob("*.py"):
+        text = file.read_text(encoding="utf-8")
+        assert not re.search(r"vehicle\.(push|survey|move_bench|zero_gauges|devices)\b", text), file
+        used.setdefault(file.parent.name, set()).update(re.findall(r"s\.devices\.(\w+)", text))
+    declared = {p: load_kind(p.replace("_", "-")).devices for p, names in used.items() if names}
+    assert declared == {p: frozenset(names) for p, names in used.items() if names}
+    assert set().union(*declared.values()) == set(DEVICES)
+
+
+def test_a_device_that_is_lacking_or_not_declared_is_told() -> None:
+    description = skywright.load("bimanual-bench")
+    vehicle = build_vehicle(description)
+    with pytest.raises(InputError, match="'bench': mission kind 'scan' does not declare it; there"):
+        _ = vehicle.devices.grant("scan", frozenset({"helper"})).bench
+    vehicle.devices = Devices(vehicle, frozenset({"surveyor"}))
+    with pytest.raises(InputError, match="requires the device bench; the vehicle has surveyor"):
+        require(vehicle, frozenset({"hands"}), "bimanual-bench", frozenset({"bench"}))

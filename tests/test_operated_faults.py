@@ -148,3 +148,88 @@ def test_a_fence_that_is_left_by_the_operators_work_brings_it_home(tmp_path: Pat
     assert acted[0] == "geofence" and result.outcome == "aborted", (acted, result.reason)
     assert "come home" in [p.name for p in result.phases]
     assert_home(result)
+
+
+class Leaver(Watch):
+    """An observer that is the operator, too: nobody is there from `for_s` after `phase` began."""
+
+    def __init__(self, phase: str, for_s: float = 0.4) -> None:
+        super().__init__()
+        self.model = ModelOperator("careful", 1, 0.03)
+        self.phase, self.for_s, self.since = phase, for_s, math.inf
+
+    def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
+        if phase == self.phase:
+            self.since = min(self.since, t)
+        self.gone = t >= self.since + self.for_s
+
+    def read(self, t: float, sight: Any) -> Any:
+        return None if self.gone else self.model.read(t, sight)
+
+
+@pytest.mark.parametrize("phase", ["touch", "press", "force"])
+def test_an_operator_who_falls_silent_in_any_phase_ends_the_work_and_it_comes_home(
+    tmp_path: Path, phase: str
+) -> None:
+    leaver = Leaver(phase)
+    result = run_mission(
+        skywright.load("sensor-install", sets=SETS), out=tmp_path / "run", operator=leaver,
+        observers=[leaver],
+    )  # fmt: skip
+    assert result.outcome == "aborted", result.reason
+    assert "the operator's input ended before the sensor was pressed on" in result.reason
+    names = [p.name for p in result.phases]
+    assert phase in names and names[-1] == "land" and not leaver.acted
+    t, force = result.samples["t"], np.linalg.norm(result.samples["left_f_W"], axis=1)
+    after = t > leaver.since + leaver.for_s + 5.0
+    assert np.max(force[after]) < 0.3  # it let go of the pipe
+    assert_home(result)
+
+
+def test_a_bar_whose_operator_falls_silent_is_carried_back(tmp_path: Path) -> None:
+    """In the air: what hangs on the hooks goes back into the rack."""
+    leaver = Leaver("lower")
+    result = run_mission(
+        skywright.load("bar-insertion"), out=tmp_path / "run", operator=leaver, observers=[leaver]
+    )
+    assert result.outcome == "aborted" and "the bar is back in the rack" in result.reason
+    assert_home(result)
+
+
+def test_the_pilots_switch_wins_over_an_operator_in_contact(tmp_path: Path) -> None:
+    """The hand's stick is not followed while the pilot flies; given back, the robot comes home."""
+
+    class Pilot(Watch):
+        supervisor: Any = None
+        began = over = math.inf
+        said: tuple[Any, ...] = ()
+
+        def on_supervisor(self, supervisor: Any) -> None:
+            self.supervisor = supervisor
+
+        def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
+            s = self.supervisor
+            if phase == "force":
+                self.began = min(self.began, t)
+            if t >= self.began + 0.5 and math.isinf(self.over):
+                self.over, self.said = t, (s.choose_mode("position"), s.take_over())
+            elif t > self.over + 2.0 and s.pilot.flies and s.pilot.switch:
+                self.said = (*self.said, s.give_back())
+            elif s.pilot.flies:
+                s.move_stick([0.0, 0.0, 0.0, -0.5])  # down, away from the pipe
+
+    pilot = Pilot()
+    result = run_mission(
+        skywright.load("sensor-install", sets=SETS), out=tmp_path / "run",
+        operator=ModelOperator("careful", 1, 0.03), observers=[pilot],
+    )  # fmt: skip
+    assert all(pilot.said) and len(pilot.said) == 3, pilot.said
+    manual = find_phase(result, "manual")
+    assert manual.start_s - pilot.over < 0.05  # at once
+    s = result.samples
+    during = (s["t"] > manual.start_s + 0.1) & (s["t"] < manual.end_s)
+    assert s["v_WB"][during, 2].min() < -0.1 and "operator_stick" in s.dtype.names
+    still = s["operator_stick"][during]
+    assert np.all(still == still[0])  # the hand is led by nobody
+    assert result.outcome != "succeeded" and "the pilot took over in force" in result.reason
+    assert_home(result)

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import skywright
+from skywright.ground.operator_model import ModelOperator
 from skywright.missions.skills.operated import LONGEST_S, Lead, OperatorGone
 from skywright.run.operator import Sight, Stick
+from skywright.run.run import run_mission
 from skywright.vehicle.plant import MISSION_TICK
 
 SIGHT = Sight(np.zeros(3), False)
@@ -74,3 +76,27 @@ def test_a_stretch_of_work_has_an_end_and_the_next_one_its_own() -> None:
     with pytest.raises(OperatorGone, match="more than 180 s"):
         for _ in range(5):
             lead.read(SIGHT)
+
+
+def test_an_operator_presses_the_probe_on_a_wall(tmp_path: Path) -> None:
+    """In flight: the stick leads the tip, then the force; the robot measures while it holds it."""
+    sets = (
+        "mission.task.survey=false", "mission.task.hold_s=2", "plant.map_error_m=0",
+        "plant.map_error_deg=0",
+    )  # fmt: skip
+    result = run_mission(
+        skywright.load("wall-contact", sets=sets),
+        out=tmp_path / "run", operator=ModelOperator("careful", 3, 0.03),
+    )  # fmt: skip
+    names = [p.name for p in result.phases]
+    assert result.outcome == "succeeded", (result.reason, names)
+    held = next(p for p in result.phases if p.name.startswith("free hold"))
+    assert names.index("free touch") < names.index("free press") < names.index(held.name)
+    assert not any("slide" in n for n in names) and "slide.no_force_max_s" in result.waived
+    s = result.samples
+    during = (s["t"] > held.start_s + 0.5) & (s["t"] < held.end_s)
+    force = np.linalg.norm(s["f_contact"][during], axis=1)
+    assert abs(np.mean(force) - 3.0) < 0.4 * 3.0  # of the largest of forces_n
+    assert result.metrics["press.place_error_mm"] < 30.0
+    by_hand = (s["phase"] == names.index("free touch")) & (np.abs(s["operator_stick"]).max(1) > 0)
+    assert np.any(by_hand) and (tmp_path / "run" / "operator.csv").is_file()

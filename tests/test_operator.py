@@ -25,7 +25,6 @@ from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.ground.feed import Feed
 from skywright.ground.gateway_operator import GatewayOperator
-from skywright.ground.link import build_pair, say
 from skywright.ground.operator_model import (
     MANNERS,
     REMNANT,
@@ -34,6 +33,7 @@ from skywright.ground.operator_model import (
 )
 from skywright.ground.page_operator import PageOperator
 from skywright.ground.person import Person
+from skywright.links.pair import build_pair, say
 from skywright.links.udp.client import ArmsClient
 from skywright.links.udp.flight import FlightGateway, open_gateway
 from skywright.missions.skills.operated import compute_velocity

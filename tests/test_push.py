@@ -49,7 +49,7 @@ def test_a_controlled_robot_moves_by_all_forces_on_it(robot: str):
     while not v.tick().arrived:
         pass
     before = v.read(Truth).p_WB.copy()
-    v.push("platform", PUSH)
+    v.devices.helper.push("platform", PUSH)
     v.n_ticks = 1  # what acts is held for a control tick
     model, platform = v.scene.model, v.scene.places.platform_body
     mass = model.body_subtreemass[platform]
@@ -65,6 +65,6 @@ def test_a_controlled_robot_moves_by_all_forces_on_it(robot: str):
     np.testing.assert_allclose(change, impulse, atol=0.01 * 0.2 * PUSH[0])
     # its rotors cannot hold 40 N at once: most of what F / m says is moved
     assert v.read(Truth).p_WB[0] - before[0] > 0.5 * 0.5 * PUSH[0] / mass * 0.2**2
-    v.push("platform", np.zeros(3))
+    v.devices.helper.push("platform", np.zeros(3))
     v.tick()
     np.testing.assert_allclose(v.sim.xfrc[platform, :3], v.read(AirForce).f_W, atol=0.5)

@@ -17,7 +17,8 @@ import pytest
 from skywright.description.loader import load_description
 from skywright.ground.disturb import list_repeats, list_sets
 from skywright.ground.feed import Feed
-from skywright.ground.link import HEADER, build_pair, is_frame, prepare, receive, say
+from skywright.ground.link import HEADER, is_frame
+from skywright.links.pair import build_pair, prepare, receive, say
 from skywright.reports.report import render_report
 from skywright.run.run import RunResult, run_mission
 from waiting import Clock, wait_for

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 from skywright.ground.feed import Feed
-from skywright.ground.link import build_pair, parse, receive, say
 from skywright.ground.operator_model import ModelOperator
 from skywright.ground.station import Station
+from skywright.links.pair import build_pair, parse, receive, say
 from skywright.recordings.recording import read_recording
 from skywright.run.operator import Sight
 

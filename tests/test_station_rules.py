@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 from skywright.errors import InputError
 from skywright.ground.control import LEASE_S, LET_GO_S, Age, Control, StickJudge, Told
 from skywright.ground.flights import Asked, Logbook
-from skywright.ground.link import HEADER, MAGIC, build_pair, is_frame, pack_frame, receive, say
+from skywright.ground.link import HEADER, MAGIC, is_frame, pack_frame
 from skywright.ground.orders import LARGEST, parse_order
 from skywright.ground.server import Address
+from skywright.links.pair import build_pair, receive, say
 from skywright.run.operator import Stick
 
 JSON = st.recursive(

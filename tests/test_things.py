@@ -81,7 +81,7 @@ def test_the_bench_moves_the_platform(
     bench: tuple[SimulatedVehicle, list[np.ndarray]],
 ) -> None:
     vehicle, _ = bench
-    vehicle.move_bench(np.array([0.02, 0.0, 1.3]), 0.1)
+    vehicle.devices.bench.move(np.array([0.02, 0.0, 1.3]), 0.1)
     for _ in range(50):
         vehicle.tick()
     np.testing.assert_allclose(vehicle.sim.qpos[:3], [0.02, 0.0, 1.3], atol=1e-3)
@@ -115,11 +115,11 @@ def test_wrong_things_are_refused(things: dict[str, object], found: str) -> None
 def test_what_a_world_lacks_is_told() -> None:
     vehicle = build_vehicle(load_description("waypoints"))
     with pytest.raises(InputError, match="no bench"):
-        vehicle.move_bench(np.zeros(3))
+        vehicle.devices.bench.move(np.zeros(3))
     with pytest.raises(InputError, match="unknown body 'wing'"):
-        vehicle.push("wing", np.zeros(3))
+        vehicle.devices.helper.push("wing", np.zeros(3))
     with pytest.raises(InputError, match=r"things.socket is not there"):
-        vehicle.survey("socket")
+        vehicle.devices.surveyor.survey("socket")
 
 
 def test_a_thing_stands_where_what_it_is_on_stands() -> None:
@@ -155,11 +155,17 @@ def test_motion_capture_surveys_what_is_tracked() -> None:
     at = int(vehicle.scene.model.joint("object crate").qposadr[0])
     vehicle.sim.data.qpos[at : at + 3] = [0.6, 5.0, 0.05]
     vehicle.tick()
-    np.testing.assert_allclose(vehicle.survey("post")[0], [0.63, 2.0, 0.06], atol=0.01)
-    np.testing.assert_allclose(vehicle.survey("crate")[0], [0.6, 5.0, 0.05], atol=0.01)
-    np.testing.assert_allclose(vehicle.survey("plate")[0], [0.6, 5.0, 0.15], atol=0.01)
+    np.testing.assert_allclose(
+        vehicle.devices.surveyor.survey("post")[0], [0.63, 2.0, 0.06], atol=0.01
+    )
+    np.testing.assert_allclose(
+        vehicle.devices.surveyor.survey("crate")[0], [0.6, 5.0, 0.05], atol=0.01
+    )
+    np.testing.assert_allclose(
+        vehicle.devices.surveyor.survey("plate")[0], [0.6, 5.0, 0.15], atol=0.01
+    )
     with pytest.raises(InputError, match=r"does not track 'wall'.*tracked = true"):
-        vehicle.survey("wall")
+        vehicle.devices.surveyor.survey("wall")
 
 
 def test_the_passive_link_rests_where_gravity_has_no_lever() -> None:

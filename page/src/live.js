@@ -68,7 +68,14 @@ export class Live {
       make('kbd', { text: 'W' }), make('kbd', { text: 'S' }), ' ahead, back; ', make('kbd', { text: 'A' }), make('kbd', { text: 'D' }), ' left, right; ',
       make('kbd', { text: 'R' }), make('kbd', { text: 'F' }), ' up, down; ', make('kbd', { text: 'Q' }), make('kbd', { text: 'E' }), ' turn the platform; ',
       make('kbd', { text: 'Enter' }), ' it is done. ',
-      'Gamepad: both sticks, a shoulder button held, button A.'), this.stickText);
+      'Gamepad: both sticks, a shoulder button held, button A. SpaceMouse: left button held, right button.'), this.stickText);
+    const mouse = this.stick.mouse;
+    if (mouse.available) {
+      const told = make('span', { class: 'hint', id: 'spacemouse', role: 'status' });
+      const show = () => { told.textContent = mouse.error || (mouse.name ? `SpaceMouse: ${mouse.name}` : ''); };
+      mouse.open(false).then(show);
+      this.stickBox.append(make('p', {}, button('Use a SpaceMouse', () => mouse.open(true).then(show)), ' ', told));
+    }
     const size = make('input', { type: 'range', min: 0.1, max: 1, step: 0.1, value: 0.5, 'aria-label': 'Deflection of the keys' });
     size.addEventListener('input', () => { this.stick.size = Number(size.value); });
     this.stickBox.append(make('label', {}, make('span', { text: 'Deflection of the keys' }), size));

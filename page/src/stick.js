@@ -1,6 +1,7 @@
-// The operator's stick: keyboard and gamepad, with a dead-man. Axes are ahead, left, up, and turn to
+// The operator's stick: keyboard, gamepad and SpaceMouse, with a dead-man. Axes are ahead, left, up, and turn to
 // the left, in -1 .. 1.
 import { typing } from './dom.js';
+import { SpaceMouse } from './spacemouse.js';
 
 const KEYS = {
   KeyW: [0, 1], KeyS: [0, -1], KeyA: [1, 1], KeyD: [1, -1], KeyR: [2, 1], KeyF: [2, -1],
@@ -14,6 +15,7 @@ export class Stick {
     this.down = new Set();
     this.size = 0.5; // of full deflection, for keys
     this.active = false; // keys belong to the stick
+    this.mouse = new SpaceMouse();
     addEventListener('keydown', (e) => {
       if (!this.active || typing(e) || e.ctrlKey || e.metaKey || e.altKey) return;
       if (!(e.code in KEYS) && e.code !== 'Space' && e.code !== 'Enter') return;
@@ -43,7 +45,13 @@ export class Stick {
       held ||= Boolean(pad.buttons[4]?.pressed || pad.buttons[5]?.pressed);
       stands ||= Boolean(pad.buttons[0]?.pressed);
     }
+    const cap = this.mouse.read();
+    if (cap) {
+      cap.v.forEach((x, i) => { v[i] += x; });
+      held ||= cap.held;
+      stands ||= cap.stands;
+    }
     const [ahead, left, up, turn] = v.map(clamp);
-    return { v: [ahead, left, up], flight: [-left, ahead, turn, up], held, stands: held && stands, pad: pad?.id ?? '' };
+    return { v: [ahead, left, up], flight: [-left, ahead, turn, up], held, stands: held && stands, pad: pad?.id ?? this.mouse.name };
   }
 }

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import os
 
     from skywright.description.loader import Description, Sets
+    from skywright.links.broadcast.options import Live
     from skywright.parts import (
         build_law,
         build_mjcf,
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _PARTS = {
+    "skywright.links.broadcast.options": ("Live",),
     "skywright.parts": (
         "build_law", "build_mjcf", "build_model", "build_urdf", "build_vehicle", "campaign",
         "compute_capability", "fly", "identify", "load_robot", "load_world", "locate",
@@ -72,6 +74,7 @@ __all__ = [
     "Cylinder",
     "InfeasibleError",
     "InputError",
+    "Live",
     "Run",
     "SimulationError",
     "SkywrightError",
@@ -164,6 +167,7 @@ def run(
     gateway: str | None = None,
     gateway_key: str | os.PathLike[str] | None = None,
     station: str | None = None,
+    live: Live | None = None,
     servos: str | None = None,
     command: str = "",
     backend: str = "physics",
@@ -177,7 +181,8 @@ def run(
     `gateway` ("udp:PORT") publishes the arms' state to others; `gateway_key` is a file with the key
     that its packets are sealed with. `station` (FD:FOLDER) is how a ground station that started
     this process is reached. `servos` ("serial:PORT") drives the arms' real servos; the platform is
-    simulated. `command` is the command line that the report states.
+    simulated. `live` publishes the flight to ROS 2 and Foxglove (links/broadcast/options.py).
+    `command` is the command line that the report states.
     `backend` is "physics", or "kinematic": references are followed exactly, without forces.
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
@@ -203,6 +208,12 @@ def run(
         from skywright.run.operated import check_operator
 
         check_operator(description)
+    published = None
+    if live is not None and live.wanted:
+        from skywright.links.broadcast.open import open_live
+
+        published = open_live(live, description)
+        observers.append(published)
     if gateway is not None or gateway_key is not None or (operator or "").startswith("udp"):
         from skywright.links.udp.flight import open_gateway
 
@@ -245,6 +256,8 @@ def run(
             person.close()
         if link is not None:
             link.close()
+        if published is not None:
+            published.close()
         if arms is not None:
             arms.close()
         if watching is not None:

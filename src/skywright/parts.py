@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from skywright.analysis.identify.identify import Identification
     from skywright.analysis.locate.locate import LocateReport
     from skywright.inspection.weld_data import WeldReport
+    from skywright.links.broadcast.options import Live
     from skywright.models.as_mujoco import MjModel
     from skywright.models.capability import Capability
     from skywright.planning.motion.transit import Configuration, Transit
@@ -121,6 +122,7 @@ def fly(
     sets: Sets = (),
     arrival: Arrival | None = None,
     checklist: bool = True,
+    live: Live | None = None,
     parts: Sequence[Component] = (),
 ) -> Vehicle:
     """Return a vehicle that a script flies, on the ground with its motors off.
@@ -130,14 +132,30 @@ def fly(
     followed exactly), or "recording": `mission` is then a run's directory, which is played.
     `checklist` says whether `[mission.checklist]` and the spin check are passed before the motors
     turn. `parts` are further components, such as those of real servos (links/servo_bus/arms.py).
+    `live` publishes the vehicle to ROS 2 and Foxglove, whose commands it takes at every tick.
     Raises InputError on anything that is wrong.
     """
     from skywright.run.session import open_recording, open_vehicle
 
     if backend == "recording":
+        if live is not None:
+            raise InputError(
+                "live: a recording is not published; valid back ends: physics, kinematic"
+            )
         return open_recording(Path(mission))
     description = load_description(mission, robot, world, sets, seed)
-    return open_vehicle(description, backend, arrival, checklist, parts)
+    if live is None:
+        return open_vehicle(description, backend, arrival, checklist, parts)
+    from skywright.links.broadcast.open import open_live
+
+    link = open_live(live, description)
+    try:
+        vehicle = open_vehicle(description, backend, arrival, checklist, parts)
+        link.attach(vehicle)
+    except BaseException:
+        link.close()
+        raise
+    return vehicle
 
 
 def build_law(description: Description | Path_) -> LawStep:

@@ -2,10 +2,19 @@
 
 import shlex
 from pathlib import Path
+from typing import Any
 
 import click
 
-from skywright.cli.options import as_json_option, check_folder, layers, print_json, trust_option
+from skywright.cli.options import (
+    as_json_option,
+    build_live,
+    check_folder,
+    layers,
+    live_options,
+    print_json,
+    trust_option,
+)
 from skywright.errors import InputError
 
 
@@ -37,6 +46,7 @@ from skywright.errors import InputError
     type=click.Path(path_type=Path),
     help="Key of the gateway's packets; needed unless HOST is this computer.",
 )
+@live_options
 @click.option(
     "--servos", metavar="serial:PORT[:BAUD]",
     help="The arms are real servos at this port; the platform is simulated.",
@@ -57,7 +67,7 @@ def run(
     mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
     seed: int | None, plan_file: str | None, out: Path | None, as_json: bool, view: bool,
     operator: str | None, station: str | None, gateway: str | None, gateway_key: Path | None,
-    servos: str | None, records: Path | None, backend: str,
+    servos: str | None, records: Path | None, backend: str, **live: Any,
 ) -> int:  # fmt: skip
     """Plan, fly and evaluate a mission.
 
@@ -78,7 +88,8 @@ def run(
     result = skywright.run(
         description, out=out, view=view, progress=not as_json, records=records, operator=operator,
         gateway=gateway, gateway_key=gateway_key, station=station, backend=backend,
-        servos=servos, command=shlex.join(["skywright", *click.get_current_context().obj]),
+        servos=servos, live=build_live(live),
+        command=shlex.join(["skywright", *click.get_current_context().obj]),
     )  # fmt: skip
     if as_json:
         print_json({**result.to_json(), "directory": str(result.directory)})

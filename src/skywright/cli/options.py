@@ -31,6 +31,41 @@ def layers(command: F) -> F:
 as_json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object only.")
 
 
+def live_options(command: F) -> F:
+    """Options that publish a flight to ROS 2 and Foxglove."""
+    for option in (
+        click.option(
+            "--await", "wait_s", type=click.FloatRange(0.0, 3600.0), default=0.0, metavar="SECONDS",
+            help="Wait up to SECONDS for the first subscriber of --ros2 or --foxglove.",
+        ),
+        click.option(
+            "--foxglove", is_flag=False, flag_value=8765, type=click.IntRange(0, 65535),
+            metavar="[PORT]",
+            help="Publish the flight to Foxglove on this computer.  [default port: 8765]",
+        ),
+        click.option(
+            "--ros2-distro", metavar="NAME",
+            help="humble, jazzy, kilted or lyrical.  [default: jazzy]",
+        ),
+        click.option(
+            "--ros2", is_flag=False, flag_value="tcp/127.0.0.1:7447", metavar="[ENDPOINT]",
+            help="Publish the flight to ROS 2 (rmw_zenoh) and take UAL's commands.  "
+            "[default endpoint: tcp/127.0.0.1:7447]",
+        ),
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+def build_live(options: dict[str, Any]) -> Any:
+    """Return what `live_options` ask for, as skywright.run takes it."""
+    from skywright.links.broadcast.options import Live
+
+    return Live(
+        options["ros2"], options["ros2_distro"], options["foxglove"], options["wait_s"]
+    )  # fmt: skip
+
+
 def _trust(context: click.Context, option: click.Parameter, given: bool) -> None:
     if given:
         from skywright.core.trust import trust_all

@@ -21,21 +21,11 @@ from numpy.typing import NDArray
 from skywright.core.interrupt import check_interrupt
 from skywright.ground.control import HOLD_S
 from skywright.ground.disturb import DISTURBANCES
-from skywright.ground.link import (
-    ASKED,
-    PAUSED,
-    SILENT_S,
-    STICK,
-    pack_frame,
-    parse,
-    read_number,
-    receive,
-    say,
-    send,
-)
+from skywright.ground.link import ASKED, PAUSED, SILENT_S, STICK, pack_frame
 from skywright.ground.reserve import Reserve
 from skywright.ground.steering import Steering
 from skywright.ground.video import describe_video
+from skywright.links.pair import parse, read_number, receive, say, send
 from skywright.models.deviation import build_socket_error
 from skywright.reports.frames import Channel, FrameBuilder
 from skywright.reports.phases import explain_phase

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 from skywright.core.bounded import parse_json, read_text
 from skywright.errors import InputError
 from skywright.ground.disturb import list_sets
-from skywright.ground.link import build_pair
 from skywright.ground.orders import names_code
+from skywright.links.pair import build_pair
 
 LOGBOOK = "logbook.jsonl"
 KEPT = 50
@@ -86,8 +86,14 @@ class Logbook:
 class Process:
     """A flight under way."""
 
-    def __init__(self, asked: Asked, out: Path, folder: Path) -> None:
-        """`out` is the run's directory, `folder` where the scene and the output go."""
+    def __init__(
+        self, asked: Asked, out: Path, folder: Path, options: tuple[str, ...] = ()
+    ) -> None:
+        """`out` is the run's directory, `folder` where the scene and the output go.
+
+        `options` are further ones of `skywright run`.
+        """
+        self.options = options
         self.asked, self.out, self.folder = asked, out, folder
         self.end: socket.socket | None = None
         self.started = time.time()
@@ -101,7 +107,8 @@ class Process:
         disturbing = [x for text in self._list_disturbances() for x in ("--set", text)]
         command = [
             sys.executable, "-m", "skywright", "run", *self.asked.list_arguments(), *disturbing,
-            *operator, "--out", str(self.out), "--station", f"{theirs.fileno()}:{self.folder}",
+            *operator, *self.options, "--out", str(self.out),
+            "--station", f"{theirs.fileno()}:{self.folder}",
         ]  # fmt: skip
         log = (self.folder / "output.txt").open("wb")
         try:

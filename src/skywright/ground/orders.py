@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 from skywright.ground.disturb import DISTURBANCES
 from skywright.ground.feed import SPEED_FASTEST, SPEEDS
-from skywright.ground.link import parse, read_flight, read_number
+from skywright.ground.link import read_flight
 from skywright.ground.steering import MODES, ORDERS
+from skywright.links.pair import parse, read_number
 
 LARGEST = 4096  # bytes of a message
 PLAIN = ("take", "release", "here", "invite", "stop")

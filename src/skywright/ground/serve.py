@@ -15,18 +15,25 @@ from typing import Any
 
 from skywright.errors import InputError
 from skywright.ground.guard import Guard
-from skywright.ground.link import build_pair, prepare
 from skywright.ground.server import Address, run_server
 from skywright.ground.station import Station
+from skywright.links.pair import build_pair, prepare
 
 
 def serve(
-    target: str | None, address: Address, runs: Path, *, open_browser: bool | None = None
+    target: str | None,
+    address: Address,
+    runs: Path,
+    *,
+    open_browser: bool | None = None,
+    options: tuple[str, ...] = (),
 ) -> None:
     """Run the station until it is interrupted.
 
     `target` is None, a mission (name or file) that the page then proposes, or a run's directory,
-    which is replayed. Raises InputError where it is neither, or the address cannot be had.
+    which is replayed.
+    `options` are given to `skywright run` of every flight. Raises InputError where the target is
+    neither, or the address cannot be had.
     """
     address.check()
     data, proposed, files = None, "", dict[str, str]()
@@ -49,7 +56,9 @@ def serve(
             if has_display() if open_browser is None else open_browser:
                 webbrowser.open(url)
 
-        await run_server(Station(runs, choices, files), address, data, opened)
+        station = Station(runs, choices, files)
+        station.options = options
+        await run_server(station, address, data, opened)
 
     with suppress(KeyboardInterrupt):
         asyncio.run(run())

@@ -20,8 +20,9 @@ from typing import Any
 from skywright.errors import InputError
 from skywright.ground.control import HOLD_S, LEASE_S, Control
 from skywright.ground.flights import Asked, Logbook, Process, choose_out, write_down
-from skywright.ground.link import is_frame, parse, receive, say
+from skywright.ground.link import is_frame
 from skywright.ground.orders import Order
+from skywright.links.pair import parse, receive, say
 
 TICK_S = 0.25  # between words to the flight and to the pages
 MOST_WATCHERS = 16
@@ -71,6 +72,7 @@ class Station:
         self.scene_number = 0
         self.status: dict[str, Any] = {}
         self.note = ""  # what became of the last wish
+        self.options: tuple[str, ...] = ()  # of `skywright run`, for every flight
         self.hosted = False  # by a flight that was started elsewhere (`run --view`)
         self.invite: Any = None  # returns an address
         self.done = asyncio.Event()
@@ -237,7 +239,8 @@ class Station:
     async def _launch(self, asked: Asked, name: str) -> None:
         try:
             folder = Path(tempfile.mkdtemp(dir=self._temporary.name))
-            process = Process(asked, choose_out(self.folder, name), folder)
+            out = choose_out(self.folder, name)
+            process = Process(asked, out, folder, self.options)
             await process.start()
         except InputError as error:
             self.note = f"Not started: {error}"

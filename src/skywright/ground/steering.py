@@ -15,7 +15,8 @@ import numpy as np
 
 from skywright.ground.control import HOLD_S, StickJudge, Told
 from skywright.ground.disturb import DISTURBANCES, list_repeats, switch_on
-from skywright.ground.link import read_flight, read_number
+from skywright.ground.link import read_flight
+from skywright.links.pair import read_number
 from skywright.run.hand_flight import Mode
 from skywright.run.operator import Stick
 from skywright.run.orders import WAITING, Order

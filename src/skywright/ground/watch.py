@@ -7,10 +7,10 @@ from pathlib import Path
 
 from skywright.errors import InputError
 from skywright.ground.feed import Feed
-from skywright.ground.link import prepare
 from skywright.ground.page_operator import PageOperator
 from skywright.ground.serve import Beside
 from skywright.ground.server import Address
+from skywright.links.pair import prepare
 
 WAIT_S, STAY_S = 20.0, 3.0
 """s for which a watched run waits for the first page, and keeps its last picture."""

@@ -94,6 +94,8 @@ class MissionKind(ABC, Generic[T, P]):
     """The spec of `mission.task`."""
     needs: ClassVar[frozenset[str]]
     """What a back end must offer (vehicle/interface.py)."""
+    devices: ClassVar[frozenset[str]] = frozenset()
+    """Devices beside the robot that the flight uses (vehicle/devices.py)."""
     flies: ClassVar[bool] = True
     """Whether the robot leaves the ground; otherwise `fly` does everything."""
     lands: ClassVar[bool] = True

@@ -231,9 +231,9 @@ def _prepare(
     setup: Setup[Any], backend: str = PHYSICS, observers: Sequence[Observer] = ()
 ) -> tuple[MissionPlan[Any], SimulatedVehicle]:
     """Plan the mission and build its vehicle; compiles both at once where that is needed."""
-    description = setup.description
+    description, mission = setup.description, setup.description.mission
     check_can_fly(description.robot, description.world.gravity_mps2)
-    check_requirement_names(description.mission)
+    check_requirement_names(mission)
     warm_up = None if is_compiled() else start_warm_up(description)
     try:
         plan = plan_mission(description, setup)
@@ -249,7 +249,7 @@ def _prepare(
         raise
     parts = [part for o in observers for part in getattr(o, "parts", ())]
     vehicle = build_vehicle(description, setup=setup, backend=backend, parts=parts)
-    require(vehicle, load_kind(description.mission.kind).needs, description.mission.name)
+    require(vehicle, (kind := load_kind(mission.kind)).needs, mission.name, kind.devices)
     return plan, vehicle
 
 

@@ -73,6 +73,10 @@ class Vehicle(Uav):
         """`supervisor` watches the rules; None: a recording is played."""
         self._supervisor = supervisor
         self._subscribers: list[Subscriber] = []
+        self.after_tick: list[Callable[[], None]] = []
+        """Called after every mission tick."""
+        self.closing: list[Callable[[], None]] = []
+        """Called by `close`."""
         self._ticks = 0
         self.acted: list[str] = []
         """What rules that acted said: each ended the flight with its response."""
@@ -94,6 +98,17 @@ class Vehicle(Uav):
         from skywright.run.dispatch import dispatch_plan
 
         return dispatch_plan(self, file)
+
+    def close(self) -> None:
+        """End what has been opened beside the vehicle; a `with` block calls it."""
+        while self.closing:
+            self.closing.pop()()
+
+    def __enter__(self) -> Vehicle:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     # --- streams -----------------------------------------------------------------------------
 
@@ -185,6 +200,8 @@ class Vehicle(Uav):
         for subscriber in self._subscribers:
             if self._ticks % subscriber.every == 0:
                 subscriber.tell(self.backend.t, subscriber.read(self))
+        for call in self.after_tick:
+            call()
         return ticked
 
     def _answer(self, s: Supervisor[Any], acted: RuleActed) -> Ticked:

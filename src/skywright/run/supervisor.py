@@ -92,6 +92,7 @@ class Supervisor(Generic[T]):
         self.pilot, self.orders = Pilot(self), Orders(self)
         self.uav, self.arms = Moves(vehicle), Arms(vehicle)
         self.body, self.probe = WholeBody(vehicle), Probe(vehicle)
+        self.devices = vehicle.devices.grant(mission.kind, self.kind.devices)
 
     def fly(self) -> Flight:
         """Run the whole mission; returns when the robot is down, after a fault as well."""
@@ -178,7 +179,7 @@ class Supervisor(Generic[T]):
 
     def _fly(self) -> Flight:
         kind, way = self.kind, self._plan.get_way()
-        require(self.vehicle, kind.needs, self.mission.name)
+        require(self.vehicle, kind.needs, self.mission.name, kind.devices)
         if not kind.flies:
             flight = self._fly_kind(way)
             self.end("done")

@@ -18,6 +18,7 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.rotors import RotorSet
+from skywright.vehicle.devices import Devices
 from skywright.vehicle.link_arc import LinkArc
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
 from skywright.vehicle.ticker import StepFailed
@@ -47,6 +48,7 @@ class Backend(Protocol):
     """What the mission needs of a vehicle."""
 
     offers: frozenset[str]
+    devices: Devices  # beside the robot
     refuses: str  # why it takes no commands, "" where it does
     robot: Robot
     limits: Limits
@@ -121,12 +123,6 @@ class Backend(Protocol):
     def calibrate_probe(self, null: Array, axis: Array) -> None:
         """Judge contact by how far the signal is from `null` (2,), in units, along `axis` (2,)."""
 
-    def push(self, body: str, f_W: Array) -> None:
-        """Disturb a body of the robot with a force (3,) N (a simulation can)."""
-
-    def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
-        """Move the fixture that clamps the platform (a simulation of a world with a bench can)."""
-
     def give_up_rotor(self, i: int) -> bool:
         """Fly on without rotor `i` (from 0); False where the others cannot hold the robot."""
 
@@ -136,12 +132,6 @@ class Backend(Protocol):
     def release(self) -> None:
         """Let go a robot that is held in the air (a simulation of a world with a bench can)."""
 
-    def survey(self, name: str) -> tuple[Array, Array]:
-        """Where motion capture says that a tracked thing is, or "pipe": (p_WO, R_WO), a mean."""
-
-    def zero_gauges(self) -> None:
-        """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
-
     def set_stick(self, stick: Array, button: bool) -> None:
         """Operator's input (3,), each from -1 to 1, and button that a recording notes from now."""
 
@@ -149,8 +139,16 @@ class Backend(Protocol):
         """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
 
 
-def require(backend: Backend, needs: frozenset[str], mission: str) -> None:
-    """Raise InputError when a back end does not offer what a mission needs."""
+def require(
+    backend: Backend, needs: frozenset[str], mission: str, devices: frozenset[str] = frozenset()
+) -> None:
+    """Raise InputError when a back end does not offer what a mission needs, or lacks devices."""
+    lacking = sorted(devices - backend.devices.names)
+    if lacking:
+        raise InputError(
+            f"mission {mission!r} requires the device {', '.join(lacking)}; the vehicle has "
+            f"{', '.join(sorted(backend.devices.names)) or 'no devices'}"
+        )
     missing = sorted(needs - backend.offers)
     if missing:
         raise InputError(

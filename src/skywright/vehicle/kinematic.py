@@ -20,6 +20,7 @@ from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.models.rigid_body import compute_tip
 from skywright.vehicle.bus import Body, Clock, Estimate, Reference, Truth
+from skywright.vehicle.devices import Devices
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.interface import R, Ticked
 from skywright.vehicle.ports import FILL
@@ -43,6 +44,7 @@ class KinematicVehicle(SimulatedVehicle):
         """Take what SimulatedVehicle takes."""
         super().__init__(*args, **kwargs)
         self.offers = self.offers & OFFERS
+        self.devices = Devices(self, frozenset())
         a = self.assembly
         told = [i for i, s in enumerate(a.steps) if s.slot == "reference"]
         seen = [i for i, s in enumerate(a.steps) if s.slot in SLOTS and s.component.side == "plant"]

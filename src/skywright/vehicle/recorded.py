@@ -16,6 +16,7 @@ from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import compute_tip, joint_names
 from skywright.vehicle.bus import Estimate
 from skywright.vehicle.commands import State
+from skywright.vehicle.devices import Devices
 from skywright.vehicle.interface import Limits, R, Ticked
 from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.plant import MISSION_TICK
@@ -44,6 +45,7 @@ class RecordedVehicle:
         """`samples` (n,) are those of a run; raises InputError where there are none."""
         if not len(samples):
             raise InputError("the recording has no samples")
+        self.devices = Devices(self, frozenset(), self.refuses)
         self.robot, self.world = nominal.robot, nominal.world
         self.model, self.rotors = nominal.model, nominal.rotors
         self.n_joints = len(joint_names(nominal.robot))
@@ -143,8 +145,7 @@ class RecordedVehicle:
         raise InputError(self.refuses)
 
     track: Any = _refuse
-    push = move_bench = give_up_rotor = stop_computer = release = survey = track
-    zero_gauges = set_stick = calibrate_probe = track
+    give_up_rotor = stop_computer = release = set_stick = calibrate_probe = track
 
 
 def _rotate(q: Array) -> Array:

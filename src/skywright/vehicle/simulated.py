@@ -7,7 +7,6 @@ Python: components may be plain Python there, a debugger works. Both are bit-ide
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -17,8 +16,7 @@ from numpy.typing import NDArray
 from skywright.core.find import blame
 from skywright.core.record import View
 from skywright.description.world.spec import World
-from skywright.description.world.thing import Fixture, Placed
-from skywright.description.world.things import find_first
+from skywright.description.world.thing import Fixture
 from skywright.errors import InputError, SimulationError
 from skywright.models.arm_body import Deviation
 from skywright.models.nominal import Nominal
@@ -30,16 +28,15 @@ from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext, overrides
+from skywright.vehicle.devices import DEVICES, Devices, find_bench
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.failed_step import explain_not_finite, silence
 from skywright.vehicle.follower import Follower, RowNow
-from skywright.vehicle.given_forces import GivenForces
 from skywright.vehicle.guard import NOT_FINITE
 from skywright.vehicle.instruments.eddy_current import EddyProbe
 from skywright.vehicle.interface import Limits, R, Table, Ticked
 from skywright.vehicle.inventory import list_wanted
 from skywright.vehicle.link_arc import compute_link_arc
-from skywright.vehicle.observers.gauges import Gauges
 from skywright.vehicle.observers.operator import Operator
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.ports import list_steps
@@ -47,7 +44,6 @@ from skywright.vehicle.recorder import Recorder
 from skywright.vehicle.set_up import build_home_row, check_rate, fill_bus, list_offers
 from skywright.vehicle.simulation import Simulation
 from skywright.vehicle.streams import StreamRecorder
-from skywright.vehicle.targets import PIPE, Target, list_tracked
 from skywright.vehicle.ticker import StepFailed, Ticker
 from skywright.vehicle.topics import list_topics
 
@@ -122,6 +118,7 @@ class SimulatedVehicle:
         self.scene = build_scene(robot, world, deviation, [extend], nominal=true, timestep=timestep)
         self.n_joints = self.scene.n_joints
         self.offers = list_offers(robot)
+        self.devices = Devices(self, frozenset(DEVICES))
         c = robot.control
         self.limits = Limits(c.speed_max_mps, c.acceleration_max_mps2, 0.8)
         self.model, self.rotors = nominal.model, nominal.rotors
@@ -291,13 +288,6 @@ class SimulatedVehicle:
         p_BT, R_BT = compute_tip(self.model, row["q"])
         return row["p_WB"] + row["R_WB"] @ p_BT, row["R_WB"] @ R_BT
 
-    def push(self, body: str, f_W: Array) -> None:
-        """Apply a force (3,) N to a body of the robot, at its centre of mass, until told otherwise.
-
-        A disturbance from outside, such as a helper's hand; raises InputError for an unknown body.
-        """
-        self.find(GivenForces).push(body, f_W)
-
     def get_memory(self, name: str) -> View:
         """Return parameters and memory of component `name`, to change; InputError if unknown."""
         for (record, owner), rows in self.assembly.records.items():
@@ -333,17 +323,6 @@ class SimulatedVehicle:
         me = self.get_memory("eddy current")
         me.null[:], me.lift_axis[:] = null, axis
 
-    def move_bench(self, p_W: Array, yaw: float = 0.0) -> None:
-        """Move the bench that clamps the platform to p_W (3,) m, turned by `yaw` (rad).
-
-        Raises InputError where the world has none.
-        """
-        bench = self._find_bench()
-        self.sim.data.mocap_pos[0] = p_W
-        w, _, y, _ = bench.q_WB
-        c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-        self.sim.data.mocap_quat[0] = [c * w, -s * y, c * y, s * w]  # first about y, then about z
-
     def give_up_rotor(self, i: int) -> bool:
         """Allocate to the other rotors from now on; False where they cannot hold the robot."""
         body = self.read(Body)
@@ -355,38 +334,8 @@ class SimulatedVehicle:
 
     def release(self) -> None:
         """Open the clamp that holds the platform for good; InputError where there is none."""
-        self._find_bench()
+        find_bench(self.world)
         self.sim.data.eq_active[self.scene.model.equality(Fixture.CLAMP).id] = 0
-
-    def survey(self, name: str) -> tuple[Array, Array]:
-        """Return (p_WO, R_WO) of a tracked thing, or of the pipe (PIPE), by motion capture.
-
-        It is the running mean of the samples (vehicle/targets.py), with the error of the targets.
-        Raises InputError where nothing of that name is tracked, or none of its samples came yet.
-        """
-        tracked = list_tracked(self.robot, self.world)
-        if name not in tracked:
-            if name != PIPE:
-                self.world.find_thing(name, Placed)
-            raise InputError(
-                f"world {self.world.name!r}: motion capture does not track {name!r}; this "
-                "requires tracked = true in a world with motion capture; tracked: "
-                f"{', '.join(tracked) or '-'}"
-            )
-        found = self.read(Target, f"{name} target" if len(tracked) > 1 else "")
-        if found.samples == 0.0:
-            raise InputError(f"motion capture has not measured {name!r} yet, t = {self.t:.2f} s")
-        return np.array(found.p_WO), np.array(found.R_WO)
-
-    def _find_bench(self) -> Fixture:
-        bench = find_first(self.world.things, Fixture)
-        if bench is None:
-            raise InputError(f"world {self.world.name!r} has no bench: add a thing of kind 'bench'")
-        return bench
-
-    def zero_gauges(self) -> None:
-        """Count the wrench on the platform from now on (a simulation of a world with pads can)."""
-        self.find(Gauges).zero()
 
     def set_stick(self, stick: Array, button: bool) -> None:
         """Operator's input (3,) and button that samples carry from now on."""

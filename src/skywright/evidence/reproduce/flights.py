@@ -189,9 +189,9 @@ def _fly_taps(case: Case, description: Description) -> Record:
             gains.wn_p = math.sqrt(gain / mass)
         else:
             gains.k_arm = gain
-        vehicle.push("holder", np.array(TAP))
+        vehicle.devices.helper.push("holder", np.array(TAP))
         _watch(vehicle, 0.02)
-        vehicle.push("holder", np.zeros(3))
+        vehicle.devices.helper.push("holder", np.zeros(3))
         vehicle.flush()
         blocks.clear()
         _watch(vehicle, RING)

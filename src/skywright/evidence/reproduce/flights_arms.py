@@ -90,7 +90,9 @@ def fly_lean(case: Case, description: Description) -> Record:
         start, told = vehicle.t, []
         while (t := vehicle.t - start) < RAMP + REST + MEAN - 1e-9:
             share = float(quintic(np.array([min(t / RAMP, 1.0)]))[0][0])
-            vehicle.push("hand0", np.array([-(last + share * (force - last)), 0.0, 0.0]))
+            vehicle.devices.helper.push(
+                "hand0", np.array([-(last + share * (force - last)), 0.0, 0.0])
+            )
             vehicle.tick()
             if t >= RAMP + REST:
                 told.append(np.array(vehicle.estimate["q"][: len(goal)]))

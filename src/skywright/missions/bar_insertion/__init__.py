@@ -9,4 +9,5 @@ class BarInsertionKind(FolderKind[BarInsertion]):
 
     task = BarInsertion
     needs = frozenset({"uav", "hands"})
+    devices = frozenset({"surveyor"})
     operated = True

@@ -39,6 +39,9 @@ LEAST_N = 0.1  # N, of a force that is asked for: it has to have a direction
 LOAD_RATE = 6.0  # N/s, at which the weight that is fed forward changes
 LOST_M, LOST_ANGLE = 0.05, math.radians(15.0)  # of a bar that is not in the hooks any more
 FOLLOW_RATE = 0.5  # 1/s, of the platform behind a bar that is pressed
+GIVE_WAY = 0.25
+"""Of it in a hole, beside leading: an error e across that walls hold bends the springs by e / 0.25,
+not more and more, until a hook slips where the seat takes the weight off it."""
 
 
 class BarPose(NamedTuple):
@@ -104,13 +107,14 @@ class BarLeader:
 
     def lead(
         self, p: Array, n: Array, point_O: Array, sink: float = 0.0, let_go: bool = False,
-        along: Array | None = None,
+        along: Array | None = None, in_hole: bool = False,
     ) -> BarPose:  # fmt: skip
         """Lead the bar for one tick, joints at rest but for its direction; returns its pose.
 
         `p` (3,) m is where the bar's point `point_O` (3,) m shall be, n (3,) its direction, in W.
         With `sink` (m/s, negative to rise) the platform moves so down, and `p` counts across only.
         `along` (3,) m/s is how fast p moves: the bar is moved with it.
+        With `in_hole` the platform leads it across with bounded force: walls hold it as well.
         The bar's weight is fed forward to springs and platform: all of it, so that a bar that
         touches something stays in the hooks, or with `let_go` what the hands feel of it, so that it
         passes to what it stands on.
@@ -123,12 +127,14 @@ class BarLeader:
         v *= min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9))
         if along is not None:
             v = v + along
+        row = set_rest(s.vehicle.reference)
+        if in_hole:
+            v[:2] += GIVE_WAY * self._follow(row)[:2]
         if sink != 0.0:
             v[2] = -sink
         self._n += MISSION_TICK * LEAD_RATE * (self._heading().T @ self._turn)
         self._n /= np.linalg.norm(self._n)
         most = MISSION_TICK * JOINT_SPEED
-        row = set_rest(s.vehicle.reference)
         k = s.vehicle.n_joints
         self._q[:k] += np.clip(
             self._q_rest[:k] + self._solve(self._n)[:k] - self._q[:k], -most, most
@@ -154,13 +160,26 @@ class BarLeader:
             row["task"][h], row["gamma"][h] = TASK_FORCE_POSITION, gamma
             row["p_WH"][h] = hands[h] + across + sign * half * self._turn
             row["f_WH"][h], row["v_WH"][h] = [0.0, 0.0, -0.5 * more], 0.0
-        middle = 0.5 * (self.grip.hands[0] + self.grip.hands[1]) + self.grip.cradle
-        v = FOLLOW_RATE * (self._p_handle - row["R_WB"] @ middle - row["p_WB"])
-        v *= min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9))
+        v = self._follow(row)
         row["p_WB"] += MISSION_TICK * v
         row["v_WB"] = v
         self._pressed = True
         return self._send(row, pose, self.carried)
+
+    def hold(self) -> BarPose:
+        """Keep joints, platform and what is fed forward as they are for one tick.
+
+        In a hole the walls hold the bar: a platform that went on to lead it across would wind up
+        the springs until a hook slips.
+        """
+        s = self.s
+        self._felt.feel(s, ROOM * self.weight)
+        if self._pressed:
+            self._q = np.array(s.vehicle.read(HandState).q_goal[: s.vehicle.n_joints])
+            self._pressed = False
+        row, k = set_rest(s.vehicle.reference), s.vehicle.n_joints
+        row["q"][:k], row["task"] = self._q[:k], TASK_JOINTS
+        return self._send(row, self.measure(), self._load)
 
     def _watch(self, p: Array, n: Array, point_O: Array) -> BarPose:
         """Measure the bar, average its error, and feel its weight."""
@@ -170,6 +189,12 @@ class BarLeader:
         self._turn += share * (n - pose.R[:, 1] - self._turn)
         self._p_handle += share * (pose.p + pose.R @ self.grip.handle - self._p_handle)
         return pose
+
+    def _follow(self, row: Any) -> Array:
+        """Speed (3,) m/s of the platform towards where the arms have the pose of the grip."""
+        middle = 0.5 * (self.grip.hands[0] + self.grip.hands[1]) + self.grip.cradle
+        v = FOLLOW_RATE * (self._p_handle - row["R_WB"] @ middle - row["p_WB"])
+        return np.asarray(v * min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9)))
 
     @property
     def lost(self) -> bool:

@@ -74,6 +74,7 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
             break
         missed += found == "missed"
     if found != "in" and leader.lost:
+        let_go(s, way.grip, speeds[0])  # hooks that are still in the mouths would take it along
         _return(s, way, hole)
         return Flight(False, "the bar was lost at the socket")
     if found != "in":

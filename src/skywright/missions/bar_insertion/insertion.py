@@ -39,7 +39,7 @@ TOUCH_S = 0.8  # s without progress while it is lowered: it stands beside the ho
 def survey(s: Supervisor, socket: str) -> tuple[Place, Array]:
     """Look at a socket for a time; return its place (O of a bar that is in it) and R_WS."""
     s.wait(SURVEY_S)
-    p, R = s.vehicle.survey(socket)
+    p, R = s.devices.surveyor.survey(socket)
     return Place(p, math.atan2(R[1, 0], R[0, 0])), R
 
 

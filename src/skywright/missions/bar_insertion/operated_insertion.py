@@ -3,8 +3,8 @@
 The robot brings the peg over the hole, beside it by `HAND_OVER`, and hands over. The stick leads
 the peg's end, as both hands and the platform carry the bar (bar_leading.py). In the hole the walls
 lead it: the stick's way down lowers the bar, and where it meets resistance its deflection says
-how firmly the hands press by (31). The button is believed when the peg is
-in and the seat takes the weight.
+how firmly the hands press by (31). On the seat, and with the stick at rest, the robot holds. The
+button is believed when the peg is in and the seat takes the weight.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class _Insertion:
         axes[2] = -self.help.step(-float(axes[2]), v_max, float(off[2]), felt) / v_max
         self._watch(off)
         if self.phase == "insert":
-            self._insert(float(axes[2]))
+            self._insert(float(axes[2]), seated)
         else:
             fence = FENCE if self._is_over(off) else np.maximum(FENCE, [[-1.0, -1.0, FACE]])
             v = compute_velocity(axes, v_max, self.goal, fence)
@@ -110,17 +110,19 @@ class _Insertion:
         pose = self.leader.measure()
         return self.hole.R.T @ (pose.p + pose.R @ self.hole.tip - self.hole.p)
 
-    def _insert(self, up: float) -> None:
-        """Lower, press or raise the bar in the hole for a tick."""
+    def _insert(self, up: float, seated: bool) -> None:
+        """Lower, press or raise the bar in the hole for a tick; once it is seated, hold."""
         leader, hole, n = self.leader, self.hole, self.hole.R[:, 1]
         over = hole.p + hole.R[:, 2] * float(hole.bar[2] - hole.tip[2])
         stuck = self.watch.stalled > SINK_S or self.depth > FULL * self.length
-        if up < -PUSHED and stuck:
+        if up == 0.0 or (seated and up < 0.0):
+            pose = leader.hold()
+        elif up < -PUSHED and stuck:
             pose = leader.press(
                 over, n, hole.bar, min(-up / FIRM, 1.0) * self.pressed, self.task.gamma
             )
         else:
             sink = max(-up, -1.0) * self.task.stick_speed_mps
-            pose = leader.lead(over, n, hole.bar, sink=sink or 1e-9, let_go=True)
+            pose = leader.lead(over, n, hole.bar, sink=sink or 1e-9, let_go=True, in_hole=True)
         self.watch.step(pose)
         self.depth = self.watch.depth

@@ -17,6 +17,7 @@ class BimanualBenchKind(FolderKind[BimanualBench]):
 
     task = BimanualBench
     needs = frozenset({"hands"})
+    devices = frozenset({"bench"})
     flies = False
 
     def requirements(self, setup: Setup[BimanualBench], way: Any) -> dict[str, Requirement]:

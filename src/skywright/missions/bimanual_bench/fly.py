@@ -67,7 +67,7 @@ def _travel(s: Supervisor, way: BenchPlan, y: float) -> None:
     for i in range(1, steps + 1):
         u = i / steps
         shape = u**3 * (10 - 15 * u + 6 * u**2)
-        s.vehicle.move_bench(np.array([bench.x_m, here + shape * (y - here), bench.z_m]))
+        s.devices.bench.move(np.array([bench.x_m, here + shape * (y - here), bench.z_m]))
         s.tick()
     row = np.array(s.vehicle.reference)
     row["t"], row["p_WB"] = 0.0, [bench.x_m, y, bench.z_m]
@@ -206,8 +206,8 @@ def _feel_drift(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     while s.vehicle.t - start < 2.0 * task.drift_period_s:
         phase = 2.0 * math.pi * (s.vehicle.t - start) / task.drift_period_s
         drift = task.drift_m * np.array([math.sin(phase), 0.0, 0.5 * math.sin(2.0 * phase)])
-        s.vehicle.move_bench(home + drift)
+        s.devices.bench.move(home + drift)
         s.tick()
-    s.vehicle.move_bench(home)
+    s.devices.bench.move(home)
     _leave(s, left, right)
     return ""

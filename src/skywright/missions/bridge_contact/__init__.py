@@ -17,9 +17,18 @@ class BridgeContactKind(FolderKind[BridgeContact]):
 
     task = BridgeContact
     needs = frozenset({"uav", "whole_body", "probe"})
+    operated = True
 
     def requirements(self, setup: Setup[BridgeContact], way: Any) -> dict[str, Requirement]:
         """Ask nothing of docking or sliding where it is left out."""
         task = setup.task
         left_out = {"dock.": not task.dock, "slide.": task.slide_m == 0.0}
         return self.leave_out(super().requirements(setup, way), left_out)
+
+    def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
+        """Ask nothing of a slide where an operator pressed: it presses one force and leaves."""
+        waived = super().list_waived(metrics)
+        if "operator.time_s" in metrics:
+            names = ("slide.rms_error_n", "slide.lost_s", "slide.no_force_max_s", "slide.length_m")
+            waived |= dict.fromkeys(names, "an operator pressed by hand, without a slide")
+        return waived

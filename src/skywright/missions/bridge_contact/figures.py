@@ -167,6 +167,7 @@ FIGURES = Figures(
         "survey_touch": "The robot advances until it detects contact. Docking feet are pressed "
         "until all touch; a tip keeps pressing.",
         "survey_back": "The robot backs off the surface.",
+        "free press": "An operator's stick raises and lowers the force of the tip.",
         "survey_leave": "The surface is fitted to the touches, and the mission is planned again.",
     },
     charts={

@@ -12,17 +12,19 @@ from typing import Any
 import numpy as np
 
 from skywright.core.arrays import Array
+from skywright.missions.bridge_contact.operated_press import HandPress
 from skywright.missions.bridge_contact.plan import ContactPlan, plan_found
 from skywright.missions.bridge_contact.seat import DEEP, touch_with_feet
 from skywright.missions.bridge_contact.sliding import find_way
 from skywright.missions.bridge_contact.stations import Station
 from skywright.missions.bridge_contact.survey import SurveyWay, get_ball
-from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.missions.bridge_contact.task import BridgeContact, Contact
 from skywright.missions.skills.pressing import TIP_GAP, Presser
 from skywright.missions.skills.survey import TRIES, PressingTip, Touch, survey_surface
 from skywright.missions.skills.surveyed_structure import fit_structure
 from skywright.models.contact_stance import ContactStance
 from skywright.run.flight import Flight
+from skywright.run.operator import Operator
 from skywright.run.supervisor import Supervisor
 
 SEAT_S, UNSEAT_S = 2.0, 1.5  # s, in which the feet are loaded and relieved
@@ -61,7 +63,7 @@ def fly(s: Supervisor[BridgeContact], way: ContactPlan) -> Flight:
 class Pilot(Presser):
     """The moves of this mission; every one starts where the reference is."""
 
-    def __init__(self, supervisor: Supervisor, way: ContactPlan, task: BridgeContact) -> None:
+    def __init__(self, supervisor: Supervisor, way: ContactPlan, task: Contact) -> None:
         super().__init__(supervisor, task)
         self.way, self.contact = way, task
 
@@ -170,11 +172,30 @@ class Pilot(Presser):
 
     def _press_flying(self, at: Station, back: Array) -> str:
         """From before a station, platform at `back` (3,) m: press, slide, leave."""
-        task = self.contact
+        task, operator = self.contact, self.s.operator
+        if operator is not None and isinstance(task, BridgeContact):
+            return self._press_by_hand(at, back, operator, task)
         self.go("free near", p=at.p_press + TIP_GAP * at.normal, R=at.R_approach, speed=0.1)
         self.s.wait(1.0)
         slide = self._slide if task.slide_m else None
         reason = self.press(at.name, "flying", self.way.free_forces, "free ", then=slide)
+        self.go("free leave", p=back, R=at.R_level, speed=0.2)
+        return reason
+
+    def _press_by_hand(
+        self, at: Station, back: Array, operator: Operator, task: BridgeContact
+    ) -> str:
+        """The same with an operator at the stick, who presses one force and does not slide."""
+        s = self.s
+        self.go("free near", p=HandPress.place_before(at), R=at.R_approach, speed=0.1)
+        s.wait(1.0)
+        hand = HandPress(s, operator, at, task)
+        reason = hand.fly()
+        if not reason:
+            s.begin(f"free hold {hand.exerts:.1f} N")
+            self.measure_force(at.name, hand.exerts, "flying")
+        self.set_force("free release", 0.0, task.ramp_s)
+        self.go(None, press=0.0)
         self.go("free leave", p=back, R=at.R_level, speed=0.2)
         return reason
 

@@ -9,9 +9,11 @@ import numpy as np
 
 from skywright.core.arrays import Array, Samples
 from skywright.description.world.structure import Surface, locate_point
+from skywright.missions.bridge_contact.operated_press import PRESS, TOUCH
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.survey import read_survey
 from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.missions.skills.operated import OPERATED_MEASURES, measure_operated
 from skywright.missions.skills.survey import PHASE
 from skywright.missions.skills.surveyed import SURVEY_WHERE
 from skywright.missions.skills.surveyed_structure import (
@@ -55,10 +57,12 @@ MEASURES: Measures = {
     "slide.no_force_max_s": ("s", "longest time without contact force while sliding (true force)"),
     "slide.length_m": ("m", "distance that the tip slides along the structure"),
     **STRUCTURE_MEASURES,
+    **OPERATED_MEASURES,
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
 HOLD, FREE, SLIDE = Where(("hold *",)), Where(("free hold *",)), Where(("slide*",))
+FELT = Where((TOUCH, PRESS))  # by an operator, where there is one
 DOCKING = Where(("dock", "seat", PHASE), "just before the feet touch")
 WHERE = {
     **SURVEY_WHERE,
@@ -69,6 +73,7 @@ WHERE = {
     "press.place_error_mm": Where((*HOLD.phases, *FREE.phases)),
     "free.": FREE,
     "slide.": SLIDE,
+    "operator.": FELT,
 }
 
 TOUCHING = 0.05  # N on the docking feet that counts as contact
@@ -115,14 +120,21 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
             out["slide.no_force_max_s"] = float(np.max(s["off_s"]))
         way_m = np.linalg.norm(np.diff(s["p_WT"], axis=0), axis=1)
         out["slide.length_m"] = float(np.sum(way_m[way_m < 0.05]))
-    return out | _judge_survey(run)
+    return out | _measure_hand(samples, phases) | _judge_survey(run)
+
+
+def _measure_hand(samples: Samples, phases: list[PhaseRecord]) -> dict[str, float]:
+    """How long an operator pressed, and the largest force meanwhile; {} without one."""
+    felt = FELT.select(samples, phases)
+    return measure_operated(samples[felt], compute_press(samples[felt])) if np.any(felt) else {}
 
 
 def _find_place_error(run: Flown[BridgeContact, ContactPlan], deck: Surface) -> float:
     """Farthest (m) of the tip from the spot that it presses on, across the true surface."""
     samples, phases, task = run.samples, run.phases, run.task
     holds = (HOLD if task.dock else FREE).find(phases)
-    worst, n = 0.0, len(task.forces_n)
+    by_hand = bool(_measure_hand(samples, phases))
+    worst, n = 0.0, 1 if by_hand else len(task.forces_n)
     for k, i in enumerate(holds):
         spot = task.spots[min(k // n, len(task.spots) - 1)]
         place, R = locate_point(deck, np.array([spot.x_m, spot.y_m]))

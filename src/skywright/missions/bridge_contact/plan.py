@@ -28,6 +28,7 @@ from skywright.missions.bridge_contact.stations import Station, build_station
 from skywright.missions.bridge_contact.survey import SurveyWay, plan_survey
 from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.missions.bridge_contact.ways import check_way
+from skywright.missions.skills.operated import load_operator
 from skywright.missions.skills.pressing import TIP_GAP, check_can_press
 from skywright.missions.skills.surveyed import get_map_error, is_surveyed
 from skywright.models.contact_stance import (
@@ -137,7 +138,7 @@ def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> Missio
     total += 0.0 if survey is None else survey.duration_s
     return MissionPlan(
         not blocked, blocked or None, time.perf_counter() - began, total, math.nan, math.nan, {},
-        found,
+        found, operator=load_operator(task) if isinstance(task, BridgeContact) else None,
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.description.world.structure import Structure, build_surface
 from skywright.errors import InputError
-from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.missions.bridge_contact.task import Contact
 from skywright.models.contact_stance import ContactStance, compute_flying_press
 from skywright.models.rigid_body import build_body_model, compute_body
 
@@ -28,13 +28,13 @@ the errors of its estimate. Measured, as `free.rms_error_n` over the spring (0.1
 to 1.4 N of the F550); satellite navigation is no better than the station."""
 
 
-def find_way(task: BridgeContact, structure: Structure) -> Array:
+def find_way(task: Contact, structure: Structure) -> Array:
     """Return the way (3,) m in W from a spot to the far end of the slide."""
     surface = build_surface(structure)
     return np.asarray(task.slide_m * surface.R_WS[:, surface.along])
 
 
-def check_slide_ends(task: BridgeContact, structure: Structure) -> None:
+def check_slide_ends(task: Contact, structure: Structure) -> None:
     """Raise InputError where a slide would leave the structure."""
     along = build_surface(structure).along
     half = 0.5 * (structure.length_m, structure.width_m)[along]
@@ -48,7 +48,7 @@ def check_slide_ends(task: BridgeContact, structure: Structure) -> None:
             )
 
 
-def check_wobble(robot: Robot, localisation: str, task: BridgeContact, most: float) -> str:
+def check_wobble(robot: Robot, localisation: str, task: Contact, most: float) -> str:
     """Say why a slide presses too lightly to stay on, or return "".
 
     `most` (N) is what the rotors can make, told beside.

@@ -16,7 +16,7 @@ from skywright.core.arrays import Array, Samples
 from skywright.description.world.structure import PLANE, Structure, build_surface
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.stations import Station
-from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.missions.bridge_contact.task import BridgeContact, Contact
 from skywright.missions.skills.survey import Tip, Touch, read_touches
 from skywright.missions.skills.surveyed import CLEAR, TIP_STD, Ball, get_map_error, get_tip
 from skywright.missions.skills.surveyed_structure import compute_structure_reach
@@ -78,7 +78,7 @@ def plan_survey(
     return SurveyWay(setup, feet, stations, reach + CLEAR, reach, stiffness, lasts)
 
 
-def choose_places(task: BridgeContact, structure: Structure) -> list[Array]:
+def choose_places(task: Contact, structure: Structure) -> list[Array]:
     """Return places (2,) m in S around spots and slides, WIDE to each side at least.
 
     Four of a plane; of a curved surface two along its axis, three around it each.

@@ -6,6 +6,7 @@ from pydantic import AfterValidator, Field
 
 from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
 from skywright.description.mission.spec import Task
+from skywright.missions.skills.operated import OperatedTask
 
 
 def _check_forces(forces: list[float]) -> list[float]:
@@ -29,7 +30,7 @@ class Spot(Spec):
     name: str = ""  # label in records
 
 
-class BridgeContact(Task):
+class Contact(Task):
     """Press the probe's tip on a structure with a profile of forces, docked or flying.
 
     Each force is reached over `ramp_s`, given `settle_s`, and held for `hold_s`: one measurement.
@@ -61,3 +62,7 @@ class BridgeContact(Task):
     slide_m: Coordinate = 0.0  # length of a slide along the structure in flight; 0: no slide
     slide_force_n: Positive = 2.0  # force on the structure during the slide
     slide_speed_mps: float = Field(default=0.05, ge=0.005, le=0.5)  # speed of the slide
+
+
+class BridgeContact(Contact, OperatedTask):
+    """The same, where an operator may press in flight."""

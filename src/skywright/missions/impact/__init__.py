@@ -9,3 +9,4 @@ class ImpactKind(FolderKind[Impact]):
 
     task = Impact
     needs = frozenset({"uav", "dynamics"})
+    devices = frozenset({"gauges"})

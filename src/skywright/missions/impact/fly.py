@@ -53,7 +53,7 @@ def fly(s: Supervisor[Impact], way: ImpactPlan) -> Flight:
     s.begin("run-up")
     s.body.track(_build_table(s, way))
     s.wait(SPEED_UP_S + CRUISE_S - ZERO_S)
-    s.vehicle.zero_gauges()
+    s.devices.gauges.zero()
     s.begin("impact")
     s.until_arrived()
     s.wait(RECOIL_S)

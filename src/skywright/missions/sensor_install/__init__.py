@@ -17,6 +17,7 @@ class SensorInstallKind(FolderKind[SensorInstall]):
 
     task = SensorInstall
     needs = frozenset({"uav", "hands"})
+    devices = frozenset({"helper"})
     operated = True
 
     def requirements(self, setup: Setup[SensorInstall], way: Any) -> dict[str, Requirement]:

@@ -187,13 +187,13 @@ def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> None:
     s.begin("push the link")
     swing = int(s.vehicle.read(ArmModel).swing)
     rest, started = float(s.vehicle.estimate["q"][swing]), s.vehicle.t
-    s.vehicle.push("pendulum", -SWING_FORCE * rot_z(way.yaw)[:, 0])
+    s.devices.helper.push("pendulum", -SWING_FORCE * rot_z(way.yaw)[:, 0])
     away, rate = 0.0, 0.0
     while math.hypot(away, rate / way.swing_rad_s) < angle and s.vehicle.t < started + SWING_WAIT:
         s.tick()
         away = float(s.vehicle.estimate["q"][swing]) - rest
         rate = float(s.vehicle.estimate["qd"][swing])
-    s.vehicle.push("pendulum", np.zeros(3))
+    s.devices.helper.push("pendulum", np.zeros(3))
     while rate * away > 0.0 and s.vehicle.t < started + SWING_WAIT:
         s.tick()
         rate = float(s.vehicle.estimate["qd"][swing])

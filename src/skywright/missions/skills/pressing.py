@@ -107,7 +107,7 @@ class Presser:
                 self.set_force(f"{prefix}press to {force:g} N", force, self.profile.ramp_s, load)
                 s.wait(self.profile.settle_s)
                 s.begin(f"{prefix}hold {force:g} N")
-                self._measure(spot, force, how)
+                self.measure_force(spot, force, how)
             if not reason and then is not None:
                 then()
         except ArmStopped as stopped:
@@ -181,7 +181,7 @@ class Presser:
         fields = {} if load is None else load(force)
         self.go(phase, least=seconds, press=1.0, force=force, **fields)
 
-    def _measure(self, spot: str, force: float, how: str) -> None:
+    def measure_force(self, spot: str, force: float, how: str) -> None:
         """Hold, and hand over what was measured."""
         s = self.s
         start, read, tips = s.vehicle.t, [], []

@@ -60,7 +60,7 @@ class SurveyPilot(Pilot):
         self.gauge.leave_site()
         return reason
 
-    def _measure(self, spot: str, force: float, how: str) -> None:
+    def measure_force(self, spot: str, force: float, how: str) -> None:
         """Hold until the gauge accepts a reading, `hold_s` at most."""
         s, seen = self.s, float(self._reading.scan)
         start = s.vehicle.t

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pydantic import Field
 
 from skywright.core.spec import NonNegative
-from skywright.missions.bridge_contact.task import BridgeContact, PressForces
+from skywright.missions.bridge_contact.task import Contact, PressForces
 from skywright.missions.skills.procedure import ThicknessProcedure
 
 
-class ThicknessSurvey(BridgeContact):
+class ThicknessSurvey(Contact):
     """Measure the wall's thickness at each of `spots` with an ultrasonic probe.
 
     The probe is pressed with the force of `forces_n`. A reading that is not accepted within

@@ -17,6 +17,7 @@ class ToolInstallKind(FolderKind[ToolInstall]):
 
     task = ToolInstall
     needs = frozenset({"uav", "hands"})
+    devices = frozenset({"surveyor"})
     operated = True
 
     def requirements(self, setup: Setup[ToolInstall], way: Any) -> dict[str, Requirement]:

@@ -147,7 +147,7 @@ def _give_up(
 
 def _measure_seat(s: Supervisor, task: ToolInstall) -> Place:
     """Where the tool shall stand, on the pipe as motion capture sees it."""
-    return find_seat(s.vehicle.world, task, *s.vehicle.survey(PIPE))
+    return find_seat(s.vehicle.world, task, *s.devices.surveyor.survey(PIPE))
 
 
 def _come(s: Supervisor, grip: Grip, place: Place) -> None:

@@ -1,0 +1,58 @@
+"""Commands on their way from the middleware to the flight, and answers on their way back."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from skywright.links.broadcast.table import OLD_S
+from skywright.links.pair import say
+from skywright.links.udp.receiver import Ages
+
+HELD_S = 10.0  # s for which somebody who called counts as watching
+
+
+class Caller:
+    """Hands commands to the flight, and answers on."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self._end, self._number = end, 0
+        self._waiting: dict[int, Callable[[bool, str], None]] = {}
+        self._lock = threading.Lock()  # calls come from threads of the middleware
+        self._ages = Ages()
+        self.last_s = -HELD_S
+        """Wall time of the last call."""
+
+    def call(self, name: str, args: dict[str, Any], answer: Callable[[bool, str], None]) -> None:
+        """Ask the flight for something; `answer` is called with success and words."""
+        with self._lock:
+            self._number += 1
+            number = self._number
+            self._waiting[number] = answer
+            self.last_s = time.monotonic()
+        if not say(self._end, "call", id=number, name=name, args=args, at=time.monotonic()):
+            self.answer(number, False, f"{name} refused: the flight does not take commands now")
+
+    def stream(self, name: str, args: dict[str, Any], stamp_s: float) -> bool:
+        """Hand a message of a stream on, unless it is old; `stamp_s` is the sender's time."""
+        now = time.monotonic()
+        with self._lock:
+            self.last_s = now
+            if self._ages.measure(now, stamp_s) > OLD_S:
+                return False
+        return say(self._end, "call", id=0, name=name, args=args, at=now)
+
+    def answer(self, number: int, ok: bool, says: str) -> None:
+        """Give an answer of the flight to who called."""
+        with self._lock:
+            reply = self._waiting.pop(number, None)
+        if reply is not None:
+            reply(ok, says)
+
+    def end(self) -> None:
+        """Answer everything that waits: the flight is over."""
+        for number in list(self._waiting):
+            self.answer(number, False, "the flight is over")

@@ -1,0 +1,16 @@
+"""Opens what `--ros2` and `--foxglove` ask for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from skywright.links.broadcast.flight import LiveFlight
+from skywright.links.broadcast.options import Live
+
+if TYPE_CHECKING:
+    from skywright.description.loader import Description
+
+
+def open_live(options: Live, description: Description) -> LiveFlight:
+    """Return the live link of a flight; raises InputError where it cannot be opened."""
+    return LiveFlight(options.check(), description)

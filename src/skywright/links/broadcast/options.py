@@ -1,0 +1,65 @@
+"""What `--ros2` and `--foxglove` ask for, checked before anything is started."""
+
+from __future__ import annotations
+
+import os
+from importlib.util import find_spec
+from typing import NamedTuple
+
+from skywright.errors import InputError
+
+DISTRO = "jazzy"
+ENDPOINT, PORT = "tcp/127.0.0.1:7447", 8765
+"""Where ROS 2 nodes look for their Zenoh router, and Foxglove for its server."""
+
+
+class Live(NamedTuple):
+    """Where a flight is published: `Live(ros2=True)`, `Live(foxglove=8765)`."""
+
+    ros2: str | bool | None = None
+    """Zenoh endpoint; True: ENDPOINT."""
+    distro: str | None = None
+    """ROS 2 distribution; None: DISTRO."""
+    foxglove: int | bool | None = None
+    """Port, 0: a free one; True: PORT."""
+    wait_s: float = 0.0
+    """s, most that the flight waits for the first subscriber."""
+    domain: int = 0
+    """ROS_DOMAIN_ID; set by `check`."""
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anything is to be published."""
+        return self != Live()
+
+    def list_arguments(self) -> tuple[str, ...]:
+        """Return the options of `skywright run` that ask for the same."""
+        given = {
+            "--ros2": self.ros2, "--ros2-distro": self.distro, "--foxglove": self.foxglove,
+            "--await": self.wait_s or None,
+        }  # fmt: skip
+        return tuple(x for name, v in given.items() if v is not None for x in (name, str(v)))
+
+    def check(self) -> Live:
+        """Return them with the domain; raises InputError where an extra or --ros2 is missing."""
+        ros2, foxglove = self.ros2, self.foxglove
+        if isinstance(ros2, bool):
+            ros2 = ENDPOINT if ros2 else None
+        if isinstance(foxglove, bool):
+            foxglove = PORT if foxglove else None
+        if ros2 is None and foxglove is None:
+            what = "--await" if self.distro is None else "--ros2-distro"
+            raise InputError(f"{what} requires --ros2{' or --foxglove' * (what == '--await')}")
+        _require("ros2", ros2 is not None, ("zenoh", "rosbags"))
+        _require("foxglove", foxglove is not None, ("foxglove",))
+        if ros2 is None:
+            return self._replace(ros2=None, foxglove=foxglove)
+        domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+        if not domain.isdecimal() or int(domain) > 232:
+            raise InputError(f"ROS_DOMAIN_ID={domain[:40]!r}; valid: 0 to 232")
+        return Live(ros2, self.distro or DISTRO, foxglove, self.wait_s, int(domain))
+
+
+def _require(extra: str, wanted: bool, modules: tuple[str, ...]) -> None:
+    if wanted and any(find_spec(name) is None for name in modules):
+        raise InputError(f"--{extra} needs the extra {extra!r}: pip install 'skywright[{extra}]'")

@@ -1,0 +1,1 @@
+"""Live view in Foxglove by its own SDK."""
