@@ -15,7 +15,8 @@ is law (4)'s and the arm's speeds are law (2)'s. Each control tick
   accelerations of laws (3) and (4) take: M a + gravity + gyroscopic terms + integrals. L are the
   arm's columns of the mass matrix (`fill_reaction`), G puts f at the tip. The rows stand in the
   cost, so that there is a solution at all limits; W gives them their rank: height, roll and pitch,
-  then yaw, then the lateral force, then the push, then the arm.
+  then yaw, then the lateral force, then the push. Above all is the arm: its reaction lasts as long
+  as it accelerates, so it is no substitute for thrust, and joints give way at their own limits.
 - Contact: law (4) presses with N = K^P |e_n| and feeds the friction mu N of the desired sliding
   forward. Both are f^d here. Their moment about the centre of mass, (p_T - c) x f, is then part of
   the balance; law (3) leaves it to its integral. This is the difference to `push_and_slide` where
@@ -94,7 +95,7 @@ class WholeBodyQp(ThreeLoops):
         yaw_weight: Positive = 30.0
         lateral_weight: Positive = 10.0
         contact_weight: Positive = 3.0
-        arm_weight: Positive = 1.0  # of the largest acceleration of a joint
+        arm_weight: Positive = 1000.0  # of the largest acceleration of a joint
         stop_rate_1_s: Positive = 12.5  # k, at which a joint nears its stop at most
         friction_cone: NonNegative | None = None  # mu; None: the believed one of the law
 
