@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize, nnls
 
-from skywright.core.record import View, fill
+from skywright.core.record import View
 from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.loader import load_description
 from skywright.errors import InputError
@@ -20,8 +20,8 @@ from skywright.models.scene import build_scene
 from skywright.run.backends import build_vehicle
 from skywright.run.parts import build_law
 from skywright.run.setup import Setup
-from skywright.vehicle.allocation import take_thrusts
-from skywright.vehicle.bus import Body, ThrustCommand
+from skywright.vehicle.allocation import follow_told
+from skywright.vehicle.bus import ThrustCommand
 from skywright.vehicle.laws import _daqp
 from skywright.vehicle.laws._arm_reaction import fill_reaction
 from skywright.vehicle.laws._qp_task import EDGE, FACETS
@@ -70,7 +70,13 @@ def read_program(law: LawStep) -> tuple[np.ndarray, ...]:
 
     H, A = table(me.H, n, n), table(me.A, rows, n)
     both = [words(me[name], n + rows) for name in ("lower", "upper")]
-    return H.copy(), np.vstack([np.eye(n), A]), both[0].copy(), both[1].copy(), words(me.x, n).copy()
+    return (
+        H.copy(),
+        np.vstack([np.eye(n), A]),
+        both[0].copy(),
+        both[1].copy(),
+        words(me.x, n).copy(),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -103,9 +109,7 @@ def test_the_solver_solves_as_its_python_interface_does() -> None:
         p.A[:] = rng.standard_normal((m, n))
         p.lower[:], p.upper[:] = -rng.uniform(0.0, 0.5, n + m), rng.uniform(0.0, 0.5, n + m)
         _daqp.solve(_daqp.load_solver(), p.problem.ctypes.data, p.result.ctypes.data)
-        x, value, flag, _ = daqp.solve(
-            p.H, p.f, p.A, p.upper, p.lower, np.zeros(n + m, np.int32)
-        )
+        x, value, flag, _ = daqp.solve(p.H, p.f, p.A, p.upper, p.lower, np.zeros(n + m, np.int32))
         assert p.result["flag"][0] == flag == _daqp.OPTIMAL
         np.testing.assert_allclose(p.x, x, atol=1e-9)
         assert p.result["value"][0] == pytest.approx(value)
@@ -154,7 +158,9 @@ def test_without_a_limit_it_is_laws_2_to_4_and_the_moment_of_the_contact(free, a
         body, est, me = free.ports["body"], free.estimate, free.ports["me"]
         push = -float(body.mass * me.wn_p**2 * WALL[:, 2] @ (free.reference.p_WT - est.p_WT))
         up = np.array([0.0, 0.0, 1.0])
-        contact = est.R_WB.T @ (push * (WALL[:, 2] - me.friction * up * 0.01 / math.hypot(0.01, 1e-3)))
+        contact = est.R_WB.T @ (
+            push * (WALL[:, 2] - me.friction * up * 0.01 / math.hypot(0.01, 1e-3))
+        )
         assert push > 1.0
         qdd = (wanted.qd[:2] - est.qd[:2]) / me.T_v[:2]
         force, torque = np.array(wanted.f_B), np.array(wanted.t_B)
@@ -201,7 +207,10 @@ def test_at_a_limit_the_solution_is_optimal(weak, at_rest) -> None:
         lam = nnls(normals.T / scale, -H @ x / scale)[0]
         np.testing.assert_allclose(normals.T @ lam, -H @ x, atol=1e-4 * scale)
         limits = [(lo, hi) for lo, hi in zip(low[: len(x)], high[: len(x)], strict=True)]
-        inside = {"type": "ineq", "fun": lambda y, A=A, high=high: np.where(high < 1e29, high - A @ y, 1.0)}
+        inside = {
+            "type": "ineq",
+            "fun": lambda y, A=A, high=high: np.where(high < 1e29, high - A @ y, 1.0),
+        }
         other = minimize(
             lambda y, H=H: 0.5 * y @ H @ y, x, jac=lambda y, H=H: H @ y, bounds=limits,
             constraints=[inside], method="SLSQP",
@@ -215,15 +224,17 @@ def test_rotor_limits_hold_and_roll_and_pitch_come_before_the_push(weak, at_rest
     cmd, told, me = weak.step(), weak.ports["told"], weak.ports["me"]
     assert told.limits == 1.0
     T = told.thrust[:6]
-    assert np.all(T >= me.t_min[:6] - 1e-12) and np.all(T <= me.t_max[:6] + 1e-12)
-    assert np.any(T > me.t_max[:6] - 1e-6)
+    assert np.all(me.t_min[:6] - 1e-12 <= T) and np.all(me.t_max[:6] + 1e-12 >= T)
+    assert np.max(T - me.t_max[:6]) == pytest.approx(0.0, abs=1e-6)
     body = weak.ports["body"]
     missing = me.B[:, :6] @ T - [*cmd.f_B, *cmd.t_B[:2], me.t_z]
     contact = read_program(weak)[4][-3:]  # what is given up of it
     force_C = np.column_stack([*_axes(weak)]) @ contact
     force, torque = missing[:3] + weak.estimate.R_WB.T @ force_C, missing[3:]
-    torque = torque - np.cross(body.p_BC, missing[:3]) + np.cross(
-        body.p_BT - body.p_BC, weak.estimate.R_WB.T @ force_C
+    torque = (
+        torque
+        - np.cross(body.p_BC, missing[:3])
+        + np.cross(body.p_BT - body.p_BC, weak.estimate.R_WB.T @ force_C)
     )
     weight = body.mass * body.gravity
     assert contact[2] < -0.5  # some newtons less of the push than asked for
@@ -293,14 +304,20 @@ def test_plain_python_does_what_compiled_code_does(weak, at_rest) -> None:
 
 
 def test_the_allocation_keeps_told_thrusts_within_the_rotors_limits() -> None:
-    told = np.zeros(1, ThrustCommand.dtype)[0]
+    told, B = np.zeros(1, ThrustCommand.dtype)[0], np.ones((6, 8))
     low, high, preload, thrust = np.full(8, -2.0), np.full(8, 2.0), np.full(8, 3.0), np.full(8, 9.0)
-    assert not take_thrusts(View(told), low, high, preload, thrust)
+
+    def follow(wrench: float) -> float:
+        both = np.full(3, wrench)
+        return follow_told(View(told), low, high, preload, B, both, both, 1e-6, 3.0, thrust)
+
+    assert follow(0.0) == 3.0 and np.all(thrust == 9.0)  # nothing is told: as it was
     told["given"], told["thrust"][:8] = 1.0, np.arange(8.0)
-    assert take_thrusts(View(told), low, high, preload, thrust)
+    assert follow(26.0) == 0.0  # the sum of
     np.testing.assert_allclose(thrust, [1.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0])
+    assert follow(27.0) == 1.0
     told["thrust"][3] = math.nan
-    assert not take_thrusts(View(told), low, high, preload, thrust)
+    assert follow(26.0) == 3.0 and np.all(np.isfinite(thrust))
 
 
 @pytest.mark.parametrize(
@@ -315,7 +332,8 @@ def test_robots_that_it_cannot_fly_are_refused(robot: str, why: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("robot", "why"), [("bimanual", "servos that take angles"), ("ars-lrm", "springs|without a servo")]
+    ("robot", "why"),
+    [("bimanual", "servos that take angles"), ("ars-lrm", "springs|without a servo")],
 )
 def test_arms_whose_speeds_it_cannot_command_are_refused(robot: str, why: str) -> None:
     d = load_description("waypoints", robot=robot)

@@ -29,7 +29,6 @@ from skywright.vehicle.bus import (
 )
 from skywright.vehicle.component import Component, Out, Recorded, helper
 
-
 MISSED = 1e-6
 """Of the weight, N or N m: by so much thrusts that a law tells may miss the wrench they are for."""
 
@@ -122,15 +121,10 @@ class RotorAllocation(Component):
             for i in range(n):
                 thrust[i] += me.preload[i]
             if told is not None:
-                if take_thrusts(told, words(me.t_min, n), words(me.t_max, n), me.preload, thrust):
-                    out.saturated = 0.0
-                    for r in range(3):
-                        f, t = cmd.f_B[r], t_B[r]
-                        for i in range(n):
-                            f -= B[r, i] * thrust[i]
-                            t -= B[r + 3, i] * thrust[i]
-                        if max(abs(f), abs(t)) > me.missed:
-                            out.saturated = 1.0
+                low, high = words(me.t_min, n), words(me.t_max, n)
+                out.saturated = follow_told(
+                    told, low, high, me.preload, B, cmd.f_B, t_B, me.missed, out.saturated, thrust
+                )
         for r in range(3):
             f = t = 0.0
             for i in range(n):
@@ -141,17 +135,29 @@ class RotorAllocation(Component):
 
 
 @helper
-def take_thrusts(told: Any, t_min: Any, t_max: Any, preload: Any, thrust: Any) -> bool:
-    """Replace `thrust` (n,) N by what is told, within the limits; False where that is nothing."""
-    total = 0.0
-    for i in range(t_min.shape[0]):
+def follow_told(
+    told: Any, t_min: Any, t_max: Any, preload: Any, B: Any, f_B: Any, t_B: Any, missed: float,
+    saturated: float, thrust: Any,
+) -> float:  # fmt: skip
+    """Replace `thrust` (n,) N by what is told, within the limits, if that is something.
+
+    Returns whether it misses the wrench by more than `missed` (N, N m), else `saturated`.
+    """
+    n, total = t_min.shape[0], 0.0
+    for i in range(n):
         total += told.thrust[i]
     if told.given < 0.5 or not math.isfinite(total):
-        return False
-    for i in range(t_min.shape[0]):
-        low, high = t_min[i] + preload[i], t_max[i] + preload[i]
-        thrust[i] = min(max(told.thrust[i], low), high)
-    return True
+        return saturated
+    for i in range(n):
+        thrust[i] = min(max(told.thrust[i], t_min[i] + preload[i]), t_max[i] + preload[i])
+    worst = 0.0
+    for r in range(3):
+        f, t = f_B[r], t_B[r]
+        for i in range(n):
+            f -= B[r, i] * thrust[i]
+            t -= B[r + 3, i] * thrust[i]
+        worst = max(worst, abs(f), abs(t))
+    return 1.0 if worst > missed else 0.0
 
 
 def compute_yaw_share(context: Any) -> float:

@@ -343,6 +343,12 @@ class Law(Component):
         """Return how a wind's gusts move a platform that heads `yaw` (rad); None: not known."""
         return None
 
+    def compute_push_share(self, nominal: Nominal) -> float:
+        """Return what the law presses with over the stiffness of law (4), m w^2 of [robot.control],
+        times the depth of a plan.
+        """
+        return 1.0
+
     def compute_gust_response(
         self, robot: Robot, world: World, frequencies: Array, h: float
     ) -> Array | None:

@@ -136,10 +136,10 @@ def is_free(me: Any, est: Any, cmd: Any, want: Any) -> bool:
             -me.stop_rate * room_down - CLOSE <= cmd.qd[j] <= me.stop_rate * room_up + CLOSE
         ):
             return False  # law (2) keeps the motors' speeds itself
+    worst = 0.0
     for k in range(FACETS):
-        if find_slip(me, want, k) > CLOSE:
-            return False
-    return True
+        worst = max(worst, find_slip(me, want, k))
+    return worst <= CLOSE
 
 
 @helper
@@ -172,7 +172,7 @@ def solve_task(me: Any, est: Any, body: Any, cmd: Any, want: Any, thrust: Any) -
     x, total = words(me.x, size), 0.0
     for i in range(size):
         total += x[i]
-    if not (flag == OPTIMAL or flag == SOFT_OPTIMAL) or not math.isfinite(total):
+    if flag < OPTIMAL or flag > SOFT_OPTIMAL or not math.isfinite(total):
         return 3.0
     for i in range(n):
         thrust[i] = min(max(want.thrust[i] + x[i], me.t_min[i]), me.t_max[i])
@@ -234,7 +234,11 @@ def fill_rows(me: Any, est: Any, cmd: Any, want: Any) -> None:
     n, m = me.n, me.m
     size = n + m + 3
     rows = 2 * m + FACETS
-    low, high, A = words(me.lower, size + rows), words(me.upper, size + rows), table(me.A, rows, size)
+    low, high, A = (
+        words(me.lower, size + rows),
+        words(me.upper, size + rows),
+        table(me.A, rows, size),
+    )
     for r in range(rows):
         for i in range(size):
             A[r, i] = 0.0
