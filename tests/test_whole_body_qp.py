@@ -8,14 +8,21 @@ import daqp
 import mujoco
 import numpy as np
 import pytest
-from scipy.optimize import minimize, nnls
+from scipy.optimize import linprog, minimize, nnls
 
 from skywright.core.record import View
 from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.loader import load_description
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.arm_body import Deviation
-from skywright.models.rigid_body import build_body_model, compute_kinematics, posture
+from skywright.models.rigid_body import (
+    build_body_model,
+    compute_body,
+    compute_kinematics,
+    posture,
+)
+from skywright.models.rotors import build_rotors
 from skywright.models.scene import build_scene
 from skywright.run.backends import build_vehicle
 from skywright.run.parts import build_law
@@ -341,3 +348,27 @@ def test_arms_whose_speeds_it_cannot_command_are_refused(robot: str, why: str) -
 
     with pytest.raises(InputError, match=why):
         WholeBodyQp("law").check_robot(d.robot)
+
+
+def find_most_lift(robot: Robot, lost: int) -> np.ndarray | None:
+    """Return the up (3,) in B of the heaviest hover without a rotor, over the weight; or None."""
+    rotors = build_rotors(robot.rotors)
+    mass, c, _ = compute_body(build_body_model(robot), posture(robot, "folded"))
+    turn = np.array([[0.0, -c[2], c[1]], [c[2], 0.0, -c[0]], [-c[1], c[0], 0.0]])
+    A = np.hstack([rotors.B, -9.81 * mass * np.vstack([np.eye(3), turn])])
+    limits = [*zip(rotors.thrust_min, rotors.thrust_max, strict=True), *[(None, None)] * 3]
+    limits[lost] = (0.0, 0.0)
+    cost = np.zeros(A.shape[1])
+    cost[-1] = -1.0
+    found = linprog(cost, A_eq=A, b_eq=np.zeros(6), bounds=limits, method="highs")
+    return found.x[-3:] if found.status == 0 else None
+
+
+def test_five_rotors_of_the_othex_hold_it_only_where_it_leans() -> None:
+    """Level flight is what the laws ask for, so that no law here flies on without a rotor."""
+    robot = load_description("pipe-weld-scan").robot
+    ups = [find_most_lift(robot, i) for i in range(6)]
+    assert ups[0] is None and ups[5] is None  # the front ones carry the arm
+    for up in ups[1:5]:
+        assert up is not None and np.linalg.norm(up) > 1.0  # with thrust to spare
+        assert 10.0 < math.degrees(math.acos(up[2] / np.linalg.norm(up))) < 25.0

@@ -45,6 +45,7 @@ class PushAndSlide(ThreeLoops):
     class Table(LoopsTable):
         """Bandwidths of the loops; what of the contact's moment law (3) knows, the paper: none."""
 
+        # what of the contact force's moment about the centre of mass law (3) feeds forward
         moment_feed_forward: Literal["none", "friction", "contact"] = "none"
 
     class Me(ThreeLoops.Me):

@@ -90,11 +90,11 @@ class WholeBodyQp(ThreeLoops):
         """Bandwidths of the loops, and what a newton, or a newton metre over the lever of a rotor,
         that is missing of each part costs."""
 
-        height_weight: Positive = 100.0
-        attitude_weight: Positive = 100.0
-        yaw_weight: Positive = 30.0
-        lateral_weight: Positive = 10.0
-        contact_weight: Positive = 3.0
+        height_weight: Positive = 100.0  # vertical force
+        attitude_weight: Positive = 100.0  # roll and pitch torque
+        yaw_weight: Positive = 30.0  # torque about z
+        lateral_weight: Positive = 10.0  # horizontal force
+        contact_weight: Positive = 3.0  # force on the surface
         arm_weight: Positive = 1000.0  # of the largest acceleration of a joint
         stop_rate_1_s: Positive = 12.5  # k, at which a joint nears its stop at most
         friction_cone: NonNegative | None = None  # mu; None: the believed one of the law
