@@ -29,8 +29,8 @@ def fly(name: str, runs: int, out: Path, workers: int) -> str:
     """Fly one comparison and write its file; returns how many flights succeeded."""
     c = COMPARISONS[name]
     found = compare_laws(
-        c["laws"], c["mission"], robot=c.get("robot"), cases=c["cases"], runs=runs, seed=1,
-        out=out / name, workers=workers, step=tell_step,
+        c["laws"], c["mission"], robot=c.get("robot"), sets=c.get("sets", ()), cases=c["cases"],
+        runs=runs, seed=1, out=out / name, workers=workers, step=tell_step,
     )  # fmt: skip
     write_laws_page(found, out / f"{name}.html")
     git = ["git", "-C", str(ROOT), "rev-parse", "--short=10", "HEAD"]

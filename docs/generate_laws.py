@@ -15,6 +15,8 @@ PAGE = DOCS / "reference" / "laws.md"
 KEPT = DOCS.parent / "benchmarks" / "laws"
 BEGIN = "<!-- laws: begin, made by docs/generate_laws.py, do not edit -->"
 END = "<!-- laws: end -->"
+RUNS = 10
+"""Flights of a law in a case that benchmarks/fly_laws.py flies by default."""
 
 
 def tell_number(x: float | None) -> str:
@@ -26,12 +28,14 @@ def build_table(name: str, asked: dict[str, Any]) -> str:
     """Return one comparison: a line a law and case."""
     found = json.loads((KEPT / f"{name}.json").read_text(encoding="utf-8"))
     shown = asked["shown"]
+    runs = max(f["runs"] for f in found["flown"])
+    few = "" if runs == RUNS else f" --runs {runs}"
     beyond = {(d["law"], d["case"], d["metric"]) for d in found["differences"] if d["significant"]}
     lines = [
         f"### {asked['task'][0].upper()}{asked['task'][1:]}",
         "",
         f"Mission `{found['mission']}`, robot `{found['robot']}`, commit `{found['commit']}`, "
-        f"{found['when']}: `python benchmarks/fly_laws.py {name}`.",
+        f"{found['when']}: `python benchmarks/fly_laws.py {name}{few}`.",
         "",
         "| law | case | succeeded | " + " | ".join(f"`{m}`" for m in shown) + " |",
         "|---|---|---|" + "---|" * len(shown),

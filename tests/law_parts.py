@@ -8,11 +8,13 @@ import numpy as np
 
 from skywright.core.record import View
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
+from skywright.vehicle.laws.impedance import Impedance
+from skywright.vehicle.laws.push_and_slide import PushAndSlide
 from skywright.vehicle.laws.thrust_vectoring import ThrustVectoring
 from skywright.vehicle.laws.tip_pd import TipPd
 
 
-class Me(ThrustVectoring.Me, TipPd.Me):
+class Me(ThrustVectoring.Me, TipPd.Me, PushAndSlide.Me, Impedance.Me):
     """Parameters and memory of every law with three loops."""
 
 

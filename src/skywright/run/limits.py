@@ -112,7 +112,9 @@ def find_exceeded_push(
     body, hubs = _compute_drag_factors(setup)
     d = setup.description
     fraction = d.mission.wind_fraction
-    response = build_law(d, setup).compute_gust_response(
+    law = build_law(d, setup)
+    push_force *= law.compute_push_share(setup)
+    response = law.compute_gust_response(
         d.robot, d.world, GUST_FREQUENCIES, 1e-3 * d.mission.timestep_ms
     )
     if response is None:

@@ -24,13 +24,21 @@ from skywright.vehicle.bus import (
     Reference,
     RotorDrive,
     ServoDrive,
+    ThrustCommand,
     WrenchCommand,
 )
-from skywright.vehicle.component import Component, Out, Recorded
+from skywright.vehicle.component import Component, Out, Recorded, helper
+
+MISSED = 1e-6
+"""Of the weight, N or N m: by so much thrusts that a law tells may miss the wrench they are for."""
 
 
 class RotorAllocation(Component):
-    """Fills RotorDrive and Allocated from the commanded wrench (models/allocation.py)."""
+    """Fills RotorDrive and Allocated from the commanded wrench (models/allocation.py).
+
+    Thrusts that a law commands itself (port ThrustCommand) are taken as they are, within the limits
+    of the rotors in use; `saturated` then says that they do not make the commanded wrench.
+    """
 
     slot = "allocate"
 
@@ -42,6 +50,7 @@ class RotorAllocation(Component):
         full: int
         n: int  # rotors
         k_f: float  # N/(rad/s)^2
+        missed: float  # N, N m: more than this is saturation
         share: float  # of the way to a commanded torque about z in a tick, for the spin-up's push
         t_z: float  # N m, on its way
         thrust: Annotated[Array, MAX_ROTORS]  # N
@@ -59,8 +68,7 @@ class RotorAllocation(Component):
         1 / (1 + T s) of it, they make what the law asks for.
         """
         a, weight = context.allocator, context.mass * context.world.gravity_mps2
-        reaction = float(compute_reaction_times(context.rotors, a, weight)[2])
-        me.share = 1.0 - math.exp(-context.dt / reaction) if reaction > 0.0 else 1.0
+        me.share, me.missed = compute_yaw_share(context), MISSED * weight
         self._own = a._replace(P=a.P.copy(), t_min=a.t_min.copy(), t_max=a.t_max.copy())
         me.B, me.P = context.keep(a.B), context.keep(self._own.P)
         me.t_min, me.t_max = context.keep(self._own.t_min), context.keep(self._own.t_max)
@@ -91,6 +99,7 @@ class RotorAllocation(Component):
         est: Estimate,
         body: Body,
         cmd: WrenchCommand,
+        told: ThrustCommand | None,
         out: Out[Allocated],
         drive: Out[RotorDrive],
     ) -> None:
@@ -111,6 +120,11 @@ class RotorAllocation(Component):
             out.saturated = float(flag)
             for i in range(n):
                 thrust[i] += me.preload[i]
+            if told is not None:
+                low, high = words(me.t_min, n), words(me.t_max, n)
+                out.saturated = follow_told(
+                    told, low, high, me.preload, B, cmd.f_B, t_B, me.missed, out.saturated, thrust
+                )
         for r in range(3):
             f = t = 0.0
             for i in range(n):
@@ -118,6 +132,42 @@ class RotorAllocation(Component):
                 t += B[r + 3, i] * thrust[i]
             out.f_B_alloc[r], out.t_B_alloc[r] = f, t
         thrust_to_speed(thrust, n, me.k_f, drive.speed)
+
+
+@helper
+def follow_told(
+    told: Any, t_min: Any, t_max: Any, preload: Any, B: Any, f_B: Any, t_B: Any, missed: float,
+    saturated: float, thrust: Any,
+) -> float:  # fmt: skip
+    """Replace `thrust` (n,) N by what is told, within the limits, if that is something.
+
+    Returns whether it misses the wrench by more than `missed` (N, N m), else `saturated`.
+    """
+    n, total = t_min.shape[0], 0.0
+    for i in range(n):
+        total += told.thrust[i]
+    if told.given < 0.5 or not math.isfinite(total):
+        return saturated
+    for i in range(n):
+        thrust[i] = min(max(told.thrust[i], t_min[i] + preload[i]), t_max[i] + preload[i])
+    worst = 0.0
+    for r in range(3):
+        f, t = f_B[r], t_B[r]
+        for i in range(n):
+            f -= B[r, i] * thrust[i]
+            t -= B[r + 3, i] * thrust[i]
+        worst = max(worst, abs(f), abs(t))
+    return 1.0 if worst > missed else 0.0
+
+
+def compute_yaw_share(context: Any) -> float:
+    """Return by how much of the way a told torque about z follows the commanded one in a tick.
+
+    About z the rotors make (1 + T s) of what they are told (models/rotor_reaction.py).
+    """
+    weight = context.mass * context.world.gravity_mps2
+    reaction = float(compute_reaction_times(context.rotors, context.allocator, weight)[2])
+    return 1.0 - math.exp(-context.dt / reaction) if reaction > 0.0 else 1.0
 
 
 class SpeedServos(Component):

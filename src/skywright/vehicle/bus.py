@@ -127,6 +127,17 @@ class WrenchCommand(Record):
     torque: Annotated[Array, MAX_JOINTS]  # N m, at the joints, of torque servos
 
 
+class ThrustCommand(Record):
+    """What a law that chooses the rotors' thrusts itself commands, beside the wrench they are for.
+
+    The allocation takes them in place of its own, within the rotors' limits.
+    """
+
+    thrust: Annotated[Array, MAX_ROTORS]  # N
+    given: float  # 1: hold now; 0: allocate the wrench
+    limits: float  # 0: none binds, 1: some do, 2: joint limits had to give way, 3: no solution
+
+
 class ShaftCommand(Record):
     """What the law of arms with position servos commands."""
 

@@ -317,7 +317,6 @@ class Law(Component):
     """Whether it follows the block Press of the reference (vehicle/follower.py)."""
     knows_modes: ClassVar[bool] = False
     """Whether it follows `Reference.mode`."""
-
     commands_torque: ClassVar[bool] = False
     """Whether it tells the servos torques instead of speeds."""
 
@@ -334,21 +333,22 @@ class Law(Component):
         return None if loop is None else I_C[:, :2] * (2.0 * loop.damping * loop.bandwidth)
 
     def observe_wrench(self, context: Context) -> Array | None:
-        """Return the bandwidths (3,) rad/s, forward, left, up, of the external force that the law
-        wants observed (port Wrench); None: it wants none.
-        """
+        """Return the bandwidths (3,) rad/s, forward, left, up, of the port Wrench; None: unused."""
         return None
 
     def build_gust_model(self, nominal: Nominal, yaw: float) -> GustModel | None:
         """Return how a wind's gusts move a platform that heads `yaw` (rad); None: not known."""
         return None
 
+    def compute_push_share(self, nominal: Nominal) -> float:
+        """Return the law's push over what law (4)'s stiffness m w^2 makes at a plan's depth."""
+        return 1.0
+
     def compute_gust_response(
         self, robot: Robot, world: World, frequencies: Array, h: float
     ) -> Array | None:
-        """Return by how much (n,) the contact force changes per newton of a gust along the probe,
-        at `frequencies` (n,) rad/s and a physics step `h` (s); None: the law does not close a loop
-        on it, so slow gusts go into it in full.
+        """Return the change (n,) of the contact force per newton of a gust along the probe, at
+        `frequencies` (n,) rad/s and a physics step `h` (s); None: no loop on it, so 1 when slow.
         """
         return None
 

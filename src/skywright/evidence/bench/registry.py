@@ -27,6 +27,7 @@ class Benchmark(NamedTuple):
 BENCHMARKS = {
     "loop": Benchmark(HERE + "loop", "closed loop, both ways of running, over bare mj_step"),
     "tick": Benchmark(HERE + "tick", "each estimator, each control law and the inertial unit"),
+    "laws": Benchmark(HERE + "laws", "a step of each control law over one of push_and_slide"),
     "planning": Benchmark(HERE + "planning", "planning time, clearance queries, motion planners"),
     "startup": Benchmark(HERE + "startup", "the command line, imports, the first report"),
     "cold": Benchmark(HERE + "cold", "first run with an empty cache of compiled code", False),

@@ -3,15 +3,38 @@
 Attitude and arm follow their nominal trajectories, laws (3) and (2). The platform's force closes
 the position loop at the tip, law (4), with the platform's velocity as damping: position of the
 link's far end and velocity of its driven end, which is stable across the arm's elasticity.
+
+    (2)  v_M = v_M^n + K_M (q_M^n - q_M)
+    (3)  t = c x f + I_C (w'^n + w_R^2 e_R + 2 zeta_R w_R e_w) + theta + w x I_C w
+    (4)  f = m (a^n + g) + K^D (v_R^n - v_R) + K^P (p_E^d - p_E) + sigma
+
+with q_M, v_M of the motors, R the platform, E the tip, c the centre of mass, theta and sigma the
+integrals; K^P = m w^2, K^D = 2 zeta m w (loops.py has each term and what is beyond the paper).
+
+Beyond the paper, as an option (`moment_feed_forward`): while the reference slides inside a surface,
+law (4) presses with N = K^P |e_n| and feeds the friction mu N forward as a force. Both act at the
+tip, so they turn the robot about its centre of mass by (p_T - c) x f. The paper leaves this moment
+to the integral of law (3), which has to follow each reversal of the friction. `friction` feeds the
+friction's moment forward, `contact` that of the push as well.
 """
 
 from __future__ import annotations
 
+from typing import Any, Literal
+
 from skywright.core.scratch import local
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Out
+from skywright.vehicle.laws._contact_moment import subtract_moment
 from skywright.vehicle.laws._three_loops import ThreeLoops
-from skywright.vehicle.loops import arm_velocity, hold_attitude, position_force, rest, to_body
+from skywright.vehicle.loops import (
+    LoopsTable,
+    arm_velocity,
+    hold_attitude,
+    position_force,
+    rest,
+    to_body,
+)
 
 
 class PushAndSlide(ThreeLoops):
@@ -19,9 +42,25 @@ class PushAndSlide(ThreeLoops):
 
     needs_full_actuation = True
 
+    class Table(LoopsTable):
+        """Bandwidths of the loops; what of the contact's moment law (3) knows, the paper: none."""
+
+        # what of the contact force's moment about the centre of mass law (3) feeds forward
+        moment_feed_forward: Literal["none", "friction", "contact"] = "none"
+
+    class Me(ThreeLoops.Me):
+        feed_friction: float  # 1: law (3) knows the friction's moment
+        feed_push: float  # 1: and that of the push
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Fill gains from bandwidths."""
+        super().build(me, table, context)
+        me.feed_friction = float(table.moment_feed_forward != "none")
+        me.feed_push = float(table.moment_feed_forward == "contact")
+
     @staticmethod
     def step(
-        me: ThreeLoops.Me,
+        me: Me,
         ref: Reference,
         est: Estimate,
         body: Body,
@@ -36,3 +75,5 @@ class PushAndSlide(ThreeLoops):
         position_force(me, ref, est, body, allocated.saturated, f_W)
         to_body(est, f_W, cmd.f_B)
         hold_attitude(me, ref, est, body, allocated.saturated, cmd)
+        if me.feed_friction > 0.5:
+            subtract_moment(me, ref, est, body, me.feed_push, cmd.t_B)

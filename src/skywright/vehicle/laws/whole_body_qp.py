@@ -1,0 +1,205 @@
+"""Whole-body control as a quadratic program: rotor thrusts, joint accelerations, contact force.
+
+The task is that of Tognon et al. 2018, laws (2) to (4): where no limit binds, the platform's force
+is law (4)'s and the arm's speeds are law (2)'s. Each control tick
+
+    minimise   |W (B T + G f - L q'' - w)|^2 + w_f^2 |f - f^d|^2 + w_q^2 |q'' - q''^d|^2
+               + w_T^2 |T - T^d|^2
+    over       T (n,) rotor thrusts, q'' (m,) joint accelerations, f (3,) force of the surface
+    such that  T_min <= T <= T_max
+               |q''| <= a_max,   |motor speeds of q' + T_v q''| <= their maximum
+               k (q_min - q) <= q' + T_v q'' <= k (q_max - q)          (Faverjon, Tournassoud 1987)
+               f within the friction cone, as a pyramid of eight sides inside it
+
+- Dynamics: B T + G f - L q'' = w, force and torque about the centre of mass. w is what the
+  accelerations of laws (3) and (4) take: M a + gravity + gyroscopic terms + integrals. L are the
+  arm's columns of the mass matrix (`fill_reaction`), G puts f at the tip. The rows stand in the
+  cost, so that there is a solution at all limits; W gives them their rank: height, roll and pitch,
+  then yaw, then the lateral force, then the push. Above all is the arm: its reaction lasts as long
+  as it accelerates, so it is no substitute for thrust, and joints give way at their own limits.
+- Contact: law (4) presses with N = K^P |e_n| and feeds the friction mu N of the desired sliding
+  forward. Both are f^d here. Their moment about the centre of mass, (p_T - c) x f, is then part of
+  the balance; law (3) leaves it to its integral. This is the difference to `push_and_slide` where
+  no limit binds. One vertex of the pyramid lies in the direction of sliding, so f^d is inside.
+- Servos follow a speed as T_v q'' = speed - q', so q''^d is law (2)'s speed and the command is
+  q' + T_v q''.
+- T^d is what the allocation would tell. Where T^d, q''^d and f^d are within all limits they are
+  the solution, for the cost is zero there, and no solver runs. Else DAQP solves the program.
+- Joint rows may contradict each other beyond a stop: then those rows may be violated at a price. If
+  that has no solution either, the allocation takes the wrench instead (`ThrustCommand.limits`).
+
+Weights in place of the strict hierarchy of Escande, Mansard, Wieber 2014 (Hierarchical quadratic
+programming, IJRR 33(7)): one program, and ranks far enough apart to act as one.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+
+from skywright.core.record import Array
+from skywright.core.scratch import local
+from skywright.core.spec import NonNegative, Positive
+from skywright.core.types import MAX_JOINTS, MAX_ROTORS
+from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
+from skywright.models.body_records import BodyModel, Kinematics
+from skywright.models.compliant_arms import is_compliant
+from skywright.models.link_motion import compute_joint_inertia
+from skywright.models.rigid_body import posture
+from skywright.vehicle.allocation import compute_yaw_share
+from skywright.vehicle.bus import (
+    Allocated,
+    Body,
+    Estimate,
+    Reference,
+    ThrustCommand,
+    WrenchCommand,
+)
+from skywright.vehicle.component import Out, Recorded
+from skywright.vehicle.laws._daqp import build_program, load_solver
+from skywright.vehicle.laws._qp_task import FACETS, Wanted, fill_wanted, is_free, solve_task
+from skywright.vehicle.laws._three_loops import ThreeLoops
+from skywright.vehicle.loops import (
+    LoopsTable,
+    arm_velocity,
+    hold_attitude,
+    position_force,
+    rest,
+    to_body,
+)
+
+
+class WholeBodyQp(ThreeLoops):
+    """Fills f_B, t_B, qd and the thrusts that make them within the limits."""
+
+    needs_full_actuation = True
+    columns = (
+        Recorded(
+            "qp_limits",
+            ThrustCommand,
+            "limits",
+            "",
+            "0: no limit binds, 1: some do, 2: joint limits had to give way, 3: no solution",
+        ),
+    )
+
+    class Table(LoopsTable):
+        """Bandwidths of the loops, and what a newton, or a newton metre over the lever of a rotor,
+        that is missing of each part costs."""
+
+        height_weight: Positive = 100.0  # vertical force
+        attitude_weight: Positive = 100.0  # roll and pitch torque
+        yaw_weight: Positive = 30.0  # torque about z
+        lateral_weight: Positive = 10.0  # horizontal force
+        contact_weight: Positive = 3.0  # force on the surface
+        arm_weight: Positive = 1000.0  # of the largest acceleration of a joint
+        stop_rate_1_s: Positive = 12.5  # k, at which a joint nears its stop at most
+        friction_cone: NonNegative | None = None  # mu; None: the believed one of the law
+
+    class Me(ThreeLoops.Me):
+        n: int  # rotors
+        m: int  # joints
+        mu: float
+        lever: float  # m
+        weight: Annotated[Array, 6]  # of vertical, lateral, roll and pitch, yaw, contact, arm
+        stop_rate: float  # 1/s
+        share: float  # of the way to a commanded torque about z in a tick (vehicle/allocation.py)
+        t_z: float  # N m, on its way
+        B: Annotated[Array, 6, MAX_ROTORS]
+        P: Annotated[Array, MAX_ROTORS, 6]
+        preload: Annotated[Array, MAX_ROTORS]  # N
+        t_min: Annotated[Array, MAX_ROTORS]  # N
+        t_max: Annotated[Array, MAX_ROTORS]
+        q_min: Annotated[Array, MAX_JOINTS]  # rad
+        q_max: Annotated[Array, MAX_JOINTS]
+        a_max: Annotated[Array, MAX_JOINTS]  # rad/s^2
+        T_v: Annotated[Array, MAX_JOINTS]  # s, of the joints' servos
+        solver: int  # addresses of the solver, its records and its arrays
+        problem: int
+        result: int
+        H: int
+        f: int
+        A: int
+        upper: int
+        lower: int
+        sense: int
+        x: int
+
+    def check_robot(self, robot: Robot) -> None:
+        """Raise InputError for a robot with joints whose speeds the law cannot command."""
+        why = ""
+        if is_compliant(robot):
+            why = "the arms of {} have springs and servos that take angles"
+        elif any(limb.servo < 0 for limb in list_joints(robot)):
+            why = "{} has a joint without a servo"
+        if why:
+            raise InputError(
+                f"control law 'whole_body_qp' commands the speed of each joint's servo; "
+                f"{why.format(repr(robot.name))}: use a robot such as 'othex'"
+            )
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Fill gains, limits and the program; raises RuntimeError where DAQP has another layout."""
+        super().build(me, table, context)
+        a, model, robot = context.allocator, context.model, context.robot
+        n, m = len(a.t_min), int(model["n_joints"])
+        me.n, me.m, me.share = n, m, compute_yaw_share(context)
+        me.B[:, :n], me.P[:n], me.preload[:n] = a.B, a.P, a.preload
+        me.t_min[:n], me.t_max[:n] = a.t_min + a.preload, a.t_max + a.preload
+        me.q_min, me.q_max, me.stop_rate = model["q_min"], model["q_max"], table.stop_rate_1_s
+        me.mu = me.friction if table.friction_cone is None else table.friction_cone
+        me.lever = float(np.max(np.linalg.norm(context.rotors.position, axis=1)))
+        me.weight = [
+            table.height_weight, table.lateral_weight, table.attitude_weight, table.yaw_weight,
+            table.contact_weight, table.arm_weight,
+        ]  # fmt: skip
+        if m:
+            servos = [list_servos(robot)[limb.servo][1] for limb in list_joints(robot)]
+            moved = np.diag(compute_joint_inertia(model.reshape(1), posture(robot, "working")))
+            me.T_v[:m] = [servo.velocity_time_constant_s for servo in servos]
+            me.a_max[:m] = [
+                servo.stall_torque_nm / (servo.armature_kgm2 + inertia)
+                for servo, inertia in zip(servos, moved, strict=True)
+            ]
+        p = build_program(n + m + 3, 2 * m + FACETS)
+        me.solver = load_solver()
+        for name in ("problem", "result", "H", "f", "A", "upper", "lower", "sense", "x"):
+            me[name] = context.keep(getattr(p, name))
+        context.keep(p.lam)
+
+    @staticmethod
+    def step(
+        me: Me,
+        ref: Reference,
+        est: Estimate,
+        body: Body,
+        model: BodyModel,
+        kin: Kinematics,
+        allocated: Allocated,
+        cmd: Out[WrenchCommand],
+        told: Out[ThrustCommand],
+    ) -> None:
+        arm_velocity(me, ref, est, body, cmd.qd)
+        told.given = told.limits = 0.0
+        if ref.active < 0.5:
+            rest(me, cmd)
+            me.t_z = 0.0
+            return
+        f_W = local(3)
+        position_force(me, ref, est, body, allocated.saturated, f_W)
+        to_body(est, f_W, cmd.f_B)
+        hold_attitude(me, ref, est, body, allocated.saturated, cmd)
+        want = Wanted(
+            local(3, 3), local(3), local(MAX_JOINTS), local(MAX_ROTORS), local(6, MAX_JOINTS)
+        )
+        if not fill_wanted(me, ref, est, body, model, kin, cmd, want):
+            return  # as of any law, the allocation knows what to do
+        if is_free(me, est, cmd, want):
+            for i in range(me.n):
+                told.thrust[i] = want.thrust[i]
+        else:
+            told.limits = solve_task(me, est, body, cmd, want, told.thrust)
+        told.given = 1.0 if told.limits < 2.5 else 0.0
