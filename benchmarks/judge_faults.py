@@ -118,6 +118,16 @@ def judge(folder: Path) -> Judged:
     )  # fmt: skip
 
 
+FIELDS = (*Judged._fields, "commit")
+"""Columns of the table; `commit` is that of the flight, where it is known."""
+
+
+def to_row(r: Judged) -> dict[str, str]:
+    """Return the row of the table, all but the commit."""
+    values = (round(x, 2) if isinstance(x, float) else x for x in r)
+    return {k: str(v) for k, v in zip(Judged._fields, values, strict=True)} | {"commit": ""}
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folders", type=Path, nargs="+")
@@ -135,9 +145,9 @@ def main() -> int:
         )
     if a.table is not None:
         with a.table.open("w", encoding="utf-8", newline="") as file:
-            out = csv.writer(file, lineterminator="\n")
-            out.writerow(Judged._fields)
-            out.writerows([*(round(x, 2) if isinstance(x, float) else x for x in r)] for r in rows)
+            out = csv.DictWriter(file, FIELDS, lineterminator="\n")
+            out.writeheader()
+            out.writerows(to_row(r) for r in rows)
     good = sum(r.passed for r in rows)
     print(f"{good} of {len(rows)} flights pass; {sum(r.rule != '-' for r in rows)} ended by a rule")
     return 0 if good == len(rows) else 1
