@@ -38,6 +38,7 @@ class Senses:
         self._touching: bool | None = None
         self.responding = False  # a rule has acted
         self.failure = ""  # of the robot's computer
+        self.restarts = False  # what failed is started again
 
     def refresh(self) -> None:
         """A tick has passed."""
