@@ -1,4 +1,4 @@
-"""Fly conditions of benchmarks/faults-MISSION.csv and judge each: `python benchmarks/fly_faults.py`.
+"""Fly the conditions of benchmarks/faults-MISSION.csv, and judge each flight.
 
     python benchmarks/fly_faults.py [MISSION...] [--again RUN...] [--keep FOLDER] [--table FILE]
 

@@ -74,9 +74,8 @@ class Watchdog:
         for (record, name), first in self._memories.items():
             rows = self.assembly.records[record, name]
             law = next(c for c in self._laws if c.name == name)
-            if failed.component is law or (failed.component is None and isinstance(law, Law)):
-                rows[:] = first
-            elif not np.all(np.isfinite(rows.view(np.float64))):
+            failed_one = failed.component or next(c for c in self._laws if isinstance(c, Law))
+            if law is failed_one or not np.all(np.isfinite(rows.view(np.float64))):
                 rows[:] = first
 
 

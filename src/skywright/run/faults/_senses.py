@@ -39,6 +39,9 @@ class Senses:
         self.responding = False  # a rule has acted
         self.failure = ""  # of the robot's computer
         self.restarts = False  # what failed is started again
+        self.carrying = False  # when a rule acted
+        self.stuck: set[int] = set()  # joints, from 0, that do not follow
+        self.doubt = np.zeros(3)  # m in W, from the estimate to where the robot may be as well
 
     def refresh(self) -> None:
         """A tick has passed."""

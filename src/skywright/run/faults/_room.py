@@ -1,0 +1,152 @@
+"""Where a robot that has to land finds room below, though it may be elsewhere than it believes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.models.geometry import ClearanceQuery, compute_clearance
+
+if TYPE_CHECKING:
+    from skywright.run.faults._senses import Senses
+    from skywright.run.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+
+MARGIN, WAY_MARGIN = 0.08, 0.1  # m, kept from everything on the way down and aside
+SINK = 0.35  # m/s, of an emergency landing
+FAR, ANGLES, RISES = (
+    (0.3, 0.6, 0.9, 1.3, 1.8),
+    12,
+    (0.0, 0.3, 0.6),
+)  # m, -, m: places that are tried
+LOOK_M = 0.1  # m between looks on the way
+SIGMAS, DRIFTS_S, DRIFT_M = 3.0, 0.2, 0.5  # of the drift without localisation: s, m at most
+TOUCH_Q = 0.05  # rad between looks of parts of the robot that might meet
+
+
+def list_places(s: Supervisor, row: Any) -> list[Array]:
+    """Return where the robot may be, relative to its estimate: (3,) m each, the first is zero.
+
+    Where the estimate jumped, it may be where it was thought before. Without localisation it
+    drifts until it is down, as the square of the time, from the deviation that the filter states.
+    """
+    v, out = s.senses, [np.zeros(3)]
+    if float(np.linalg.norm(v.doubt)) > MARGIN:
+        out.append(np.array(v.doubt))
+    age = v.fix_age
+    if age > DRIFTS_S:
+        last = (float(row["p_WB"][2]) - s.ground_height) / SINK
+        drift = SIGMAS * float(v.vehicle.pose_std) * (1.0 + last / age) ** 2
+        size = min(drift, DRIFT_M) if math.isfinite(drift) else DRIFT_M
+        out += [
+            size * np.array([math.cos(a), math.sin(a), 0.0]) for a in np.arange(4) * math.pi / 2
+        ]
+    return out
+
+
+def find_room(s: Supervisor, row: Any) -> list[Array]:
+    """Return the places, the first of them here, over which the robot gets free of what is below.
+
+    The nearest place from which the way down is free, straight or after a rise, on a way that
+    comes no closer to anything; where none is, the one with the largest distance.
+    """
+    query = s.surroundings() if s.surroundings is not None else None
+    here = np.array(row["p_WB"])
+    if query is None:
+        return [here]
+    places = list_places(s, row)
+    down = min(_measure_down(s, query, here + d, row) for d in places)
+    if down > MARGIN:
+        return [here]
+    best, most = [here], down
+    begin = [_measure(s, query, here + d, row) for d in places]
+    for way in _list_ways(here):
+        gap = math.inf
+        for d, first in zip(places, begin, strict=True):
+            keeps = min(_measure(s, query, p + d, row) for p in _walk(way))
+            if keeps < min(first, WAY_MARGIN) - 0.01:
+                gap = min(gap, keeps)
+            else:
+                gap = min(gap, _measure_down(s, query, way[-1] + d, row))
+            if gap <= most:
+                break
+        if gap > MARGIN:
+            return way
+        if gap > most:
+            best, most = way, gap
+    return best
+
+
+def _list_ways(here: Array) -> Iterator[list[Array]]:
+    for rise in RISES:
+        above = here + [0.0, 0.0, rise]
+        for far in FAR:
+            for angle in np.arange(ANGLES) * 2.0 * math.pi / ANGLES:
+                there = above + far * np.array([math.cos(angle), math.sin(angle), 0.0])
+                yield [here, above, there] if rise else [here, there]
+
+
+def _walk(way: list[Array]) -> Iterator[Array]:
+    for a, b in pairwise(way):
+        n = max(math.ceil(float(np.linalg.norm(b - a)) / LOOK_M), 1)
+        for i in range(1, n + 1):
+            yield a + i / n * (b - a)
+
+
+def _measure_down(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
+    """Return the smallest distance (m) to anything but the ground on the way down from p."""
+    arc = s.uav.arc
+    low = s.ground_height if arc is None else arc.top
+    way = [(p * [1.0, 1.0, 0.0] + [0.0, 0.0, z], row) for z in np.arange(low + 0.05, p[2], LOOK_M)]
+    if arc is not None:  # then backward, as the link is laid down
+        back, heights = arc.compute_path(lean := np.linspace(0.0, arc.lean, 6))
+        ahead = row["R_WB"][:, 0] / np.hypot(*row["R_WB"][:2, 0]) * [1.0, 1.0, 0.0]
+        for b, z, share in zip(back, heights, lean / arc.lean, strict=True):
+            lying = row.copy()
+            lying["q"][arc.swing] = share * arc.landed
+            way.append((p * [1.0, 1.0, 0.0] + b * ahead + [0.0, 0.0, z], lying))
+    return min((_measure(s, query, place, posed) for place, posed in way), default=math.inf)
+
+
+def _measure(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
+    n = s.vehicle.n_joints
+    return float(compute_clearance(query, p, row["R_WB"], np.array(row["q"][:n])).distance)
+
+
+def hold_stuck(v: Senses, q: Array) -> Array:
+    """Return joints q with those that do not follow where they are."""
+    q = np.array(q)
+    for j in v.stuck:
+        q[j] = v.estimate["q"][j]
+    return q
+
+
+def is_apart(query: ClearanceQuery | None, a: Array, b: Array) -> bool:
+    """Whether no two parts of the robot meet that are apart in posture a, on the way to posture b.
+
+    Both (n_joints,) rad, in the nominal scene; without one nothing is known, and this is False.
+    """
+    if query is None:
+        return False
+    model, data = query.model, mujoco.MjData(query.model)
+    root = model.body("platform").id
+    met = set[tuple[int, int]]()
+    n = max(math.ceil(float(np.max(np.abs(b - a), initial=0.0)) / TOUCH_Q), 1)
+    for i in range(n + 1):
+        data.qpos[:3] = 0.0, 0.0, 100.0  # far from everything
+        data.qpos[query.core.joint_qpos] = a + i / n * (b - a)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        own = model.body_rootid[model.geom_bodyid[data.contact.geom]] == root
+        meets = {(int(g), int(h)) for g, h in data.contact.geom[np.all(own, axis=1)]}
+        met = meets if i == 0 else met
+        if meets - met:
+            return False
+    return True
