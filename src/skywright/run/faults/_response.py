@@ -304,9 +304,10 @@ def _descend(s: Supervisor, here: bool) -> None:
     """Sink until the robot stays behind its reference: it stands. The arm folds on the way.
 
     The estimated height may be wrong by more than a meter: it sinks on below where the ground
-    should be, and faster, as the estimated speed may be wrong as well. Where no rotors are left to hold the heading, it is not commanded: half a turn away from it
-    the error of the attitude tells nothing of the tilt. It waits where the arm would not be folded
-    FOLDED above the ground. `here`: room ahead is not known.
+    should be, and faster, as the estimated speed may be wrong as well. Where no rotors are left to
+    hold the heading, it is not commanded: half a turn away from it the error of the attitude tells
+    nothing of the tilt. It waits where the arm would not be folded FOLDED above the ground.
+    `here`: room ahead is not known.
     """
     s.faults.land()
     row = build_rest(s)
