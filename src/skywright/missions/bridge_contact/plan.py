@@ -134,8 +134,8 @@ def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> Missio
     if not blocked:
         blocked = _check_way(setup, stations, free, q_ready, stand_off, survey)
     found = ContactPlan(
-        stations, q_ready, q_touch, dock_tip, free, rest, pressed, largest, limit, borne, free_limit,
-        free_forces, stand_off, survey,
+        stations, q_ready, q_touch, dock_tip, free, rest, pressed, largest, limit, borne,
+        free_limit, free_forces, stand_off, survey,
     )  # fmt: skip
     each = task.ramp_s + task.settle_s + task.hold_s
     total = len(stations) * (len(task.forces_n) + len(free_forces)) * each + 40.0
@@ -181,7 +181,7 @@ def _check(d: Description, task: BridgeContact) -> Structure:
 def _plan_docked(
     d: Description, task: BridgeContact, station: Station, unsure: float, level: bool
 ) -> tuple[float, float, DockedBalance | None, DockedBalance | None, str]:
-    """Return the computed and the borne press (N), the balances at no and at the largest force, or a refusal.
+    """Return the computed and the borne press (N), balances at no and the largest force, a refusal.
 
     `unsure` (rad) is how far the slope may be from the map's. Less is held back from a deck that is
     known to be `level`.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from skywright.core.rotations import exp_so3, log_so3
 from skywright.core.types import TASK_JOINTS
 from skywright.models.geometry import ClearanceQuery, compute_clearance
-from skywright.run.faults._room import SINK, WAY_MARGIN, find_room, hold_stuck, is_apart
+from skywright.run.faults._room import PACE, SINK, WAY_MARGIN, find_room, hold_stuck, is_apart
 from skywright.run.faults._rule import Response
 from skywright.run.faults._senses import Senses
 from skywright.vehicle.arms.ports import ArmModel, HandState
@@ -109,7 +109,7 @@ def respond(s: Supervisor, response: Response) -> None:
     if response == "land_here":
         s.begin("land here")
         for a, b in pairwise(find_room(s, row := build_rest(s))):
-            _fly(s, [a, b], row, SPEED, 0.8)
+            _fly(s, [a, b], row, *PACE)
     else:
         s.begin("come home")
         fly_back(s, s.trail.crumbs)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.models.geometry import ClearanceQuery, compute_clearance
+from skywright.vehicle.rest_to_rest import duration
 
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
@@ -21,33 +22,29 @@ Array = NDArray[np.float64]
 
 MARGIN, WAY_MARGIN = 0.08, 0.1  # m, kept from everything on the way down and aside
 SINK = 0.35  # m/s, of an emergency landing
-FAR, ANGLES, RISES = (
-    (0.3, 0.6, 0.9, 1.3, 1.8),
-    12,
-    (0.0, 0.3, 0.6),
-)  # m, -, m: places that are tried
+FAR, ANGLES, RISES = (0.3, 0.6, 0.9, 1.3, 1.8, 2.4), 12, (0.0, 0.3, 0.6)  # m, -, m: what is tried
+PACE = 0.4, 0.8  # m/s, m/s^2, aside
 LOOK_M = 0.1  # m between looks on the way
-SIGMAS, DRIFTS_S, DRIFT_M = 3.0, 0.2, 0.5  # of the drift without localisation: s, m at most
+SIGMAS, DRIFTS_S, DRIFT_M = 3.0, 0.2, 1.0  # of the drift without localisation: s, m at most
 TOUCH_Q = 0.05  # rad between looks of parts of the robot that might meet
 
 
-def list_places(s: Supervisor, row: Any) -> list[Array]:
+def list_places(s: Supervisor, row: Any, first: float = 0.0) -> list[Array]:
     """Return where the robot may be, relative to its estimate: (3,) m each, the first is zero.
 
     Where the estimate jumped, it may be where it was thought before. Without localisation it
     drifts until it is down, as the square of the time, from the deviation that the filter states.
+    It descends after `first` (s).
     """
     v, out = s.senses, [np.zeros(3)]
     if float(np.linalg.norm(v.doubt)) > MARGIN:
         out.append(np.array(v.doubt))
     age = v.fix_age
     if age > DRIFTS_S:
-        last = (float(row["p_WB"][2]) - s.ground_height) / SINK
+        last = first + (float(row["p_WB"][2]) - s.ground_height) / SINK
         drift = SIGMAS * float(v.vehicle.pose_std) * (1.0 + last / age) ** 2
         size = min(drift, DRIFT_M) if math.isfinite(drift) else DRIFT_M
-        out += [
-            size * np.array([math.cos(a), math.sin(a), 0.0]) for a in np.arange(4) * math.pi / 2
-        ]
+        out += [size * np.array(to) for to in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0))]
     return out
 
 
@@ -61,27 +58,33 @@ def find_room(s: Supervisor, row: Any) -> list[Array]:
     here = np.array(row["p_WB"])
     if query is None:
         return [here]
-    places = list_places(s, row)
-    down = min(_measure_down(s, query, here + d, row) for d in places)
-    if down > MARGIN:
-        return [here]
-    best, most = [here], down
-    begin = [_measure(s, query, here + d, row) for d in places]
-    for way in _list_ways(here):
-        gap = math.inf
-        for d, first in zip(places, begin, strict=True):
-            keeps = min(_measure(s, query, p + d, row) for p in _walk(way))
-            if keeps < min(first, WAY_MARGIN) - 0.01:
-                gap = min(gap, keeps)
-            else:
-                gap = min(gap, _measure_down(s, query, way[-1] + d, row))
-            if gap <= most:
-                break
-        if gap > MARGIN:
-            return way
+    best, most = [here], _measure_way(s, query, [here], row)
+    for way in _list_ways(here) if most <= MARGIN else ():
+        gap = _measure_way(s, query, way, row, most)
         if gap > most:
             best, most = way, gap
+        if gap > MARGIN:
+            break
     return best
+
+
+def _measure_way(
+    s: Supervisor, query: ClearanceQuery, way: list[Array], row: Any, least: float = -math.inf
+) -> float:
+    """Return the smallest distance (m) on a way and down from its end, wherever the robot is.
+
+    Where it begins close to something it may go on so. It looks no further below `least`.
+    """
+    gap = math.inf
+    legs = [float(np.linalg.norm(b - a)) for a, b in pairwise(way)]
+    for d in list_places(s, row, sum(duration(leg, *PACE) for leg in legs)):
+        keeps = min((_measure(s, query, p + d, row) for p in _walk(way)), default=math.inf)
+        if keeps < min(_measure(s, query, way[0] + d, row), WAY_MARGIN) - 0.01:
+            gap = min(gap, keeps)
+        gap = min(gap, _measure_down(s, query, way[-1] + d, row))
+        if gap <= least:
+            break
+    return gap
 
 
 def _list_ways(here: Array) -> Iterator[list[Array]]:
