@@ -45,7 +45,8 @@ def read_table(file: Path) -> Rows:
 @contextmanager
 def change_table(file: Path) -> Iterator[Rows]:
     """Read the table, let it be changed and write it; several processes may take turns."""
-    with file.with_suffix(".lock").open("w") as lock:
+    lock_file = Path(tempfile.gettempdir()) / f"{file.stem}.lock"
+    with lock_file.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         rows = read_table(file)
         yield rows
@@ -53,7 +54,6 @@ def change_table(file: Path) -> Iterator[Rows]:
             out = csv.DictWriter(text, FIELDS, lineterminator="\n")
             out.writeheader()
             out.writerows(row for _, row in sorted(rows.items()))
-    file.with_suffix(".lock").unlink(missing_ok=True)
 
 
 def fly(campaign: Campaign, run: int, keep: Path | None) -> dict[str, str]:

@@ -90,13 +90,13 @@ def goal_joints(v: Senses) -> Array:
 
 def respond(s: Supervisor, response: Response) -> None:
     """Fly a response; returns when the robot is down."""
-    v = s.senses
-    v.carrying = v.carrying or max(v.told("load")) > 0.0
     if response == "let_go":
         s.begin("let go")
         s.uav.motors(False)
         _wait_until_still(s, FALL_S)
         return
+    v = s.senses
+    v.carrying = v.carrying or max(v.told("load")) > 0.0
     if response == "land_here":
         _anchor(s)
     # a jolt is felt as a touch, and no time is to be lost on the way down
