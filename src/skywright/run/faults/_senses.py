@@ -137,12 +137,14 @@ class Senses:
         """Return where hands press, unit (3,) in W; None where they press nothing or carry.
 
         As commanded where a force is, otherwise as felt. A hand below the platform may press up.
+        An arm with a joint that does not follow feels its own swinging.
         """
         if max(self.told("load")) > 0.0:
             return None
         ref, felt = self.reference, np.sum(self.list_vectors(), axis=0)
         asked = [ref["f_WH"][h] for h in range(self.hands) if ref["task"][h] in PRESSING]
-        for force in (np.sum(asked, axis=0) if asked else np.zeros(3), felt):
+        commanded = np.sum(asked, axis=0) if asked else np.zeros(3)
+        for force in (commanded,) if self.stuck else (commanded, felt):
             size = float(np.linalg.norm(force))
             if size > FELT_N:
                 return np.asarray(force / size)
