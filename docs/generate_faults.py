@@ -87,9 +87,8 @@ def list_judged() -> list[str]:
     for f in bad:
         hits = f["later"]
         what = f"{hits} collisions after the rule" if hits != "0" else "not down, or no reason"
-        rows.append(
-            f"- `{f['mission']}` {int(f['run'])} ({f['fault']} at {float(f['start_s']):g} s): {what}"
-        )
+        when = f"{f['fault']} at {float(f['start_s']):g} s"
+        rows.append(f"- `{f['mission']}` {int(f['run'])} ({when}): {what}")
     return rows
 
 

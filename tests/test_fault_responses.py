@@ -10,8 +10,16 @@ import numpy as np
 import pytest
 
 from skywright.description.loader import load_description
+from skywright.models.geometry import compute_clearance
 from skywright.run.faults._response import BELOW, _descend
-from skywright.run.faults._room import MARGIN, find_room, hold_stuck, is_apart, list_places
+from skywright.run.faults._room import (
+    MARGIN,
+    find_open,
+    find_room,
+    hold_stuck,
+    is_apart,
+    list_places,
+)
 from skywright.run.setup import Setup
 from skywright.vehicle.interface import Ticked
 
@@ -40,7 +48,6 @@ def test_a_robot_over_a_bench_lands_beside_it_wherever_it_may_be(bench: Any) -> 
     way = find_room(s, over)
     assert len(way) > 1
     query, ends = s.surroundings(), []
-    from skywright.models.geometry import compute_clearance
 
     def measure(p: Any) -> float:
         heights = np.arange(0.5, p[2], 0.05)
@@ -57,6 +64,24 @@ def test_a_robot_over_a_bench_lands_beside_it_wherever_it_may_be(bench: Any) -> 
     finally:
         s.senses.doubt = np.zeros(3)
     assert min(ends) > MARGIN
+
+
+def test_hands_below_a_pipe_draw_back_downwards() -> None:
+    """The platform is above them: towards it is into the pipe."""
+    setup = Setup(load_description("sensor-install"))
+    query = setup.clearance_aloft
+    s: Any = SimpleNamespace(
+        surroundings=lambda: query, vehicle=SimpleNamespace(n_joints=9), senses=None
+    )
+    up = np.array([0.0, 0.0, 1.0])
+    row = {"p_WB": np.array([2.79, 0.045, 3.444]), "R_WB": np.eye(3),
+           "q": np.array([0.05, -0.12, 0.0, 0.0, -1.72, -0.12, 0.0, 0.0, -1.72])}  # fmt: skip
+    way = find_open(s, row, up, 0.25)
+    gaps = [
+        compute_clearance(query, row["p_WB"] + 0.25 * w, row["R_WB"], row["q"]).distance
+        for w in (way, up)
+    ]
+    assert gaps[0] > 0.2 > 0.0 > gaps[1] and way[2] < 0.5, (way, gaps)
 
 
 def test_without_localisation_the_place_is_less_known_the_longer_it_takes(bench: Any) -> None:

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from skywright.core.rotations import exp_so3, log_so3
 from skywright.core.types import TASK_JOINTS
 from skywright.models.geometry import ClearanceQuery, compute_clearance
-from skywright.run.faults._room import PACE, SINK, WAY_MARGIN, find_room, hold_stuck, is_apart
+from skywright.run.faults._room import (
+    PACE,
+    SINK,
+    WAY_MARGIN,
+    find_open,
+    find_room,
+    hold_stuck,
+    is_apart,
+)
 from skywright.run.faults._rule import Response
 from skywright.run.faults._senses import Senses
 from skywright.vehicle.arms.ports import ArmModel, HandState
@@ -145,10 +153,13 @@ def build_rest(s: Supervisor) -> Any:
 def retract(s: Supervisor) -> None:
     """Draw back from what is touched, along its normal, the arm as it is.
 
+    Hands that touch nothing yet may be below or beside it: away from what is nearest on the map.
     Fast after a rule has acted; by an order so slowly that a long arm feels no force of its own.
     """
-    away = s.senses.away
-    row = build_rest(s)
+    v, row = s.senses, build_rest(s)
+    away = v.away
+    if v.hands and not v.means_to_touch and v.find_pressed() is None:
+        away = find_open(s, row, away, RETRACT_M)
     pace = (RETRACT_SPEED, RETRACT_ACCELERATION) if s.senses.responding else CALM
     _fly(s, [row["p_WB"], row["p_WB"] + RETRACT_M * away], row, *pace)
 

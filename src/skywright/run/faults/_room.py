@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -24,6 +24,7 @@ MARGIN, WAY_MARGIN = 0.08, 0.1  # m, kept from everything on the way down and as
 SINK = 0.35  # m/s, of an emergency landing
 FAR, ANGLES, RISES = (0.3, 0.6, 0.9, 1.3, 1.8, 2.4), 12, (0.0, 0.3, 0.6)  # m, -, m: what is tried
 PACE = 0.4, 0.8  # m/s, m/s^2, aside
+WAYS = [np.array(w) / np.linalg.norm(w) for w in product((-1.0, 0.0, 1.0), repeat=3) if np.any(w)]
 LOOK_M = 0.1  # m between looks on the way
 SIGMAS, DRIFTS_S, DRIFT_M = 3.0, 0.2, 1.0  # of the drift without localisation: s, m at most
 TOUCH_Q = 0.05  # rad between looks of parts of the robot that might meet
@@ -46,6 +47,26 @@ def list_places(s: Supervisor, row: Any, first: float = 0.0) -> list[Array]:
         size = min(drift, DRIFT_M) if math.isfinite(drift) else DRIFT_M
         out += [size * np.array(to) for to in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0))]
     return out
+
+
+def find_open(s: Supervisor, row: Any, usual: Array, far: float) -> Array:
+    """Return the direction (3,) in which a robot that touches nothing gets away from what is near.
+
+    The one of WAYS, or the `usual` one, after which the distance is largest, `far` (m) on; one on
+    which it grows is preferred.
+    """
+    query = s.surroundings() if s.surroundings is not None else None
+    if query is None:
+        return usual
+    here = np.array(row["p_WB"])
+
+    first = _measure(s, query, here, row)
+
+    def measure(way: Array) -> tuple[bool, float]:
+        gaps = [_measure(s, query, p, row) for p in _walk([here, here + far * way])]
+        return min(gaps) > first - 0.01, gaps[-1]
+
+    return max([usual, *WAYS], key=measure)
 
 
 def find_room(s: Supervisor, row: Any) -> list[Array]:

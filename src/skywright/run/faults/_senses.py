@@ -133,7 +133,7 @@ class Senses:
         """Whether hands are led to something, or the robot touches: it is near a structure."""
         return self.touching or any(t != TASK_JOINTS for t in self.told("task")[: self.hands])
 
-    def _find_pressed(self) -> Array | None:
+    def find_pressed(self) -> Array | None:
         """Return where hands press, unit (3,) in W; None where they press nothing or carry.
 
         As commanded where a force is, otherwise as felt. A hand below the platform may press up.
@@ -158,7 +158,7 @@ class Senses:
             return np.array(ref["R_WS"][:, 2])
         if ref["press"] > 0.0 or ref["docked"] > 0.0 or self.vehicle.in_contact():
             return -np.array(est["R_WT"][:, 2])
-        pressed = self._find_pressed() if self.hands else None
+        pressed = self.find_pressed() if self.hands else None
         if pressed is not None:
             return -pressed
         if self.hands:
