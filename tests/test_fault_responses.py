@@ -11,13 +11,13 @@ import pytest
 
 from skywright.description.loader import load_description
 from skywright.models.geometry import compute_clearance
+from skywright.models.self_contact import is_apart
 from skywright.run.faults._response import BELOW, _descend
 from skywright.run.faults._room import (
     MARGIN,
     find_open,
     find_room,
     hold_stuck,
-    is_apart,
     list_places,
 )
 from skywright.run.setup import Setup

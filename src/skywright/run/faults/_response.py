@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from skywright.core.rotations import exp_so3, log_so3
 from skywright.core.types import TASK_JOINTS
 from skywright.models.geometry import ClearanceQuery, compute_clearance
+from skywright.models.self_contact import is_apart
 from skywright.run.faults._room import (
     PACE,
     SINK,
@@ -21,7 +22,6 @@ from skywright.run.faults._room import (
     find_open,
     find_room,
     hold_stuck,
-    is_apart,
 )
 from skywright.run.faults._rule import Response
 from skywright.run.faults._senses import Senses

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +26,6 @@ PACE = 0.4, 0.8  # m/s, m/s^2, aside
 WAYS = [np.array(w) / np.linalg.norm(w) for w in product((-1.0, 0.0, 1.0), repeat=3) if np.any(w)]
 LOOK_M = 0.1  # m between looks on the way
 SIGMAS, DRIFTS_S, DRIFT_M = 3.0, 0.2, 1.0  # of the drift without localisation: s, m at most
-TOUCH_Q = 0.05  # rad between looks of parts of the robot that might meet
 
 
 def list_places(s: Supervisor, row: Any, first: float = 0.0) -> list[Array]:
@@ -150,27 +148,3 @@ def hold_stuck(v: Senses, q: Array) -> Array:
     for j in v.stuck:
         q[j] = v.estimate["q"][j]
     return q
-
-
-def is_apart(query: ClearanceQuery | None, a: Array, b: Array) -> bool:
-    """Whether no two parts of the robot meet that are apart in posture a, on the way to posture b.
-
-    Both (n_joints,) rad, in the nominal scene; without one nothing is known, and this is False.
-    """
-    if query is None:
-        return False
-    model, data = query.model, mujoco.MjData(query.model)
-    root = model.body("platform").id
-    met = set[tuple[int, int]]()
-    n = max(math.ceil(float(np.max(np.abs(b - a), initial=0.0)) / TOUCH_Q), 1)
-    for i in range(n + 1):
-        data.qpos[:3] = 0.0, 0.0, 100.0  # far from everything
-        data.qpos[query.core.joint_qpos] = a + i / n * (b - a)
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_collision(model, data)
-        own = model.body_rootid[model.geom_bodyid[data.contact.geom]] == root
-        meets = {(int(g), int(h)) for g, h in data.contact.geom[np.all(own, axis=1)]}
-        met = meets if i == 0 else met
-        if meets - met:
-            return False
-    return True
