@@ -222,7 +222,7 @@ def _plan_docked(
             break
     if best is not None:
         borne, refusal = math.nan, ""
-        if unsure == 0.0:
+        if unsure == 0.0 and not calm:
             borne, refusal = check_borne(d, largest, station, drag)
         return limit, borne, *best, refusal
     refusal = (
