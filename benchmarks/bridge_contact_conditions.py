@@ -60,9 +60,9 @@ def find_limit(row: dict[str, Any]) -> float:
     plan = plan_mission(load_description("bridge-contact", sets=sets))
     if not plan.feasible:
         return math.nan
-    task: Any = plan.way
+    way: Any = plan.way
     calm = row["world.structure.slope_deg"] == 0.0 and row["world.wind.mean_mps"] == 0.0
-    return float((0.95 if calm else 0.8) * task.limit_n)
+    return float(min((0.95 if calm else 0.8) * way.limit_n, way.borne_n))
 
 
 def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:

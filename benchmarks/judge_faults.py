@@ -8,7 +8,9 @@ nothing; it lasts until nothing is touched for 0.3 s, so what was hit before the
 still touched counts once. A flight passes when it is down, no collision began after the rule had
 acted, and a flight that did not succeed has a reason. What is touched, a model of the true scene
 tells, posed as recorded: an arm that hangs without torque meets the ground first, which at the
-speed of a landing is none, and neither is the ground for a robot that falls.
+speed of a landing is none, and neither is the ground for a robot that falls. Counted apart, as
+`own`, are contacts of the robot with itself or with what it carries alone: a forearm without
+torque swings against its base, and a tool that is set down on the ground meets the arms.
 `--table FILE` writes the result, one row a flight. Exit code 1 when one fails.
 """
 
@@ -52,6 +54,7 @@ class Judged(NamedTuple):
     outcome: str
     before: int
     later: int
+    own: int
     is_down: bool
     passed: bool
     reason: str
@@ -63,14 +66,27 @@ def list_collisions(s: Any, aloft: Any) -> list[int]:
     return [int(k) for k in at[np.diff(s["t"][at], prepend=-np.inf) > APART_S]]
 
 
-def list_touched(d: Description[Any], s: Any) -> tuple[set[str], set[str]]:
-    """Return the names of what the robot touches at a sample, and what but for its feet."""
+class Touched(NamedTuple):
+    """What meets at a sample."""
+
+    all: set[str]  # that is not of the robot
+    but_feet: set[str]  # of it, what other parts than the feet meet
+    own: set[frozenset[str]]  # parts of the robot that meet each other
+    stands: bool  # what moves lies or stands on the ground
+
+
+def list_touched(d: Description[Any], s: Any) -> Touched:
+    """Return what meets at a sample, robot and movable things posed as recorded."""
     scene = build_scene(d.robot, d.true_world)
     model, places = scene.model, scene.places
     model.geom_margin[:] = NEAR_M
     data = mujoco.MjData(model)
     data.qpos[:7] = [*s["p_WB"], *s["q_WB"]]
     data.qpos[places.joint_qpos] = s["q"]
+    moved = find_movable(d, model)
+    if moved and "object0_p_WO" in s.dtype.names:
+        body = model.geom_bodyid[next(iter(moved))]
+        model.body_pos[body], model.body_quat[body] = s["object0_p_WO"], s["object0_q_WO"]
     mujoco.mj_forward(model, data)
     robot, feet = set(places.robot_geoms.tolist()), set(places.feet_geoms.tolist())
     pairs = [{int(c.geom1), int(c.geom2)} for c in data.contact]
@@ -78,13 +94,31 @@ def list_touched(d: Description[Any], s: Any) -> tuple[set[str], set[str]]:
     def name(wanted: set[int]) -> set[str]:
         return {model.geom(g).name for p in pairs if p & wanted for g in p - robot}
 
-    return name(robot), name(robot - feet)
+    own = {frozenset(model.geom(g).name for g in p) for p in pairs if p <= robot}
+    lowest = min((float(data.geom_xpos[g][2] - model.geom_rbound[g]) for g in moved), default=1.0)
+    return Touched(name(robot), name(robot - feet), own, lowest < NEAR_M)
+
+
+def find_movable(d: Description[Any], model: mujoco.MjModel) -> set[int]:
+    """Return the geoms of the thing that can be carried, its first one first."""
+    names = [n for n, thing in d.true_world.things.items() if getattr(thing, "mass_kg", 0.0)]
+    return {g for g in range(model.ngeom) for n in names[:1] if model.geom(g).name.startswith(n)}
 
 
 def _is_landing(d: Description[Any], s: Any, falls: bool) -> bool:
     """Whether a hit is the ground: of a robot that falls, or an arm's as slow as a landing."""
     slow = float(np.linalg.norm(s["v_WB"])) < LANDING_MPS
-    return (falls or slow) and list_touched(d, s)[1] == {"ground"}
+    return (falls or slow) and list_touched(d, s).but_feet == {"ground"}
+
+
+def _is_own(d: Description[Any], s: Any, start: Any) -> bool:
+    """Whether only parts of the robot meet each other, or what it carries."""
+    met = list_touched(d, s)
+    model = build_scene(d.robot, d.true_world).model
+    carried = {model.geom(g).name for g in find_movable(d, model)}
+    if met.but_feet:
+        return met.but_feet <= carried
+    return bool(met.own - list_touched(d, start).own)
 
 
 def judge(folder: Path) -> Judged:
@@ -101,11 +135,13 @@ def judge(folder: Path) -> Judged:
     at = acted[0]["t_s"] if acted else np.inf
     still = float(np.linalg.norm(s["v_WB"][-1])) < STILL_MPS
     off = float(np.sum(s["rotor_thrust"][-1])) < OFF_N
-    is_down = still and off and "ground" in list_touched(d, s[-1])[0]
+    is_down = still and off and "ground" in list_touched(d, s[-1]).all
     begins = list_collisions(s, aloft)
     falls = any(a["response"] == "let_go" for a in acted)
     first = sum(s["t"][k] <= at for k in begins)
-    later = sum(s["t"][k] > at and not _is_landing(d, s[k], falls) for k in begins)
+    others = [k for k in begins if s["t"][k] > at and not _is_landing(d, s[k], falls)]
+    own = sum(_is_own(d, s[k], s[0]) for k in others)
+    later = len(others) - own
     has_reason = told["outcome"] == "succeeded" or bool(told["reason"])
     if told["outcome"] == "failed":  # the requirements say why
         has_reason = any(not r["passed"] for r in told["requirements"])
@@ -114,8 +150,18 @@ def judge(folder: Path) -> Judged:
     return Judged(
         folder.name, d.mission.name, what, fault.table.start_s,
         "+".join(a["rule"] for a in acted) or "-", at - fault.table.start_s, told["outcome"],
-        first, later, is_down, is_down and has_reason and later == 0, told["reason"],
+        first, later, own, is_down, is_down and has_reason and later == 0, told["reason"],
     )  # fmt: skip
+
+
+FIELDS = (*Judged._fields, "commit")
+"""Columns of the table; `commit` is that of the flight, where it is known."""
+
+
+def to_row(r: Judged) -> dict[str, str]:
+    """Return the row of the table, all but the commit."""
+    values = (round(x, 2) if isinstance(x, float) else x for x in r)
+    return {k: str(v) for k, v in zip(Judged._fields, values, strict=True)} | {"commit": ""}
 
 
 def main() -> int:
@@ -130,14 +176,15 @@ def main() -> int:
         mark = "ok  " if r.passed else "FAIL"
         print(
             f"{mark} {r.run:12s} {r.mission:15s} {r.start_s:6.1f} s {r.fault[:60]:60s} "
-            f"{r.rule:34s} {r.after_s:+6.2f} s {r.outcome:9s} hits {r.before}/{r.later} "
+            f"{r.rule:34s} {r.after_s:+6.2f} s {r.outcome:9s} "
+            f"hits {r.before}/{r.later}, own {r.own} "
             f"{'down' if r.is_down else 'NOT DOWN'} {r.reason[:70]}"
         )
     if a.table is not None:
         with a.table.open("w", encoding="utf-8", newline="") as file:
-            out = csv.writer(file, lineterminator="\n")
-            out.writerow(Judged._fields)
-            out.writerows([*(round(x, 2) if isinstance(x, float) else x for x in r)] for r in rows)
+            out = csv.DictWriter(file, FIELDS, lineterminator="\n")
+            out.writeheader()
+            out.writerows(to_row(r) for r in rows)
     good = sum(r.passed for r in rows)
     print(f"{good} of {len(rows)} flights pass; {sum(r.rule != '-' for r in rows)} ended by a rule")
     return 0 if good == len(rows) else 1

@@ -5,14 +5,16 @@ python docs/generate_faults.py     (a test holds the page equal to it)
 
 from __future__ import annotations
 
+import csv
 import inspect
 from pathlib import Path
 
 from skywright.core.find import find, list_kinds
 from skywright.run.faults._rule import RESPONSES
 
+JUDGED = Path(__file__).parents[1] / "benchmarks" / "faults-judged.csv"
 PAGE = Path(__file__).parent / "howto" / "faults.md"
-TABLES = ("rules", "responses", "faults")
+TABLES = ("rules", "responses", "faults", "judged")
 
 
 def list_rules() -> list[str]:
@@ -52,9 +54,48 @@ def list_faults() -> list[str]:
     return rows
 
 
+def list_judged() -> list[str]:
+    """Count the flights of benchmarks/faults-judged.csv, a row a kind of fault, and list failures.
+
+    `sensor=localisation` and the like are one kind.
+    """
+    with JUDGED.open(encoding="utf-8", newline="") as file:
+        flights = list(csv.DictReader(file))
+    missions = sorted({f["mission"] for f in flights})
+    kinds = sorted({f["fault"].split()[0] for f in flights})
+
+    def count(chosen: list[dict[str, str]]) -> str:
+        good = sum(f["passed"] == "True" for f in chosen)
+        return f"{good} of {len(chosen)}" if chosen else "-"
+
+    rows = ["| fault | " + " | ".join(f"`{m}`" for m in missions) + " | all |"]
+    rows.append("|---|" + "---|" * (len(missions) + 1))
+    for kind in [*kinds, ""]:
+        mine = [f for f in flights if kind in ("", f["fault"].split()[0])]
+        cells = [count([f for f in mine if f["mission"] == m]) for m in missions]
+        rows.append(" | ".join([f"| {kind or 'all'}", *cells, f"{count(mine)} |"]))
+    ended = sum(f["rule"] != "-" for f in flights)
+    own = sum(int(f["own"]) > 0 for f in flights)
+    rows += [
+        "",
+        f"A rule ended {ended} of the {len(flights)} flights. In {own} the robot touched itself or "
+        "its load after that.",
+    ]
+    bad = [f for f in flights if f["passed"] != "True"]
+    if bad:
+        rows += ["", "These flights did not pass:", ""]
+    for f in bad:
+        hits = f["later"]
+        what = f"{hits} collisions after the rule" if hits != "0" else "not down, or no reason"
+        when = f"{f['fault']} at {float(f['start_s']):g} s"
+        rows.append(f"- `{f['mission']}` {int(f['run'])} ({when}): {what}")
+    return rows
+
+
 def build_page(text: str) -> str:
     """Return the page with its tables made anew."""
-    for name, make in zip(TABLES, (list_rules, list_responses, list_faults), strict=True):
+    makers = (list_rules, list_responses, list_faults, list_judged)
+    for name, make in zip(TABLES, makers, strict=True):
         begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
         head, rest = text.split(begin)
         text = head + begin + "\n" + "\n".join(make()) + "\n\n" + end + rest.split(end)[1]

@@ -391,16 +391,17 @@ def test_a_robot_with_a_long_link_lands_where_it_is_and_behind():
 
 
 def check_fallen(result, start):
-    """The computer's failure was answered: motors off at once, and the robot lies."""
-    (acted,) = result.acted
-    assert (acted.rule, acted.response) == ("computer_failed", "let_go")
-    assert start <= acted.t_s < start + 0.1
-    assert result.outcome == "aborted" and acted.says == result.reason
+    """The law's second failure was answered: motors off at once, and the robot lies."""
+    first, second = result.acted
+    assert (first.rule, first.response) == ("computer_failed", "land_here")
+    assert (second.rule, second.response) == ("computer_failed", "let_go")
+    assert start <= first.t_s < second.t_s < start + 0.2
+    assert result.outcome == "aborted" and result.reason == f"{first.says}; then {second.says}"
     s = result.samples
     assert np.isfinite(s["rotor_thrust"]).all()
-    assert np.isfinite(s["cmd_f_B"][s["t"] > acted.t_s + 0.02]).all()
-    assert s["rotor_thrust"][s["t"] > acted.t_s + 0.5].max() < 0.2  # they run down
-    assert s["t"][-1] > acted.t_s + 2.5
+    assert np.isfinite(s["cmd_f_B"][s["t"] > second.t_s + 0.02]).all()
+    assert s["rotor_thrust"][s["t"] > second.t_s + 0.5].max() < 0.2  # they run down
+    assert s["t"][-1] > second.t_s + 2.5
     assert s["p_WB"][-1, 2] < result.description.robot.platform.gear_height_m + 0.3
     assert np.linalg.norm(s["v_WB"][-1]) < 0.1
 
@@ -412,11 +413,22 @@ def check_fallen(result, start):
         ("waypoints", None, "hangs"),
     ],
 )  # fmt: skip
-def test_a_computer_that_fails_lets_the_robot_fall(mission, robot, how):
+def test_a_law_that_fails_once_is_started_again_and_the_robot_lands(mission, robot, how):
     sets = [f"plant.faults.a.{k}" for k in ("kind=computer", f"how={how}", "start_s=7")]
     result = fly_and_evaluate(load_description(mission, robot, sets=sets))
-    check_fallen(result, 7.0)
+    check_down(result, "computer_failed", 7.0, 0.1, "land_here")
     assert "control law" in result.reason
+    s = result.samples
+    gap = s[(s["t"] > 7.0) & (s["t"] < 7.06)]  # the rotors go on as they were
+    assert np.abs(np.diff(gap["rotor_thrust"], axis=0)).max() < 0.5
+    assert s["v_WB"][:, 2].min() > -0.8  # it sinks and does not fall
+
+
+@pytest.mark.parametrize("how", ["raises", "nan"])
+def test_a_law_that_fails_again_lets_the_robot_fall(how):
+    keys = ("kind=computer", f"how={how}", "start_s=7", "again=true")
+    d = load_description("waypoints", "othex", sets=[f"plant.faults.a.{k}" for k in keys])
+    check_fallen(fly_and_evaluate(d), 7.0)
 
 
 def test_a_users_law_that_raises_in_the_air_is_named(tmp_path):

@@ -10,6 +10,7 @@ from skywright.errors import InputError
 from skywright.evidence.bench.flights import fly_to_hover
 from skywright.models.scene import build_scene
 from skywright.models.timestep import find_stiff_contact, list_time_constants
+from skywright.run.planning import plan_mission
 from skywright.run.setup import Setup
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.set_up import check_rate
@@ -36,6 +37,12 @@ def test_too_stiff_contacts_are_refused_by_name(name, what):
         build(name, 0.002)
     assert what in str(told.value) and "ms" in str(told.value)
     build(name, 0.001)
+
+
+def test_a_plan_refuses_what_would_not_fly():
+    sets = ["mission.timestep_ms=2"]
+    with pytest.raises(InputError, match="timestep_ms = 2 is too long for 'f550-bridge'"):
+        plan_mission(load_description("bridge-contact", sets=sets))
 
 
 def test_docking_feet_grow_unstable_where_the_rule_says():

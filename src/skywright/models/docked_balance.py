@@ -13,6 +13,7 @@ because every condition is linear.
 """
 
 import math
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,21 @@ FRICTION_SHARE = (0.25, 0.5, 0.7, 0.95)
 """Share of a foot's friction that may be used: the least that leaves the rotors MARGIN is taken,
 for what is left holds gusts and errors of the model."""
 MARGIN = 0.05
+"""Of a rotor's range: while it holds a press, a rotor's thrust varies by 1 % (one deviation)."""
+HALF, LEAST_N = 0.5, 0.5  # of the feet's friction, and N on each foot, with a plant's errors
+
+
+class Spread(NamedTuple):
+    """The errors that a plant is stated to have (defaults of the root `plant`)."""
+
+    weight: float = 0.03
+    thrust: float = 0.03  # of all rotors
+    rotors: float = 0.02  # one deviation, between rotors
+    center: float = 0.004  # m, of the centre of mass, an axis
+    drag: float = 0.2
+
+
+SPREAD = Spread()
 
 
 class DockedBalance(NamedTuple):
@@ -70,8 +86,56 @@ def compute_docked_balance(
     return best
 
 
-def _solve(docked: DockedRobot, load: Array, least: float, share: float) -> DockedBalance | None:
-    """Solve over (thrusts n, plane of normals 3, tangential 2 a foot, margin)."""
+def compute_borne_press(
+    docked: DockedRobot, stance: Stance, *, R_WB: Array, drag_B: Array | None = None
+) -> float:
+    """Return the largest press (N) that a robot bears with the errors that a plant may have.
+
+    With each of SPREAD's errors at its bad end, the feet use HALF of their friction, carry LEAST_N
+    each, and the rotors keep MARGIN of their range. The docked robot's layout must have the whole
+    thrust, without `thrust_fraction`, whose reserve is what SPREAD takes. NaN where it cannot even
+    rest like that.
+    """
+    e, up_B = SPREAD, R_WB[2]
+    weight = -(1.0 + e.weight) * stance.mass * docked.gravity * up_B
+    drag = np.zeros(6) if drag_B is None else (1.0 + e.drag) * drag_B
+    layout = docked.layout
+    kept = (1.0 - e.thrust) * (1.0 - 2.0 * e.rotors)  # two deviations, of one rotor
+    docked = docked._replace(layout=layout._replace(t_max=kept * layout.t_max))
+    push = wrench_at(np.array([0.0, 0.0, -1.0]), stance.tip)
+    most = math.inf
+    for x, y in product((-e.center, e.center), repeat=2):
+        load = wrench_at(weight, stance.p_BC + [x, y, e.center]) + drag
+        rest = _solve(docked, load, LEAST_N, HALF)
+        if rest is None or rest.margin < MARGIN:
+            return math.nan
+        most = min(most, _solve_most(docked, load, push))
+    return most
+
+
+def _solve_most(docked: DockedRobot, load: Array, push: Array) -> float:
+    """Return the largest multiple of the wrench `push` (6,) that the robot bears beside `load`."""
+    p = _build_programme(docked, LEAST_N, HALF)
+    cost = np.zeros(p.balance.shape[1] + 1)
+    cost[-1] = -1.0
+    bounds = [(None, None)] * (len(cost) - 2) + [(MARGIN, None), (0.0, None)]
+    found = linprog(
+        cost, A_ub=np.column_stack([p.rows, np.zeros(len(p.rows))]), b_ub=p.limits,
+        A_eq=np.column_stack([p.balance, push]), b_eq=-load, bounds=bounds, method="highs",
+    )  # fmt: skip
+    return float(found.x[-1]) if found.status == 0 else 0.0
+
+
+class _Programme(NamedTuple):
+    """Conditions over (thrusts n, plane of normals 3, tangential 2 a foot, margin)."""
+
+    balance: Array  # (6, size), wrenches
+    rows: Array  # (k, size)
+    limits: Array  # (k,)
+    plane: Array  # (feet, 3)
+
+
+def _build_programme(docked: DockedRobot, least: float, share: float) -> _Programme:
     layout, feet = docked.layout, docked.feet
     n, m = len(layout.t_max), len(feet)
     size = n + 3 + 2 * m + 1
@@ -103,13 +167,19 @@ def _solve(docked: DockedRobot, load: Array, least: float, share: float) -> Dock
             row[i], row[-1] = sign, reach[i]
             rows.append(row)
             limits.append(limit)
+    return _Programme(balance, np.array(rows), np.array(limits), plane)
+
+
+def _solve(docked: DockedRobot, load: Array, least: float, share: float) -> DockedBalance | None:
+    """Find the balance of a load with the largest margin."""
+    balance, rows, limits, plane = _build_programme(docked, least, share)
+    n, m, size = len(docked.layout.t_max), len(docked.feet), balance.shape[1]
     cost = np.zeros(size)
     cost[-1] = -1.0
     bounds = [(None, None)] * (size - 1) + [(0.0, 0.5)]
     found = linprog(
-        cost, A_ub=np.array(rows), b_ub=np.array(limits), A_eq=balance, b_eq=-load, bounds=bounds,
-        method="highs",
-    )  # fmt: skip
+        cost, A_ub=rows, b_ub=limits, A_eq=balance, b_eq=-load, bounds=bounds, method="highs"
+    )
     if found.status != 0:
         return None
     x = np.asarray(found.x)

@@ -6,15 +6,24 @@ in a posture that the robot takes every day (folded, landed, working) are neighb
 their contact would be an artefact. All others collide.
 """
 
+from __future__ import annotations
+
+import math
 from itertools import product
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
+from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.models.arm_body import OWN
 from skywright.models.rigid_body import joint_names, posture
 
+if TYPE_CHECKING:
+    from skywright.models.geometry import ClearanceQuery
+
+TOUCH_Q = 0.05  # rad between looks of parts of the robot that might meet
 POSTURES = ("folded", "landed", "working")
 
 
@@ -41,3 +50,27 @@ def exclude_neighbours(spec: mujoco.MjSpec, robot: Robot) -> None:
             # shapes of the two that do not touch still may
             if collide and (int(g), int(h)) not in touching:
                 spec.add_pair(geomname1=names[0], geomname2=names[1])
+
+
+def is_apart(query: ClearanceQuery | None, a: Array, b: Array) -> bool:
+    """Whether no two parts of the robot meet that are apart in posture a, on the way to posture b.
+
+    Both (n_joints,) rad, in the nominal scene; without one nothing is known, and this is False.
+    """
+    if query is None:
+        return False
+    model, data = query.model, mujoco.MjData(query.model)
+    root = model.body("platform").id
+    met = set[tuple[int, int]]()
+    n = max(math.ceil(float(np.max(np.abs(b - a), initial=0.0)) / TOUCH_Q), 1)
+    for i in range(n + 1):
+        data.qpos[:3] = 0.0, 0.0, 100.0  # far from everything
+        data.qpos[query.core.joint_qpos] = a + i / n * (b - a)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        own = model.body_rootid[model.geom_bodyid[data.contact.geom]] == root
+        meets = {(int(g), int(h)) for g, h in data.contact.geom[np.all(own, axis=1)]}
+        met = meets if i == 0 else met
+        if meets - met:
+            return False
+    return True

@@ -16,6 +16,7 @@ from skywright.description.map_error import check_map_error
 from skywright.description.mission.spec import T
 from skywright.models.geometry import compute_clearance
 from skywright.models.rigid_body import posture
+from skywright.models.scene import TIMESTEP, build_scene
 from skywright.planning.motion.plan_file import PlanFile
 from skywright.run.gyro_limit import find_noisy_gyroscope
 from skywright.run.kind import P, load_kind
@@ -87,6 +88,9 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
     what the mission is about.
     """
     setup = setup or Setup(description)
+    timestep = 1e-3 * description.mission.timestep_ms
+    if timestep > TIMESTEP:  # raises where a contact is too stiff for it
+        build_scene(setup.robot, setup.world, timestep=timestep)
     kind = load_kind(description.mission.kind)
     with blame(type(kind), "mission.kind: plan"):
         plan = kind.plan(setup)

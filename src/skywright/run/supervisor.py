@@ -296,7 +296,7 @@ class Supervisor(Generic[T]):
         except StepFailed as failed:
             if not self.faults.bears(str(failed)):
                 raise
-            self.vehicle.stop_computer(failed)
+            self.senses.restarts = self.vehicle.stop_computer(failed)
             ticked = Ticked(self.vehicle.t, 0, False)
         self.senses.refresh()
         if self._on_tick is not None:

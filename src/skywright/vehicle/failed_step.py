@@ -2,26 +2,81 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 from skywright.errors import SimulationError
 from skywright.vehicle.assembly import Assembly
-from skywright.vehicle.bus import RotorDrive, ServoDrive, ShaftCommand, WrenchCommand
-from skywright.vehicle.component import ArmsLaw, Law
+from skywright.vehicle.bus import Allocated, RotorDrive, ServoDrive, ShaftCommand, WrenchCommand
+from skywright.vehicle.component import ArmsLaw, Component, Law
 from skywright.vehicle.ticker import StepFailed
 
+RESTART_S = 0.06
+"""s, until a watchdog has started a control law again: three of its periods of 20 ms."""
 
-def silence(assembly: Assembly, failed: StepFailed) -> None:
-    """Run the component that failed and the laws no more, and command nothing from now on."""
-    rows, records = assembly.rows, assembly.records
-    for i, step in enumerate(assembly.steps):
-        if step.component is failed.component or isinstance(step.component, (Law, ArmsLaw)):
-            rows["phase"][i] = rows["every"][i]  # never due
-    for record in (WrenchCommand, RotorDrive):
-        records[record, ""].view(np.float64)[:] = 0.0
-    if (ShaftCommand, "") in records:  # a command that was not finite was not applied
-        asked, held = records[ShaftCommand, ""]["theta"], records[ServoDrive, ""]["motor"]
-        np.copyto(asked, held, where=~np.isfinite(asked))
+
+class Watchdog:
+    """Starts a control law that failed in the air again, once, and stops one that fails again.
+
+    The law begins anew with the memory that it had before its first step: what it had gathered in
+    flight is lost, as in a process that is started again. Until then the rotors hold their speed
+    and the servos their angle. An estimator is not started again: it would not know where it is.
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self.assembly = assembly
+        self._laws = [c for c in assembly.components if isinstance(c, (Law, ArmsLaw))]
+        names = {c.name for c in self._laws}
+        self._memories = {
+            key: rows.copy()
+            for key, rows in assembly.records.items()
+            if key[0] in assembly.memories and key[1] in names
+        }
+        self._due_at = assembly.rows[["every", "phase"]].copy()
+        self._due = math.inf  # s, when the law is started again
+        self._used = False
+
+    def stop(self, failed: StepFailed, t: float) -> bool:
+        """Run what failed at time t (s) no more; returns whether it is started again."""
+        again = not self._used and (failed.component is None or failed.component in self._laws)
+        self._used, self._due = True, t + RESTART_S if again else math.inf
+        self._leave_out([failed.component, *self._laws])
+        records = self.assembly.records
+        if again:
+            self._forget(failed)
+            given, made = records[WrenchCommand, ""], records[Allocated, ""]
+            given.view(np.float64)[:] = 0.0  # of joints: speeds, torques
+            given["f_B"], given["t_B"] = made["f_B_alloc"], made["t_B_alloc"]
+        else:
+            for record in (WrenchCommand, RotorDrive):
+                records[record, ""].view(np.float64)[:] = 0.0
+        if (ShaftCommand, "") in records:  # a command that was not finite was not applied
+            asked, held = records[ShaftCommand, ""]["theta"], records[ServoDrive, ""]["motor"]
+            np.copyto(asked, held, where=~np.isfinite(asked))
+        return again
+
+    def look(self, t: float) -> None:
+        """Start the law again when it is time."""
+        if t >= self._due - 1e-9:
+            self._due = math.inf
+            self.assembly.rows[["every", "phase"]] = self._due_at
+
+    def _leave_out(self, components: Sequence[Component | None]) -> None:
+        rows = self.assembly.rows
+        for i, step in enumerate(self.assembly.steps):
+            if step.component in components:
+                rows["every"][i], rows["phase"][i] = 2, 2  # never due; every = 1 always is
+
+    def _forget(self, failed: StepFailed) -> None:
+        """Give what failed its first memory; the arms' law keeps its own while that is finite."""
+        for (record, name), first in self._memories.items():
+            rows = self.assembly.records[record, name]
+            law = next(c for c in self._laws if c.name == name)
+            failed_one = failed.component or next(c for c in self._laws if isinstance(c, Law))
+            if law is failed_one or not np.all(np.isfinite(rows.view(np.float64))):
+                rows[:] = first
 
 
 def explain_not_finite(assembly: Assembly, law: str, t: float) -> SimulationError:

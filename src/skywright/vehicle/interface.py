@@ -126,8 +126,8 @@ class Backend(Protocol):
     def give_up_rotor(self, i: int) -> bool:
         """Fly on without rotor `i` (from 0); False where the others cannot hold the robot."""
 
-    def stop_computer(self, failed: StepFailed) -> None:
-        """Run what failed no more, and command nothing from now on."""
+    def stop_computer(self, failed: StepFailed) -> bool:
+        """Run what failed no more; returns whether it is started again, else nothing flies."""
 
     def release(self) -> None:
         """Let go a robot that is held in the air (a simulation of a world with a bench can)."""

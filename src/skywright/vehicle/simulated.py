@@ -30,7 +30,7 @@ from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext, overrides
 from skywright.vehicle.devices import DEVICES, Devices, find_bench
 from skywright.vehicle.estimates import EstimatorState
-from skywright.vehicle.failed_step import explain_not_finite, silence
+from skywright.vehicle.failed_step import Watchdog, explain_not_finite
 from skywright.vehicle.follower import Follower, RowNow
 from skywright.vehicle.guard import NOT_FINITE
 from skywright.vehicle.instruments.eddy_current import EddyProbe
@@ -143,6 +143,7 @@ class SimulatedVehicle:
         self.assembly = Assembly([*named, *list_wanted(context)], context, seed)
         fill_bus(self.assembly, self.sim, self.scene, self.dt)
         self.ticker = Ticker(self.assembly, self.sim, self.n_steps)
+        self.watchdog = Watchdog(self.assembly)
         self.interactive |= bool(self.assembly.list_python_rows())
         components = self.assembly.components
         self._before = [c for c in components if overrides(c, "before_tick")]
@@ -237,6 +238,7 @@ class SimulatedVehicle:
         """Run one mission tick; raises StepFailed (a step of the robot) or SimulationError."""
         clock = self.assembly.get(Clock)
         clock["mask"], clock["fired"] = guards, 0
+        self.watchdog.look(self.t)
         self.assembly.refill(self.n_ticks, self.n_steps)
         for c in self._before:
             with blame(type(c), f"component {c.name!r}: before_tick", SimulationError):
@@ -328,9 +330,9 @@ class SimulatedVehicle:
         body = self.read(Body)
         return self.find(RotorAllocation).give_up(i, float(body.mass * body.gravity), body.p_BC)
 
-    def stop_computer(self, failed: StepFailed) -> None:
-        """Run what failed no more, and command nothing from now on."""
-        silence(self.assembly, failed)
+    def stop_computer(self, failed: StepFailed) -> bool:
+        """Run what failed no more; a law is started again once, and this returns True."""
+        return self.watchdog.stop(failed, self.t)
 
     def release(self) -> None:
         """Open the clamp that holds the platform for good; InputError where there is none."""

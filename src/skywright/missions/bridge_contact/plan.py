@@ -18,6 +18,7 @@ from skywright.description.loader import Description
 from skywright.description.world.structure import Structure
 from skywright.description.world.wind import compute_direction, compute_speed
 from skywright.errors import InputError
+from skywright.missions.bridge_contact.borne import check_borne, refuse
 from skywright.missions.bridge_contact.sliding import (
     check_mobility,
     check_slide_ends,
@@ -60,6 +61,7 @@ class ContactPlan(NamedTuple):
     pressed: DockedBalance | None  # docked, at the largest force
     largest: float  # N, largest force of the profile
     limit_n: float  # N, computed docked press here
+    borne_n: float  # N, what of it is borne with a plant's errors; NaN: not computed
     free_limit_n: float  # N, computed press in flight
     free_forces: list[float]  # N, of the profile, that may be pressed in flight
     stand_off: float  # m, of feet or tip, before they near the surface
@@ -116,10 +118,10 @@ def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> Missio
         # heading and slope are off by the bound each
         unsure = math.sqrt(2.0) * get_map_error(setup).turn if structure.facing == "down" else 0.0
     blocked, largest = _check_hover(d, stations), max(task.forces_n)
-    limit = free_limit = math.nan
+    limit = borne = free_limit = math.nan
     rest = pressed = None
     if task.dock and not blocked:
-        limit, rest, pressed, blocked = _plan_docked(d, task, stations[0], unsure, level)
+        limit, borne, rest, pressed, blocked = _plan_docked(d, task, stations[0], unsure, level)
     free_forces: list[float] = []
     if free is not None:
         held = [R for s in stations for R in _tilt(s.R_dock, unsure)]
@@ -130,8 +132,8 @@ def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> Missio
     if not blocked:
         blocked = check_way(setup, stations, free, q_ready, stand_off, survey)
     found = ContactPlan(
-        stations, q_ready, q_touch, dock_tip, free, rest, pressed, largest, limit, free_limit,
-        free_forces, stand_off, survey,
+        stations, q_ready, q_touch, dock_tip, free, rest, pressed, largest, limit, borne,
+        free_limit, free_forces, stand_off, survey,
     )  # fmt: skip
     each = task.ramp_s + task.settle_s + task.hold_s
     total = len(stations) * (len(task.forces_n) + len(free_forces)) * each + 40.0
@@ -176,8 +178,8 @@ def _check(d: Description, task: BridgeContact) -> Structure:
 
 def _plan_docked(
     d: Description, task: BridgeContact, station: Station, unsure: float, level: bool
-) -> tuple[float, DockedBalance | None, DockedBalance | None, str]:
-    """Return the computed press (N), the balances at no and at the largest force, or a refusal.
+) -> tuple[float, float, DockedBalance | None, DockedBalance | None, str]:
+    """Return the computed and the borne press (N), balances at no and the largest force, a refusal.
 
     `unsure` (rad) is how far the slope may be from the map's. Less is held back from a deck that is
     known to be `level`.
@@ -198,7 +200,7 @@ def _plan_docked(
     fraction = task.calm_fraction if calm else task.force_fraction
     if not largest <= fraction * limit * (1.0 + 1e-9):  # NaN: it cannot stay docked
         where = f"docked at {math.degrees(slope):.3g} deg and {speed:.1f} m/s of wind"
-        return limit, None, None, _refuse(
+        return limit, math.nan, None, None, refuse(
             largest, limit, fraction, where, robot.name,
             "calm_fraction" if calm else "force_fraction",
         )  # fmt: skip
@@ -217,13 +219,16 @@ def _plan_docked(
         if best is not None and best[1].margin >= MARGIN:
             break
     if best is not None:
-        return limit, *best, ""
+        borne, refusal = math.nan, ""
+        if unsure == 0.0 and not calm:
+            borne, refusal = check_borne(d, largest, station, drag)
+        return limit, borne, *best, refusal
     refusal = (
         f"no balance of rotors and feet at {largest:g} N keeps {FOOT_LOADS[-1]:g} N on each foot "
         f"and the rotors below {robot.rotors.thrust_fraction:.0%} of their thrust "
         "(robot.rotors.thrust_fraction): lower mission.task.forces_n"
     )
-    return limit, None, None, refusal
+    return limit, math.nan, None, None, refusal
 
 
 def _plan_flying(
@@ -243,7 +248,7 @@ def _plan_flying(
     forces, blocked = [f for f in task.forces_n if f <= fraction * limit], ""
     if not task.dock and len(forces) < len(task.forces_n):
         where = "in flight" + (air if speed else "")
-        blocked = _refuse(max(task.forces_n), limit, fraction, where, robot.name)
+        blocked = refuse(max(task.forces_n), limit, fraction, where, robot.name)
     elif task.slide_m:
         most = float(np.min([
             compute_sliding_press(robot, free, R, g, structure, wind=wind, air_density=rho)
@@ -251,26 +256,13 @@ def _plan_flying(
         ]))  # fmt: skip
         if not task.slide_force_n <= fraction * most:
             where = f"sliding at friction {structure.friction:g}" + (air if speed else "")
-            blocked = _refuse(task.slide_force_n, most, fraction, where, robot.name)
+            blocked = refuse(task.slide_force_n, most, fraction, where, robot.name)
         else:
             blocked = check_wobble(robot, d.world.localisation, task, fraction * most)
             for R in held:
                 least = task.mobility_fraction
                 blocked = blocked or check_mobility(robot, free, R, g, structure, least)
     return limit, forces, blocked
-
-
-def _refuse(
-    force: float, limit: float, fraction: float, where: str, robot: str,
-    key: str = "force_fraction",
-) -> str:  # fmt: skip
-    if math.isnan(limit):
-        return f"{robot} cannot stay {where}"
-    return (
-        f"a press of {force:g} N {where} exceeds {fraction * limit:.2f} N, {fraction:.0%} "
-        f"(mission.task.{key}) of the {limit:.2f} N that {robot} can produce there "
-        "(skywright capability)"
-    )
 
 
 def _check_hover(d: Description, stations: list[Station]) -> str:

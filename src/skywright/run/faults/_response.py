@@ -14,6 +14,15 @@ from numpy.typing import NDArray
 from skywright.core.rotations import exp_so3, log_so3
 from skywright.core.types import TASK_JOINTS
 from skywright.models.geometry import ClearanceQuery, compute_clearance
+from skywright.models.self_contact import is_apart
+from skywright.run.faults._room import (
+    PACE,
+    SINK,
+    WAY_MARGIN,
+    find_open,
+    find_room,
+    hold_stuck,
+)
 from skywright.run.faults._rule import Response
 from skywright.run.faults._senses import Senses
 from skywright.vehicle.arms.ports import ArmModel, HandState
@@ -28,18 +37,16 @@ Table = NDArray[Any]
 RETRACT_M, RETRACT_SPEED, RETRACT_ACCELERATION = 0.25, 0.4, 1.5  # m, m/s, m/s^2
 CALM = (0.15, 0.15)  # m/s, m/s^2, where nothing is wrong
 SHORTCUTS = 16  # places of the way that was flown to which a straight one is tried, at a time
-STEP_M, WAY_MARGIN = 0.05, 0.1  # m (or rad) between looks at a shortcut, and what it keeps clear
+STEP_M = 0.05  # m (or rad) between looks at a shortcut
 SPEED, TURN, JOINT = 0.4, 0.5, 0.5  # m/s, rad/s, rad/s of the way back
-SINK = 0.35  # m/s, of an emergency landing
 FOLDED, FOLDING = 0.5, 1.5  # m above the ground where the arm is folded, and rad/s^2 until then
-BELOW = 1.0  # m, that it aims below the ground: the estimate may be wrong
+BELOW, DEEPER, FASTER = 0.3, 12.0, 2.0  # m, m, -: below the ground, as the estimate may be wrong
 DOWN_M, DOWN_S = 0.2, 0.3  # m that the robot stays above its reference, and s: it stands
-FALL_S, FALL_MAX_S = 3.0, 15.0  # s, after the motors were stopped
+FALL_S, LANDED_S, FALL_MAX_S = 3.0, 1.0, 15.0  # s, after the motors were stopped
 STILL, STILL_S = 0.1, 0.5  # rad/s and s: what the gyroscope tells of a robot that lies
 TURNS_S = 0.2  # s, after which a heading that nothing holds is taken for the commanded one
 WAIT_S = 30.0  # s, of holding before it comes home
 AGREES_S = 1.0  # s, for which a value has to be good again
-MARGIN = 0.08  # m, kept from everything on the way down
 
 
 class Crumb(NamedTuple):
@@ -75,7 +82,10 @@ def build_crumb(v: Senses) -> Crumb:
 
 
 def goal_joints(v: Senses) -> Array:
-    """Return where the servos lead the joints, in the layout of a row's `q`."""
+    """Return where the servos lead the joints, in the layout of a row's `q`.
+
+    Joints that do not follow are where they are: a law that leads a tip would make up for them.
+    """
     q, arm = np.array(v.reference["q"]), v.get(ArmModel)
     if arm is not None:
         goal = v.get(HandState).q_goal
@@ -83,17 +93,18 @@ def goal_joints(v: Senses) -> Array:
             if v.reference["task"][h] != TASK_JOINTS:
                 mine = slice(arm.first[h], arm.first[h] + arm.n)
                 q[mine] = goal[mine]
-    return q
+    return hold_stuck(v, q)
 
 
 def respond(s: Supervisor, response: Response) -> None:
     """Fly a response; returns when the robot is down."""
-    v = s.senses
     if response == "let_go":
         s.begin("let go")
         s.uav.motors(False)
-        _fall(s)
+        _wait_until_still(s, FALL_S)
         return
+    v = s.senses
+    v.carrying = v.carrying or max(v.told("load")) > 0.0
     if response == "land_here":
         _anchor(s)
     # a jolt is felt as a touch, and no time is to be lost on the way down
@@ -105,22 +116,23 @@ def respond(s: Supervisor, response: Response) -> None:
         _wait_until_good(s)
     if response == "land_here":
         s.begin("land here")
-        _find_room(s)
+        for a, b in pairwise(find_room(s, row := build_rest(s))):
+            _fly(s, [a, b], row, *PACE)
     else:
         s.begin("come home")
         fly_back(s, s.trail.crumbs)
     _descend(s, here=response == "land_here")
     s.uav.motors(False)
-    s.wait(1.0)
+    _wait_until_still(s, LANDED_S)
 
 
-def _fall(s: Supervisor) -> None:
-    """Wait until the robot lies still: it may roll for seconds after a fall of one."""
+def _wait_until_still(s: Supervisor, least: float) -> None:
+    """Wait until the robot lies still, for at least `least` (s): it may roll after a fall."""
     began = since = s.vehicle.t
     while (t := s.vehicle.t) < began + FALL_MAX_S - 1e-9:
         if not float(np.linalg.norm(s.vehicle.estimate["w_WB_B"])) < STILL:
             since = t
-        if min(t - began - FALL_S, t - since - STILL_S) > -1e-9:
+        if min(t - began - least, t - since - STILL_S) > -1e-9:
             return
         s.tick()
 
@@ -141,10 +153,13 @@ def build_rest(s: Supervisor) -> Any:
 def retract(s: Supervisor) -> None:
     """Draw back from what is touched, along its normal, the arm as it is.
 
+    Hands that touch nothing yet may be below or beside it: away from what is nearest on the map.
     Fast after a rule has acted; by an order so slowly that a long arm feels no force of its own.
     """
-    away = s.senses.away
-    row = build_rest(s)
+    v, row = s.senses, build_rest(s)
+    away = v.away
+    if v.hands and not v.means_to_touch and v.find_pressed() is None:
+        away = find_open(s, row, away, RETRACT_M)
     pace = (RETRACT_SPEED, RETRACT_ACCELERATION) if s.senses.responding else CALM
     _fly(s, [row["p_WB"], row["p_WB"] + RETRACT_M * away], row, *pace)
 
@@ -225,6 +240,10 @@ def fly_back(s: Supervisor, trail: list[Crumb]) -> None:
     row = build_rest(s)
     here = Crumb(np.array(row["p_WB"]), np.array(row["R_WB"]), np.array(row["q"]), np.zeros(3))
     query = s.surroundings() if s.surroundings is not None else None
+    if s.senses.carrying:
+        trail = [c._replace(q=here.q) for c in trail]
+    elif s.senses.stuck:
+        trail = _pose_stuck(s, query, trail, here.q)
     way = list_way_back(trail, here, partial(_is_way_free, s, query))
     if len(way) < 2:
         return
@@ -256,42 +275,35 @@ def fly_back(s: Supervisor, trail: list[Crumb]) -> None:
     s.until_arrived()
 
 
+def _pose_stuck(
+    s: Supervisor, query: ClearanceQuery | None, trail: list[Crumb], q: Array
+) -> list[Crumb]:
+    """Return the trail with joints that do not follow where they are, the others as flown.
+
+    Where the arm would meet its robot so, or come closer to anything, it stays at q.
+    """
+    n = s.vehicle.n_joints
+    as_flown = [c._replace(q=hold_stuck(s.senses, c.q)) for c in trail]
+    as_is = [c._replace(q=q) for c in trail]
+    ways = [*reversed(as_flown)]
+    before = [q, *(c.q for c in ways)]
+    if not all(is_apart(query, a[:n], b.q[:n]) for a, b in zip(before, ways, strict=False)):
+        return as_is
+
+    def measure(way: list[Crumb]) -> float:
+        places = ((c.p_WB + RETRACT_M * c.away, {"R_WB": c.R_WB, "q": c.q}) for c in way)
+        assert query is not None  # is_apart says so
+        return min((_gap(s, query, p, row) for p, row in places), default=math.inf)
+
+    return as_flown if measure(as_flown) >= min(measure(as_is), WAY_MARGIN) else as_is
+
+
 def _anchor(s: Supervisor) -> None:
     """Take the place where the robot believes to be for its reference."""
     row, est = build_rest(s), s.vehicle.estimate
     row["p_WB"] = est["p_WB"]
     s.body.track(row[None])
     s.tick()
-
-
-def _find_room(s: Supervisor) -> None:
-    """Move aside where something stands in the way down, to the nearest place that is free."""
-    query = s.surroundings() if s.surroundings is not None else None
-    row = build_rest(s)
-    here = np.array(row["p_WB"])
-    if query is None or _is_free(s, query, here, row):
-        return
-    for far in (0.3, 0.6, 0.9, 1.3):
-        for angle in np.arange(0.0, 2.0 * math.pi, math.pi / 6.0):
-            there = here + far * np.array([math.cos(angle), math.sin(angle), 0.0])
-            middle = 0.5 * (here + there)
-            if _gap(s, query, middle, row) > MARGIN and _is_free(s, query, there, row):
-                _fly(s, [here, there], row, SPEED, 0.8)
-                return
-
-
-def _is_free(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> bool:
-    arc = s.uav.arc
-    low = s.ground_height if arc is None else arc.top
-    way = [(p * [1.0, 1.0, 0.0] + [0.0, 0.0, z], row) for z in np.arange(low + 0.05, p[2], 0.1)]
-    if arc is not None:  # then backward, as the link is laid down
-        back, heights = arc.compute_path(lean := np.linspace(0.0, arc.lean, 6))
-        ahead = row["R_WB"][:, 0] / np.hypot(*row["R_WB"][:2, 0]) * [1.0, 1.0, 0.0]
-        for b, z, share in zip(back, heights, lean / arc.lean, strict=True):
-            lying = row.copy()
-            lying["q"][arc.swing] = share * arc.landed
-            way.append((p * [1.0, 1.0, 0.0] + b * ahead + [0.0, 0.0, z], lying))
-    return all(_gap(s, query, place, posed) > MARGIN for place, posed in way)
 
 
 def _gap(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
@@ -302,14 +314,21 @@ def _gap(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
 def _descend(s: Supervisor, here: bool) -> None:
     """Sink until the robot stays behind its reference: it stands. The arm folds on the way.
 
-    Where no rotors are left to hold the heading, it is not commanded: half a turn away from it
-    the error of the attitude tells nothing of the tilt. It waits where the arm would not be folded
-    FOLDED above the ground. `here`: room ahead is not known.
+    The estimated height may be wrong by more than a meter: it sinks on below where the ground
+    should be, and faster, as the estimated speed may be wrong as well. Where no rotors are left to
+    hold the heading, it is not commanded: half a turn away from it the error of the attitude tells
+    nothing of the tilt. It waits where the arm would not be folded FOLDED above the ground.
+    `here`: room ahead is not known.
     """
     s.faults.land()
     row = build_rest(s)
     start, q = np.array(row["p_WB"]), np.array(row["q"])
-    home = s.trail.crumbs[0].q if s.trail.crumbs else q
+    home = hold_stuck(s.senses, s.trail.crumbs[0].q) if s.trail.crumbs else q
+    if s.senses.carrying:  # it would be swung against the robot
+        home = q
+    elif s.senses.stuck:
+        query, n = s.surroundings() if s.surroundings is not None else None, s.vehicle.n_joints
+        home = home if is_apart(query, q[:n], home[:n]) else q
     if s.uav.arc is not None:  # a link that hangs below the platform is laid down along an arc
         s.arms.move_to(home[: s.vehicle.n_joints])
         s.until_arrived()
@@ -322,11 +341,12 @@ def _descend(s: Supervisor, here: bool) -> None:
     folding = float(np.max(np.abs(home - q)))
     fold_s = max(duration(folding, s.vehicle.limits.joint_speed, FOLDING), ROW_PERIOD)
     wait_s = max(fold_s - (float(start[2]) - s.ground_height - FOLDED) / SINK, 0.0)
-    n = math.ceil((wait_s + sink_s) / ROW_PERIOD)
-    t = np.linspace(0.0, wait_s + sink_s, n + 1)
-    u = np.clip((t - wait_s) / sink_s, 0.0, 1.0)
+    total = wait_s + sink_s + DEEPER / (FASTER * SINK)
+    n = math.ceil(total / ROW_PERIOD)
+    t = np.linspace(0.0, total, n + 1)
     p = np.repeat(start[None], n + 1, axis=0)
-    p[:, 2] = start[2] - u * (start[2] - z_end)
+    p[:, 2] -= np.clip((t - wait_s) / sink_s, 0.0, 1.0) * (start[2] - z_end)
+    p[:, 2] -= np.maximum(t - wait_s - sink_s, 0.0) * FASTER * SINK
     arm = quintic(np.minimum(t / fold_s, 1.0))[0][:, None]
     R = _level(row["R_WB"])
     table = _build_table(s, row, t, p, np.repeat(R[None], n + 1, axis=0), q + arm * (home - q))

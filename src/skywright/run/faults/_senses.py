@@ -38,6 +38,10 @@ class Senses:
         self._touching: bool | None = None
         self.responding = False  # a rule has acted
         self.failure = ""  # of the robot's computer
+        self.restarts = False  # what failed is started again
+        self.carrying = False  # when a rule acted
+        self.stuck: set[int] = set()  # joints, from 0, that do not follow
+        self.doubt = np.zeros(3)  # m in W, from the estimate to where the robot may be as well
 
     def refresh(self) -> None:
         """A tick has passed."""
@@ -129,16 +133,18 @@ class Senses:
         """Whether hands are led to something, or the robot touches: it is near a structure."""
         return self.touching or any(t != TASK_JOINTS for t in self.told("task")[: self.hands])
 
-    def _find_pressed(self) -> Array | None:
+    def find_pressed(self) -> Array | None:
         """Return where hands press, unit (3,) in W; None where they press nothing or carry.
 
         As commanded where a force is, otherwise as felt. A hand below the platform may press up.
+        An arm with a joint that does not follow feels its own swinging.
         """
         if max(self.told("load")) > 0.0:
             return None
         ref, felt = self.reference, np.sum(self.list_vectors(), axis=0)
         asked = [ref["f_WH"][h] for h in range(self.hands) if ref["task"][h] in PRESSING]
-        for force in (np.sum(asked, axis=0) if asked else np.zeros(3), felt):
+        commanded = np.sum(asked, axis=0) if asked else np.zeros(3)
+        for force in (commanded,) if self.stuck else (commanded, felt):
             size = float(np.linalg.norm(force))
             if size > FELT_N:
                 return np.asarray(force / size)
@@ -152,7 +158,7 @@ class Senses:
             return np.array(ref["R_WS"][:, 2])
         if ref["press"] > 0.0 or ref["docked"] > 0.0 or self.vehicle.in_contact():
             return -np.array(est["R_WT"][:, 2])
-        pressed = self._find_pressed() if self.hands else None
+        pressed = self.find_pressed() if self.hands else None
         if pressed is not None:
             return -pressed
         if self.hands:

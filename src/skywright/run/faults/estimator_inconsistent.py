@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from skywright.core.spec import NonNegative
 from skywright.run.faults._rule import Response, Rule
 
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
+    from skywright.run.supervisor import Supervisor
 
+FAR = 2.0  # m, beyond which an estimate is not believed either
 RESTART = 100.0
 """Rejections that an estimate given up counts as."""
 
@@ -45,3 +49,10 @@ class EstimatorInconsistent(Rule):
             return math.nan
         restarts = self._restarts.tolist() - self._before
         return float(self._rejected.tolist() + RESTART * restarts)
+
+    def repair(self, s: Supervisor) -> Response:
+        """The robot was near its reference: it may be there still, where the estimate is not."""
+        away = np.array(s.senses.reference["p_WB"] - s.senses.estimate["p_WB"])
+        if float(np.linalg.norm(away)) < FAR:
+            s.senses.doubt = away
+        return super().repair(s)

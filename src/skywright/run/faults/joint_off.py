@@ -10,6 +10,7 @@ from skywright.run.faults._rule import Response, Rule
 
 if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
+    from skywright.run.supervisor import Supervisor
 
 
 class JointOff(Rule):
@@ -68,6 +69,12 @@ class JointOff(Rule):
         if self._swing >= 0:
             off[self._swing] = 0.0  # it has no servo
         worst = max(off)
+        self._off = off
         if worst > self.table.limit and self._loose and v.told("press") > 0.0:
             return math.nan
         return worst
+
+    def repair(self, s: Supervisor) -> Response:
+        """Lead no joint that is off: one that follows may make up for one that does not."""
+        s.senses.stuck |= {j for j, x in enumerate(self._off) if x > 0.5 * self.table.limit}
+        return super().repair(s)

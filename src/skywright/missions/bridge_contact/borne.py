@@ -1,0 +1,60 @@
+"""What is refused of a docked press, and why."""
+
+import math
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.description.loader import Description
+from skywright.description.world.wind import compute_speed
+from skywright.missions.bridge_contact.stations import Station
+from skywright.models.docked import build_docked, find_stance
+from skywright.models.docked_balance import MARGIN, SPREAD, compute_borne_press
+
+
+def compute_borne(d: Description, station: Station, drag_B: Array) -> float:
+    """Return the press (N) that the docked robot bears with a plant's errors; NaN: none."""
+    whole = build_docked(
+        d.robot, thrust_fraction=1.0, gravity=d.world.gravity_mps2,
+        air_density=d.world.air_density_kg_m3,
+    )  # fmt: skip
+    return compute_borne_press(whole, find_stance(whole), R_WB=station.R_dock, drag_B=drag_B)
+
+
+def check_borne(
+    d: Description, largest: float, station: Station, drag_B: Array
+) -> tuple[float, str]:
+    """Return what a docked robot bears (N), and why not the largest press (N), or ""."""
+    slope = math.acos(float(np.clip(station.R_dock[2, 2], -1.0, 1.0)))
+    speed, name = compute_speed(d.world.wind), d.robot.name
+    where = f"docked at {math.degrees(slope):.3g} deg and {speed:.1f} m/s of wind"
+    if slope > station.tilt_limit * (1.0 + 1e-9):
+        return math.nan, (
+            f"{station.name}: {where}, the rotors cannot hold the attitude when the feet leave the "
+            f"deck: {name} hovers at up to {math.degrees(station.tilt_limit):.1f} deg there"
+        )
+    most = compute_borne(d, station, drag_B)
+    if largest <= most * (1.0 + 1e-9):
+        return most, ""
+    bears = f"bears {most:.2f} N" if most > 0.0 else "bears no press"
+    remedy = "lower mission.task.forces_n" if most > 0.0 else "choose a spot with less slope"
+    return most, (
+        f"a press of {largest:g} N {where}: with errors of {SPREAD.weight:.0%} of weight and "
+        f"thrust, {1e3 * SPREAD.center:g} mm of the centre of mass and {SPREAD.drag:.0%} of drag "
+        f"{name} {bears} there before a rotor comes within {MARGIN:.0%} of its limits or a foot "
+        f"uses half of its friction: {remedy}"
+    )
+
+
+def refuse(
+    force: float, limit: float, fraction: float, where: str, robot: str,
+    key: str = "force_fraction",
+) -> str:  # fmt: skip
+    """Say that a press of `force` (N) exceeds `fraction` of `limit` (N), named by its `key`."""
+    if math.isnan(limit):
+        return f"{robot} cannot stay {where}"
+    return (
+        f"a press of {force:g} N {where} exceeds {fraction * limit:.2f} N, {fraction:.0%} "
+        f"(mission.task.{key}) of the {limit:.2f} N that {robot} can produce there "
+        "(skywright capability)"
+    )
