@@ -506,10 +506,3 @@ def test_a_robot_without_a_part_that_a_mission_changes(mission: str, robot: str)
         f"robot '{robot}' has no [robot.arm.shoulder_roll], which mission {mission} needs" in said
     )
     assert said.endswith("built-in robots that have it: bimanual, bimanual-longreach")
-
-
-def test_a_part_that_is_set_by_halves_lacks_keys() -> None:
-    with pytest.raises(InputError, match=r"--set: robot\.arm\.shoulder_roll lacks "):
-        load_description(
-            WAYPOINTS, robot="othex", sets=["robot.arm.shoulder_roll.deflection_encoder=true"]
-        )
