@@ -18,7 +18,7 @@ def check_fitting(layers: Sequence[Layer], label: str, problem: str) -> None:
     """
     mission = merge_layers([x for x in layers if x.label == label])[0].get("robot", {})
     tree = merge_layers([x for x in layers if x.label not in (label, "--set")])[0]
-    name = merge_layers(layers)[0]["mission"].get("robot", "")
+    name = merge_layers([*layers])[0]["mission"].get("robot", "")
     for table in _list_tables(mission):
         path = ".".join(table)
         if not _has(tree.get("robot", {}), table) and f": robot.{path} lacks " in problem:
