@@ -23,9 +23,11 @@ def check_fitting(layers: Sequence[Layer], label: str, problem: str) -> None:
         path = ".".join(table)
         if not _has(tree.get("robot", {}), table) and f": robot.{path} lacks " in problem:
             fitting = ", ".join(e.name for e in list_robots() if _has_part(e.name, table))
+            if not fitting:
+                return  # no robot's part: a misspelt name, which the problem tells
             raise InputError(
                 f"robot {name!r} has no [robot.{path}], which {label} needs; built-in robots "
-                f"that have it: {fitting or 'none'}"
+                f"that have it: {fitting}"
             )
 
 
