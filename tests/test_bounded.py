@@ -56,6 +56,13 @@ def test_what_is_no_file(command: list[str], tmp_path: Path) -> None:
         refuse(*command, name)
 
 
+def test_a_device_and_a_file_are_called_so(tmp_path: Path) -> None:
+    assert "/dev/zero: is a device or pipe" in refuse("identify", "--robot", "othex", "/dev/zero")
+    page = tmp_path / "report.html"
+    page.write_text("<p>")
+    assert "is not a run directory" in refuse("report", str(page))
+
+
 @pytest.mark.parametrize("suffix", [".toml", ".csv", ".ulg", ".mcap"])
 def test_a_link_to_a_device(suffix: str, tmp_path: Path) -> None:
     link = tmp_path / f"x{suffix}"

@@ -209,6 +209,21 @@ def test_what_was_not_excited_is_said() -> None:
         assert e.would_be > e.parameter.widest
 
 
+def test_a_flight_that_tells_nothing_identifies_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As damaged files do: every interval is too wide, and no parameter is left to fit."""
+    from skywright.analysis.identify import fit as module
+
+    known = module.list_parameters
+
+    def narrow(*args: Any) -> Any:
+        return [p._replace(widest=1e-15) for p in known(*args)]
+
+    monkeypatch.setattr(module, "list_parameters", narrow)
+    found = fit(make_log(12.0, noise=0.01)).estimates
+    assert not any(e.identified for e in found)
+    assert [e.value for e in found] == [e.parameter.nominal for e in found]
+
+
 def test_delay_of_the_rotor_signals() -> None:
     """Speeds that are logged 4 ms too early come out as a delay, and spoil nothing else."""
     log = make_log(rate=250.0)

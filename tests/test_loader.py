@@ -493,3 +493,16 @@ def test_a_number_whose_square_overflows_is_refused(key: str) -> None:
     """1e308 m/s of wind once flew as no wind at all: its direction was 0 / infinity."""
     message = refusal(WAYPOINTS, sets=[f"{key}=1e308"])
     assert message.startswith(f"--set: {key}: 1e+308 is implausible; valid: ")
+
+
+@pytest.mark.parametrize("mission", ["bimanual-bench", "tool-install"])
+@pytest.mark.parametrize("robot", ["othex", "f550-bridge", "hexarotor"])
+def test_a_robot_without_a_part_that_a_mission_changes(mission: str, robot: str) -> None:
+    """The part is the cause, not the keys that only a robot's own file gives it."""
+    with pytest.raises(InputError) as caught:
+        load_description(mission, robot=robot)
+    said = str(caught.value)
+    assert (
+        f"robot '{robot}' has no [robot.arm.shoulder_roll], which mission {mission} needs" in said
+    )
+    assert said.endswith("built-in robots that have it: bimanual, bimanual-longreach")

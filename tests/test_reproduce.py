@@ -268,6 +268,21 @@ def test_a_name_that_does_not_exist_leaves_no_page(words, tmp_path, monkeypatch)
     assert caught.value.code == 2 and not list(tmp_path.iterdir())
 
 
+def test_a_page_is_written_where_there_was_none(tmp_path, monkeypatch, capsys):
+    """With the default name, and again over the page that is there then."""
+    from skywright.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    words = ["reproduce", "sanchez-cuevas-2020", "--claim", "lateral-force-x"]
+    for _ in range(2):
+        with pytest.raises(SystemExit) as caught:
+            main([*words, "--cache", "kept", "--json"])
+        assert caught.value.code == 0
+        (claim,) = json.loads(capsys.readouterr().out)["claims"]
+        assert claim["verdict"] == "not_comparable" and claim["fitted"]
+        assert "lateral-force-x" in (tmp_path / "claims.html").read_text()
+
+
 # --- the runner and its cache ------------------------------------------------------------------
 
 

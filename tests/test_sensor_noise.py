@@ -13,8 +13,12 @@ from skywright.errors import InputError
 from skywright.models.deviated_sensors import draw_noise_factors
 from skywright.reports.explain import list_plant
 from skywright.run.backends import build_vehicle
+from skywright.run.gyro_limit import compute_strain, explain_noise, find_noisy_gyroscope
+from skywright.run.setup import Setup
+from skywright.vehicle.bus import Body
 from skywright.vehicle.estimators.filter import Filter
 from skywright.vehicle.estimators.station_camera import StationCamera
+from skywright.vehicle.rate_torque import measure_rate_torque
 from skywright.vehicle.sensor_tables import get_table
 from skywright.vehicle.sensors.gnss import SatelliteReceiver
 from skywright.vehicle.sensors.inertial import Inertial
@@ -128,3 +132,54 @@ def test_the_report_tells_what_was_drawn_of_each_sensor(mission: str) -> None:
         seen = np.array([float(x) for x in told[name].split(", ")])
         known = np.isfinite(values)
         np.testing.assert_allclose(seen[known], np.array(values)[known], atol=6e-4)
+
+
+QUIET_LAW = '''
+import numpy as np
+from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
+from skywright.vehicle.component import Out
+from skywright.vehicle.laws.push_and_slide import PushAndSlide
+
+
+class Quiet(PushAndSlide):
+    """Answers rates with 18 I, and states no attitude loop."""
+
+    compiled = False
+
+    def get_attitude_loop(self, robot):
+        return None
+
+    @staticmethod
+    def step(me: PushAndSlide.Me, ref: Reference, est: Estimate, body: Body,
+             allocated: Allocated, cmd: Out[WrenchCommand]) -> None:
+        me.sigma[0] += 1.0
+        cmd.qd[:] = 0.0
+        cmd.f_B[:] = np.array([0.0, 0.0, body.mass * body.gravity])
+        cmd.t_B[:] = -18.0 * body.I_B @ est.w_WB_B
+'''
+
+
+def test_the_answer_of_a_law_that_states_no_loop_is_measured(tmp_path):
+    """A noisy gyroscope is told beside a law's failure in flight, from the law's own step."""
+    (tmp_path / "quiet.py").write_text(QUIET_LAW)
+    key = "robot.sensors.gyro_noise_rad_s_sqrthz"
+
+    def quiet_law(noise: float):
+        sets = [f"mission.law={tmp_path / 'quiet.py'}:Quiet", f"{key}={noise}"]
+        d = load_description("waypoints", robot="othex", sets=sets)
+        return d, build_vehicle(d)
+
+    d, v = quiet_law(0.6)
+    assert find_noisy_gyroscope(Setup(d)) is None  # nothing is known of it before the flight
+    v.assembly.get(Body)["I_B"][:] = np.diag([0.2, 0.3, 0.4])
+    before = v.assembly.arena.copy()
+    torque = measure_rate_torque(v.assembly, v.law)
+    np.testing.assert_allclose(torque, -18.0 * np.diag([0.2, 0.3, 0.4])[:, :2], atol=1e-6)
+    assert np.array_equal(before, v.assembly.arena)  # nothing of the flight has changed
+    said = explain_noise(v, 3.0)
+    assert f"{key} = 0.6" in said and "N rms a rotor" in said
+    strain = compute_strain(v.nominal, torque)
+    assert strain.exceeds(3.0) and f"{strain.asked:.2f} N rms" in said
+    quiet = quiet_law(1e-5)[1]
+    quiet.assembly.get(Body)["I_B"][:] = np.diag([0.2, 0.3, 0.4])
+    assert explain_noise(quiet, 3.0) == ""

@@ -237,6 +237,22 @@ def test_one_way_passes_admit_the_lag_they_cannot_see() -> None:
     both = estimate_weld_line(zero, u, np.array([1, -1, 1, -1]) * 0.05, zero, std)
     assert one is not None and both is not None
     assert one.std_offset > 1e-3 > 5e-4 > both.std_offset
+    file = estimate_weld_line(zero, u, np.full(4, 0.05), zero, std, lag_std=0.1)
+    assert file is not None and file.std_offset == pytest.approx(5e-3, rel=0.05)
+
+
+@pytest.mark.parametrize("lag", [-0.55, -0.2, 0.0, 0.1, 0.5])
+def test_a_large_lag_is_found_where_it_is_not_known(lag: float) -> None:
+    """Crossings up to 11 mm either side of the weld, a false one among them."""
+    u = np.linspace(-0.06, 0.06, 7)
+    v = 0.02 * np.array([1, -1, 1, -1, 1, -1, 1])
+    noise = 1e-4 * np.random.default_rng(1).standard_normal(7)
+    s = 0.01 + 0.3 * u + lag * v + noise
+    s[2] += 0.03
+    line = estimate_weld_line(s, u, v, 0 * v, np.full(7, 2e-4), lag_std=0.1)
+    assert line is not None and line.inliers == (0, 1, 3, 4, 5, 6)
+    assert line.lag == pytest.approx(lag, abs=4 * line.std_lag) and line.std_lag < 0.02
+    assert abs(line.s - 0.01 - 0.3 * line.c) < 4 * line.std_offset < 1e-3
 
 
 @settings(max_examples=60)
@@ -401,9 +417,9 @@ def test_a_line_that_a_refinement_loses_is_not_kept(monkeypatch: pytest.MonkeyPa
 
     calls = []
 
-    def lose(*columns: np.ndarray, radius: float) -> object:
+    def lose(*columns: np.ndarray, **known: float) -> object:
         calls.append(len(calls))
-        return estimate_weld_line(*columns, radius=radius) if len(calls) == 1 else None
+        return estimate_weld_line(*columns, **known) if len(calls) == 1 else None
 
     monkeypatch.setattr(module, "estimate_weld_line", lose)
     result = process(fly_scan(0, Weld()))

@@ -70,7 +70,8 @@ def test_example_file_gives_its_weld(maker: ModuleType) -> None:
     assert len(out["crossings"]) == 5
     assert all(set(x) == {"t_s", "p_m", "line"} and len(x["p_m"]) == 3 for x in out["crossings"])
     assert set(out["line"]) == {
-        "point_m", "points_m", "angle_deg", "std_offset_m", "std_angle_deg", "lean", "crossings"
+        "point_m", "points_m", "angle_deg", "std_offset_m", "std_angle_deg", "lag_s", "std_lag_s",
+        "lean", "crossings",
     }  # fmt: skip
     assert out["lines"] == [out["line"]] and out["line"]["crossings"] == 5
     assert set(out["thresholds"]) == {"lift_off", "weld"}
@@ -118,6 +119,44 @@ def test_weld_is_found_in_other_draws_of_a_foreign_model(maker: ModuleType, tmp_
         check_line(out, maker)
         assert len(out["crossings"]) == 5
         assert any("approach found" in note for note in out["notes"])
+
+
+def delay_signal(table: np.ndarray, lag: float) -> np.ndarray:
+    """The table of a scan whose signal was logged `lag` (s) after the position."""
+    late, t = table.copy(), table[:, 0]
+    late[:, 1], late[:, 2] = (np.interp(t - lag, t, table[:, k]) for k in (1, 2))
+    return late
+
+
+def test_a_lag_of_the_signal_is_found_between_passes_both_ways(
+    maker: ModuleType, tmp_path: Path
+) -> None:
+    names, table = maker.make_scan(4)
+    late = delay_signal(table, 0.4)  # 3.6 mm either way
+    np.savetxt(tmp_path / "s.csv", late, delimiter=",", header=",".join(names), comments="")
+    out = process_file(tmp_path / "s.csv", calibrate="0:7").to_json()
+    check_line(out, maker)
+    assert len(out["crossings"]) == out["line"]["crossings"] == 5
+    assert out["line"]["lag_s"] == pytest.approx(0.4, abs=0.08)
+    assert any("s behind the position, as passes in opposite" in note for note in out["notes"])
+
+
+def test_a_lag_that_one_way_passes_cannot_show_is_in_the_deviation(
+    maker: ModuleType, tmp_path: Path
+) -> None:
+    names, table = maker.make_scan(4)
+    table = delay_signal(table, 0.1)
+    frame = maker.pipe_frame()
+    s = (table[:, 3:6] / 1e3 - maker.AXIS_POINT) @ frame[:, 1]
+    back = np.gradient(np.convolve(s, np.ones(25) / 25, mode="same")) < 0.0
+    back &= (table[:, 0] > 9.0) & (np.abs(s) < 0.08)
+    np.savetxt(tmp_path / "s.csv", table[~back], delimiter=",", header=",".join(names), comments="")
+    out = process_file(tmp_path / "s.csv", calibrate="0:7").to_json()
+    line = out["line"]
+    assert line["crossings"] == 3 and line["std_lag_s"] > 0.05
+    assert 0.5e-3 < line["std_offset_m"] < 1.5e-3  # 0.1 s at 9 mm/s
+    check_line(out, maker, offset=2.0 * line["std_offset_m"], angle_deg=1.5)
+    assert any("scan in both directions" in note for note in out["notes"])
 
 
 def test_example_file_is_what_its_generator_makes(maker: ModuleType) -> None:

@@ -28,12 +28,8 @@ def reproduce(
     from skywright.evidence.reproduce.present import Bar, print_reports, write_claims_page
     from skywright.evidence.reproduce.runner import check_papers, reproduce_papers
 
-    page = out or Path("claims.html")
     check_papers(paper, only)  # nothing is written for a name that does not exist
-    fresh = not page.exists()
-    page = check_writable(page, (".html",))
-    if fresh:
-        page.unlink()  # it can be written; an interrupt leaves no empty page
+    page = check_writable(out or Path("claims.html"), (".html",))
     reports = reproduce_papers(
         paper, cache=cache or default_folder(), only=only, steps=None if as_json else Bar()
     )

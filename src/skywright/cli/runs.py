@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from skywright.cli.options import as_json_option, check_folder, print_json, trust_option
+from skywright.errors import InputError
 
 FORMATS = ("csv", "parquet", "tum", "npz", "rosbag2")
 
@@ -24,6 +25,8 @@ def report(directory: Path, figures: Path | None, as_json: bool) -> None:
     from skywright.reports.report import write_figures, write_report
     from skywright.run.run import evaluate_directory
 
+    if directory.exists() and not directory.is_dir():
+        raise InputError(f"{directory}: is not a run directory")
     check_folder(figures or directory)
     result = evaluate_directory(directory)
     write_report(result)

@@ -25,6 +25,7 @@ from skywright.description.parts import (
     type_parts,
 )
 from skywright.description.renamed import load_layer, rename_key
+from skywright.description.robot.fitting import check_fitting
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import find_world, load_world_layer, read_things
@@ -138,7 +139,12 @@ def _load(
     parts: dict[str, Any] = {}
     folder = found.path.parent
     for root, spec in list_specs(tree, [folder]).items():
-        parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
+        try:
+            parts[root] = validate_root(spec, tree.get(root, {}), root, origin, found.label)
+        except InputError as error:
+            if root == "robot":
+                check_fitting(layers, found.label, str(error))
+            raise
     # `resolved` says how a file is to be read; a loaded mission is always complete
     parts["mission"] = parts["mission"].model_copy(update={"resolved": False})
     if parts["robot"].control.law is not None:

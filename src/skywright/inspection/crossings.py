@@ -6,7 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array, Mask
-from skywright.inspection.weld_line import INLIER, WIDEST, WeldLine, estimate_weld_line
+from skywright.inspection.weld_line import (
+    INLIER,
+    LAG_PRIOR,
+    WIDEST,
+    WeldLine,
+    estimate_weld_line,
+)
 
 MOST_LINES = 10
 WIDE = 0.016
@@ -42,7 +48,12 @@ def _columns(crossings: list[Crossing], *names: str) -> tuple[Array, ...]:
 
 
 def separate_lines(
-    points: list[Crossing], radius: float, s: Array, c: Array, contact: Mask
+    points: list[Crossing],
+    radius: float,
+    s: Array,
+    c: Array,
+    contact: Mask,
+    lag_std: float = LAG_PRIOR,
 ) -> list[WeldLine]:
     """Return the lines that the points lie on, that of most points first.
 
@@ -53,7 +64,8 @@ def separate_lines(
     lines: list[WeldLine] = []
     left = points
     while len(left) > 1 and len(lines) < MOST_LINES:
-        line = estimate_weld_line(*_columns(left, "s", "c", "v_s", "v_c", "std"), radius=radius)
+        columns = _columns(left, "s", "c", "v_s", "v_c", "std")
+        line = estimate_weld_line(*columns, radius=radius, lag_std=lag_std)
         if line is None:
             break
         shown = sum(is_near(x, line) for x in points)
@@ -74,13 +86,19 @@ def count_passes(line: WeldLine, s: Array, c: Array, contact: Mask) -> int:
 
 def is_near(x: Crossing, line: WeldLine) -> bool:
     """Whether a crossing lies on a line, as well as its place is known."""
-    off = abs(float(line.measure_distance(x.s, x.c)))
+    off = _measure_off(x, line)
     return off < min(max(INLIER, 2.0 * x.std), WIDEST)
 
 
 def find_owner(x: Crossing, lines: list[WeldLine]) -> int:
     """Return the index of the nearest line."""
-    return int(np.argmin([abs(float(a.measure_distance(x.s, x.c))) for a in lines]))
+    return int(np.argmin([_measure_off(x, a) for a in lines]))
+
+
+def _measure_off(x: Crossing, line: WeldLine) -> float:
+    """Distance (m) of a crossing from a line, from where it was but for the line's lag."""
+    lag = line.lag
+    return abs(float(line.measure_distance(x.s - lag * x.v_s, x.c - lag * x.v_c)))
 
 
 def find_normal(x: Crossing, lines: list[WeldLine]) -> tuple[float, float] | None:
@@ -91,7 +109,7 @@ def find_normal(x: Crossing, lines: list[WeldLine]) -> tuple[float, float] | Non
     normal = (math.cos(line.angle), -math.sin(line.angle))
     across = abs(x.v_s * normal[0] + x.v_c * normal[1])
     crosses = across > LEAST_SLANT * math.hypot(x.v_s, x.v_c)
-    near = abs(float(line.measure_distance(x.s, x.c))) < WIDEST
+    near = _measure_off(x, line) < WIDEST
     return normal if near and crosses else None
 
 

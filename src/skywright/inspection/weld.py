@@ -21,7 +21,7 @@ from skywright.inspection.calibration import (
 )
 from skywright.inspection.crossings import WIDE, Crossing, assign, find_normal, separate_lines
 from skywright.inspection.spikes import reject_spikes
-from skywright.inspection.weld_line import HALF_WIDTH, WeldLine
+from skywright.inspection.weld_line import HALF_WIDTH, LAG_PRIOR, WeldLine
 
 MERGE_DISTANCE = 0.004
 """m; two flagged stretches closer than this, without leaving contact for long, are one crossing."""
@@ -248,12 +248,14 @@ def process_scan(
     calibration: Calibration,
     *,
     exclude: tuple[float, float] | None = None,
+    lag_std: float = LAG_PRIOR,
 ) -> WeldResult:
     """Find contact, crossings and the weld line of a scan.
 
     Parameters: `t` (n,) s, increasing; `ec` (n, 2) or complex (n,), instrument units; `p_WT`
     (n, 3) m, measured tip in W; `surface` as built or fitted; `exclude` a time span (s) whose
-    contact is not looked at for welds (the calibration). Samples with NaN are left out.
+    contact is not looked at for welds (the calibration); `lag_std` (s) how well the lag between
+    signal and position is known. Samples with NaN are left out.
     Where the calibration knows no weld axis, it is estimated from this scan; a calibration that
     was taken on the weld is moved to this scan's base metal, or no line is reported.
     Raises InputError for arrays that do not fit together.
@@ -321,7 +323,7 @@ def process_scan(
         found, points = find_crossings(*data, off_weld[index], lines)
         crossings = [x for x in found if x.peak >= SIGNIFICANCE * noise]
         points = [x for x in points if x.peak >= SIGNIFICANCE * noise]
-        lines = separate_lines(points, surface.radius, *path)
+        lines = separate_lines(points, surface.radius, *path, lag_std)
         if not lines:
             break
     if len(found) > len(crossings):

@@ -25,10 +25,15 @@ from skywright.inspection.surface_fit import (
     load_surface,
 )
 from skywright.inspection.weld import WeldResult, detect_contact, process_scan
+from skywright.inspection.weld_line import LAG_PRIOR
 from skywright.recordings.text_table import parse_span
 
 LEAST_SEARCHED = 0.1
 """Least share of the contact samples that a calibration span must leave to be searched."""
+
+FILE_LAG = 0.1
+"""s, standard deviation of the lag between signal and position in a file: two devices' clocks and
+filters. In a run it is that of `weld_line.LAG_PRIOR`."""
 
 
 class WeldReport(NamedTuple):
@@ -90,6 +95,8 @@ def describe_welds(result: WeldResult) -> dict[str, Any]:
             "angle_deg": round(math.degrees(line.angle), 4),
             "std_offset_m": round(line.std_offset, 7),
             "std_angle_deg": round(math.degrees(line.std_angle), 5),
+            "lag_s": round(line.lag, 4),
+            "std_lag_s": round(line.std_lag, 4),
             "lean": round(line.lean, 5),
             "crossings": len(mine),
         })  # fmt: skip
@@ -104,6 +111,27 @@ def describe_welds(result: WeldResult) -> dict[str, Any]:
             for x in result.crossings
         ],
     }  # fmt: skip
+
+
+def _tell_lag(result: WeldResult, lag_std: float) -> list[str]:
+    """Notes on a lag between signal and position that was found, or that cannot be."""
+    if not result.lines or lag_std <= LAG_PRIOR:
+        return []
+    line = result.lines[0]
+    if line.std_lag > 0.5 * lag_std:
+        speed = float(np.median([math.hypot(x.v_s, x.v_c) for x in result.list_crossings(0)]))
+        return [
+            "passes in one direction do not show a lag between signal and position: the line's "
+            f"deviation has {lag_std:g} s of it, {1e3 * lag_std * speed:.1f} mm along the passes; "
+            "scan in both directions"
+        ]
+    if abs(line.lag) < max(3.0 * line.std_lag, 0.02):
+        return []
+    late, early = ("signal", "position") if line.lag > 0.0 else ("position", "signal")
+    return [
+        f"the {late} is {abs(line.lag):.2f} s behind the {early}, as passes in opposite directions "
+        "show: taken into account"
+    ]
 
 
 def _round(x: Array, digits: int) -> list[float]:
@@ -285,8 +313,11 @@ def process_file(
         doubt = _check_span(scan, span, contact, calibrate is not None)
         if doubt is not None:
             notes.append(doubt)
-    result = process_scan(scan.t, scan.ec, scan.p_WT, fit.cylinder, cal, exclude=span)
-    notes += result.notes
+    lag_std = LAG_PRIOR if is_recording(path) else FILE_LAG
+    result = process_scan(
+        scan.t, scan.ec, scan.p_WT, fit.cylinder, cal, exclude=span, lag_std=lag_std
+    )
+    notes += [*result.notes, *_tell_lag(result, lag_std)]
     tilt = None
     if scan.axis_W is not None:
         local = (scan.p_WT - fit.cylinder.p_WP) @ fit.cylinder.R_WP

@@ -11,6 +11,7 @@ leave it to widen the uncertainty.
 """
 
 import math
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,10 @@ LEANS = tuple(LEAN_PRIOR * k for k in (0.0, -0.7, 0.7, -1.4, 1.4, -2.1, 2.1))
 """What the consensus tries."""
 LAG_PRIOR = 0.03
 """s, standard deviation of the unknown lag between probe signal and position."""
+LAG_STEPS = (0, -2, 2, -4, 4, -6, 6)
+"""What the consensus tries of a lag whose standard deviation is larger, in such."""
+LAG_LOSS = 2.0
+"""Points that a lag of 1 s loses there: a lag explains two welds that each miss a crossing, too."""
 SCALE_PRIOR_COUNT = 4.0
 """How many residuals the crossings' own standard deviations count for, against what is seen."""
 SEAM = 0.1
@@ -112,7 +117,7 @@ def _get_limit(std: Array) -> Array:
     return np.asarray(np.clip(3.0 * std, INLIER, WIDEST))
 
 
-def _consensus(q: Array, w: Array, v: Array, std: Array) -> NDArray[np.bool_]:
+def _consensus(q: Array, w: Array, v: Array, std: Array, lag_std: float) -> NDArray[np.bool_]:
     """Boolean (n,): the largest set of points that one line through two of them explains.
 
     Of equally large ones that along or across the pipe's axis counts, as welds are girths or seams
@@ -124,8 +129,9 @@ def _consensus(q: Array, w: Array, v: Array, std: Array) -> NDArray[np.bool_]:
     pairs = [(i, j) for i in range(n) for j in range(i + 1, n)]
     if len(pairs) > 2000:
         pairs = [pairs[k] for k in np.linspace(0, len(pairs) - 1, 2000).astype(int)]
-    for lean in LEANS if np.any(w) else LEANS[:1]:
-        at = q - np.outer(w, [0.0, lean])
+    lags = [k * lag_std for k in LAG_STEPS] if lag_std > LAG_PRIOR else [0.0]
+    for lean, lag in product(LEANS if np.any(w) else LEANS[:1], lags):
+        at = q - np.outer(w, [0.0, lean]) - lag * v
         for i, j in pairs:
             d = at[j] - at[i]
             length = float(np.hypot(d[0], d[1]))
@@ -136,20 +142,27 @@ def _consensus(q: Array, w: Array, v: Array, std: Array) -> NDArray[np.bool_]:
                 continue
             r = np.abs((at - at[i]) @ np.array([-d[1], d[0]]) / length) / limit
             score = float(np.sum(1 - np.minimum(r, 1) ** 2)) + 1e-3 * (length - abs(lean))
-            score -= SLANT * 2.0 * abs(d[0] * d[1]) / length**2
+            score -= SLANT * 2.0 * abs(d[0] * d[1]) / length**2 + LAG_LOSS * abs(lag)
             if score > best_score:
                 best, best_score = r < 1.0, score
     return best
 
 
 def estimate_weld_line(
-    s: Array, c: Array, v_s: Array, v_c: Array, std: Array, *, radius: float = math.inf
+    s: Array,
+    c: Array,
+    v_s: Array,
+    v_c: Array,
+    std: Array,
+    *,
+    radius: float = math.inf,
+    lag_std: float = LAG_PRIOR,
 ) -> WeldLine | None:
     """Line through crossings at (s, c) m, passed at velocity (v_s, v_c) m/s.
 
     `std` (n,) m is each crossing's own standard deviation along its motion, `radius` (m) the
-    pipe's, infinite for a plane. None where fewer than two crossings stand apart (an angle needs
-    two).
+    pipe's, infinite for a plane, `lag_std` (s) how well the lag is known. None where fewer than two
+    crossings stand apart (an angle needs two).
     """
     s, c = np.asarray(s, float), np.asarray(c, float)
     c0 = float(np.median(c)) if len(c) else 0.0
@@ -159,12 +172,12 @@ def estimate_weld_line(
     std = np.maximum(np.asarray(std, float), 5e-5)
     if len(q) < 2 or not np.all(np.isfinite(q)):
         return None
-    inlier = _consensus(q, bow, v, std)
+    inlier = _consensus(q, bow, v, std, lag_std)
     fit = None
     for _ in range(3):  # what a lag or a lean explains comes back
         if np.count_nonzero(inlier) < 2:
             return None
-        fit = _solve(q[inlier], bow[inlier], v[inlier], std[inlier])
+        fit = _solve(q[inlier], bow[inlier], v[inlier], std[inlier], lag_std)
         if fit is None:
             return None
         off = np.abs(fit.measure(q, bow, v))
@@ -210,7 +223,7 @@ def _refer(fit: _Fit, way: Array, c0: float, radius: float) -> WeldLine:
     )
 
 
-def _solve(q: Array, bow: Array, v: Array, std: Array) -> _Fit | None:
+def _solve(q: Array, bow: Array, v: Array, std: Array, lag_std: float) -> _Fit | None:
     weight = 1 / std**2
     middle = np.average(q, axis=0, weights=weight)
     if len(q) < 2 or float(np.max(np.hypot(*(q - middle).T))) < 2.5 * float(np.median(std)):
@@ -235,10 +248,10 @@ def _solve(q: Array, bow: Array, v: Array, std: Array) -> _Fit | None:
         huber = np.where(z > HUBER, HUBER / np.maximum(z, 1e-12), 1.0)
         w = huber / (std * scale) ** 2
         normal = (jac * w[:, None]).T @ jac
-        normal[2, 2] += 1 / LAG_PRIOR**2
+        normal[2, 2] += 1 / lag_std**2
         normal[3, 3] += 1 / LEAN_PRIOR**2
         gradient = jac.T @ (w * residual)
-        gradient[2] -= lag / LAG_PRIOR**2
+        gradient[2] -= lag / lag_std**2
         gradient[3] -= lean / LEAN_PRIOR**2
         step = np.linalg.solve(normal, gradient)
         offset += step[0]

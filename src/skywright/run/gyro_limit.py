@@ -3,53 +3,98 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from skywright.core.arrays import Array
 from skywright.models.capability import build_drag_body
+from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import compute_body, posture
 from skywright.models.statics import build_layout
 from skywright.models.wind import compute_hold
 from skywright.run.parts import build_law
 from skywright.run.setup import Setup
+from skywright.vehicle.interface import Backend
 from skywright.vehicle.loops import choose_bandwidths
+from skywright.vehicle.rate_torque import measure_rate_torque
+from skywright.vehicle.simulated import SimulatedVehicle
+
+
+class Strain(NamedTuple):
+    """What the gyroscope's noise asks of the rotor that has the least room for it."""
+
+    asked: float  # N rms, of the rotor's thrust
+    room: float  # N, between hovering and the rotor's nearer limit
+
+    def exceeds(self, sigmas: float) -> bool:
+        """Whether `sigmas` standard deviations do not fit."""
+        return sigmas * self.asked > self.room
+
+
+def compute_strain(nominal: Nominal, torque: Array) -> Strain:
+    """Compute what a law strains the rotors with that answers rates with `torque` (3, 2) N m s.
+
+    A rate averaged over a control period T is off by N / sqrt(T); the allocation shares the
+    torque among the rotors.
+    """
+    robot, world = nominal.robot, nominal.world
+    q, layout = posture(robot, "working"), build_layout(nominal.rotors, 1.0, nominal.allocator)
+    rate = robot.sensors.gyro_noise_rad_s_sqrthz * math.sqrt(robot.control.rate_hz)
+    asked = np.linalg.norm(layout.P[:, 3:] @ torque * rate, axis=1)
+    body = build_drag_body(robot, nominal.model, q, world.gravity_mps2, world.air_density_kg_m3)
+    hover = compute_hold(layout, body, np.zeros((1, 3)))[0][0]
+    room = np.minimum(hover - layout.t_min, layout.t_max - hover)
+    k = int(np.argmin(room / np.maximum(asked, 1e-12)))
+    return Strain(float(asked[k]), float(room[k]))
 
 
 def find_noisy_gyroscope(setup: Setup[Any]) -> str | None:
     """Say that the gyroscope's noise makes the attitude loop drive the rotors to their limits, or
     return None.
 
-    A rate averaged over a control period T is off by N / sqrt(T); roll and pitch answer it with the
-    torque of `Law.compute_rate_torque` (I 2 zeta w of an attitude loop) times that, which the
-    allocation shares among the rotors. (Yaw is slower where it costs much, and is reduced first.)
+    Roll and pitch answer a rate with the torque of `Law.compute_rate_torque` (I 2 zeta w of an
+    attitude loop). (Yaw is slower where it costs much, and is reduced first.)
     `mission.noise_sigmas` of a rotor's share must fit between the thrust of hovering and its nearer
-    limit. Nothing is said of laws that tell no torque.
+    limit. Of laws that tell no torque `explain_noise` speaks in flight.
     """
-    d, world, robot = setup.description, setup.world, setup.robot
+    d, robot = setup.description, setup.robot
     noise = robot.sensors.gyro_noise_rad_s_sqrthz
-    q, layout = posture(robot, "working"), build_layout(setup.rotors, 1.0, setup.allocator)
-    mass, c, I_B = compute_body(setup.model, q)
-    I_C = I_B - mass * (c @ c * np.eye(3) - np.outer(c, c))
-    rate = noise * math.sqrt(robot.control.rate_hz)
+    mass, c, I_B = compute_body(setup.model, posture(robot, "working"))
     law = build_law(d, setup)
-    torque = law.compute_rate_torque(setup, I_C)
+    torque = law.compute_rate_torque(setup, I_B - mass * (c @ c * np.eye(3) - np.outer(c, c)))
     if torque is None or noise == 0.0:
         return None
-    share = layout.P[:, 3:] @ torque * rate
-    asked = np.linalg.norm(share, axis=1)
-    body = build_drag_body(robot, setup.model, q, world.gravity_mps2, world.air_density_kg_m3)
-    hover = compute_hold(layout, body, np.zeros((1, 3)))[0][0]
-    room = np.minimum(hover - layout.t_min, layout.t_max - hover)
-    k = int(np.argmin(room / asked))
-    sigmas, most = d.mission.noise_sigmas, max(float(room[k] / asked[k]), 0.0) * noise
-    if sigmas * noise <= most:
+    strain, sigmas = compute_strain(setup, torque), d.mission.noise_sigmas
+    if not strain.exceeds(sigmas):
         return None
     bandwidth = choose_bandwidths(law.table, setup).attitude_bandwidth_rad_s
+    most = max(strain.room / strain.asked, 0.0) * noise
     return (
         f"robot.sensors.gyro_noise_rad_s_sqrthz = {noise:.3g}: the attitude loop "
         f"(robot.control.attitude_bandwidth_rad_s = {bandwidth:g}) answers it with "
-        f"{asked[k]:.2f} N rms a rotor, {sigmas:g} times that (mission.noise_sigmas) exceeds the "
-        f"{room[k]:.2f} N between hovering and the rotor's limit; at most "
+        f"{strain.asked:.2f} N rms a rotor, {sigmas:g} times that (mission.noise_sigmas) exceeds "
+        f"the {strain.room:.2f} N between hovering and the rotor's limit; at most "
         f"{most / sigmas:.2g}, or a slower loop"
+    )
+
+
+def explain_noise(vehicle: Backend, sigmas: float) -> str:
+    """Say that the law answers the gyroscope's noise with more than the rotors have; else "".
+
+    Measured on the law's own step in flight, so that it holds for laws that tell no torque.
+    """
+    if not isinstance(vehicle, SimulatedVehicle):
+        return ""
+    torque = measure_rate_torque(vehicle.assembly, vehicle.law)
+    if torque is None:
+        return ""
+    strain = compute_strain(vehicle.nominal, torque)
+    if not strain.exceeds(sigmas):
+        return ""
+    noise = vehicle.robot.sensors.gyro_noise_rad_s_sqrthz
+    return (
+        f"the law answers the gyroscope's noise (robot.sensors.gyro_noise_rad_s_sqrthz = "
+        f"{noise:.3g}) with {strain.asked:.2f} N rms a rotor, of {strain.room:.2f} N between "
+        "hovering and the rotor's limit: lower the noise, or the law's answer to rates"
     )

@@ -83,7 +83,7 @@ class Supervisor(Generic[T]):
         self.turns = False  # the rotors that are left do not hold the heading
         self._open: tuple[str, float] | None = None
         self.senses, self.trail, self.surroundings = (
-            Senses(vehicle, mission.fence),
+            Senses(vehicle, mission.fence, mission.noise_sigmas),
             Trail(),
             surroundings,
         )

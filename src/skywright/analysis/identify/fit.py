@@ -220,13 +220,15 @@ def fit_parameters(columns: Columns, robot: Robot, mass: float, gravity: float) 
     measured = np.hstack([train.s, train.wd])
     free = np.ones(len(x0), dtype=bool)
     gave_up = np.full(len(x0), np.nan)
-    x, noise = x0.copy(), FIRST_NOISE
+    x, noise, half = x0.copy(), FIRST_NOISE, np.full(len(x0), np.nan)
     while True:
         x, noise = _solve(train, rotors, mass, measured, x0, x, scale, free, noise)
+        if not free.any():  # the flight tells nothing
+            break
         half = _half_widths(train, rotors, mass, measured, x, scale, free, noise)
         ratio = np.where(free, half / widest, 0.0)
         worst = int(np.argmax(ratio))
-        if ratio[worst] <= 1.0 or not free.any():
+        if ratio[worst] <= 1.0:
             break
         # what is hopeless goes at once, the rest one by one
         hopeless = ratio >= max(10.0, 0.5 * ratio[worst])
@@ -268,7 +270,7 @@ def _solve(
     """
     index = np.flatnonzero(free)
     for _ in range(ROUNDS):
-        for _ in range(STEPS):
+        for _ in range(STEPS if index.size else 0):  # a flight may tell nothing at all
             base = predict(columns, rotors, mass, x)
             error = ((measured - base) / noise).ravel()
             slope = _jacobian(columns, rotors, mass, x, base, scale, index) / noise[None, :, None]

@@ -43,7 +43,8 @@ def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
         if not path.is_file():
             raise InputError(f"{path.parent}: contains no recording.mcap; give a run directory")
     if not path.is_file():
-        raise InputError(f"{path}: no such file; give a run's directory, a recording or a ULog")
+        what = "is a device or pipe" if path.exists() else "no such file"
+        raise InputError(f"{path}: {what}; give a run's directory, a recording or a ULog")
     if path.suffix == ".ulg":
         log = load_ulog(path, robot)
     elif path.suffix == ".mcap":

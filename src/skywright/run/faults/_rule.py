@@ -46,6 +46,10 @@ class Rule:
     from_take_off: ClassVar[bool] = False
     """Whether it watches from the start of the motors; otherwise from the end of take-off."""
 
+    shows_control: ClassVar[bool] = False
+    """Whether it acts where the platform does not do what the law wants: a noisy gyroscope may be
+    the cause, which is told beside it."""
+
     every: ClassVar[int] = 5
     """Mission ticks (20 ms) between looks."""
 

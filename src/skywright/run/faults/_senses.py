@@ -27,8 +27,11 @@ FELT_N = 0.5
 class Senses:
     """The vehicle now. Records are those of the vehicle: copy what shall be kept."""
 
-    def __init__(self, vehicle: Backend, fence: Fence | None = None) -> None:
+    def __init__(
+        self, vehicle: Backend, fence: Fence | None = None, noise_sigmas: float = 3.0
+    ) -> None:
         self.vehicle, self.fence = vehicle, Fence() if fence is None else fence
+        self.noise_sigmas = noise_sigmas
         self.reference: Any = vehicle.reference_now  # the REFERENCE row that is tracked
         self.t = vehicle.t  # s, mission time
         self._records: dict[Any, Any] = {}
@@ -72,6 +75,15 @@ class Senses:
             read = place.tolist if place else lambda: np.asarray(self.reference[name]).tolist()
             self._told[name] = read
         return read()
+
+    def explain_noise(self) -> str:
+        """Say that the gyroscope's noise drives the rotors to their limits; "" where it does not.
+
+        It takes some 0.1 s: for what is told once.
+        """
+        from skywright.run.gyro_limit import explain_noise
+
+        return explain_noise(self.vehicle, self.noise_sigmas)
 
     @property
     def order(self) -> str:

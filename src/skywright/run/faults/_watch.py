@@ -137,10 +137,10 @@ class Watch:
             self._note(rule, error)
             says = rule.failure
         t, table = self.senses.t, rule.table
-        acted = Acted(
-            rule.name, t, value, table.limit, rule.unit, table.response,
-            f"{says} in {phase or 'the flight'} at t = {t:.1f} s",
-        )  # fmt: skip
+        says = f"{says} in {phase or 'the flight'} at t = {t:.1f} s"
+        if rule.shows_control and (noise := self.senses.explain_noise()):
+            says = f"{says}: {noise}"
+        acted = Acted(rule.name, t, value, table.limit, rule.unit, table.response, says)
         self.acted.append(acted)
         raise RuleActed(rule, acted)
 

@@ -29,6 +29,7 @@ class LostControl(Rule):
     unit = "m"
     source = "as the guard of the tick (vehicle/guard.py): no built-in flight strays so far"
     from_take_off = True
+    shows_control = True
 
     class Table(Rule.Table):
         """Limit (m). A robot that the wind carries away still lands upright."""

@@ -27,6 +27,7 @@ class OutOfControl(Rule):
     unit = "m"
     source = "four times the distance at which control counts as lost"
     from_take_off = True
+    shows_control = True
 
     class Table(Rule.Table):
         """Limit (m)."""

@@ -19,6 +19,7 @@ class Saturation(Rule):
 
     watches = "share of the last second in which the allocation cut the command"
     unit = ""
+    shows_control = True
     every = 10
     source = (
         "gusts and touch-downs of the built-in missions reach 0.5; 0.8 is 1.6 s without a break"
