@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from skywright.errors import InputError
 from skywright.vehicle.arguments import check_number, check_vector
 from skywright.vehicle.arm_commands import ArmCommand
+from skywright.vehicle.attitude_drive import AttitudeDrive, check_attitude
 from skywright.vehicle.commanded import Commanded
 from skywright.vehicle.commands import (
     Command,
@@ -142,6 +143,24 @@ class Uav(Commanded):
             self._take(VelocityDrive, ControlMode.VELOCITY).tell(velocity, rate, *tilt)
 
         return self._do(Command.SET_VELOCITY, tell)
+
+    def lift_off(self) -> Handle:
+        """Let streams of references lead the robot off the ground, where its motors turn."""
+        return self._do(Command.LIFT_OFF, lambda: self._enter(State.FLYING_AUTO))
+
+    def set_attitude(self, R_WB: ArrayLike, f_B: ArrayLike) -> Handle:
+        """Hold the attitude R_WB (3, 3) and push with the force f_B (3,) N; a stream.
+
+        Nothing holds the place. A reference counts for 0.5 s; then the platform is level and
+        brakes. Laws of coplanar rotors take the attitude from the force: f_B lies along z there.
+        The integrals of the law (wind, trim) add to f_B what they have learnt.
+        """
+        R, f = check_attitude(R_WB), check_vector("f_B", f_B)
+
+        def tell() -> None:
+            self._take(AttitudeDrive, ControlMode.ATTITUDE).tell(R, f)
+
+        return self._do(Command.SET_ATTITUDE, tell)
 
     def set_joints(self, q: ArrayLike) -> Handle:
         """Lead the arms' joints to q (n_joints,) rad; called at up to 50 Hz, a stream.
