@@ -50,22 +50,28 @@ class KinematicVehicle(SimulatedVehicle):
             i for i, s in enumerate(a.steps)
             if any(port.record is Body and port.use == FILL for port in s.ports)
         ]  # fmt: skip
-        self._told, self._seen = _list_runs(told), _list_runs(sorted([*body, *seen]))
+        self._after_move = [*body, *seen]
+        self._told, self._seen = _list_runs(told), _list_runs(sorted(self._after_move))
         self._python = set(a.list_python_rows())
         self._clock, self._ref, self._truth = a.get(Clock), a.get(Reference), a.get(Truth)
         self._est, self._state = a.get(Estimate), a.get(EstimatorState)
         self._imu = a.records.get((ImuBatch, ""))
         self._state["ready"], self._state["pose_std"] = 1.0, math.nan
+        self._gauge: Any = None
         if (Telemetry, "") in a.records:
-            told = a.get(Telemetry)
-            told["charge"] = told["speed"] = math.nan  # no rotor turns, no power is drawn
+            self._gauge = a.get(Telemetry)
+            self._gauge["charge"] = self._gauge["speed"] = math.nan  # no rotor turns, no power
         self._bench = find_first(self.world.things, Fixture)
         self._floor = self.robot.platform.gear_height_m
+
+    def run_also(self, rows: list[int]) -> None:
+        """Run further rows of the schedule, such as those of a law."""
+        self._seen = _list_runs(sorted({*self._after_move, *rows}))
 
     def look(self, record: type[R], name: str = "") -> R:
         """Return a record of KEPT itself; raises InputError for every other one."""
         if record not in KEPT:
-            raise InputError(f"the kinematic back end fills no {record.__name__}")
+            raise InputError(f"the back end fills no {record.__name__}")
         return super().look(record, name)
 
     @property

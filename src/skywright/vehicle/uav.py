@@ -204,7 +204,14 @@ class Uav(Commanded):
         return self._do(Command.SET_HOME, note)
 
     def take_over(self) -> Handle:
-        """Give the platform to the pilot: the stick is followed in attitude mode from now on."""
+        """Give the platform to the pilot: the stick is followed in attitude mode from now on.
+
+        A vehicle with a pilot's switch of its own is changed to the pilot's mode.
+        """
+        if not self.find_refusal(Command.TAKE_OVER):
+            says = self.backend.give_control()
+            if says:
+                return self._ended(Command.TAKE_OVER, Result(False, says, self.backend.t))
 
         def give() -> None:
             row = build_row_here(self.backend)
@@ -241,6 +248,10 @@ class Uav(Commanded):
 
     def recover_from_manual(self, *, wait: bool | None = None) -> Handle:
         """Take over from the pilot: brake from the speed of now, and stay."""
+        if not self.find_refusal(Command.RECOVER_FROM_MANUAL):
+            says = self.backend.take_control()
+            if says:
+                return self._ended(Command.RECOVER_FROM_MANUAL, Result(False, says, self.backend.t))
 
         def recover() -> Motion:
             self.backend.track(build_row_here(self.backend)[None])

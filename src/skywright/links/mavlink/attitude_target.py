@@ -68,4 +68,4 @@ class AttitudeTarget(NamedTuple):
             used.append(thrust)
         if not all(math.isfinite(x) for x in used):
             return None
-        return cls(time_ms, mask, q, rates, thrust, body, system, component)  # type: ignore[arg-type]
+        return cls(time_ms, mask, q, rates, thrust, body, system, component)

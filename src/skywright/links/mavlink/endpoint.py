@@ -119,10 +119,10 @@ class Endpoint:
 
     def _find_peer(self, address: Any, now: float) -> Peer | None:
         if self._fixed is not None:
-            peer = self.peers[self._fixed]
+            only = self.peers[self._fixed]
             if self.url.kind == "udpout":
-                peer.address = address  # it answers from a port of its own
-            return peer
+                only.address = address  # it answers from a port of its own
+            return only
         peer = self.peers.get(address)
         if peer is None:
             for other in [a for a, p in self.peers.items() if now - p.heard > SILENT_S]:
@@ -196,7 +196,8 @@ class TcpWire:
     """A connection that is made again where it breaks."""
 
     def __init__(self, url: Url) -> None:
-        self._url, self._socket, self._next = url, None, 0.0
+        self._url, self._next = url, 0.0
+        self._socket: socket.socket | None = None
         self._pending = b""
         if self._connect() is None:
             raise InputError(f"{url}: nothing listens there")
@@ -211,7 +212,7 @@ class TcpWire:
                 return None
             made.setblocking(False)
             made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._socket: socket.socket | None = made
+            self._socket = made
         return self._socket
 
     def receive(self) -> tuple[bytes, Any] | None:
@@ -258,7 +259,7 @@ class SerialWire:
 
     def __init__(self, url: Url) -> None:
         try:
-            import serial
+            import serial  # type: ignore[import-untyped]
         except ImportError:
             raise InputError(f"{url} requires pyserial: pip install 'skywright[serial]'") from None
         try:
