@@ -43,8 +43,9 @@ COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 CONNECT_S = 30.0  # s for a vehicle to be heard, and for its position
 SILENT_S = 1.0  # s without a message after which mission time stands still
 BEAT_S = 3.0  # s without a heartbeat, likewise
+DEAF_S = 0.4  # s without an answer in which a change to Hold is the autopilot's own
 LOST_S = 10.0  # s after which the flight is given up
-OWN_S = 2.0  # s after a silence, in which a change to Hold is the autopilot's own
+OWN_S = 2.0  # s after a silence, likewise
 SPIN_S, LAND_S = 8.0, 60.0  # s for arming, and for coming down
 AHEAD_S = 0.3  # s for which a position is carried on with its velocity
 ON_GROUND = 1  # EXTENDED_SYS_STATE.landed_state
@@ -92,7 +93,7 @@ class MavlinkVehicle(KinematicVehicle):
                 f"the vehicle on {url} tells no local position within {CONNECT_S:g} s: "
                 "LOCAL_POSITION_NED, ATTITUDE_QUATERNION and ESTIMATOR_STATUS are needed"
             )
-        link.wait(lambda h: h.simulated, 1.0)
+        link.wait(lambda h: h.has_version, 5.0)
         if link.heard.armed:
             raise InputError("the vehicle is armed: a mission begins on the ground, motors off")
         if not link.heard.simulated:  # an autopilot tells the place of its centre of mass
@@ -258,7 +259,8 @@ class MavlinkVehicle(KinematicVehicle):
 
     def _is_silent(self) -> bool:
         h, age = self.link.heard, self.link.age
-        return age(h.message) > SILENT_S or age(h.beat) > BEAT_S
+        silent = age(h.message) > SILENT_S or age(h.beat) > BEAT_S
+        return silent or age(h.answer) > SILENT_S  # nothing gets there
 
     def _wait_for_link(self) -> None:
         """Stand still while the vehicle is not heard; give up after LOST_S."""
@@ -301,7 +303,11 @@ class MavlinkVehicle(KinematicVehicle):
         if h.mode == modes.OFFBOARD:
             self.piloted = False
         elif not self.piloted:
-            own = h.mode not in modes.BY_STICK and self.clock.now() < self._quiet_until
+            deaf = self.link.age(h.answer) > DEAF_S
+            quiet = deaf or self.clock.now() < self._quiet_until
+            own = quiet and h.mode not in modes.BY_STICK
+            if own and deaf:
+                return  # it hears nothing: what follows is a silence
             if own and not self.take_control():
                 self._says(f"t = {self.t:.2f} s: Offboard again after the silence")
                 self._due = self.clock.now()

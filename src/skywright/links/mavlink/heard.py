@@ -40,6 +40,7 @@ class Heard:
     def __init__(self) -> None:
         self.system = 0  # of the vehicle, 0: none was heard
         self.beat = self.message = self.place = self.turn = -math.inf  # s, when they came
+        self.answer = math.inf  # s, when a TIMESYNC was answered; infinite: never
         self.armed, self.mode, self.landed = False, Mode(0), 0
         self.p, self.v = np.zeros(3), np.zeros(3)  # m, m/s: ENU, in the vehicle's local frame
         self.R_WB, self.w_B = np.eye(3), np.zeros(3)
@@ -48,10 +49,10 @@ class Heard:
         self.charge = math.nan
         self.origin: tuple[float, float, float] | None = None  # deg, deg, m: of the local frame
         self.home: Array | None = None
-        self.parameters: dict[str, float] = {}
         self.acks: deque[Ack] = deque(maxlen=TEXTS)
         self.texts: deque[tuple[float, str]] = deque(maxlen=TEXTS)
         self.simulated = False  # whether it is Skywright's own
+        self.has_version = False
         self.restarts = 0
         self._boot_ms = 0
         self.round_trips: deque[float] = deque(maxlen=20)  # s
@@ -113,13 +114,8 @@ class Heard:
             self.home = swap_world(np.array([m.x, m.y, m.z]))
 
     def _take_autopilot_version(self, m: Any, now: float) -> None:
+        self.has_version = True
         self.simulated = bytes(m.flight_custom_version) == b"skywrigt"
-
-    def _take_param_value(self, m: Any, now: float) -> None:
-        if len(self.parameters) < 2000 and is_finite(m, "param_value"):
-            raw = m.param_id
-            text = raw if isinstance(raw, str) else bytes(raw).decode("ascii", "replace")
-            self.parameters[text.split("\0")[0]] = float(m.param_value)
 
     def _take_command_ack(self, m: Any, now: float) -> None:
         self.acks.append(Ack(m.command, m.result, now))
@@ -138,6 +134,7 @@ class Heard:
             trip = now - 1e-9 * m.ts1
             if 0.0 <= trip < 10.0:
                 self.round_trips.append(trip)
+                self.answer = now
 
     def _look_at_clock(self, ms: int) -> None:
         if self._boot_ms - ms > BACK_MS:

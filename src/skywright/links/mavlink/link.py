@@ -21,6 +21,7 @@ from skywright.links.mavlink.heard import Heard
 Array = NDArray[np.float64]
 
 PERIOD = 0.02  # s between set-points
+SYNC_S = 0.1  # s between requests whose answers show that both ways are open
 RENEWED_S = 0.1  # s for which a set-point counts as it is
 ONBOARD, GENERIC_AUTOPILOT_NONE, ACTIVE = 18, 8, 4
 SET_INTERVAL, REQUEST_MESSAGE = 511, 512
@@ -134,7 +135,7 @@ class VehicleLink:
                     )
                 )
             if self.heard.system and now >= self._next_sync:
-                self._next_sync = now + 0.5
+                self._next_sync = now + SYNC_S
                 self._send(self.dialect.MAVLink_timesync_message(0, round(1e9 * now)))
             self._ask(now)
             if self._target is not None and self.heard.system:
@@ -144,7 +145,7 @@ class VehicleLink:
     def _ask(self, now: float) -> None:
         """Ask for the messages until they come."""
         h = self.heard
-        missing = now - h.place > 0.5 or now - h.turn > 0.5 or h.flags is None
+        missing = now - h.place > 0.5 or now - h.turn > 0.5 or h.flags is None or not h.has_version
         if not h.system or not missing or now < self._next_ask:
             return
         self._next_ask = now + 2.0
@@ -152,9 +153,6 @@ class VehicleLink:
             self._send_command(SET_INTERVAL, number, 1e6 / rate)
         self._send_command(REQUEST_MESSAGE, 148)
         self._send_command(REQUEST_MESSAGE, 49)
-        self._send(
-            self.dialect.MAVLink_param_request_read_message(h.system, 1, b"MPC_THR_HOVER", -1)
-        )
 
     def _build(self, at: float, renewed: float, t: Target) -> Any:
         stale = at - renewed > RENEWED_S
