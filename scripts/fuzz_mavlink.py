@@ -86,7 +86,7 @@ def draw_message(rng: random.Random) -> Any:
             values.append(rng.randbytes(max(length, 1)))
         elif name in ("target_system", "target_component") and rng.random() < 0.9:
             values.append(1)
-        elif name == "command" and rng.random() < 0.9:
+        elif name == "command" and length <= 1 and rng.random() < 0.9:
             known = (16, 20, 21, 22, 176, 178, 179, 192, 300, 400, 510, 511, 512, 520)
             values.append(rng.choice(known))
         elif length > 1:

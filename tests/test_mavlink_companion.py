@@ -21,6 +21,7 @@ from skywright.links.mavlink.body_force import compute_most
 from skywright.links.mavlink.check import find_refusal
 from skywright.links.mavlink.heard import Heard
 from skywright.links.mavlink.link import RENEWED_S
+from skywright.links.mavlink.robot import Stick
 from skywright.run.run import RunResult, run_mission
 from skywright.run.session import Vehicle, open_vehicle
 from skywright.run.setup import Setup
@@ -162,10 +163,8 @@ def test_the_pilots_switch_wins_and_the_mission_goes_on_after_it(
     def pilot(p: Pair) -> None:
         t = p.clock.t
         if 109.0 <= t < 109.02:
-            set_mode(p, modes.ALTITUDE)
+            set_mode(p, modes.POSITION)
         if 109.0 <= t < 112.0:
-            from skywright.links.mavlink.robot import Stick
-
             p.service.robot.take_stick(Stick(0.0, 0.5, 0.0, 0.0))
             seen.append(str(p.service.robot.mode))
         if 113.0 <= t < 113.02:
@@ -173,7 +172,7 @@ def test_the_pilots_switch_wins_and_the_mission_goes_on_after_it(
 
     pair.on_tick = pilot
     result = fly(pair, tmp_path)
-    assert set(seen[2:]) == {"Altitude"}  # nobody took it back meanwhile
+    assert set(seen[2:]) == {"Position"}  # nobody took it back meanwhile
     names = [p.name for p in result.phases]
     assert "manual" in names and "rejoin" in names
     assert result.outcome in ("succeeded", "failed"), result.reason
@@ -262,7 +261,7 @@ def test_without_a_vehicle_it_says_what_it_waited_for(
     pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pair.down.lost = lambda t: True
-    with pytest.raises(InputError, match="no MAVLink vehicle was heard on udpout"):
+    with pytest.raises(InputError, match="no MAVLink vehicle was heard on udpin"):
         fly(pair, tmp_path)
 
 

@@ -18,6 +18,7 @@ from skywright.vehicle.geodesy import Geodetic, to_local
 
 FORCE = 21196.0
 """param2 of MAV_CMD_COMPONENT_ARM_DISARM that stops the motors in the air."""
+SLOWEST = 0.05  # m/s
 RELATIVE_FRAMES = (3, 6)
 
 
@@ -90,8 +91,8 @@ class Commands:
         most, speed = b.robot.control.speed_max_mps, a.p[1]
         if speed == -1.0:
             return Reply(ACCEPTED)
-        if not 0.0 < speed <= most:
-            return Reply(DENIED, f"speed {speed:g} m/s; valid: above 0, up to {most:g}")
+        if not SLOWEST <= speed <= most:
+            return Reply(DENIED, f"speed {speed:g} m/s; valid: {SLOWEST:g} to {most:g}")
         b.limits = b.limits._replace(speed=speed)
         return Reply(ACCEPTED)
 

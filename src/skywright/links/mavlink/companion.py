@@ -294,7 +294,7 @@ class MavlinkVehicle(KinematicVehicle):
         if not h.armed:
             self._armed = self._offboard = False
             if self.piloted:
-                self.stopped = "the pilot landed"
+                self.stopped, self.piloted = "the pilot landed", False
                 row = np.array(self.reference)
                 row["t"], row["active"] = 0.0, 0.0
                 self.track(row[None])

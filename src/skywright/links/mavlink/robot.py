@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 ACCEPTED, BUSY, DENIED, UNSUPPORTED, FAILED = range(5)
 """MAV_RESULT."""
 AUTO_MODES = frozenset({modes.TAKEOFF, modes.HOLD, modes.RETURN, modes.LAND, modes.OFFBOARD})
+LONGEST_S = 600.0  # s of one motion: its table is held in memory
 STICK_S = 0.5  # s for which a pilot's stick counts
 TILT, CLIMB, LEVEL = math.radians(15.0), 0.5, 0.5
 """Of a full axis of the stick: rad, m/s up, m/s level."""
@@ -114,6 +115,9 @@ class Robot:
         z = height
         if z is None:
             z = float(v.backend.estimate["p_WB"][2]) + float(self.parameters["MIS_TAKEOFF_ALT"])
+        far = self._find_far("take_off", np.array([*v.backend.estimate["p_WB"][:2], z]))
+        if far:
+            return Reply(DENIED, far)
         reply = self._try(lambda: v.take_off(z, wait=False))
         if reply.result == ACCEPTED:
             self._enter(modes.TAKEOFF)
@@ -121,10 +125,21 @@ class Robot:
 
     def reposition(self, p: Array, yaw: float | None) -> Reply:
         """Fly to p (3,) m in W and hold there."""
+        far = self._find_far("go_to", p)
+        if far:
+            return Reply(DENIED, far)
         reply = self._leave_stick() or self._try(lambda: self.vehicle.go_to(p, yaw, wait=False))
         if reply.result == ACCEPTED:
             self._enter(modes.HOLD)
         return reply
+
+    def _find_far(self, what: str, p: Array) -> str:
+        """Say that a motion would take too long, or return ""."""
+        b = self.vehicle.backend
+        seconds = float(np.linalg.norm(p - b.estimate["p_WB"])) / b.limits.speed
+        if seconds <= LONGEST_S:
+            return ""
+        return f"{what} refused: it takes {seconds:.3g} s; valid: up to {LONGEST_S:g} s"
 
     def choose(self, mode: Mode) -> Reply:
         """Change the mode."""
@@ -160,6 +175,9 @@ class Robot:
         if mode == modes.LAND:
             return self._try(lambda: v.land(wait=False))
         if mode == modes.RETURN:
+            far = "" if v.home is None else self._find_far("go_home", v.home)
+            if far:
+                return Reply(BUSY, far)
             handle = v.go_home(wait=False)
             self._return = handle if handle else None
             return self._answer(handle)

@@ -34,6 +34,8 @@ LOCAL, OFFSET, BODY, BODY_OFFSET = 1, 7, 8, 9  # MAV_FRAME
 GLOBAL, RELATIVE = (0, 5), (3, 6)
 ACCELERATION, FORCE = 0x1C0, 0x200  # bits of type_mask
 YAW, YAW_RATE = 0x400, 0x800
+FAR = 1e4
+"""m: no place beyond is taken for one."""
 GAIN = 1.0  # 1/s, towards a position along an axis beside velocities along others
 
 
@@ -175,6 +177,8 @@ def _check(mask: int, message: Any, p: Array, v: Array) -> str:
     ]
     if not all(math.isfinite(x) for x in given) or np.isinf(p).any() or np.isinf(v).any():
         return "a set-point holds numbers that are not finite"
+    if np.nanmax(np.abs([*p, 0.0])) > FAR:
+        return f"a set-point is further away than {FAR:g} m"
     if np.isnan(p).all() and np.isnan(v).all():
         return "a set-point without position and velocity is refused"
     return ""
