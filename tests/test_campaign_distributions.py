@@ -249,3 +249,10 @@ def test_a_cell_may_be_a_list(tmp_path):
     forces = [load_run(campaign, draw_run(campaign, i)).mission.task.forces_n for i in (0, 1)]
     assert forces == [[1.5, 2.5], [3.0]]
     assert draw_run(campaign, 0).varied["mission.task.forces_n"] == "[1.5, 2.5]"
+
+
+def test_all_that_is_wrong_with_vary_is_told_at_once() -> None:
+    texts = ["world.wind.mean_mps=uniform(a,3)", "foo=what(1)", "world.pipe.friction=0.2"]
+    with pytest.raises(InputError) as error:
+        parse_variations(texts)
+    assert len(str(error.value).splitlines()) == 3

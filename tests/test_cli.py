@@ -324,6 +324,28 @@ def test_check_reads_what_a_robot_extends(tmp_path: Path) -> None:
     assert done.stderr.splitlines()[-1] == "robot.toml: 1 problem"
 
 
+def test_check_compiles_a_law_of_a_user(tmp_path: Path) -> None:
+    call("new", "law", "mine")
+    path = tmp_path / "mine/mine.py"
+    assert "body.mass" in path.read_text()
+    path.write_text(path.read_text().replace("body.mass", "body.mas", 1))
+    done = call("check", "mine")
+    assert done.exit_code == 2
+    assert "mine.py" in done.stderr and "does not compile" in done.stderr
+
+
+def test_check_tells_of_things_that_overlap(tmp_path: Path) -> None:
+    """A tool inside its bench is thrown out at the first step; one on top of it is well."""
+    box = "size_x_m = 0.4\nsize_y_m = 0.6\nsize_z_m = 0.9\nx_m = 2.0\ny_m = 0.0\nz_m = 0.45\n"
+    text = f"[world]\nname = 'w'\n[world.things.stand]\nkind = 'box'\n{box}"
+    text += "[world.things.tool]\nkind = 'tool'\n"
+    for place, code in (("on = 'stand'", 0), ("x_m = 2.0\ny_m = 0.0\nz_m = 0.8", 2)):
+        (tmp_path / "world.toml").write_text(text + place + "\n")
+        done = call("check", "world.toml")
+        assert done.exit_code == code, done.output
+    assert "'stand' and 'tool' overlap by" in done.stderr
+
+
 def test_check_tells_the_guesses() -> None:
     result = call("check", "othex")
     assert result.exit_code == 0

@@ -18,7 +18,9 @@ from scipy.spatial.transform import Rotation
 import skywright
 from skywright.core.compiled_code import _list_imports, find_dependents
 from skywright.errors import InfeasibleError, InputError
+from skywright.models.capability import Capability
 from skywright.models.rigid_body import build_body_model, compute_body, posture
+from skywright.run.planning import MissionPlan
 from skywright.run.results import read_name
 from skywright.vehicle.bus import Body
 
@@ -343,3 +345,11 @@ def test_arrays_that_do_not_fit_are_refused(change, words):
     }  # fmt: skip
     with pytest.raises(InputError, match=words):
         skywright.run_estimator(**{**case, **change})
+
+
+@pytest.mark.parametrize("title, kind", [("a `Capability`", Capability), ("a plan", MissionPlan)])
+def test_the_page_lists_attributes_that_exist(title: str, kind: type) -> None:
+    table = PAGE.partition(f"| of {title} |")[2].partition("\n\n")[0].splitlines()[2:]
+    named = {name for row in table for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+    assert len(named) >= 8
+    assert all(hasattr(kind, name) for name in named)

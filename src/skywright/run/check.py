@@ -15,6 +15,7 @@ from skywright.description.parts import type_parts
 from skywright.description.robot.loader import find_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import find_world, load_world_layer
+from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.run.parts import build_rules
 
@@ -56,6 +57,9 @@ def _check_one(name: str, kind: str, path: str) -> CheckReport:
             description = load_description(path)
             _check_lift(description.robot, description.world.gravity_mps2, name, problems, notes)
             problems += _check_rules(description)
+            problems += _check_overlaps(description.robot, description.world, name)
+            if not problems and _has_code_of_a_user(description):
+                problems += _check_compiles(description)
             notes += list_guesses(description.robot, "robot", description.sources)
             notes += list_guesses(description.mission, "mission", description.sources)
     else:
@@ -68,12 +72,48 @@ def _check_one(name: str, kind: str, path: str) -> CheckReport:
             notes += list_guesses(spec, kind, sources)
         if isinstance(spec, Robot) and not problems:
             _check_lift(spec, 9.81, label, problems, notes)
+        if isinstance(spec, World) and not problems:
+            problems += _check_overlaps(load_description("waypoints").robot, spec, label)
     return CheckReport(name, kind, not problems, problems, notes)
 
 
 def _check_rules(description: Description[Any]) -> list[str]:
     try:
         build_rules(description)
+    except InputError as error:
+        return [str(error)]
+    return []
+
+
+def _check_overlaps(robot: Robot, world: World, label: str) -> list[str]:
+    from skywright.models.overlaps import find_overlaps  # heavy: only worlds need it
+
+    try:
+        found = find_overlaps(robot, world)
+    except InputError as error:
+        return [f"{label}: {error}"]
+    return [
+        f"{label}: {a!r} and {b!r} overlap by {1000 * depth:.0f} mm at the start, and one of them "
+        "can move: move them apart"
+        for a, b, depth in found
+    ]
+
+
+def _has_code_of_a_user(description: Description[Any]) -> bool:
+    roots = (description.robot, description.world, description.mission, description.plant)
+    return any(
+        isinstance(value, str) and ".py:" in value
+        for root in roots
+        for _, value in iterate_leaves(root, "")
+    )
+
+
+def _check_compiles(description: Description[Any]) -> list[str]:
+    """Build the vehicle: the steps of a user's law, sensor or effect are compiled with it."""
+    from skywright.run.backends import build_vehicle
+
+    try:
+        build_vehicle(description)
     except InputError as error:
         return [str(error)]
     return []

@@ -164,7 +164,10 @@ def _describe_limit(
     h = open_ended[0]
     unit = f" {h.unit}" if h.unit else ""
     name = _in_words(h.name, measures)
-    text = f"Nearest to its limit: {name}, worst {h.worst:.3g} of {h.limit:.3g}{unit}"
+    text = (
+        f"Nearest to its limit: {name}. The worst run used {h.used:.0%} of the room between the "
+        f"median, {h.median:.3g}{unit}, and the limit, {h.limit:.3g}{unit}"
+    )
     drivers = [s for s in sensitivities if s.metric == h.name and s.significant]
     if drivers:
         s = max(drivers, key=lambda s: max(s.share, s.rho**2 if math.isfinite(s.rho) else 0.0))

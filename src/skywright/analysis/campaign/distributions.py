@@ -57,19 +57,27 @@ def parse_variations(texts: Sequence[str]) -> tuple[Variation, ...]:
     file, and on a key that varies twice.
     """
     out: list[Variation] = []
-    for text in texts:
-        if "=" not in text and text.strip().lower().endswith(".csv"):
-            columns = load_columns(Path(text.strip()), f"--vary {text}")
-            out += [
-                Variation(key, "csv", f"csv({text.strip()},{key})", cells)
-                for key, cells in columns.items()
-            ]
-        else:
-            out.append(parse_variation(text))
+    problems: list[str] = []
+    for text in texts:  # all that is wrong is told at once
+        try:
+            out += _parse_text(text)
+        except InputError as error:
+            problems.append(str(error))
+    if problems:
+        raise InputError("\n".join(problems))
     for i, variation in enumerate(out):
         if variation.key in {v.key for v in out[:i]}:
             raise InputError(f"--vary {variation.key}: varies twice; give it once")
     return tuple(out)
+
+
+def _parse_text(text: str) -> list[Variation]:
+    if "=" in text or not text.strip().lower().endswith(".csv"):
+        return [parse_variation(text)]
+    columns = load_columns(Path(text.strip()), f"--vary {text}")
+    return [
+        Variation(key, "csv", f"csv({text.strip()},{key})", cells) for key, cells in columns.items()
+    ]
 
 
 def parse_variation(text: str) -> Variation:

@@ -1,0 +1,42 @@
+"""Things of a world that are inside one another before anything moves."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from skywright.description.robot.spec import Robot
+from skywright.description.world.spec import World
+from skywright.models.arm_body import Deviation
+from skywright.models.scene import build_scene
+from skywright.models.things._build import OBJECT
+
+TOLERATED = 0.003
+"""m: soft contacts sink in by less under the weight of what lies on them."""
+
+
+def find_overlaps(robot: Robot, world: World) -> list[tuple[str, str, float]]:
+    """Return the pairs of things that overlap at the start, and how deep (m).
+
+    Only pairs of which one can move: they push each other away at the first step of the
+    simulation. Fixed things may stand in one another, as a post stands in its pipe.
+    """
+    scene = build_scene(robot, world, Deviation())
+    model, data = scene.model, mujoco.MjData(scene.model)
+    mujoco.mj_forward(model, data)
+    own = set(np.asarray(scene.places.robot_geoms).tolist())
+    deepest: dict[tuple[str, str], float] = {}
+    for contact in data.contact:
+        first, second = (int(g) for g in contact.geom)
+        if first in own or second in own or contact.dist > -TOLERATED:
+            continue
+        names = sorted(_name(model, g) for g in (first, second))
+        pair = (names[0], names[1])
+        deepest[pair] = max(deepest.get(pair, 0.0), -float(contact.dist))
+    return [(*pair, depth) for pair, depth in sorted(deepest.items())]
+
+
+def _name(model: mujoco.MjModel, geom: int) -> str:
+    """The thing that a shape belongs to: its body, or the shape's own name in the world."""
+    body = int(model.geom_bodyid[geom])
+    return str(model.body(body).name.removeprefix(OBJECT) if body else model.geom(geom).name)
