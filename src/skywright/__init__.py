@@ -176,7 +176,8 @@ def run(
     `gateway` ("udp:PORT") publishes the arms' state to others; `gateway_key` is a file with the key
     that its packets are sealed with. `station` (FD:FOLDER) is how a ground station that started
     this process is reached. `command` is the command line that the report states.
-    `backend` is "physics", or "kinematic": references are followed exactly, without forces.
+    `backend` is "physics", "kinematic" (references are followed exactly, without forces), or
+    "mavlink:URL" (a vehicle over MAVLink flies the platform).
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
     """
