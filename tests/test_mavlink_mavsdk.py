@@ -72,7 +72,7 @@ async def fly(port: int) -> None:
         await action.set_takeoff_altitude(1.0)
         assert await action.get_takeoff_altitude() == 1.0
         await action.arm()
-        assert await tell.armed()
+        await until(tell.armed)
         await action.takeoff()
 
         async def flies() -> bool:

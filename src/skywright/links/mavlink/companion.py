@@ -15,12 +15,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.record import fill
-from skywright.core.rotations import rot_to_quat
 from skywright.description.world.origin import Origin
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
@@ -30,7 +27,6 @@ from skywright.links.mavlink.endpoint import Endpoint, Url, parse_url
 from skywright.links.mavlink.heard import Heard
 from skywright.links.mavlink.link import Clock, Target, VehicleLink
 from skywright.links.px4.parameters import build_airframe
-from skywright.models.rigid_body import compute_tip
 from skywright.vehicle.ended import VehicleEnded
 from skywright.vehicle.geodesy import Geodetic, to_local
 from skywright.vehicle.interface import Ticked
@@ -175,31 +171,17 @@ class MavlinkVehicle(KinematicVehicle):
 
     def _move(self) -> None:
         """Take the pose that the vehicle tells; the joints follow their reference."""
-        ref, truth, est, d = self._ref, self._truth, self._est, self.sim.data
         with self.link.lock:
             h = self.link.heard
             age = max(self.link.age(h.place), 0.0)
             p, v, R, w = h.p, h.v, h.R_WB, h.w_B
             placed, std, charge = self._is_placed(h), h.std, h.charge
-        p = p + v * min(age, AHEAD_S) - R @ self._p_BC + self._shift
-        d.qpos[:3], d.qvel[:3], d.qvel[3:6] = p, v, w
-        rot_to_quat(np.ascontiguousarray(R), d.qpos[3:7])
-        places, n = self.scene.places, self.n_joints
-        d.qpos[places.joint_qpos], d.qvel[places.joint_dof] = ref["q"][:n], ref["qd"][:n]
-        mujoco.mj_kinematics(self.scene.model, d)
-        fill(est, truth)
-        est["t"], self._state["heard"] = self.t, self.t - age
-        if placed:
-            self._state["ready"] = 1.0
+        known = float(self._state["heard"])
+        self._show(p + v * min(age, AHEAD_S) - R @ self._p_BC + self._shift, v, R, w)
+        self._state["heard"] = self.t - age if placed else known
         self._state["pose_std"] = std
-        if self._imu is not None:
-            self._imu["t"][0] = self.t
         if self._gauge is not None:
             self._gauge["charge"] = charge
-        est["p_WB"], est["v_WB"], est["R_WB"], est["w_WB_B"] = p, v, R, w
-        est["q"], est["qd"] = ref["q"], ref["qd"]
-        p_BT, R_BT = compute_tip(self.model, est["q"])
-        est["p_WT"], est["R_WT"] = p + R @ p_BT, R @ R_BT
 
     # --- what the vehicle is told ------------------------------------------------------------
 

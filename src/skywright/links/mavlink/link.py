@@ -158,17 +158,11 @@ class VehicleLink:
         stale = at - renewed > RENEWED_S
         ms = round(1e3 * at) % 2**32
         if t.f_B is not None and not stale:
-            q = tuple(float(x) for x in to_ned_quaternion(t.R_WB))
+            w, x, y, z = to_ned_quaternion(t.R_WB).tolist()
             f = (float(t.f_B[0]), -float(t.f_B[1]), -float(t.f_B[2]))
             thrust = min(max(float(t.f_B[2]), 0.0), 1.0)
             return AttitudeTarget(
-                ms,
-                0x07 | 0x20,
-                q,
-                (0.0, 0.0, 0.0),
-                thrust,
-                f,
-                self.heard.system,  # type: ignore[arg-type]
+                ms, 0x07 | 0x20, (w, x, y, z), (0.0, 0.0, 0.0), thrust, f, self.heard.system
             )
         still = np.zeros(3)
         v, a = (still, still) if stale else (t.v, t.a)
