@@ -33,7 +33,7 @@ def choose_backend(name: str) -> Callable[..., SimulatedVehicle]:
     """Return what builds a back end that flies; raises InputError that lists them."""
     kind, _, address = name.partition(":")
     if kind in LINKED:
-        return import_module(LINKED[kind]).open_backend(address)  # type: ignore[no-any-return]
+        return import_module(LINKED[kind]).open_backend(address)
     if name == PHYSICS:
         return SimulatedVehicle
     if name == KINEMATIC:

@@ -142,7 +142,6 @@ def list_settable(robot: Any) -> list[Settable]:
         Settable("MIS_TAKEOFF_ALT", 1.5, 0.2, 80.0),
         Settable("COM_OF_LOSS_T", 0.5, 0.1, 60.0),
         Settable("COM_DISARM_PRFLT", 10.0, -1.0, 3600.0),
-        Settable("RTL_RETURN_ALT", 1.5, 0.2, 80.0),
     ]
 
 
