@@ -200,6 +200,26 @@ def test_a_refused_arming_is_told_with_the_reason_of_the_vehicle(
     assert "no take-off" in result.reason and "battery" in result.reason
 
 
+def test_a_robot_with_tilted_rotors_is_led_by_the_force_of_its_own_law(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nearer than by positions; a link that is slower than the position loop bears is refused."""
+    description = write(tmp_path, "f550-bridge")
+    backend = skywright.build_vehicle(description)
+    ground = backend.save()
+    pair = Pair(description, backend)
+    plug(monkeypatch, pair)
+    result = fly(pair, tmp_path, URL + "?force")
+    assert result.outcome == "succeeded", result.reason
+    assert result.metrics["position.hold_error_m"] < 0.01
+    backend.restore(ground)
+    slow = Pair(description, backend)
+    plug(monkeypatch, slow)
+    slow.up.delay = slow.down.delay = 0.06
+    with pytest.raises(InputError, match="phase margin of 30 deg with a dead time up to"):
+        run_mission(description, backend=URL + "?force", out=tmp_path / "slow")
+
+
 # --- scripts -----------------------------------------------------------------------------------
 
 

@@ -46,6 +46,7 @@ SPIN_S, LAND_S = 8.0, 60.0  # s for arming, and for coming down
 AHEAD_S = 0.3  # s for which a position is carried on with its velocity
 ON_GROUND = 1  # EXTENDED_SYS_STATE.landed_state
 SET_MODE, ARM_DISARM = 176, 400
+LOW = 0.1  # m above the ground: a reference that ends there is flown by positions
 APART = 5.0  # m between the vehicle and the mission's start, or it is another place
 
 
@@ -196,7 +197,8 @@ class MavlinkVehicle(KinematicVehicle):
         R, rate = np.array(row["R_WB"]), float(row["w_WB_B"][2])
         p = np.array(row["p_WB"]) - self._shift + R @ self._p_BC
         v, a = np.array(row["v_WB"]), np.array(row["a_WB"])
-        f_B = None if self._force is None else self._force.compute()
+        down = float(self.tracking[0][-1]["p_WB"][2]) < self._floor + LOW
+        f_B = None if self._force is None or down else self._force.compute()
         self.link.lead(Target(p, v, a, R, rate, f_B))
 
     def _hold_here(self) -> Target:
