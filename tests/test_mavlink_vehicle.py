@@ -147,6 +147,8 @@ def test_every_command_is_acknowledged_at_once(talk: Talk) -> None:
     assert 9 <= len(talk.take("LOCAL_POSITION_NED")) <= 11
     assert talk.command(511, 9999, 1e5) == UNSUPPORTED
     assert talk.command(511, math.nan, 1e5) == DENIED
+    assert talk.command(511, 32, 1e30) == ACCEPTED and talk.command(510, 32) == ACCEPTED
+    assert talk.last("MESSAGE_INTERVAL").interval_us == 60_000_000  # once a minute
 
 
 def test_arming_runs_the_checklist(talk: Talk) -> None:

@@ -28,7 +28,7 @@ from skywright.vehicle.commands import State
 
 SYSTEM, COMPONENT = 1, 1
 PER_TICK = 25  # parameters that are sent in a tick (20 ms) to one peer
-RATE_MAX = 50.0  # Hz: a tick
+RATE_MIN, RATE_MAX = 1.0 / 60.0, 50.0  # Hz: once a minute, and every tick
 TEXT = 50  # characters of a STATUSTEXT
 REPEAT_S = 2.0  # s for which the same text is not told again
 WARNING, INFO = 4, 6  # MAV_SEVERITY
@@ -190,7 +190,7 @@ class Server:
         elif interval < 0.0:
             self._rates[number] = 0.0 if number != 0 else 1.0  # a heartbeat is never silent
         elif interval > 0.0:
-            self._rates[number] = min(1e6 / interval, RATE_MAX)
+            self._rates[number] = min(max(1e6 / interval, RATE_MIN), RATE_MAX)
         else:
             return DENIED
         self._due.pop(number, None)
