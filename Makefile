@@ -63,11 +63,12 @@ claims: $(STAMP)  ## measure the papers' claims again and write them into the do
 	$(BIN)/skywright reproduce --out runs/claims.html --json > runs/claims.json
 	$(BIN)/python docs/generate_claims.py runs/claims.json
 
-evidence: $(STAMP)  ## mutations that no test notices; the station for 30 minutes; 20 flights by its page
+evidence: $(STAMP)  ## mutations that no test notices; the station for 30 minutes; 20 flights by its page; Betaflight
 	$(BIN)/python scripts/mutants.py
 	$(BIN)/python docs/generate_mutants.py
 	$(BIN)/python benchmarks/soak_station.py --minutes 30
 	$(BIN)/python benchmarks/operate_station.py tool-install --runs 20
+	$(BIN)/python benchmarks/fly_betaflight.py
 
 lock:  ## resolve requirements.lock again (needs uv)
 	uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \

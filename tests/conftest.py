@@ -36,10 +36,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     slow = set[str]()
     if config.getoption("--quick"):
         slow = set(SLOW.read_text(encoding="utf-8").splitlines())
-    without = not os.environ.get("SKYWRIGHT_PX4")  # not a skip: nobody is asked to have PX4
+    without = []  # not a skip: nobody is asked to have an autopilot
+    if not os.environ.get("SKYWRIGHT_PX4"):
+        without.append("px4")
+    if "betaflight" not in config.getoption("markexpr"):
+        without.append("betaflight")
     left_out = [
         i for i in items
-        if i.nodeid.partition("[")[0] in slow or (without and i.get_closest_marker("px4"))
+        if i.nodeid.partition("[")[0] in slow or any(i.get_closest_marker(m) for m in without)
     ]  # fmt: skip
     config.hook.pytest_deselected(items=left_out)
     items[:] = [i for i in items if i not in set(left_out)]

@@ -164,6 +164,7 @@ def run(
     gateway: str | None = None,
     gateway_key: str | os.PathLike[str] | None = None,
     station: str | None = None,
+    servos: str | None = None,
     command: str = "",
     backend: str = "physics",
 ) -> RunResult:
@@ -175,7 +176,8 @@ def run(
     the stick, in missions that have one ("view", "udp:PORT", "model:careful"; ground/operators.py).
     `gateway` ("udp:PORT") publishes the arms' state to others; `gateway_key` is a file with the key
     that its packets are sealed with. `station` (FD:FOLDER) is how a ground station that started
-    this process is reached. `command` is the command line that the report states.
+    this process is reached. `servos` ("serial:PORT") drives the arms' real servos; the platform is
+    simulated. `command` is the command line that the report states.
     `backend` is "physics", "kinematic" (references are followed exactly, without forces), or
     "mavlink:URL" (a vehicle over MAVLink flies the platform).
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
@@ -216,6 +218,12 @@ def run(
         from skywright.ground.operators import open_operator
 
         person = open_operator(operator, description)
+    arms = None
+    if servos is not None:
+        from skywright.links.servo_bus.arms import open_servos
+
+        arms = open_servos(servos, description.robot)
+        observers.append(arms)
     watching = None
     if view or operator in ("view", "page") or station is not None:
         from skywright.ground.watch import Watching
@@ -238,6 +246,8 @@ def run(
             person.close()
         if link is not None:
             link.close()
+        if arms is not None:
+            arms.close()
         if watching is not None:
             watching.close()
 

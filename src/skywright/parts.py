@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from skywright.planning.motion.transit import Configuration, Transit
     from skywright.planning.shapes import Shape
     from skywright.run.session import Vehicle
+    from skywright.vehicle.component import Component
     from skywright.vehicle.motions import Arrival
     from skywright.vehicle.simulated import SimulatedVehicle
     from skywright.vehicle.stepped import LawStep
@@ -120,6 +121,7 @@ def fly(
     sets: Sets = (),
     arrival: Arrival | None = None,
     checklist: bool = True,
+    parts: Sequence[Component] = (),
 ) -> Vehicle:
     """Return a vehicle that a script flies, on the ground with its motors off.
 
@@ -128,14 +130,15 @@ def fly(
     followed exactly), "mavlink:URL" (a vehicle over MAVLink), or "recording": `mission` is then a
     run's directory, which is played.
     `checklist` says whether `[mission.checklist]` and the spin check are passed before the motors
-    turn. Raises InputError on anything that is wrong.
+    turn. `parts` are further components, such as those of real servos (links/servo_bus/arms.py).
+    Raises InputError on anything that is wrong.
     """
     from skywright.run.session import open_recording, open_vehicle
 
     if backend == "recording":
         return open_recording(Path(mission))
     description = load_description(mission, robot, world, sets, seed)
-    return open_vehicle(description, backend, arrival, checklist)
+    return open_vehicle(description, backend, arrival, checklist, parts)
 
 
 def build_law(description: Description | Path_) -> LawStep:

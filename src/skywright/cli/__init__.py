@@ -11,9 +11,11 @@ from skywright.cli import (
     compare,
     data,
     describe,
+    devices,
     evidence,
     fly,
     importing,
+    live,
     pod,
     records,
     runs,
@@ -42,7 +44,7 @@ def main() -> None:
 for command in (
     fly.run, fly.plan, fly.campaign, evidence.reproduce, evidence.bench, describe.capability,
     compare.compare, describe.list_, describe.show, data.weld, pod.pod, data.locate, data.identify,
-    records.records_, data.gateway, fly.replay, serve.serve, sitl.sitl, runs.report,
-    runs.export, describe.new, importing.import_, describe.check,
+    records.records_, data.gateway, fly.replay, serve.serve, sitl.sitl, devices.servos, live.play,
+    live.receive, runs.report, runs.export, describe.new, importing.import_, describe.check,
 ):  # fmt: skip
     main.add_command(command)

@@ -38,6 +38,10 @@ from skywright.errors import InputError
     help="Key of the gateway's packets; needed unless HOST is this computer.",
 )
 @click.option(
+    "--servos", metavar="serial:PORT[:BAUD]",
+    help="The arms are real servos at this port; the platform is simulated.",
+)  # fmt: skip
+@click.option(
     "--records",
     metavar="FILE",
     type=click.Path(path_type=Path),
@@ -54,7 +58,7 @@ def run(
     mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
     seed: int | None, plan_file: str | None, out: Path | None, as_json: bool, view: bool,
     operator: str | None, station: str | None, gateway: str | None, gateway_key: Path | None,
-    records: Path | None, backend: str,
+    servos: str | None, records: Path | None, backend: str,
 ) -> int:  # fmt: skip
     """Plan, fly and evaluate a mission.
 
@@ -75,7 +79,7 @@ def run(
     result = skywright.run(
         description, out=out, view=view, progress=not as_json, records=records, operator=operator,
         gateway=gateway, gateway_key=gateway_key, station=station, backend=backend,
-        command=shlex.join(["skywright", *click.get_current_context().obj]),
+        servos=servos, command=shlex.join(["skywright", *click.get_current_context().obj]),
     )  # fmt: skip
     if as_json:
         print_json({**result.to_json(), "directory": str(result.directory)})

@@ -3,6 +3,7 @@
 import math
 import shlex
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -26,8 +27,12 @@ def _parse_speed(context: click.Context, option: click.Parameter, text: str) -> 
 @trust_option
 @click.argument("robot")
 @click.option(
-    "--autopilot", type=click.Choice(["px4"]), default="px4", show_default=True,
+    "--autopilot", type=click.Choice(["px4", "betaflight"]), default="px4", show_default=True,
     help="Which one flies it.",
+)  # fmt: skip
+@click.option(
+    "--mission", default="waypoints", show_default=True,
+    help="Start and seed; betaflight flies its way-points.",
 )  # fmt: skip
 @click.option("--world", help="World (name or file).  [default: open]")
 @click.option(
@@ -35,15 +40,19 @@ def _parse_speed(context: click.Context, option: click.Parameter, text: str) -> 
 )
 @click.option("--seed", type=int, help="Seed of noise and plant.")
 @click.option(
-    "--params", metavar="FORMAT", type=click.Choice(["file", "env", "script"]),
-    help="Print the robot as the autopilot's parameters and end: file (.params), env (shell), "
-    "script (px4-rc.params).",
+    "--params", metavar="FORMAT", type=click.Choice(["file", "env", "script", "cli"]),
+    help="Print the robot as the autopilot's parameters and end. px4: file (.params), env (shell), "
+    "script (px4-rc.params); betaflight: cli (lines for its command line).",
 )  # fmt: skip
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=4560, show_default=True,
     help="TCP port that PX4 connects to; instance N takes 4560 + N.",
 )  # fmt: skip
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
+@click.option(
+    "--binary", type=click.Path(path_type=Path),
+    help="Betaflight's SITL program, started by Skywright.  [default: you start it]",
+)  # fmt: skip
 @click.option(
     "--telemetry", type=click.IntRange(0, 65535), default=13280, show_default=True,
     help="UDP port on which PX4's estimate and set-points are heard; 0: none.",
@@ -57,8 +66,8 @@ def _parse_speed(context: click.Context, option: click.Parameter, text: str) -> 
     help="Time (s) for PX4 to connect, or to come back.",
 )  # fmt: skip
 @click.option(
-    "--patience", type=click.FloatRange(0.1, 86400.0), default=30.0, show_default=True,
-    help="Time (s) that an answer of PX4 is waited for.",
+    "--patience", type=click.FloatRange(0.1, 86400.0),
+    help="Time (s) that an answer of the autopilot is waited for.  [default: 30 px4, 2 betaflight]",
 )  # fmt: skip
 @click.option(
     "--duration", type=click.FloatRange(0.0, 1e6, min_open=True),
@@ -67,9 +76,10 @@ def _parse_speed(context: click.Context, option: click.Parameter, text: str) -> 
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory.")
 @as_json_option
 def sitl(
-    robot: str, autopilot: str, world: str | None, sets: tuple[str, ...], seed: int | None,
-    params: str | None, port: int, host: str, telemetry: int, speed: float, wait: float,
-    patience: float, duration: float | None, out: Path | None, as_json: bool,
+    robot: str, autopilot: str, mission: str, world: str | None, sets: tuple[str, ...],
+    seed: int | None, params: str | None, port: int, host: str, binary: Path | None,
+    telemetry: int, speed: float, wait: float, patience: float | None, duration: float | None,
+    out: Path | None, as_json: bool,
 ) -> int:  # fmt: skip
     """Let an autopilot fly ROBOT in software in the loop.
 
@@ -81,24 +91,35 @@ def sitl(
             raise InputError(f"--{name} {value}: a finite number is needed")
     if not host.strip():
         raise InputError("--host '': an address is needed, such as 127.0.0.1")
+    _check_options(autopilot, params, binary)
     import skywright
 
-    description = skywright.load("waypoints", robot=robot, world=world, sets=sets, seed=seed)
+    description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
     if params is not None:
-        from skywright.links.px4.parameters import FORMATS, list_parameters
-
-        name, where = description.robot.name, description.world.name
-        comment = f"{name} in {where}, by skywright sitl --params {params}"
-        listed = list_parameters(description.robot, description.world)
-        click.echo(FORMATS[params](listed, comment), nl=False)
+        click.echo(_format_parameters(description, params), nl=False)
         return 0
-    from skywright.links.px4.flight import Options, fly_px4
+    command = shlex.join(["skywright", *click.get_current_context().obj])
 
-    options = Options(
-        host, port, telemetry, speed, wait, patience, duration or math.inf, out,
-        shlex.join(["skywright", *click.get_current_context().obj]),
-    )  # fmt: skip
-    result = fly_px4(description, options, lambda text: click.echo(text, err=True))
+    def tell(text: str) -> None:
+        click.echo(text, err=True)
+
+    if autopilot == "betaflight":
+        from skywright.links.betaflight import flight as betaflight
+
+        result = betaflight.fly_betaflight(
+            description,
+            betaflight.Options(
+                binary, wait, patience or 2.0, duration or math.inf, out, command, host
+            ),
+            tell,
+        )
+    else:
+        from skywright.links.px4.flight import Options, fly_px4
+
+        options = Options(
+            host, port, telemetry, speed, wait, patience or 30.0, duration or math.inf, out, command
+        )
+        result = fly_px4(description, options, tell)
     if as_json:
         found = {**result._asdict(), "directory": str(result.directory)}
         print_json(found)
@@ -110,3 +131,36 @@ def sitl(
     click.echo(f"{result.outcome}: {result.reason}; {result.real_time_factor:.2f} x real time")
     click.echo(str(result.directory))
     return result.exit_code
+
+
+def _check_options(autopilot: str, params: str | None, binary: Path | None) -> None:
+    """Raise InputError for options that are not those of the autopilot."""
+    given = click.get_current_context().get_parameter_source
+    if autopilot == "px4":
+        if binary is not None:
+            raise InputError("--binary: PX4 is started by you; valid with --autopilot betaflight")
+        if params == "cli":
+            raise InputError("--params cli; valid for px4: file, env, script")
+        return
+    if params not in (None, "cli"):
+        raise InputError(f"--params {params}; valid for betaflight: cli")
+    for name, why in {
+        "speed": "Betaflight's clock is that of the wall: real time only",
+        "port": "Betaflight's ports are fixed",
+        "telemetry": "Betaflight's state is heard on its own port",
+    }.items():
+        if given(name) == click.core.ParameterSource.COMMANDLINE:
+            raise InputError(f"--{name}: {why}; leave it out")
+
+
+def _format_parameters(description: Any, params: str) -> str:
+    """Return the robot as the autopilot's parameters."""
+    robot, world = description.robot, description.world
+    comment = f"{robot.name} in {world.name}, by skywright sitl --params {params}"
+    if params == "cli":
+        from skywright.links.betaflight.airframe import build_airframe, format_commands
+
+        return format_commands(build_airframe(robot, world), comment)
+    from skywright.links.px4.parameters import FORMATS, list_parameters
+
+    return FORMATS[params](list_parameters(robot, world), comment)

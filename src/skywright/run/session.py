@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +23,7 @@ from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.commanded_arms import CommandedArms
 from skywright.vehicle.commands import State
+from skywright.vehicle.component import Component
 from skywright.vehicle.ended import VehicleEnded
 from skywright.vehicle.interface import Backend, Probe, Ticked
 from skywright.vehicle.motions import Arrival
@@ -236,11 +237,12 @@ class Vehicle(Uav):
 
 
 def open_vehicle(
-    description: Description[Any], backend: str, arrival: Arrival | None, checklist: bool
-) -> Vehicle:
+    description: Description[Any], backend: str, arrival: Arrival | None, checklist: bool,
+    parts: Sequence[Component] = (),
+) -> Vehicle:  # fmt: skip
     """Build a vehicle and wait until it knows where it is; see `skywright.fly`."""
     setup = Setup(description)
-    vehicle = build_vehicle(description, setup=setup, backend=backend)
+    vehicle = build_vehicle(description, setup=setup, backend=backend, parts=parts)
     plan: MissionPlan[Any] = MissionPlan(True, None, 0.0, 0.0, 0.0, 0.0, {})
     supervisor: Supervisor[Any] = Supervisor(
         vehicle, description.mission, plan, description.robot.platform.gear_height_m,

@@ -21,6 +21,7 @@ from skywright.links.px4.telemetry import Telemetry
 from skywright.links.sitl.directory import SitlDirectory
 from skywright.links.sitl.pace import Pace
 from skywright.links.sitl.plant import SitlPlant
+from skywright.links.sitl.result import SitlResult
 
 SLOW_START_S = 20.0
 """s of a connection without actuators after which that is said."""
@@ -38,23 +39,6 @@ class Options(NamedTuple):
     duration_s: float = math.inf  # of the plant's time
     out: Path | None = None
     command: str = ""
-
-
-class SitlResult(NamedTuple):
-    """How a flight ended."""
-
-    outcome: str  # finished, aborted (the autopilot failed), diverged
-    reason: str
-    directory: Path
-    metrics: dict[str, float]
-    real_time_factor: float
-    refused: list[str]
-    """A line for each kind of packet that was refused."""
-
-    @property
-    def exit_code(self) -> int:
-        """0, or 3 where the simulation or the autopilot failed."""
-        return 0 if self.outcome == "finished" else 3
 
 
 @on_one_thread

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 BEHIND_S = 0.5
-"""s that are caught up after a delay; what is later is given up."""
+"""Default of what is caught up after a delay."""
 
 
 class Pace:
@@ -17,7 +17,10 @@ class Pace:
         self,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
+        behind_s: float = BEHIND_S,
     ) -> None:
+        """`behind_s` (s) is what is caught up after a delay; what is later is given up."""
+        self._behind_s = behind_s
         self._clock, self._sleep = clock, sleep
         self._start, self._t0, self._factor = 0.0, 0.0, 0.0
 
@@ -27,7 +30,7 @@ class Pace:
             self._factor = factor
             return
         now = self._clock()
-        if factor != self._factor or now - self._due(t) > BEHIND_S:
+        if factor != self._factor or now - self._due(t) > self._behind_s:
             self._start, self._t0, self._factor = now, t, factor
         left = self._due(t) - now
         if left > 0.0:

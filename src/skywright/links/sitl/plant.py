@@ -49,8 +49,15 @@ class Reading(NamedTuple):
 class SitlPlant:
     """A vehicle whose rotors are led from outside."""
 
-    def __init__(self, description: Description[Any]) -> None:
-        """Raises InputError where robot, world and autopilot do not fit together."""
+    def __init__(
+        self, description: Description[Any], period: float = IMU_PERIOD_S,
+        rates: tuple[float, float] = IMU_RATES,
+    ) -> None:  # fmt: skip
+        """`period` (s) is that of inertial samples where the control period divides it.
+
+        The autopilot takes samples at `rates` (Hz), from and to. Raises InputError where robot,
+        world and autopilot do not fit together.
+        """
         robot, world = description.robot, description.world
         if world.localisation == "total-station":
             raise InputError(
@@ -64,14 +71,14 @@ class SitlPlant:
         parts = (self._rotors, self._sensors, self._notes)
         self.vehicle = build_vehicle(description, setup=self.setup, parts=parts)
         v = self.vehicle
-        v.n_ticks = max(round(IMU_PERIOD_S / v.dt), 1)
+        v.n_ticks = max(round(period / v.dt), 1)
         self.period = v.n_ticks * v.dt
         """Time (s) of a step."""
-        if not IMU_RATES[0] - 1e-6 <= 1.0 / self.period <= IMU_RATES[1] + 1e-6:
+        if not rates[0] - 1e-6 <= 1.0 / self.period <= rates[1] + 1e-6:
             raise InputError(
                 f"robot.control.rate_hz = {1.0 / v.dt:g}: inertial samples would come at "
-                f"{1.0 / self.period:g} Hz; an autopilot takes {IMU_RATES[0]:g} to "
-                f"{IMU_RATES[1]:g} Hz: set it to 250, 500 or 1000"
+                f"{1.0 / self.period:g} Hz; an autopilot takes {rates[0]:g} to "
+                f"{rates[1]:g} Hz: set it to 250, 500 or 1000"
             )
         rotors = self.setup.rotors
         self.n_rotors = len(rotors.spin)

@@ -1,0 +1,1 @@
+"""Betaflight in software in the loop: Skywright is its simulator and its pilot."""

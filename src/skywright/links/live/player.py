@@ -1,0 +1,147 @@
+"""Plays recorded samples at the pace at which they were taken."""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator, Sequence
+from heapq import merge
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.interrupt import check_interrupt
+from skywright.errors import InputError
+from skywright.links.live.odometry import pack_odometry
+from skywright.links.live.packets import (
+    LINES,
+    NAME_MAX,
+    Sample,
+    check_name,
+    format_line,
+    pack_pose,
+)
+from skywright.links.live.receiver import split_serial
+from skywright.links.mavlink.stream import MavlinkStream
+from skywright.links.servo_bus.bus import Port, open_port
+from skywright.links.udp.address import parse_address
+
+Array = NDArray[np.float64]
+
+
+class Track(NamedTuple):
+    """Samples of one stream, in order of time."""
+
+    kind: str  # "position", "pose", "SKYEC" or "SKYFT"
+    name: str
+    t: Array  # (n,) s
+    values: Array  # (n, k)
+    source: str = ""
+    """Whose clock `t` is; tracks of one source share it."""
+
+
+class Target:
+    """Where samples go: udp:HOST:PORT, mavlink:HOST:PORT or serial:PORT[:BAUD]."""
+
+    def __init__(self, address: str) -> None:
+        """Raises InputError for anything else."""
+        kind = address.partition(":")[0]
+        self.kind = kind
+        self._socket: socket.socket | None = None
+        self._serial: Port | None = None
+        self._mavlink = MavlinkStream() if kind == "mavlink" else None
+        if kind == "serial":
+            self._serial = open_port(*split_serial(address, "--to"), "--to")
+        elif kind in ("udp", "mavlink"):
+            self._place = parse_address("udp" + address[len(kind) :], "--to")
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        else:
+            raise InputError(
+                f"--to {address[:80]!r}; valid: udp:[HOST:]PORT, mavlink:[HOST:]PORT, "
+                "serial:PORT[:BAUD]"
+            )
+
+    def takes(self, kind: str) -> bool:
+        """Whether samples of a kind can go there."""
+        if self.kind == "serial":
+            return kind in LINES
+        return kind == "pose" if self.kind == "mavlink" else True
+
+    def send(self, sample: Sample) -> None:
+        """Send one sample; UDP may lose it."""
+        if self._mavlink is not None:
+            data = pack_odometry(self._mavlink, sample)
+        else:
+            data = format_line(sample) if sample.kind in LINES else pack_pose(sample)
+        if self._serial is not None:
+            self._serial.write(data)
+            return
+        assert self._socket is not None
+        try:
+            self._socket.sendto(data, self._place)
+        except OSError:  # nobody listens
+            return
+
+    def close(self) -> None:
+        """Close it."""
+        if self._socket is not None:
+            self._socket.close()
+        if self._serial is not None:
+            self._serial.close()
+
+
+def make_name(text: str) -> str:
+    """Return a stream's name that is like `text`."""
+    kept = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "_" for c in text)
+    kept = kept[:NAME_MAX]
+    return kept if check_name(kept) else ("_" + kept)[:NAME_MAX]
+
+
+def list_samples(tracks: Sequence[Track]) -> Iterator[tuple[float, Sample]]:
+    """Return all samples with the time (s) at which each is due, in order.
+
+    The first sample of each source is due at 0: clocks of different sources have nothing in common.
+    """
+    first = int.from_bytes(os.urandom(3), "little")
+    sources = {track.source for track in tracks}
+    clocks = {source: first + k for k, source in enumerate(sorted(sources))}
+    starts = {s: min(float(tr.t[0]) for tr in tracks if tr.source == s) for s in sources}
+
+    def follow(track: Track) -> Iterator[tuple[float, Sample]]:
+        clock, start = clocks[track.source], starts[track.source]
+        for i in range(len(track.t)):
+            t = float(track.t[i])
+            values = tuple(float(v) for v in track.values[i])
+            yield t - start, Sample(track.kind, track.name, clock, i, t, values)
+
+    return merge(*(follow(track) for track in tracks), key=lambda pair: pair[0])
+
+
+def play(
+    tracks: Sequence[Track], target: Target, speed: float = 1.0,
+    clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep,
+) -> dict[str, int]:  # fmt: skip
+    """Send tracks at `speed` times real time; returns how many samples of each went out.
+
+    Raises InputError where the target takes none of them.
+    """
+    taken = [track for track in tracks if target.takes(track.kind) and len(track.t)]
+    if not taken:
+        names = ", ".join(f"{track.name} ({track.kind})" for track in tracks) or "nothing"
+        raise InputError(f"--to {target.kind}: takes none of {names}")
+    sent = dict.fromkeys((track.name for track in taken), 0)
+    begin = clock()
+    for due, sample in list_samples(taken):
+        check_interrupt()
+        if math.isfinite(speed):
+            left = begin + due / speed - clock()
+            while left > 0.0:
+                sleep(min(left, 0.1))
+                check_interrupt()
+                left = begin + due / speed - clock()
+        target.send(sample)
+        sent[sample.name] += 1
+    return sent

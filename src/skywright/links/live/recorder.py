@@ -1,0 +1,133 @@
+"""Streams into files that `skywright locate` and `skywright weld` read.
+
+Each stream becomes NAME.csv with the sender's times, so that `locate` aligns clocks by the motion
+as it does for files of others. An eddy-current stream and the poses of the tip become scan.csv, on
+one clock: where both share a clock, exactly, else by the smallest delays of both.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.errors import InputError
+from skywright.links.live.packets import LINES
+from skywright.links.live.receiver import Arrived, LiveReceiver
+
+Array = NDArray[np.float64]
+
+PLACE = ("x_m", "y_m", "z_m")
+TURN = ("qw", "qx", "qy", "qz")
+UNITS = {"SKYEC": ("re", "im"), "SKYFT": ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")}
+GAP = 5.0
+"""Times the usual interval of the tip's poses, beyond which no place is interpolated."""
+NEAR = 0.01  # of the usual interval, from a pose that holds beside a gap
+ROWS_MIN = 30
+
+
+class LiveRecorder:
+    """Writes what arrives into a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises InputError where the folder cannot be made or has files of streams already."""
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            taken = sorted(folder.glob("*.csv"))
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
+        if taken:
+            raise InputError(f"{folder}: holds {taken[0].name}; give an empty folder")
+        self.folder = folder
+        self._files: dict[tuple[str, str], IO[str]] = {}
+        self._rows: dict[tuple[str, str], list[tuple[float, ...]]] = {}
+
+    def write(self, arrived: Arrived) -> None:
+        """Append a sample; raises InputError where the disk is full."""
+        sample = arrived.sample
+        key = sample.kind, sample.name
+        file = self._files.get(key)
+        try:
+            if file is None:
+                file = self._open(key)
+            cells = [f"{sample.t:.6f}", *(repr(v) for v in sample.values)]
+            file.write(",".join([*cells, str(sample.clock), f"{arrived.arrival:.6f}"]) + "\n")
+        except OSError as error:
+            raise InputError(f"{self.folder}: {error.strerror or error}") from None
+        self._rows[key].append((sample.t, float(sample.clock), *sample.values))
+
+    def finish(self, receiver: LiveReceiver) -> list[Path]:
+        """Close the files, and write scan.csv where it can be; returns all files."""
+        for file in self._files.values():
+            file.close()
+        paths = [Path(file.name) for file in self._files.values()]
+        scan = self._merge(receiver)
+        if scan is not None:
+            paths.append(scan)
+        return paths
+
+    def _open(self, key: tuple[str, str]) -> IO[str]:
+        kind, name = key
+        used = {Path(f.name).stem for f in self._files.values()} | {"scan"}
+        stem = name if name not in used else f"{name}-{kind.lower()}"
+        file = (self.folder / f"{stem}.csv").open("w", encoding="utf-8", buffering=1)
+        columns = UNITS[kind] if kind in LINES else PLACE + (TURN if kind == "pose" else ())
+        file.write(",".join(["t_s", *columns, "clock", "arrival"]) + "\n")
+        self._files[key], self._rows[key] = file, []
+        return file
+
+    def _merge(self, receiver: LiveReceiver) -> Path | None:
+        """Write the instrument's signal with the tip's places; None where one is missing."""
+        signals = [key for key in self._rows if key[0] == "SKYEC"]
+        tips = [key for key in self._rows if key[1] == "tip" and key[0] not in LINES]
+        if len(signals) != 1 or len(tips) != 1:
+            return None
+        signal, tip = np.array(self._rows[signals[0]]), np.array(self._rows[tips[0]])
+        if len(signal) < ROWS_MIN or len(tip) < ROWS_MIN:
+            return None
+        shared = set(signal[:, 1]) == set(tip[:, 1]) and len(set(tip[:, 1])) == 1
+        times = []
+        for rows in (signal, tip):
+            offsets = {
+                c: 0.0 if shared else receiver.clocks[int(c)].offset for c in set(rows[:, 1])
+            }
+            times.append(rows[:, 0] + np.array([offsets[c] for c in rows[:, 1]]))
+        at, place = times
+        order = np.argsort(place, kind="stable")
+        place, tip = place[order], tip[order]
+        after = np.clip(np.searchsorted(place, at), 1, len(place) - 1)
+        gap = place[after] - place[after - 1]
+        sound = (at >= place[0]) & (at <= place[-1])
+        usual = float(np.median(np.diff(place)))
+        near = np.minimum(at - place[after - 1], place[after] - at) <= NEAR * usual
+        sound &= (gap <= GAP * usual) | near
+        p = np.stack([np.interp(at, place, tip[:, 2 + i]) for i in range(3)], axis=1)
+        columns = [at[:, None], signal[:, 2:4], p]
+        names = ["t_s", *UNITS["SKYEC"], *PLACE]
+        if tips[0][0] == "pose":
+            nearest = np.where(at - place[after - 1] < place[after] - at, after - 1, after)
+            columns.append(tip[nearest, 5:9])
+            names += TURN
+        table = np.hstack(columns)[sound]
+        path = self.folder / "scan.csv"
+        np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(names), comments="")
+        return path
+
+
+def record(receiver: LiveReceiver, recorder: LiveRecorder, seconds: float, idle_s: float) -> None:
+    """Record for `seconds`, until nothing comes for `idle_s` (s), or an interrupt."""
+    begin, last = time.monotonic(), math.inf
+    try:
+        while time.monotonic() - begin < seconds and time.monotonic() - last < idle_s:
+            found = receiver.poll()
+            for arrived in found:
+                recorder.write(arrived)
+                last = time.monotonic()
+            if not found:
+                time.sleep(0.002)
+    except KeyboardInterrupt:
+        return
