@@ -259,7 +259,7 @@ class SerialWire:
 
     def __init__(self, url: Url) -> None:
         try:
-            import serial  # type: ignore[import-untyped]
+            import serial
         except ImportError:
             raise InputError(f"{url} requires pyserial: pip install 'skywright[serial]'") from None
         try:
