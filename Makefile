@@ -70,9 +70,12 @@ evidence: $(STAMP)  ## mutations that no test notices; the station for 30 minute
 	$(BIN)/python benchmarks/operate_station.py tool-install --runs 20
 	$(BIN)/python benchmarks/fly_betaflight.py
 
+# Every extra but `learn`: PyTorch would add several gigabytes.
+EXTRAS := cluster parquet pandas nde mavlink dicom serial ros2 foxglove envs dev
+
 lock:  ## resolve requirements.lock again (needs uv)
 	uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \
-	  --all-extras --generate-hashes --no-emit-index-url --no-header --no-annotate --quiet \
+	  $(addprefix --extra ,$(EXTRAS)) --generate-hashes --no-emit-index-url --no-header --no-annotate --quiet \
 	  --upgrade -o requirements.lock
 
 clean:  ## remove what make made, the runs excepted

@@ -39,6 +39,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     without = []  # not a skip: nobody is asked to have an autopilot
     if not os.environ.get("SKYWRIGHT_PX4"):
         without.append("px4")
+    if not os.environ.get("SKYWRIGHT_CUDA"):
+        without.append("cuda")
     if "betaflight" not in config.getoption("markexpr"):
         without.append("betaflight")
     left_out = [

@@ -12,10 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skywright.analysis.compare.compare import add_flights, compare_robots
-from skywright.analysis.compare.comparison import Comparison, Hover
+from skywright.analysis.campaign.jobs import fly_jobs
+from skywright.analysis.compare.compare import add_flights, compare_robots, list_flights
+from skywright.analysis.compare.comparison import Comparison
 from skywright.analysis.compare.figures import draw_collisions
-from skywright.analysis.compare.flown import hover_once
+from skywright.analysis.compare.flown import WINDS, hover_once
 from skywright.analysis.compare.report import render_compare_page
 from skywright.analysis.compare.table import build_rows, judge_statements
 from skywright.core.rotations import rot_z
@@ -172,14 +173,12 @@ def test_collisions_of_hand_and_link_become_rows_and_bars(
     monkeypatch.setattr("skywright.analysis.compare.flown.load_description", load)
     monkeypatch.setattr("skywright.analysis.compare.flown.fly_and_evaluate", fly)
     monkeypatch.setattr(
-        "skywright.analysis.compare.compare.fly_hover",
-        lambda *_: Hover(np.array([0.0, 3.0]), np.full((2, 1), 0.01), np.full((2, 1), math.nan)),
+        "skywright.analysis.compare.compare.hover_once",
+        lambda robot, q, wind, seed: (0.01, math.nan if wind == WINDS[-1] else 0.02),
     )
     d = load_description("sensor-install", "bimanual")  # has no plan: is not flown
-    a, b = (
-        add_flights(side._replace(way=pair.sides[0].way), d, side.name, 1, lambda _: None)
-        for side in pair.sides
-    )
+    sides = [side._replace(way=pair.sides[0].way) for side in pair.sides]
+    a, b = (add_flights(x, fly_jobs(list_flights(x, d, x.name, 1))) for x in sides)
     assert [c.what for c in b.collisions] == ["hand, stiff joints", "hand", "passive link"]
     assert len(flown) == 5
     rows = {r.name: r for r in build_rows(a, b)}

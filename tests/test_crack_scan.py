@@ -448,3 +448,24 @@ def test_what_does_not_fit_is_told_before_take_off(sets: list[str], words: str) 
 def test_a_robot_without_an_array_is_told() -> None:
     with pytest.raises(InputError, match="has no eddy-current array"):
         find_array(Setup(load_description("pipe-weld-scan")))
+
+
+def test_a_shim_at_the_set_up_gives_back_what_paint_takes() -> None:
+    """A notch under 0.5 mm of paint reads 80 % on a display that was set up on the shim."""
+    plain, painted = (
+        set_up_display(Setup(load_description("crack-scan", sets=sets)), COATED)
+        for sets, COATED in (
+            (s, find_array(Setup(load_description("crack-scan", sets=s))))
+            for s in ([], ["mission.task.procedure.coating_m=0.0005"])
+        )
+    )
+    rng = np.random.default_rng(3)
+    notch = simulate_block_scan(STEEL, Coil(), Instrument(), rng, paint=5e-4)
+    for display, lost in ((plain, 5.4), (painted, 0.0)):
+        up = display.setup.show(notch.notch) - display.setup.show(np.median(notch.sound))
+        assert 20 * math.log10(80.0 / np.max(up.imag)) == pytest.approx(lost, abs=0.5)
+    # the shims are counted from the coating: contact reads no gap, 0.3 mm more reads 0.3 mm
+    air = np.zeros(1)
+    z = np.concatenate([np.repeat(painted.lifted[0], 9), painted.lifted[3:4]])[:, None]
+    gap = painted.measure_gaps(z, air)
+    assert gap[[0, -1], 0] == pytest.approx([0.0, 3e-4], abs=3e-5)

@@ -123,3 +123,15 @@ def test_a_place_may_be_zero_by_rounding() -> None:
     assert d.world.pipe is not None and d.world.pipe.x_m == 6e-17
     with pytest.raises(InputError, match="diameter_m: 1e-12 is implausible"):
         load_description("pipe-weld-scan", sets=["world.pipe.diameter_m=1e-12"])
+
+
+def test_what_a_table_has_by_default_it_takes_as_input() -> None:
+    """A user's table with one key is validated whole, its defaults included."""
+    checked = 0
+    for spec in list_specs():
+        if any(field.is_required() for field in spec.model_fields.values()):
+            continue
+        table = spec()
+        assert spec.model_validate(table.model_dump()) == table, spec
+        checked += 1
+    assert checked > 30

@@ -68,6 +68,12 @@ def test_lock_pins_every_dependency_exactly_with_hashes() -> None:
     assert {_normalised(r) for r in PYPROJECT["build-system"]["requires"]} <= names
 
 
+def test_make_lock_resolves_every_extra_but_the_one_with_pytorch() -> None:
+    made = re.search(r"^EXTRAS := (.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
+    assert made is not None
+    assert set(made.group(1).split()) == set(PROJECT["optional-dependencies"]) - {"learn"}
+
+
 def test_lock_names_no_index() -> None:
     assert "://" not in LOCK
     assert not re.search(r"^\s*(-i|--index-url|--extra-index-url|--find-links|-f)\b", LOCK, re.M)
@@ -303,10 +309,23 @@ def test_the_page_of_benchmarks_has_the_campaigns_of_todays_files():
     assert text == module.build_page(text), "run: python docs/generate_campaigns.py"
 
 
+def test_the_page_of_inspections_has_the_tables_of_todays_flights():
+    module = _load_file(ROOT / "docs" / "generate_inspection.py")
+    text = module.PAGE.read_text(encoding="utf-8")
+    assert text == module.build_page(text), "run: python docs/generate_inspection.py"
+
+
 def test_the_page_of_laws_has_the_tables_of_todays_flights():
     module = _load_file(ROOT / "docs" / "generate_laws.py")
     text = module.PAGE.read_text(encoding="utf-8")
     assert text == module.build_page(text), "run: python docs/generate_laws.py"
+
+
+@pytest.mark.parametrize("name", ["cuda", "learning", "scale"])
+def test_a_page_has_what_its_generator_writes(name: str) -> None:
+    module = _load_file(ROOT / "docs" / f"generate_{name}.py")
+    text = module.PAGE.read_text(encoding="utf-8")
+    assert text == module.build_page(text), f"run: python docs/generate_{name}.py"
 
 
 def test_the_page_of_assistance_has_the_table_of_todays_flights():

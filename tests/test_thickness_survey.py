@@ -184,6 +184,11 @@ def test_metrics_of_readings_whose_answer_is_known(flown) -> None:
         (["mission.task.procedure.block_thin_m=0.0126"], "above 0, growing"),
         (["mission.task.procedure.block_thin_m=0.001"], "step of 1 mm shows|another|us longer"),
         (["mission.task.slide_m=0.1"], "valid: 0"),
+        (
+            ["mission.task.procedure.velocity_m_per_s=3240"],
+            "a block of 3240 m/s for a wall of 5920",
+        ),
+        (["robot.sensors.thickness.gain=0.01"], "shows no echo above 20% of full screen"),
     ],
 )
 def test_what_does_not_fit_is_told_before_take_off(sets: list[str], words: str) -> None:
@@ -244,3 +249,20 @@ def test_the_gauge_of_a_procedure(tmp_path: Path) -> None:
     read: list[Reading] = gauge.add([0.0, 0.05], np.stack([done.echo, done.echo]))
     assert [r.accepted for r in read] == [False, True]
     assert read[1].thickness == pytest.approx(0.005, abs=2e-5)
+
+
+@pytest.mark.parametrize(("yaw", "feasible"), [(-94.6, False), (0.0, True)])
+def test_a_straight_way_on_which_a_rotor_would_hit_the_pipe_is_refused(
+    yaw: float, feasible: bool
+) -> None:
+    """The robot turns on its way; flown nevertheless, a rotor touched this pipe."""
+    sets = [
+        "world.structure.shape=cylinder", "world.structure.radius_m=0.2132",
+        f"world.structure.yaw_deg={yaw}", "plant.map_error_m=0.013",
+        "mission.task.spots=[{x_m=-0.065,y_m=0.248},{x_m=-0.055,y_m=-0.122},{x_m=-0.091,y_m=-0.121}]",
+    ]  # fmt: skip
+    found = plan(Setup(load_description("thickness-survey", sets=sets)))
+    assert found.feasible == feasible, found.blocked_by
+    if not feasible:
+        assert found.blocked_by is not None
+        assert found.blocked_by.startswith("the way to the survey: propeller")

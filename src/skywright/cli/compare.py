@@ -65,11 +65,15 @@ def _page(out: Path) -> Iterator[Path]:
 )  # fmt: skip
 @click.option("--no-fly", is_flag=True, help="Leave out what needs flights.")
 @click.option("--seeds", type=int, default=2, show_default=True, help="Flights a wind.")
+@click.option(
+    "--workers", type=int, help="Fly in so many processes; default: one after the other in this."
+)
+@click.option("--ray", metavar="local|ADDRESS", help="Fly on a Ray cluster (extra 'cluster').")
 @out_option
 @as_json_option
 def robots(
-    robot: str, other: str, sets: tuple[str, ...], no_fly: bool, seeds: int, out: Path,
-    as_json: bool,
+    robot: str, other: str, sets: tuple[str, ...], no_fly: bool, seeds: int,
+    workers: int | None, ray: str | None, out: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Compare two robots with arms: clearance, reach, reactions, impact, accuracy, endurance."""
     from skywright.analysis.compare.compare import compare_robots
@@ -82,7 +86,7 @@ def robots(
     with _page(out) as page:
         found = compare_robots(
             robot, other, sets=sets, fly=not no_fly, seeds=seeds,
-            step=None if as_json else tell_step,
+            step=None if as_json else tell_step, workers=workers, ray=ray,
         )  # fmt: skip
         write_compare_page(found, page)
     if as_json:

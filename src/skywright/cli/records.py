@@ -57,6 +57,13 @@ if TYPE_CHECKING:
 @click.option("--measured", metavar="UTC", help="When it was measured; its times count from here.")
 @click.option("--required", type=float, metavar="MM", help="Required thickness of the component.")
 @click.option("--registration", type=float, metavar="M", help="Standard deviation of its frame.")
+@click.option(
+    "--datums",
+    metavar="TABLE",
+    type=click.Path(path_type=Path),
+    help="Datum points (.csv: name, x_m, y_m, z_m, u95_m) of --structure, or as --flight measured "
+    "them: they register flights in the frame of the asset.",
+)
 @click.option("--csv", "table", type=click.Path(path_type=Path), help="Export as CSV.")
 @click.option("--geojson", type=click.Path(path_type=Path), help="Export as GeoJSON.")
 @click.option("--parquet", type=click.Path(path_type=Path), help="Export --readings as Parquet.")
@@ -87,8 +94,9 @@ def records_(
     component: str | None, flight: str | None, readings: bool, thickness: bool, indications: bool,
     decide: str | None, who: str | None, source: Path | None, columns: str | None, lag: float,
     measured: str | None, required: float | None, registration: float | None, table: Path | None,
-    geojson: Path | None, parquet: Path | None, local: Path | None, dicom: Path | None,
-    report: Path | None, deviations: tuple[str, ...], origin: str | None, as_json: bool,
+    datums: Path | None, geojson: Path | None, parquet: Path | None, local: Path | None,
+    dicom: Path | None, report: Path | None, deviations: tuple[str, ...], origin: str | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """List measurements of many flights, and export them.
 
@@ -99,9 +107,10 @@ def records_(
 
     if who is not None and decide is None:
         raise InputError("--who: valid with --decide")
-    if sum((readings, thickness, indications, decide is not None, source is not None)) > 1:
+    chosen = (decide, source, datums)
+    if sum((readings, thickness, indications, *(x is not None for x in chosen))) > 1:
         raise InputError(
-            "--readings, --thickness, --indications, --decide and --import: choose one"
+            "--readings, --thickness, --indications, --decide, --import and --datums: choose one"
         )
     given = (columns, lag or None, measured, required, registration)
     if source is None and any(v is not None for v in given):
@@ -124,6 +133,9 @@ def records_(
                 store, source, structure, component, columns, lag, measured, required, registration
             )
         _check_names(store, structure=structure, spot=spot, component=component, flight=flight)
+        if datums is not None:
+            _register(store, datums, structure, flight, as_json)
+            return
         if decide is not None:
             _decide(store, decide, who)
         if local is not None or dicom is not None or parquet is not None:
@@ -207,6 +219,27 @@ def _import(
     )  # fmt: skip
     store.add_readings(flight, [(row.time, row.reading) for row in rows], component=part)
     return flight
+
+
+def _register(
+    store: RecordStore, table: Path, asset: str | None, flight: str | None, as_json: bool
+) -> None:
+    """Store datum points, and show where the flights lie by them."""
+    from skywright.inspection.history.datums import load_datums
+
+    if (asset is None) == (flight is None):
+        raise InputError("--datums requires --structure ASSET or --flight ID, one of them")
+    flights = store.list_flights()
+    owner = asset or next(f.asset for f in flights if f.id == flight)
+    store.add_datums(owner, flight, load_datums(table))
+    found = {f.id: store.find_registration(f.id) for f in flights if f.asset == owner}
+    if as_json:
+        told = {key: None if r is None else r.to_json() for key, r in found.items()}
+        print_json({"asset": owner, "registrations": told})
+    else:
+        from skywright.reports.terminal_records import print_registrations
+
+        print_registrations(found, owner, len(store.list_datums(owner)))
 
 
 def _report(

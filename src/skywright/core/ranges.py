@@ -29,10 +29,9 @@ UNITS: dict[str, tuple[float, float]] = {
     "_kg": (1e-6, 1000.0),
     "_wh": (1e-3, 1e5),
     "_kbps": (1e-3, 1e9),
-    **dict.fromkeys(("_hz", "_ms"), (1e-3, 1e5)),
+    **dict.fromkeys(("_hz", "_ms", "_w"), (1e-3, 1e5)),
     "_mm": (1e-6, 1e6),
     "_n": (1e-6, 1e5),
-    "_w": (1e-3, 1e5),
     "_m": (1e-9, 1e4),
     "_s": (1e-6, 1e5),
 }
@@ -61,6 +60,7 @@ NAMED: dict[str, tuple[float, float]] = {
     "stall_torque_nm": (1e-3, 1e4),  # the smallest hobby servo has 0.05
     "time_constant_s": (1e-4, 60.0),
     "rate_hz": (0.01, 1e5),
+    "dead_s": (1e-9, 1e-3),  # of a pulser's ring-down
 }
 """Ends of names that say more than the unit does."""
 PLACES = ("_m", "_mm", "_deg", "_rad", "_xy_kgm2", "_xz_kgm2", "_yz_kgm2")  # products of inertia

@@ -111,7 +111,8 @@ def set_up_gauge(
         raise InputError(
             f"block: sound takes {1e6 * delay:.3f} us longer in {1e3 * thick:g} than in "
             f"{1e3 * thin:g} mm, {velocity:.0f} m/s; valid: {expected:g} within {tolerance:.0%}; "
-            "check the steps, or use a block of the part's material"
+            "check the steps, of which none may lie in the dead zone of up to "
+            f"{5e5 * expected * pulse.gate_start:.1f} mm, or use a block of the part's material"
         )
     zero = first[0][1] - ways[0] / velocity
     return GaugeSetup(pulse, velocity, zero, separation, steps, heights[0], *first[0])

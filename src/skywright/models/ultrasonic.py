@@ -97,6 +97,7 @@ def compute_film_factor(
     return matched / (matched * math.cos(kl) ** 2 + layered * math.sin(kl) ** 2)
 
 
+@lru_cache(maxsize=256)
 def compute_tilt_factor(transducer: Transducer, tilt: float) -> float:
     """Return G of a face tilted by `tilt` (rad): -6 dB at x = 2.2, zero at 3.8 and beyond it."""
     k = 2 * math.pi * transducer.frequency / V_COUPLANT
@@ -110,6 +111,7 @@ def find_tilt_null(transducer: Transducer) -> float:
     return math.asin(min(3.8317 / (2 * k * transducer.radius), 1.0))
 
 
+@lru_cache(maxsize=256)
 def compute_diffraction(transducer: Transducer, path: float, velocity: float) -> float:
     """Return D of an echo that has gone `path` (m): Rogers and Van Buren's closed form."""
     s = path * velocity / transducer.frequency / transducer.radius**2
@@ -128,6 +130,7 @@ def compute_roughness(transducer: Transducer, coupling: Coupling) -> tuple[float
     return front, math.exp(-2 * k_s**2 * coupling.roughness_back**2)
 
 
+@lru_cache(maxsize=256)
 def compute_curvature(transducer: Transducer, radius: float) -> float:
     """Return |mean exp(j k x^2 / R)| over the face on a cylinder of `radius` (m)."""
     if math.isinf(radius):
@@ -207,6 +210,27 @@ def build_pulse(transducer: Transducer, times: Array) -> Array:
     )
 
 
+@lru_cache(maxsize=8)
+def _build_start(transducer: Transducer, samples: int) -> tuple[Array, Array]:
+    """Return the times (samples,) s and the transmitter's ring-down in FSH."""
+    t = np.arange(samples) / SAMPLE_RATE
+    start = 2.0 * np.exp(-t / transducer.dead) * np.cos(2 * math.pi * transducer.frequency * t)
+    for array in (t, start):
+        array.setflags(write=False)
+    return t, start
+
+
+@lru_cache(maxsize=64)
+def _build_grass(transducer: Transducer, place_seed: int, samples: int) -> Array:
+    """Return the scatter (samples,) FSH of a place; a probe that is pressed reads it many times."""
+    scatter = np.random.default_rng(place_seed).standard_normal(samples)
+    kernel = build_pulse(transducer, np.arange(-60, 61) / SAMPLE_RATE)
+    kernel /= math.sqrt(float(np.sum(kernel**2)))
+    out = np.asarray(transducer.grass * np.convolve(scatter, kernel, "same"))
+    out.setflags(write=False)
+    return out
+
+
 def compute_ascan(
     transducer: Transducer, echoes: Echoes, rng: np.random.Generator, *, place_seed: int = 0,
     samples: int = 1024,
@@ -216,8 +240,8 @@ def compute_ascan(
     `rng` draws the white noise, `place_seed` the grass: the same place has the same grass, which
     averaging does not remove. 12 bits; clipped at CLIP.
     """
-    t = np.arange(samples) / SAMPLE_RATE
-    out = 2.0 * np.exp(-t / transducer.dead) * np.cos(2 * math.pi * transducer.frequency * t)
+    t, start = _build_start(transducer, samples)
+    out = start.copy()
     sigma = transducer.width
     for time, size in zip(echoes.times.ravel(), echoes.amplitudes.ravel(), strict=True):
         a = max(int((time - 5 * sigma) * SAMPLE_RATE), 0)
@@ -225,10 +249,7 @@ def compute_ascan(
         if a < b and size > 1e-9:
             out[a:b] += size * build_pulse(transducer, t[a:b] - time)
     if transducer.grass > 0:
-        scatter = np.random.default_rng(place_seed).standard_normal(samples)
-        kernel = build_pulse(transducer, np.arange(-60, 61) / SAMPLE_RATE)
-        kernel /= math.sqrt(float(np.sum(kernel**2)))
-        out += transducer.grass * np.convolve(scatter, kernel, "same")
+        out += _build_grass(transducer, place_seed, samples)
     out += transducer.noise * rng.standard_normal(samples)
     step = CLIP / 2048
     return np.asarray(np.clip(np.round(out / step) * step, -CLIP, CLIP - step))

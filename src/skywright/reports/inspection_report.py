@@ -27,6 +27,7 @@ from skywright.inspection.history.entries import (
     StoredProcedure,
     StoredReading,
 )
+from skywright.inspection.history.registration import Registration
 from skywright.inspection.history.store import InspectionStore
 from skywright.reports.figures.style import house_style
 from skywright.reports.inspection_figures import choose_axes, draw_ascans, draw_places
@@ -54,6 +55,7 @@ class InspectionReport(NamedTuple):
     outcome: str
     deviations: list[str]
     hashes: list[tuple[str, str]]  # (what, SHA-256)
+    registration: str = "not stated"  # of the flight in the frame of the asset
 
 
 def build_inspection_report(
@@ -79,7 +81,13 @@ def build_inspection_report(
     run = _read_run(Path(one.run)) if one.run else {}
     rows = store.read("SELECT description, frame FROM assets WHERE name = ?", (one.asset,))
     about, frame = rows[0]
+    known_at = store.find_registration(flight)
+    tells = _tell_registration(one, known_at)
     deviations = [*stated, *_list_deviations(one, procedure, calibrations, readings, found, run)]
+    if known_at is not None:
+        deviations += [f"registration: {note}" for note in known_at.notes]
+    elif one.registration_std_m is None:
+        deviations.append("the registration of the flight in the frame of the asset is not stated")
     text = json.dumps(
         [one._asdict(), [r._asdict() for r in readings], [i._asdict() for i in found],
          [c._asdict() for c in calibrations]], sort_keys=True, default=str,
@@ -91,7 +99,7 @@ def build_inspection_report(
     coverages = [c.coverage for c in covered] or _read_coverage(run.get("result") or {})
     return InspectionReport(
         one.asset, about, frame, one, parts, procedure, calibrations, readings, found, coverages,
-        str(run.get("outcome", "")), deviations, hashes,
+        str(run.get("outcome", "")), deviations, hashes, tells,
     )  # fmt: skip
 
 
@@ -106,12 +114,14 @@ def write_inspection_report(report: InspectionReport, path: Path, folder: Path) 
         pictures = [
             build_picture(
                 "Coverage", figure,
-                "Places in the frame of the asset. Crosses are gaps: they were asked for and hold "
-                "no accepted reading.",
+                "Places in the frame of the asset. Crosses were asked for and hold no accepted "
+                "reading; parts of a surface that were missed are in the table of coverage.",
             ),
             build_picture(
                 "A-scans", draw_ascans(scans),
-                f"The first {len(scans)} readings with a stored A-scan; red: the gated echo.",
+                f"The first {len(scans)} readings with a stored A-scan; red: the gated echo. Depth "
+                "counts from the transmitter's pulse, probe and coating included: the wall is the "
+                "distance between echoes.",
             ),
         ]  # fmt: skip
     accepted = [r for r in report.readings if r.reading.accepted]
@@ -120,6 +130,18 @@ def write_inspection_report(report: InspectionReport, path: Path, folder: Path) 
         accepted=len(accepted), simulated=report.flight.simulated,
     )  # fmt: skip
     write_page(path, page)
+
+
+def _tell_registration(flight: StoredFlight, known: Registration | None) -> str:
+    if known is not None:
+        std = 1e3 * known.carry(known.middle)[1]
+        return (
+            f"by {known.points} datum points, {std:.1f} mm at their middle (standard deviation), "
+            f"{1e3 * known.residual_m:.1f} mm rms left at them"
+        )
+    if flight.registration_std_m is None:
+        return "not stated"
+    return f"{1e3 * flight.registration_std_m:.1f} mm (standard deviation), stated"
 
 
 def _read_run(directory: Path) -> dict[str, Any]:
@@ -169,8 +191,6 @@ def _list_deviations(
         out.append(f"{without} accepted readings state no uncertainty")
     if any(i.indication.place_u95_m is None for i in indications):
         out.append("indications without an uncertainty of their place")
-    if flight.registration_std_m is None:
-        out.append("the registration of the flight in the frame of the asset is not stated")
     if flight.run and not run:
         out.append(f"the run directory {flight.run} was not found: its files are not shown")
     out += [

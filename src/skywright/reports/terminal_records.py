@@ -1,10 +1,13 @@
 """What `skywright records` prints for people."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from skywright.inspection.history.corrosion import Location, Rate
 from skywright.inspection.history.entries import StoredIndication, StoredReading
+from skywright.inspection.history.registration import Registration
 from skywright.reports.terminal import format_number, new_console, new_table
 from skywright.run.records import Record
 
@@ -114,3 +117,23 @@ def print_readings(found: Sequence[StoredReading], path: Path) -> None:
             "yes" if one.accepted else f"no: {one.reason}",
         )  # fmt: skip
     console.print(table)
+
+
+def print_registrations(found: Mapping[str, Registration | None], asset: str, points: int) -> None:
+    """Print where the frame of each flight lies in that of its asset, and what to note of it."""
+    console = new_console()
+    console.print(f"{points} datum points of {asset}", style="bold", markup=False)
+    table = new_table("flight", "common", "shift (mm)", "turn (deg)", "residual (mm)")
+    for flight, one in found.items():
+        if one is None:
+            table.add_row(flight, "0", "-", "-", "-")
+            continue
+        shift, turn = (1e3 * one.shift).tolist(), np.degrees(one.turn).tolist()
+        table.add_row(
+            flight, str(one.points), ", ".join(f"{v:.1f}" for v in shift),
+            ", ".join(f"{v:.2f}" for v in turn), f"{1e3 * one.residual_m:.2f}",
+        )  # fmt: skip
+    console.print(table)
+    for flight, one in found.items():
+        for note in one.notes if one else ():
+            console.print(f"{flight}: {note}", markup=False)

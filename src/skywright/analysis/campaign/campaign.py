@@ -6,7 +6,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skywright.analysis.campaign.local import choose_workers, count_cores, fly_local
+from skywright.analysis.campaign.local import choose_workers, fly_local
 from skywright.analysis.campaign.progress import CampaignProgress
 from skywright.analysis.campaign.results import (
     CSV,
@@ -185,16 +185,9 @@ def _check(campaign: Campaign, runs: int, record: str, target: float) -> None:
 
 
 def _check_ray_workers(ray: str, workers: int | None) -> int | None:
-    from skywright.analysis.campaign.cluster import check_address
+    from skywright.analysis.campaign.cluster import check_workers
 
-    check_address(ray)
-    if workers is None:
-        return None
-    if ray != "local":
-        raise InputError("--workers: not valid with --ray ADDRESS, where the cluster decides")
-    if not 1 <= workers <= count_cores():
-        return choose_workers(workers, 1)  # raises
-    return workers
+    return check_workers(ray, workers)
 
 
 def _iterate_tasks(
@@ -223,11 +216,12 @@ def _fly(tasks: Iterator[Task], workers: int | None, ray: str | None) -> Generat
     following = next(tasks, None)
     if following is None:
         return
-    cluster.connect(ray, workers)
+    ours = cluster.connect(ray, workers)
     try:
         yield from cluster.fly_cluster(_chain(following, tasks))
     finally:
-        cluster.disconnect()
+        if ours:
+            cluster.disconnect()
 
 
 def _chain(first: Task, rest: Iterator[Task]) -> Iterator[Task]:

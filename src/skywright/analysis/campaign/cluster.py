@@ -12,11 +12,10 @@ import socket
 from collections.abc import Generator, Iterator
 from typing import Any
 
-from skywright.analysis.campaign.local import ATTEMPTS, ONE_THREAD
-from skywright.analysis.campaign.runner import Task, build_failed_row, fly_row
+from skywright.analysis.campaign.local import ATTEMPTS, ONE_THREAD, choose_workers, count_cores
+from skywright.analysis.campaign.runner import Flyable
 from skywright.analysis.campaign.spec import DRAWING
 from skywright.errors import InputError
-from skywright.run.rows import Row
 from skywright.run.source_hash import collect_code_versions
 
 AHEAD = 2
@@ -45,15 +44,30 @@ def check_address(address: str) -> None:
         raise InputError(f"--ray {address}: no cluster found ({error}); {valid}") from None
 
 
-def connect(address: str, workers: int | None) -> None:
+def check_workers(address: str, workers: int | None) -> int | None:
+    """Return the number of workers to start Ray with; raises InputError on a wrong one."""
+    check_address(address)
+    if workers is None:
+        return None
+    if address != "local":
+        raise InputError("--workers: not valid with --ray ADDRESS, where the cluster decides")
+    if not 1 <= workers <= count_cores():
+        return choose_workers(workers, 1)  # raises
+    return workers
+
+
+def connect(address: str, workers: int | None) -> bool:
     """Start a Ray of this machine (`local`) or join the cluster at `address`.
 
-    Raises InputError where that fails.
+    Returns whether it has to be left again: a program that has connected to Ray itself stays
+    connected, and its cluster is used. Raises InputError where connecting fails.
     """
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent anywhere
     import ray
 
+    if ray.is_initialized():
+        return False
     options: dict[str, Any] = {
         "logging_level": logging.ERROR,
         "log_to_driver": False,
@@ -67,6 +81,7 @@ def connect(address: str, workers: int | None) -> None:
     except Exception as error:  # Ray raises a different one for each kind of wrong address
         reason = " ".join(str(error).split())
         raise InputError(f"--ray {address}: cannot be joined ({reason})") from None
+    return True
 
 
 def disconnect() -> None:
@@ -83,14 +98,14 @@ def count_cluster_cores() -> int:
     return max(int(ray.cluster_resources().get("CPU", 1)), 1)
 
 
-def fly_row_if_same(task: Task, versions: dict[str, str]) -> Row | dict[str, str]:
+def fly_if_same(task: Flyable, versions: dict[str, str]) -> Any:
     """Fly one run, or return this machine's versions where they are not the campaign's."""
     mine = collect_code_versions(*DRAWING)
-    return fly_row(task) if mine == versions else mine
+    return task.fly() if mine == versions else mine
 
 
-def fly_cluster(tasks: Iterator[Task]) -> Generator[Row, None, None]:
-    """Fly tasks on the connected cluster; rows come as they finish.
+def fly_cluster(tasks: Iterator[Flyable]) -> Generator[Any, None, None]:
+    """Fly tasks (or jobs) on the connected cluster; rows come as they finish.
 
     Closing the iterator cancels what is in flight.
     """
@@ -98,9 +113,9 @@ def fly_cluster(tasks: Iterator[Task]) -> Generator[Row, None, None]:
     from ray.exceptions import RayError
 
     versions = collect_code_versions(*DRAWING)
-    remote = ray.remote(num_cpus=1, max_retries=0)(fly_row_if_same)
-    flying: dict[Any, tuple[Task, int]] = {}
-    again: list[tuple[Task, int]] = []
+    remote = ray.remote(num_cpus=1, max_retries=0)(fly_if_same)
+    flying: dict[Any, tuple[Flyable, int]] = {}
+    again: list[tuple[Flyable, int]] = []
     exhausted = False
     try:
         while True:
@@ -127,8 +142,8 @@ def fly_cluster(tasks: Iterator[Task]) -> Generator[Row, None, None]:
                         continue
                     kind = type(error).__name__
                     reason = f"the worker process died {attempt} times ({kind})"
-                    row = build_failed_row(task, "crashed", reason)
-                if not isinstance(row, Row):
+                    row = task.fail("crashed", reason)
+                if isinstance(row, dict):  # versions
                     other = {k: row.get(k) for k in versions if row.get(k) != versions[k]}
                     raise InputError(
                         f"--ray: a machine of the cluster runs other versions: {other}; here "

@@ -13,11 +13,10 @@ from collections.abc import Generator, Iterator
 from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from skywright.analysis.campaign.runner import Task, build_failed_row
+from skywright.analysis.campaign.runner import Flyable
 from skywright.errors import InputError
-from skywright.run.rows import Row
 
 ATTEMPTS = 3
 """Times that a run may take its worker down before it becomes a row."""
@@ -57,16 +56,16 @@ class _Worker(NamedTuple):
 
 
 def fly_local(
-    tasks: Iterator[Task], workers: int, *, warm_first: bool = False
-) -> Generator[Row, None, None]:
-    """Fly tasks on `workers` processes; rows come as they finish.
+    tasks: Iterator[Flyable], workers: int, *, warm_first: bool = False
+) -> Generator[Any, None, None]:
+    """Fly tasks (or jobs) on `workers` processes; rows come as they finish.
 
     With `warm_first` one worker flies the first run alone, so that code is compiled once.
     Closing the iterator stops the workers and drops what they are flying.
     """
     idle: list[_Worker] = []
-    busy: dict[Connection, tuple[_Worker, Task, int]] = {}
-    again: list[tuple[Task, int]] = []
+    busy: dict[Connection, tuple[_Worker, Flyable, int]] = {}
+    again: list[tuple[Flyable, int]] = []
     wanted = 1 if warm_first else workers
     exhausted = False
     try:
@@ -90,20 +89,17 @@ def fly_local(
                 assert isinstance(connection, Connection)
                 worker, task, attempt = busy.pop(connection)
                 try:
-                    answer: Row | str = connection.recv()
+                    answer: Any = connection.recv()
                 except (EOFError, OSError):
                     why = _stop_worker(worker)
                     if attempt < ATTEMPTS:
                         again.append((task, attempt + 1))
                         continue
                     reason = f"the worker process died {attempt} times ({why})"
-                    row = build_failed_row(task, "crashed", reason)
+                    row = task.fail("crashed", reason)
                 else:
                     idle.append(worker)
-                    if isinstance(answer, str):
-                        row = build_failed_row(task, "refused", answer)
-                    else:
-                        row = answer
+                    row = task.fail("refused", answer) if isinstance(answer, str) else answer
                 wanted = workers
                 yield row._replace(attempts=attempt)
     finally:

@@ -3,7 +3,7 @@
 import math
 import traceback
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from skywright.analysis.campaign.spec import Draw
 from skywright.description.loader import Description
@@ -32,6 +32,24 @@ class Task(NamedTuple):
     """Where directories of recorded runs go."""
     refused: str = ""
     """Why the description could not be loaded; such a run does not fly."""
+
+    def fly(self) -> Row:
+        """Fly the run."""
+        return fly_row(self)
+
+    def fail(self, outcome: str, reason: str) -> Row:
+        """Return the row of a run whose worker died, or could not read it."""
+        return build_failed_row(self, outcome, reason)
+
+
+class Flyable(Protocol):
+    """What workers fly: a run of a campaign (Task), or a job (jobs.py)."""
+
+    def fly(self) -> Any:
+        """Do it, in whatever process; never raises."""
+
+    def fail(self, outcome: str, reason: str) -> Any:
+        """Return what stands for it where it never came back."""
 
 
 def fly_row(task: Task) -> Row:

@@ -1,8 +1,8 @@
 """A local worker process: `python -m skywright.analysis.campaign.worker FD`.
 
-Takes tasks from a connection and answers with rows, or with why a task cannot be read, until the
-other end is gone. A fresh interpreter, not a fork: threads of the parent (numba, BLAS, a notebook)
-do not survive a fork.
+Takes tasks from a connection and answers with rows (or what jobs return), or with why a task cannot
+be read, until the other end is gone. A fresh interpreter, not a fork: threads of the parent (numba,
+BLAS, a notebook) do not survive a fork.
 """
 
 import signal
@@ -14,13 +14,11 @@ def main() -> None:
     """Serve the connection whose file descriptor is the first argument."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     connection = Connection(int(sys.argv[1]))
-    from skywright.analysis.campaign.runner import fly_row
     from skywright.core.find import explain
-    from skywright.run.rows import Row
 
     while True:
         try:
-            answer: Row | str = fly_row(connection.recv())
+            answer: object = connection.recv().fly()
         except (EOFError, OSError):
             return  # the parent is gone, or has no more work
         except (Exception, SystemExit) as error:  # a file of the user's is gone, or wrong

@@ -1,14 +1,22 @@
 """Two robots side by side: quasi-static numbers first, flown ones last."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from skywright.analysis.campaign.jobs import Job, check_places, fly_jobs
 from skywright.analysis.compare import geometry as shapes
 from skywright.analysis.compare.comparison import Comparison, Install, Side, TorqueMap
-from skywright.analysis.compare.flown import Step, fly_collisions, fly_hover, fly_install
+from skywright.analysis.compare.flown import (
+    WINDS,
+    build_hover,
+    fly_collision,
+    fly_install,
+    hover_once,
+    list_collisions,
+)
 from skywright.analysis.compare.table import build_rows, judge_statements
 from skywright.core.arrays import Array
 from skywright.core.keys import parse_assignment
@@ -22,6 +30,8 @@ from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.reach import compute_reach
 from skywright.models.rigid_body import build_body_model, posture
 from skywright.models.tip_force import Loaded, compute_reaction_map
+
+Step = Callable[[str], None]
 
 MISSION = "sensor-install"
 FORCE = 2.0  # N, at the hand (Suarez 2020, section VI-B)
@@ -45,11 +55,13 @@ COLLISIONS = {
 
 def compare_robots(
     first: str, second: str, *, sets: Sequence[str] = (), fly: bool = True, seeds: int = 2,
-    step: Step | None = None,
+    step: Step | None = None, workers: int | None = None, ray: str | None = None,
 ) -> Comparison:  # fmt: skip
     """Compare two robots with arms: names or files.
 
     `sets` change the world of the mission sensor-install (`world.*`); `seeds` flights a wind.
+    The flights run one after the other, or on `workers` processes, or on a Ray cluster (`ray`, as
+    of a campaign); the result is the same.
     Raises InputError for unknown robots, robots without an arm, the same robot twice.
     """
     for text in sets:
@@ -58,6 +70,7 @@ def compare_robots(
             raise InputError(f"--set {text}: compare changes the world only; valid: world.*")
     if seeds < 1:
         raise InputError(f"--seeds {seeds}: at least 1 is needed")
+    check_places(1, workers, ray)
     loaded = [load_description(MISSION, name, sets=list(sets)) for name in (first, second)]
     for d in loaded:
         if d.robot.arm is None:
@@ -74,9 +87,14 @@ def compare_robots(
     if a.name == b.name:  # files that describe variants of one robot
         a, b = a._replace(name=first), b._replace(name=second)
     if fly:
+        named = list(zip((a, b), loaded, (first, second), strict=True))
+        asked = [job for side, d, name in named for job in list_flights(side, d, name, seeds)]
+        jobs = [job._replace(number=i) for i, job in enumerate(asked)]
+        found = fly_jobs(jobs, workers=workers, ray=ray, step=tell)
+        half = len(list_flights(*named[0], seeds))
         a, b = [
-            add_flights(side, d, name, seeds, tell)
-            for side, d, name in zip((a, b), loaded, (first, second), strict=True)
+            add_flights(side, answers)
+            for (side, *_), answers in zip(named, (found[:half], found[half:]), strict=True)
         ]
     rows = build_rows(a, b)
     world = loaded[0].world
@@ -159,13 +177,45 @@ def measure_force(robot: Robot, q: Array, values: dict[str, float], notes: Any) 
     return TorqueMap(AZIMUTH, ELEVATION, torque, swing, FORCE)
 
 
-def add_flights(side: Side, d: Description, name: str, seeds: int, step: Step) -> Side:
-    """Fly sensor-install, collisions and hovers, and add what they tell."""
-    values, notes = dict(side.values), dict(side.notes)
-    install = add_install(side, d, step, values, notes)
-    springs = any(x.link.flex_stiffness_nm_per_rad for x in list_joints(side.robot))
-    link = side.robot.pendulum is not None
-    collisions = fly_collisions(name, springs, link, step)
+def list_flights(side: Side, d: Description, name: str, seeds: int) -> list[Job]:
+    """Return the flights of a robot: sensor-install where it has a plan, collisions, hovers."""
+    jobs = []
+    if _has_way(side):
+        jobs.append(Job(0, f"{d.robot.name}: sensor-install", fly_install, (d,)))
+    jobs += [
+        Job(0, f"{name}: collision, {what}", fly_collision, (name, what))
+        for what in list_collisions(*_find_parts(side.robot))
+    ]
+    pose = side.way.q if side.way is not None else posture(side.robot, "working")
+    jobs += [
+        Job(
+            0, f"{name}: hover in {wind:g} m/s, seed {k + 1}", hover_once, (name, pose, wind, k + 1)
+        )
+        for wind in WINDS
+        for k in range(seeds)
+    ]
+    return jobs
+
+
+def _has_way(side: Side) -> bool:
+    return side.way is not None and not side.way.blocked_by
+
+
+def _find_parts(robot: Robot) -> tuple[bool, bool]:
+    """Return whether its joints have springs, and whether it has a passive link."""
+    springs = any(x.link.flex_stiffness_nm_per_rad for x in list_joints(robot))
+    return springs, robot.pendulum is not None
+
+
+def add_flights(side: Side, found: Sequence[Any]) -> Side:
+    """Add what the flights of `list_flights` returned."""
+    values, notes, rest = dict(side.values), dict(side.notes), list(found)
+    not_flown = Install({}, math.nan, math.nan, "not flown, no feasible path")
+    install = rest.pop(0) if _has_way(side) else not_flown
+    add_install(install, values, notes)
+    springs, link = _find_parts(side.robot)
+    names = list_collisions(springs, link)
+    collisions, rest = rest[: len(names)], rest[len(names) :]
     for c in collisions:
         for row, metric in COLLISIONS[c.what].items():
             values[row] = c.metrics.get(metric, math.nan)
@@ -175,8 +225,7 @@ def add_flights(side: Side, d: Description, name: str, seeds: int, step: Step) -
         notes["impact.stiff_torque_nm"] = "its joints have no springs"
     if not link:
         notes["impact.link_torque_nm"] = notes["impact.link_force_n"] = "has no passive link"
-    pose = side.way.q if side.way is not None else posture(side.robot, "working")
-    hover = fly_hover(name, pose, seeds, step)
+    hover = build_hover(rest)
     for key, table, i in (("tip_calm", hover.tip, 0), ("tip_wind", hover.tip, -1),
                           ("platform_wind", hover.platform, -1)):  # fmt: skip
         row = table[i]
@@ -189,14 +238,8 @@ def add_flights(side: Side, d: Description, name: str, seeds: int, step: Step) -
     )
 
 
-def add_install(
-    side: Side, d: Description, step: Step, values: dict[str, float], notes: dict[str, str]
-) -> Install:
-    """Fly sensor-install where it has a plan; says why a number is missing."""
-    if side.way is None or side.way.blocked_by:
-        found = Install({}, math.nan, math.nan, "not flown, no feasible path")
-    else:
-        found = fly_install(d, step)
+def add_install(found: Install, values: dict[str, float], notes: dict[str, str]) -> None:
+    """Add what sensor-install told; says why a number is missing."""
     values["install.propellers_m"], values["install.gear_m"] = found.propellers, found.gear
     for key, metric in INSTALL.items():
         values[key] = found.metrics.get(metric, math.nan)
@@ -205,4 +248,3 @@ def add_install(
             notes[key] = found.reason
     if found.reason and found.metrics:
         notes["install.propellers_m"] = found.reason
-    return found

@@ -1,7 +1,6 @@
 """What is measured by flying: collisions, and how well the tip keeps its place in wind."""
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,8 +25,6 @@ from skywright.vehicle.interface import WholeBody
 from skywright.vehicle.moves import Moves
 from skywright.vehicle.simulated import SimulatedVehicle
 
-Step = Callable[[str], None]
-
 WINDS = (0.0, 1.0, 2.0, 3.0)  # m/s
 HEIGHT = 2.5  # m
 SETTLE_S, WATCH_S = 8.0, 15.0
@@ -45,29 +42,27 @@ class Still(NamedTuple):
     deflection: Array  # (n_joints,) rad
 
 
-def fly_collisions(robot: str, springs: bool, link: bool, step: Step) -> list[Collision]:
-    """Fly `impact` with a hand, where there are springs first without, and with a passive link."""
-    what = [*["hand, stiff joints"] * springs, "hand", *["passive link"] * link]
-    out = []
-    for name in what:
-        step(f"{robot}: collision, {name}")
-        sets = {
-            "mission.task.joints": "stiff" if "stiff" in name else "compliant",
-            "mission.task.part": "link" if "link" in name else "arm",
-        }
-        try:
-            result = fly_and_evaluate(load_description("impact", robot, sets=sets))
-        except SkywrightError as error:
-            out.append(Collision(name, {}, str(error)))
-            continue
-        met = {k: v for k, v in result.metrics.items() if k.startswith("impact.")}
-        out.append(Collision(name, met, "" if met else result.reason or "nothing was touched"))
-    return out
+def list_collisions(springs: bool, link: bool) -> list[str]:
+    """List what hits: a hand, where there are springs first without, and a passive link."""
+    return [*["hand, stiff joints"] * springs, "hand", *["passive link"] * link]
 
 
-def fly_install(d: Description, step: Step) -> Install:
+def fly_collision(robot: str, name: str) -> Collision:
+    """Fly `impact` with what `list_collisions` names."""
+    sets = {
+        "mission.task.joints": "stiff" if "stiff" in name else "compliant",
+        "mission.task.part": "link" if "link" in name else "arm",
+    }
+    try:
+        result = fly_and_evaluate(load_description("impact", robot, sets=sets))
+    except SkywrightError as error:
+        return Collision(name, {}, str(error))
+    met = {k: v for k, v in result.metrics.items() if k.startswith("impact.")}
+    return Collision(name, met, "" if met else result.reason or "nothing was touched")
+
+
+def fly_install(d: Description) -> Install:
     """Fly sensor-install and ask for the distances to the pipe between take-off and landing."""
-    step(f"{d.robot.name}: sensor-install")
     try:
         result = fly_and_evaluate(d)
     except SkywrightError as error:
@@ -89,15 +84,10 @@ def fly_install(d: Description, step: Step) -> Install:
     return Install(met, float(propellers), float(gear), reason)
 
 
-def fly_hover(robot: str, q: Array, seeds: int, step: Step) -> Hover:
-    """Keep the tip in place for a while in gusty wind (Dryden) of growing mean."""
-    tip = np.full((len(WINDS), seeds), np.nan)
-    platform = np.full((len(WINDS), seeds), np.nan)
-    for i, wind in enumerate(WINDS):
-        for seed in range(seeds):
-            step(f"{robot}: hover in {wind:g} m/s, seed {seed + 1}")
-            tip[i, seed], platform[i, seed] = hover_once(robot, q, wind, seed + 1)
-    return Hover(np.array(WINDS), tip, platform)
+def build_hover(found: list[tuple[float, float]]) -> Hover:
+    """Return the table of what `hover_once` found, seed by seed in each of WINDS."""
+    both = np.array(found, float).reshape(len(WINDS), -1, 2)
+    return Hover(np.array(WINDS), both[..., 0], both[..., 1])
 
 
 def hover_once(robot: str, q: Array, wind: float, seed: int) -> tuple[float, float]:

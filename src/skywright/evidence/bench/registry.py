@@ -35,9 +35,11 @@ BENCHMARKS = {
     "workers": Benchmark(HERE + "workers", "a campaign on one and on two workers"),
     "scan": Benchmark(HERE + "scan", "growth of cost with the length of a scan"),
     "sensors": Benchmark(HERE + "sensors", "cost of sensors, link, wind and friction"),
+    "instruments": Benchmark(HERE + "instruments", "cost of the instruments of an inspection"),
     "contacts": Benchmark(HERE + "contacts", "growth of cost with contacts"),
     "locate": Benchmark(HERE + "locate", "calibration and filter of total station and camera"),
     "robots": Benchmark(HERE + "robots", "growth of cost with the number of robots"),
+    "envs": Benchmark(HERE + "envs", "steps and resets of the environments", False),
     "consistency": Benchmark(
         HERE + "evidence",
         "is the filter as sure as it should be (NEES)",

@@ -47,6 +47,21 @@ class Indication(NamedTuple):
     data: str = ""
 
 
+class Datum(NamedTuple):
+    """A mark on the asset, where the asset or a flight has it."""
+
+    name: str
+    x_m: float
+    y_m: float
+    z_m: float
+    u95_m: float  # of each coordinate
+
+    @property
+    def place(self) -> tuple[float, float, float]:
+        """Its place (m)."""
+        return self.x_m, self.y_m, self.z_m
+
+
 class Calibrated(NamedTuple):
     """A calibration or its check, before or after a flight."""
 

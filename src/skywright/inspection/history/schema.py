@@ -97,6 +97,17 @@ TO_VERSION_3 = (
 )
 """How much of what was asked for was inspected, and what was missed."""
 
-STEPS = (VERSION_1, TO_VERSION_2, TO_VERSION_3)
+TO_VERSION_4 = (
+    """CREATE TABLE datums (
+        id INTEGER PRIMARY KEY, asset TEXT NOT NULL REFERENCES assets(name),
+        flight TEXT REFERENCES flights(id), name TEXT NOT NULL,
+        x_m REAL NOT NULL, y_m REAL NOT NULL, z_m REAL NOT NULL, u95_m REAL NOT NULL
+    ) STRICT""",
+    # one place of a name for the asset, and one for each flight
+    "CREATE UNIQUE INDEX datums_name ON datums (asset, coalesce(flight, ''), name)",
+)
+"""Datum points, by which flights are registered in the frame of the asset."""
+
+STEPS = (VERSION_1, TO_VERSION_2, TO_VERSION_3, TO_VERSION_4)
 """From an empty file to version 1, to version 2, ..."""
 VERSION = len(STEPS)

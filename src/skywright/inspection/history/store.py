@@ -11,7 +11,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 from skywright.errors import InputError
-from skywright.inspection.history.database import DatabaseFile, stamp
+from skywright.inspection.history.database import stamp
+from skywright.inspection.history.datums import DatumFile
 from skywright.inspection.history.entries import (
     DISPOSITIONS,
     STAGES,
@@ -30,7 +31,7 @@ from skywright.inspection.history.entries import (
 )
 
 
-class InspectionStore(DatabaseFile):
+class InspectionStore(DatumFile):
     """All measurements of assets in one file."""
 
     def add_asset(self, name: str, description: str | None = None, frame: str | None = None) -> str:
@@ -261,7 +262,10 @@ class InspectionStore(DatabaseFile):
         quantity: str | None = None,
         flight: str | None = None,
     ) -> list[StoredReading]:
-        """Return readings in the order of their time, accepted and refused ones."""
+        """Return readings in the order of their time, accepted and refused ones.
+
+        Places are in the frame of the asset where datum points register their flight.
+        """
         where, values = _join(
             ("f.structure", asset), ("c.name", component), ("r.quantity", quantity),
             ("r.flight", flight),
@@ -273,10 +277,10 @@ class InspectionStore(DatabaseFile):
             f" LEFT JOIN components c ON c.id = r.component {where} ORDER BY r.time_utc, r.id",
             values,
         )
-        return [
+        return self.carry_readings([
             StoredReading._make((*row[:6], bool(row[6]), row[7], _read_reading(row[8:])))
             for row in rows
-        ]
+        ])  # fmt: skip
 
     def find_indications(
         self,
@@ -285,7 +289,10 @@ class InspectionStore(DatabaseFile):
         component: str | None = None,
         flight: str | None = None,
     ) -> list[StoredIndication]:
-        """Return indications in the order of their time, with their last disposition."""
+        """Return indications in the order of their time, with their last disposition.
+
+        Places are in the frame of the asset, as those of readings.
+        """
         where, values = _join(("f.structure", asset), ("c.name", component), ("i.flight", flight))
         columns = ", ".join(f"i.{name}" for name in Indication._fields)
         rows = self.read(
@@ -297,13 +304,13 @@ class InspectionStore(DatabaseFile):
             " (SELECT max(id) FROM dispositions WHERE indication = i.id)"
             f" {where} ORDER BY i.time_utc, i.id", values,
         )  # fmt: skip
-        return [
+        return self.carry_indications([
             StoredIndication._make((
                 *row[:5], bool(row[5]), row[6], Indication._make(row[11:]), row[7] or "open",
                 ", ".join(x for x in row[8:11] if x),
             ))
             for row in rows
-        ]  # fmt: skip
+        ])  # fmt: skip
 
 
 def _read_calibrated(row: tuple[Any, ...]) -> Calibrated:

@@ -23,11 +23,11 @@ from skywright.missions.bridge_contact.sliding import (
     check_slide_ends,
     check_wobble,
     compute_sliding_press,
-    find_way,
 )
 from skywright.missions.bridge_contact.stations import Station, build_station
 from skywright.missions.bridge_contact.survey import SurveyWay, plan_survey
 from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.missions.bridge_contact.ways import check_way
 from skywright.missions.skills.pressing import TIP_GAP, check_can_press
 from skywright.missions.skills.surveyed import get_map_error, is_surveyed
 from skywright.models.contact_stance import (
@@ -39,14 +39,11 @@ from skywright.models.contact_stance import (
 from skywright.models.docked import build_docked, compute_drag, find_stance
 from skywright.models.docked_balance import MARGIN, DockedBalance, compute_docked_balance
 from skywright.models.docked_map import DIRECTIONS, Condition, compute_worst_press
-from skywright.models.geometry import ClearanceQuery, compute_clearance
 from skywright.models.rigid_body import compute_tip, posture
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
 READY_GAP = 0.04  # m, of the tip below the feet while docking
-CLEAR = 0.10  # m, from everything on the way
-NEAR = 0.02  # m, from everything but the structure at the place of contact
 FOOT_LOADS = (1.0, 0.75, 0.5)  # N, of each foot at least: the most that the rotors allow
 
 
@@ -130,7 +127,7 @@ def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> Missio
     if free is not None and not task.dock and not blocked:
         blocked = _check_tilt(stations, unsure, task.tilt_fraction)
     if not blocked:
-        blocked = _check_way(setup, stations, free, q_ready, stand_off, survey)
+        blocked = check_way(setup, stations, free, q_ready, stand_off, survey)
     found = ContactPlan(
         stations, q_ready, q_touch, dock_tip, free, rest, pressed, largest, limit, free_limit,
         free_forces, stand_off, survey,
@@ -301,55 +298,3 @@ def _check_tilt(stations: list[Station], unsure: float, fraction: float) -> str:
                 f"hover limit is {math.degrees(fraction * s.tilt_limit):.1f} deg"
             )
     return ""
-
-
-def _check_way(
-    setup: Setup[BridgeContact], stations: list[Station], free: ContactStance | None,
-    q_ready: Array, stand_off: float, survey: SurveyWay | None,
-) -> str:  # fmt: skip
-    """Say what stands in the way from the hover point to the stations, or return ""."""
-    d, task, query = setup.description, setup.task, setup.clearance_aloft
-    last, folded = setup.hover[:3], posture(d.robot, "folded")
-    for s in stations:
-        q, p = (q_ready, s.p_dock) if task.dock else (free.q if free else folded, s.p_press)
-        stand = p + stand_off * s.normal
-        if stand[2] < d.robot.platform.gear_height_m + CLEAR:
-            return f"{s.name}: the stand-off position would be {stand[2]:.2f} m above the ground"
-        for u in np.linspace(0.0, 1.0, 12):
-            blocked = _find_near(query, last + u * (stand - last), s.R_level, q, CLEAR, s.name)
-            if blocked:
-                return blocked
-        blocked = _find_near(
-            query, p + 2.5 * NEAR * s.normal, s.R_approach, q if task.dock else folded, NEAR, s.name
-        )
-        if blocked:
-            return blocked
-        if free and task.slide_m:
-            assert d.world.structure is not None
-            far = s.p_press + 2.5 * NEAR * s.normal + find_way(task, d.world.structure)
-            if far[2] < d.robot.platform.gear_height_m + CLEAR:
-                return f"{s.name}: the slide would end {far[2]:.2f} m above the ground"
-            for u in np.linspace(0.0, 1.0, 12):
-                at = far - u * find_way(task, d.world.structure)
-                blocked = _find_near(query, at, s.R_approach, free.q, 0.5 * NEAR, s.name)
-                if blocked:
-                    return f"on the slide, {blocked}"
-        last = stand
-    for s in () if survey is None else survey.stations:
-        assert free is not None and survey is not None
-        at = s.p_press + survey.stand_off * s.normal
-        blocked = _find_near(query, at, s.R_approach, free.q, NEAR, s.name)
-        if blocked:
-            return blocked
-    return ""
-
-
-def _find_near(query: ClearanceQuery, p: Array, R: Array, q: Array, least: float, name: str) -> str:
-    found = compute_clearance(query, p, R, q)
-    if found.distance >= least:
-        return ""
-    pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
-    return (
-        f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m < {least:g} m at "
-        f"({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m"
-    )

@@ -99,7 +99,7 @@ def _visit(setup: Setup[Any], array: Array, seconds: float) -> BlockScan:
     return simulate_block_scan(
         metal, t.build_coil(), t.build_instrument(),
         build_stream(setup.description.mission.seed, "block", when),
-        notch_depth=notch, gain=gain,
+        notch_depth=notch, gain=gain, paint=setup.task.procedure.coating_m,
     )  # fmt: skip
 
 

@@ -36,6 +36,7 @@ class CrackProcedure(Spec):
     name: str = "eddy-current surface scan"  # title in the report
     revision: str = "0"  # of the procedure, in the report
     notch_m: float = Field(default=0.001, ge=1e-5, le=0.05)  # depth of the reference notch
+    coating_m: float = Field(default=0.0, ge=0, le=0.002)  # of the part; a shim at the set-up
     threshold_percent: float = Field(default=15.0, ge=1, le=100)  # of full screen height
     gap_max_m: float = Field(default=0.0005, ge=1e-5, le=0.002)  # largest gap that counts
     overlap_fraction: Fraction = 0.1  # of a coil's width, between passes

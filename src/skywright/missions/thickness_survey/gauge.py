@@ -8,6 +8,7 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
+from skywright.errors import InputError
 from skywright.inspection.echoes import Pulse
 from skywright.inspection.thickness import (
     GaugeCheck,
@@ -28,9 +29,11 @@ from skywright.models.ultrasonic import (
     compute_echoes,
 )
 from skywright.run.setup import Setup
-from skywright.vehicle.sensors.ultrasonic import Ultrasonic
+from skywright.vehicle.sensors.ultrasonic import Ultrasonic, find_wall
 
 Probe = Carried[Ultrasonic.Table]
+SAME_MATERIAL = 0.02
+"""Largest relative difference of the velocities of block and wall: of one steel to another."""
 
 
 def find_probe(setup: Setup[Any]) -> Probe:
@@ -43,6 +46,13 @@ def set_up(setup: Setup[Any], probe: Probe, procedure: ThicknessProcedure) -> Ga
 
     Raises InputError for a block that does not show its steps, or of another material.
     """
+    wall, velocity = find_wall(setup.world, probe.name)[0], procedure.velocity_m_per_s
+    if not abs(wall.velocity_m_per_s / velocity - 1.0) <= SAME_MATERIAL:
+        raise InputError(
+            f"mission.task.procedure.velocity_m_per_s: a block of {velocity:g} m/s for a wall of "
+            f"{wall.velocity_m_per_s:g} m/s; valid: within {SAME_MATERIAL:.0%}; use a block of the "
+            "part's material"
+        )
     transducer = probe.table.build_transducer()
     pulse = Pulse(
         transducer.frequency, transducer.bandwidth, SAMPLE_RATE, transducer.ready, CLIP

@@ -1,0 +1,117 @@
+"""What a run of a campaign costs over 1, 2 and 100 workers, and what would limit it.
+
+    python benchmarks/campaign_scale.py                # writes benchmarks/scale.json
+    python docs/generate_scale.py                      # and the table of docs/howto/campaign.md
+
+Workers take turns: 1, 2, 1, 2, ... Processor time tells what a flight costs, what a worker's start
+costs, and what the one process that hands runs out does for each; it does not depend on who else
+uses the machine. 100 workers are not measured: what they would take follows from these parts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pickle
+import resource
+import statistics
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from skywright.analysis.campaign.campaign import run_campaign
+from skywright.analysis.campaign.runner import Task, build_failed_row
+from skywright.analysis.campaign.spec import (
+    build_campaign,
+    build_identity,
+    draw_run,
+    load_run,
+    write_command,
+)
+from skywright.analysis.campaign.store import Store
+
+MISSIONS = {
+    "waypoints": ["world.wind.kind=choice('steady')", "world.wind.mean_mps=uniform(0.1,2)"],
+    "pipe-weld-scan": ["world.pipe.friction=uniform(0.1,0.3)"],
+}
+HERE = Path(__file__).parent
+PLANNED = 100
+
+
+def fly(mission: str, runs: int, workers: int, folder: Path) -> dict[str, float]:
+    """Fly a campaign; return wall time and the processor time of parent and workers, in s."""
+    campaign = build_campaign(mission, MISSIONS[mission], seed=1)
+    began, ours = time.perf_counter(), time.process_time()
+    theirs = resource.getrusage(resource.RUSAGE_CHILDREN)
+    run_campaign(campaign, runs, out=folder, workers=workers)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return {
+        "wall": time.perf_counter() - began, "parent": time.process_time() - ours,
+        "workers": after.ru_utime + after.ru_stime - theirs.ru_utime - theirs.ru_stime,
+    }  # fmt: skip
+
+
+def hand_out(mission: str, n: int, folder: Path) -> float:
+    """Return the processor time (s) that the parent spends on a run: load, send, receive, write."""
+    campaign = build_campaign(mission, MISSIONS[mission], seed=1)
+    store = Store(folder, build_identity(campaign))
+    times = []
+    for run in range(n):
+        began = time.process_time()
+        one = draw_run(campaign, run)
+        task = Task(one, load_run(campaign, one), write_command(campaign, one), "none", "")
+        row = pickle.loads(pickle.dumps(build_failed_row(task, "succeeded", "")))
+        pickle.dumps(task)
+        store.append(row)
+        times.append(time.process_time() - began)
+    store.close()
+    return statistics.median(times)
+
+
+def measure(mission: str, runs: int, turns: int) -> dict[str, Any]:
+    """Return the parts of a run's cost, each the median over the turns."""
+    few: list[dict[str, float]] = []
+    many: dict[int, list[dict[str, float]]] = {1: [], 2: []}
+    for _ in range(turns):
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            few.append(fly(mission, 1, 1, folder / "one"))
+            for workers, found in many.items():
+                found.append(fly(mission, runs, workers, folder / str(workers)))
+
+    def middle(rows: list[dict[str, float]], key: str) -> float:
+        return statistics.median(row[key] for row in rows)
+
+    flight = (middle(many[1], "workers") - middle(few, "workers")) / (runs - 1)
+    with tempfile.TemporaryDirectory() as name:
+        serial = hand_out(mission, 20, Path(name) / "serial")
+    return {
+        "mission": mission, "runs": runs, "turns": turns, "flight_cpu_s": round(flight, 4),
+        "parent_cpu_s": round(serial, 5),
+        "once_cpu_s": round(max(middle(few, "parent") - serial, 0.0), 3),
+        "worker_start_cpu_s": round(max(middle(few, "workers") - flight, 0.0), 3),
+        "run_cpu_s": {str(w): round(middle(r, "workers") / runs, 3) for w, r in many.items()},
+        "run_wall_s": {str(w): round(middle(r, "wall") / runs, 3) for w, r in many.items()},
+        "most_workers": round(flight / serial),
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Measure, and write the table."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    p.add_argument("--runs", type=int, default=8)
+    p.add_argument("--turns", type=int, default=3)
+    p.add_argument("--out", type=Path, default=HERE / "scale.json")
+    asked = p.parse_args()
+    found = {
+        "cores": os.cpu_count(), "load_1_min": round(os.getloadavg()[0], 1), "planned": PLANNED,
+        "missions": [measure(m, asked.runs, asked.turns) for m in MISSIONS],
+    }  # fmt: skip
+    asked.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

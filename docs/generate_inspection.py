@@ -1,0 +1,146 @@
+"""Write docs/reference/inspection.md: `python docs/generate_inspection.py`.
+
+From what benchmarks/fly_inspections.py and benchmarks/crack_detection.py keep.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta
+
+DOCS = Path(__file__).parent
+PAGE = DOCS / "reference" / "inspection.md"
+KEPT = DOCS.parent / "benchmarks" / "inspection"
+BEGIN = "<!-- inspection: begin, made by docs/generate_inspection.py, do not edit -->"
+END = "<!-- inspection: end -->"
+SKIP_MM = 0.25
+"""Error from which a reading is a skipped cycle or a doubling."""
+SMOOTH = 15e-6
+"""m, roughness of the far side up to which a wall is called smooth."""
+
+Flights = list[dict[str, Any]]
+
+
+def load_flights(name: str) -> Flights:
+    """Return the kept flights of a mission; none where nothing was flown."""
+    path = KEPT / f"{name}.jsonl"
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    return [json.loads(line) for line in lines]
+
+
+def bound(count: int, total: int) -> float:
+    """Upper 95 % bound of a rate, Clopper and Pearson."""
+    return float(beta.ppf(0.95, count + 1, total - count)) if count < total else 1.0
+
+
+def list_thickness(flights: Flights) -> list[tuple[str, str, str]]:
+    """Requirement, limit, value of the thickness surveys."""
+    flown = [f for f in flights if "touches" in f]
+    touches = [t for f in flown for t in f["touches"]]
+    good = [t["scans"][-1] for t in touches if t["accepted"]]
+    if not good:
+        return []
+    error, u95 = (np.array([r[k] for r in good], float) for k in (1, 2))
+    read = [r for t in touches for r in t["scans"] if r[1] is not None]
+    skips = sum(abs(r[1]) > SKIP_MM for r in read)
+    rough = "world.things.steel.roughness_back_m"
+    smooth = [f for f in flown if float(f["site"][rough]) <= SMOOTH]
+    spots = sum(f["spots"] for f in smooth)
+    accepted = sum(t["accepted"] for f in smooth for t in f["touches"])
+    bad = [t for t in touches if t["air"] or t["beyond_null"]]
+    wrong = sum(t["accepted"] for t in bad)
+    return [
+        ("error of accepted readings, 95 %", "0.1 mm",
+         f"{np.quantile(np.abs(error), 0.95):.3f} mm ({len(good)} readings)"),
+        ("bias", "0.05 mm", f"{np.mean(error):+.3f} mm"),
+        (f"spots accepted on smooth steel (up to {1e6 * SMOOTH:.0f} um)", "90 %",
+         f"{accepted} of {spots}"),
+        ("touches with air or beyond the tilt's null that were accepted", "0",
+         f"{wrong} of {len(bad)}"),
+        ("skipped cycles or doublings, of all A-scans that gave a thickness", "0 in 1,000",
+         f"{skips} of {len(read)} (rate below {bound(skips, len(read)):.2%})"),
+        ("stated u95 covers the true error", "93 to 97 %",
+         f"{int(np.sum(np.abs(error) <= u95))} of {len(good)}"),
+    ]  # fmt: skip
+
+
+def list_cracks(flights: Flights) -> list[tuple[str, str, str]]:
+    """Requirement, limit, value of the searches for cracks."""
+    flown = [f for f in flights if f.get("inspected") and "gap_rms_mm" in f]
+    if not flown:
+        return []
+    area = [f["metrics"]["coverage.area_fraction"] for f in flown]
+    hole = [f["metrics"]["coverage.gap_max_mm"] for f in flown]
+    flaws = [x for f in flown for x in f["inspected"]["flaws"]]
+    sites, calls = (sum(f["inspected"][k] for f in flown) for k in ("sites", "calls"))
+    errors = [e for f in flown for e in f["place_errors_mm"] if e is not None]
+    stated = [u for f in flown for u in f["u95_mm"]]
+    return [
+        ("area covered, least", "95 %", f"{min(area):.1%} ({len(flown)} flights)"),
+        ("largest gap", "5 mm", f"{max(hole):.1f} mm"),
+        ("cracks of 6 by 1 mm found, any direction", "–",
+         f"{sum(x['hit'] for x in flaws)} of {len(flaws)}"),
+        ("false calls, at places of 20 by 20 mm without a crack", "1 %",
+         f"{calls} of {sites} (rate below {bound(calls, sites):.1%})"),
+        ("error of an indication's place, largest", "5 mm", f"{max(errors):.1f} mm"),
+        ("its stated u95", "5 mm", f"{max(stated):.1f} mm"),
+    ]  # fmt: skip
+
+
+def tell_flown(name: str, flights: Flights) -> str:
+    """Say how many flights met all of their requirements, and why the others did not."""
+    good = sum(f["outcome"] == "succeeded" for f in flights)
+    commits = ", ".join(f"`{c}`" for c in dict.fromkeys(f["commit"] for f in flights))
+    text = f"`{name}`: {good} of {len(flights)} flights met all requirements of the mission"
+    return text + (f" (commit {commits})." if flights else ".")
+
+
+def build_detection() -> list[str]:
+    """The table of the reduced model."""
+    path = KEPT / "detection.json"
+    if not path.is_file():
+        return []
+    data = json.loads(path.read_text(encoding="utf-8"))
+    out = [
+        "| case | cracks | a50 (mm) | a90 (mm) | a90/95 (mm) | false calls |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, one in data["cases"].items():
+        if "pod" not in one:
+            out.append(f"| {name} | – | – | – | – | {one['error']} |")
+            continue
+        pod = one["pod"]
+        sizes = (f"{pod[k]:.2f}" if pod[k] else "–" for k in ("a50", "a90", "a90_95"))
+        rate = bound(one["calls"], one["sites"])
+        out.append(
+            f"| {name} | {one['cracks']} | {' | '.join(sizes)} | {one['calls']} of {one['sites']} "
+            f"(below {rate:.2%}) |"
+        )
+    return [*out, "", f"Commit `{data['commit']}`."]
+
+
+def build_tables() -> str:
+    """All that is generated."""
+    out = []
+    for name, list_rows in (("thickness-survey", list_thickness), ("crack-scan", list_cracks)):
+        flights = load_flights(name)
+        rows = list_rows(flights)
+        out += [tell_flown(name, flights), ""]
+        if rows:
+            out += ["| requirement | limit | measured |", "|---|---|---|"]
+            out += [f"| {' | '.join(row)} |" for row in rows] + [""]
+    return "\n".join([*out, "## Detection without a flight", "", *build_detection()])
+
+
+def build_page(text: str) -> str:
+    """Return the page with its tables made anew."""
+    head, rest = text.split(BEGIN)
+    return f"{head}{BEGIN}\n\n{build_tables()}\n\n{END}{rest.split(END)[1]}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(build_page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

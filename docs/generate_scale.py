@@ -1,0 +1,53 @@
+"""Write the table of cost of docs/howto/campaign.md: `python docs/generate_scale.py`.
+
+It comes from benchmarks/scale.json, which `python benchmarks/campaign_scale.py` wrote.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+DOCS = Path(__file__).parent
+PAGE = DOCS / "howto" / "campaign.md"
+KEPT = DOCS.parent / "benchmarks" / "scale.json"
+BEGIN = "<!-- scale: begin, made by docs/generate_scale.py, do not edit -->"
+END = "<!-- scale: end -->"
+
+
+def build_table() -> str:
+    """Return a line a mission."""
+    found = json.loads(KEPT.read_text(encoding="utf-8"))
+    n = found["planned"]
+    lines = [
+        "| mission | flight | start of a worker | a run over 1 worker | over 2 | handing out "
+        f"a run | {n} workers, planned: a run each | limited by | most useful workers |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for m in found["missions"]:
+        each, serial = m["flight_cpu_s"] / n, m["parent_cpu_s"]
+        limit = "handing out" if serial > each else "the flights"
+        lines.append(
+            f"| `{m['mission']}` | {m['flight_cpu_s']:.2f} s | {m['worker_start_cpu_s']:.1f} s | "
+            f"{m['run_cpu_s']['1']:.2f} s | {m['run_cpu_s']['2']:.2f} s | "
+            f"{1e3 * serial:.0f} ms | {1e3 * max(each, serial):.0f} ms | {limit} | "
+            f"{m['most_workers']} |"
+        )
+    runs = found["missions"][0]["runs"]
+    lines += [
+        "",
+        f"Processor time, campaigns of {runs} runs, so that the start of each worker weighs "
+        f"heavily in a run; over {n} workers its start is left out. Wall times say nothing here: "
+        "the machine was shared.",
+    ]
+    return "\n".join(lines)
+
+
+def build_page(text: str) -> str:
+    """Return the page with its table made anew."""
+    head, rest = text.split(BEGIN)
+    return f"{head}{BEGIN}\n\n{build_table()}\n\n{END}{rest.split(END)[1]}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(build_page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

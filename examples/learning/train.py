@@ -1,0 +1,205 @@
+"""Train a policy with PPO (stable-baselines3), and compare it with laws on fresh conditions.
+
+    pip install "skywright[learn]"
+    python examples/learning/train.py train --out runs/weld-press
+    python examples/learning/train.py judge --policy runs/weld-press/policy.zip \
+        --out runs/weld-press/judged.json
+
+One process and one thread; the environment is that of skywright.envs. `train` writes the policy and
+its curve, `judge` flies it and the classical laws, 100 episodes each, in conditions and with noise
+that no training saw. docs/howto/learn-a-policy.md shows what came out of it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import platform
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skywright import InputError, envs
+
+HERE = Path(__file__).parent
+GUSTS = str(HERE / "gusts.csv")
+EACH = 10
+"""Episodes that are judged in a condition."""
+SEED = 1
+"""Of the campaign of conditions. Training flies its first ones, judging those that follow."""
+
+
+def parse() -> argparse.Namespace:
+    """Read the command line."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    p.add_argument("what", choices=("train", "judge"))
+    p.add_argument("--env", default="WeldPress", help="of skywright.envs")
+    p.add_argument("--vary", action="append", help="as of `skywright campaign`; default: gusts.csv")
+    p.add_argument("--set", dest="sets", action="append", help="KEY=VALUE, may be repeated")
+    p.add_argument("--steps", type=int, default=400_000, help="of the environment")
+    p.add_argument("--envs", type=int, default=8, help="beside each other")
+    p.add_argument("--conditions", type=int, default=3, help="flown for each of them")
+    p.add_argument("--episodes", type=int, default=100, help="to judge")
+    p.add_argument("--error", type=float, default=0.15, help="N, mean, below which one succeeds")
+    p.add_argument("--laws", default="push_and_slide,direct_force", help="to compare with")
+    p.add_argument("--policy", type=Path, help="to judge")
+    p.add_argument("--seed", type=int, default=1)
+    p.add_argument("--out", type=Path, required=True)
+    return p.parse_args()
+
+
+def describe_machine() -> dict[str, Any]:
+    """Return what a time means: the processor's cores, and how busy they are."""
+    return {
+        "cores": os.cpu_count(), "machine": platform.machine(),
+        "load_1_min": round(os.getloadavg()[0], 1), "nice": os.nice(0),
+    }  # fmt: skip
+
+
+def describe_task(asked: argparse.Namespace) -> dict[str, Any]:
+    """Return what was learned, without the paths of this machine."""
+    vary = [Path(text).name if text.endswith(".csv") else text for text in asked.vary]
+    return {"env": asked.env, "vary": vary, "set": asked.sets}
+
+
+def train(asked: argparse.Namespace) -> None:
+    """Train, and write policy.zip, curve.csv and training.json."""
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+
+    torch.set_num_threads(1)
+    asked.out.mkdir(parents=True, exist_ok=True)
+    began = time.perf_counter()
+
+    def build(i: int) -> Any:
+        return lambda: envs.make(
+            asked.env, vary=asked.vary, conditions=asked.conditions, seed=SEED, first=i,
+            every=asked.envs, sets=asked.sets,
+        )  # fmt: skip
+
+    vector = DummyVecEnv([build(i) for i in range(asked.envs)])
+    refused = [r for env in vector.envs for r in env.refused]
+    built = time.perf_counter() - began
+    vector = VecNormalize(VecMonitor(vector), norm_obs=False, norm_reward=True, gamma=0.98)
+    rows: list[dict[str, float]] = []
+
+    class Curve(BaseCallback):
+        """Keep the mean return of the last 100 episodes after every rollout."""
+
+        def _on_step(self) -> bool:
+            return True
+
+        def _on_rollout_end(self) -> None:
+            last = [e["r"] for e in self.model.ep_info_buffer]
+            if last:
+                rows.append({
+                    "steps": self.num_timesteps, "seconds": round(time.perf_counter() - began, 1),
+                    "return": round(float(np.mean(last)), 2),
+                    "noise": round(float(self.model.policy.log_std.exp().mean().detach()), 4),
+                })  # fmt: skip
+                if len(rows) % 20 == 0:
+                    self.model.save(asked.out / "policy.zip")
+
+    model = PPO(
+        "MlpPolicy", vector, seed=asked.seed, device="cpu", n_steps=256, batch_size=256, n_epochs=8,
+        gamma=0.98, gae_lambda=0.95, learning_rate=3e-4, clip_range=0.2, ent_coef=0.0,
+        policy_kwargs={"net_arch": [32, 32], "log_std_init": -1.0},
+    )  # fmt: skip
+    model.learn(asked.steps, callback=Curve())
+    model.save(asked.out / "policy.zip")
+    with (asked.out / "curve.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    told = {
+        **describe_task(asked), "steps": model.num_timesteps, "seed": asked.seed,
+        "envs": asked.envs, "conditions": asked.envs * asked.conditions - len(refused),
+        "refused": refused, "build_s": round(built, 1),
+        "wall_s": round(time.perf_counter() - began, 1),
+        "cpu_s": round(time.process_time(), 1), **describe_machine(),
+    }  # fmt: skip
+    (asked.out / "training.json").write_text(json.dumps(told, indent=1) + "\n")
+    print(json.dumps(told))
+
+
+def fly(env: Any, choose: Any, seed: int, condition: int, error: float) -> dict[str, Any]:
+    """Fly one episode; returns how it went."""
+    seen, begun = env.reset(seed=seed, options={"condition": condition})
+    errors, forces, total = [], [], 0.0
+    while True:
+        seen, reward, terminated, truncated, info = env.step(choose(seen))
+        total += reward
+        if "force_error_n" in info:
+            errors.append(info["force_error_n"])
+            forces.append(info["force_n"])
+        if terminated or truncated:
+            break
+    mean = float(np.mean(errors))
+    done = bool(info.get("success")) or (not terminated and mean < error)
+    return {
+        "condition": begun["condition"], "seed": seed, "return": round(total, 3),
+        "force_error_n": round(mean, 4), "force_std_n": round(float(np.std(forces)), 4),
+        "force_mean_n": round(float(np.mean(forces)), 4), "seconds": len(errors) * 0.02,
+        "reason": info.get("reason", ""), "success": done,
+    }  # fmt: skip
+
+
+def judge(asked: argparse.Namespace) -> None:
+    """Fly the policy and the laws in the same fresh conditions; write how each episode went."""
+    import torch
+    from stable_baselines3 import PPO
+
+    torch.set_num_threads(1)
+    if asked.policy is None or not asked.policy.is_file():
+        raise InputError(f"--policy {asked.policy}: no such file; valid: one that `train` wrote")
+    asked.out.parent.mkdir(parents=True, exist_ok=True)
+    model = PPO.load(asked.policy, device="cpu")
+    n = -(-asked.episodes // EACH)
+    found: dict[str, Any] = {
+        **describe_task(asked), "error_n": asked.error, **describe_machine()
+    }  # fmt: skip
+    rows = []
+    for law in asked.laws.split(","):
+        env = envs.make(
+            asked.env, vary=asked.vary, conditions=n, seed=SEED,
+            sets=[*asked.sets, f"mission.law={law}"],
+            first=asked.envs * asked.conditions,
+        )  # fmt: skip
+        still = np.zeros(env.action_space.shape, np.float32)
+        players = {law: lambda _seen, still=still: still}
+        if not rows:  # the policy steers the first law: that of the environment
+            players["learned"] = lambda seen: model.predict(seen, deterministic=True)[0]
+        for name, choose in players.items():
+            for k in range(asked.episodes):
+                row = fly(env, choose, 10_000 + k, k % len(env.starts), asked.error)
+                rows.append({"player": name, **row})
+        found.setdefault("refused", env.refused)
+        found.setdefault("conditions", len(env.starts))
+    found["episodes"] = rows
+    asked.out.write_text(json.dumps(found, indent=1) + "\n")
+    for name in dict.fromkeys(r["player"] for r in rows):
+        mine = [r for r in rows if r["player"] == name]
+        print(
+            f"{name}: {sum(r['success'] for r in mine)} of {len(mine)}, median force error "
+            f"{np.median([r['force_error_n'] for r in mine]):.3f} N"
+        )
+
+
+def main() -> None:
+    """Do what is asked; wrong input is one line and exit code 2."""
+    asked = parse()
+    asked.vary, asked.sets = asked.vary or [GUSTS], asked.sets or []
+    try:
+        {"train": train, "judge": judge}[asked.what](asked)
+    except InputError as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,218 @@
+"""An environment of Gymnasium on the compiled vehicle, in contact or just before it.
+
+A step is one mission tick (20 ms) of the whole vehicle: sensors, link, estimator, law, allocation,
+plant. What is particular of a task stands in three components (parts.py) and in a few attributes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.analysis.envs.parts import (
+    LIMIT,
+    Act,
+    Judge,
+    Judgement,
+    Observation,
+    Observe,
+    Signal,
+)
+from skywright.analysis.envs.starts import (
+    SEED_MAX,
+    Start,
+    Wanted,
+    build_conditions,
+    build_starts,
+)
+from skywright.core.record import View
+from skywright.errors import InputError, SimulationError
+from skywright.run.planning import MissionPlan
+from skywright.run.setup import Setup
+from skywright.run.supervisor import Supervisor
+from skywright.vehicle.plant import MISSION_TICK
+
+Numbers = NDArray[np.float32]
+DIVERGED = "diverged"
+ACT, OBSERVE, JUDGE = "env action", "env observation", "env judge"
+"""Names of the three components."""
+
+
+class ContactEnv(gymnasium.Env[Numbers, Numbers]):
+    """Base of the environments; see docs/howto/learn-a-policy.md."""
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}  # type: ignore[misc]
+    mission: ClassVar[str]
+    robot: ClassVar[str | None] = None  # None: the mission's
+    sets: ClassVar[tuple[str, ...]] = ()
+    phase: ClassVar[str]
+    """Of the mission: where episodes begin."""
+    spread_s: ClassVar[tuple[float, float]] = (0.0, 1.0)
+    episode_s: ClassVar[float] = 5.0
+    act: ClassVar[type[Act]]
+    observe: ClassVar[type[Observe]]
+    judge: ClassVar[type[Judge]]
+    reasons: ClassVar[tuple[str, ...]] = ("",)
+    """Why an episode ends, by `Judgement.ended`; 0 goes on."""
+    values: ClassVar[tuple[Signal, ...]] = ()
+    """What `info` tells, the mean over the last step, by `Judgement.values`; truth."""
+    penalty: ClassVar[float] = 20.0
+    """Taken off the reward of a step that ends an episode early."""
+    bonus: ClassVar[float] = 20.0
+    """Added to the reward of the step that reaches the goal."""
+
+    def __init__(
+        self,
+        *,
+        vary: Sequence[str] = (),
+        conditions: int = 1,
+        states: int = 4,
+        robot: str | None = None,
+        world: str | None = None,
+        sets: Sequence[str] = (),
+        seed: int | None = None,
+        episode_s: float | None = None,
+        first: int = 0,
+        every: int = 1,
+    ) -> None:
+        """Fly `conditions` flights to where episodes begin; each gives `states` of them.
+
+        `vary` are `KEY=DISTRIBUTION` texts or CSV files of conditions, as of `skywright campaign`;
+        condition i has the values that run i of that campaign with this `seed` has. `sets` are
+        `KEY=VALUE` texts. Of several environments of one vector, number `first` of `every` takes
+        the conditions first, first + every, ...
+        Raises InputError on anything that is wrong, before a flight where that can be told.
+        """
+        for name, value, least in (
+            ("conditions", conditions, 1), ("states", states, 1), ("first", first, 0),
+            ("every", every, 1),
+        ):  # fmt: skip
+            if not isinstance(value, int) or isinstance(value, bool) or value < least:
+                raise InputError(f"{name} = {value!r}; valid: a whole number from {least}")
+        length = self.episode_s if episode_s is None else episode_s
+        if not isinstance(length, int | float) or not MISSION_TICK <= length < np.inf:
+            raise InputError(f"episode_s = {episode_s!r}; valid: seconds, from {MISSION_TICK:g}")
+        texts = {"vary": vary, "sets": sets}
+        for name, given in texts.items():
+            if isinstance(given, str) or not all(isinstance(text, str) for text in given):
+                raise InputError(f"{name} = {given!r}; valid: a list of texts")
+        self.steps_max = round(length / MISSION_TICK)
+        acts, sees = self.act.signals, self.observe.signals
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(acts),), np.float32)
+        self.observation_space = gymnasium.spaces.Box(-LIMIT, LIMIT, (len(sees),), np.float32)
+        campaign = build_conditions(
+            self.mission, vary, robot or self.robot, world, (*self.sets, *sets), seed
+        )
+        wanted = Wanted(self.phase, self._build_parts, self._begin, self.spread_s)
+        numbers = range(first, first + conditions * every, every)
+        self.starts, self.refused = build_starts(campaign, wanted, numbers, states)
+        """The conditions that came to the phase, and what was said of the others."""
+        self._places = [self._find(start) for start in self.starts]
+        self._running = False
+
+    @classmethod
+    def _build_parts(cls) -> list[Any]:
+        return [cls.act(ACT), cls.observe(OBSERVE), cls.judge(JUDGE)]
+
+    @classmethod
+    def _begin(cls, s: Supervisor[Any], setup: Setup[Any], plan: MissionPlan[Any]) -> None:
+        vehicle: Any = s.vehicle
+        memory = {name: vehicle.get_memory(name) for name in (ACT, OBSERVE, JUDGE)}
+        cls.begin(s, setup, plan, memory[ACT], memory[OBSERVE], memory[JUDGE])
+        memory[ACT].on = 1.0
+
+    @classmethod
+    def begin(
+        cls, s: Supervisor[Any], setup: Setup[Any], plan: MissionPlan[Any], act: View,
+        observe: View, judge: View,
+    ) -> None:  # fmt: skip
+        """Track what shall be followed in an episode, and fill what the components must know."""
+        raise NotImplementedError
+
+    def _find(self, start: Start) -> tuple[Any, Any, Any]:
+        """Return (action, observation, judgement) of a vehicle: views of its records."""
+        records = start.vehicle.assembly.records
+        action = records[self.act.Me, ACT]["action"][0][: len(self.act.signals)]
+        seen = records[Observation, ""]["values"][0][: len(self.observe.signals)]
+        judged = records[Judgement, ""].view(np.float64)
+        return action, seen, judged
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Numbers, dict[str, Any]]:
+        """Begin an episode: a state of a condition, both drawn, and noise that was never drawn.
+
+        `options` may choose {"condition": i} among `starts`. Equal seeds and actions give equal
+        episodes, bit for bit.
+        """
+        super().reset(seed=seed)
+        rng = self.np_random
+        chosen = None if options is None else options.get("condition")
+        i = int(rng.integers(len(self.starts)))
+        if chosen is not None:
+            if chosen not in range(len(self.starts)):
+                raise InputError(
+                    f"options: condition = {chosen!r}; valid: 0 to {len(self.starts) - 1}"
+                )
+            i = int(chosen)
+        self.start = start = self.starts[i]
+        self.vehicle = vehicle = start.vehicle
+        k, noise = int(rng.integers(len(start.states))), int(rng.integers(SEED_MAX))
+        vehicle.restore(start.states[k], noise)  # its first tick draws, as every 50th one does
+        self._action, self._seen, self._judged = self._places[i]
+        self._action[:] = 0.0
+        self._step, self._running = 0, True
+        return self._seen.astype(np.float32), {
+            "condition": start.condition, "state": k, "noise": noise, "varied": dict(start.varied),
+        }  # fmt: skip
+
+    def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
+        """Fly 20 ms with an action in [-1, 1]; what is beyond is cut to it.
+
+        Raises InputError for an action of another shape or with NaN in it, and where no episode
+        runs.
+        """
+        self._take(action)
+        judged = self._judged
+        judged[:] = 0.0
+        self._step += 1
+        try:
+            self.vehicle.tick()
+        except SimulationError as error:
+            self._running = False
+            seen = np.clip(np.nan_to_num(self._seen), -LIMIT, LIMIT).astype(np.float32)
+            return seen, -self.penalty, True, False, {"reason": DIVERGED, "why": str(error)}
+        ticks, reward, ended, success, *sums = judged.tolist()
+        info: dict[str, Any] = {v.name: x / ticks for v, x in zip(self.values, sums, strict=False)}
+        reward /= ticks
+        terminated = False
+        if ended or success:
+            terminated, info["reason"] = True, self.reasons[int(ended)] or "success"
+            reward += self.bonus if success and not ended else -self.penalty
+            info["success"] = bool(success and not ended)
+        truncated = self._step >= self.steps_max
+        self._running = not (terminated or truncated)
+        return self._seen.astype(np.float32), reward, terminated, truncated, info
+
+    def _take(self, action: Any) -> None:
+        """Write an action into the vehicle; raises InputError."""
+        if not self._running:
+            raise InputError("no episode runs: call reset() first, and after an episode has ended")
+        try:
+            given = np.asarray(action, float)
+        except (TypeError, ValueError):
+            given = np.zeros(0)
+        if given.shape != self._action.shape:
+            names = ", ".join(s.name for s in self.act.signals)
+            raise InputError(
+                f"action: {action!r} has the shape {given.shape}; valid: ({len(self._action)},), "
+                f"each -1 to 1: {names}"
+            )
+        np.clip(given, -1.0, 1.0, out=self._action)
+        if any(x != x for x in self._action.tolist()):
+            self._action[:] = 0.0
+            raise InputError(f"action: {given} is not finite; valid: numbers from -1 to 1")

@@ -1,0 +1,201 @@
+"""Environments beside each other, over processes: a gymnasium.vector.VectorEnv.
+
+Each process steps its share of the environments one after the other and answers once a step, so
+that the cost of messages is shared. Observations and actions are in memory that all map.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from skywright.analysis.campaign.local import ONE_THREAD, count_cores
+from skywright.analysis.envs.parts import LIMIT
+from skywright.analysis.envs.registry import find_class
+from skywright.analysis.envs.shared import Layout, map_arrays, open_file
+from skywright.analysis.envs.worker import STEP, Info
+from skywright.errors import InputError, SimulationError
+
+Numbers = NDArray[np.float32]
+
+
+class _Worker(NamedTuple):
+    process: subprocess.Popen[bytes]
+    connection: Connection
+    first: int
+    n: int
+
+
+class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
+    """`num_envs` environments of skywright.envs over `workers` processes."""
+
+    metadata: dict[str, Any] = {"render_modes": []}
+
+    def __init__(
+        self, name: str, num_envs: int, *, workers: int | None = None,
+        autoreset: str = "next_step", **options: Any,
+    ) -> None:  # fmt: skip
+        """`options` are those of the environment; `conditions` are flown for each of them.
+
+        `workers` is by default the number of cores. `autoreset`: an environment that ended begins
+        anew in the next step ("next_step") or in the same ("same_step"), as Gymnasium has it.
+        Raises InputError on anything that is wrong.
+        """
+        self._workers: list[_Worker] = []
+        cls = find_class(name)
+        if not isinstance(num_envs, int) or isinstance(num_envs, bool) or num_envs < 1:
+            raise InputError(f"num_envs = {num_envs!r}; valid: a whole number from 1")
+        cores = count_cores()
+        n = min(cores, num_envs) if workers is None else workers
+        if not isinstance(n, int) or not 1 <= n <= min(cores, num_envs):
+            raise InputError(f"workers = {workers!r}; valid: 1 to {min(cores, num_envs)}")
+        modes = {"next_step": AutoresetMode.NEXT_STEP, "same_step": AutoresetMode.SAME_STEP}
+        if autoreset not in modes:
+            raise InputError(f"autoreset = {autoreset!r}; valid: {', '.join(modes)}")
+        for key in ("first", "every"):
+            if key in options:
+                raise InputError(f"{key}: set by the vector for each environment")
+        self.metadata = {**self.metadata, "autoreset_mode": modes[autoreset]}
+        self.num_envs, self.values = num_envs, cls.values
+        acts, sees = len(cls.act.signals), len(cls.observe.signals)
+        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (acts,), np.float32)
+        self.single_observation_space = gymnasium.spaces.Box(-LIMIT, LIMIT, (sees,), np.float32)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        layout = Layout(num_envs, acts, sees, len(cls.values))
+        file = open_file()
+        self._shared = map_arrays(file, layout)
+        try:
+            for k in range(n):
+                first, last = k * num_envs // n, (k + 1) * num_envs // n
+                self._workers.append(_start(file, first, last - first))
+                self._workers[-1].connection.send(
+                    (name, options, first, last - first, tuple(layout), autoreset == "same_step")
+                )
+            self.refused: list[str] = [r for w in self._workers for r in self._hear(w)]
+            """What was said of conditions that never came to where episodes begin."""
+        except BaseException:
+            self.close()
+            raise
+        finally:
+            os.close(file)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Numbers, dict[str, Any]]:  # fmt: skip
+        """Begin episodes; from a `seed` environment i has seed + i."""
+        n = self.num_envs
+        if seed is None or isinstance(seed, int):
+            seeds = [None if seed is None else seed + i for i in range(n)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != n:
+            raise InputError(f"seed: {len(seeds)} seeds; valid: one, or {n}")
+        for w in self._workers:
+            w.connection.send_bytes(b"")
+            w.connection.send(("reset", seeds[w.first : w.first + w.n], options))
+        told = [x for w in self._workers for x in self._hear(w)]
+        return self._shared.seen.copy(), self._tell(told)
+
+    def step(
+        self, actions: Any
+    ) -> tuple[Numbers, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Step all; raises InputError for actions of another shape or with NaN in them."""
+        given = np.asarray(actions, np.float32)
+        if given.shape != self._shared.actions.shape:
+            raise InputError(
+                f"actions: the shape is {given.shape}; valid: {self._shared.actions.shape}"
+            )
+        if not np.isfinite(given).all():
+            i = int(np.argwhere(~np.isfinite(given))[0, 0])
+            raise InputError(f"actions: row {i} is not finite; valid: numbers from -1 to 1")
+        self._shared.actions[:] = given
+        for w in self._workers:
+            self._send(w, STEP)
+        told = [x for w in self._workers for x in self._hear(w)]
+        s, infos = self._shared, self._tell(told)
+        for k, value in enumerate(self.values):
+            infos[value.name] = s.values[:, k].copy()
+        return (
+            s.seen.copy(), s.reward.copy(), s.terminated.copy(), s.truncated.copy(), infos
+        )  # fmt: skip
+
+    def tick(self, n: int) -> list[float]:
+        """Tick the bare vehicles of every process `n` times; returns the time (s) of each."""
+        for w in self._workers:
+            w.connection.send_bytes(b"")
+            w.connection.send(("tick", n))
+        return [self._hear(w) for w in self._workers]
+
+    def _send(self, worker: _Worker, what: bytes) -> None:
+        with suppress(BrokenPipeError, ConnectionResetError):  # dead: hearing tells
+            worker.connection.send_bytes(what)
+
+    def _hear(self, worker: _Worker) -> Any:
+        try:
+            answer = worker.connection.recv()
+        except (EOFError, OSError):
+            code = worker.process.wait()
+            last = worker.first + worker.n - 1
+            self.close()
+            raise SimulationError(
+                f"the process of environments {worker.first} to {last} ended (exit code {code})"
+            ) from None
+        if isinstance(answer, InputError):
+            raise answer
+        return answer
+
+    def _tell(self, told: list[Info]) -> dict[str, Any]:
+        """Return infos as Gymnasium has them: arrays, and under `_key` which are meant."""
+        infos: dict[str, Any] = {}
+        final: dict[str, Any] = {}
+        same = self.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
+        for i, what, info in told:
+            if same and what == "ended":
+                final = self._add_info(final, info, i)
+                infos = self._add_info(infos, {"final_obs": self._shared.last[i].copy()}, i)
+            else:
+                infos = self._add_info(infos, info, i)
+        if final:
+            infos["final_info"] = final
+        return infos
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the processes."""
+        for w in self._workers:
+            w.connection.close()
+        for w in self._workers:
+            try:
+                w.process.wait(timeout=5.0)
+            except subprocess.TimeoutExpired:
+                w.process.kill()
+                w.process.wait()
+        self._workers = []
+
+    def __del__(self) -> None:
+        with suppress(Exception):
+            self.close()
+
+
+def _start(file: int, first: int, count: int) -> _Worker:
+    ours, theirs = Pipe()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "skywright.analysis.envs.worker", str(theirs.fileno()), str(file)],
+        pass_fds=[theirs.fileno(), file], stdin=subprocess.DEVNULL,
+        env={**os.environ, **ONE_THREAD},
+    )  # fmt: skip
+    theirs.close()
+    return _Worker(process, ours, first, count)

@@ -1,0 +1,95 @@
+"""Environments: a step over the bare vehicle tick, a reset, and processes over bare processes."""
+
+from __future__ import annotations
+
+import importlib.util
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from skywright.evidence.bench.rows import Row, Session, build_row, build_unmeasured_row
+from skywright.evidence.bench.timing import compute_ratios, interleave, read_clock
+
+TICKS = 50
+"""Of a turn: as many as a block of noise lasts, so that each turn draws once."""
+STEP_LIMIT, RESET_LIMIT, SHARE_LIMIT = 1.1, 1.0, 0.95
+VECTOR, EACH = "WeldPress", 8
+"""What flies over processes, and environments a process."""
+
+
+def measure(session: Session) -> list[Row]:
+    """Measure every environment in this process, and one over processes."""
+    if importlib.util.find_spec("gymnasium") is None:
+        return [build_unmeasured_row("envs", "Gymnasium is not installed (extra 'envs')")]
+    from skywright.analysis.envs.registry import PLACES, make
+
+    rows, rounds = [], session.pick(3, 20, 60)
+    for name in session.pick([VECTOR], list(PLACES), list(PLACES)):
+        env = make(name, states=2)
+        still = np.zeros(env.action_space.shape or (), np.float32)
+        times = interleave(
+            {"tick": partial(_tick, env), "step": partial(_step, env, still)}, rounds
+        )
+        rows.append(
+            build_row(
+                f"{name}.step_over_tick", compute_ratios(times["step"], times["tick"]),
+                limit=STEP_LIMIT, note="a step with observation and reward over vehicle.tick()",
+            )
+        )  # fmt: skip
+        spent = [1e3 * _reset(env) for _ in range(rounds)]
+        rows.append(
+            build_row(f"{name}.reset_ms", spent, "ms", limit=RESET_LIMIT, note="a restored state")
+        )
+    return rows + _measure_vector(session)
+
+
+def _tick(env: Any) -> float:
+    env.reset(seed=1)
+    begin = read_clock()
+    for _ in range(TICKS):
+        env.vehicle.tick()
+    return read_clock() - begin
+
+
+def _step(env: Any, still: Any) -> float:
+    env.reset(seed=1)
+    begin = read_clock()
+    for _ in range(TICKS):
+        env.step(still)
+    return read_clock() - begin
+
+
+def _reset(env: Any) -> float:
+    begin = read_clock()
+    env.reset(seed=1)
+    return read_clock() - begin
+
+
+def _measure_vector(session: Session) -> list[Row]:
+    """Two processes that step against two that tick, by the wall, in turns."""
+    import time
+
+    from skywright.analysis.campaign.local import count_cores
+    from skywright.analysis.envs.vector import VectorEnv
+
+    workers = min(count_cores(), 2)
+    vector = VectorEnv(VECTOR, EACH * workers, workers=workers, states=1)
+    still = np.zeros(vector.action_space.shape or (), np.float32)
+    shares = []
+    try:
+        for _ in range(session.pick(2, 10, 40)):
+            bare = max(vector.tick(TICKS))
+            vector.reset(seed=1)
+            begin = time.perf_counter()
+            for _ in range(TICKS):
+                vector.step(still)
+            shares.append(bare / (time.perf_counter() - begin))
+    finally:
+        vector.close()
+    return [
+        build_row(
+            "share_of_bare_processes", shares, limit=SHARE_LIMIT, sense=">=",
+            note=f"{workers} processes of {EACH} environments; idle machine",
+        )
+    ]  # fmt: skip

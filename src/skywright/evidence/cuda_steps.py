@@ -1,0 +1,255 @@
+"""Compile the steps of a vehicle for CUDA, from their one source: no device is needed.
+
+    python -m skywright.evidence.cuda_steps --out benchmarks/cuda.json
+
+Requires numba-cuda, NVIDIA's libraries nvvm and nvrtc, and the assembler ptxas, none of which
+Skywright depends on (docs/howto/compile-for-cuda.md). It tells for each step whether it compiles,
+the size of its PTX, and the registers and the stack that a thread needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import from_dtype, types
+
+from skywright.core import scratch
+from skywright.core.compiled import Helper, HelperType, integers, table, words
+from skywright.description.loader import load_description
+from skywright.errors import InputError
+from skywright.run.backends import build_vehicle
+from skywright.vehicle.assembly import Assembly
+from skywright.vehicle.component import Draws
+from skywright.vehicle.ports import Step
+
+ARCHITECTURE = (9, 0)
+"""Compute capability that is compiled for."""
+MISSION = "pipe-weld-scan"
+
+
+class Compiled(NamedTuple):
+    """What became of a step."""
+
+    step: str
+    slot: str
+    ptx_bytes: int  # 0: it does not compile
+    registers: int  # a thread
+    stack_bytes: int
+    spilled_bytes: int
+    why: str  # it does not compile, or ""
+
+
+@cache
+def prepare() -> Any:
+    """Teach numba-cuda what steps use, and return its compiler; raises InputError without it.
+
+    Helpers become device functions of the same Python source, and `local` is an array on the stack
+    there, too. The architecture stands in for a device.
+    """
+    try:
+        version("numba-cuda")
+        from numba import cuda
+        from numba.cuda import cudadecl, cudaimpl, dispatcher
+    except (PackageNotFoundError, ImportError):
+        raise InputError(
+            "compiling for CUDA requires numba-cuda: pip install numba-cuda nvidia-nvvm "
+            "nvidia-cuda-nvrtc"
+        ) from None
+    dispatcher.get_current_device = lambda: SimpleNamespace(compute_capability=ARCHITECTURE)
+    devices: dict[Any, Any] = {}
+    views = _build_views()
+
+    def find_type(self: Any) -> Any:
+        if self not in devices:
+            host = self.dispatcher
+            function = views.get(self, host.py_func)
+            options = {
+                "device": True, "debug": False, "lineinfo": False, "opt": True, "fastmath": False,
+                "error_model": "numpy", "inline": host.targetoptions.get("inline", "never"),
+            }  # fmt: skip
+            devices[self] = dispatcher.CUDADispatcher(function, options)
+        return HelperType(devices[self])
+
+    Helper._numba_type_ = property(find_type)  # type: ignore[assignment, method-assign]
+    cudadecl.registry.register_global(scratch.local)(type("_Local", (scratch._Local,), {}))
+    size = types.IntegerLiteral
+    for arguments in ((size,), (size, size)):
+        cudaimpl.registry.lower(scratch.local, *arguments)(scratch._build)
+    return cuda
+
+
+def _build_views() -> dict[Any, Any]:
+    """Return what stands for `words`, `integers` and `table`: numba-cuda has no `carray`."""
+    from numba.cuda.extending import intrinsic
+    from numba.cuda.np import arrayobj
+
+    def build(kind: Any, dimensions: int) -> Any:
+        def view(typingctx: Any, address: Any, *sizes: Any) -> Any:
+            out = types.Array(kind, dimensions, "C")
+
+            def codegen(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+                array = arrayobj.make_array(out)(context, builder)
+                shape = list(values[1:])
+                eight = context.get_constant(types.intp, 8)
+                steps = [eight] if dimensions == 1 else [builder.mul(shape[1], eight), eight]
+                pointer = context.get_data_type(kind).as_pointer()
+                data = builder.inttoptr(values[0], pointer)
+                arrayobj.populate_array(
+                    array, data=data, shape=shape, strides=steps, itemsize=eight, meminfo=None
+                )
+                return array._getvalue()
+
+            return out(types.intp, *[types.intp] * dimensions), codegen
+
+        if dimensions == 1:
+            return intrinsic(lambda typingctx, address, n: view(typingctx, address, n))
+        return intrinsic(lambda typingctx, address, n, m: view(typingctx, address, n, m))
+
+    numbers, wholes, rows = build(types.float64, 1), build(types.int64, 1), build(types.float64, 2)
+
+    def view_words(address: int, n: int) -> Any:
+        return numbers(address, n)
+
+    def view_integers(address: int, n: int) -> Any:
+        return wholes(address, n)
+
+    def view_table(address: int, n: int, m: int) -> Any:
+        return rows(address, n, m)
+
+    return {words: view_words, integers: view_integers, table: view_table}
+
+
+def align(kind: np.dtype[Any]) -> np.dtype[Any]:
+    """Return a record's type that promises its alignment: else a number is read byte by byte."""
+    if kind.subdtype is not None:
+        base, shape = kind.subdtype
+        return np.dtype((align(base), shape))
+    if kind.fields is not None:
+        fields = [(name, align(kind.fields[name][0])) for name in kind.names or ()]
+        out = np.dtype(fields, align=True)
+        assert out.itemsize == kind.itemsize  # words of 8 bytes only: nothing moves
+        return out
+    return kind
+
+
+def compile_cuda(assembly: Assembly, step: Step) -> Compiled:
+    """Compile a step of a vehicle for its ports."""
+    cuda, ports = prepare(), list[Any]()
+    for port in step.ports:
+        absent = not issubclass(port.record, Draws) and assembly.resolve(step, port) is None
+        ports.append(types.none if absent else from_dtype(align(port.record.dtype)))
+    try:
+        ptx, _ = cuda.compile(
+            step.function, types.void(*ports), device=True, cc=ARCHITECTURE, output="ptx", abi="c",
+            abi_info={"abi_name": "step"},
+        )  # fmt: skip
+    except Exception as error:  # numba and its passes raise what they like
+        return Compiled(step.label, step.slot, 0, 0, 0, 0, _shorten(error))
+    return Compiled(step.label, step.slot, len(ptx), *assemble(ptx), "")
+
+
+def assemble(ptx: str) -> tuple[int, int, int]:
+    """Return registers, stack and spilled bytes of a thread, as ptxas has them."""
+    kernel = build_kernel(ptx)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "step.ptx"
+        file.write_text(kernel, encoding="utf-8")
+        architecture = f"-arch=sm_{ARCHITECTURE[0]}{ARCHITECTURE[1]}"
+        try:
+            done = subprocess.run(
+                ["ptxas", architecture, "-v", str(file), "-o", str(Path(folder) / "step.cubin")],
+                capture_output=True, text=True, check=False,
+            )  # fmt: skip
+        except FileNotFoundError:
+            raise InputError("ptxas is not installed: it comes with the CUDA toolkit") from None
+    if done.returncode:
+        raise InputError(f"ptxas: {done.stderr.strip().splitlines()[-1]}")
+    said = done.stderr.split("'run'")[-1]
+    numbers = [
+        int(found.group(1)) if (found := re.search(pattern, said)) else 0
+        for pattern in (r"Used (\d+) registers", r"(\d+) bytes stack frame",
+                        r"(\d+) bytes spill stores")
+    ]  # fmt: skip
+    return numbers[0], numbers[1], numbers[2]
+
+
+def build_kernel(ptx: str) -> str:
+    """Return PTX with a kernel that calls the device function `step` once."""
+    head = re.search(r"\.visible \.func\s*\(\.param \.b64 func_retval0\) step\((.*?)\)", ptx, re.S)
+    if head is None:
+        raise InputError("the PTX has no function 'step': numba-cuda writes it otherwise")
+    n = head.group(1).count(".param")
+    given = ",\n".join(f"  .param .u64 p{i}" for i in range(n))
+    lines = [f"\n.visible .entry run(\n{given}\n)\n{{", "  .reg .b64 %r<64>;", "  {"]
+    for i in range(n):
+        lines += [
+            f"  .param .b64 a{i};", f"  ld.param.u64 %r{i}, [p{i}];",
+            f"  st.param.b64 [a{i}], %r{i};",
+        ]  # fmt: skip
+    arguments = ", ".join(f"a{i}" for i in range(n))
+    lines += ["  .param .b64 out;", f"  call.uni (out), step, ({arguments});", "  }", "  ret;", "}"]
+    return ptx + "\n".join(lines) + "\n"
+
+
+def _shorten(error: Exception) -> str:
+    text = re.sub(r"\x1b\[\d*m", "", str(error))
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    told = [x for x in lines if not x.startswith(("During:", "Failed in", "File", "<", "This"))]
+    return " ".join(told[-2:])[:300] or type(error).__name__
+
+
+def compile_all(mission: str, only: list[str]) -> list[Compiled]:
+    """Compile the steps of a mission's vehicle whose label contains one of `only` (all: empty)."""
+    prepare_host = build_vehicle(load_description(mission))  # compiled for the processor first
+    prepare()
+    steps = [
+        step for step in prepare_host.assembly.steps
+        if not only or any(text in step.label for text in only)
+    ]  # fmt: skip
+    if not steps:
+        labels = ", ".join(step.label for step in prepare_host.assembly.steps)
+        raise InputError(f"--only {', '.join(only)}: no such step; valid parts of: {labels}")
+    return [compile_cuda(prepare_host.assembly, step) for step in steps]
+
+
+def main() -> None:
+    """Compile, print a line a step, and write the table."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    p.add_argument("--mission", default=MISSION)
+    p.add_argument("--only", action="append", default=[], metavar="TEXT", help="part of a label")
+    p.add_argument("--out", type=Path, help="JSON")
+    asked = p.parse_args()
+    try:
+        found = compile_all(asked.mission, asked.only)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    for one in found:
+        told = (
+            f"{one.ptx_bytes} bytes of PTX, {one.registers} registers, {one.stack_bytes} bytes of "
+            f"stack, {one.spilled_bytes} spilled"
+            if not one.why
+            else f"does not compile: {one.why}"
+        )
+        print(f"{one.step}: {told}")
+    if asked.out is not None:
+        told_ = {
+            "mission": asked.mission, "architecture": list(ARCHITECTURE),
+            "numba_cuda": version("numba-cuda"), "steps": [one._asdict() for one in found],
+        }  # fmt: skip
+        asked.out.write_text(json.dumps(told_, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

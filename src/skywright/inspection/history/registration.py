@@ -1,0 +1,161 @@
+"""Registration of a flight: its frame in that of the asset, from datum points that both know.
+
+A datum point is a mark on the asset (a punch mark, a bolt, the corner of a plate). Its place in the
+frame of the asset is known with u95; a flight measures the same mark in its own frame. With p the
+place in the frame of the flight and p' that in the frame of the asset,
+
+    p' = m + t + exp([w]x) (p - m)        (turned by w about the middle m of the datum points)
+
+t and w are found by weighted least squares (Gauss-Newton) with a prior: the stated registration
+error of the flight for t, TURN_STD for w. So one point fixes the shift, and more of them the turn
+as well. The covariance of t and w gives the deviation of every place that is carried over, which
+grows with the distance from the datum points (Gauss-Markov; F. Gustafsson, Statistical Sensor
+Fusion, ch. 2).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.core.rotations import exp_so3, log_so3
+from skywright.errors import InputError
+from skywright.inspection.history.entries import COVERAGE, Datum
+
+TURN_STD = math.radians(3.0)
+"""Prior of each component of the turn: what a map and a heading are off."""
+SHIFT_STD = 0.1
+"""m, prior of the shift where the flight states no registration error."""
+OUTLIER = 3.5
+"""Deviations of a datum point from where the others have it, from which it is named."""
+LARGEST_TURN = math.radians(15.0)
+"""Of a flight's frame; a larger one means that names or frames are mixed up."""
+MISFIT = 0.1
+"""Largest rms difference that is left, as a fraction of the extent of the points, likewise."""
+STEPS = 6
+"""Of Gauss and Newton; three suffice for the largest turn."""
+
+
+class Registration(NamedTuple):
+    """Where a flight's frame lies in that of its asset."""
+
+    shift: Array  # (3,) m, at the middle
+    turn: Array  # (3,) rad
+    middle: Array  # (3,) m, of the datum points in the flight's frame
+    covariance: Array  # (6, 6) of shift and turn
+    points: int
+    residual_m: float  # rms over the datum points
+    notes: tuple[str, ...]  # datum points that do not fit, and what is not determined
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON."""
+        std = np.sqrt(np.diag(self.covariance))
+        return {
+            "points": self.points, "shift_m": self.shift.tolist(),
+            "turn_deg": np.degrees(self.turn).tolist(), "middle_m": self.middle.tolist(),
+            "shift_std_m": std[:3].tolist(), "turn_std_deg": np.degrees(std[3:]).tolist(),
+            "residual_m": self.residual_m, "notes": list(self.notes),
+        }  # fmt: skip
+
+    def carry(self, p: Array) -> tuple[Array, float]:
+        """Return a place (3,) m in the frame of the asset, and its standard deviation (m).
+
+        The deviation is the largest of all directions, that of the place in its flight left out.
+        """
+        lever = _turn(self.turn) @ (np.asarray(p, float) - self.middle)
+        J = np.hstack([np.eye(3), -_cross(lever)])
+        spread = J @ self.covariance @ J.T
+        std = math.sqrt(max(float(np.linalg.eigvalsh(spread)[-1]), 0.0))
+        return self.middle + self.shift + lever, std
+
+
+def register_flight(
+    asset: Mapping[str, Datum], flight: Mapping[str, Datum], prior_std_m: float | None = None
+) -> Registration | None:
+    """Register a flight by the datum points of its asset; None where they share none.
+
+    `prior_std_m` is the registration error that the flight states. Raises InputError for points
+    that do not fit: turned by more than LARGEST_TURN, or MISFIT off.
+    """
+    names = [name for name in asset if name in flight]
+    if not names:
+        return None
+    p, q = (np.array([d[n].place for n in names]) for d in (flight, asset))
+    std = np.array([math.hypot(asset[n].u95_m, flight[n].u95_m) / COVERAGE for n in names])
+    middle = p.mean(axis=0)
+    weight = np.repeat(1.0 / np.maximum(std, 1e-6) ** 2, 3)
+    shift_std = SHIFT_STD if prior_std_m is None else max(prior_std_m, 1e-6)
+    prior = np.array([1.0 / shift_std**2] * 3 + [1.0 / TURN_STD**2] * 3)
+    x = np.zeros(6)
+    for _ in range(STEPS):
+        levers = (p - middle) @ _turn(x[3:]).T
+        J = np.vstack([np.hstack([np.eye(3), -_cross(v)]) for v in levers])
+        off = q - (middle + x[:3] + levers)
+        covariance = np.linalg.inv(J.T @ (weight[:, None] * J) + np.diag(prior))
+        step = covariance @ (J.T @ (weight * off.ravel()) - prior * x)
+        x = np.concatenate([x[:3] + step[:3], _find_turn(_turn(step[3:]) @ _turn(x[3:]))])
+    off = q - (middle + x[:3] + (p - middle) @ _turn(x[3:]).T)
+    residual = math.sqrt(float(np.mean(np.sum(off**2, axis=1))))
+    extent = math.sqrt(float(np.mean(np.sum((p - middle) ** 2, axis=1))))
+    turned = float(np.linalg.norm(x[3:]))
+    if turned > LARGEST_TURN or residual > MISFIT * extent > 0.0:
+        raise InputError(
+            f"datum points {', '.join(names)}: turned by {math.degrees(turned):.0f} deg they still "
+            f"differ by {1e3 * residual:.0f} mm rms; valid: up to "
+            f"{math.degrees(LARGEST_TURN):.0f} deg and {MISFIT:.0%} of their extent; check their "
+            "names and frames"
+        )
+    notes = _list_notes(names, off, std, J, covariance)
+    if any("off" in note for note in notes):
+        # what does not fit adds to what is stated, as Birge's ratio does
+        chi = float(np.sum((off / std[:, None]) ** 2)) / max(3 * len(names) - 6, 1)
+        covariance = covariance * max(chi, 1.0)
+    return Registration(
+        x[:3], x[3:], middle, covariance, len(names),
+        residual, tuple(notes),
+    )  # fmt: skip
+
+
+def _list_notes(names: list[str], off: Array, std: Array, J: Array, covariance: Array) -> list[str]:
+    """Name datum points that do not fit, and say whether the turn was found."""
+    notes = []
+    for k, name in enumerate(names):
+        rows = J[3 * k : 3 * k + 3]
+        # what is left of a point that the fit itself follows
+        expected = std[k] ** 2 * np.eye(3) - rows @ covariance @ rows.T
+        size = math.sqrt(max(float(np.trace(expected)) / 3.0, 0.01 * std[k] ** 2))
+        if float(np.max(np.abs(off[k]))) > OUTLIER * size:
+            notes.append(
+                f"datum {name} is {1e3 * float(np.linalg.norm(off[k])):.1f} mm off where the "
+                "others have it: moved, or mistaken"
+            )
+    free = np.sqrt(np.diag(covariance)[3:])
+    if np.any(free > 0.5 * TURN_STD):
+        notes.append(
+            f"{len(names)} datum point{'s' if len(names) > 1 else ''} leave the turn open to "
+            f"{math.degrees(float(np.max(free))):.1f} deg: places far from them are less sure"
+        )
+    return notes
+
+
+def _turn(w: Array) -> Array:
+    """Return exp([w]x) (3, 3)."""
+    R = np.empty((3, 3))
+    exp_so3(np.ascontiguousarray(w), R)
+    return R
+
+
+def _find_turn(R: Array) -> Array:
+    """Return w (3,) rad of a rotation."""
+    w = np.empty(3)
+    log_so3(np.ascontiguousarray(R), w)
+    return w
+
+
+def _cross(v: Array) -> Array:
+    """Return [v]x (3, 3)."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

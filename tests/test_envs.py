@@ -1,0 +1,235 @@
+"""Environments of Gymnasium: its checker, repeatable episodes, honest observations, bad input."""
+
+from __future__ import annotations
+
+import functools
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import skywright
+from skywright import envs
+from skywright.analysis.envs.env import ACT, JUDGE, OBSERVE
+from skywright.analysis.envs.parts import Observation, Observe
+from skywright.analysis.envs.registry import PLACES
+from skywright.analysis.envs.weld_press import SeeContact
+from skywright.errors import InputError, SimulationError
+from skywright.run.backends import build_vehicle
+from skywright.vehicle.bus import Reference, Truth
+from skywright.vehicle.component import Out
+
+NO_SURVEY = ("mission.task.survey=false", *(f"plant.map_error_{x}=0" for x in ("m", "deg")))
+QUICK: dict[str, tuple[str, ...]] = {
+    "WeldPress": (*NO_SURVEY, "plant.map_error_size_m=0"),
+    "WallSlide": (*NO_SURVEY, "mission.task.forces_n=[1.0]", "mission.task.hold_s=0.2"),
+    "PegInHole": (),
+    "SensorInstall": (
+        *NO_SURVEY, "plant.map_error_size_m=0", "mission.task.hover_s=0", "mission.task.swing_deg=0"
+    ),
+}  # fmt: skip
+"""What shortens the flight to where episodes begin."""
+
+
+@functools.cache
+def build(name: str) -> envs.ContactEnv:
+    return envs.make(name, sets=QUICK[name], states=2)
+
+
+def fly(env: Any, seed: int, steps: int = 40, still: bool = False) -> tuple[Any, list[float]]:
+    """Return what is seen and earned with actions drawn from a seed."""
+    rng = np.random.default_rng(seed)
+    seen, _ = env.reset(seed=seed)
+    rows, rewards = [seen], []
+    for _ in range(steps):
+        action = rng.uniform(-1, 1, env.action_space.shape).astype(np.float32)
+        seen, reward, terminated, truncated, _ = env.step(0 * action if still else action)
+        rows.append(seen)
+        rewards.append(reward)
+        if terminated or truncated:
+            break
+    return np.array(rows), rewards
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_gymnasiums_own_checker_finds_nothing(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*render.*")
+        warnings.filterwarnings("ignore", message=".*different from the unwrapped version.*")
+        warnings.filterwarnings("ignore", message=".*spec.*")
+        check_env(build(name), skip_render_check=True)
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_equal_seeds_and_actions_give_equal_episodes(name: str) -> None:
+    env = build(name)
+    first, again = fly(env, 5), fly(env, 5)
+    assert np.array_equal(first[0], again[0]) and first[1] == again[1]
+    other = fly(env, 6)
+    assert not np.array_equal(first[0][:5], other[0][:5])
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_actions_move_what_is_seen_and_a_rest_is_no_fault(name: str) -> None:
+    env = build(name)
+    rest, moved = fly(env, 5, still=True)[0], fly(env, 5)[0]
+    assert len(rest) == 41
+    assert not np.allclose(rest[-1], moved[-1], atol=1e-3)
+
+
+def test_a_new_vector_flies_the_same_episodes_in_processes() -> None:
+    env = build("WeldPress")
+    vector = envs.VectorEnv(
+        "WeldPress", 2, workers=1, sets=QUICK["WeldPress"], states=2, episode_s=0.24,
+        autoreset="same_step",
+    )  # fmt: skip
+    try:
+        seen, _ = vector.reset(seed=[5, 5])
+        rows, rng = [seen[0]], np.random.default_rng(5)
+        for _ in range(10):
+            action = rng.uniform(-1, 1, (1,)).astype(np.float32)
+            seen, reward, _, _, infos = vector.step(np.array([action, action]))
+            rows.append(seen[0])
+        assert np.array_equal(np.array(rows), fly(env, 5, 10)[0])
+        assert not np.array_equal(seen[0], seen[1])  # another flight: the conditions go on
+        assert reward[0] != reward[1] and infos["force_n"].shape == (2,)
+        for truncated in (False, True):  # 12 steps are 0.24 s
+            seen, _, _, ended, infos = vector.step(np.zeros((2, 1)))
+            assert ended.tolist() == [truncated, truncated]
+        assert abs(infos["final_obs"][0][2]) > 0.0 == seen[0][2]  # the push of a new episode
+        assert infos["final_info"]["force_n"].shape == (2,) and "state" in infos
+        with pytest.raises(InputError, match=r"row 1 is not finite"):
+            vector.step(np.array([[0.0], [np.nan]]))
+        with pytest.raises(InputError, match=r"the shape is \(1,\)"):
+            vector.step(np.zeros(1))
+        vector._workers[0].process.kill()
+        with pytest.raises(SimulationError, match=r"environments 0 to 1 ended"):
+            vector.step(np.zeros((2, 1)))
+    finally:
+        vector.close()
+
+
+def test_the_force_that_is_judged_is_the_plants_and_more_push_gives_more() -> None:
+    env = build("WeldPress")
+    env.reset(seed=1)
+    for _ in range(100):
+        *_, info = env.step(np.zeros(1, np.float32))
+    before = info["force_n"]
+    for _ in range(100):
+        seen, *_, info = env.step(np.array([0.1], np.float32))
+    true = env.vehicle.look(Truth).f_contact
+    assert float(np.linalg.norm(true)) == pytest.approx(info["force_n"], rel=0.1)
+    # 2 s at a tenth of 8 N/s, on the paper's stiffness: both the plant and the sensor have it
+    assert info["force_n"] - before == pytest.approx(1.6, abs=0.3)
+    assert seen[2] * SeeContact.signals[2].size == pytest.approx(1.6, abs=0.05)
+
+
+def test_an_episode_ends_with_its_reason() -> None:
+    env = build("WeldPress")
+    env.reset(seed=1)
+    for _ in range(env.steps_max):
+        _, reward, terminated, truncated, info = env.step(np.array([-1.0], np.float32))
+        if terminated or truncated:
+            break
+    assert terminated and info["reason"] == "contact lost" and not info["success"]
+    assert reward < -10.0
+    with pytest.raises(InputError, match=r"call reset\(\) first"):
+        env.step(np.zeros(1, np.float32))
+
+
+def test_a_slide_reaches_its_end_where_it_is_led() -> None:
+    env = build("WallSlide")
+    env.reset(seed=2)
+    for _ in range(env.steps_max):
+        _, _, terminated, truncated, info = env.step(np.array([0.4, 0.0], np.float32))
+        if terminated or truncated:
+            break
+    assert terminated and info["reason"] == "success" and info["way_m"] > 0.29
+
+
+def test_a_hand_that_is_led_by_its_force_installs_the_sensor() -> None:
+    env = build("SensorInstall")
+    seen, _ = env.reset(seed=2)
+    for _ in range(env.steps_max):
+        action = [float(np.clip(-0.4 * seen[0] - 0.2 * seen[8], -0.4, 0.4)), 0.0, 0.0]
+        seen, _, terminated, truncated, info = env.step(np.array(action, np.float32))
+        if terminated or truncated:
+            break
+    assert info["force_error_n"] < 0.6
+
+
+def test_an_observation_cannot_ask_for_the_truth() -> None:
+    class Cheat(Observe):
+        @staticmethod
+        def step(me: Observe.Me, truth: Truth, ref: Reference, seen: Out[Observation]) -> None:
+            seen.values[0] = truth.p_WB[0]
+
+    description = skywright.load("pipe-weld-scan", robot="othex-force")
+    with pytest.raises(InputError, match="cannot read Truth of the plant"):
+        build_vehicle(description, parts=[Cheat(OBSERVE)])
+
+
+def test_the_parts_have_their_sides() -> None:
+    sides = {c.name: c.side for c in build("PegInHole").starts[0].vehicle.assembly.components}
+    assert (sides[ACT], sides[OBSERVE], sides[JUDGE]) == ("robot", "robot", "plant")
+
+
+def test_gymnasium_makes_them_by_name() -> None:
+    assert "skywright/PegInHole-v0" in gymnasium.registry
+    with pytest.raises(InputError, match=r"states = 0"):
+        gymnasium.make("skywright/WeldPress-v0", states=0)
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Iterator[str]:
+    file = tmp_path / "conditions.csv"
+    file.write_text("world.wind.men_mps\n1.0\n")
+    yield str(file)
+
+
+def test_wrong_input_is_told_before_anything_flies(table: str) -> None:
+    for options, says in (
+        ({"vary": [table]}, "men_mps"),
+        ({"vary": "plant.mass_error=uniform(0,1)"}, "valid: a list of texts"),
+        ({"vary": ["plant.mass_error=unform(0,1)"]}, "unknown distribution 'unform'"),
+        ({"sets": ["mission.task.nothing=1"]}, "nothing"),
+        ({"conditions": 0}, "conditions = 0"),
+        ({"episode_s": float("nan")}, "episode_s = nan"),
+        ({"robot": "no-such"}, "no-such"),
+        ({"speed": 1}, "option 'speed' is unknown; valid: vary"),
+    ):
+        with pytest.raises(InputError, match=says.replace("(", r"\(")):
+            envs.make("WeldPress", **options)
+    with pytest.raises(InputError, match=r"'WeldPres' is unknown; valid: .*WeldPress"):
+        envs.make("WeldPres")
+    with pytest.raises(InputError, match="workers = 99"):
+        envs.VectorEnv("WeldPress", 2, workers=99)
+    with pytest.raises(InputError, match="autoreset = 'never'"):
+        envs.VectorEnv("WeldPress", 2, autoreset="never")
+
+
+@pytest.mark.parametrize(
+    "action, says",
+    [
+        (np.zeros(2), r"shape \(2,\); valid: \(1,\)"),
+        (np.array([np.nan]), "not finite"),
+        ("push", r"shape"),
+        (None, r"shape"),
+    ],
+)
+def test_wrong_actions_are_refused_and_never_flown(action: Any, says: str) -> None:
+    env = build("WeldPress")
+    env.reset(seed=1)
+    t = env.vehicle.t
+    with pytest.raises(InputError, match=says):
+        env.step(action)
+    assert env.vehicle.t == t
+    env.step(np.array([5.0]))  # cut to 1
+    with pytest.raises(InputError, match="valid: 0 to 0"):
+        env.reset(options={"condition": 3})
